@@ -1,0 +1,440 @@
+//! The case file: typed, with every default here, unknown keys refused, values checked.
+
+use crate::case_file::{CaseFile, Table};
+use crate::error::{Error, Result};
+use crate::expression::Expression;
+use crate::grid::{Axis, MAX_DIMENSION, PhaseSpace};
+use std::path::Path;
+
+/// Default of `solver.tolerance`.
+pub const DEFAULT_TOLERANCE: f64 = 1e-6;
+/// Default of `solver.classical.cfl`.
+pub const DEFAULT_CFL: f64 = 0.9;
+/// Largest number of phase-space cells that is looked at; memory is checked against the machine by the plan.
+const MOST_CELLS: f64 = 1e12;
+
+/// One branch of the potential; the first whose condition holds at a cell's centre gives `V` in that cell.
+#[derive(Clone, Debug)]
+pub struct Region {
+    /// `where`; absent in the last region.
+    pub condition: Option<Expression>,
+    /// `V(x, y, z)`.
+    pub value: Expression,
+}
+
+/// What enters through the boundary of the phase-space box.
+#[derive(Clone, Debug)]
+pub enum Inflow {
+    /// A formula taken at ghost centres.
+    Formula(Expression),
+    /// The initial formula, taken at ghost centres.
+    Initial,
+}
+
+/// How the Hamiltonian-preserving flux at a jump of `V` finds its sources.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Interface {
+    /// Linear interpolation at the source velocity (the paper's).
+    Hat,
+    /// Overlap of energy intervals; keeps row and flux-weighted column sums.
+    Conservative,
+}
+
+/// Time integrator of the classical method `f' = A f + b`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Integrator {
+    /// The exact exponential of the semi-discrete system.
+    Exponential,
+    /// First-order forward Euler.
+    ForwardEuler,
+    /// Third-order strong-stability-preserving Runge–Kutta.
+    SspRk3,
+}
+
+/// What computes `f(T)`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Schrödingerization: unitary modes, recovered by the profile.
+    Schrodingerized,
+    /// Direct integration of the semi-discrete system.
+    Classical,
+}
+
+/// The exact solution results are compared with.
+#[derive(Clone, Debug)]
+pub enum Exact {
+    /// Particles traced back through the piecewise linear potential.
+    Characteristics,
+    /// A formula for `f(T, x, v)`; `t` may occur.
+    Formula(Expression),
+}
+
+/// A problem and how to solve it, as read from a case file.
+#[derive(Clone, Debug)]
+pub struct Case {
+    /// Name of the file it was read from.
+    pub name: String,
+    /// `title`.
+    pub title: String,
+    /// `reference`.
+    pub reference: String,
+    /// The grid.
+    pub space: PhaseSpace,
+    /// Branches of `V`.
+    pub potential: Vec<Region>,
+    /// `f0(x, v)`.
+    pub initial: Expression,
+    /// Boundary values.
+    pub inflow: Inflow,
+    /// Final time `T`.
+    pub end: f64,
+    /// `scheme.interface`.
+    pub interface: Interface,
+    /// `solver.method`.
+    pub method: Method,
+    /// `solver.tolerance`: relative l2 distance to the exact semi-discrete solution.
+    pub tolerance: f64,
+    /// `solver.verify`: whether to measure that distance (one classical solve).
+    pub verify: bool,
+    /// `solver.warp.weights = "dissipative"`.
+    pub weights: bool,
+    /// `solver.classical.integrator`.
+    pub integrator: Integrator,
+    /// `solver.classical.cfl`.
+    pub cfl: f64,
+    /// `[exact]`.
+    pub exact: Option<Exact>,
+    /// `output.recovery_points`: 2 gives the error estimate.
+    pub recovery_points: usize,
+    /// The case file as read.
+    pub text: String,
+    /// The `--set` options applied to it.
+    pub overrides: Vec<String>,
+}
+
+/// Names of the coordinates `[x, y, z, vx, vy, vz, t]` in `n` dimensions; `v` and `t` only where allowed.
+fn names(n: usize, velocity: bool, time: bool) -> [&'static [&'static str]; 7] {
+    const NONE: &[&str] = &[];
+    let space: [&[&str]; 3] = [&["x"], &["y"], &["z"]];
+    let speed: [&[&str]; 3] = [
+        if n == 1 { &["v", "vx"] } else { &["vx"] },
+        &["vy"],
+        &["vz"],
+    ];
+    let mut names = [NONE; 7];
+    for a in 0..n {
+        names[a] = space[a];
+        if velocity {
+            names[3 + a] = speed[a];
+        }
+    }
+    if time {
+        names[6] = &["t"];
+    }
+    names
+}
+
+impl Case {
+    /// Reads a case from the text of a file called `name`, with `--set` overrides applied.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with file, line, key, value and limit.
+    pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Self> {
+        let file = CaseFile::parse(name, text, overrides)?;
+        let root = file.root();
+        let space = read_axes(&root)?;
+        let n = space.dimension();
+        let (solver, scheme, output) = (
+            root.table("solver")?,
+            root.table("scheme")?,
+            root.table("output")?,
+        );
+        let warp = solver.table("warp")?;
+        let propagator = solver.table("propagator")?;
+        let classical = solver.table("classical")?;
+        let initial_table = root.table("initial")?;
+        let initial = required_formula(&initial_table, "f", &names(n, true, false))?;
+        let method = solver.choice(
+            "method",
+            &[
+                ("schrodingerized", Method::Schrodingerized),
+                ("classical", Method::Classical),
+            ],
+        )?;
+        warp.choice("profile", &[("gaussian", ())])?;
+        warp.choice("inflow", &[("boundary", ())])?;
+        propagator.choice("method", &[("chebyshev", ())])?;
+        let case = Case {
+            name: name.to_owned(),
+            title: root.text("title")?.unwrap_or_default(),
+            reference: root.text("reference")?.unwrap_or_default(),
+            potential: read_potential(&root, n)?,
+            initial,
+            inflow: read_inflow(&root, n)?,
+            end: read_end(&root)?,
+            interface: scheme.choice(
+                "interface",
+                &[
+                    ("hat", Interface::Hat),
+                    ("conservative", Interface::Conservative),
+                ],
+            )?,
+            method,
+            tolerance: read_tolerance(&solver)?,
+            verify: solver.boolean("verify")?.unwrap_or(false),
+            weights: warp.choice("weights", &[("dissipative", true), ("none", false)])?,
+            integrator: classical.choice(
+                "integrator",
+                &[
+                    ("exponential", Integrator::Exponential),
+                    ("forward-euler", Integrator::ForwardEuler),
+                    ("ssp-rk3", Integrator::SspRk3),
+                ],
+            )?,
+            cfl: read_cfl(&classical)?,
+            exact: read_exact(&root, n)?,
+            recovery_points: read_recovery_points(&output)?,
+            text: file.text().to_owned(),
+            overrides: overrides.to_vec(),
+            space,
+        };
+        initial_table.finish(&["f"])?;
+        scheme.finish(&["interface"])?;
+        warp.finish(&["profile", "weights", "inflow"])?;
+        propagator.finish(&["method"])?;
+        classical.finish(&["integrator", "cfl"])?;
+        solver.finish(&[
+            "method",
+            "tolerance",
+            "verify",
+            "warp",
+            "propagator",
+            "classical",
+        ])?;
+        output.finish(&["recovery_points"])?;
+        root.finish(&[
+            "title",
+            "reference",
+            "axis",
+            "potential",
+            "initial",
+            "inflow",
+            "time",
+            "scheme",
+            "solver",
+            "exact",
+            "output",
+        ])?;
+        Ok(case)
+    }
+
+    /// Reads a case file from disk.
+    ///
+    /// # Errors
+    /// As [`parse`](Self::parse), and when the file cannot be read.
+    pub fn load(path: &Path, overrides: &[String]) -> Result<Self> {
+        Self::parse(&path.display().to_string(), &read_text(path)?, overrides)
+    }
+}
+
+/// The text of a case file.
+///
+/// # Errors
+/// [`Error::Input`] when it cannot be read or is larger than 1 MiB.
+pub fn read_text(path: &Path) -> Result<String> {
+    let fail = |e: &dyn std::fmt::Display| Error::Input(format!("{}: {e}", path.display()));
+    let size = std::fs::metadata(path).map_err(|e| fail(&e))?.len();
+    if size > 1 << 20 {
+        return Err(fail(&format!(
+            "{size} bytes; a case file has at most 1048576"
+        )));
+    }
+    std::fs::read_to_string(path).map_err(|e| fail(&e))
+}
+
+fn read_axis(table: &Table<'_>) -> Result<Axis> {
+    let axis = Axis {
+        lower: table.required_number("lower")?,
+        upper: table.required_number("upper")?,
+        cells: table
+            .count("cells", 1)?
+            .ok_or_else(|| table.error("cells", "missing; a whole number expected"))?,
+    };
+    if axis.lower >= axis.upper {
+        return Err(table.error("upper", &format!("must be above lower = {}", axis.lower)));
+    }
+    let width = axis.width();
+    if axis.cells as f64 > MOST_CELLS {
+        return Err(table.error("cells", "more cells than any machine's memory holds"));
+    }
+    if !width.is_finite() || axis.lower + width == axis.lower || axis.upper - width == axis.upper {
+        return Err(table.error(
+            "cells",
+            &format!("cells of width {width:e} cannot be told apart in double precision"),
+        ));
+    }
+    table.finish(&["lower", "upper", "cells"])?;
+    Ok(axis)
+}
+
+fn read_axes(root: &Table<'_>) -> Result<PhaseSpace> {
+    let tables = root.tables("axis")?;
+    if tables.is_empty() || tables.len() > MAX_DIMENSION {
+        return Err(root.error(
+            "axis",
+            &format!(
+                "{} tables given; one [[axis]] a space dimension, 1 to {MAX_DIMENSION}",
+                tables.len()
+            ),
+        ));
+    }
+    let mut space = PhaseSpace {
+        x: Vec::new(),
+        v: Vec::new(),
+    };
+    for table in &tables {
+        for (key, list) in [("x", &mut space.x), ("v", &mut space.v)] {
+            if !table.has(key) {
+                return Err(
+                    table.error(key, "missing; { lower = …, upper = …, cells = … } expected")
+                );
+            }
+            list.push(read_axis(&table.table(key)?)?);
+        }
+        table.finish(&["x", "v"])?;
+    }
+    let cells: f64 = space.axes().map(|a| a.cells as f64).product();
+    if cells > MOST_CELLS {
+        return Err(root.error(
+            "axis",
+            &format!(
+                "{cells:.3e} phase-space cells; the state alone takes {:.1e} bytes of memory",
+                8.0 * cells
+            ),
+        ));
+    }
+    Ok(space)
+}
+
+fn parse_formula(
+    table: &Table<'_>,
+    key: &str,
+    text: &str,
+    names: &[&[&str]],
+) -> Result<Expression> {
+    Expression::parse(text, names).map_err(|message| table.error(key, &message))
+}
+
+fn formula(table: &Table<'_>, key: &str, names: &[&[&str]]) -> Result<Option<Expression>> {
+    match table.formula(key)? {
+        Some(text) => parse_formula(table, key, &text, names).map(Some),
+        None => Ok(None),
+    }
+}
+
+fn required_formula(table: &Table<'_>, key: &str, names: &[&[&str]]) -> Result<Expression> {
+    formula(table, key, names)?.ok_or_else(|| table.error(key, "missing; a formula expected"))
+}
+
+fn read_potential(root: &Table<'_>, n: usize) -> Result<Vec<Region>> {
+    let tables = root.tables("potential")?;
+    if tables.is_empty() {
+        return Err(root.error(
+            "potential",
+            "missing; at least one [[potential]] with value = \"…\"",
+        ));
+    }
+    let names = names(n, false, false);
+    let mut regions = Vec::new();
+    for (i, table) in tables.iter().enumerate() {
+        let condition = formula(table, "where", &names)?;
+        let last = i + 1 == tables.len();
+        if last && condition.is_some() {
+            return Err(table.error(
+                "where",
+                "the last [[potential]] holds everywhere else and needs no where",
+            ));
+        }
+        if !last && condition.is_none() {
+            return Err(table.error("where", "missing; only the last [[potential]] goes without"));
+        }
+        regions.push(Region {
+            condition,
+            value: required_formula(table, "value", &names)?,
+        });
+        table.finish(&["where", "value"])?;
+    }
+    Ok(regions)
+}
+
+fn read_inflow(root: &Table<'_>, n: usize) -> Result<Inflow> {
+    let table = root.table("inflow")?;
+    let inflow = match table.formula("value")?.as_deref() {
+        Some("initial") => Inflow::Initial,
+        text => Inflow::Formula(parse_formula(
+            &table,
+            "value",
+            text.unwrap_or("0"),
+            &names(n, true, false),
+        )?),
+    };
+    table.finish(&["value"])?;
+    Ok(inflow)
+}
+
+fn read_end(root: &Table<'_>) -> Result<f64> {
+    let table = root.table("time")?;
+    let end = table.required_number("end")?;
+    if end <= 0.0 {
+        return Err(table.error("end", "must be above 0"));
+    }
+    table.finish(&["end"])?;
+    Ok(end)
+}
+
+fn read_tolerance(solver: &Table<'_>) -> Result<f64> {
+    let tolerance = solver.number("tolerance")?.unwrap_or(DEFAULT_TOLERANCE);
+    if !(tolerance > 0.0 && tolerance <= 0.1) {
+        return Err(solver.error("tolerance", "must be above 0 and at most 0.1"));
+    }
+    Ok(tolerance)
+}
+
+fn read_cfl(classical: &Table<'_>) -> Result<f64> {
+    let cfl = classical.number("cfl")?.unwrap_or(DEFAULT_CFL);
+    if !(cfl > 0.0 && cfl <= 1.0) {
+        return Err(classical.error(
+            "cfl",
+            "must be above 0 and at most 1, where forward Euler stops being stable",
+        ));
+    }
+    Ok(cfl)
+}
+
+fn read_exact(root: &Table<'_>, n: usize) -> Result<Option<Exact>> {
+    let table = root.table("exact")?;
+    let exact = match (
+        table.has("kind"),
+        formula(&table, "f", &names(n, true, true))?,
+    ) {
+        (false, None) => None,
+        (false, Some(f)) => Some(Exact::Formula(f)),
+        (true, None) => {
+            table.choice("kind", &[("characteristics", ())])?;
+            Some(Exact::Characteristics)
+        }
+        (true, Some(_)) => return Err(table.error("f", "give either exact.kind or exact.f")),
+    };
+    table.finish(&["kind", "f"])?;
+    Ok(exact)
+}
+
+fn read_recovery_points(output: &Table<'_>) -> Result<usize> {
+    match output.count("recovery_points", 1)?.unwrap_or(2) {
+        points @ 1..=2 => Ok(points),
+        _ => Err(output.error("recovery_points", "must be 1, or 2 for the error estimate")),
+    }
+}

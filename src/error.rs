@@ -1,0 +1,130 @@
+//! What can go wrong, in one place. A message names the key, the value and the limit, and says what to do.
+
+use std::path::PathBuf;
+
+/// Everything that ends a command early.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The case file or a `--set` is wrong; the text carries file, line, key, value and limit.
+    #[error("{0}")]
+    Input(String),
+    /// A formula yields NaN or infinity.
+    #[error(
+        "{key} = \"{formula}\" is {value} at {place}; it must be finite everywhere on the grid"
+    )]
+    Formula {
+        /// The key of the formula in the case file.
+        key: &'static str,
+        /// Its text.
+        formula: String,
+        /// What it gave.
+        value: f64,
+        /// The point, written `x = …, v = …`.
+        place: String,
+    },
+    /// More memory than there is.
+    #[error(
+        "memory: {needed} needed per rank ({detail}), {available} available; \
+         fewer cells (axis.N.x.cells, axis.N.v.cells), more ranks on more nodes, or a larger solver.tolerance need less"
+    )]
+    Memory {
+        /// Planned bytes a rank, as text.
+        needed: String,
+        /// Bytes a rank may take, as text.
+        available: String,
+        /// The largest array.
+        detail: String,
+    },
+    /// No profile reaches the tolerance in double precision.
+    #[error(
+        "solver.tolerance = {tolerance:e}: round-off allows no less than {smallest:.1e} here \
+         (state norm over result norm {ratio:.3}, growth x time {growth:.3}); ask for at least that"
+    )]
+    Tolerance {
+        /// What was asked.
+        tolerance: f64,
+        /// The smallest that can be met.
+        smallest: f64,
+        /// ‖ũ(0)‖/‖f(T)‖, see [`crate::plan`].
+        ratio: f64,
+        /// λ⁺T.
+        growth: f64,
+    },
+    /// A rank layout that does not fit the grid.
+    #[error("{0}")]
+    Ranks(String),
+    /// The weights did not reach their certificate.
+    #[error(
+        "dissipative weights: growth bound {certificate:.3e} after {sweeps} sweeps, {limit:.3e} wanted; \
+         set scheme.interface = \"conservative\""
+    )]
+    Weights {
+        /// ½ max (Aᵀπ)/π reached.
+        certificate: f64,
+        /// The bound asked for.
+        limit: f64,
+        /// Sweeps done.
+        sweeps: usize,
+    },
+    /// A mode's norm moved by more than its truncated series allows.
+    #[error(
+        "mode {mode} (wavenumber {wavenumber:.6}): its norm changed by {defect:.3e}, {allowed:.3e} allowed; \
+         the run is not unitary and its result is not written"
+    )]
+    Unitarity {
+        /// Index of the mode.
+        mode: usize,
+        /// Its wavenumber μ.
+        wavenumber: f64,
+        /// Relative change of the norm.
+        defect: f64,
+        /// What the truncated series allows, plus 1e-12.
+        allowed: f64,
+    },
+    /// The result holds NaN or infinity.
+    #[error("the computed field is not finite ({0}); please report this case")]
+    NotFinite(String),
+    /// The output directory or a file in it cannot be written.
+    #[error("output {}: {reason}", path.display())]
+    Output {
+        /// Directory or file.
+        path: PathBuf,
+        /// What the system said.
+        reason: String,
+    },
+    /// An option of the command line is wrong.
+    #[error("{0}")]
+    Usage(String),
+    /// Another rank failed; its message was printed there.
+    #[error("rank {rank}: {message}")]
+    Remote {
+        /// The lowest rank that failed.
+        rank: usize,
+        /// Its message.
+        message: String,
+        /// Its exit code.
+        code: i32,
+    },
+}
+
+impl Error {
+    /// The process's exit code: 2 when the user's input is wrong, 1 otherwise.
+    pub fn exit_code(&self) -> i32 {
+        match self {
+            Error::Input(_)
+            | Error::Formula { .. }
+            | Error::Memory { .. }
+            | Error::Tolerance { .. }
+            | Error::Ranks(_)
+            | Error::Usage(_) => 2,
+            Error::Remote { code, .. } => *code,
+            Error::Output { .. }
+            | Error::Weights { .. }
+            | Error::Unitarity { .. }
+            | Error::NotFinite(_) => 1,
+        }
+    }
+}
+
+/// `Result` with this crate's [`Error`].
+pub type Result<T> = std::result::Result<T, Error>;

@@ -1,0 +1,251 @@
+//! The potential on the grid: jumps at faces, slopes in cells.
+//!
+//! `V`'s one-sided limits at a face are the two neighbouring cells' own formulas, evaluated at the face's centre; a
+//! cell's formula is that of the first region whose `where` holds at the cell's centre. So jumps lie on faces by
+//! construction (paper, section 4.1: discontinuities at grid points), and in between `V` is piecewise linear.
+
+use crate::case::{Case, Region};
+use crate::error::{Error, Result};
+use crate::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point};
+use std::ops::Range;
+
+/// Jumps and slopes of `V` on a box of space cells.
+#[derive(Clone, Debug)]
+pub struct Potential {
+    /// Box of space cells covered, one range an axis.
+    ranges: Vec<Range<usize>>,
+    /// `V⁺ − V⁻` at the lower face of each cell, by axis; zero at the ends of the box (the paper's assumption).
+    jump: Vec<[f64; MAX_DIMENSION]>,
+    /// `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`, by axis.
+    slope: Vec<[f64; MAX_DIMENSION]>,
+    /// Cell indices run row-major over `ranges`.
+    strides: [usize; MAX_DIMENSION],
+}
+
+/// The region a space cell belongs to.
+fn region(regions: &[Region], point: &[f64; 6]) -> usize {
+    regions
+        .iter()
+        .position(|r| r.condition.as_ref().is_none_or(|c| c.holds(point)))
+        .unwrap_or(regions.len() - 1)
+}
+
+/// Centre of space cell `i` as formulas take it.
+fn space_point(axes: &[Axis], i: &[usize]) -> [f64; 6] {
+    let mut point = [0.0; 6];
+    for (a, axis) in axes.iter().enumerate() {
+        point[a] = axis.centre(i[a] as i64);
+    }
+    point
+}
+
+/// Calls `visit` with every multi-index of a box, row-major.
+pub fn for_each_cell(ranges: &[Range<usize>], mut visit: impl FnMut(&[usize; MAX_DIMENSION])) {
+    if ranges.iter().any(Range::is_empty) {
+        return;
+    }
+    let mut i = [0; MAX_DIMENSION];
+    for (i, range) in i.iter_mut().zip(ranges) {
+        *i = range.start;
+    }
+    loop {
+        visit(&i);
+        let mut axis = ranges.len();
+        loop {
+            if axis == 0 {
+                return;
+            }
+            axis -= 1;
+            i[axis] += 1;
+            if i[axis] < ranges[axis].end {
+                break;
+            }
+            i[axis] = ranges[axis].start;
+        }
+    }
+}
+
+impl Potential {
+    /// Evaluates `case`'s potential on the space cells of `ranges`.
+    ///
+    /// # Errors
+    /// [`Error::Formula`] where `V` is not finite.
+    pub fn new(case: &Case, ranges: &[Range<usize>]) -> Result<Self> {
+        let axes = &case.space.x;
+        let n = axes.len();
+        let mut strides = [0; MAX_DIMENSION];
+        let mut cells = 1;
+        for a in (0..n).rev() {
+            strides[a] = cells;
+            cells *= ranges[a].len();
+        }
+        let mut this = Self {
+            ranges: ranges.to_vec(),
+            jump: Vec::with_capacity(cells),
+            slope: Vec::with_capacity(cells),
+            strides,
+        };
+        let mut failure = None;
+        for_each_cell(ranges, |i| {
+            let centre = space_point(axes, i);
+            let own = region(&case.potential, &centre);
+            let (mut jump, mut slope) = ([0.0; MAX_DIMENSION], [0.0; MAX_DIMENSION]);
+            let mut value = |region: usize, point: &[f64; 6]| {
+                let formula = &case.potential[region].value;
+                let v = formula.eval(point);
+                if !v.is_finite() && failure.is_none() {
+                    failure = Some(Error::Formula {
+                        key: "potential.value",
+                        formula: formula.text().to_owned(),
+                        value: v,
+                        place: describe_space_point(n, point),
+                    });
+                }
+                v
+            };
+            for a in 0..n {
+                let (mut lower, mut upper) = (centre, centre);
+                lower[a] = axes[a].face(i[a] as i64);
+                upper[a] = axes[a].face(i[a] as i64 + 1);
+                let at_lower = value(own, &lower);
+                slope[a] = (value(own, &upper) - at_lower) / axes[a].width();
+                if i[a] > 0 {
+                    let mut below = *i;
+                    below[a] -= 1;
+                    let neighbour = region(&case.potential, &space_point(axes, &below));
+                    if neighbour != own {
+                        jump[a] = at_lower - value(neighbour, &lower);
+                        let scale = at_lower.abs().max(1e-300);
+                        // A kink, not a jump: the formulas meet here to round-off.
+                        if jump[a].abs() <= 1e-13 * scale {
+                            jump[a] = 0.0;
+                        }
+                    }
+                }
+            }
+            this.jump.push(jump);
+            this.slope.push(slope);
+        });
+        match failure {
+            Some(error) => Err(error),
+            None => Ok(this),
+        }
+    }
+
+    /// The potential of the whole grid.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn whole(case: &Case) -> Result<Self> {
+        let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
+        Self::new(case, &ranges)
+    }
+
+    fn position(&self, i: &[usize]) -> usize {
+        self.ranges
+            .iter()
+            .enumerate()
+            .map(|(a, r)| (i[a] - r.start) * self.strides[a])
+            .sum()
+    }
+
+    /// `V⁺ − V⁻` at the lower face, along `axis`, of space cell `i`. Zero at the lower end of the box.
+    pub fn jump_below(&self, i: &[usize], axis: usize) -> f64 {
+        self.jump[self.position(i)][axis]
+    }
+
+    /// `V⁺ − V⁻` at the upper face, along `axis`, of space cell `i`. Zero at the upper end of what is covered.
+    pub fn jump_above(&self, i: &[usize], axis: usize) -> f64 {
+        if i[axis] + 1 >= self.ranges[axis].end {
+            return 0.0;
+        }
+        self.jump[self.position(i) + self.strides[axis]][axis]
+    }
+
+    /// `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx` along `axis` in space cell `i`.
+    pub fn slope(&self, i: &[usize], axis: usize) -> f64 {
+        self.slope[self.position(i)][axis]
+    }
+
+    /// Whether `V` jumps anywhere.
+    pub fn has_jump(&self) -> bool {
+        self.jump.iter().flatten().any(|&j| j != 0.0)
+    }
+
+    /// Largest `Σ_a |slope_a| / Δv_a` over the cells: the force's part of the diagonal of `A`.
+    pub fn force_rate(&self, space: &PhaseSpace) -> f64 {
+        self.slope
+            .iter()
+            .map(|slope| {
+                space
+                    .v
+                    .iter()
+                    .zip(slope)
+                    .map(|(v, s)| s.abs() / v.width())
+                    .sum::<f64>()
+            })
+            .fold(0.0, f64::max)
+    }
+}
+
+fn describe_space_point(n: usize, point: &[f64; 6]) -> String {
+    let text = describe_point(n, point);
+    text.split(", ").take(n).collect::<Vec<_>>().join(", ")
+}
+
+/// A region's edge that misses the faces of the grid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StrayEdge {
+    /// Axis along which it was found.
+    pub axis: usize,
+    /// Where it lies.
+    pub at: f64,
+    /// The face the scheme moves it to.
+    pub face: f64,
+}
+
+/// Region edges inside cells, one a distinct place, found along lines through cell centres. The scheme treats them as
+/// lying on the nearest face, a change of the problem by that distance.
+pub fn stray_edges(case: &Case) -> Vec<StrayEdge> {
+    const MOST: usize = 8;
+    let axes = &case.space.x;
+    let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
+    let mut found: Vec<StrayEdge> = Vec::new();
+    if case.potential.len() == 1 {
+        return found;
+    }
+    for_each_cell(&ranges, |i| {
+        let centre = space_point(axes, i);
+        let own = region(&case.potential, &centre);
+        for (a, axis) in axes.iter().enumerate() {
+            for side in [0, 1] {
+                let face = axis.face((i[a] + side) as i64);
+                let mut inside = centre[a];
+                // Just inside the face, so that an edge on the face itself is not found.
+                let mut outside = face + (centre[a] - face) * 1e-6;
+                let probe = |x: f64| {
+                    let mut point = centre;
+                    point[a] = x;
+                    region(&case.potential, &point) == own
+                };
+                if probe(outside) || found.len() >= MOST {
+                    continue;
+                }
+                for _ in 0..60 {
+                    let middle = 0.5 * (inside + outside);
+                    if probe(middle) {
+                        inside = middle;
+                    } else {
+                        outside = middle;
+                    }
+                }
+                let at = 0.5 * (inside + outside);
+                let known = |e: &StrayEdge| e.axis == a && (e.at - at).abs() < 1e-6 * axis.width();
+                if !found.iter().any(known) {
+                    found.push(StrayEdge { axis: a, at, face });
+                }
+            }
+        }
+    });
+    found
+}

@@ -1,0 +1,237 @@
+//! The Hamiltonian-preserving scheme, row by row: the only definition of `A` and `b`.
+//!
+//! `f' = A f + b` with (paper, section 4.2, and its n-dimensional form in section 6)
+//!
+//! ```text
+//! (f_ij)_t = − Σ_a |v_a|/Δx_a (f_ij − Σ weight f_source)          transport, see `interface`
+//!            − Σ_a |d_a| (f_ij − f_{i, j ∓ e_a})                  force, upwind; d_a = −slope_a/Δv_a
+//! ```
+//!
+//! Off-diagonal entries are not negative, row sums not positive; what is missing from a row sum is what the row takes
+//! from the inflow.
+
+pub mod interface;
+
+use crate::case::{Case, Inflow, Interface};
+use crate::error::{Error, Result};
+use crate::grid::{Cell, PhaseSpace, describe_point};
+use crate::potential::Potential;
+use interface::{Side, Source, sources, velocity};
+use std::ops::Range;
+
+/// One row of `A` and `b`.
+#[derive(Clone, Debug, Default)]
+pub struct Row {
+    /// `(column, value)`, ascending and distinct columns.
+    pub entries: Vec<(usize, f64)>,
+    /// `b_i`: what enters through the boundary.
+    pub inflow: f64,
+    /// `−Σ_j A_ij ≥ 0`: the rate at which the row draws on the inflow.
+    pub draw: f64,
+    /// First place where an inflow formula was not finite.
+    bad: Option<(f64, [f64; 6])>,
+    scratch: Vec<Source>,
+}
+
+impl Row {
+    fn clear(&mut self) {
+        self.entries.clear();
+        self.inflow = 0.0;
+        self.draw = 0.0;
+    }
+
+    /// Sorts by column and adds up entries of the same column.
+    fn finish(&mut self) {
+        self.entries.sort_unstable_by_key(|e| e.0);
+        self.entries.dedup_by(|next, kept| {
+            let same = next.0 == kept.0;
+            if same {
+                kept.1 += next.1;
+            }
+            same
+        });
+    }
+}
+
+/// The scheme on a part of the grid.
+#[derive(Clone, Debug)]
+pub struct Scheme<'a> {
+    case: &'a Case,
+    space: &'a PhaseSpace,
+    interface: Interface,
+    potential: Potential,
+    no_inflow: bool,
+}
+
+impl<'a> Scheme<'a> {
+    /// The scheme for rows whose space cells lie in `ranges`.
+    ///
+    /// # Errors
+    /// [`Error::Formula`] where `V` is not finite.
+    pub fn new(case: &'a Case, ranges: &[Range<usize>]) -> Result<Self> {
+        // Rows need the jump at their upper face: one more layer.
+        let wider: Vec<_> = ranges
+            .iter()
+            .zip(&case.space.x)
+            .map(|(r, axis)| r.start..(r.end + 1).min(axis.cells))
+            .collect();
+        let no_inflow = match &case.inflow {
+            Inflow::Formula(f) => f.constant() == Some(0.0),
+            Inflow::Initial => case.initial.constant() == Some(0.0),
+        };
+        Ok(Self {
+            case,
+            space: &case.space,
+            interface: case.interface,
+            potential: Potential::new(case, &wider)?,
+            no_inflow,
+        })
+    }
+
+    /// The scheme on the whole grid.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn whole(case: &'a Case) -> Result<Self> {
+        let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
+        Self::new(case, &ranges)
+    }
+
+    /// Row `index` of `A` and `b`.
+    pub fn row(&self, row: &mut Row, index: usize) {
+        row.clear();
+        let cell = self.space.cell(index);
+        let n = self.space.dimension();
+        let mut diagonal = 0.0;
+        for a in 0..n {
+            diagonal -= self.transport(row, &cell, a);
+            diagonal -= self.force(row, &cell, a);
+        }
+        row.entries.push((index, diagonal));
+        row.finish();
+    }
+
+    /// `v_a ∂f/∂x_a`: upwind, from the face the particles come through. Returns the rate `|v_a|/Δx_a`.
+    fn transport(&self, row: &mut Row, cell: &Cell, a: usize) -> f64 {
+        let n = self.space.dimension();
+        let (x, v) = (&self.space.x[a], &self.space.v[a]);
+        let j = cell[n + a] as i64;
+        let speed = velocity(v, j);
+        if speed == 0.0 {
+            return 0.0;
+        }
+        let rate = speed.abs() / x.width();
+        // V of this cell minus V of the neighbour the particles come from.
+        let (rise, upwind) = if speed > 0.0 {
+            (self.potential.jump_below(cell, a), -1)
+        } else {
+            (-self.potential.jump_above(cell, a), 1)
+        };
+        let mut list = std::mem::take(&mut row.scratch);
+        sources(&mut list, v, self.interface, j, rise);
+        for source in &list {
+            let i = match source.side {
+                Side::Across => cell[a] as i64 + upwind,
+                Side::Same => cell[a] as i64,
+            };
+            self.take(row, cell, a, (i, source.velocity), rate * source.weight);
+        }
+        row.scratch = list;
+        rate
+    }
+
+    /// `−∂V/∂x_a ∂f/∂v_a`: upwind in `v_a`. Returns the rate `|slope_a|/Δv_a`.
+    fn force(&self, row: &mut Row, cell: &Cell, a: usize) -> f64 {
+        let n = self.space.dimension();
+        let slope = self.potential.slope(cell, a);
+        if slope == 0.0 {
+            return 0.0;
+        }
+        let rate = slope.abs() / self.space.v[a].width();
+        // The force −slope pushes particles up in velocity where V falls.
+        let j = cell[n + a] as i64 + if slope < 0.0 { -1 } else { 1 };
+        self.take(row, cell, a, (cell[a] as i64, j), rate);
+        rate
+    }
+
+    /// Adds `rate · f` of the cell that has `(i, j)` instead of `cell`'s indices along space and velocity axis `a`; an
+    /// inflow value where that is off the grid.
+    fn take(&self, row: &mut Row, cell: &Cell, a: usize, (i, j): (i64, i64), rate: f64) {
+        let n = self.space.dimension();
+        let (x, v) = (&self.space.x[a], &self.space.v[a]);
+        if (0..x.cells as i64).contains(&i) && (0..v.cells as i64).contains(&j) {
+            let mut source = *cell;
+            source[a] = i as usize;
+            source[n + a] = j as usize;
+            row.entries.push((self.space.index(&source), rate));
+            return;
+        }
+        row.draw += rate;
+        if self.no_inflow {
+            return;
+        }
+        let mut point = self.space.point(cell);
+        point[a] = x.centre(i);
+        point[3 + a] = v.centre(j);
+        let formula = match &self.case.inflow {
+            Inflow::Formula(f) => f,
+            Inflow::Initial => &self.case.initial,
+        };
+        let value = formula.eval(&point);
+        if !value.is_finite() && row.bad.is_none() {
+            row.bad = Some((value, point));
+        }
+        row.inflow += rate * value;
+    }
+
+    /// The error of a row whose inflow was not finite, if there was one among the rows computed with `row`.
+    ///
+    /// # Errors
+    /// [`Error::Formula`], naming the place.
+    pub fn inflow_is_finite(&self, row: &Row) -> Result<()> {
+        let Some((value, point)) = row.bad else {
+            return Ok(());
+        };
+        let (key, formula) = match &self.case.inflow {
+            Inflow::Formula(f) => ("inflow.value", f),
+            Inflow::Initial => ("initial.f", &self.case.initial),
+        };
+        Err(Error::Formula {
+            key,
+            formula: formula.text().to_owned(),
+            value,
+            place: describe_point(self.space.dimension(), &point),
+        })
+    }
+
+    /// Whether nothing can enter.
+    pub fn no_inflow(&self) -> bool {
+        self.no_inflow
+    }
+
+    /// The potential this scheme sees.
+    pub fn potential(&self) -> &Potential {
+        &self.potential
+    }
+}
+
+/// Bound on `max_i |A_ii|`: the sum over axes of the fastest transport and the steepest force. A function of the case
+/// alone, so the same on any ranks.
+///
+/// # Errors
+/// [`Error::Formula`] where `V` is not finite.
+pub fn largest_rate(case: &Case, potential: &Potential) -> f64 {
+    let space = &case.space;
+    let transport: f64 = space
+        .x
+        .iter()
+        .zip(&space.v)
+        .map(|(x, v)| {
+            let fastest = velocity(v, 0)
+                .abs()
+                .max(velocity(v, v.cells as i64 - 1).abs());
+            fastest / x.width()
+        })
+        .sum();
+    transport + potential.force_rate(space)
+}
