@@ -1,8 +1,26 @@
 //! phasewarp
 pub mod case;
 mod case_file;
+pub mod classical;
+pub mod cli;
+pub mod command;
+pub mod communicator;
 pub mod error;
 pub mod expression;
 pub mod grid;
+pub mod matrix;
+pub mod observables;
+pub mod output;
+pub mod partition;
+pub mod plan;
 pub mod potential;
+pub mod profile;
+pub mod progress;
+pub mod propagate;
+pub mod reproducible;
+pub mod run;
 pub mod scheme;
+pub mod spectrum;
+pub mod system;
+pub mod warp;
+pub mod weights;

@@ -1,0 +1,52 @@
+# Needs GNU make. Everything else that is missing, `setup` installs or names.
+
+RANKS   ?= 2
+CASE    ?= cases/example1.toml
+RESULTS ?= results/$(basename $(notdir $(CASE)))
+
+# A fresh rustup puts cargo where the shell finds it only after the next login.
+export PATH := $(PATH):$(or $(CARGO_HOME),$(HOME)/.cargo)/bin
+
+# Open MPI as root, as in containers, and with more ranks than cores, as the tests do (4.x, then 5.x); defaults only.
+export OMPI_ALLOW_RUN_AS_ROOT ?= 1
+export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM ?= 1
+export OMPI_MCA_rmaps_base_oversubscribe ?= 1
+export OMPI_MCA_mpi_yield_when_idle ?= 1
+export PRTE_MCA_rmaps_default_mapping_policy ?= :oversubscribe
+
+# HDF5_DIR where cargo would not find the parallel HDF5 by itself; looked up when a recipe runs, so after setup.
+CARGO   = $(shell scripts/setup.sh --environment) cargo
+PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
+
+.DEFAULT_GOAL := build
+.PHONY: run build test check check-fmt check-clippy check-doc setup clean help
+
+run: build ## build, then solve example 1 of the paper on two ranks (CASE=, RANKS=, RESULTS= for another)
+	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
+	@echo "Results in $(RESULTS): result.h5 (fields), summary.json (errors, cost)"
+
+build: setup ## build the program in release mode
+	$(CARGO) build --release
+
+test: setup ## run every test, those that start mpirun included (ARGS= is passed to cargo test)
+	$(CARGO) test --release $(ARGS)
+
+check: check-fmt check-clippy check-doc ## formatting, lints and documentation, warnings as errors
+
+check-fmt:
+	$(CARGO) fmt --check
+
+check-clippy: setup
+	$(CARGO) clippy --release --all-targets -- -D warnings
+
+check-doc: setup
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps
+
+setup: ## install Open MPI, libclang, parallel HDF5 and pkg-config where they are missing, or name them
+	@scripts/setup.sh
+
+clean: ## remove what was built; results stay
+	$(CARGO) clean
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))

@@ -1,0 +1,208 @@
+#!/usr/bin/env bash
+# Finds what phasewarp is built and run with, and installs what is missing.
+#
+#   scripts/setup.sh                 check; on Debian and Ubuntu install what is missing (root, or sudo without password)
+#   scripts/setup.sh --check         check only
+#   scripts/setup.sh --environment   print what cargo needs set to find parallel HDF5: "HDF5_DIR=…", mostly nothing
+#
+# Exit code 0 when everything is there, 1 when something is missing. Silent and instant when there is nothing to do.
+# Environment: HDF5_DIR, LIBCLANG_PATH, MPICC name places to look in first, as they do for cargo.
+
+# shellcheck disable=SC2329  # the have_… functions are called by name
+set -euo pipefail
+shopt -s nullglob
+
+# --- what is looked for; each function says nothing and returns whether it was found ---
+
+have_cargo() { command -v cargo || [ -x "${CARGO_HOME:-${HOME:-}/.cargo}/bin/cargo" ]; } >/dev/null 2>&1
+
+have_compiler() { command -v cc >/dev/null 2>&1; }
+
+have_launcher() { mpirun --version >/dev/null 2>&1; }
+
+have_mpi() { "${MPICC:-mpicc}" -show >/dev/null 2>&1; }
+
+have_pkg_config() { command -v "${PKG_CONFIG:-pkg-config}" >/dev/null 2>&1; }
+
+# libclang, with the compiler headers that bindgen reads (stddef.h and the like).
+have_libclang() {
+    local directory prefix
+    if [ -n "${LIBCLANG_PATH:-}" ]; then
+        [ -f "$LIBCLANG_PATH" ] || has_libclang "$LIBCLANG_PATH"
+        return
+    fi
+    prefix=$("${LLVM_CONFIG_PATH:-llvm-config}" --libdir 2>/dev/null) || prefix=""
+    for directory in ${prefix:+"$prefix"} /usr/lib/llvm-*/lib /usr/lib64/llvm*/lib /usr/lib64 /usr/lib /usr/local/lib; do
+        if has_libclang "$directory" && has_clang_headers "$directory"; then
+            return 0
+        fi
+    done
+    return 1
+}
+
+has_libclang() {
+    local found=("$1"/libclang.so* "$1"/libclang-[0-9]*.so*)
+    [ "${#found[@]}" -gt 0 ]
+}
+
+has_clang_headers() {
+    local found=("$1"/clang/*/include/stddef.h "$1"/../lib/clang/*/include/stddef.h)
+    [ "${#found[@]}" -gt 0 ]
+}
+
+# Whether a directory of headers belongs to an HDF5 built with MPI.
+is_parallel() {
+    local headers=("$1"/H5pubconf.h "$1"/H5pubconf-64.h)
+    grep -qsE '^#define +H5_HAVE_PARALLEL +1' "${headers[@]}"
+}
+
+# Whether cargo finds a parallel HDF5 by itself: where HDF5_DIR points or, without it, where pkg-config does.
+cargo_finds_hdf5() {
+    local directory
+    if [ -n "${HDF5_DIR:-}" ]; then
+        is_parallel "$HDF5_DIR/include"
+        return
+    fi
+    for directory in $("${PKG_CONFIG:-pkg-config}" --cflags-only-I hdf5 2>/dev/null); do
+        if is_parallel "${directory#-I}"; then
+            return 0
+        fi
+    done
+    return 1
+}
+
+# Prints the root of a parallel HDF5 that cargo does not find by itself: a cluster's module, or Debian's Open MPI build
+# standing next to a serial one.
+hdf5_elsewhere() {
+    local root compiler
+    compiler=$(command -v h5pcc) || compiler=""
+    for root in "${HDF5_ROOT:-}" "${EBROOTHDF5:-}" "${compiler%/bin/h5pcc}" /usr/lib/*/hdf5/openmpi; do
+        if [ -n "$root" ] && [ -d "$root/lib" ] && is_parallel "$root/include"; then
+            echo "$root"
+            return 0
+        fi
+    done
+    return 1
+}
+
+have_hdf5() { cargo_finds_hdf5 || { [ -z "${HDF5_DIR:-}" ] && hdf5_elsewhere >/dev/null; }; }
+
+# --- what is missing: fills `missing` (for people) and `packages` (for apt) ---
+
+look() {
+    missing=()
+    packages=()
+    want have_compiler "a C compiler (cc)" gcc libc6-dev
+    want have_launcher "mpirun" openmpi-bin
+    want have_mpi "MPI for C (mpicc)" libopenmpi-dev
+    want have_libclang "libclang with its headers" libclang-dev
+    want have_pkg_config "pkg-config" pkg-config
+    want have_hdf5 "HDF5 built with MPI" libhdf5-openmpi-dev
+    want have_cargo "cargo"
+}
+
+want() {
+    local check=$1 name=$2
+    shift 2
+    if ! "$check"; then
+        missing+=("$name")
+        packages+=("$@")
+    fi
+}
+
+# --- installing ---
+
+say() { echo "setup: $*" >&2; }
+
+as_root() {
+    if [ "$(id -u)" -eq 0 ]; then
+        "$@"
+    else
+        sudo -n "$@"
+    fi
+}
+
+can_install() {
+    command -v apt-get >/dev/null 2>&1 && { [ "$(id -u)" -eq 0 ] || sudo -n true 2>/dev/null; }
+}
+
+# apt-get, not asking anything, waiting for another one to end.
+apt_get() {
+    as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq -o Dpkg::Use-Pty=0 -o DPkg::Lock::Timeout=300 "$@" </dev/null >&2
+}
+
+install_packages() {
+    local try
+    for try in 1 2 3 4; do
+        # A failed update is not the end: one package list of many may be out of reach, and not be needed.
+        apt_get update || say "apt-get update failed"
+        if apt_get install -y --no-install-recommends "$@"; then
+            return 0
+        fi
+        if [ "$try" -lt 4 ]; then
+            say "apt-get install failed; trying again in $((try * 10)) seconds"
+            sleep $((try * 10))
+        fi
+    done
+    return 1
+}
+
+explain() {
+    local item
+    say "missing:"
+    for item in "${missing[@]}"; do
+        echo "         $item" >&2
+    done
+    if ! have_cargo; then
+        say "cargo comes with Rust, 1.89 or later: https://rustup.rs"
+    fi
+    if [ -n "${HDF5_DIR:-}" ] && ! have_hdf5; then
+        say "HDF5_DIR=$HDF5_DIR holds no include/H5pubconf.h with H5_HAVE_PARALLEL; unset or correct it"
+    fi
+    if [ "${#packages[@]}" -gt 0 ]; then
+        cat >&2 <<'TEXT'
+setup: install, as root, and run this again:
+         Debian, Ubuntu    apt-get install openmpi-bin libopenmpi-dev libclang-dev libhdf5-openmpi-dev pkg-config gcc
+         Fedora, RHEL      dnf install openmpi-devel hdf5-openmpi-devel clang-devel pkgconf-pkg-config gcc
+                           then: module load mpi/openmpi-x86_64
+       or, on a cluster, load modules; their names differ, typically
+                           module load gcc openmpi hdf5/<version>-mpi llvm
+       and say where they are if they still are not found:
+         HDF5_DIR          the directory that holds include/ and lib/ of an HDF5 built with the same MPI
+         LIBCLANG_PATH     the directory that holds libclang.so
+TEXT
+    fi
+}
+
+# --- what was asked for ---
+
+case ${1:-} in
+"" | --check) ;;
+--environment)
+    if ! cargo_finds_hdf5 && [ -z "${HDF5_DIR:-}" ] && root=$(hdf5_elsewhere); then
+        printf 'HDF5_DIR=%q\n' "$root"
+    fi
+    exit 0
+    ;;
+*)
+    say "unknown option $1; known: --check, --environment"
+    exit 1
+    ;;
+esac
+
+look
+if [ "${#missing[@]}" -eq 0 ]; then
+    exit 0
+fi
+if [ "${1:-}" != --check ] && [ "${#packages[@]}" -gt 0 ] && can_install; then
+    say "installing ${packages[*]}"
+    install_packages "${packages[@]}" || say "apt-get could not install them"
+    hash -r
+    look
+    if [ "${#missing[@]}" -eq 0 ]; then
+        say "everything is there"
+        exit 0
+    fi
+fi
+explain
+exit 1

@@ -1,0 +1,182 @@
+//! The inner loop: one Chebyshev step for a batch of modes, in one pass over the matrix.
+//!
+//! ```text
+//! y   ← a ((−iμ S + K) x + i c x) + y        per lane: a = scale, c = shift, μ = wavenumber
+//! sum ← sum + coefficient · y
+//! ```
+//!
+//! Vectors are `[row][re: B lanes][im: B lanes]`: every operation is vertical over modes. The same loop is compiled
+//! three times, for AVX-512, for AVX2 with FMA and for any processor; which one runs is decided once at start.
+
+use super::BlockMatrix;
+use crate::communicator::VectorRow;
+use std::ops::Range;
+
+/// Modes in a batch, `B`.
+pub const LANES: usize = 8;
+
+/// A row of a batch vector: real parts, then imaginary parts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub struct Lanes(pub [f64; 2 * LANES]);
+
+impl Lanes {
+    /// All zero.
+    pub const ZERO: Lanes = Lanes([0.0; 2 * LANES]);
+}
+
+impl VectorRow for Lanes {
+    const WIDTH: usize = 2 * LANES;
+    fn numbers(&self) -> &[f64] {
+        &self.0
+    }
+    fn numbers_mut(&mut self) -> &mut [f64] {
+        &mut self.0
+    }
+}
+
+/// What a step needs besides the matrix, per lane.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub struct StepConstants {
+    /// `a`.
+    pub scale: [f64; LANES],
+    /// `c`, the centre of the spectral interval.
+    pub shift: [f64; LANES],
+    /// `μ`.
+    pub wavenumber: [f64; LANES],
+    /// What of the new vector is added to the sum.
+    pub coefficient: [f64; LANES],
+}
+
+#[inline(always)]
+fn multiply_add<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
+    if FMA { a.mul_add(b, c) } else { a * b + c }
+}
+
+/// The loop over rows. `FMA` only where the processor has it: elsewhere `mul_add` is a slow library call.
+#[inline(always)]
+fn step_rows<const FMA: bool>(
+    matrix: &BlockMatrix,
+    rows: Range<usize>,
+    constants: &StepConstants,
+    y: &mut [Lanes],
+    x: &[Lanes],
+    sum: &mut [Lanes],
+) {
+    for i in rows {
+        // Re and Im of S x and K x.
+        let (mut sr, mut si) = ([0.0; LANES], [0.0; LANES]);
+        let (mut kr, mut ki) = ([0.0; LANES], [0.0; LANES]);
+        for e in matrix.offsets[i]..matrix.offsets[i + 1] {
+            // SAFETY: `e` is below the number of entries and every column below the length of `x`, which `step` asserts.
+            let (column, s, k) = unsafe {
+                (
+                    *matrix.columns.get_unchecked(e) as usize,
+                    *matrix.s.get_unchecked(e),
+                    *matrix.k.get_unchecked(e),
+                )
+            };
+            let value = unsafe { &x.get_unchecked(column).0 };
+            for l in 0..LANES {
+                sr[l] = multiply_add::<FMA>(s, value[l], sr[l]);
+                si[l] = multiply_add::<FMA>(s, value[LANES + l], si[l]);
+                kr[l] = multiply_add::<FMA>(k, value[l], kr[l]);
+                ki[l] = multiply_add::<FMA>(k, value[LANES + l], ki[l]);
+            }
+        }
+        let own = &x[i].0;
+        let out = &mut y[i].0;
+        let total = &mut sum[i].0;
+        for l in 0..LANES {
+            let (a, c, mu) = (
+                constants.scale[l],
+                constants.shift[l],
+                constants.wavenumber[l],
+            );
+            // (−iμ S + K + ic)(re + i im) = (μ S im + K re − c im) + i(−μ S re + K im + c re)
+            let re = multiply_add::<FMA>(mu, si[l], kr[l]);
+            let im = multiply_add::<FMA>(-mu, sr[l], ki[l]);
+            let re = multiply_add::<FMA>(-c, own[LANES + l], re);
+            let im = multiply_add::<FMA>(c, own[l], im);
+            let re = multiply_add::<FMA>(a, re, out[l]);
+            let im = multiply_add::<FMA>(a, im, out[LANES + l]);
+            out[l] = re;
+            out[LANES + l] = im;
+            let coefficient = constants.coefficient[l];
+            total[l] = multiply_add::<FMA>(coefficient, re, total[l]);
+            total[LANES + l] = multiply_add::<FMA>(coefficient, im, total[LANES + l]);
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f")]
+fn step_avx512(
+    matrix: &BlockMatrix,
+    rows: Range<usize>,
+    constants: &StepConstants,
+    y: &mut [Lanes],
+    x: &[Lanes],
+    sum: &mut [Lanes],
+) {
+    step_rows::<true>(matrix, rows, constants, y, x, sum);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+fn step_avx2(
+    matrix: &BlockMatrix,
+    rows: Range<usize>,
+    constants: &StepConstants,
+    y: &mut [Lanes],
+    x: &[Lanes],
+    sum: &mut [Lanes],
+) {
+    step_rows::<true>(matrix, rows, constants, y, x, sum);
+}
+
+/// Name of the instruction set the loop runs with here.
+pub fn instruction_set() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if std::is_x86_feature_detected!("avx512f") {
+            return "avx512";
+        }
+        if std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma") {
+            return "avx2";
+        }
+    }
+    if cfg!(target_arch = "aarch64") {
+        "neon"
+    } else {
+        "generic"
+    }
+}
+
+/// Steps the rows of `runs`.
+pub fn step(
+    matrix: &BlockMatrix,
+    runs: &[Range<usize>],
+    constants: &StepConstants,
+    y: &mut [Lanes],
+    x: &[Lanes],
+    sum: &mut [Lanes],
+) {
+    assert!(
+        x.len() == matrix.length() && matrix.columns.len() == matrix.offsets[matrix.rows()],
+        "vector and matrix do not fit"
+    );
+    for rows in runs.iter().cloned() {
+        #[cfg(target_arch = "x86_64")]
+        match instruction_set() {
+            // SAFETY: the processor was asked.
+            "avx512" => unsafe { step_avx512(matrix, rows, constants, y, x, sum) },
+            "avx2" => unsafe { step_avx2(matrix, rows, constants, y, x, sum) },
+            _ => step_rows::<false>(matrix, rows, constants, y, x, sum),
+        }
+        // Every aarch64 processor has fused multiply-add.
+        #[cfg(not(target_arch = "x86_64"))]
+        step_rows::<{ cfg!(target_arch = "aarch64") }>(matrix, rows, constants, y, x, sum);
+    }
+}

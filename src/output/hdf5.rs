@@ -1,0 +1,356 @@
+//! `result.h5` through MPI-IO: every rank writes the hyperslab of its own share.
+//!
+//! | object | shape | |
+//! |---|---|---|
+//! | `/f` | (N_x1, …, N_xn, N_v1, …, N_vn) | cell values at the final time |
+//! | `/density` | (N_x1, …, N_xn) | ρ = ∫ f dv |
+//! | `/momentum`, `/velocity` | (n, N_x1, …, N_xn) | ∫ v f dv and its mean; NaN where there is nothing |
+//! | `/exact` | as `/f` | the exact solution, where one is named |
+//! | `/axis/x`, … `/axis/vz` | cell centres | dimension scales |
+//! | `/case`, `/plan` | text | the case file; the plan as JSON, as far as it does not depend on ranks |
+//! | `/timings` | group | seconds by step, as attributes: datasets are the same bits for any ranks |
+//!
+//! Metadata are written by all ranks together; after each dataset the ranks agree whether it worked, so that none waits
+//! for one that failed.
+
+use super::failure;
+use crate::case::Case;
+use crate::communicator::Group;
+use crate::error::Result;
+use crate::observables::Moments;
+use crate::plan::Plan;
+use hdf5::types::{FixedAscii, VarLenArray, VarLenUnicode};
+use hdf5::{Dataset, File, H5Type, Hyperslab, Location, ObjectReference1, SliceOrIndex};
+use ndarray::{ArrayViewD, IxDyn};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::Path;
+
+/// What goes into the file.
+pub struct Results<'a> {
+    /// The case.
+    pub case: &'a Case,
+    /// The plan it ran with.
+    pub plan: &'a Plan,
+    /// This rank's space cells, one range an x-axis; may be empty.
+    pub share: &'a [Range<usize>],
+    /// `f` on them, velocities fastest.
+    pub f: &'a [f64],
+    /// The exact solution there.
+    pub exact: Option<&'a [f64]>,
+    /// Moments there.
+    pub moments: &'a Moments,
+    /// Seconds by step.
+    pub seconds: &'a BTreeMap<String, f64>,
+    /// Attributes of the file: what produced it.
+    pub provenance: &'a [(&'a str, String)],
+}
+
+/// Names of the axes in storage order.
+pub fn axis_names(dimension: usize) -> Vec<&'static str> {
+    let (x, v) = (["x", "y", "z"], ["vx", "vy", "vz"]);
+    x[..dimension]
+        .iter()
+        .chain(&v[..dimension])
+        .copied()
+        .collect()
+}
+
+/// Writes `directory/result.h5`. Collective over `world`.
+///
+/// # Errors
+/// [`crate::error::Error::Output`], the same on all ranks.
+pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<()> {
+    let path = directory.join("result.h5");
+    let mut writer = Writer::create(world, &path)?;
+    writer.attributes(results)?;
+    writer.axes(results)?;
+    let space = &results.case.space;
+    let names = axis_names(space.dimension());
+    let (x_names, all) = (&names[..space.dimension()], &names[..]);
+    let velocities: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.cells).collect();
+    let phase: Vec<Range<usize>> = results.share.iter().cloned().chain(velocities).collect();
+    writer.field(
+        "f",
+        all,
+        &phase,
+        results.f,
+        "cell average of the phase-space density",
+    )?;
+    if let Some(exact) = results.exact {
+        writer.field(
+            "exact",
+            all,
+            &phase,
+            exact,
+            "exact solution at cell centres",
+        )?;
+    }
+    let moments = results.moments;
+    writer.field(
+        "density",
+        x_names,
+        results.share,
+        &moments.density,
+        "integral of f over v",
+    )?;
+    writer.vector(
+        "momentum",
+        x_names,
+        results.share,
+        &moments.momentum,
+        "integral of v f over v",
+    )?;
+    writer.vector(
+        "velocity",
+        x_names,
+        results.share,
+        &moments.velocity,
+        "momentum / density",
+    )?;
+    writer.close()
+}
+
+struct Writer<'a> {
+    world: &'a Group,
+    path: &'a Path,
+    file: File,
+    shape: BTreeMap<&'static str, usize>,
+}
+
+type Outcome<T> = std::result::Result<T, hdf5::Error>;
+
+fn text(s: &str) -> VarLenUnicode {
+    // A text with a zero byte cannot be stored; such bytes are left out.
+    s.replace('\0', "").parse().unwrap_or_default()
+}
+
+fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Outcome<()> {
+    at.new_attr::<T>().create(name)?.write_scalar(value)
+}
+
+impl<'a> Writer<'a> {
+    fn create(world: &'a Group, path: &'a Path) -> Result<Self> {
+        let file = File::with_options()
+            .with_fapl(|p| {
+                p.mpio(world.raw(), None)
+                    .all_coll_metadata_ops(true)
+                    .coll_metadata_write(true)
+            })
+            .create(path)
+            .map_err(|e| failure(path, &e));
+        let file = world.agree(file)?;
+        Ok(Self {
+            world,
+            path,
+            file,
+            shape: BTreeMap::new(),
+        })
+    }
+
+    /// Agrees on the outcome of an operation that all ranks did.
+    fn agree<T>(&self, outcome: Outcome<T>) -> Result<T> {
+        self.world
+            .agree(outcome.map_err(|e| failure(self.path, &e)))
+    }
+
+    fn attributes(&self, results: &Results<'_>) -> Result<()> {
+        let outcome = (|| {
+            for (name, value) in results.provenance {
+                attribute(&self.file, name, &text(value))?;
+            }
+            attribute(&self.file, "title", &text(&results.case.title))?;
+            attribute(&self.file, "reference", &text(&results.case.reference))?;
+            attribute(&self.file, "time", &results.case.end)?;
+            let case = self.text("case", &results.case.text)?;
+            attribute(
+                &case,
+                "overrides",
+                &text(&results.case.overrides.join("\n")),
+            )?;
+            let plan = self.text("plan", &plan_text(results.plan))?;
+            let layout = serde_json::to_string(&results.plan.layout).unwrap_or_default();
+            attribute(&plan, "layout", &text(&layout))?;
+            let timings = self.file.create_group("timings")?;
+            for (name, seconds) in results.seconds {
+                attribute(&timings, name, seconds)?;
+            }
+            Ok(())
+        })();
+        self.agree(outcome)
+    }
+
+    /// A scalar text dataset, of fixed length: parallel HDF5 does not write texts of variable length.
+    fn text(&self, name: &str, value: &str) -> Outcome<Dataset> {
+        let bytes = value.as_bytes();
+        let dataset = self
+            .file
+            .new_dataset_builder()
+            .empty_as(&hdf5::types::TypeDescriptor::FixedUnicode(
+                bytes.len().max(1),
+            ))
+            .create(name)?;
+        let writes = self.world.rank() == 0 && !bytes.is_empty();
+        if writes {
+            write_bytes(&dataset, bytes)?;
+        }
+        Ok(dataset)
+    }
+
+    fn axes(&mut self, results: &Results<'_>) -> Result<()> {
+        let space = &results.case.space;
+        let outcome = (|| {
+            let group = self.file.create_group("axis")?;
+            let names = axis_names(space.dimension());
+            for (name, axis) in names.into_iter().zip(space.axes()) {
+                let centres = axis.centres();
+                let dataset = group
+                    .new_dataset::<f64>()
+                    .shape(centres.len())
+                    .create(name)?;
+                if self.world.rank() == 0 {
+                    dataset.write(&centres)?;
+                }
+                attribute(&dataset, "CLASS", &ascii::<16>("DIMENSION_SCALE"))?;
+                attribute(&dataset, "NAME", &ascii::<16>(name))?;
+                attribute(&dataset, "units", &text("1"))?;
+                attribute(&dataset, "lower", &axis.lower)?;
+                attribute(&dataset, "upper", &axis.upper)?;
+                self.shape.insert(name, axis.cells);
+            }
+            Ok(())
+        })();
+        self.agree(outcome)
+    }
+
+    fn create_field(
+        &self,
+        name: &str,
+        axes: &[&str],
+        leading: Option<usize>,
+        what: &str,
+    ) -> Outcome<Dataset> {
+        let shape: Vec<usize> = leading
+            .into_iter()
+            .chain(axes.iter().map(|a| self.shape[a]))
+            .collect();
+        let dataset = self.file.new_dataset::<f64>().shape(shape).create(name)?;
+        attribute(&dataset, "long_name", &text(what))?;
+        attribute(&dataset, "units", &text("1"))?;
+        // Dimension scales, as the HDF5 specification lays them down: one list of references a dimension.
+        let none = VarLenArray::<ObjectReference1>::from_slice(&[]);
+        let mut list = vec![none; usize::from(leading.is_some())];
+        for axis in axes {
+            let reference = self
+                .file
+                .reference::<ObjectReference1>(&format!("/axis/{axis}"))?;
+            list.push(VarLenArray::from_slice(&[reference]));
+        }
+        dataset
+            .new_attr::<VarLenArray<ObjectReference1>>()
+            .shape(list.len())
+            .create("DIMENSION_LIST")?
+            .write(&list)?;
+        Ok(dataset)
+    }
+
+    fn field(
+        &self,
+        name: &str,
+        axes: &[&str],
+        share: &[Range<usize>],
+        values: &[f64],
+        what: &str,
+    ) -> Result<()> {
+        let dataset = self.agree(self.create_field(name, axes, None, what))?;
+        self.agree(write_slab(&dataset, None, share, values))
+    }
+
+    /// A vector of fields: the component is the first index.
+    fn vector(
+        &self,
+        name: &str,
+        axes: &[&str],
+        share: &[Range<usize>],
+        values: &[Vec<f64>],
+        what: &str,
+    ) -> Result<()> {
+        let dataset = self.agree(self.create_field(name, axes, Some(values.len()), what))?;
+        let outcome = (values.iter().enumerate()).try_for_each(|(component, values)| {
+            write_slab(&dataset, Some(component), share, values)
+        });
+        self.agree(outcome)
+    }
+
+    fn close(self) -> Result<()> {
+        let outcome = self.file.flush();
+        let outcome = self.agree(outcome);
+        let Self {
+            world, path, file, ..
+        } = self;
+        let closed = file.close().map_err(|e| failure(path, &e));
+        world.agree(closed)?;
+        outcome
+    }
+}
+
+/// The part of the plan that is the same for any ranks.
+fn plan_text(plan: &Plan) -> String {
+    let mut value = serde_json::to_value(plan).unwrap_or_default();
+    if let Some(object) = value.as_object_mut() {
+        object.remove("layout");
+    }
+    serde_json::to_string_pretty(&value).unwrap_or_default()
+}
+
+fn ascii<const N: usize>(s: &str) -> FixedAscii<N> {
+    FixedAscii::from_ascii(s.as_bytes()).unwrap_or_default()
+}
+
+/// Writes a text whose length is known at run time only, which the safe interface has no type for.
+fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Outcome<()> {
+    let kind = dataset.dtype()?;
+    // SAFETY: the dataset is scalar and of the type `kind`, a string of `bytes.len()` bytes, and the handles are alive.
+    let status = unsafe {
+        hdf5_sys::h5d::H5Dwrite(
+            dataset.id(),
+            kind.id(),
+            hdf5_sys::h5s::H5S_ALL,
+            hdf5_sys::h5s::H5S_ALL,
+            hdf5_sys::h5p::H5P_DEFAULT,
+            bytes.as_ptr().cast(),
+        )
+    };
+    if status < 0 {
+        return Err(hdf5::Error::from("a text could not be written"));
+    }
+    Ok(())
+}
+
+fn write_slab(
+    dataset: &Dataset,
+    component: Option<usize>,
+    share: &[Range<usize>],
+    values: &[f64],
+) -> Outcome<()> {
+    if values.is_empty() {
+        return Ok(());
+    }
+    let mut selection: Vec<SliceOrIndex> = Vec::new();
+    let mut shape = Vec::new();
+    if let Some(component) = component {
+        selection.push(SliceOrIndex::Index(component));
+    }
+    for range in share {
+        selection.push(SliceOrIndex::SliceTo {
+            start: range.start,
+            step: 1,
+            end: range.end,
+            block: 1,
+        });
+        shape.push(range.len());
+    }
+    let view = ArrayViewD::from_shape(IxDyn(&shape), values)
+        .map_err(|e| hdf5::Error::from(e.to_string()))?;
+    dataset.write_slice(view, Hyperslab::from(selection))
+}

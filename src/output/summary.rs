@@ -1,0 +1,92 @@
+//! `summary.json`: the numbers of a run.
+
+use super::failure;
+use crate::error::Result;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Everything that is said about a finished run. Absent numbers are `null`, never zero.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Summary {
+    /// Title of the case.
+    pub title: String,
+    /// Version of the program.
+    pub version: String,
+    /// Seconds from the start of the program's work to the summary.
+    pub wall_seconds: f64,
+    /// Seconds of propagation and recovery.
+    pub solve_seconds: f64,
+    /// Seconds by step of the run.
+    pub seconds: BTreeMap<String, f64>,
+    /// Number of ranks.
+    pub ranks: usize,
+    /// Process mesh: blocks along each x-axis.
+    pub space_blocks: Vec<usize>,
+    /// Process mesh: mode groups.
+    pub mode_groups: usize,
+    /// Instruction set of the inner loop.
+    pub instruction_set: String,
+    /// Unknowns.
+    pub cells: usize,
+    /// Auxiliary unknowns of the inflow.
+    pub inflow_unknowns: usize,
+    /// Modes propagated (l ≥ 0).
+    pub modes: usize,
+    /// Applications of `(−iμS + K)`, over all modes; for the classical method, of `A`.
+    pub matvecs: usize,
+    /// Largest resident memory of a rank, measured.
+    pub memory_peak_bytes_per_rank: u64,
+    /// What the plan said.
+    pub memory_planned_bytes_per_rank: u64,
+    /// What was asked for.
+    pub tolerance: f64,
+    /// ‖ũ(0)‖/‖f(T)‖ planned for, and found.
+    pub norm_ratio_planned: Option<f64>,
+    /// The same, from the result.
+    pub norm_ratio: Option<f64>,
+    /// Relative l2 distance of the fields read at two recovery points.
+    pub error_estimate: Option<f64>,
+    /// Whether the estimate can tell: false where round-off hides the difference, or there is one point only.
+    pub error_estimate_reliable: bool,
+    /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`).
+    pub error_semidiscrete: Option<f64>,
+    /// Largest over modes of the change of the norm, as a fraction of what is allowed.
+    pub unitarity_defect: Option<f64>,
+    /// Bound on λ⁺ of the matrix as used.
+    pub growth_bound: f64,
+    /// Certificate ½ max (Aᵀπ)/π of the weights.
+    pub growth_certificate: f64,
+    /// max √π / min √π.
+    pub weight_spread: f64,
+    /// Jacobi sweeps for the weights.
+    pub weight_sweeps: usize,
+    /// ∫ f dx dv at T.
+    pub mass: f64,
+    /// ∫ f dx dv at 0.
+    pub mass_initial: f64,
+    /// ½ ∫ |v|² f dx dv at T.
+    pub kinetic_energy: f64,
+    /// Smallest value of f.
+    pub minimum: f64,
+    /// Largest value of f.
+    pub maximum: f64,
+    /// ∫ |f − f_exact| dx dv.
+    pub error_l1: Option<f64>,
+    /// (∫ |f − f_exact|² dx dv)^½.
+    pub error_l2: Option<f64>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+impl Summary {
+    /// Writes `summary.json` into `directory`.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Output`].
+    pub fn write(&self, directory: &Path) -> Result<()> {
+        let path = directory.join("summary.json");
+        let text = serde_json::to_string_pretty(self).map_err(|e| failure(&path, &e))?;
+        std::fs::write(&path, text + "\n").map_err(|e| failure(&path, &e))
+    }
+}

@@ -1,0 +1,105 @@
+//! Sums that do not depend on order, hence neither on the number of ranks nor on the process mesh.
+//!
+//! Every term is cut into two fixed-point integers relative to a bound known beforehand; integers add exactly in any
+//! order. The coarse part keeps 62 bits below `count · bound`, the fine part about as many again below that, so that
+//! the sum of `count` terms is exact but for roughly `2^-90` of the bound.
+
+/// The fixed-point representation for at most `count` terms of magnitude at most `bound`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FixedPoint {
+    coarse: f64,
+    fine: f64,
+}
+
+/// `2^exponent`, exactly.
+fn power_of_two(exponent: i32) -> f64 {
+    2f64.powi(exponent)
+}
+
+impl FixedPoint {
+    /// A representation with room for `count` terms of magnitude at most `bound` (finite, not negative).
+    pub fn new(bound: f64, count: usize) -> Self {
+        let room = (count.max(1) as f64).log2().ceil() as i32 + 1;
+        let exponent = if bound > 0.0 {
+            bound.log2().ceil() as i32
+        } else {
+            0
+        };
+        // Kept within the exponents of normal numbers, so that scaling is exact.
+        Self {
+            coarse: power_of_two((61 - room - exponent).clamp(-1000, 1000)),
+            fine: power_of_two(62 - room),
+        }
+    }
+
+    /// The two integers of `x`.
+    #[inline(always)]
+    pub fn split(&self, x: f64) -> [i64; 2] {
+        let scaled = x * self.coarse;
+        let coarse = scaled.round_ties_even();
+        let fine = ((scaled - coarse) * self.fine).round_ties_even();
+        [coarse as i64, fine as i64]
+    }
+
+    /// The number that two summed integers stand for.
+    pub fn join(&self, [coarse, fine]: [i64; 2]) -> f64 {
+        // Cut so that every partial result is exact until the last addition.
+        let high = (coarse >> 32) as f64 * 4294967296.0;
+        let low = (coarse & 0xffff_ffff) as f64 + fine as f64 / self.fine;
+        // Adding zero turns a negative zero into a positive one.
+        (high + low) / self.coarse + 0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn order_does_not_matter_and_the_sum_is_right(
+            mut terms in prop::collection::vec(-1.0e3..1.0e3f64, 1..300),
+            scale in -200i32..200,
+            turn in 0usize..300,
+        ) {
+            let unit = power_of_two(scale);
+            for t in &mut terms { *t *= unit; }
+            let fixed = FixedPoint::new(1e3 * unit, terms.len());
+            let sum = |list: &[f64]| {
+                let mut total = [0i64; 2];
+                for &t in list {
+                    let s = fixed.split(t);
+                    total = [total[0] + s[0], total[1] + s[1]];
+                }
+                fixed.join(total)
+            };
+            let first = sum(&terms);
+            let len = terms.len();
+            terms.rotate_left(turn % len);
+            prop_assert_eq!(first.to_bits(), sum(&terms).to_bits());
+            let plain: f64 = terms.iter().sum();
+            prop_assert!((first - plain).abs() <= 1e-10 * unit * 1e3);
+        }
+    }
+
+    #[test]
+    fn small_terms_beside_large_ones_are_kept() {
+        let fixed = FixedPoint::new(1.0, 1 << 20);
+        let mut total = [0i64; 2];
+        for x in [1.0, 1e-20, -1.0, 3e-20] {
+            let s = fixed.split(x);
+            total = [total[0] + s[0], total[1] + s[1]];
+        }
+        assert!((fixed.join(total) - 4e-20).abs() < 1e-22);
+    }
+
+    #[test]
+    fn extremes() {
+        for bound in [0.0, 1e-300, 1e300] {
+            let fixed = FixedPoint::new(bound, 10);
+            let x = 0.7 * bound;
+            assert!((fixed.join(fixed.split(x)) - x).abs() <= 1e-15 * bound);
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! Dissipative weights: a diagonal change of norm in which the hat interface does not grow.
+//!
+//! `A` has off-diagonals ≥ 0 and row sums ≤ 0, but at an interface some column sums are positive, so `S` has positive
+//! eigenvalues that grow like `1/Δx`. For any `π > 0` with `D = diag(√π)`, Cauchy–Schwarz in the form
+//!
+//! ```text
+//! Σ π_i y_i A_ij y_j ≤ ½ Σ π_i (A1)_i y_i² + ½ Σ (Aᵀπ)_j y_j²
+//! ```
+//!
+//! gives `λ⁺(sym D A D⁻¹) ≤ ½ max_j (Aᵀπ)_j/π_j`: the certificate. Weights that make it small solve the M-matrix system
+//! `(Aᵀ − s I) π' = −e`, `e_j = max(0, (Aᵀ1)_j)`, `π = 1 + π'`; `s > 0` keeps it regular where particles are trapped.
+//! Jacobi sweeps from `π = 1`, stopped at the first certificate that suffices. Maxima only: the same on any ranks.
+
+use crate::communicator::{GhostExchange, Group};
+use crate::error::{Error, Result};
+use crate::matrix::{BlockMatrix, Part};
+
+/// Sweeps after which it is given up.
+const MOST_SWEEPS: usize = 50_000;
+
+/// `π` and what is known of it.
+#[derive(Clone, Debug)]
+pub struct Weights {
+    /// `π ≥ 1`, for the rows and ghosts of the matrix.
+    pub pi: Vec<f64>,
+    /// `½ max (Aᵀπ)/π`, a bound on `λ⁺`.
+    pub certificate: f64,
+    /// Jacobi sweeps done.
+    pub sweeps: usize,
+    /// `max √π / min √π`.
+    pub spread: f64,
+}
+
+impl Weights {
+    /// `π = 1`, with its certificate, for `matrix` as it is.
+    pub fn none(matrix: &BlockMatrix, exchange: &mut GhostExchange, space: &Group) -> Self {
+        let mut state = State::new(matrix);
+        let certificate = state.certificate(matrix, exchange, space);
+        Self {
+            pi: vec![1.0; matrix.length()],
+            certificate,
+            sweeps: 0,
+            spread: 1.0,
+        }
+    }
+
+    /// Weights whose certificate is at most `limit`, from the system with shift `shift > limit`. Collective over the
+    /// space group.
+    ///
+    /// # Errors
+    /// [`Error::Weights`] if the sweeps do not get there.
+    pub fn dissipative(
+        matrix: &BlockMatrix,
+        exchange: &mut GhostExchange,
+        space: &Group,
+        shift: f64,
+        limit: f64,
+    ) -> Result<Self> {
+        let mut state = State::new(matrix);
+        let mut sweeps = 0;
+        let certificate = loop {
+            let certificate = state.certificate(matrix, exchange, space);
+            if certificate <= limit {
+                break certificate;
+            }
+            if sweeps == MOST_SWEEPS || certificate.is_nan() {
+                return Err(Error::Weights {
+                    certificate,
+                    limit,
+                    sweeps,
+                });
+            }
+            state.sweep(shift);
+            sweeps += 1;
+        };
+        let cells = matrix.block.cells();
+        let mut pi: Vec<f64> = state.extra.iter().map(|p| 1.0 + p).collect();
+        for (m, aux) in matrix.inflow.iter().enumerate() {
+            pi[cells + m] = pi[aux.row as usize];
+        }
+        let rows = matrix.rows();
+        exchange.start(&pi[..rows]);
+        exchange.finish(&mut pi[rows..]);
+        let largest = space.max(pi.iter().copied().fold(1.0, f64::max));
+        let smallest = -space.max(-pi.iter().copied().fold(f64::INFINITY, f64::min));
+        Ok(Self {
+            pi,
+            certificate,
+            sweeps,
+            spread: (largest / smallest).sqrt(),
+        })
+    }
+}
+
+struct State {
+    /// `π' = π − 1`, rows and ghosts.
+    extra: Vec<f64>,
+    /// `Aᵀ π`.
+    image: Vec<f64>,
+    /// `−A_ii`.
+    diagonal: Vec<f64>,
+    /// `e_j − (Aᵀ1)_j`: what turns `Aᵀπ` into `Aᵀπ' + e`.
+    offset: Vec<f64>,
+    cells: usize,
+    pi: Vec<f64>,
+}
+
+impl State {
+    fn new(matrix: &BlockMatrix) -> Self {
+        let (cells, length) = (matrix.block.cells(), matrix.length());
+        let diagonal = (0..cells)
+            .map(|i| {
+                matrix
+                    .row(i)
+                    .filter(|&(j, ..)| j == i)
+                    .map(|(_, s, _)| -s)
+                    .sum()
+            })
+            .collect();
+        Self {
+            extra: vec![0.0; length],
+            image: vec![0.0; length],
+            diagonal,
+            offset: Vec::new(),
+            cells,
+            pi: vec![1.0; length],
+        }
+    }
+
+    /// Computes `Aᵀπ` and from it `½ max (Aᵀπ)/π` over the cells.
+    fn certificate(
+        &mut self,
+        matrix: &BlockMatrix,
+        exchange: &mut GhostExchange,
+        space: &Group,
+    ) -> f64 {
+        for (pi, extra) in self.pi[..self.cells].iter_mut().zip(&self.extra) {
+            *pi = 1.0 + extra;
+        }
+        matrix.apply(exchange, Part::Transpose, &mut self.image, &mut self.pi);
+        if self.offset.is_empty() {
+            // First call: π = 1, the image is the column sums.
+            self.offset = self.image[..self.cells]
+                .iter()
+                .map(|&c| c.max(0.0) - c)
+                .collect();
+        }
+        let mut largest = f64::NEG_INFINITY;
+        for (image, pi) in self.image[..self.cells].iter().zip(&self.pi) {
+            largest = largest.max(image / pi);
+        }
+        0.5 * space.max(largest)
+    }
+
+    /// `π' ← (Bᵀπ' + e)/(d + s)`, with `Bᵀπ' = Aᵀπ' + dπ'` and `A = B − d`.
+    fn sweep(&mut self, shift: f64) {
+        for i in 0..self.cells {
+            let d = self.diagonal[i];
+            let right = self.image[i] + self.offset[i] + d * self.extra[i];
+            self.extra[i] = (right / (d + shift)).max(0.0);
+        }
+    }
+}
