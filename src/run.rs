@@ -8,7 +8,7 @@ use crate::matrix::{self, BlockMatrix, Lanes, instruction_set};
 use crate::observables::{integral, moments, power_sum};
 use crate::output::{self, summary::Summary};
 use crate::partition::{Block, split};
-use crate::plan::{Bounds, GROWTH_BUDGET, Plan, Resources, WEIGHT_SHIFT, WarpPlan};
+use crate::plan::{Bounds, INFLOW_GROWTH, Plan, Resources, WEIGHT_GROWTH, WEIGHT_SHIFT, WarpPlan};
 use crate::potential::stray_edges;
 use crate::progress::Progress;
 use crate::system;
@@ -66,13 +66,13 @@ impl Problem {
         width: usize,
     ) -> Result<Self> {
         let space = &communicator.space;
-        let growth = GROWTH_BUDGET / case.end;
-        let assembled = BlockMatrix::assemble(case, block, growth);
+        let assembled = BlockMatrix::assemble(case, block, INFLOW_GROWTH / case.end);
         let mut matrix = communicator.world.agree(assembled)?;
         let mut exchange = GhostExchange::new(space, &matrix.block, width);
         let weights = if bounds.weighted {
-            let shift = WEIGHT_SHIFT / case.end;
-            let weights = Weights::dissipative(&matrix, &mut exchange, space, shift, growth)?;
+            let target = (WEIGHT_SHIFT / case.end, WEIGHT_GROWTH / case.end);
+            let patience = 2 * case.space.axes().map(|a| a.cells).sum::<usize>();
+            let weights = Weights::dissipative(&matrix, &mut exchange, space, target, patience)?;
             matrix.scale(&weights.pi);
             weights
         } else {
@@ -97,6 +97,19 @@ impl Problem {
             terms,
             exchange,
         })
+    }
+
+    /// `bounds` with the growth that was found instead of the one that was allowed for.
+    pub fn bounds(&self, case: &Case, bounds: &Bounds) -> Bounds {
+        let inflow = self.terms > case.space.space_cells();
+        let couplings = if inflow { INFLOW_GROWTH / case.end } else { 0.0 };
+        let growth = self.weights.certificate.max(couplings);
+        Bounds {
+            inflow,
+            growth,
+            decay: 2.0 * bounds.rate + growth,
+            ..bounds.clone()
+        }
     }
 
     /// `Σ |x_i|²` over all rows, or over the cells with the weights undone. Collective over the space group.
@@ -126,7 +139,7 @@ impl Problem {
     }
 
     /// `‖ũ(0)‖/‖f(T)‖`, with `f(T)` from forward Euler: one real vector, `rate·T` applications.
-    fn probe(&mut self, communicator: &Communicator, rate: f64, time: f64) -> f64 {
+    pub fn probe(&mut self, communicator: &Communicator, rate: f64, time: f64) -> f64 {
         let steps = (rate * time / 0.9).ceil().max(1.0) as usize;
         let mut state = self.state.clone();
         let mut classical = Classical::new(&self.matrix);
@@ -168,7 +181,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     let speaks = all.rank() == 0;
 
     // 1. Plan: who computes what, and does it fit.
-    let bounds = Bounds::new(case)?;
+    let mut bounds = Bounds::new(case)?;
     let available = all
         .agree(Ok(()))
         .map(|()| -all.max(-(system::available_memory() as f64 / all.ranks_on_node() as f64)))?;
@@ -206,6 +219,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     let start_norm = problem.norm(&communicator, &problem.state.clone(), false);
     if plan.warp.is_some() {
         let ratio = problem.probe(&communicator, bounds.rate, case.end);
+        bounds = problem.bounds(case, &bounds);
         plan = Plan::with_bounds(case, bounds.clone(), &resources, ratio)?;
         watch.lap("probe");
     }

@@ -8,8 +8,10 @@
 //! ```
 //!
 //! gives `λ⁺(sym D A D⁻¹) ≤ ½ max_j (Aᵀπ)_j/π_j`: the certificate. Weights that make it small solve the M-matrix system
-//! `(Aᵀ − s I) π' = −e`, `e_j = max(0, (Aᵀ1)_j)`, `π = 1 + π'`; `s > 0` keeps it regular where particles are trapped.
-//! Jacobi sweeps from `π = 1`, stopped at the first certificate that suffices. Maxima only: the same on any ranks.
+//! `(Aᵀ − s I) π' = −e`, `e_j = max(0, (Aᵀ1)_j)`, `π = 1 + π'`, by Jacobi sweeps. Where every particle leaves what lies
+//! behind it for good, `s = 0` is solved exactly by as many sweeps as the longest path has cells, and `λ⁺ = 0`. Where
+//! particles are trapped (a well), `Aᵀ` is singular: after so many sweeps `s > 0` takes over, until the first certificate
+//! that suffices. Maxima only: the same on any ranks.
 
 use crate::communicator::{GhostExchange, Group};
 use crate::error::{Error, Result};
@@ -17,6 +19,8 @@ use crate::matrix::{BlockMatrix, Part};
 
 /// Sweeps after which it is given up.
 const MOST_SWEEPS: usize = 50_000;
+/// A certificate this fraction of what suffices is as good as zero.
+const NEGLIGIBLE: f64 = 1e-6;
 
 /// `π` and what is known of it.
 #[derive(Clone, Debug)]
@@ -44,8 +48,8 @@ impl Weights {
         }
     }
 
-    /// Weights whose certificate is at most `limit`, from the system with shift `shift > limit`. Collective over the
-    /// space group.
+    /// Weights whose certificate is at most `limit`, better where it costs little: from the system without shift for
+    /// `patience` sweeps, then with `shift > limit`. Collective over the space group.
     ///
     /// # Errors
     /// [`Error::Weights`] if the sweeps do not get there.
@@ -53,14 +57,15 @@ impl Weights {
         matrix: &BlockMatrix,
         exchange: &mut GhostExchange,
         space: &Group,
-        shift: f64,
-        limit: f64,
+        (shift, limit): (f64, f64),
+        patience: usize,
     ) -> Result<Self> {
         let mut state = State::new(matrix);
         let mut sweeps = 0;
         let certificate = loop {
             let certificate = state.certificate(matrix, exchange, space);
-            if certificate <= limit {
+            let patient = sweeps < patience;
+            if certificate <= if patient { NEGLIGIBLE * limit } else { limit } {
                 break certificate;
             }
             if sweeps == MOST_SWEEPS || certificate.is_nan() {
@@ -70,7 +75,7 @@ impl Weights {
                     sweeps,
                 });
             }
-            state.sweep(shift);
+            state.sweep(if patient { 0.0 } else { shift });
             sweeps += 1;
         };
         let cells = matrix.block.cells();
