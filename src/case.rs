@@ -10,6 +10,8 @@ use std::path::Path;
 pub const DEFAULT_TOLERANCE: f64 = 1e-6;
 /// Default of `solver.classical.cfl`.
 pub const DEFAULT_CFL: f64 = 0.9;
+/// Largest `solver.tolerance`.
+pub const LARGEST_TOLERANCE: f64 = 0.1;
 /// Largest number of phase-space cells that is looked at; memory is checked against the machine by the plan.
 const MOST_CELLS: f64 = 1e12;
 
@@ -202,7 +204,8 @@ impl Case {
             space,
         };
         initial_table.finish(&["f"])?;
-        scheme.finish(&["interface"])?;
+        scheme.choice("limiter", &[("none", ())])?;
+        scheme.finish(&["interface", "limiter"])?;
         warp.finish(&["profile", "weights", "inflow"])?;
         propagator.finish(&["method"])?;
         classical.finish(&["integrator", "cfl"])?;
@@ -214,7 +217,13 @@ impl Case {
             "propagator",
             "classical",
         ])?;
-        output.finish(&["recovery_points"])?;
+        if output.boolean("warped_field")? == Some(true) {
+            return Err(output.error(
+                "warped_field",
+                "only streamed runs are possible so far; leave it out or false",
+            ));
+        }
+        output.finish(&["recovery_points", "warped_field"])?;
         root.finish(&[
             "title",
             "reference",
@@ -397,8 +406,11 @@ fn read_end(root: &Table<'_>) -> Result<f64> {
 
 fn read_tolerance(solver: &Table<'_>) -> Result<f64> {
     let tolerance = solver.number("tolerance")?.unwrap_or(DEFAULT_TOLERANCE);
-    if !(tolerance > 0.0 && tolerance <= 0.1) {
-        return Err(solver.error("tolerance", "must be above 0 and at most 0.1"));
+    if !(tolerance > 0.0 && tolerance <= LARGEST_TOLERANCE) {
+        return Err(solver.error(
+            "tolerance",
+            &format!("must be above 0 and at most {LARGEST_TOLERANCE}"),
+        ));
     }
     Ok(tolerance)
 }

@@ -6,10 +6,17 @@ use crate::communicator::{Communicator, World};
 use crate::error::Result;
 use crate::output::summary::Summary;
 use crate::partition::Block;
-use crate::plan::{ASSUMED_RATIO, Bounds, Plan, Resources};
-use crate::run::{self, Options, Problem};
+use crate::plan::{Bounds, Plan, Resources};
+use crate::problem::Problem;
+use crate::run::{self, Options};
 use crate::spectrum::extremes;
+use std::io::Write;
 use std::path::{Path, PathBuf};
+
+/// Prints a line; a reader that went away (`| head`) is no error.
+fn say(line: &str) {
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
 
 /// Carries out a command. Collective.
 ///
@@ -31,13 +38,9 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             let options = Options {
                 ranks_x: ranks_x.clone(),
             };
-            let warnings = run::warnings(&case);
-            if speaks {
-                warnings.iter().for_each(|w| eprintln!("warning: {w}"));
-            }
             let summary = run::run(world, &case, &directory, &options)?;
             if speaks {
-                println!("{}", closing_line(&summary, &directory));
+                say(&closing_line(&summary, &directory));
             }
         }
         Command::Plan {
@@ -53,24 +56,21 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 ranks_x: ranks_x.clone(),
                 memory_per_rank: *memory_per_rank,
             };
-            let plan = Plan::new(&case, &resources, ASSUMED_RATIO)?;
+            let plan = run::plan(world, &case, &resources)?;
             if speaks && *json {
-                println!(
-                    "{}",
-                    serde_json::to_string_pretty(&plan).unwrap_or_default()
-                );
+                say(&serde_json::to_string_pretty(&plan).unwrap_or_default());
             } else if speaks {
-                print!("{plan}");
+                say(plan.to_string().trim_end());
             }
         }
         Command::Check { case } => {
             let case = load(world, case)?;
             let bounds = Bounds::new(&case)?;
             if speaks {
-                print!("{}", understood(&case, &bounds));
+                say(understood(&case, &bounds).trim_end());
                 run::warnings(&case)
                     .iter()
-                    .for_each(|w| println!("warning: {w}"));
+                    .for_each(|w| say(&format!("warning: {w}")));
             }
         }
         Command::Spectrum { case, steps } => spectrum(world, &load(world, case)?, *steps as usize)?,
@@ -194,7 +194,7 @@ fn spectrum(world: &World, case: &Case, steps: usize) -> Result<()> {
             steps,
         );
         if speaks {
-            println!(
+            say(&format!(
                 "{:<20} lambda+ {:.6}  lambda- {:.6}  (Lanczos, {} steps); guaranteed lambda+ <= {:.6}, lambda- <= {:.6}; max/min sqrt(pi) {:.4}, {} sweeps",
                 if weighted {
                     "dissipative weights"
@@ -208,7 +208,7 @@ fn spectrum(world: &World, case: &Case, steps: usize) -> Result<()> {
                 2.0 * bounds.rate + problem.weights.certificate.max(0.0),
                 problem.weights.spread,
                 problem.weights.sweeps,
-            );
+            ));
         }
     }
     Ok(())

@@ -129,10 +129,10 @@ impl Group {
         max as usize
     }
 
-    /// Adds integers over the ranks, elementwise, in place.
+    /// Adds a few integers over the ranks, elementwise, in place; allocates nothing.
     pub fn sum_integers(&self, values: &mut [i64]) {
-        let mut result = vec![0i64; values.len().min(MOST_AT_ONCE)];
-        for piece in values.chunks_mut(MOST_AT_ONCE) {
+        let mut result = [0i64; 32];
+        for piece in values.chunks_mut(result.len()) {
             let result = &mut result[..piece.len()];
             self.communicator
                 .all_reduce_into(&*piece, result, SystemOperation::sum());

@@ -50,6 +50,17 @@ pub enum Error {
         /// λ⁺T.
         growth: f64,
     },
+    /// The generator grows too much for any tolerance.
+    #[error(
+        "solver: growth x time {growth:.3} and state norm over result norm {ratio:.3} leave no digits in double precision; \
+         take solver.warp.weights = \"dissipative\", scheme.interface = \"conservative\" or a smaller time.end"
+    )]
+    Growth {
+        /// ‖ũ(0)‖/‖f(T)‖, see [`crate::plan`].
+        ratio: f64,
+        /// λ⁺T.
+        growth: f64,
+    },
     /// A rank layout that does not fit the grid.
     #[error("{0}")]
     Ranks(String),
@@ -115,6 +126,7 @@ impl Error {
             | Error::Formula { .. }
             | Error::Memory { .. }
             | Error::Tolerance { .. }
+            | Error::Growth { .. }
             | Error::Ranks(_)
             | Error::Usage(_) => 2,
             Error::Remote { code, .. } => *code,

@@ -6,7 +6,7 @@
 //!
 //! Numbers are `f64`; a comparison yields 1 or 0; `a if c else b` chooses.
 
-use exmex::{BinOp, Express, FlatEx, MakeOperators, Operator, ops_factory};
+use exmex::{Express, FlatEx};
 
 /// Longest formula accepted, in bytes.
 const LONGEST: usize = 10_000;
@@ -17,79 +17,86 @@ const DEEPEST: usize = 50;
 /// the formula itself is never hidden.
 const NOTHING: u64 = 0x7ff8_0000_5eed_0000;
 
-fn truth(condition: bool) -> f64 {
-    f64::from(u8::from(condition))
-}
+/// The operators as the evaluator takes them, with their priorities.
+mod operators {
+    use super::NOTHING;
+    use exmex::{BinOp, MakeOperators, Operator, ops_factory};
 
-const fn binary(apply: fn(f64, f64) -> f64, prio: i64) -> BinOp<f64> {
-    BinOp {
-        apply,
-        prio,
-        is_commutative: false,
+    fn truth(condition: bool) -> f64 {
+        f64::from(u8::from(condition))
+    }
+
+    const fn binary(apply: fn(f64, f64) -> f64, prio: i64) -> BinOp<f64> {
+        BinOp {
+            apply,
+            prio,
+            is_commutative: false,
+        }
+    }
+
+    ops_factory!(
+        Operators,
+        f64,
+        Operator::make_bin(
+            "else",
+            binary(|a, b| if a.to_bits() == NOTHING { b } else { a }, 0)
+        ),
+        Operator::make_bin(
+            "if",
+            binary(|a, c| if c != 0.0 { a } else { f64::from_bits(NOTHING) }, 1)
+        ),
+        Operator::make_bin("||", binary(|a, b| truth(a != 0.0 || b != 0.0), 2)),
+        Operator::make_bin("&&", binary(|a, b| truth(a != 0.0 && b != 0.0), 3)),
+        Operator::make_bin("==", binary(|a, b| truth(a == b), 4)),
+        Operator::make_bin("!=", binary(|a, b| truth(a != b), 4)),
+        Operator::make_bin("<=", binary(|a, b| truth(a <= b), 4)),
+        Operator::make_bin(">=", binary(|a, b| truth(a >= b), 4)),
+        Operator::make_bin("<", binary(|a, b| truth(a < b), 4)),
+        Operator::make_bin(">", binary(|a, b| truth(a > b), 4)),
+        Operator::make_bin("+", binary(|a, b| a + b, 5)),
+        Operator::make_bin_unary("-", binary(|a, b| a - b, 5), |a| -a),
+        Operator::make_bin("*", binary(|a, b| a * b, 6)),
+        Operator::make_bin("/", binary(|a, b| a / b, 6)),
+        Operator::make_bin("^", binary(power, 7)),
+        Operator::make_bin("min", binary(f64::min, 8)),
+        Operator::make_bin("max", binary(f64::max, 8)),
+        Operator::make_bin("atan2", binary(f64::atan2, 8)),
+        Operator::make_unary("!", |a| truth(a == 0.0)),
+        Operator::make_unary("abs", f64::abs),
+        Operator::make_unary("sqrt", f64::sqrt),
+        Operator::make_unary("cbrt", f64::cbrt),
+        Operator::make_unary("exp", f64::exp),
+        Operator::make_unary("ln", f64::ln),
+        Operator::make_unary("log", f64::ln),
+        Operator::make_unary("log10", f64::log10),
+        Operator::make_unary("sin", f64::sin),
+        Operator::make_unary("cos", f64::cos),
+        Operator::make_unary("tan", f64::tan),
+        Operator::make_unary("asin", f64::asin),
+        Operator::make_unary("acos", f64::acos),
+        Operator::make_unary("atan", f64::atan),
+        Operator::make_unary("sinh", f64::sinh),
+        Operator::make_unary("cosh", f64::cosh),
+        Operator::make_unary("tanh", f64::tanh),
+        Operator::make_unary("floor", f64::floor),
+        Operator::make_unary("ceil", f64::ceil),
+        Operator::make_unary("step", |a| truth(a > 0.0)),
+        Operator::make_unary("sign", |a| truth(a > 0.0) - truth(a < 0.0)),
+        Operator::make_constant("pi", std::f64::consts::PI)
+    );
+
+    /// `a^b`; whole powers by multiplication, which is exact where a power of a coordinate is.
+    fn power(a: f64, b: f64) -> f64 {
+        if b == 2.0 {
+            a * a
+        } else if b.fract() == 0.0 && b.abs() <= 64.0 {
+            a.powi(b as i32)
+        } else {
+            a.powf(b)
+        }
     }
 }
-
-ops_factory!(
-    Operators,
-    f64,
-    Operator::make_bin(
-        "else",
-        binary(|a, b| if a.to_bits() == NOTHING { b } else { a }, 0)
-    ),
-    Operator::make_bin(
-        "if",
-        binary(|a, c| if c != 0.0 { a } else { f64::from_bits(NOTHING) }, 1)
-    ),
-    Operator::make_bin("||", binary(|a, b| truth(a != 0.0 || b != 0.0), 2)),
-    Operator::make_bin("&&", binary(|a, b| truth(a != 0.0 && b != 0.0), 3)),
-    Operator::make_bin("==", binary(|a, b| truth(a == b), 4)),
-    Operator::make_bin("!=", binary(|a, b| truth(a != b), 4)),
-    Operator::make_bin("<=", binary(|a, b| truth(a <= b), 4)),
-    Operator::make_bin(">=", binary(|a, b| truth(a >= b), 4)),
-    Operator::make_bin("<", binary(|a, b| truth(a < b), 4)),
-    Operator::make_bin(">", binary(|a, b| truth(a > b), 4)),
-    Operator::make_bin("+", binary(|a, b| a + b, 5)),
-    Operator::make_bin_unary("-", binary(|a, b| a - b, 5), |a| -a),
-    Operator::make_bin("*", binary(|a, b| a * b, 6)),
-    Operator::make_bin("/", binary(|a, b| a / b, 6)),
-    Operator::make_bin("^", binary(power, 7)),
-    Operator::make_bin("min", binary(f64::min, 8)),
-    Operator::make_bin("max", binary(f64::max, 8)),
-    Operator::make_bin("atan2", binary(f64::atan2, 8)),
-    Operator::make_unary("!", |a| truth(a == 0.0)),
-    Operator::make_unary("abs", f64::abs),
-    Operator::make_unary("sqrt", f64::sqrt),
-    Operator::make_unary("cbrt", f64::cbrt),
-    Operator::make_unary("exp", f64::exp),
-    Operator::make_unary("ln", f64::ln),
-    Operator::make_unary("log", f64::ln),
-    Operator::make_unary("log10", f64::log10),
-    Operator::make_unary("sin", f64::sin),
-    Operator::make_unary("cos", f64::cos),
-    Operator::make_unary("tan", f64::tan),
-    Operator::make_unary("asin", f64::asin),
-    Operator::make_unary("acos", f64::acos),
-    Operator::make_unary("atan", f64::atan),
-    Operator::make_unary("sinh", f64::sinh),
-    Operator::make_unary("cosh", f64::cosh),
-    Operator::make_unary("tanh", f64::tanh),
-    Operator::make_unary("floor", f64::floor),
-    Operator::make_unary("ceil", f64::ceil),
-    Operator::make_unary("step", |a| truth(a > 0.0)),
-    Operator::make_unary("sign", |a| truth(a > 0.0) - truth(a < 0.0)),
-    Operator::make_constant("pi", std::f64::consts::PI)
-);
-
-/// `a^b`; whole powers by multiplication, which is exact where a power of a coordinate is.
-fn power(a: f64, b: f64) -> f64 {
-    if b == 2.0 {
-        a * a
-    } else if b.fract() == 0.0 && b.abs() <= 64.0 {
-        a.powi(b as i32)
-    } else {
-        a.powf(b)
-    }
-}
+use operators::Operators;
 
 const FUNCTIONS_OF_ONE: [&str; 20] = [
     "abs", "sqrt", "cbrt", "exp", "ln", "log", "log10", "sin", "cos", "tan", "asin", "acos",
@@ -101,7 +108,8 @@ const FUNCTIONS_OF_TWO: [&str; 3] = ["min", "max", "atan2"];
 #[derive(Clone, Debug)]
 pub struct Expression {
     text: String,
-    flat: FlatEx<f64, Operators>,
+    /// In a box: the evaluator keeps small formulas in place, in some twenty kilobytes.
+    flat: Box<FlatEx<f64, Operators>>,
     /// `slots[k]` is the position, in the vector given to [`eval`](Self::eval), of the formula's `k`-th variable.
     slots: Vec<usize>,
     constant: Option<f64>,
@@ -139,7 +147,7 @@ impl Expression {
             .ok_or("a name is not a coordinate")?;
         let mut this = Self {
             text: text.to_owned(),
-            flat,
+            flat: Box::new(flat),
             slots,
             constant: None,
         };

@@ -1,6 +1,43 @@
-//! phasewarp
+//! # phasewarp
+//!
+//! An emulator, distributed over MPI ranks, of a quantum algorithm for the Liouville equation of classical mechanics
+//!
+//! ```text
+//! f_t + v·∇_x f − ∇V·∇_v f = 0
+//! ```
+//!
+//! with a potential `V` that may jump. Particles that meet a jump are transmitted or reflected so that `|v|²/2 + V` is
+//! kept. The Hamiltonian-preserving scheme builds this into its fluxes and gives `f' = A f + b` ([`scheme`]). With
+//! `S = (A+Aᵀ)/2`, `K = (A−Aᵀ)/2`, the warped phase transformation `w(t, p) = g(p) f(t)`, `g = e^{−p}` for `p ≥ 0`, turns it
+//! into `w_t = −S w_p + K w`, whose Fourier modes in `p` evolve unitarily and do not couple:
+//!
+//! ```text
+//! w_l(T) = exp(−iH_l T) f(0),   H_l = μ_l S + iK,      f(T) = e^{p◇} Σ_l weight_l e^{iμ_l p◇} w_l(T)
+//! ```
+//!
+//! ## Data flow and the map of modules
+//!
+//! ```text
+//! case.toml → Case → Plan → PhaseSpace + Partition → rows of A → (S, K) and weights → modes → recovery → HDF5
+//! ```
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`case`], [`expression`] | the case file, typed, with every default; formulas |
+//! | [`grid`], [`potential`], [`scheme`] | cells; jumps and slopes of `V`; row `i` of `A` and `b`, the only definition of `A` |
+//! | [`plan`], [`profile`] | every derived number before anything is solved; `g(p)` and its coefficients |
+//! | [`partition`], [`communicator`], [`reproducible`] | who owns what; MPI; sums that do not depend on order |
+//! | [`matrix`], [`weights`], [`problem`] | the distributed `(S, K)`; the norm in which `S ≤ 0`; all of it on a rank |
+//! | [`propagate`], [`warp`], [`classical`] | `exp(−iH_l T)`; the streamed run; `f' = A f + b` directly |
+//! | [`characteristics`], [`observables`], [`spectrum`] | the exact solution; moments; eigenvalues of `S` |
+//! | [`run`], [`output`], [`progress`], [`system`] | the driver; files; what is said meanwhile; memory |
+//! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |
+
+#![deny(missing_docs)]
+
 pub mod case;
 mod case_file;
+pub mod characteristics;
 pub mod classical;
 pub mod cli;
 pub mod command;
@@ -14,6 +51,7 @@ pub mod output;
 pub mod partition;
 pub mod plan;
 pub mod potential;
+pub mod problem;
 pub mod profile;
 pub mod progress;
 pub mod propagate;

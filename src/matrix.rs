@@ -360,7 +360,25 @@ impl BlockMatrix {
     }
 }
 
-/// The initial field on this rank's cells.
+/// `value` at the centres of the block's cells `cells`.
+pub fn sample_with(
+    space: &PhaseSpace,
+    block: &Block,
+    cells: &Range<usize>,
+    value: impl Fn(&[f64; 6]) -> f64,
+) -> Vec<f64> {
+    let mut values = Vec::with_capacity(cells.len());
+    block.for_each_own(|global, local| {
+        for v in 0..block.velocity_cells {
+            if cells.contains(&(local + v)) {
+                values.push(value(&space.point(&space.cell(global + v))));
+            }
+        }
+    });
+    values
+}
+
+/// A formula at the centres of this rank's cells; `key` names it in errors.
 ///
 /// # Errors
 /// [`crate::error::Error::Formula`] where `f0` is not finite. Not collective.

@@ -8,14 +8,14 @@
 //! `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when running (see [`crate::run`]); the plan
 //! alone assumes [`ASSUMED_RATIO`].
 
-use crate::case::{Case, Integrator, Interface, Method};
+use crate::case::{Case, Integrator, Interface, LARGEST_TOLERANCE, Method};
 use crate::error::{Error, Result};
 use crate::matrix::LANES;
 use crate::partition::{Block, Mesh};
 use crate::potential::Potential;
 use crate::profile::Gaussian;
 use crate::propagate::chebyshev::{Chebyshev, Interval, bessel_series};
-use crate::scheme::largest_rate;
+use crate::scheme::transport_rate;
 use num_complex::Complex64;
 use serde::Serialize;
 use std::fmt;
@@ -33,6 +33,9 @@ pub const WEIGHT_SHIFT: f64 = 0.2;
 /// Growth over the whole run, `θT`, that the inflow's couplings may add. Less makes the auxiliary unknowns larger beside
 /// the field (as `1/√θ`), which tightens the tolerance of the state.
 pub const INFLOW_GROWTH: f64 = 0.375;
+
+/// Resident memory of the program and its libraries, HDF5's buffers included.
+const PROGRAM_BYTES: u64 = 48 << 20;
 
 /// Distance in `p` of the second recovery point from the first.
 const SECOND_POINT: f64 = 1.0;
@@ -127,21 +130,33 @@ pub struct Plan {
 }
 
 impl Bounds {
-    /// Bounds of `case`; evaluates `V` on the whole space grid.
+    /// Bounds of `case`; evaluates `V` on the whole space grid. Growth is what weights and inflow are allowed; without
+    /// weights the hat interface has no such bound, and [`f64::INFINITY`] stands until it is measured.
     ///
     /// # Errors
     /// [`Error::Formula`] where `V` is not finite.
     pub fn new(case: &Case) -> Result<Self> {
-        let potential = Potential::whole(case)?;
-        let rate = largest_rate(case, &potential);
-        let jumps = potential.has_jump();
+        // Layer by layer, so that the whole potential is never kept.
+        let mut ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
+        let (mut force, mut jumps) = (0.0f64, false);
+        for i in 0..case.space.x[0].cells {
+            ranges[0] = i..i + 1;
+            let layer = Potential::new(case, &ranges)?;
+            force = force.max(layer.force_rate(&case.space));
+            jumps |= layer.has_jump();
+        }
+        let rate = transport_rate(&case.space) + force;
         let formula = match &case.inflow {
             crate::case::Inflow::Formula(f) => f,
             crate::case::Inflow::Initial => &case.initial,
         };
         let inflow = formula.constant() != Some(0.0);
         let hat = jumps && case.interface == Interface::Hat;
-        let weights = if hat { WEIGHT_GROWTH } else { 0.0 };
+        let weights = match (hat, case.weights) {
+            (false, _) => 0.0,
+            (true, true) => WEIGHT_GROWTH,
+            (true, false) => f64::INFINITY,
+        };
         let couplings = if inflow { INFLOW_GROWTH } else { 0.0 };
         let growth = f64::max(weights, couplings) / case.end;
         Ok(Self {
@@ -155,6 +170,21 @@ impl Bounds {
     }
 }
 
+impl Bounds {
+    /// These bounds with a finite growth, for planning who does what before the growth is measured.
+    pub fn expected(&self) -> Self {
+        Self {
+            growth: if self.growth.is_finite() {
+                self.growth
+            } else {
+                0.0
+            },
+            decay: 2.0 * self.rate,
+            ..self.clone()
+        }
+    }
+}
+
 impl WarpPlan {
     /// Plans profile, modes and degrees for growth bound `bounds.growth`.
     ///
@@ -163,14 +193,18 @@ impl WarpPlan {
     pub fn new(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Self> {
         let time = case.end;
         let (growth, decay) = (bounds.growth * time, bounds.decay * time);
-        let state_tolerance = (case.tolerance / ratio).min(0.1);
-        let profile =
-            Gaussian::plan(state_tolerance, growth, decay).ok_or_else(|| Error::Tolerance {
-                tolerance: case.tolerance,
-                smallest: Gaussian::smallest_tolerance(growth, decay) * ratio,
-                ratio,
-                growth,
-            })?;
+        let state_tolerance = case.tolerance / ratio;
+        let profile = Gaussian::plan(state_tolerance, growth, decay).ok_or_else(|| {
+            match Gaussian::smallest_tolerance(growth, decay) {
+                Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
+                    tolerance: case.tolerance,
+                    smallest: smallest * ratio,
+                    ratio,
+                    growth,
+                },
+                _ => Error::Growth { ratio, growth },
+            }
+        })?;
         let modes = profile.modes();
         let recovery: Vec<f64> = (0..case.recovery_points)
             .map(|k| k as f64 * SECOND_POINT)
@@ -228,6 +262,31 @@ fn weight(profile: &Gaussian, l: usize, recovery: f64) -> Complex64 {
     profile.coefficient(mu)
         * Complex64::new(recovery, mu * recovery).exp()
         * (twice / profile.period)
+}
+
+/// Refuses a grid that no layout can fit into the memory of `resources`: arithmetic only, before anything is
+/// evaluated on the grid.
+///
+/// # Errors
+/// [`Error::Memory`].
+pub fn refuse_hopeless(case: &Case, resources: &Resources) -> Result<()> {
+    let (ranks, limit) = (
+        resources.ranks,
+        resources.memory_per_rank.unwrap_or(u64::MAX),
+    );
+    let bytes_per_cell = match case.method {
+        Method::Schrodingerized => 500.0,
+        Method::Classical => 120.0,
+    };
+    let needed = bytes_per_cell * case.space.cells() as f64 / ranks as f64;
+    if needed > limit as f64 {
+        return Err(Error::Memory {
+            needed: bytes_text(needed as u64),
+            available: bytes_text(limit),
+            detail: format!("{:.3e} cells on {ranks} ranks", case.space.cells() as f64),
+        });
+    }
+    Ok(())
 }
 
 /// What limits the layout.
@@ -520,10 +579,10 @@ fn arrays(
     };
     let rows = cells + inflow;
     let length = rows + ghosts;
-    let force = u64::from(bounds.rate > transport_rate(case));
+    let force = u64::from(bounds.rate > transport_rate(&case.space));
     let entries = rows * (1 + 2 * n + 2 * n * force);
     let mut list = vec![
-        ("program and libraries".to_owned(), 64 << 20),
+        ("program and libraries".to_owned(), PROGRAM_BYTES),
         ("matrix (S, K)".to_owned(), 20 * entries + 24 * rows),
         ("field, weights, probe".to_owned(), 8 * 6 * length),
     ];
@@ -540,13 +599,6 @@ fn arrays(
         list.push(("exact solution".to_owned(), 8 * cells));
     }
     list
-}
-
-fn transport_rate(case: &Case) -> f64 {
-    let space = &case.space;
-    (space.x.iter().zip(&space.v))
-        .map(|(x, v)| v.centre(0).abs().max(v.centre(v.cells as i64 - 1).abs()) / x.width())
-        .sum()
 }
 
 /// Bytes for people.

@@ -167,6 +167,18 @@ impl Potential {
         self.slope[self.position(i)][axis]
     }
 
+    /// The slopes along all axes in space cell `i`.
+    pub fn slopes(&self, i: &[usize]) -> &[f64; MAX_DIMENSION] {
+        &self.slope[self.position(i)]
+    }
+
+    /// Largest `|slope|` along `axis`.
+    pub fn steepest(&self, axis: usize) -> f64 {
+        self.slope
+            .iter()
+            .fold(0.0, |most, s| most.max(s[axis].abs()))
+    }
+
     /// Whether `V` jumps anywhere.
     pub fn has_jump(&self) -> bool {
         self.jump.iter().flatten().any(|&j| j != 0.0)

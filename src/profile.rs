@@ -78,9 +78,10 @@ impl Gaussian {
         self.period * self.cutoff * (self.cutoff + 1.0)
     }
 
-    /// The smallest tolerance for which [`plan`](Self::plan) finds one.
-    pub fn smallest_tolerance(growth: f64, decay: f64) -> f64 {
+    /// The smallest tolerance for which [`plan`](Self::plan) finds one; `None` if there is none up to 0.1.
+    pub fn smallest_tolerance(growth: f64, decay: f64) -> Option<f64> {
         let (mut low, mut high) = (1e-16f64.ln(), 0.1f64.ln());
+        Self::plan(high.exp(), growth, decay)?;
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
             if Self::plan(middle.exp(), growth, decay).is_some() {
@@ -89,7 +90,7 @@ impl Gaussian {
                 low = middle;
             }
         }
-        high.exp()
+        Some(high.exp())
     }
 
     /// Number of modes `l ≥ 0`.
@@ -187,7 +188,12 @@ mod tests {
 
     #[test]
     fn round_off_sets_the_limit() {
-        let smallest = Gaussian::smallest_tolerance(0.375, 127.0);
+        let smallest = Gaussian::smallest_tolerance(0.375, 127.0).expect("possible");
+        assert_eq!(Gaussian::smallest_tolerance(50.0, 127.0), None);
+        assert_eq!(
+            Gaussian::smallest_tolerance(f64::INFINITY, f64::INFINITY),
+            None
+        );
         assert!(smallest > 1e-15 && smallest < 1e-12, "{smallest}");
         assert!(Gaussian::plan(smallest * 0.9, 0.375, 127.0).is_none());
     }

@@ -36,7 +36,7 @@ pub struct Initial<'a> {
     pub terms: usize,
 }
 
-/// Runs the batches `mine` of `warp` and recovers the field. `share(g)` is the range of the block's cells that rank `g`
+/// Runs the batches `mine` of `warp` and recovers the field. `shares[g]` are the block's cells that rank `g`
 /// of the mode groups keeps. Collective.
 ///
 /// # Errors
@@ -47,7 +47,7 @@ pub fn streamed(
     (warp, bounds, time): (&WarpPlan, &Bounds, f64),
     mine: &[usize],
     initial: &Initial<'_>,
-    share: impl Fn(usize) -> Range<usize>,
+    shares: &[Range<usize>],
     progress: &mut Progress,
 ) -> Result<Recovered> {
     let cells = matrix.block.cells();
@@ -78,8 +78,8 @@ pub fn streamed(
             } else {
                 0.0
             });
-            // Written so that NaN fails.
-            if initial.norm > 0.0 && !(change <= allowed) && outcome.is_ok() {
+            let kept = initial.norm == 0.0 || change <= allowed;
+            if !kept && outcome.is_ok() {
                 outcome = Err(Error::Unitarity {
                     mode: batch.first + l,
                     wavenumber: spec.wavenumbers[l],
@@ -104,12 +104,11 @@ pub fn streamed(
     communicator.world.agree(outcome)?;
     let fields = (sums.iter_mut().zip(&fixed))
         .map(|(sum, fixed)| {
-            for group in 0..communicator.modes.size() {
-                let range = share(group);
+            for (group, range) in shares.iter().enumerate() {
                 let piece = &mut sum[2 * range.start..2 * range.end];
                 communicator.modes.sum_integers_to(group, piece);
             }
-            let range = share(communicator.modes.rank());
+            let range = &shares[communicator.modes.rank()];
             sum[2 * range.start..2 * range.end]
                 .chunks_exact(2)
                 .map(|parts| fixed.join([parts[0], parts[1]]))

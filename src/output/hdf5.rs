@@ -186,7 +186,7 @@ impl<'a> Writer<'a> {
         let dataset = self
             .file
             .new_dataset_builder()
-            .empty_as(&hdf5::types::TypeDescriptor::FixedUnicode(
+            .empty_as(hdf5::types::TypeDescriptor::FixedUnicode(
                 bytes.len().max(1),
             ))
             .create(name)?;

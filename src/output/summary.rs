@@ -1,6 +1,7 @@
 //! `summary.json`: the numbers of a run.
 
 use super::failure;
+use crate::case::{Interface, Method};
 use crate::error::Result;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -13,6 +14,10 @@ pub struct Summary {
     pub title: String,
     /// Version of the program.
     pub version: String,
+    /// The method.
+    pub method: Option<Method>,
+    /// Interface rows.
+    pub interface: Option<Interface>,
     /// Seconds from the start of the program's work to the summary.
     pub wall_seconds: f64,
     /// Seconds of propagation and recovery.
@@ -55,6 +60,8 @@ pub struct Summary {
     pub unitarity_defect: Option<f64>,
     /// Bound on λ⁺ of the matrix as used.
     pub growth_bound: f64,
+    /// Bound on λ⁻.
+    pub decay_bound: f64,
     /// Certificate ½ max (Aᵀπ)/π of the weights.
     pub growth_certificate: f64,
     /// max √π / min √π.

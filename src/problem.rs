@@ -1,0 +1,143 @@
+//! The discrete problem on a rank: matrix, weights, initial state.
+
+use crate::case::{Case, Integrator};
+use crate::classical::Classical;
+use crate::communicator::{Communicator, GhostExchange};
+use crate::error::Result;
+use crate::matrix::{self, BlockMatrix};
+use crate::partition::Block;
+use crate::plan::{Bounds, INFLOW_GROWTH, WEIGHT_GROWTH, WEIGHT_SHIFT};
+use crate::weights::Weights;
+use std::ops::Range;
+
+/// The probe's forward Euler may overestimate the final norm a little.
+const PROBE_SAFETY: f64 = 1.1;
+/// Largest ratio of norms planned for: beyond it nothing is left of the field but round-off.
+const MOST_RATIO: f64 = 1e12;
+
+/// The discrete problem on this rank: matrix in weighted unknowns, weights, initial state.
+pub struct Problem {
+    /// The rows of `(S, K)`, scaled by the weights.
+    pub matrix: BlockMatrix,
+    /// The weights.
+    pub weights: Weights,
+    /// `ũ(0)`: weighted cells, then auxiliary unknowns, then room for ghosts.
+    pub state: Vec<f64>,
+    /// `f(0)` on this rank's cells.
+    pub initial: Vec<f64>,
+    /// Unknowns that count as terms of a norm: space cells and auxiliary ones, over the space group.
+    pub terms: usize,
+    /// Exchange of ghosts.
+    pub exchange: GhostExchange,
+}
+
+impl Problem {
+    /// Assembles the block of this rank, finds the weights, samples the initial state. Collective.
+    ///
+    /// # Errors
+    /// Formulas that are not finite; weights that do not converge.
+    pub fn new(
+        case: &Case,
+        bounds: &Bounds,
+        communicator: &Communicator,
+        block: Block,
+        width: usize,
+    ) -> Result<Self> {
+        let space = &communicator.space;
+        let assembled = BlockMatrix::assemble(case, block, INFLOW_GROWTH / case.end);
+        let mut matrix = communicator.world.agree(assembled)?;
+        let mut exchange = GhostExchange::new(space, &matrix.block, width);
+        let weights = if bounds.weighted {
+            let target = (WEIGHT_SHIFT / case.end, WEIGHT_GROWTH / case.end);
+            let patience = 2 * case.space.axes().map(|a| a.cells).sum::<usize>();
+            let weights = Weights::dissipative(&matrix, &mut exchange, space, target, patience)?;
+            matrix.scale(&weights.pi);
+            weights
+        } else {
+            Weights::none(&matrix, &mut exchange, space)
+        };
+        let sampled = matrix::sample(&case.space, &matrix.block, "initial.f", &case.initial, 0.0);
+        let initial = communicator.world.agree(sampled)?;
+        let cells = matrix.block.cells();
+        let mut state = vec![0.0; matrix.length()];
+        for (i, f) in initial.iter().enumerate() {
+            state[i] = weights.pi[i].sqrt() * f;
+        }
+        for (m, aux) in matrix.inflow.iter().enumerate() {
+            state[cells + m] = weights.pi[cells + m].sqrt() * aux.value / aux.coupling;
+        }
+        let terms = case.space.space_cells() + space.sum_count(matrix.inflow.len());
+        Ok(Self {
+            matrix,
+            weights,
+            state,
+            initial,
+            terms,
+            exchange,
+        })
+    }
+
+    /// `bounds` with the growth that was found instead of the one that was allowed for.
+    pub fn bounds(&self, case: &Case, bounds: &Bounds) -> Bounds {
+        let inflow = self.terms > case.space.space_cells();
+        let couplings = if inflow {
+            INFLOW_GROWTH / case.end
+        } else {
+            0.0
+        };
+        let growth = self.weights.certificate.max(couplings);
+        Bounds {
+            inflow,
+            growth,
+            decay: 2.0 * bounds.rate + growth,
+            ..bounds.clone()
+        }
+    }
+
+    /// `Σ |x_i|²` over all rows, or over the cells with the weights undone. Collective over the space group.
+    pub fn norm(&self, communicator: &Communicator, x: &[f64], field_only: bool) -> f64 {
+        let cells = self.matrix.block.cells();
+        let square = |i: usize| match (field_only, i < cells) {
+            (true, true) => x[i] * x[i] / self.weights.pi[i],
+            (true, false) => 0.0,
+            _ => x[i] * x[i],
+        };
+        let largest = (0..self.matrix.rows()).map(square).fold(0.0, f64::max);
+        let group = &communicator.space;
+        let bound = group.max(largest) * self.matrix.block.velocity_cells as f64;
+        if !bound.is_finite() {
+            return f64::NAN;
+        }
+        self.matrix
+            .sum_rows(group, bound, self.terms, square)
+            .sqrt()
+    }
+
+    /// `ũ` to `f`: undoes the weights on the cells `range`.
+    pub fn unweighted(&self, range: &Range<usize>, state: &[f64]) -> Vec<f64> {
+        (range.clone().zip(state))
+            .map(|(i, u)| u / self.weights.pi[i].sqrt())
+            .collect()
+    }
+
+    /// `‖ũ(0)‖/‖f(T)‖`, with `f(T)` from forward Euler: one real vector, `rate·T` applications.
+    pub fn probe(&mut self, communicator: &Communicator, rate: f64, time: f64) -> f64 {
+        let steps = (rate * time / 0.9).ceil().max(1.0) as usize;
+        let mut state = self.state.clone();
+        let mut classical = Classical::new(&self.matrix);
+        classical.steps(
+            &mut self.exchange,
+            &mut state,
+            Integrator::ForwardEuler,
+            time,
+            steps,
+        );
+        drop(classical);
+        let start = self.norm(communicator, &self.state, false);
+        let end = self.norm(communicator, &state, true);
+        if start == 0.0 {
+            return 1.0;
+        }
+        (PROBE_SAFETY * start / end).clamp(1.0, MOST_RATIO)
+    }
+}
