@@ -175,7 +175,8 @@ fn spectrum(world: &World, case: &Case, steps: usize) -> Result<()> {
         .mesh;
     let communicator = Communicator::new(world, &mesh);
     for weighted in [false, true] {
-        if weighted && !bounds.weighted {
+        let hat = case.interface == case::Interface::Hat;
+        if weighted && !(bounds.jumps && hat) {
             continue;
         }
         let bounds = Bounds {
@@ -183,7 +184,7 @@ fn spectrum(world: &World, case: &Case, steps: usize) -> Result<()> {
             ..bounds.clone()
         };
         let block = Block::new(&case.space, &mesh, communicator.space.rank());
-        let mut problem = Problem::new(case, &bounds, &communicator, block, 1)?;
+        let mut problem = Problem::new(case, &bounds, &communicator, block, (1, usize::MAX))?;
         let unknowns = case.space.cells() + problem.terms - case.space.space_cells();
         let found = extremes(
             &problem.matrix,

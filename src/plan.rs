@@ -35,7 +35,7 @@ pub const WEIGHT_SHIFT: f64 = 0.2;
 pub const INFLOW_GROWTH: f64 = 0.375;
 
 /// Resident memory of the program and its libraries, HDF5's buffers included.
-const PROGRAM_BYTES: u64 = 48 << 20;
+const PROGRAM_BYTES: u64 = 28 << 20;
 
 /// Distance in `p` of the second recovery point from the first.
 const SECOND_POINT: f64 = 1.0;
@@ -164,7 +164,7 @@ impl Bounds {
             growth,
             decay: 2.0 * rate + growth,
             jumps,
-            weighted: hat && case.weights,
+            weighted: hat && case.weights && case.method == Method::Schrodingerized,
             inflow,
         })
     }
@@ -343,6 +343,14 @@ impl Plan {
     /// Planned bytes on the fullest rank.
     pub fn memory(&self) -> u64 {
         self.layout.memory()
+    }
+
+    /// Jacobi sweeps that better weights are worth: a sweep takes about as long as two applications, and they should not
+    /// take more than a few hundredths of the run.
+    pub fn patience(&self) -> usize {
+        self.warp
+            .as_ref()
+            .map_or(0, |w| (w.applications / 50).max(16))
     }
 }
 

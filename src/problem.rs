@@ -32,7 +32,8 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Assembles the block of this rank, finds the weights, samples the initial state. Collective.
+    /// Assembles the block of this rank, finds the weights, samples the initial state; `width` is the widest row of a
+    /// vector whose ghosts will be exchanged, `patience` the sweeps that better weights are worth. Collective.
     ///
     /// # Errors
     /// Formulas that are not finite; weights that do not converge.
@@ -41,7 +42,7 @@ impl Problem {
         bounds: &Bounds,
         communicator: &Communicator,
         block: Block,
-        width: usize,
+        (width, patience): (usize, usize),
     ) -> Result<Self> {
         let space = &communicator.space;
         let assembled = BlockMatrix::assemble(case, block, INFLOW_GROWTH / case.end);
@@ -49,8 +50,15 @@ impl Problem {
         let mut exchange = GhostExchange::new(space, &matrix.block, width);
         let weights = if bounds.weighted {
             let target = (WEIGHT_SHIFT / case.end, WEIGHT_GROWTH / case.end);
-            let patience = 2 * case.space.axes().map(|a| a.cells).sum::<usize>();
-            let weights = Weights::dissipative(&matrix, &mut exchange, space, target, patience)?;
+            // No path is worth following much longer than the grid is wide.
+            let width: usize = case.space.axes().map(|a| a.cells).sum();
+            let weights = Weights::dissipative(
+                &matrix,
+                &mut exchange,
+                space,
+                target,
+                patience.min(2 * width),
+            )?;
             matrix.scale(&weights.pi);
             weights
         } else {

@@ -75,12 +75,11 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
         memory_per_rank: Some(memory_per_rank(&all)),
     };
     refuse_hopeless(case, &here)?;
-    let mesh = Plan::with_bounds(case, bounds.expected(), &here, 1.0)?
-        .layout
-        .mesh;
-    let communicator = Communicator::new(world, &mesh);
-    let block = Block::new(&case.space, &mesh, communicator.space.rank());
-    let mut problem = Problem::new(case, &bounds, &communicator, block, 1)?;
+    let expected = Plan::with_bounds(case, bounds.expected(), &here, 1.0)?;
+    let (mesh, patience) = (&expected.layout.mesh, expected.patience());
+    let communicator = Communicator::new(world, mesh);
+    let block = Block::new(&case.space, mesh, communicator.space.rank());
+    let mut problem = Problem::new(case, &bounds, &communicator, block, (1, patience))?;
     let bounds = problem.bounds(case, &bounds);
     let ratio = problem.probe(&communicator, bounds.rate, case.end);
     Plan::with_bounds(case, bounds, resources, ratio)
@@ -123,7 +122,8 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     // 2. The discrete problem on this rank.
     let place = Place::new(case, &plan, &communicator);
     let width = plan.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
-    let mut problem = Problem::new(case, &bounds, &communicator, place.block.clone(), width)?;
+    let sizes = (width, plan.patience());
+    let mut problem = Problem::new(case, &bounds, &communicator, place.block.clone(), sizes)?;
     let bounds = problem.bounds(case, &bounds);
     watch.lap("assemble");
 
