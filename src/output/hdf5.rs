@@ -6,7 +6,7 @@
 //! | `/density` | (N_x1, …, N_xn) | ρ = ∫ f dv |
 //! | `/momentum`, `/velocity` | (n, N_x1, …, N_xn) | ∫ v f dv and its mean; NaN where there is nothing |
 //! | `/exact` | as `/f` | the exact solution, where one is named |
-//! | `/axis/x`, … `/axis/vz` | cell centres | dimension scales |
+//! | `/axis/x`, … `/axis/vz` | cell centres | dimension scales; `/axis/component` numbers vector components; also found in the root |
 //! | `/case`, `/plan` | text | the case file; the plan as JSON, as far as it does not depend on ranks |
 //! | `/timings` | group | seconds by step, as attributes: datasets are the same bits for any ranks |
 //!
@@ -17,12 +17,14 @@ use super::failure;
 use crate::case::Case;
 use crate::communicator::Group;
 use crate::error::Result;
+use crate::grid::Axis;
 use crate::observables::Moments;
 use crate::plan::Plan;
-use hdf5::types::{FixedAscii, VarLenArray, VarLenUnicode};
+use hdf5::types::{VarLenArray, VarLenUnicode};
 use hdf5::{Dataset, File, H5Type, Hyperslab, Location, ObjectReference1, SliceOrIndex};
 use ndarray::{ArrayViewD, IxDyn};
 use std::collections::BTreeMap;
+use std::ffi::{CStr, CString};
 use std::ops::Range;
 use std::path::Path;
 
@@ -62,7 +64,9 @@ pub fn axis_names(dimension: usize) -> Vec<&'static str> {
 /// [`crate::error::Error::Output`], the same on all ranks.
 pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<()> {
     let path = directory.join("result.h5");
-    let mut writer = Writer::create(world, &path)?;
+    // Under another name until it is complete: an older file stays whole, and no half a file is taken for a result.
+    let partial = directory.join("result.h5.partial");
+    let mut writer = Writer::create(world, &partial)?;
     writer.attributes(results)?;
     writer.axes(results)?;
     let space = &results.case.space;
@@ -108,8 +112,17 @@ pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<(
         &moments.velocity,
         "momentum / density",
     )?;
-    writer.close()
+    writer.close()?;
+    let renamed = if world.rank() == 0 {
+        std::fs::rename(&partial, &path).map_err(|e| failure(&path, &e))
+    } else {
+        Ok(())
+    };
+    world.agree(renamed)
 }
+
+/// Name of the axis of vector components.
+const COMPONENT: &str = "component";
 
 struct Writer<'a> {
     world: &'a Group,
@@ -200,52 +213,44 @@ impl<'a> Writer<'a> {
     fn axes(&mut self, results: &Results<'_>) -> Result<()> {
         let space = &results.case.space;
         let outcome = (|| {
-            let group = self.file.create_group("axis")?;
+            // In the root, where netCDF readers look for the scales of its variables, and linked from /axis.
+            self.file.create_group("axis")?;
             let names = axis_names(space.dimension());
-            for (name, axis) in names.into_iter().zip(space.axes()) {
-                let centres = axis.centres();
-                let dataset = group
+            let components = (0..space.dimension()).map(|c| c as f64).collect();
+            let axes = names.into_iter().zip(space.axes().map(Axis::centres));
+            for (name, centres) in axes.chain([(COMPONENT, components)]) {
+                let dataset = self
+                    .file
                     .new_dataset::<f64>()
                     .shape(centres.len())
                     .create(name)?;
                 if self.world.rank() == 0 {
                     dataset.write(&centres)?;
                 }
-                attribute(&dataset, "CLASS", &ascii::<16>("DIMENSION_SCALE"))?;
-                attribute(&dataset, "NAME", &ascii::<16>(name))?;
+                terminated_text(&dataset, "CLASS", c"DIMENSION_SCALE")?;
+                terminated_text(&dataset, "NAME", &CString::new(name).unwrap_or_default())?;
                 attribute(&dataset, "units", &text("1"))?;
-                attribute(&dataset, "lower", &axis.lower)?;
-                attribute(&dataset, "upper", &axis.upper)?;
-                self.shape.insert(name, axis.cells);
+                self.file
+                    .link_hard(&format!("/{name}"), &format!("/axis/{name}"))?;
+                self.shape.insert(name, centres.len());
             }
             Ok(())
         })();
         self.agree(outcome)
     }
 
-    fn create_field(
-        &self,
-        name: &str,
-        axes: &[&str],
-        leading: Option<usize>,
-        what: &str,
-    ) -> Outcome<Dataset> {
-        let shape: Vec<usize> = leading
-            .into_iter()
-            .chain(axes.iter().map(|a| self.shape[a]))
-            .collect();
+    fn create_field(&self, name: &str, axes: &[&str], what: &str) -> Outcome<Dataset> {
+        let shape: Vec<usize> = axes.iter().map(|a| self.shape[a]).collect();
         let dataset = self.file.new_dataset::<f64>().shape(shape).create(name)?;
         attribute(&dataset, "long_name", &text(what))?;
         attribute(&dataset, "units", &text("1"))?;
         // Dimension scales, as the HDF5 specification lays them down: one list of references a dimension.
-        let none = VarLenArray::<ObjectReference1>::from_slice(&[]);
-        let mut list = vec![none; usize::from(leading.is_some())];
-        for axis in axes {
-            let reference = self
-                .file
-                .reference::<ObjectReference1>(&format!("/axis/{axis}"))?;
-            list.push(VarLenArray::from_slice(&[reference]));
-        }
+        let scale = |axis: &&str| {
+            let path = format!("/{axis}");
+            let reference = self.file.reference::<ObjectReference1>(&path)?;
+            Ok(VarLenArray::from_slice(&[reference]))
+        };
+        let list = axes.iter().map(scale).collect::<Outcome<Vec<_>>>()?;
         dataset
             .new_attr::<VarLenArray<ObjectReference1>>()
             .shape(list.len())
@@ -262,7 +267,7 @@ impl<'a> Writer<'a> {
         values: &[f64],
         what: &str,
     ) -> Result<()> {
-        let dataset = self.agree(self.create_field(name, axes, None, what))?;
+        let dataset = self.agree(self.create_field(name, axes, what))?;
         self.agree(write_slab(&dataset, None, share, values))
     }
 
@@ -275,7 +280,8 @@ impl<'a> Writer<'a> {
         values: &[Vec<f64>],
         what: &str,
     ) -> Result<()> {
-        let dataset = self.agree(self.create_field(name, axes, Some(values.len()), what))?;
+        let axes: Vec<&str> = [COMPONENT].iter().chain(axes).copied().collect();
+        let dataset = self.agree(self.create_field(name, &axes, what))?;
         let outcome = (values.iter().enumerate()).try_for_each(|(component, values)| {
             write_slab(&dataset, Some(component), share, values)
         });
@@ -303,8 +309,38 @@ fn plan_text(plan: &Plan) -> String {
     serde_json::to_string_pretty(&value).unwrap_or_default()
 }
 
-fn ascii<const N: usize>(s: &str) -> FixedAscii<N> {
-    FixedAscii::from_ascii(s.as_bytes()).unwrap_or_default()
+/// An attribute that is a zero-terminated text, the only kind that the dimension-scale interface of HDF5 takes and one
+/// that the safe interface does not make.
+fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Outcome<()> {
+    use hdf5_sys::{h5a, h5p::H5P_DEFAULT, h5s, h5t};
+    let name = CString::new(name).unwrap_or_default();
+    // SAFETY: plain calls on handles that are alive; each handle made here is closed here.
+    let written = unsafe {
+        let kind = h5t::H5Tcopy(*h5t::H5T_C_S1);
+        let sized = h5t::H5Tset_size(kind, value.to_bytes_with_nul().len());
+        let scalar = h5s::H5Screate(h5s::H5S_class_t::H5S_SCALAR);
+        let attribute = h5a::H5Acreate2(
+            at.id(),
+            name.as_ptr(),
+            kind,
+            scalar,
+            H5P_DEFAULT,
+            H5P_DEFAULT,
+        );
+        let written = h5a::H5Awrite(attribute, kind, value.as_ptr().cast());
+        let closed = [
+            h5a::H5Aclose(attribute),
+            h5s::H5Sclose(scalar),
+            h5t::H5Tclose(kind),
+        ];
+        sized
+            .min(written)
+            .min(closed.into_iter().min().unwrap_or(0))
+    };
+    if written < 0 {
+        return Err(hdf5::Error::from("an attribute could not be written"));
+    }
+    Ok(())
 }
 
 /// Writes a text whose length is known at run time only, which the safe interface has no type for.
