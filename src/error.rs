@@ -37,8 +37,8 @@ pub enum Error {
     },
     /// No profile reaches the tolerance in double precision.
     #[error(
-        "solver.tolerance = {tolerance:e}: round-off allows no less than {smallest:.1e} here \
-         (state norm over result norm {ratio:.3}, growth x time {growth:.3}); ask for at least that"
+        "solver.tolerance = {tolerance:e}: round-off allows no less than {smallest:.1e} here, where the norm falls by a \
+         factor {ratio:.3e} from state to field and growth x time is {growth:.3}; ask for at least that"
     )]
     Tolerance {
         /// What was asked.
@@ -52,7 +52,7 @@ pub enum Error {
     },
     /// The generator grows too much for any tolerance.
     #[error(
-        "solver: growth x time {growth:.3} and state norm over result norm {ratio:.3} leave no digits in double precision; \
+        "solver: growth x time {growth:.3} and a norm that falls by a factor {ratio:.3e} leave no digits in double precision; \
          take solver.warp.weights = \"dissipative\", scheme.interface = \"conservative\" or a smaller time.end"
     )]
     Growth {

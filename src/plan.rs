@@ -194,8 +194,12 @@ impl WarpPlan {
         let time = case.end;
         let (growth, decay) = (bounds.growth * time, bounds.decay * time);
         let state_tolerance = case.tolerance / ratio;
-        let profile = Gaussian::plan(state_tolerance, growth, decay).ok_or_else(|| {
-            match Gaussian::smallest_tolerance(growth, decay) {
+        let recovery: Vec<f64> = (0..case.recovery_points)
+            .map(|k| k as f64 * SECOND_POINT)
+            .collect();
+        let reach = recovery.last().copied().unwrap_or(0.0);
+        let profile = Gaussian::plan(state_tolerance, growth, decay, reach).ok_or_else(|| {
+            match Gaussian::smallest_tolerance(growth, decay, reach) {
                 Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
                     tolerance: case.tolerance,
                     smallest: smallest * ratio,
@@ -206,9 +210,6 @@ impl WarpPlan {
             }
         })?;
         let modes = profile.modes();
-        let recovery: Vec<f64> = (0..case.recovery_points)
-            .map(|k| k as f64 * SECOND_POINT)
-            .collect();
         let mut series = Vec::new();
         let degrees: Vec<usize> = (0..modes)
             .map(|l| {

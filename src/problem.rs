@@ -11,7 +11,7 @@ use crate::weights::Weights;
 use std::ops::Range;
 
 /// The probe's forward Euler may overestimate the final norm a little.
-const PROBE_SAFETY: f64 = 1.1;
+const PROBE_SAFETY: f64 = 1.05;
 /// Largest ratio of norms planned for: beyond it nothing is left of the field but round-off.
 const MOST_RATIO: f64 = 1e12;
 

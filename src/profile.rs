@@ -42,13 +42,13 @@ pub fn normal_quantile(epsilon: f64) -> f64 {
 
 impl Gaussian {
     /// The cheapest one that recovers `u` to `tolerance`, when the spectrum of `S·T` lies in
-    /// `[−decay, growth]`; `None` if round-off forbids it.
+    /// `[−decay, growth]` and recovery points in `[0, reach]`; `None` if round-off forbids it.
     ///
     /// The conditions: `p0 = −zσ − growth`, `Φ(−z) = ε`; round-off, `exp(−p0 + σ²/2) ≤ ε/(20 ε_machine)`; left tail
-    /// `q = σ² + σ√(σ² + 2(−p0 + ln 1/ε))` and period `P = decay + growth + q − p0`, and at least `growth + ln 2/ε`, so that
+    /// `q = σ² + σ√(σ² + 2(−p0 + ln 1/ε))` and period `P = decay + growth + reach + q − p0`, and at least `growth + ln 2/ε`, so that
     /// the next period's `e^{−p−P}` does not reach in (this matters for short times); cut-off
     /// `μ_max² = 1 + 2(ln 1/ε − p0)/σ²`. Among widths `σ` the one of least `P μ_max (μ_max + 1)`, what a run costs.
-    pub fn plan(tolerance: f64, growth: f64, decay: f64) -> Option<Self> {
+    pub fn plan(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Option<Self> {
         const WIDTHS: i32 = 600;
         let z = normal_quantile(tolerance);
         let digits = -tolerance.ln();
@@ -67,7 +67,8 @@ impl Gaussian {
                 Some(Self {
                     sigma,
                     offset,
-                    period: (decay + growth + tail - offset).max(growth + digits + 2f64.ln()),
+                    period: (decay + growth + reach + tail - offset)
+                        .max(growth + digits + 2f64.ln()),
                     cutoff,
                 })
             })
@@ -79,12 +80,12 @@ impl Gaussian {
     }
 
     /// The smallest tolerance for which [`plan`](Self::plan) finds one; `None` if there is none up to 0.1.
-    pub fn smallest_tolerance(growth: f64, decay: f64) -> Option<f64> {
+    pub fn smallest_tolerance(growth: f64, decay: f64, reach: f64) -> Option<f64> {
         let (mut low, mut high) = (1e-16f64.ln(), 0.1f64.ln());
-        Self::plan(high.exp(), growth, decay)?;
+        Self::plan(high.exp(), growth, decay, reach)?;
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
-            if Self::plan(middle.exp(), growth, decay).is_some() {
+            if Self::plan(middle.exp(), growth, decay, reach).is_some() {
                 high = middle;
             } else {
                 low = middle;
@@ -129,7 +130,7 @@ mod tests {
 
     #[test]
     fn coefficients_are_the_fourier_transform_of_the_profile() {
-        let g = Gaussian::plan(1e-6, 0.3, 60.0).expect("possible");
+        let g = Gaussian::plan(1e-6, 0.3, 60.0, 0.0).expect("possible");
         for mu in [0.0, 0.4, 1.7] {
             // Trapezoidal rule, spectrally accurate for a function that decays at both ends.
             let (a, b, n) = (-60.0, 60.0, 40_000);
@@ -152,7 +153,7 @@ mod tests {
     fn the_series_is_the_exponential_where_it_must_be() {
         for tolerance in [1e-3, 1e-6, 1e-9, 1e-11] {
             for (growth, decay) in [(0.0, 3.0), (0.375, 127.0), (0.1, 1000.0)] {
-                let g = Gaussian::plan(tolerance, growth, decay).expect("possible");
+                let g = Gaussian::plan(tolerance, growth, decay, 0.0).expect("possible");
                 for i in 0..=50 {
                     let p = -growth + (decay + growth) * f64::from(i) / 50.0;
                     let sum: f64 = (0..g.modes())
@@ -176,7 +177,7 @@ mod tests {
     fn mode_counts_of_the_design() {
         for (decay, expected) in [(63.0, [38, 49, 68, 99]), (127.0, [57, 76, 115, 178])] {
             for (tolerance, modes) in [1e-3, 1e-6, 1e-9, 1e-11].into_iter().zip(expected) {
-                let g = Gaussian::plan(tolerance, 0.0, decay).expect("possible");
+                let g = Gaussian::plan(tolerance, 0.0, decay, 0.0).expect("possible");
                 assert!(
                     g.modes().abs_diff(modes) <= 1,
                     "{decay} {tolerance}: {}",
@@ -188,13 +189,13 @@ mod tests {
 
     #[test]
     fn round_off_sets_the_limit() {
-        let smallest = Gaussian::smallest_tolerance(0.375, 127.0).expect("possible");
-        assert_eq!(Gaussian::smallest_tolerance(50.0, 127.0), None);
+        let smallest = Gaussian::smallest_tolerance(0.375, 127.0, 0.0).expect("possible");
+        assert_eq!(Gaussian::smallest_tolerance(50.0, 127.0, 0.0), None);
         assert_eq!(
-            Gaussian::smallest_tolerance(f64::INFINITY, f64::INFINITY),
+            Gaussian::smallest_tolerance(f64::INFINITY, f64::INFINITY, 0.0),
             None
         );
         assert!(smallest > 1e-15 && smallest < 1e-12, "{smallest}");
-        assert!(Gaussian::plan(smallest * 0.9, 0.375, 127.0).is_none());
+        assert!(Gaussian::plan(smallest * 0.9, 0.375, 127.0, 0.0).is_none());
     }
 }

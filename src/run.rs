@@ -394,7 +394,7 @@ fn estimate(
     }
     if let Some(second) = fields.get(1) {
         let estimate = norms.distance(second);
-        let round_off = 4.0 * f64::EPSILON * warp_plan.amplification * ratio;
+        let round_off = 8.0 * f64::EPSILON * warp_plan.amplification * ratio;
         summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
         summary.error_estimate_reliable = estimate.is_finite() && estimate > round_off;
     }

@@ -17,8 +17,8 @@ use crate::communicator::{GhostExchange, Group};
 use crate::error::{Error, Result};
 use crate::matrix::{BlockMatrix, Part};
 
-/// Sweeps after which it is given up.
-const MOST_SWEEPS: usize = 50_000;
+/// Jacobi contracts by `d/(d + s)` a sweep; after this many times `d/s` sweeps nothing is left to gain.
+const MOST_SWEEPS: f64 = 100.0;
 /// A certificate this fraction of what suffices is as good as zero.
 const NEGLIGIBLE: f64 = 1e-6;
 
@@ -62,13 +62,15 @@ impl Weights {
     ) -> Result<Self> {
         let mut state = State::new(matrix);
         let mut sweeps = 0;
+        let rate = space.max(state.diagonal.iter().copied().fold(0.0, f64::max));
+        let most = patience.saturating_add((MOST_SWEEPS * rate / shift) as usize);
         let certificate = loop {
             let certificate = state.certificate(matrix, exchange, space);
             let patient = sweeps < patience;
             if certificate <= if patient { NEGLIGIBLE * limit } else { limit } {
                 break certificate;
             }
-            if sweeps == MOST_SWEEPS || certificate.is_nan() {
+            if sweeps == most || certificate.is_nan() {
                 return Err(Error::Weights {
                     certificate,
                     limit,
