@@ -52,8 +52,9 @@ pub enum Error {
     },
     /// The generator grows too much for any tolerance.
     #[error(
-        "solver: growth x time {growth:.3} and a norm that falls by a factor {ratio:.3e} leave no digits in double precision; \
-         take solver.warp.weights = \"dissipative\", scheme.interface = \"conservative\" or a smaller time.end"
+        "solver: growth x time {growth:.3} and a norm that falls by a factor {ratio:.3e} from state to field leave no digits \
+         in double precision; a smaller time.end does, and against growth solver.warp.weights = \"dissipative\" or \
+         scheme.interface = \"conservative\""
     )]
     Growth {
         /// ‖ũ(0)‖/‖f(T)‖, see [`crate::plan`].
