@@ -19,7 +19,7 @@ CARGO   = $(shell scripts/setup.sh --environment) cargo
 PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 
 .DEFAULT_GOAL := build
-.PHONY: run build test check check-fmt check-clippy check-doc setup clean help
+.PHONY: run build test bench check check-fmt check-clippy check-doc setup clean help
 
 run: build ## build, then solve example 1 of the paper on two ranks (CASE=, RANKS=, RESULTS= for another)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
@@ -30,6 +30,9 @@ build: setup ## build the program in release mode
 
 test: setup ## run every test, those that start mpirun included (ARGS= is passed to cargo test)
 	$(CARGO) test --release $(ARGS)
+
+bench: setup ## rates of the inner loop beside a triad
+	$(CARGO) bench --bench application
 
 check: check-fmt check-clippy check-doc ## formatting, lints and documentation, warnings as errors
 

@@ -1,7 +1,7 @@
 //! The semi-discrete system integrated directly: `f' = A f + b`.
 //!
 //! The inflow is carried by the auxiliary unknowns of the matrix, so the system is homogeneous here: `u' = A u`.
-//! [`exponential`] is the reference that the tolerance is defined by.
+//! [`Classical::exponential`] is the reference that the tolerance is defined by.
 
 use crate::case::Integrator;
 use crate::communicator::GhostExchange;

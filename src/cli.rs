@@ -30,7 +30,7 @@ pub enum Command {
         /// The case.
         #[command(flatten)]
         case: CaseArgs,
-        /// Directory of the results; by default results/<name of the case>
+        /// Directory of the results; by default results/NAME of the case file
         #[arg(short, long, value_name = "DIR")]
         output: Option<PathBuf>,
         /// Keep the modes one batch at a time

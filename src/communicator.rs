@@ -353,19 +353,6 @@ impl GhostExchange {
         }
     }
 
-    /// Whether there is nothing to exchange.
-    pub fn is_empty(&self) -> bool {
-        self.neighbours.is_empty()
-    }
-
-    /// Bytes of the buffers.
-    pub fn bytes(&self) -> usize {
-        self.neighbours
-            .iter()
-            .map(|n| 8 * (n.send.len() + n.receive.len()) + 4 * n.rows.len())
-            .sum()
-    }
-
     /// Sends the rows the neighbours need, of `vector`, and posts the receives.
     pub fn start<R: VectorRow>(&mut self, vector: &[R]) {
         self.requests.clear();

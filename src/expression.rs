@@ -182,11 +182,6 @@ impl Expression {
         self.constant
     }
 
-    /// Whether the coordinate at position `slot` occurs.
-    pub fn depends_on(&self, slot: usize) -> bool {
-        self.slots.contains(&slot)
-    }
-
     /// The formula as it was given.
     pub fn text(&self) -> &str {
         &self.text

@@ -273,11 +273,6 @@ impl BlockMatrix {
         self.columns.len()
     }
 
-    /// Bytes of the matrix.
-    pub fn bytes(&self) -> usize {
-        20 * self.entries() + 8 * self.offsets.len() + 24 * self.inflow.len()
-    }
-
     /// The entries of local row `i`: `(local column, s, k)`, in the order of global columns.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let range = self.offsets[i]..self.offsets[i + 1];
@@ -327,7 +322,8 @@ impl BlockMatrix {
         self.apply_rows(&self.border, part, y, x);
     }
 
-    /// One fused step for a batch of modes; `x`'s ghosts are refreshed. See [`kernel`]. Collective over the space group.
+    /// One fused step for a batch of modes, `x`'s ghosts being refreshed: `y ← a((−iμS + K)x + icx) + y`, then
+    /// `sum ← sum + coefficient · y`. Collective over the space group.
     pub fn step(
         &self,
         exchange: &mut GhostExchange,

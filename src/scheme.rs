@@ -203,16 +203,6 @@ impl<'a> Scheme<'a> {
             place: describe_point(self.space.dimension(), &point),
         })
     }
-
-    /// Whether nothing can enter.
-    pub fn no_inflow(&self) -> bool {
-        self.no_inflow
-    }
-
-    /// The potential this scheme sees.
-    pub fn potential(&self) -> &Potential {
-        &self.potential
-    }
 }
 
 /// `Σ_a max |v_a|/Δx_a`: the fastest transport; with the steepest force it bounds `max_i |A_ii|`. A function of the case
