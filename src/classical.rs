@@ -8,8 +8,10 @@ use crate::communicator::GhostExchange;
 use crate::matrix::{BlockMatrix, Part};
 use std::ops::Range;
 
-/// Poisson weights below this are left out.
-const NEGLIGIBLE: f64 = 1e-18;
+/// Poisson probabilities below this are left out for the reference.
+pub const EXACT: f64 = 1e-18;
+/// And where three digits do.
+pub const ROUGH: f64 = 1e-5;
 
 /// `ln(k!)`.
 fn log_factorial(k: usize) -> f64 {
@@ -24,23 +26,23 @@ fn poisson(lambda: f64, k: usize) -> f64 {
     (k as f64 * lambda.ln() - lambda - log_factorial(k)).exp()
 }
 
-/// The `k` at which the Poisson probability is not negligible.
-pub fn poisson_window(lambda: f64) -> Range<usize> {
+/// The `k` at which the Poisson probability is not below `negligible`.
+pub fn poisson_window(lambda: f64, negligible: f64) -> Range<usize> {
     let mode = lambda.floor() as usize;
     let mut end = mode + 1;
-    while poisson(lambda, end) > NEGLIGIBLE {
+    while poisson(lambda, end) > negligible {
         end += 1;
     }
     let mut start = mode;
-    while start > 0 && poisson(lambda, start - 1) > NEGLIGIBLE {
+    while start > 0 && poisson(lambda, start - 1) > negligible {
         start -= 1;
     }
     start..end
 }
 
 /// Poisson probabilities over [`poisson_window`], scaled to sum 1 exactly up to round-off.
-fn poisson_weights(lambda: f64) -> (usize, Vec<f64>) {
-    let window = poisson_window(lambda);
+fn poisson_weights(lambda: f64, negligible: f64) -> (usize, Vec<f64>) {
+    let window = poisson_window(lambda, negligible);
     // From the largest outwards by ratios: relative errors stay at round-off, which `lgamma` would spoil.
     let mode = (lambda.floor() as usize).clamp(window.start, window.end - 1);
     let mut weights = vec![1.0; window.len()];
@@ -77,16 +79,16 @@ impl<'a> Classical<'a> {
 
     /// `state ← exp(A time) state`, with `rate ≥ max |A_ii|`: `exp(At) = Σ_k e^{−λ} λ^k/k! Q^k`, `λ = rate·t`,
     /// `Q = I + A/rate ≥ 0`. All terms are of one sign where the data are, so nothing cancels (uniformisation,
-    /// Jensen 1953). Collective over the space group.
+    /// Jensen 1953), those below `negligible` left out ([`EXACT`], [`ROUGH`]). Collective over the space group.
     pub fn exponential(
         &mut self,
         exchange: &mut GhostExchange,
         state: &mut [f64],
-        rate: f64,
-        time: f64,
+        (rate, time): (f64, f64),
+        negligible: f64,
     ) {
         let rows = self.matrix.rows();
-        let (start, weights) = poisson_weights(rate * time);
+        let (start, weights) = poisson_weights(rate * time, negligible);
         self.sum[..rows].fill(0.0);
         for k in 0..start + weights.len() {
             if k >= start {
@@ -156,7 +158,7 @@ mod tests {
     #[test]
     fn poisson_weights_sum_to_one_and_have_the_right_mean() {
         for lambda in [1e-3, 0.7, 13.0, 127.0, 5000.0] {
-            let (start, weights) = poisson_weights(lambda);
+            let (start, weights) = poisson_weights(lambda, EXACT);
             let sum: f64 = weights.iter().sum();
             let mean: f64 = weights
                 .iter()

@@ -9,6 +9,7 @@
 //! alone assumes [`ASSUMED_RATIO`].
 
 use crate::case::{Case, Integrator, Interface, LARGEST_TOLERANCE, Method};
+use crate::classical::{EXACT, poisson_window};
 use crate::error::{Error, Result};
 use crate::matrix::LANES;
 use crate::partition::{Block, Mesh};
@@ -359,7 +360,7 @@ impl Plan {
 pub fn classical_steps(case: &Case, bounds: &Bounds) -> usize {
     let courant = bounds.rate * case.end;
     match case.integrator {
-        Integrator::Exponential => crate::classical::poisson_window(courant).end,
+        Integrator::Exponential => poisson_window(courant, EXACT).end,
         Integrator::ForwardEuler | Integrator::SspRk3 => {
             (courant / case.cfl).ceil().max(1.0) as usize
         }

@@ -2,7 +2,7 @@
 
 use crate::case::{Case, Exact, Integrator, Method};
 use crate::characteristics::Tracer;
-use crate::classical::Classical;
+use crate::classical::{Classical, EXACT};
 use crate::communicator::{Communicator, Group, World};
 use crate::error::{Error, Result};
 use crate::matrix::{Lanes, instruction_set, sample, sample_with};
@@ -325,7 +325,9 @@ fn integrate(
     let mut classical = Classical::new(&problem.matrix);
     let exchange = &mut problem.exchange;
     match integrator {
-        Integrator::Exponential => classical.exponential(exchange, state, bounds.rate, time),
+        Integrator::Exponential => {
+            classical.exponential(exchange, state, (bounds.rate, time), EXACT);
+        }
         _ => classical.steps(exchange, state, integrator, time, steps),
     }
 }

@@ -1,0 +1,1401 @@
+//! Everything that ranks do together, against dense twins, on 1 to 4 ranks and every process mesh they admit.
+//!
+//! Without MPI around it, this program starts itself under `mpirun -np 1`, `2`, `3` and `4`, counts what passed and
+//! compares the bits of what should not depend on ranks. A check that fails panics, and a panic ends its whole job. Two
+//! controls show that a wrong expectation and a job that hangs are noticed.
+
+mod support;
+
+use faer::{Mat, Side};
+use num_complex::Complex64;
+use phasewarp::case::{Case, Integrator};
+use phasewarp::classical::{Classical, EXACT};
+use phasewarp::communicator::{Communicator, GhostExchange, Group, World};
+use phasewarp::error::Error;
+use phasewarp::matrix::{BlockMatrix, LANES, Lanes, Part, StepConstants};
+use phasewarp::partition::{Block, Mesh, Place, split};
+use phasewarp::plan::{Bounds, INFLOW_GROWTH, Plan, Resources};
+use phasewarp::problem::Problem;
+use phasewarp::progress::Progress;
+use phasewarp::propagate::chebyshev::{BatchSpec, Chebyshev, Interval, bessel_series};
+use phasewarp::warp;
+use phasewarp::weights::Weights;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::process::{Child, Command, ExitCode, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+use support::dense::{
+    Dense, System, assert_close, assert_same, case, distance, evolve, exponential, noise, norm,
+};
+
+/// Number of ranks a child is started on.
+const RANKS: &str = "PHASEWARP_TEST_RANKS";
+/// What a child does instead of the checks.
+const CONTROL: &str = "PHASEWARP_TEST_CONTROL";
+/// After this a job is ended.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+type Check = fn(&World);
+
+/// The checks, by name.
+const CHECKS: [(&str, Check); 15] = [
+    ("number_of_ranks", number_of_ranks),
+    ("reductions", reductions),
+    ("agreement_on_errors", agreement_on_errors),
+    ("ghost_exchange", ghost_exchange),
+    ("long_messages", long_messages),
+    ("matrix_entry_for_entry", matrix_entry_for_entry),
+    ("application_of_all_parts", application_of_all_parts),
+    ("adjoint", adjoint),
+    ("one_step", one_step),
+    ("chebyshev_propagation", chebyshev_propagation),
+    ("spectrum_in_its_interval", spectrum_in_its_interval),
+    ("dissipative_weights", dissipative_weights),
+    ("classical_exponential", classical_exponential),
+    ("orders_of_the_integrators", orders_of_the_integrators),
+    ("recovered_field", recovered_field),
+];
+
+fn main() -> ExitCode {
+    match std::env::var(RANKS) {
+        Ok(ranks) => child(ranks.parse().expect("a number of ranks")),
+        Err(_) => parent(),
+    }
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// The parent: starts jobs, counts.
+
+/// A running `mpirun` of this program.
+struct Job {
+    mpirun: Child,
+    output: tempfile::TempDir,
+    deadline: Instant,
+}
+
+/// What became of a job.
+struct Outcome {
+    /// `None` where it took too long and was ended.
+    status: Option<ExitStatus>,
+    stdout: String,
+    stderr: String,
+}
+
+impl Job {
+    fn start(ranks: usize, control: Option<&str>, arguments: &[String]) -> Self {
+        let output = tempfile::tempdir().expect("a directory for output");
+        let file = |name: &str| File::create(output.path().join(name)).expect("a file for output");
+        let program = std::env::current_exe().expect("a path of this program");
+        let mut command = Command::new("mpirun");
+        command
+            .args(["--bind-to", "none", "-np", &ranks.to_string()])
+            .arg(program)
+            .args(arguments)
+            .env(RANKS, ranks.to_string())
+            // As root, and with more ranks than cores: Open MPI 4, then 5.
+            .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
+            .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
+            .env("OMPI_MCA_rmaps_base_oversubscribe", "1")
+            .env("OMPI_MCA_mpi_yield_when_idle", "1")
+            .env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe")
+            .stdin(Stdio::null())
+            .stdout(file("stdout"))
+            .stderr(file("stderr"));
+        if let Some(control) = control {
+            command.env(CONTROL, control);
+        }
+        let mpirun = command.spawn().expect("mpirun starts");
+        Self {
+            mpirun,
+            output,
+            deadline: Instant::now() + PATIENCE,
+        }
+    }
+
+    fn text(&self, name: &str) -> String {
+        let bytes = std::fs::read(self.output.path().join(name)).expect("the output is readable");
+        String::from_utf8_lossy(&bytes).into_owned()
+    }
+
+    /// Ends `mpirun`, which ends the ranks: asks first, then insists.
+    fn end(&mut self) {
+        let _ = Command::new("kill")
+            .arg(self.mpirun.id().to_string())
+            .status();
+        for _ in 0..50 {
+            if let Ok(Some(_)) = self.mpirun.try_wait() {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        let _ = self.mpirun.kill();
+        let _ = self.mpirun.wait();
+    }
+
+    /// Waits for the end, or for `enough` to say that there is nothing more to wait for; then, and when it takes too
+    /// long, ends the job.
+    fn outcome(mut self, enough: impl Fn(&str) -> bool) -> Outcome {
+        let status = loop {
+            if let Some(status) = self.mpirun.try_wait().expect("mpirun can be waited for") {
+                break Some(status);
+            }
+            if Instant::now() > self.deadline || enough(&self.text("stdout")) {
+                self.end();
+                break None;
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        };
+        Outcome {
+            status,
+            stdout: self.text("stdout"),
+            stderr: self.text("stderr"),
+        }
+    }
+}
+
+/// Counts, and says what failed.
+#[derive(Default)]
+struct Tally {
+    passed: usize,
+    failed: usize,
+}
+
+impl Tally {
+    fn count(&mut self, name: &str, passed: bool, reason: &str) {
+        if passed {
+            self.passed += 1;
+            println!("test {name} ... ok");
+        } else {
+            self.failed += 1;
+            println!("test {name} ... FAILED\n{reason}");
+        }
+    }
+}
+
+/// What each quantity's bits were, and how often they were reported.
+type Bits = BTreeMap<String, (BTreeSet<String>, usize)>;
+
+fn parent() -> ExitCode {
+    let started = Instant::now();
+    let filter: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|a| !a.starts_with('-'))
+        .collect();
+    let wanted = |name: &str| filter.is_empty() || filter.iter().any(|f| name.contains(f.as_str()));
+    let mut tally = Tally::default();
+    let mut bits = Bits::new();
+    let names: Vec<&str> = CHECKS
+        .iter()
+        .map(|check| check.0)
+        .filter(|n| wanted(n))
+        .collect();
+    for ranks in 1..=4 {
+        run_checks(ranks, &names, &mut tally, &mut bits);
+    }
+    compare_bits(&bits, filter.is_empty(), &mut tally);
+    if wanted("control_wrong") {
+        control_wrong(&mut tally);
+    }
+    if wanted("control_hang") {
+        control_hang(&mut tally);
+    }
+    println!(
+        "\ntest result: {}. {} passed, {} failed; finished in {:.1} s",
+        if tally.failed == 0 { "ok" } else { "FAILED" },
+        tally.passed,
+        tally.failed,
+        started.elapsed().as_secs_f64()
+    );
+    ExitCode::from(u8::from(tally.failed > 0))
+}
+
+/// Runs the checks `names` on so many ranks: in one job, or in several if some fail, each beginning after the last
+/// failure.
+fn run_checks(ranks: usize, names: &[&str], tally: &mut Tally, bits: &mut Bits) {
+    let mut left = names;
+    while !left.is_empty() {
+        let arguments: Vec<String> = left.iter().map(|n| (*n).to_owned()).collect();
+        let outcome = Job::start(ranks, None, &arguments).outcome(|_| false);
+        for line in outcome.stdout.lines() {
+            if let Some((hash, name)) = line.strip_prefix("bits ").and_then(|l| l.split_once(' ')) {
+                let entry = bits.entry(name.to_owned()).or_default();
+                entry.0.insert(hash.to_owned());
+                entry.1 += 1;
+            }
+        }
+        let passed = |name: &str| {
+            outcome
+                .stdout
+                .lines()
+                .any(|l| l == format!("passed {name}"))
+        };
+        let through = left.iter().take_while(|name| passed(name)).count();
+        for name in &left[..through] {
+            tally.count(&format!("{name} on {ranks} ranks"), true, "");
+        }
+        left = &left[through..];
+        let reason = match outcome.status {
+            None => format!("took longer than {PATIENCE:?}\n{}", outcome.stderr),
+            Some(status) => format!("{status}\n{}", outcome.stderr),
+        };
+        if let Some((name, rest)) = left.split_first() {
+            tally.count(&format!("{name} on {ranks} ranks"), false, &reason);
+            left = rest;
+        } else {
+            let ended_well = outcome.status.is_some_and(|s| s.success());
+            tally.count(
+                &format!("end of the job on {ranks} ranks"),
+                ended_well,
+                &reason,
+            );
+        }
+    }
+}
+
+/// The same bits for any ranks and mesh; other bits for other quantities, or the comparison would see nothing.
+fn compare_bits(bits: &Bits, all: bool, tally: &mut Tally) {
+    let mut others = BTreeSet::new();
+    for (name, (hashes, times)) in bits {
+        let own = others.is_disjoint(hashes);
+        let passed = hashes.len() == 1 && *times >= 4 && own;
+        let reason = format!("{} different in {times}; its own: {own}", hashes.len());
+        tally.count(&format!("bits of {name}"), passed, &reason);
+        others.extend(hashes.iter().cloned());
+    }
+    if all {
+        let reason = format!("{} quantities", bits.len());
+        tally.count("bits were compared", bits.len() >= 30, &reason);
+    }
+}
+
+/// A comparison that must fail does, on the entry that is wrong, and fails the job; the one before it passes.
+fn control_wrong(tally: &mut Tally) {
+    let outcome = Job::start(2, Some("wrong"), &[]).outcome(|_| false);
+    let (out, err) = (&outcome.stdout, &outcome.stderr);
+    let noticed = outcome.status.is_some_and(|s| !s.success())
+        && out.contains("passed the right expectation")
+        && err.contains("the wrong expectation: entry (1, 2) is ")
+        && !out.contains("passed the wrong expectation");
+    let reason = format!("{:?}\n{out}{err}", outcome.status);
+    tally.count("control_wrong: a wrong expectation fails", noticed, &reason);
+}
+
+/// A job that hangs is ended, and no rank of it is left.
+fn control_hang(tally: &mut Tally) {
+    let processes = |text: &str| -> Vec<u32> {
+        (text.lines())
+            .filter_map(|line| line.strip_prefix("process ")?.trim().parse().ok())
+            .collect()
+    };
+    let outcome = Job::start(2, Some("hang"), &[]).outcome(|text| processes(text).len() == 2);
+    let started = processes(&outcome.stdout);
+    let mut left = started.clone();
+    for _ in 0..100 {
+        // Signal 0 asks whether there is such a process.
+        left.retain(|process| {
+            let mut kill = Command::new("kill");
+            kill.args(["-0", &process.to_string()])
+                .stderr(Stdio::null());
+            kill.status().is_ok_and(|s| s.success())
+        });
+        if left.is_empty() {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let ended = outcome.status.is_none() && started.len() == 2 && left.is_empty();
+    let reason = format!("{:?}; of {started:?} are left {left:?}", outcome.status);
+    tally.count("control_hang: a job that hangs is ended", ended, &reason);
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// The child: one rank of a job.
+
+fn child(ranks: usize) -> ExitCode {
+    let world = World::start().expect("MPI starts");
+    assert_eq!(world.group().size(), ranks, "ranks got and asked for");
+    let speaks = world.group().rank() == 0;
+    match std::env::var(CONTROL).as_deref() {
+        Ok("wrong") => wrong_expectation(&world),
+        Ok("hang") => hang(&world),
+        Ok(other) => panic!("no such control: {other}"),
+        Err(_) => {
+            for wanted in std::env::args().skip(1) {
+                let (name, check) = (CHECKS.iter().find(|c| c.0 == wanted)).expect("a check");
+                let started = Instant::now();
+                check(&world);
+                world.group().barrier();
+                if speaks {
+                    println!("passed {name}");
+                    eprintln!("{name}: {:.2} s", started.elapsed().as_secs_f64());
+                }
+            }
+        }
+    }
+    world.group().barrier();
+    ExitCode::SUCCESS
+}
+
+/// Prints a fingerprint of `values`, which the parent compares with those of other ranks and meshes.
+fn report_bits(world: &World, name: &str, values: &[f64]) {
+    if world.group().rank() == 0 {
+        let hash = values
+            .iter()
+            .flat_map(|v| v.to_bits().to_le_bytes())
+            .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+                (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+            });
+        println!("bits {hash:016x} {name}");
+    }
+}
+
+/// The control: one entry of the twin is changed, and the comparison must stop the job.
+fn wrong_expectation(world: &World) {
+    let twin = Twin::all().swap_remove(0);
+    let speaks = world.group().rank() == 0;
+    for mesh in meshes(world, &twin.case) {
+        let piece = Piece::assemble(world, &twin, &mesh);
+        let found = piece.gather_matrix(world, &twin);
+        assert_same(
+            "the right expectation",
+            &found.0,
+            &twin.generator.symmetric(),
+            0.0,
+        );
+        if speaks {
+            println!("passed the right expectation");
+        }
+        let mut wrong = twin.generator.symmetric();
+        wrong.add(1, 2, 1e-9);
+        assert_same("the wrong expectation", &found.0, &wrong, 1e-10);
+        if speaks {
+            println!("passed the wrong expectation");
+        }
+    }
+}
+
+/// The control: rank 1 never comes.
+fn hang(world: &World) {
+    println!("process {}", std::process::id());
+    if world.group().rank() == 1 {
+        std::thread::sleep(2 * PATIENCE);
+    }
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Twins and pieces.
+
+/// A case and its dense system with auxiliary unknowns: cells in their order, then those of the rows with inflow.
+struct Twin {
+    name: &'static str,
+    case: Case,
+    /// Cells, without the auxiliary unknowns.
+    cells: usize,
+    /// `A`, homogeneous.
+    generator: Dense,
+    /// Rows with inflow, ascending.
+    inflow: Vec<usize>,
+    /// `u(0)`.
+    state: Vec<f64>,
+}
+
+impl Twin {
+    fn new(name: &'static str, file: &str, overrides: &[&str]) -> Self {
+        let case = case(file, overrides);
+        let System {
+            generator: a,
+            inflow: b,
+            draw,
+        } = System::of_rows(&case);
+        let cells = a.size;
+        let inflow: Vec<usize> = (0..cells).filter(|&i| b[i] != 0.0).collect();
+        let mut state: Vec<f64> = (0..cells)
+            .map(|i| case.initial.eval(&case.space.point(&case.space.cell(i))))
+            .collect();
+        let mut generator = Dense::from_fn(cells + inflow.len(), |i, j| {
+            if i < cells && j < cells {
+                a.at(i, j)
+            } else {
+                0.0
+            }
+        });
+        // r_i' = 0, r_i(0) = b_i/κ_i, κ_i² = 2 g_i θ.
+        let growth = INFLOW_GROWTH / case.end;
+        for (m, &i) in inflow.iter().enumerate() {
+            let coupling = (2.0 * draw[i] * growth).sqrt();
+            generator.add(i, cells + m, coupling);
+            state.push(b[i] / coupling);
+        }
+        Self {
+            name,
+            case,
+            cells,
+            generator,
+            inflow,
+            state,
+        }
+    }
+
+    /// One, two and three dimensions, both interfaces, with and without inflow; no length is divisible by 2, 3 and 4.
+    fn all() -> Vec<Self> {
+        vec![
+            Self::new(
+                "example 1",
+                "example1.toml",
+                &["axis.0.x.cells=10", "axis.0.v.cells=8"],
+            ),
+            Self::new(
+                "slopes, inflow",
+                "slope_jump.toml",
+                &[
+                    "axis.0.x.cells=7",
+                    "axis.0.v={lower=-1.0,upper=1.3,cells=9}",
+                    "inflow.value='1 + x + 2*v'",
+                ],
+            ),
+            Self::new(
+                "well",
+                "well.toml",
+                &["axis.0.x.cells=11", "axis.0.v.cells=10"],
+            ),
+            Self::new(
+                "conservative barrier, inflow",
+                "inflow_barrier.toml",
+                &[
+                    "axis.0.x.cells=9",
+                    "axis.0.v.cells=14",
+                    "scheme.interface='conservative'",
+                ],
+            ),
+            Self::new(
+                "two dimensions, inflow",
+                "barrier2d.toml",
+                &[
+                    "axis.0.x.cells=5",
+                    "axis.0.v.cells=3",
+                    "axis.1.x.cells=4",
+                    "axis.1.v.cells=4",
+                    "potential.0.value='0.2 + 0.1*x - 0.1*y'",
+                    "inflow.value='1 if x < -1.2 else 0'",
+                ],
+            ),
+            Self::new(
+                "three dimensions",
+                "step3d.toml",
+                &[
+                    "axis.0.x.cells=4",
+                    "axis.0.v.cells=4",
+                    "axis.1.x.cells=3",
+                    "axis.1.v.cells=2",
+                    "axis.2.x.cells=2",
+                    "axis.2.v.cells=2",
+                    "potential.1.value='0.1 + 0.05*y'",
+                ],
+            ),
+        ]
+    }
+
+    fn size(&self) -> usize {
+        self.generator.size
+    }
+
+    /// `f` of a state: cells only.
+    fn field<'a>(&self, state: &'a [f64]) -> &'a [f64] {
+        &state[..self.cells]
+    }
+}
+
+/// Every mesh of the ranks of `world` that the grid of `case` admits.
+fn meshes(world: &World, case: &Case) -> Vec<Mesh> {
+    fn visit(case: &Case, ranks: usize, parts: &mut Vec<usize>, list: &mut Vec<Mesh>) {
+        let Some(axis) = case.space.x.get(parts.len()) else {
+            list.push(Mesh {
+                space: parts.clone(),
+                groups: ranks,
+            });
+            return;
+        };
+        for blocks in (1..=ranks.min(axis.cells)).filter(|b| ranks.is_multiple_of(*b)) {
+            parts.push(blocks);
+            visit(case, ranks / blocks, parts, list);
+            parts.pop();
+        }
+    }
+    let mut list = Vec::new();
+    visit(case, world.group().size(), &mut Vec::new(), &mut list);
+    assert!(list.iter().all(|m| m.ranks() == world.group().size()));
+    list
+}
+
+/// This rank's part of a twin.
+struct Piece {
+    communicator: Communicator,
+    matrix: BlockMatrix,
+    exchange: GhostExchange,
+    /// Number in the twin of each local row, then of each ghost.
+    number: Vec<usize>,
+}
+
+impl Piece {
+    fn new(twin: &Twin, communicator: Communicator, matrix: BlockMatrix) -> Self {
+        let exchange = GhostExchange::new(&communicator.space, &matrix.block, 2 * LANES);
+        let number = numbers(twin, &matrix);
+        Self {
+            communicator,
+            matrix,
+            exchange,
+            number,
+        }
+    }
+
+    fn assemble(world: &World, twin: &Twin, mesh: &Mesh) -> Self {
+        let communicator = Communicator::new(world, mesh);
+        assert_eq!(communicator.space.size(), mesh.blocks());
+        assert_eq!(communicator.modes.size(), mesh.groups);
+        let block = Block::new(&twin.case.space, mesh, communicator.space.rank());
+        let matrix = BlockMatrix::assemble(&twin.case, block, INFLOW_GROWTH / twin.case.end)
+            .expect("formulas are finite");
+        Self::new(twin, communicator, matrix)
+    }
+
+    /// The local part of a vector of the twin; ghosts hold NaN until they are exchanged.
+    fn scatter(&self, vector: &[f64]) -> Vec<f64> {
+        let mut local = vec![f64::NAN; self.matrix.length()];
+        for (local, &i) in local[..self.matrix.rows()].iter_mut().zip(&self.number) {
+            *local = vector[i];
+        }
+        local
+    }
+
+    /// The whole vector, on every rank, from the rows of all; each has one owner in the space group.
+    fn gather(&self, twin: &Twin, local: &[f64]) -> Vec<f64> {
+        let rows = self.matrix.rows();
+        let space = &self.communicator.space;
+        gather(
+            space,
+            twin.size(),
+            (0..rows).map(|i| (self.number[i], local[i])),
+        )
+    }
+
+    /// The whole `(S, K)`, dense.
+    fn gather_matrix(&self, world: &World, twin: &Twin) -> (Dense, Dense) {
+        let size = twin.size();
+        let space = &self.communicator.space;
+        assert_eq!(space.sum_count(self.matrix.rows()), size);
+        let (mut s, mut k) = (vec![f64::NEG_INFINITY; size * size], vec![0.0; 0]);
+        k.clone_from(&s);
+        for i in 0..self.matrix.rows() {
+            let mut last = None;
+            for (column, es, ek) in self.matrix.row(i) {
+                let j = self.number[column];
+                assert!(last < Some(j), "{}: row {i} is not in order", twin.name);
+                last = Some(j);
+                let place = self.number[i] * size + j;
+                (s[place], k[place]) = (es, ek);
+            }
+        }
+        // Over the world: all mode groups hold the same.
+        world.group().max_into(&mut s);
+        world.group().max_into(&mut k);
+        let entry = |values: &[f64], i: usize, j: usize| match values[i * size + j] {
+            f64::NEG_INFINITY => 0.0,
+            value => value,
+        };
+        (
+            Dense::from_fn(size, |i, j| entry(&s, i, j)),
+            Dense::from_fn(size, |i, j| entry(&k, i, j)),
+        )
+    }
+}
+
+/// Number in the twin of each local row of `matrix`, then of each ghost.
+fn numbers(twin: &Twin, matrix: &BlockMatrix) -> Vec<usize> {
+    let mut number = vec![usize::MAX; matrix.length()];
+    let velocities = matrix.block.velocity_cells;
+    let (cells, rows) = (matrix.block.cells(), matrix.rows());
+    matrix.block.for_each_own(|first, local| {
+        (0..velocities).for_each(|v| number[local + v] = first + v);
+    });
+    matrix.block.for_each_ghost(|first, ghost| {
+        (0..velocities).for_each(|v| number[rows + ghost + v] = first + v);
+    });
+    for (m, aux) in matrix.inflow.iter().enumerate() {
+        let place = twin.inflow.binary_search(&number[aux.row as usize]);
+        number[cells + m] = twin.cells + place.expect("a row with inflow");
+    }
+    number
+}
+
+/// Entries of a vector of length `size`, from all ranks of `group`, on every rank. Every entry has one owner.
+fn gather(group: &Group, size: usize, entries: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
+    let mut values = vec![f64::NEG_INFINITY; size];
+    let mut owned = 0;
+    for (i, value) in entries {
+        values[i] = value;
+        owned += 1;
+    }
+    assert_eq!(group.sum_count(owned), size, "every entry has one owner");
+    group.max_into(&mut values);
+    assert!(
+        !values.contains(&f64::NEG_INFINITY),
+        "every entry has an owner"
+    );
+    values
+}
+
+/// Calls `check` with every twin, mesh and piece.
+fn for_every_piece(world: &World, mut check: impl FnMut(&Twin, &Mesh, &mut Piece)) {
+    for twin in Twin::all() {
+        for mesh in meshes(world, &twin.case) {
+            check(&twin, &mesh, &mut Piece::assemble(world, &twin, &mesh));
+        }
+    }
+}
+
+/// A vector of the twin that is the same on any ranks.
+fn random(twin: &Twin, seed: u64) -> Vec<f64> {
+    (0..twin.size()).map(|i| noise(i, seed)).collect()
+}
+
+/// The problem as a run sets it up, with weights where it takes them; and what the twin becomes by them.
+struct Weighted {
+    communicator: Communicator,
+    problem: Problem,
+    bounds: Bounds,
+    number: Vec<usize>,
+    /// `π`, by the numbers of the twin.
+    pi: Vec<f64>,
+    /// `D A D⁻¹`.
+    generator: Dense,
+    /// `D u(0)`.
+    state: Vec<f64>,
+}
+
+impl Weighted {
+    fn new(world: &World, twin: &Twin, mesh: &Mesh) -> Self {
+        let communicator = Communicator::new(world, mesh);
+        let block = Block::new(&twin.case.space, mesh, communicator.space.rank());
+        let allowed = Bounds::new(&twin.case).expect("V is finite");
+        let problem = Problem::new(&twin.case, &allowed, &communicator, block, (2 * LANES, 100))
+            .expect("weights are found");
+        let bounds = problem.bounds(&twin.case, &allowed);
+        // Left alone, the hat interface grows as it likes.
+        assert!(bounds.growth <= allowed.growth || !twin.case.weights);
+        let number = numbers(twin, &problem.matrix);
+        let rows = problem.matrix.rows();
+        let entries = (0..rows).map(|i| (number[i], problem.weights.pi[i]));
+        let pi = gather(&communicator.space, twin.size(), entries);
+        Self {
+            generator: twin.generator.weighted(&pi),
+            state: twin
+                .state
+                .iter()
+                .zip(&pi)
+                .map(|(u, pi)| u * pi.sqrt())
+                .collect(),
+            communicator,
+            problem,
+            bounds,
+            number,
+            pi,
+        }
+    }
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// The checks.
+
+fn number_of_ranks(world: &World) {
+    let asked: usize = std::env::var(RANKS)
+        .expect("set by the parent")
+        .parse()
+        .expect("a number");
+    let group = world.group();
+    assert_eq!(group.size(), asked);
+    assert_eq!(group.sum_count(1), asked);
+    assert_eq!(group.max_count(group.rank()), asked - 1);
+    // Each rank once.
+    let mut seen = vec![0; asked];
+    seen[group.rank()] = 1;
+    group.sum_integers(&mut seen);
+    assert!(seen.iter().all(|&s| s == 1));
+}
+
+fn reductions(world: &World) {
+    let group = world.group();
+    let (rank, size) = (group.rank(), group.size());
+    // A sum that plain addition would get wrong, dealt out to the ranks.
+    let terms: Vec<f64> = (0..3000)
+        .map(|i| noise(i, 1) * 10f64.powi(i as i32 % 7 * 4 - 12))
+        .flat_map(|t| [t, -t, 1e-9 * t])
+        .collect();
+    let mine: Vec<f64> = terms.iter().skip(rank).step_by(size).copied().collect();
+    let bound = terms.iter().fold(0.0, |m: f64, t| m.max(t.abs()));
+    let exact: f64 = terms.iter().skip(2).step_by(3).sum();
+    let sum = group.sum(bound, terms.len(), mine.iter().copied());
+    assert!((sum - exact).abs() < 1e-22 * bound, "{sum} {exact}");
+    assert_eq!(group.sum_terms(&mine).to_bits(), sum.to_bits());
+    report_bits(world, "a sum", &[sum]);
+    // Not a number anywhere is not a number everywhere.
+    let mut spoilt = mine.clone();
+    if rank == size - 1 {
+        spoilt[0] = f64::NAN;
+    }
+    assert!(group.sum_terms(&spoilt).is_nan());
+    assert_eq!(group.sum_terms(&[]), 0.0);
+
+    let values = |r: usize| [-1.0 - r as f64, 0.5 * r as f64, -1e300 * r as f64];
+    let mut most = values(rank);
+    group.max_into(&mut most);
+    assert_eq!(most, [-1.0, 0.5 * (size - 1) as f64, 0.0]);
+    assert_eq!(group.max(f64::NEG_INFINITY), f64::NEG_INFINITY);
+    let one = if rank == 0 { f64::NAN } else { f64::INFINITY };
+    assert!(group.max(one).is_nan());
+
+    // More than goes in one message; a root that is not rank 0.
+    let length = (1 << 20) + 3;
+    let mut numbers: Vec<i64> = (0..length).map(|i| i * (rank as i64 + 1)).collect();
+    let factor = (size * (size + 1) / 2) as i64;
+    let mut rooted = numbers.clone();
+    group.sum_integers(&mut numbers);
+    assert!(
+        numbers
+            .iter()
+            .enumerate()
+            .all(|(i, &n)| n == i as i64 * factor)
+    );
+    group.sum_integers_to(size - 1, &mut rooted);
+    let expected = if rank == size - 1 {
+        factor
+    } else {
+        rank as i64 + 1
+    };
+    assert!(
+        rooted
+            .iter()
+            .enumerate()
+            .all(|(i, &n)| n == i as i64 * expected)
+    );
+
+    let text = |r: usize| format!("rank {r} says µ ").repeat(100_000);
+    assert_eq!(group.broadcast_text(&text(rank)), text(0));
+    assert_eq!(group.broadcast_text(""), "");
+}
+
+fn agreement_on_errors(world: &World) {
+    let group = world.group();
+    let (rank, size) = (group.rank(), group.size());
+    assert_eq!(group.agree(Ok(rank)).expect("all are well"), rank);
+    // Every set of ranks that fail, with an exit code of 2 on even ranks and of 1 on odd ones.
+    for failing in 1..1usize << size {
+        let mine = if failing >> rank & 1 == 0 {
+            Ok(rank)
+        } else if rank.is_multiple_of(2) {
+            Err(Error::Usage(format!("rank {rank} of {failing}: ünknown")))
+        } else {
+            Err(Error::NotFinite(format!("rank {rank} of {failing}")))
+        };
+        let lowest = failing.trailing_zeros() as usize;
+        let error = group.agree(mine).expect_err("one failed");
+        assert!(
+            error
+                .to_string()
+                .contains(&format!("rank {lowest} of {failing}")),
+            "{failing}: {error}"
+        );
+        assert_eq!(
+            error.exit_code(),
+            if lowest.is_multiple_of(2) { 2 } else { 1 }
+        );
+        let remote = matches!(error, Error::Remote { rank, .. } if rank == lowest);
+        assert_eq!(remote, rank != lowest);
+    }
+}
+
+fn ghost_exchange(world: &World) {
+    for_every_piece(world, |twin, mesh, piece| {
+        let rows = piece.matrix.rows();
+        let value = |i: usize, seed| noise(piece.number[i], seed);
+        for seed in 0..3 {
+            // Real numbers and batches through the same buffers.
+            let mut real: Vec<f64> = (0..rows).map(|i| value(i, seed)).collect();
+            let mut batch: Vec<Lanes> = (0..rows)
+                .map(|i| Lanes(std::array::from_fn(|l| value(i, 100 * seed + l as u64))))
+                .collect();
+            real.resize(piece.matrix.length(), f64::NAN);
+            batch.resize(piece.matrix.length(), Lanes([f64::NAN; 2 * LANES]));
+            piece.exchange.start(&real[..rows]);
+            piece.exchange.finish(&mut real[rows..]);
+            piece.exchange.start(&batch[..rows]);
+            piece.exchange.finish(&mut batch[rows..]);
+            for i in 0..piece.matrix.length() {
+                assert_eq!(real[i], value(i, seed), "{} {mesh:?} {i}", twin.name);
+                for l in 0..2 * LANES {
+                    assert_eq!(batch[i].0[l], value(i, 100 * seed + l as u64));
+                }
+            }
+        }
+        // Every ghost is where its block says.
+        for (ghost, &i) in piece.number[rows..].iter().enumerate() {
+            assert_eq!(piece.matrix.block.place(i), Some(Place::Ghost(ghost)));
+        }
+    });
+}
+
+/// A ghost layer of more numbers than go in one message.
+fn long_messages(world: &World) {
+    let ranks = world.group().size();
+    let (cells, velocities) = ("axis.0.x.cells=5", 70_000);
+    let case = case(
+        "example1.toml",
+        &[cells, &format!("axis.0.v.cells={velocities}")],
+    );
+    let mesh = Mesh {
+        space: vec![ranks],
+        groups: 1,
+    };
+    let communicator = Communicator::new(world, &mesh);
+    let block = Block::new(&case.space, &mesh, communicator.space.rank());
+    assert!(ranks == 1 || 2 * LANES * block.ghosts() > 1 << 20);
+    let mut exchange = GhostExchange::new(&communicator.space, &block, 2 * LANES);
+    let row = |global: usize| Lanes(std::array::from_fn(|l| (global * 2 * LANES + l) as f64));
+    let mut own = vec![Lanes::ZERO; block.cells()];
+    block.for_each_own(|first, local| {
+        (0..velocities).for_each(|v| own[local + v] = row(first + v));
+    });
+    let mut ghosts = vec![Lanes::ZERO; block.ghosts()];
+    exchange.start(&own);
+    exchange.finish(&mut ghosts);
+    block.for_each_ghost(|first, ghost| {
+        (0..velocities).for_each(|v| assert_eq!(ghosts[ghost + v], row(first + v)));
+    });
+}
+
+fn matrix_entry_for_entry(world: &World) {
+    for_every_piece(world, |twin, mesh, piece| {
+        let name = format!("{}, {mesh:?}", twin.name);
+        let (s, k) = piece.gather_matrix(world, twin);
+        assert_same(&name, &s, &twin.generator.symmetric(), 0.0);
+        assert_same(&name, &k, &twin.generator.skew(), 0.0);
+        let total = piece
+            .communicator
+            .space
+            .sum_count(piece.matrix.inflow.len());
+        assert_eq!(total, twin.inflow.len(), "{name}");
+        for aux in &piece.matrix.inflow {
+            let i = piece.number[aux.row as usize];
+            let m = twin.cells + twin.inflow.binary_search(&i).expect("a row with inflow");
+            assert_eq!(aux.coupling, twin.generator.at(i, m), "{name}");
+            assert_eq!(aux.value / aux.coupling, twin.state[m], "{name}");
+        }
+        // In weighted unknowns.
+        let mut weighted = Weighted::new(world, twin, mesh);
+        let (s, k) = {
+            let matrix = std::mem::replace(
+                &mut weighted.problem.matrix,
+                Piece::assemble(world, twin, mesh).matrix,
+            );
+            Piece::new(twin, Communicator::new(world, mesh), matrix).gather_matrix(world, twin)
+        };
+        let tolerance = 1e-14 * weighted.generator.largest();
+        assert_same(&name, &s, &weighted.generator.symmetric(), tolerance);
+        assert_same(&name, &k, &weighted.generator.skew(), tolerance);
+        let local = &weighted.problem.state[..weighted.problem.matrix.rows()];
+        for (i, u) in local.iter().enumerate() {
+            let expected = weighted.state[weighted.number[i]];
+            assert!(
+                (u - expected).abs() <= 1e-14 * expected.abs(),
+                "{name}: {u} {expected}"
+            );
+        }
+    });
+}
+
+fn application_of_all_parts(world: &World) {
+    for_every_piece(world, |twin, mesh, piece| {
+        let x = random(twin, 2);
+        for (part, expected) in [
+            (Part::Generator, twin.generator.apply(&x)),
+            (Part::Transpose, twin.generator.transposed().apply(&x)),
+            (Part::Symmetric, twin.generator.symmetric().apply(&x)),
+        ] {
+            let mut y = vec![f64::NAN; piece.matrix.length()];
+            let mut local = piece.scatter(&x);
+            piece
+                .matrix
+                .apply(&mut piece.exchange, part, &mut y, &mut local);
+            let found = piece.gather(twin, &y);
+            let name = format!("{}, {mesh:?}, {part:?}", twin.name);
+            assert_close(&name, &found, &expected, 1e-14 * twin.generator.largest());
+            report_bits(world, &format!("{part:?} of {}", twin.name), &found);
+        }
+    });
+}
+
+/// `⟨y, A x⟩ = ⟨Aᵀ y, x⟩` of what is distributed.
+fn adjoint(world: &World) {
+    for_every_piece(world, |twin, mesh, piece| {
+        let (mut x, mut y) = (
+            piece.scatter(&random(twin, 3)),
+            piece.scatter(&random(twin, 4)),
+        );
+        let rows = piece.matrix.rows();
+        let mut ax = vec![f64::NAN; piece.matrix.length()];
+        let mut aty = ax.clone();
+        piece
+            .matrix
+            .apply(&mut piece.exchange, Part::Generator, &mut ax, &mut x);
+        piece
+            .matrix
+            .apply(&mut piece.exchange, Part::Transpose, &mut aty, &mut y);
+        let product = |a: &[f64], b: &[f64], sign: fn(f64) -> f64| {
+            let terms: Vec<f64> = (0..rows).map(|i| sign(a[i] * b[i])).collect();
+            piece.communicator.space.sum_terms(&terms)
+        };
+        let (left, right) = (product(&y, &ax, |t| t), product(&aty, &x, |t| t));
+        let scale = product(&y, &ax, f64::abs);
+        assert!(
+            (left - right).abs() <= 1e-15 * scale * (twin.size() as f64).sqrt(),
+            "{} {mesh:?}: {left} {right}",
+            twin.name
+        );
+        // The generator is not its own adjoint, or the test would see nothing.
+        let mut ay = vec![f64::NAN; piece.matrix.length()];
+        piece
+            .matrix
+            .apply(&mut piece.exchange, Part::Generator, &mut ay, &mut y);
+        assert!((left - product(&ay, &x, |t| t)).abs() > 1e-6 * scale);
+    });
+}
+
+/// `y ← a ((−iμS + K) x + i c x) + y`, `sum ← sum + coefficient · y`.
+fn one_step(world: &World) {
+    let lane = |l: usize, seed| std::array::from_fn::<f64, LANES, _>(|m| noise(m * 8 + l, seed));
+    let constants = StepConstants {
+        scale: lane(0, 5),
+        shift: lane(1, 6),
+        wavenumber: lane(2, 7).map(|mu| 10.0 * mu),
+        coefficient: lane(3, 8),
+    };
+    for_every_piece(world, |twin, mesh, piece| {
+        let complex = |i: usize, l: usize, seed: u64| {
+            Complex64::new(noise(i * LANES + l, seed), noise(i * LANES + l, seed + 50))
+        };
+        let local = |seed: u64| -> Vec<Lanes> {
+            let lanes = |&i: &usize| {
+                Lanes(std::array::from_fn(|l| match l < LANES {
+                    true => complex(i, l, seed).re,
+                    false => complex(i, l - LANES, seed).im,
+                }))
+            };
+            let rows = piece.matrix.rows();
+            let mut list: Vec<Lanes> = piece.number[..rows].iter().map(lanes).collect();
+            list.resize(piece.matrix.length(), Lanes([f64::NAN; 2 * LANES]));
+            list
+        };
+        let (mut y, mut x, mut sum) = (local(20), local(21), local(22));
+        piece
+            .matrix
+            .step(&mut piece.exchange, &constants, &mut y, &mut x, &mut sum);
+        let (s, k) = (twin.generator.symmetric(), twin.generator.skew());
+        let scale = twin.generator.largest() * 10.0;
+        for l in 0..LANES {
+            let [a, c, mu, coefficient] = [
+                constants.scale[l],
+                constants.shift[l],
+                constants.wavenumber[l],
+                constants.coefficient[l],
+            ];
+            for (local, &i) in piece.number[..piece.matrix.rows()].iter().enumerate() {
+                let mut hx = Complex64::new(0.0, c) * complex(i, l, 21);
+                for j in 0..twin.size() {
+                    hx += Complex64::new(k.at(i, j), -mu * s.at(i, j)) * complex(j, l, 21);
+                }
+                let expected_y = a * hx + complex(i, l, 20);
+                let expected_sum = coefficient * expected_y + complex(i, l, 22);
+                for (found, expected) in [(&y, expected_y), (&sum, expected_sum)] {
+                    let Lanes(row) = found[local];
+                    let found = Complex64::new(row[l], row[LANES + l]);
+                    assert!(
+                        (found - expected).norm() <= 1e-14 * scale,
+                        "{} {mesh:?} row {i} lane {l}: {found} {expected}",
+                        twin.name
+                    );
+                }
+            }
+        }
+    });
+}
+
+/// Wavenumbers of a batch, from none to more than plans ask for.
+const WAVENUMBERS: [f64; LANES] = [0.0, 0.05, 0.3, 1.0, 2.0, 4.0, 9.0, 20.0];
+
+/// `exp(−i(μS + iK)T) u` for each of the wavenumbers by Taylor series, the work dealt out to the ranks.
+fn references(world: &World, weighted: &Weighted, time: f64) -> Vec<Vec<Complex64>> {
+    let group = world.group();
+    let (s, k) = (weighted.generator.symmetric(), weighted.generator.skew());
+    (WAVENUMBERS.iter().enumerate())
+        .map(|(l, &mu)| {
+            let mut flat = vec![f64::NEG_INFINITY; 2 * s.size];
+            if l % group.size() == group.rank() {
+                let state = evolve(&s, &k, mu, &weighted.state, time);
+                flat = state.iter().flat_map(|z| [z.re, z.im]).collect();
+            }
+            group.max_into(&mut flat);
+            flat.chunks(2).map(|z| Complex64::new(z[0], z[1])).collect()
+        })
+        .collect()
+}
+
+/// Against `exp(−i(μS + iK)T) u`; the norm is kept; a series that is cut keeps the promise of its tail.
+fn chebyshev_propagation(world: &World) {
+    let size = |x: &[Complex64]| x.iter().map(|z| z.norm_sqr()).sum::<f64>().sqrt();
+    for twin in Twin::all() {
+        let time = twin.case.end;
+        // The weights are the same on any mesh, and so is the reference.
+        let mut reference = None;
+        for mesh in meshes(world, &twin.case) {
+            let mut weighted = Weighted::new(world, &twin, &mesh);
+            let reference = reference.get_or_insert_with(|| references(world, &weighted, time));
+            let Bounds { rate, growth, .. } = weighted.bounds;
+            let degree = |tail: f64| {
+                let mut series = Vec::new();
+                let degrees = WAVENUMBERS.map(|mu| {
+                    let tau = Interval::new(mu, rate, growth).half_width * time;
+                    bessel_series(&mut series, tau, tail);
+                    series.len() - 1
+                });
+                degrees.into_iter().max().unwrap_or(0)
+            };
+            let (whole, cut) = (degree(1e-16), degree(1e-6));
+            let problem = &mut weighted.problem;
+            let rows = problem.matrix.rows();
+            let mut chebyshev = Chebyshev::new(&problem.matrix, whole);
+            for degree in [whole, cut] {
+                let batch = BatchSpec {
+                    wavenumbers: WAVENUMBERS,
+                    degree,
+                };
+                let report = chebyshev.propagate(
+                    &problem.matrix,
+                    &mut problem.exchange,
+                    &batch,
+                    (rate, growth, time),
+                    &problem.state[..rows],
+                );
+                for l in 0..LANES {
+                    let part = |part: usize| {
+                        let entries = (0..rows)
+                            .map(|i| (weighted.number[i], chebyshev.sum[i].0[part * LANES + l]));
+                        gather(&weighted.communicator.space, twin.size(), entries)
+                    };
+                    let found: Vec<Complex64> = (part(0).iter().zip(&part(1)))
+                        .map(|(&re, &im)| Complex64::new(re, im) * report.phases[l])
+                        .collect();
+                    let difference: Vec<Complex64> = (found.iter().zip(&reference[l]))
+                        .map(|(a, b)| a - b)
+                        .collect();
+                    let full = norm(&weighted.state);
+                    let (error, change) = (size(&difference) / full, size(&found) / full - 1.0);
+                    let tail = report.tails[l];
+                    let at = format!(
+                        "{}, {mesh:?}, mu = {}, degree {degree}: error {error:e}, tail {tail:e}, norm {change:e}",
+                        twin.name, WAVENUMBERS[l]
+                    );
+                    assert!(
+                        error <= 1e-12 + tail && change.abs() <= 1e-12 + tail,
+                        "{at}"
+                    );
+                    // The series is long enough for all, or just too short for the last.
+                    let long_enough = degree == whole || l + 1 < LANES;
+                    assert!(tail < if long_enough { 1e-7 } else { 1e-6 }, "{at}");
+                    assert!(degree == whole || long_enough || tail > 1e-8, "{at}");
+                    assert!(degree == cut || tail < 1e-14, "{at}");
+                }
+            }
+        }
+    }
+}
+
+/// Eigenvalues of `μS + iK`, ascending.
+fn eigenvalues(s: &Dense, k: &Dense, mu: f64) -> Vec<f64> {
+    let h = Mat::from_fn(s.size, s.size, |i, j| {
+        Complex64::new(mu * s.at(i, j), k.at(i, j))
+    });
+    h.self_adjoint_eigenvalues(Side::Lower)
+        .expect("the eigenvalues of a Hermitian matrix")
+}
+
+/// One block, all ranks in its mode groups.
+fn one_block(world: &World, case: &Case) -> Mesh {
+    Mesh {
+        space: vec![1; case.space.dimension()],
+        groups: world.group().size(),
+    }
+}
+
+/// The spectrum of `μS + iK` lies in the interval of the Chebyshev series, for what the growth is known to be.
+fn spectrum_in_its_interval(world: &World) {
+    let mut twins = Twin::all();
+    let grid = ["axis.0.x.cells=18", "axis.0.v.cells=16"];
+    let with = |set: &'static str| [grid[0], grid[1], set];
+    let none = "solver.warp.weights='none'";
+    let conservative = "scheme.interface='conservative'";
+    twins.push(Twin::new("example 1, hat", "example1.toml", &grid));
+    twins.push(Twin::new("no weights", "example1.toml", &with(none)));
+    twins.push(Twin::new("well, hat", "well.toml", &grid));
+    twins.push(Twin::new(
+        "well, conservative",
+        "well.toml",
+        &with(conservative),
+    ));
+    let group = world.group();
+    let mut turn = 0;
+    for twin in twins {
+        let weighted = Weighted::new(world, &twin, &one_block(world, &twin.case));
+        let Bounds { rate, growth, .. } = weighted.bounds;
+        let (s, k) = (weighted.generator.symmetric(), weighted.generator.skew());
+        for mu in [0.0, 0.4, 2.0, 7.0, 30.0] {
+            // The work dealt out to the ranks.
+            turn += 1;
+            if turn % group.size() != group.rank() {
+                continue;
+            }
+            let values = eigenvalues(&s, &k, mu);
+            let (low, high) = (values[0], values[values.len() - 1]);
+            let holds = |growth: f64| {
+                let Interval { centre, half_width } = Interval::new(mu, rate, growth);
+                let slack = 1e-13 * half_width;
+                centre - half_width - slack <= low && high <= centre + half_width + slack
+            };
+            let at = format!("{}, mu = {mu}: [{low}, {high}], growth {growth}", twin.name);
+            assert!(holds(growth), "{at}");
+            // The growth matters: without it the interval is too small, where weights were left out.
+            if twin.name == "no weights" && mu >= 7.0 {
+                assert!(!holds(0.0), "{at}");
+            }
+        }
+    }
+}
+
+/// `½ max_j (Aᵀπ)_j/π_j` over the cells.
+fn certificate(twin: &Twin, pi: &[f64]) -> f64 {
+    let column = |j: usize| {
+        let sum: f64 = (0..twin.cells)
+            .map(|i| twin.generator.at(i, j) * pi[i])
+            .sum();
+        0.5 * sum / pi[j]
+    };
+    (0..twin.cells)
+        .map(column)
+        .fold(f64::NEG_INFINITY, f64::max)
+}
+
+fn dissipative_weights(world: &World) {
+    for twin in Twin::all() {
+        let rate = twin.generator.largest();
+        let mut highest = None;
+        for mesh in meshes(world, &twin.case) {
+            let name = format!("{}, {mesh:?}", twin.name);
+            let weighted = Weighted::new(world, &twin, &mesh);
+            let weights = &weighted.problem.weights;
+            let claimed = weights.certificate;
+            let found = certificate(&twin, &weighted.pi);
+            assert!(
+                (claimed - found).abs() <= 1e-13 * rate,
+                "{name}: {claimed} {found}"
+            );
+            assert!(weighted.pi.iter().all(|&pi| pi >= 1.0), "{name}");
+            for (pi, &i) in weights.pi.iter().zip(&weighted.number) {
+                assert_eq!(*pi, weighted.pi[i], "{name}: ghosts too");
+            }
+            for (m, &i) in twin.inflow.iter().enumerate() {
+                assert_eq!(weighted.pi[twin.cells + m], weighted.pi[i], "{name}");
+            }
+            let most = weighted.pi.iter().copied().fold(0.0, f64::max);
+            let least = weighted.pi.iter().copied().fold(f64::INFINITY, f64::min);
+            assert_eq!(weights.spread, (most / least).sqrt(), "{name}");
+
+            // What it certifies: no eigenvalue of S above it, inflow couplings aside.
+            let allowed = claimed.max(if twin.inflow.is_empty() {
+                f64::NEG_INFINITY
+            } else {
+                INFLOW_GROWTH / twin.case.end
+            });
+            let highest = *highest.get_or_insert_with(|| {
+                let s = weighted.generator.symmetric();
+                *eigenvalues(&s, &Dense::zero(s.size), 1.0)
+                    .last()
+                    .expect("there are some")
+            });
+            assert!(
+                highest <= allowed + 1e-13 * rate,
+                "{name}: {highest} {allowed}"
+            );
+
+            // Without weights the certificate is half the largest column sum: larger, where weights were needed.
+            let mut piece = Piece::assemble(world, &twin, &mesh);
+            let space = &piece.communicator.space;
+            let none = Weights::none(&piece.matrix, &mut piece.exchange, space);
+            let expected = certificate(&twin, &vec![1.0; twin.size()]);
+            assert!(
+                (none.certificate - expected).abs() <= 1e-14 * rate,
+                "{name}"
+            );
+            assert!(none.pi.iter().all(|&pi| pi == 1.0));
+            if weighted.bounds.weighted {
+                assert!(weights.sweeps > 0 && most > 1.0, "{name}");
+                assert!(claimed < 0.5 * none.certificate, "{name}");
+                report_bits(world, &format!("weights of {}", twin.name), &weighted.pi);
+            } else {
+                assert_eq!((most, claimed), (1.0, none.certificate), "{name}");
+            }
+        }
+    }
+}
+
+fn classical_exponential(world: &World) {
+    for twin in Twin::all() {
+        let time = twin.case.end;
+        let expected = exponential(&twin.generator, &twin.state, time);
+        for mesh in meshes(world, &twin.case) {
+            let name = format!("{}, {mesh:?}", twin.name);
+            let mut weighted = Weighted::new(world, &twin, &mesh);
+            let rate = weighted.bounds.rate;
+            let problem = &mut weighted.problem;
+            let mut state = problem.state.clone();
+            Classical::new(&problem.matrix).exponential(
+                &mut problem.exchange,
+                &mut state,
+                (rate, time),
+                EXACT,
+            );
+            let entries = (0..problem.matrix.rows()).map(|i| {
+                let number = weighted.number[i];
+                (number, state[i] / weighted.pi[number].sqrt())
+            });
+            let found = gather(&weighted.communicator.space, twin.size(), entries);
+            let error = distance(&found, &expected);
+            assert!(error <= 1e-13, "{name}: {error:e}");
+            let change = distance(&expected, &twin.state);
+            assert!(change > 0.1, "{name}: the state moves by {change}");
+            report_bits(world, &format!("exponential of {}", twin.name), &found);
+        }
+    }
+}
+
+fn orders_of_the_integrators(world: &World) {
+    for twin in Twin::all() {
+        if twin.inflow.is_empty() {
+            continue;
+        }
+        let time = twin.case.end;
+        let expected = exponential(&twin.generator, &twin.state, time);
+        for mesh in meshes(world, &twin.case) {
+            let mut piece = Piece::assemble(world, &twin, &mesh);
+            for (integrator, order) in [(Integrator::ForwardEuler, 1.0), (Integrator::SspRk3, 3.0)]
+            {
+                let coarse = (8.0 * twin.generator.largest() * time).ceil() as usize;
+                let errors = [coarse, 2 * coarse].map(|steps| {
+                    let mut state = piece.scatter(&twin.state);
+                    Classical::new(&piece.matrix).steps(
+                        &mut piece.exchange,
+                        &mut state,
+                        integrator,
+                        time,
+                        steps,
+                    );
+                    distance(&piece.gather(&twin, &state), &expected)
+                });
+                let found = (errors[0] / errors[1]).log2();
+                assert!(
+                    (found - order).abs() < 0.1,
+                    "{}, {mesh:?}, {integrator:?}: order {found}, errors {errors:?}",
+                    twin.name
+                );
+            }
+        }
+    }
+}
+
+/// The streamed run, within its tolerance of `exp(AT) f0`, and with the same bits on every mesh.
+fn recovered_field(world: &World) {
+    let ranks = world.group().size();
+    for mut twin in Twin::all() {
+        let time = twin.case.end;
+        let expected = exponential(&twin.generator, &twin.state, time);
+        let expected = twin.field(&expected);
+        for tolerance in [1e-4, 1e-9] {
+            twin.case.tolerance = tolerance;
+            for mesh in meshes(world, &twin.case) {
+                let name = format!("{}, {mesh:?}, {tolerance:e}", twin.name);
+                let mut weighted = Weighted::new(world, &twin, &mesh);
+                let problem = &mut weighted.problem;
+                let ratio = problem.probe(&weighted.communicator, weighted.bounds.rate, time);
+                let truth = norm(&weighted.state) / norm(expected);
+                assert!(
+                    (truth..1.5 * truth).contains(&ratio),
+                    "{name}: {ratio} {truth}"
+                );
+                let resources = Resources {
+                    ranks,
+                    ranks_x: Some(mesh.space.clone()),
+                    memory_per_rank: None,
+                };
+                let plan =
+                    Plan::with_bounds(&twin.case, weighted.bounds.clone(), &resources, ratio)
+                        .expect("a plan");
+                assert_eq!(plan.layout.mesh, mesh);
+                let warp_plan = plan.warp.expect("a schrodingerized run");
+
+                let rows = problem.matrix.rows();
+                let initial = warp::Initial {
+                    state: &problem.state[..rows],
+                    norm: norm(&weighted.state),
+                    terms: problem.terms,
+                };
+                // A mode group keeps a piece of the block's first axis.
+                let leading = problem.matrix.block.ranges[0].len();
+                let layer = problem.matrix.block.cells() / leading;
+                let share = |group: usize| {
+                    let piece = split(&(0..leading), mesh.groups, group);
+                    piece.start * layer..piece.end * layer
+                };
+                let shares: Vec<_> = (0..mesh.groups).map(share).collect();
+                let group = weighted.communicator.modes.rank();
+                let batches = &plan.layout.groups[group];
+                let recovered = warp::streamed(
+                    &weighted.communicator,
+                    (&problem.matrix, &mut problem.exchange),
+                    (&warp_plan, &weighted.bounds, time),
+                    batches,
+                    &initial,
+                    &shares,
+                    &mut Progress::new(false, 1),
+                )
+                .expect("a unitary run");
+                assert!(recovered.unitarity_defect <= 1.0, "{name}");
+                let applications = batches.iter().map(|&b| &warp_plan.batches[b]);
+                let applications: usize = applications.map(|b| b.modes * b.degree).sum();
+                assert_eq!(recovered.applications, applications, "{name}");
+
+                assert_eq!(recovered.fields.len(), 2);
+                let fields = recovered.fields.iter().map(|field| {
+                    assert_eq!(field.len(), share(group).len());
+                    let entries = share(group).zip(field).map(|(i, u)| {
+                        let number = weighted.number[i];
+                        (number, u / weighted.pi[number].sqrt())
+                    });
+                    gather(&world.group(), twin.cells, entries)
+                });
+                let fields: Vec<Vec<f64>> = fields.collect();
+                let error = distance(&fields[0], expected);
+                assert!(error <= tolerance, "{name}: error {error:e}");
+                assert_ne!(fields[0], fields[1], "{name}: two recovery points");
+                let name = format!("the field of {} at {tolerance:e}", twin.name);
+                report_bits(world, &name, &fields.concat());
+            }
+        }
+    }
+}

@@ -1,0 +1,254 @@
+//! Slow and obvious: dense matrices and Taylor series, the twins of what the crate does fast.
+#![allow(dead_code)] // each test program uses its own part
+
+use num_complex::Complex64;
+use phasewarp::case::Case;
+use phasewarp::scheme::{Row, Scheme};
+use std::path::Path;
+
+/// The file `name` of `cases/`, with overrides as `--set` takes them.
+pub fn case(name: &str, overrides: &[&str]) -> Case {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("cases")
+        .join(name);
+    let overrides: Vec<String> = overrides.iter().map(|o| (*o).to_owned()).collect();
+    Case::load(&path, &overrides).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// A number in [-1, 1) that depends on `index` and `seed` alone, so that data are the same on any ranks.
+pub fn noise(index: usize, seed: u64) -> f64 {
+    let mut h = (index as u64).wrapping_add(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    for (shift, factor) in [
+        (30, 0xbf58_476d_1ce4_e5b9_u64),
+        (27, 0x94d0_49bb_1331_11eb),
+        (31, 1),
+    ] {
+        h = (h ^ (h >> shift)).wrapping_mul(factor);
+    }
+    (h >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+}
+
+/// `√Σ|x_i|²`.
+pub fn norm(x: &[f64]) -> f64 {
+    x.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// `‖x − y‖/‖y‖`.
+pub fn distance(x: &[f64], y: &[f64]) -> f64 {
+    assert_eq!(x.len(), y.len());
+    let difference: Vec<f64> = x.iter().zip(y).map(|(x, y)| x - y).collect();
+    norm(&difference) / norm(y)
+}
+
+/// A square matrix.
+#[derive(Clone, Debug)]
+pub struct Dense {
+    /// Number of rows and columns.
+    pub size: usize,
+    /// Row by row.
+    values: Vec<f64>,
+}
+
+impl Dense {
+    pub fn from_fn(size: usize, mut value: impl FnMut(usize, usize) -> f64) -> Self {
+        let values = (0..size * size)
+            .map(|e| value(e / size, e % size))
+            .collect();
+        Self { size, values }
+    }
+
+    pub fn zero(size: usize) -> Self {
+        Self::from_fn(size, |_, _| 0.0)
+    }
+
+    pub fn diagonal(values: &[f64]) -> Self {
+        Self::from_fn(values.len(), |i, j| if i == j { values[i] } else { 0.0 })
+    }
+
+    pub fn at(&self, i: usize, j: usize) -> f64 {
+        self.values[i * self.size + j]
+    }
+
+    pub fn add(&mut self, i: usize, j: usize, value: f64) {
+        self.values[i * self.size + j] += value;
+    }
+
+    pub fn row(&self, i: usize) -> &[f64] {
+        &self.values[i * self.size..(i + 1) * self.size]
+    }
+
+    pub fn row_sum(&self, i: usize) -> f64 {
+        self.row(i).iter().sum()
+    }
+
+    pub fn column_sum(&self, j: usize) -> f64 {
+        (0..self.size).map(|i| self.at(i, j)).sum()
+    }
+
+    /// Largest magnitude of an entry.
+    pub fn largest(&self) -> f64 {
+        self.values.iter().fold(0.0, |m, v| m.max(v.abs()))
+    }
+
+    pub fn transposed(&self) -> Self {
+        Self::from_fn(self.size, |i, j| self.at(j, i))
+    }
+
+    /// `S = (A + Aᵀ)/2`.
+    pub fn symmetric(&self) -> Self {
+        Self::from_fn(self.size, |i, j| 0.5 * (self.at(i, j) + self.at(j, i)))
+    }
+
+    /// `K = (A − Aᵀ)/2`.
+    pub fn skew(&self) -> Self {
+        Self::from_fn(self.size, |i, j| 0.5 * (self.at(i, j) - self.at(j, i)))
+    }
+
+    /// `D A D⁻¹`, `D = diag(√π)`.
+    pub fn weighted(&self, pi: &[f64]) -> Self {
+        Self::from_fn(self.size, |i, j| self.at(i, j) * (pi[i] / pi[j]).sqrt())
+    }
+
+    pub fn apply(&self, x: &[f64]) -> Vec<f64> {
+        (0..self.size)
+            .map(|i| self.row(i).iter().zip(x).map(|(a, x)| a * x).sum())
+            .collect()
+    }
+}
+
+/// Fails unless the matrices agree entry for entry to `tolerance`, naming the entry that differs most.
+pub fn assert_same(what: &str, found: &Dense, expected: &Dense, tolerance: f64) {
+    assert_eq!(found.size, expected.size, "{what}: sizes");
+    let (mut worst, mut place) = (0.0, (0, 0));
+    for i in 0..found.size {
+        for j in 0..found.size {
+            let difference = (found.at(i, j) - expected.at(i, j)).abs();
+            assert!(!difference.is_nan(), "{what}: entry ({i}, {j}) is NaN");
+            if difference > worst {
+                (worst, place) = (difference, (i, j));
+            }
+        }
+    }
+    let (i, j) = place;
+    assert!(
+        worst <= tolerance,
+        "{what}: entry ({i}, {j}) is {}, {} expected; differs by {worst:e}, {tolerance:e} allowed",
+        found.at(i, j),
+        expected.at(i, j)
+    );
+}
+
+/// As [`assert_same`], for vectors.
+pub fn assert_close(what: &str, found: &[f64], expected: &[f64], tolerance: f64) {
+    assert_eq!(found.len(), expected.len(), "{what}: lengths");
+    for (i, (a, b)) in found.iter().zip(expected).enumerate() {
+        assert!(
+            (a - b).abs() <= tolerance,
+            "{what}: entry {i} is {a}, {b} expected; {tolerance:e} allowed"
+        );
+    }
+}
+
+/// The semi-discrete system `f' = A f + b`, dense.
+#[derive(Clone, Debug)]
+pub struct System {
+    /// `A`.
+    pub generator: Dense,
+    /// `b`.
+    pub inflow: Vec<f64>,
+    /// The rate at which each row draws on the inflow.
+    pub draw: Vec<f64>,
+}
+
+impl System {
+    pub fn zero(size: usize) -> Self {
+        Self {
+            generator: Dense::zero(size),
+            inflow: vec![0.0; size],
+            draw: vec![0.0; size],
+        }
+    }
+
+    /// From the crate's rows.
+    pub fn of_rows(case: &Case) -> Self {
+        let scheme = Scheme::whole(case).unwrap_or_else(|e| panic!("{e}"));
+        let mut system = Self::zero(case.space.cells());
+        let mut row = Row::default();
+        for i in 0..case.space.cells() {
+            scheme.row(&mut row, i);
+            for &(j, value) in &row.entries {
+                system.generator.add(i, j, value);
+            }
+            system.inflow[i] = row.inflow;
+            system.draw[i] = row.draw;
+        }
+        system
+    }
+}
+
+/// `exp(L t) x` by the Taylor series of short steps; `bound ≥ ‖L‖` in some norm.
+fn taylor(
+    apply: impl Fn(&[Complex64]) -> Vec<Complex64>,
+    bound: f64,
+    x: &[Complex64],
+    time: f64,
+) -> Vec<Complex64> {
+    // Steps of ‖L‖ dt ≤ 1/2: the 18th term is below 1e-21.
+    let steps = (2.0 * bound * time).ceil().max(1.0);
+    let dt = time / steps;
+    let mut state = x.to_vec();
+    for _ in 0..steps as usize {
+        let mut term = state.clone();
+        for k in 1..=18 {
+            term = apply(&term);
+            for (state, term) in state.iter_mut().zip(&mut term) {
+                *term *= dt / f64::from(k);
+                *state += *term;
+            }
+        }
+    }
+    state
+}
+
+/// The entries that are not zero, row by row: `(column, a, b)`.
+fn pairs(a: &Dense, b: &Dense) -> Vec<Vec<(usize, f64, f64)>> {
+    let row = |i: usize| {
+        (0..a.size)
+            .map(|j| (j, a.at(i, j), b.at(i, j)))
+            .filter(|&(_, a, b)| a != 0.0 || b != 0.0)
+            .collect()
+    };
+    (0..a.size).map(row).collect()
+}
+
+/// `exp(−i(μS + iK) t) x = exp((−iμS + K) t) x` for a real `x`.
+pub fn evolve(s: &Dense, k: &Dense, mu: f64, x: &[f64], time: f64) -> Vec<Complex64> {
+    let rows: Vec<Vec<(usize, Complex64)>> = pairs(s, k)
+        .into_iter()
+        .map(|row| {
+            row.into_iter()
+                .map(|(j, s, k)| (j, Complex64::new(k, -mu * s)))
+                .collect()
+        })
+        .collect();
+    let bound = rows
+        .iter()
+        .map(|row| row.iter().map(|(_, h)| h.norm()).sum())
+        .fold(0.0, f64::max);
+    let apply = |x: &[Complex64]| {
+        rows.iter()
+            .map(|row| row.iter().map(|&(j, h)| h * x[j]).sum())
+            .collect()
+    };
+    let x: Vec<Complex64> = x.iter().map(|&x| x.into()).collect();
+    taylor(apply, bound, &x, time)
+}
+
+/// `exp(A t) x`.
+pub fn exponential(a: &Dense, x: &[f64], time: f64) -> Vec<f64> {
+    let zero = Dense::zero(a.size);
+    evolve(&zero, a, 0.0, x, time)
+        .into_iter()
+        .map(|z| z.re)
+        .collect()
+}
