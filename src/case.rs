@@ -4,6 +4,7 @@ use crate::case_file::{CaseFile, Table};
 use crate::error::{Error, Result};
 use crate::expression::Expression;
 use crate::grid::{Axis, MAX_DIMENSION, PhaseSpace};
+use std::io::Read;
 use std::path::Path;
 
 /// Default of `solver.tolerance`.
@@ -14,6 +15,10 @@ pub const DEFAULT_CFL: f64 = 0.9;
 pub const LARGEST_TOLERANCE: f64 = 0.1;
 /// Largest number of phase-space cells that is looked at; memory is checked against the machine by the plan.
 const MOST_CELLS: f64 = 1e12;
+/// Largest number of space cells: `V` is evaluated on all of them before anything else.
+const MOST_SPACE_CELLS: f64 = 1e8;
+/// Lengths, velocities and times lie between the inverse of this and this: their products stay finite.
+pub const MOST: f64 = 1e100;
 
 /// One branch of the potential; the first whose condition holds at a cell's centre gives `V` in that cell.
 #[derive(Clone, Debug)]
@@ -99,6 +104,8 @@ pub struct Case {
     pub method: Method,
     /// `solver.tolerance`: relative l2 distance to the exact semi-discrete solution.
     pub tolerance: f64,
+    /// File and line of the tolerance, for errors.
+    pub tolerance_place: String,
     /// `solver.verify`: whether to measure that distance (one classical solve).
     pub verify: bool,
     /// `solver.warp.weights = "dissipative"`.
@@ -146,18 +153,39 @@ impl Case {
     /// [`Error::Input`] with file, line, key, value and limit.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Self> {
         let file = CaseFile::parse(name, text, overrides)?;
-        let root = file.root();
+        let root = file.root().knowing(&[
+            "title",
+            "reference",
+            "axis",
+            "potential",
+            "initial",
+            "inflow",
+            "time",
+            "scheme",
+            "solver",
+            "exact",
+            "output",
+        ])?;
         let space = read_axes(&root)?;
         let n = space.dimension();
-        let (solver, scheme, output) = (
-            root.table("solver")?,
-            root.table("scheme")?,
-            root.table("output")?,
-        );
-        let warp = solver.table("warp")?;
-        let propagator = solver.table("propagator")?;
-        let classical = solver.table("classical")?;
-        let initial_table = root.table("initial")?;
+        let scheme = root.table("scheme")?.knowing(&["interface", "limiter"])?;
+        let output = root
+            .table("output")?
+            .knowing(&["recovery_points", "warped_field"])?;
+        let solver = root.table("solver")?.knowing(&[
+            "method",
+            "tolerance",
+            "verify",
+            "warp",
+            "propagator",
+            "classical",
+        ])?;
+        let warp = solver
+            .table("warp")?
+            .knowing(&["profile", "weights", "inflow"])?;
+        let propagator = solver.table("propagator")?.knowing(&["method"])?;
+        let classical = solver.table("classical")?.knowing(&["integrator", "cfl"])?;
+        let initial_table = root.table("initial")?.knowing(&["f"])?;
         let initial = required_formula(&initial_table, "f", &names(n, true, false))?;
         let method = solver.choice(
             "method",
@@ -186,6 +214,7 @@ impl Case {
             )?,
             method,
             tolerance: read_tolerance(&solver)?,
+            tolerance_place: solver.place("tolerance"),
             verify: solver.boolean("verify")?.unwrap_or(false),
             weights: warp.choice("weights", &[("dissipative", true), ("none", false)])?,
             integrator: classical.choice(
@@ -203,40 +232,13 @@ impl Case {
             overrides: overrides.to_vec(),
             space,
         };
-        initial_table.finish(&["f"])?;
         scheme.choice("limiter", &[("none", ())])?;
-        scheme.finish(&["interface", "limiter"])?;
-        warp.finish(&["profile", "weights", "inflow"])?;
-        propagator.finish(&["method"])?;
-        classical.finish(&["integrator", "cfl"])?;
-        solver.finish(&[
-            "method",
-            "tolerance",
-            "verify",
-            "warp",
-            "propagator",
-            "classical",
-        ])?;
         if output.boolean("warped_field")? == Some(true) {
             return Err(output.error(
                 "warped_field",
                 "only streamed runs are possible so far; leave it out or false",
             ));
         }
-        output.finish(&["recovery_points", "warped_field"])?;
-        root.finish(&[
-            "title",
-            "reference",
-            "axis",
-            "potential",
-            "initial",
-            "inflow",
-            "time",
-            "scheme",
-            "solver",
-            "exact",
-            "output",
-        ])?;
         Ok(case)
     }
 
@@ -249,22 +251,28 @@ impl Case {
     }
 }
 
+/// Longest case file read, in bytes.
+const LONGEST: u64 = 1 << 20;
+
 /// The text of a case file.
 ///
 /// # Errors
 /// [`Error::Input`] when it cannot be read or is larger than 1 MiB.
 pub fn read_text(path: &Path) -> Result<String> {
     let fail = |e: &dyn std::fmt::Display| Error::Input(format!("{}: {e}", path.display()));
-    let size = std::fs::metadata(path).map_err(|e| fail(&e))?.len();
-    if size > 1 << 20 {
-        return Err(fail(&format!(
-            "{size} bytes; a case file has at most 1048576"
-        )));
+    let mut text = String::new();
+    std::fs::File::open(path)
+        .and_then(|file| file.take(LONGEST + 1).read_to_string(&mut text))
+        .map_err(|e| fail(&e))?;
+    if text.len() as u64 > LONGEST {
+        return Err(fail(&format!("a case file has at most {LONGEST} bytes")));
     }
-    std::fs::read_to_string(path).map_err(|e| fail(&e))
+    // A byte order mark is no part of the text.
+    Ok(text.trim_start_matches('\u{feff}').to_owned())
 }
 
-fn read_axis(table: &Table<'_>) -> Result<Axis> {
+fn read_axis(table: Table<'_>) -> Result<Axis> {
+    let table = table.knowing(&["lower", "upper", "cells"])?;
     let axis = Axis {
         lower: table.required_number("lower")?,
         upper: table.required_number("upper")?,
@@ -276,16 +284,20 @@ fn read_axis(table: &Table<'_>) -> Result<Axis> {
         return Err(table.error("upper", &format!("must be above lower = {}", axis.lower)));
     }
     let width = axis.width();
+    for (key, value) in [("lower", axis.lower), ("upper", axis.upper)] {
+        if value.abs() > MOST {
+            return Err(table.error(key, &format!("must be between -{MOST:e} and {MOST:e}")));
+        }
+    }
     if axis.cells as f64 > MOST_CELLS {
         return Err(table.error("cells", "more cells than any machine's memory holds"));
     }
-    if !width.is_finite() || axis.lower + width == axis.lower || axis.upper - width == axis.upper {
+    if width < 1.0 / MOST || axis.lower + width == axis.lower || axis.upper - width == axis.upper {
         return Err(table.error(
             "cells",
             &format!("cells of width {width:e} cannot be told apart in double precision"),
         ));
     }
-    table.finish(&["lower", "upper", "cells"])?;
     Ok(axis)
 }
 
@@ -304,16 +316,16 @@ fn read_axes(root: &Table<'_>) -> Result<PhaseSpace> {
         x: Vec::new(),
         v: Vec::new(),
     };
-    for table in &tables {
+    for table in tables {
+        let table = table.knowing(&["x", "v"])?;
         for (key, list) in [("x", &mut space.x), ("v", &mut space.v)] {
             if !table.has(key) {
                 return Err(
                     table.error(key, "missing; { lower = …, upper = …, cells = … } expected")
                 );
             }
-            list.push(read_axis(&table.table(key)?)?);
+            list.push(read_axis(table.table(key)?)?);
         }
-        table.finish(&["x", "v"])?;
     }
     let cells: f64 = space.axes().map(|a| a.cells as f64).product();
     if cells > MOST_CELLS {
@@ -325,6 +337,13 @@ fn read_axes(root: &Table<'_>) -> Result<PhaseSpace> {
             ),
         ));
     }
+    let points: f64 = space.x.iter().map(|a| a.cells as f64).product();
+    if points > MOST_SPACE_CELLS {
+        return Err(root.error(
+            "axis",
+            &format!("{points:.3e} space cells; at most {MOST_SPACE_CELLS:e} are planned for (memory and time)"),
+        ));
+    }
     Ok(space)
 }
 
@@ -334,7 +353,9 @@ fn parse_formula(
     text: &str,
     names: &[&[&str]],
 ) -> Result<Expression> {
-    Expression::parse(text, names).map_err(|message| table.error(key, &message))
+    Expression::parse(text, names)
+        .map(|formula| formula.at(table.place(key)))
+        .map_err(|message| table.error(key, &message))
 }
 
 fn formula(table: &Table<'_>, key: &str, names: &[&[&str]]) -> Result<Option<Expression>> {
@@ -358,9 +379,11 @@ fn read_potential(root: &Table<'_>, n: usize) -> Result<Vec<Region>> {
     }
     let names = names(n, false, false);
     let mut regions = Vec::new();
-    for (i, table) in tables.iter().enumerate() {
+    let count = tables.len();
+    for (i, table) in tables.into_iter().enumerate() {
+        let table = &table.knowing(&["where", "value"])?;
         let condition = formula(table, "where", &names)?;
-        let last = i + 1 == tables.len();
+        let last = i + 1 == count;
         if last && condition.is_some() {
             return Err(table.error(
                 "where",
@@ -374,13 +397,12 @@ fn read_potential(root: &Table<'_>, n: usize) -> Result<Vec<Region>> {
             condition,
             value: required_formula(table, "value", &names)?,
         });
-        table.finish(&["where", "value"])?;
     }
     Ok(regions)
 }
 
 fn read_inflow(root: &Table<'_>, n: usize) -> Result<Inflow> {
-    let table = root.table("inflow")?;
+    let table = root.table("inflow")?.knowing(&["value"])?;
     let inflow = match table.formula("value")?.as_deref() {
         Some("initial") => Inflow::Initial,
         text => Inflow::Formula(parse_formula(
@@ -390,17 +412,18 @@ fn read_inflow(root: &Table<'_>, n: usize) -> Result<Inflow> {
             &names(n, true, false),
         )?),
     };
-    table.finish(&["value"])?;
     Ok(inflow)
 }
 
 fn read_end(root: &Table<'_>) -> Result<f64> {
-    let table = root.table("time")?;
+    let table = root.table("time")?.knowing(&["end"])?;
     let end = table.required_number("end")?;
-    if end <= 0.0 {
-        return Err(table.error("end", "must be above 0"));
+    if !(1.0 / MOST..=MOST).contains(&end) {
+        return Err(table.error(
+            "end",
+            &format!("must be above 0, between {:e} and {MOST:e}", 1.0 / MOST),
+        ));
     }
-    table.finish(&["end"])?;
     Ok(end)
 }
 
@@ -427,7 +450,7 @@ fn read_cfl(classical: &Table<'_>) -> Result<f64> {
 }
 
 fn read_exact(root: &Table<'_>, n: usize) -> Result<Option<Exact>> {
-    let table = root.table("exact")?;
+    let table = root.table("exact")?.knowing(&["kind", "f"])?;
     let exact = match (
         table.has("kind"),
         formula(&table, "f", &names(n, true, true))?,
@@ -440,7 +463,6 @@ fn read_exact(root: &Table<'_>, n: usize) -> Result<Option<Exact>> {
         }
         (true, Some(_)) => return Err(table.error("f", "give either exact.kind or exact.f")),
     };
-    table.finish(&["kind", "f"])?;
     Ok(exact)
 }
 

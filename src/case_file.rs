@@ -1,10 +1,8 @@
 //! Reading TOML so that every mistake is named with file, line, key, value and limit.
 //!
-//! A case file becomes a tree of [`Node`]s that remember where they stand and whether anyone asked for them; what
-//! nobody asked for is an unknown key. `--set key=value` replaces nodes of the tree.
+//! A case file becomes a tree of [`Node`]s that remember where they stand. `--set key=value` replaces nodes of the tree.
 
 use crate::error::{Error, Result};
-use std::cell::Cell;
 use std::collections::BTreeMap;
 use toml::de::{DeTable, DeValue};
 
@@ -37,7 +35,8 @@ enum Value {
 pub struct Node {
     value: Value,
     origin: Origin,
-    asked: Cell<bool>,
+    /// Where its key stands; the same as `origin` where there is none.
+    key: Origin,
 }
 
 /// The whole file: its name, its text and its root table.
@@ -48,6 +47,15 @@ pub struct CaseFile {
     root: Node,
     /// Stands for every table that is absent.
     empty: Node,
+}
+
+/// A text as messages show it.
+fn shortened(text: &str) -> String {
+    const MOST: usize = 120;
+    if text.chars().count() <= MOST {
+        return text.to_owned();
+    }
+    text.chars().take(MOST).chain("…".chars()).collect()
 }
 
 fn line_of(text: &str, offset: usize) -> (usize, usize, &str) {
@@ -84,8 +92,8 @@ fn convert(value: &DeValue<'_>, span: std::ops::Range<usize>) -> Node {
     };
     Node {
         value,
-        origin: Origin::File(span),
-        asked: Cell::new(false),
+        origin: Origin::File(span.clone()),
+        key: Origin::File(span),
     }
 }
 
@@ -98,7 +106,13 @@ fn convert_table(table: &DeTable<'_>) -> BTreeMap<String, Node> {
                 DeValue::Table(_) => key.span(),
                 _ => value.span(),
             };
-            (key.get_ref().to_string(), convert(value.get_ref(), span))
+            {
+                let node = Node {
+                    key: Origin::File(key.span()),
+                    ..convert(value.get_ref(), span)
+                };
+                (key.get_ref().to_string(), node)
+            }
         })
         .collect()
 }
@@ -109,7 +123,7 @@ impl CaseFile {
         let empty = Node {
             value: Value::Table(BTreeMap::new()),
             origin: Origin::Nowhere,
-            asked: Cell::new(true),
+            key: Origin::Nowhere,
         };
         let mut file = CaseFile {
             name: name.to_owned(),
@@ -133,13 +147,15 @@ impl CaseFile {
             Origin::File(span) => {
                 let (line, column, content) = line_of(&self.text, span.start);
                 let shown: String = content.chars().take(120).collect();
+                let gutter = " ".repeat(line.to_string().len());
                 format!(
-                    "{}:{line}: {message}\n  |\n{line:>2}| {shown}\n  | {}^",
+                    "{}:{line}:{}: {message}\n{gutter} |\n{line} | {shown}\n{gutter} | {}^",
                     self.name,
+                    column + 1,
                     " ".repeat(column.min(120))
                 )
             }
-            Origin::Set(text) => format!("--set {text}: {message}"),
+            Origin::Set(text) => format!("--set {}: {message}", shortened(text)),
             Origin::Nowhere => format!("{}: {message}", self.name),
         })
     }
@@ -156,11 +172,14 @@ impl CaseFile {
             Err(_) => Node {
                 value: Value::Text(value.trim().to_owned()),
                 origin: origin.clone(),
-                asked: Cell::new(false),
+                key: origin.clone(),
             },
         };
         node.mark(&origin);
         let parts: Vec<&str> = path.split('.').map(str::trim).collect();
+        if parts.iter().any(|p| p.is_empty()) {
+            return Err(self.error_at(&origin, "expected key=value, the key without empty parts"));
+        }
         let mut place = &mut self.root;
         for (depth, part) in parts.iter().enumerate() {
             let last = depth + 1 == parts.len();
@@ -173,7 +192,7 @@ impl CaseFile {
                     table.entry((*part).to_owned()).or_insert_with(|| Node {
                         value: Value::Table(BTreeMap::new()),
                         origin: origin.clone(),
-                        asked: Cell::new(false),
+                        key: origin.clone(),
                     })
                 }
                 Value::List(list) => {
@@ -220,6 +239,7 @@ impl CaseFile {
 impl Node {
     fn mark(&mut self, origin: &Origin) {
         self.origin = origin.clone();
+        self.key = origin.clone();
         match &mut self.value {
             Value::List(list) => list.iter_mut().for_each(|n| n.mark(origin)),
             Value::Table(table) => table.values_mut().for_each(|n| n.mark(origin)),
@@ -229,9 +249,9 @@ impl Node {
 
     fn describe(&self) -> String {
         match &self.value {
-            Value::Text(s) => format!("\"{s}\""),
+            Value::Text(s) => format!("\"{}\"", shortened(s)),
             Value::Integer(i) => i.to_string(),
-            Value::Number(_, text) | Value::Other(text) => text.clone(),
+            Value::Number(_, text) | Value::Other(text) => shortened(text),
             Value::Boolean(b) => b.to_string(),
             Value::List(_) => "a list".into(),
             Value::Table(_) => "a table".into(),
@@ -264,9 +284,7 @@ impl<'a> Table<'a> {
     }
 
     fn get(&self, key: &str) -> Option<&'a Node> {
-        let node = self.entries()?.get(key)?;
-        node.asked.set(true);
-        Some(node)
+        self.entries()?.get(key)
     }
 
     /// An error about `key`, pointing at its place.
@@ -315,16 +333,13 @@ impl<'a> Table<'a> {
         };
         list.iter()
             .enumerate()
-            .map(|(i, node)| {
-                node.asked.set(true);
-                match node.value {
-                    Value::Table(_) => Ok(Table {
-                        file: self.file,
-                        path: format!("{}.{i}", self.key(key)),
-                        node,
-                    }),
-                    _ => Err(self.wrong(key, "a list of tables")),
-                }
+            .map(|(i, node)| match node.value {
+                Value::Table(_) => Ok(Table {
+                    file: self.file,
+                    path: format!("{}.{i}", self.key(key)),
+                    node,
+                }),
+                _ => Err(self.wrong(key, "a list of tables")),
             })
             .collect()
     }
@@ -411,18 +426,29 @@ impl<'a> Table<'a> {
         ))
     }
 
-    /// Refuses what nobody asked for, here; call it after all keys of the table were read.
+    /// File, line and name of `key`, for errors that are found later.
+    pub fn place(&self, key: &str) -> String {
+        let name = self.key(key);
+        match self.get(key).map(|n| &n.origin) {
+            Some(Origin::File(span)) => {
+                let (line, ..) = line_of(&self.file.text, span.start);
+                format!("{}:{line}: {name}", self.file.name)
+            }
+            Some(Origin::Set(text)) => format!("--set {}: {name}", shortened(text)),
+            _ => format!("{}: {name}", self.file.name),
+        }
+    }
+
+    /// This table, if it holds keys of `known` only. To be called before any key is read, so that a misspelt key is
+    /// named before the one it stands for is missed.
     ///
     /// # Errors
     /// Names the unknown key and the nearest of `known`.
-    pub fn finish(&self, known: &[&str]) -> Result<()> {
-        let Some(entries) = self.entries() else {
-            return Ok(());
-        };
-        for (key, node) in entries {
-            if !node.asked.get() {
+    pub fn knowing(self, known: &[&str]) -> Result<Self> {
+        for (key, node) in self.entries().into_iter().flatten() {
+            if !known.contains(&key.as_str()) {
                 return Err(self.file.error_at(
-                    &node.origin,
+                    &node.key,
                     &format!(
                         "unknown key {}{}; known here: {}",
                         self.key(key),
@@ -432,7 +458,7 @@ impl<'a> Table<'a> {
                 ));
             }
         }
-        Ok(())
+        Ok(self)
     }
 }
 

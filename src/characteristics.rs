@@ -551,10 +551,11 @@ mod tests {
 
     /// `V` of the region that holds at a point.
     fn potential_at(case: &Case, point: &[f64; 6]) -> f64 {
-        let region = case
-            .potential
-            .iter()
-            .find(|r| r.condition.as_ref().is_none_or(|c| c.holds(point)));
+        let region = case.potential.iter().find(|r| {
+            r.condition
+                .as_ref()
+                .is_none_or(|c| c.holds(point) == Some(true))
+        });
         region.map_or(f64::NAN, |r| r.value.eval(point))
     }
 

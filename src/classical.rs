@@ -6,6 +6,7 @@
 use crate::case::Integrator;
 use crate::communicator::GhostExchange;
 use crate::matrix::{BlockMatrix, Part};
+use crate::progress::Progress;
 use std::ops::Range;
 
 /// Poisson probabilities below this are left out for the reference.
@@ -63,6 +64,7 @@ pub struct Classical<'a> {
     image: Vec<f64>,
     stage: Vec<f64>,
     sum: Vec<f64>,
+    progress: Progress,
 }
 
 impl<'a> Classical<'a> {
@@ -74,7 +76,13 @@ impl<'a> Classical<'a> {
             image: vector(),
             stage: vector(),
             sum: vector(),
+            progress: Progress::silent(),
         }
+    }
+
+    /// Says how far it is.
+    pub fn with_progress(self, progress: Progress) -> Self {
+        Self { progress, ..self }
     }
 
     /// `state ← exp(A time) state`, with `rate ≥ max |A_ii|`: `exp(At) = Σ_k e^{−λ} λ^k/k! Q^k`, `λ = rate·t`,
@@ -102,7 +110,9 @@ impl<'a> Classical<'a> {
             for (x, a) in state[..rows].iter_mut().zip(&self.image) {
                 *x += a / rate;
             }
+            self.progress.advance(1);
         }
+        self.progress.finish();
         state[..rows].copy_from_slice(&self.sum[..rows]);
     }
 
@@ -137,7 +147,9 @@ impl<'a> Classical<'a> {
                     self.stage = stage;
                 }
             }
+            self.progress.advance(1);
         }
+        self.progress.finish();
     }
 
     /// `state ← state + dt A state`.

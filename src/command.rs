@@ -18,6 +18,11 @@ fn say(line: &str) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }
 
+/// Prints a line to standard error; one that cannot be written is no reason to stop.
+pub fn report(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
 /// Carries out a command. Collective.
 ///
 /// # Errors
@@ -40,6 +45,10 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             };
             let summary = run::run(world, &case, &directory, &options)?;
             if speaks {
+                let known = run::warnings(&case).len();
+                for warning in &summary.warnings[known..] {
+                    report(&format!("warning: {warning}"));
+                }
                 say(&closing_line(&summary, &directory));
             }
         }
@@ -65,7 +74,14 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         }
         Command::Check { case } => {
             let case = load(world, case)?;
+            run::refuse_hopeless_here(world, &case)?;
             let bounds = Bounds::new(&case)?;
+            let resources = Resources {
+                ranks: world.group().size(),
+                ..Resources::default()
+            };
+            // Finds formulas that are not finite and a tolerance that cannot be met, where the grid is small enough.
+            run::plan(world, &case, &resources)?;
             if speaks {
                 say(understood(&case, &bounds).trim_end());
                 run::warnings(&case)
@@ -162,6 +178,7 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
 
 fn spectrum(world: &World, case: &Case, steps: usize) -> Result<()> {
     let speaks = world.group().rank() == 0;
+    run::refuse_hopeless_here(world, case)?;
     let bounds = Bounds::new(case)?;
     let resources = Resources {
         ranks: world.group().size(),
@@ -185,12 +202,13 @@ fn spectrum(world: &World, case: &Case, steps: usize) -> Result<()> {
         };
         let block = Block::new(&case.space, &mesh, communicator.space.rank());
         let mut problem = Problem::new(case, &bounds, &communicator, block, (1, usize::MAX))?;
+        let found_bounds = problem.bounds(case, &bounds);
         let unknowns = case.space.cells() + problem.terms - case.space.space_cells();
         let found = extremes(
             &problem.matrix,
             &mut problem.exchange,
             &communicator.space,
-            bounds.decay + problem.weights.certificate.max(0.0),
+            found_bounds.decay + found_bounds.growth.max(0.0),
             unknowns,
             steps,
         );
@@ -205,8 +223,8 @@ fn spectrum(world: &World, case: &Case, steps: usize) -> Result<()> {
                 found.highest.max(0.0),
                 (-found.lowest).max(0.0),
                 found.steps,
-                problem.weights.certificate.max(0.0),
-                2.0 * bounds.rate + problem.weights.certificate.max(0.0),
+                found_bounds.growth.max(0.0),
+                found_bounds.decay,
                 problem.weights.spread,
                 problem.weights.sweeps,
             ));

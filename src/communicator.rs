@@ -28,7 +28,8 @@ impl World {
             hook(info);
             if mpi::environment::is_initialized() && !mpi::environment::is_finalized() {
                 let world = SimpleCommunicator::world();
-                eprintln!("phasewarp: rank {} stopped; ending the job", world.rank());
+                let line = format!("phasewarp: rank {} stopped; ending the job", world.rank());
+                crate::command::report(&line);
                 world.abort(1);
             }
         }));
@@ -167,7 +168,11 @@ impl Group {
     }
 
     /// Sum of `count` terms in all, of magnitude at most `bound`, the same bits on any ranks; `terms` are this rank's.
+    /// NaN for a bound that is not finite.
     pub fn sum(&self, bound: f64, count: usize, terms: impl Iterator<Item = f64>) -> f64 {
+        if !bound.is_finite() {
+            return f64::NAN;
+        }
         let fixed = FixedPoint::new(bound, count);
         let mut total = [0i64; 2];
         for term in terms {
@@ -209,14 +214,15 @@ impl Group {
             return result;
         }
         let root = self.communicator.process_at_rank(first as i32);
-        let (mut code, mut message) = match &result {
-            Err(error) if self.rank() == first => {
-                (error.exit_code(), error.to_string().into_bytes())
-            }
-            _ => (0, Vec::new()),
+        let (mut about, mut message) = match &result {
+            Err(error) if self.rank() == first => (
+                [error.exit_code(), i32::from(error.leaves_files_open())],
+                error.to_string().into_bytes(),
+            ),
+            _ => ([0, 0], Vec::new()),
         };
         let mut length = message.len() as u64;
-        root.broadcast_into(&mut code);
+        root.broadcast_into(&mut about[..]);
         root.broadcast_into(&mut length);
         message.resize(length as usize, 0);
         root.broadcast_into(&mut message[..]);
@@ -225,7 +231,8 @@ impl Group {
             _ => Err(Error::Remote {
                 rank: first,
                 message: String::from_utf8_lossy(&message).into_owned(),
-                code,
+                code: about[0],
+                files_open: about[1] != 0,
             }),
         }
     }
@@ -315,7 +322,7 @@ impl VectorRow for f64 {
 
 /// Exchange of ghost rows with the neighbouring blocks, for vectors of up to `width` numbers a row.
 pub struct GhostExchange {
-    communicator: ffi::MPI_Comm,
+    communicator: SimpleCommunicator,
     neighbours: Vec<Neighbour>,
     requests: Vec<ffi::MPI_Request>,
 }
@@ -329,7 +336,8 @@ struct Neighbour {
 }
 
 impl GhostExchange {
-    /// The exchange of `block`'s ghosts over the ranks of `space`, with buffers for `width` numbers a row.
+    /// The exchange of `block`'s ghosts over the ranks of `space`, with buffers for `width` numbers a row. Collective over
+    /// `space`.
     pub fn new(space: &Group, block: &Block, width: usize) -> Self {
         let neighbours: Vec<Neighbour> = block
             .exchanges()
@@ -347,7 +355,7 @@ impl GhostExchange {
             .map(|n| n.send.len().div_ceil(MOST_AT_ONCE) + n.receive.len().div_ceil(MOST_AT_ONCE))
             .sum();
         Self {
-            communicator: space.raw(),
+            communicator: space.communicator.duplicate(),
             neighbours,
             requests: Vec::with_capacity(pieces),
         }
@@ -355,6 +363,7 @@ impl GhostExchange {
 
     /// Sends the rows the neighbours need, of `vector`, and posts the receives.
     pub fn start<R: VectorRow>(&mut self, vector: &[R]) {
+        let communicator = self.communicator.as_raw();
         self.requests.clear();
         for neighbour in &mut self.neighbours {
             let length = neighbour.ghosts.len() * R::WIDTH;
@@ -368,7 +377,7 @@ impl GhostExchange {
                         ffi::RSMPI_DOUBLE,
                         neighbour.rank,
                         0,
-                        self.communicator,
+                        communicator,
                         request.as_mut_ptr(),
                     );
                     self.requests.push(request.assume_init());
@@ -393,7 +402,7 @@ impl GhostExchange {
                         ffi::RSMPI_DOUBLE,
                         neighbour.rank,
                         0,
-                        self.communicator,
+                        communicator,
                         request.as_mut_ptr(),
                     );
                     self.requests.push(request.assume_init());

@@ -13,8 +13,8 @@ pub enum Error {
         "{key} = \"{formula}\" is {value} at {place}; it must be finite everywhere on the grid"
     )]
     Formula {
-        /// The key of the formula in the case file.
-        key: &'static str,
+        /// File, line and key of the formula.
+        key: String,
         /// Its text.
         formula: String,
         /// What it gave.
@@ -37,10 +37,12 @@ pub enum Error {
     },
     /// No profile reaches the tolerance in double precision.
     #[error(
-        "solver.tolerance = {tolerance:e}: round-off allows no less than {smallest:.1e} here, where the norm falls by a \
+        "{place} = {tolerance:e}: round-off allows no less than {smallest:.1e} here, where the norm falls by a \
          factor {ratio:.3e} from state to field and growth x time is {growth:.3}; ask for at least that"
     )]
     Tolerance {
+        /// File, line and key.
+        place: String,
         /// What was asked.
         tolerance: f64,
         /// The smallest that can be met.
@@ -96,17 +98,47 @@ pub enum Error {
     /// The result holds NaN or infinity.
     #[error("the computed field is not finite ({0}); please report this case")]
     NotFinite(String),
-    /// The output directory or a file in it cannot be written.
-    #[error("output {}: {reason}", path.display())]
-    Output {
-        /// Directory or file.
+    /// The output directory cannot be written.
+    #[error("output directory {}: {reason}", path.display())]
+    Directory {
+        /// The directory.
         path: PathBuf,
         /// What the system said.
         reason: String,
     },
-    /// An option of the command line is wrong.
-    #[error("{0}")]
-    Usage(String),
+    /// A file of the results cannot be written.
+    #[error("output {}: {reason}", path.display())]
+    Output {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        reason: String,
+    },
+    /// A run too long for any machine.
+    #[error(
+        "time.end = {end:e}: with the grid's largest rate {rate:.3e} the spectrum of S spans {span:.3e} times 1/T, \
+         at most {limit:e} is planned; a smaller time.end or wider cells"
+    )]
+    TooLong {
+        /// `T`.
+        end: f64,
+        /// `max |A_ii|`.
+        rate: f64,
+        /// `(λ⁻ + λ⁺)T`.
+        span: f64,
+        /// The largest allowed.
+        limit: f64,
+    },
+    /// Numbers so large or small that their squares cannot be computed.
+    #[error(
+        "{key}: the largest value on the grid is {value:e}; between 1e-100 and 1e100 (or 0) can be computed"
+    )]
+    Magnitude {
+        /// The key.
+        key: String,
+        /// The largest magnitude.
+        value: f64,
+    },
     /// Another rank failed; its message was printed there.
     #[error("rank {rank}: {message}")]
     Remote {
@@ -116,10 +148,21 @@ pub enum Error {
         message: String,
         /// Its exit code.
         code: i32,
+        /// See [`Error::leaves_files_open`].
+        files_open: bool,
     },
 }
 
 impl Error {
+    /// Whether files were given up half-written.
+    pub fn leaves_files_open(&self) -> bool {
+        match self {
+            Error::Output { .. } => true,
+            Error::Remote { files_open, .. } => *files_open,
+            _ => false,
+        }
+    }
+
     /// The process's exit code: 2 when the user's input is wrong, 1 otherwise.
     pub fn exit_code(&self) -> i32 {
         match self {
@@ -129,7 +172,9 @@ impl Error {
             | Error::Tolerance { .. }
             | Error::Growth { .. }
             | Error::Ranks(_)
-            | Error::Usage(_) => 2,
+            | Error::Directory { .. }
+            | Error::TooLong { .. }
+            | Error::Magnitude { .. } => 2,
             Error::Remote { code, .. } => *code,
             Error::Output { .. }
             | Error::Weights { .. }

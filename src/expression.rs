@@ -6,6 +6,7 @@
 //!
 //! Numbers are `f64`; a comparison yields 1 or 0; `a if c else b` chooses.
 
+use crate::error::Error;
 use exmex::{Express, FlatEx};
 
 /// Longest formula accepted, in bytes.
@@ -26,6 +27,33 @@ mod operators {
         f64::from(u8::from(condition))
     }
 
+    /// A comparison or a logical operation; undefined where an operand is.
+    fn compare(a: f64, b: f64, holds: fn(f64, f64) -> bool) -> f64 {
+        if a.is_nan() || b.is_nan() {
+            return f64::NAN;
+        }
+        truth(holds(a, b))
+    }
+
+    /// `a if c`: nothing where `c` does not hold, undefined where it is.
+    fn given(a: f64, c: f64) -> f64 {
+        if c.is_nan() {
+            f64::NAN
+        } else if c != 0.0 {
+            a
+        } else {
+            f64::from_bits(NOTHING)
+        }
+    }
+
+    /// `min` and `max`; undefined where an operand is.
+    fn choose(a: f64, b: f64, of: fn(f64, f64) -> f64) -> f64 {
+        if a.is_nan() || b.is_nan() {
+            return f64::NAN;
+        }
+        of(a, b)
+    }
+
     const fn binary(apply: fn(f64, f64) -> f64, prio: i64) -> BinOp<f64> {
         BinOp {
             apply,
@@ -41,27 +69,30 @@ mod operators {
             "else",
             binary(|a, b| if a.to_bits() == NOTHING { b } else { a }, 0)
         ),
+        Operator::make_bin("if", binary(given, 1)),
         Operator::make_bin(
-            "if",
-            binary(|a, c| if c != 0.0 { a } else { f64::from_bits(NOTHING) }, 1)
+            "||",
+            binary(|a, b| compare(a, b, |a, b| a != 0.0 || b != 0.0), 2)
         ),
-        Operator::make_bin("||", binary(|a, b| truth(a != 0.0 || b != 0.0), 2)),
-        Operator::make_bin("&&", binary(|a, b| truth(a != 0.0 && b != 0.0), 3)),
-        Operator::make_bin("==", binary(|a, b| truth(a == b), 4)),
-        Operator::make_bin("!=", binary(|a, b| truth(a != b), 4)),
-        Operator::make_bin("<=", binary(|a, b| truth(a <= b), 4)),
-        Operator::make_bin(">=", binary(|a, b| truth(a >= b), 4)),
-        Operator::make_bin("<", binary(|a, b| truth(a < b), 4)),
-        Operator::make_bin(">", binary(|a, b| truth(a > b), 4)),
+        Operator::make_bin(
+            "&&",
+            binary(|a, b| compare(a, b, |a, b| a != 0.0 && b != 0.0), 3)
+        ),
+        Operator::make_bin("==", binary(|a, b| compare(a, b, |a, b| a == b), 4)),
+        Operator::make_bin("!=", binary(|a, b| compare(a, b, |a, b| a != b), 4)),
+        Operator::make_bin("<=", binary(|a, b| compare(a, b, |a, b| a <= b), 4)),
+        Operator::make_bin(">=", binary(|a, b| compare(a, b, |a, b| a >= b), 4)),
+        Operator::make_bin("<", binary(|a, b| compare(a, b, |a, b| a < b), 4)),
+        Operator::make_bin(">", binary(|a, b| compare(a, b, |a, b| a > b), 4)),
         Operator::make_bin("+", binary(|a, b| a + b, 5)),
         Operator::make_bin_unary("-", binary(|a, b| a - b, 5), |a| -a),
         Operator::make_bin("*", binary(|a, b| a * b, 6)),
         Operator::make_bin("/", binary(|a, b| a / b, 6)),
         Operator::make_bin("^", binary(power, 7)),
-        Operator::make_bin("min", binary(f64::min, 8)),
-        Operator::make_bin("max", binary(f64::max, 8)),
+        Operator::make_bin("min", binary(|a, b| choose(a, b, f64::min), 8)),
+        Operator::make_bin("max", binary(|a, b| choose(a, b, f64::max), 8)),
         Operator::make_bin("atan2", binary(f64::atan2, 8)),
-        Operator::make_unary("!", |a| truth(a == 0.0)),
+        Operator::make_unary("!", |a| compare(a, a, |a, _| a == 0.0)),
         Operator::make_unary("abs", f64::abs),
         Operator::make_unary("sqrt", f64::sqrt),
         Operator::make_unary("cbrt", f64::cbrt),
@@ -80,8 +111,9 @@ mod operators {
         Operator::make_unary("tanh", f64::tanh),
         Operator::make_unary("floor", f64::floor),
         Operator::make_unary("ceil", f64::ceil),
-        Operator::make_unary("step", |a| truth(a > 0.0)),
-        Operator::make_unary("sign", |a| truth(a > 0.0) - truth(a < 0.0)),
+        Operator::make_unary("step", |a| compare(a, 0.0, |a, b| a > b)),
+        Operator::make_unary("sign", |a| compare(a, 0.0, |a, b| a > b)
+            - compare(a, 0.0, |a, b| a < b)),
         Operator::make_constant("pi", std::f64::consts::PI)
     );
 
@@ -113,6 +145,7 @@ pub struct Expression {
     /// `slots[k]` is the position, in the vector given to [`eval`](Self::eval), of the formula's `k`-th variable.
     slots: Vec<usize>,
     constant: Option<f64>,
+    place: String,
 }
 
 impl Expression {
@@ -150,6 +183,7 @@ impl Expression {
             flat: Box::new(flat),
             slots,
             constant: None,
+            place: String::new(),
         };
         if this.slots.is_empty() {
             this.constant = Some(this.eval(&[]));
@@ -171,10 +205,25 @@ impl Expression {
             .unwrap_or(f64::NAN)
     }
 
-    /// Whether the formula, read as a condition, holds.
-    pub fn holds(&self, coordinates: &[f64]) -> bool {
+    /// The formula read as a condition; `None` where it is undefined.
+    pub fn holds(&self, coordinates: &[f64]) -> Option<bool> {
         let value = self.eval(coordinates);
-        value != 0.0 && !value.is_nan()
+        (!value.is_nan()).then_some(value != 0.0)
+    }
+
+    /// The same formula, with the place it stands at, for errors: `file:line: key`.
+    pub fn at(self, place: String) -> Self {
+        Self { place, ..self }
+    }
+
+    /// The error of this formula having `value` at `point`, written for people.
+    pub fn undefined(&self, value: f64, point: String) -> Error {
+        Error::Formula {
+            key: self.place.clone(),
+            formula: self.text.chars().take(200).collect(),
+            value,
+            place: point,
+        }
     }
 
     /// The value, if the formula has no variables.
@@ -284,8 +333,21 @@ impl Reader<'_> {
         if self.depth > DEEPEST {
             return Err(format!("nested deeper than {DEEPEST}"));
         }
+        let mut compared = false;
         loop {
             self.operand()?;
+            if let Some((token, at)) = self.peek() {
+                match token {
+                    "<" | ">" | "<=" | ">=" | "==" | "!=" if compared => {
+                        return Err(format!(
+                            "a second comparison, \"{token}\", at character {at}; write a < x && x < b"
+                        ));
+                    }
+                    "<" | ">" | "<=" | ">=" | "==" | "!=" => compared = true,
+                    "&&" | "||" | "if" | "else" => compared = false,
+                    _ => {}
+                }
+            }
             match self.peek() {
                 Some((token, _))
                     if matches!(
@@ -466,6 +528,7 @@ mod tests {
             ("sin x", "expected \"(\""),
             ("min(x)", "expected \",\""),
             ("import os", "unknown name"),
+            ("0 < x < 1", "a second comparison"),
         ];
         for (text, expected) in table {
             let message = Expression::parse(text, &[&["x"]]).expect_err(text);
@@ -487,5 +550,15 @@ mod tests {
     fn a_nan_of_the_formula_is_not_hidden_by_else() {
         assert!(value("sqrt(-x) else 1").is_nan());
         assert!(value("1 if x < 0").is_nan());
+        for hidden in [
+            "min(1, sqrt(-x))",
+            "sqrt(-x) < 1",
+            "1 if sqrt(-x) > 0 else 2",
+            "!sqrt(-x)",
+            "step(ln(-x))",
+            "sign(ln(-x))",
+        ] {
+            assert!(value(hidden).is_nan(), "{hidden}");
+        }
     }
 }

@@ -2,12 +2,14 @@
 
 use clap::Parser;
 use phasewarp::cli::Cli;
-use phasewarp::command::execute;
+use phasewarp::command::{execute, report};
 use phasewarp::communicator::World;
+use phasewarp::system;
 
 fn main() {
+    system::ignore_file_size_signal();
     let Some(world) = World::start() else {
-        eprintln!("phasewarp: MPI could not be started");
+        report("phasewarp: MPI could not be started");
         std::process::exit(1);
     };
     let rank = world.group().rank();
@@ -17,7 +19,12 @@ fn main() {
             Ok(()) => 0,
             Err(error) => {
                 if rank == 0 {
-                    eprintln!("error: {error}");
+                    report(&format!("error: {error}"));
+                }
+                if error.leaves_files_open() {
+                    // Closing them, or MPI with them, would wait for ranks that do not come.
+                    world.group().barrier();
+                    system::leave(error.exit_code());
                 }
                 error.exit_code()
             }

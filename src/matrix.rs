@@ -374,14 +374,13 @@ pub fn sample_with(
     values
 }
 
-/// A formula at the centres of this rank's cells; `key` names it in errors.
+/// A formula at the centres of this rank's cells.
 ///
 /// # Errors
 /// [`crate::error::Error::Formula`] where `f0` is not finite. Not collective.
 pub fn sample(
     space: &PhaseSpace,
     block: &Block,
-    key: &'static str,
     formula: &crate::expression::Expression,
     time: f64,
 ) -> Result<Vec<f64>> {
@@ -393,12 +392,7 @@ pub fn sample(
             let [x, y, z, vx, vy, vz] = point;
             let value = formula.eval(&[x, y, z, vx, vy, vz, time]);
             if !value.is_finite() && failure.is_none() {
-                failure = Some(crate::error::Error::Formula {
-                    key,
-                    formula: formula.text().to_owned(),
-                    value,
-                    place: describe_point(space.dimension(), &point),
-                });
+                failure = Some(formula.undefined(value, describe_point(space.dimension(), &point)));
             }
             values.push(value);
         }

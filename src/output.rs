@@ -3,23 +3,36 @@
 pub mod hdf5;
 pub mod summary;
 
+use crate::case::Case;
 use crate::communicator::Group;
 use crate::error::{Error, Result};
 use std::path::Path;
 
-/// Makes the output directory and makes sure that it can be written, before anything is computed. Collective.
+/// Makes the output directory and makes sure that it can be written and has room, before anything is computed. Collective.
 ///
 /// # Errors
-/// [`Error::Output`].
-pub fn prepare(world: &Group, directory: &Path) -> Result<()> {
+/// [`Error::Directory`].
+pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<()> {
     let attempt = || -> std::io::Result<()> {
         std::fs::create_dir_all(directory)?;
+        for name in ["result.h5", "summary.json"] {
+            if directory.join(name).is_dir() {
+                return Err(std::io::Error::other(format!(
+                    "{name} in it is a directory"
+                )));
+            }
+        }
         let probe = directory.join(".phasewarp-can-write");
         std::fs::write(&probe, b"")?;
         std::fs::remove_file(&probe)
     };
     let result = if world.rank() == 0 {
-        attempt().map_err(|e| failure(directory, &e))
+        attempt()
+            .map_err(|e| Error::Directory {
+                path: directory.to_owned(),
+                reason: e.to_string(),
+            })
+            .and_then(|()| hdf5::enough_room(directory, case))
     } else {
         Ok(())
     };

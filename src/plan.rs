@@ -8,14 +8,14 @@
 //! `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when running (see [`crate::run`]); the plan
 //! alone assumes [`ASSUMED_RATIO`].
 
-use crate::case::{Case, Integrator, Interface, LARGEST_TOLERANCE, Method};
+use crate::case::{Case, Exact, Integrator, Interface, LARGEST_TOLERANCE, Method};
 use crate::classical::{EXACT, poisson_window};
 use crate::error::{Error, Result};
 use crate::matrix::LANES;
 use crate::partition::{Block, Mesh};
 use crate::potential::Potential;
 use crate::profile::Gaussian;
-use crate::propagate::chebyshev::{Chebyshev, Interval, bessel_series};
+use crate::propagate::chebyshev::{Chebyshev, Interval, degree};
 use crate::scheme::transport_rate;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -37,6 +37,9 @@ pub const INFLOW_GROWTH: f64 = 0.375;
 
 /// Resident memory of the program and its libraries, HDF5's buffers included.
 const PROGRAM_BYTES: u64 = 28 << 20;
+
+/// Largest `rate·T`: such a run has some hundred thousand modes of some million applications each.
+const LONGEST_SPAN: f64 = 1e6;
 
 /// Distance in `p` of the second recovery point from the first.
 const SECOND_POINT: f64 = 1.0;
@@ -186,6 +189,12 @@ impl Bounds {
     }
 }
 
+/// `x > 0` rounded up to two digits.
+fn round_up(x: f64) -> f64 {
+    let unit = 10f64.powi(x.log10().floor() as i32 - 1);
+    (x / unit * (1.0 + 1e-9)).ceil() * unit
+}
+
 impl WarpPlan {
     /// Plans profile, modes and degrees for growth bound `bounds.growth`.
     ///
@@ -194,6 +203,14 @@ impl WarpPlan {
     pub fn new(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Self> {
         let time = case.end;
         let (growth, decay) = (bounds.growth * time, bounds.decay * time);
+        if bounds.rate * time > LONGEST_SPAN {
+            return Err(Error::TooLong {
+                end: time,
+                rate: bounds.rate,
+                span: 2.0 * bounds.rate * time,
+                limit: 2.0 * LONGEST_SPAN,
+            });
+        }
         let state_tolerance = case.tolerance / ratio;
         let recovery: Vec<f64> = (0..case.recovery_points)
             .map(|k| k as f64 * SECOND_POINT)
@@ -202,8 +219,9 @@ impl WarpPlan {
         let profile = Gaussian::plan(state_tolerance, growth, decay, reach).ok_or_else(|| {
             match Gaussian::smallest_tolerance(growth, decay, reach) {
                 Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
+                    place: case.tolerance_place.clone(),
                     tolerance: case.tolerance,
-                    smallest: smallest * ratio,
+                    smallest: round_up(smallest * ratio),
                     ratio,
                     growth,
                 },
@@ -218,8 +236,7 @@ impl WarpPlan {
                 let weight = weight(&profile, l, 0.0).norm();
                 let tail = state_tolerance / (10.0 * modes as f64 * weight);
                 let tau = Interval::new(mu, bounds.rate, bounds.growth).half_width * time;
-                bessel_series(&mut series, tau, tail);
-                series.len() - 1
+                degree(&mut series, tau, tail)
             })
             .collect();
         // Cut from the top, so that the batch that is not full is the cheapest.
@@ -276,11 +293,18 @@ pub fn refuse_hopeless(case: &Case, resources: &Resources) -> Result<()> {
         resources.ranks,
         resources.memory_per_rank.unwrap_or(u64::MAX),
     );
+    // The tracer keeps V and distances for all of space on every rank.
+    let tracer = if matches!(case.exact, Some(Exact::Characteristics)) {
+        80.0
+    } else {
+        0.0
+    };
     let bytes_per_cell = match case.method {
         Method::Schrodingerized => 500.0,
         Method::Classical => 120.0,
     };
-    let needed = bytes_per_cell * case.space.cells() as f64 / ranks as f64;
+    let needed = bytes_per_cell * case.space.cells() as f64 / ranks as f64
+        + tracer * case.space.space_cells() as f64;
     if needed > limit as f64 {
         return Err(Error::Memory {
             needed: bytes_text(needed as u64),
@@ -324,9 +348,26 @@ impl Plan {
     ) -> Result<Self> {
         let warp = match case.method {
             Method::Schrodingerized => Some(WarpPlan::new(case, &bounds, ratio)?),
+            Method::Classical if bounds.rate * case.end > LONGEST_SPAN * LONGEST_SPAN => {
+                return Err(Error::TooLong {
+                    end: case.end,
+                    rate: bounds.rate,
+                    span: bounds.rate * case.end,
+                    limit: LONGEST_SPAN * LONGEST_SPAN,
+                });
+            }
             Method::Classical => None,
         };
         let layout = Layout::new(case, &bounds, warp.as_ref(), resources)?;
+        let largest = Block::new(&case.space, &layout.mesh, 0);
+        if 2 * largest.cells() + largest.ghosts() > u32::MAX as usize {
+            return Err(Error::Ranks(format!(
+                "{} cells on a rank, {} of memory; at most {} can be numbered: more blocks along x (--ranks-x)",
+                largest.cells(),
+                bytes_text(layout.memory()),
+                u32::MAX / 2
+            )));
+        }
         Ok(Self {
             title: case.title.clone(),
             shape: case.space.shape(),
@@ -340,6 +381,22 @@ impl Plan {
             warp,
             layout,
         })
+    }
+
+    /// The plan before growth and norms are measured: who computes what, and about how much. A tolerance that may turn out
+    /// too small is not refused yet.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new), but for the tolerance.
+    pub fn provisional(case: &Case, bounds: &Bounds, resources: &Resources) -> Result<Self> {
+        /// What can be reached with a growth that weights and inflow are allowed.
+        const POSSIBLE: f64 = 1e-12;
+        let tolerance = case.tolerance.max(POSSIBLE);
+        let case = Case {
+            tolerance,
+            ..case.clone()
+        };
+        Self::with_bounds(&case, bounds.expected(), resources, 1.0)
     }
 
     /// Planned bytes on the fullest rank.
@@ -577,7 +634,7 @@ fn arrays(
             sides * cells / a.cells.div_ceil(*p) as u64
         })
         .sum();
-    // Inflow rows lie on the box's ends: at most half of each x-end, and all v-ends where V slopes.
+    // Inflow rows lie on the box's ends: half of each of the two x-ends of an axis.
     let inflow: u64 = if bounds.inflow {
         case.space
             .x
@@ -606,7 +663,8 @@ fn arrays(
         list.push(("integrator".to_owned(), 8 * 4 * length));
     }
     if case.exact.is_some() {
-        list.push(("exact solution".to_owned(), 8 * cells));
+        let tracer = 80 * case.space.space_cells() as u64;
+        list.push(("exact solution".to_owned(), 8 * cells + tracer));
     }
     list
 }
@@ -643,12 +701,12 @@ impl fmt::Display for Plan {
             scene.push("dissipative weights");
         }
         writeln!(f, "scene           {}", scene.join(", "))?;
-        writeln!(
-            f,
-            "spectrum of S   [-{:.4}, {:.4}] guaranteed, time {}",
-            b.decay, b.growth, self.time
-        )?;
         if let Some(w) = &self.warp {
+            writeln!(
+                f,
+                "spectrum of S   [-{:.4}, {:.4}] guaranteed, time {:e}",
+                b.decay, b.growth, self.time
+            )?;
             writeln!(
                 f,
                 "tolerance       {:e} (state {:.2e})",

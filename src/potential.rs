@@ -5,9 +5,13 @@
 //! construction (paper, section 4.1: discontinuities at grid points), and in between `V` is piecewise linear.
 
 use crate::case::{Case, Region};
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::expression::Expression;
 use crate::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point};
 use std::ops::Range;
+
+/// Jumps below this fraction of `V` are round-off of formulas that meet at a face.
+const KINK: f64 = 1e-13;
 
 /// Jumps and slopes of `V` on a box of space cells.
 #[derive(Clone, Debug)]
@@ -22,12 +26,22 @@ pub struct Potential {
     strides: [usize; MAX_DIMENSION],
 }
 
-/// The region a space cell belongs to.
-fn region(regions: &[Region], point: &[f64; 6]) -> usize {
-    regions
-        .iter()
-        .position(|r| r.condition.as_ref().is_none_or(|c| c.holds(point)))
-        .unwrap_or(regions.len() - 1)
+/// The region a space cell belongs to; or the condition that is undefined there.
+fn region<'r>(
+    regions: &'r [Region],
+    point: &[f64; 6],
+) -> std::result::Result<usize, &'r Expression> {
+    for (index, region) in regions.iter().enumerate() {
+        let Some(condition) = &region.condition else {
+            return Ok(index);
+        };
+        match condition.holds(point) {
+            Some(true) => return Ok(index),
+            Some(false) => {}
+            None => return Err(condition),
+        }
+    }
+    Ok(regions.len() - 1)
 }
 
 /// Centre of space cell `i` as formulas take it.
@@ -69,7 +83,7 @@ impl Potential {
     /// Evaluates `case`'s potential on the space cells of `ranges`.
     ///
     /// # Errors
-    /// [`Error::Formula`] where `V` is not finite.
+    /// [`Error::Formula`](crate::error::Error::Formula) where `V` is not finite.
     pub fn new(case: &Case, ranges: &[Range<usize>]) -> Result<Self> {
         let axes = &case.space.x;
         let n = axes.len();
@@ -88,18 +102,28 @@ impl Potential {
         let mut failure = None;
         for_each_cell(ranges, |i| {
             let centre = space_point(axes, i);
-            let own = region(&case.potential, &centre);
+            let mut region_at = |point: &[f64; 6]| {
+                region(&case.potential, point).unwrap_or_else(|condition| {
+                    let place = describe_space_point(n, point);
+                    failure.get_or_insert_with(|| condition.undefined(f64::NAN, place));
+                    0
+                })
+            };
+            let own = region_at(&centre);
+            let below = |a: usize| {
+                let mut below = *i;
+                below[a] -= 1;
+                space_point(axes, &below)
+            };
+            let neighbours: [Option<usize>; MAX_DIMENSION] =
+                std::array::from_fn(|a| (a < n && i[a] > 0).then(|| region_at(&below(a))));
             let (mut jump, mut slope) = ([0.0; MAX_DIMENSION], [0.0; MAX_DIMENSION]);
             let mut value = |region: usize, point: &[f64; 6]| {
                 let formula = &case.potential[region].value;
                 let v = formula.eval(point);
-                if !v.is_finite() && failure.is_none() {
-                    failure = Some(Error::Formula {
-                        key: "potential.value",
-                        formula: formula.text().to_owned(),
-                        value: v,
-                        place: describe_space_point(n, point),
-                    });
+                if !v.is_finite() {
+                    let place = describe_space_point(n, point);
+                    failure.get_or_insert_with(|| formula.undefined(v, place));
                 }
                 v
             };
@@ -109,17 +133,14 @@ impl Potential {
                 upper[a] = axes[a].face(i[a] as i64 + 1);
                 let at_lower = value(own, &lower);
                 slope[a] = (value(own, &upper) - at_lower) / axes[a].width();
-                if i[a] > 0 {
-                    let mut below = *i;
-                    below[a] -= 1;
-                    let neighbour = region(&case.potential, &space_point(axes, &below));
-                    if neighbour != own {
-                        jump[a] = at_lower - value(neighbour, &lower);
-                        let scale = at_lower.abs().max(1e-300);
-                        // A kink, not a jump: the formulas meet here to round-off.
-                        if jump[a].abs() <= 1e-13 * scale {
-                            jump[a] = 0.0;
-                        }
+                if let Some(neighbour) = neighbours[a].filter(|&r| r != own) {
+                    let behind = value(neighbour, &lower);
+                    jump[a] = at_lower - behind;
+                    // A kink, not a jump: the formulas meet here to round-off.
+                    let drop = (slope[a] * axes[a].width()).abs();
+                    let scale = at_lower.abs().max(behind.abs()).max(drop);
+                    if jump[a].abs() <= KINK * scale {
+                        jump[a] = 0.0;
                     }
                 }
             }
@@ -216,19 +237,32 @@ pub struct StrayEdge {
     pub face: f64,
 }
 
-/// Region edges inside cells, one a distinct place, found along lines through cell centres. The scheme treats them as
-/// lying on the nearest face, a change of the problem by that distance.
-pub fn stray_edges(case: &Case) -> Vec<StrayEdge> {
+/// What the grid does not see of the regions.
+#[derive(Clone, Debug, Default)]
+pub struct Overlooked {
+    /// Edges inside cells, one a distinct place. The scheme treats them as lying on the nearest face, a change of the
+    /// problem by that distance.
+    pub edges: Vec<StrayEdge>,
+    /// Regions, by index, that hold at no cell's centre.
+    pub empty: Vec<usize>,
+}
+
+/// Looks for region edges along lines through cell centres, and for regions between the centres.
+pub fn overlooked(case: &Case) -> Overlooked {
     const MOST: usize = 8;
     let axes = &case.space.x;
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
     let mut found: Vec<StrayEdge> = Vec::new();
-    if case.potential.len() == 1 {
-        return found;
+    let mut used = vec![false; case.potential.len()];
+    if used.len() == 1 {
+        return Overlooked::default();
     }
+    // Undefined conditions are an error elsewhere.
+    let at = |point: &[f64; 6]| region(&case.potential, point).unwrap_or(0);
     for_each_cell(&ranges, |i| {
         let centre = space_point(axes, i);
-        let own = region(&case.potential, &centre);
+        let own = at(&centre);
+        used[own] = true;
         for (a, axis) in axes.iter().enumerate() {
             for side in [0, 1] {
                 let face = axis.face((i[a] + side) as i64);
@@ -238,9 +272,9 @@ pub fn stray_edges(case: &Case) -> Vec<StrayEdge> {
                 let probe = |x: f64| {
                     let mut point = centre;
                     point[a] = x;
-                    region(&case.potential, &point) == own
+                    at(&point) == own
                 };
-                if probe(outside) || found.len() >= MOST {
+                if found.len() >= MOST || probe(outside) {
                     continue;
                 }
                 for _ in 0..60 {
@@ -259,5 +293,8 @@ pub fn stray_edges(case: &Case) -> Vec<StrayEdge> {
             }
         }
     });
-    found
+    Overlooked {
+        edges: found,
+        empty: (0..used.len()).filter(|&r| !used[r]).collect(),
+    }
 }

@@ -2,8 +2,8 @@
 
 use crate::case::Case;
 use crate::classical::{Classical, ROUGH};
-use crate::communicator::{Communicator, GhostExchange};
-use crate::error::Result;
+use crate::communicator::{Communicator, GhostExchange, Group};
+use crate::error::{Error, Result};
 use crate::matrix::{self, BlockMatrix};
 use crate::partition::Block;
 use crate::plan::{Bounds, INFLOW_GROWTH, WEIGHT_GROWTH, WEIGHT_SHIFT};
@@ -27,6 +27,21 @@ pub struct Problem {
     pub terms: usize,
     /// Exchange of ghosts.
     pub exchange: GhostExchange,
+}
+
+/// Refuses data whose squares overflow or vanish. Collective.
+///
+/// # Errors
+/// [`Error::Magnitude`].
+fn magnitude(world: &Group, key: &str, values: impl Iterator<Item = f64>) -> Result<()> {
+    let value = world.max(values.fold(0.0, |m: f64, x| m.max(x.abs())));
+    if value == 0.0 || (1e-100..=1e100).contains(&value) {
+        return Ok(());
+    }
+    Err(Error::Magnitude {
+        key: key.to_owned(),
+        value,
+    })
 }
 
 impl Problem {
@@ -62,8 +77,14 @@ impl Problem {
         } else {
             Weights::none(&matrix, &mut exchange, space)
         };
-        let sampled = matrix::sample(&case.space, &matrix.block, "initial.f", &case.initial, 0.0);
+        let sampled = matrix::sample(&case.space, &matrix.block, &case.initial, 0.0);
         let initial = communicator.world.agree(sampled)?;
+        magnitude(&communicator.world, "initial.f", initial.iter().copied())?;
+        magnitude(
+            &communicator.world,
+            "inflow.value",
+            matrix.inflow.iter().map(|i| i.value),
+        )?;
         let cells = matrix.block.cells();
         let mut state = vec![0.0; matrix.length()];
         for (i, f) in initial.iter().enumerate() {

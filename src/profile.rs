@@ -94,6 +94,14 @@ impl Gaussian {
         Some(high.exp())
     }
 
+    /// What part of the error at `p◇ = 0` the distance to the field read at `p◇ = second` shows, where the spectrum of `S` near
+    /// zero dominates: the relative deficit of `g` is `Φ((p0 − p)/σ)`, so `1 − Φ((p0 − second)/σ)/Φ(p0/σ)`.
+    pub fn seen_by(&self, second: f64) -> f64 {
+        let deficit =
+            |p: f64| libm::erfc((p - self.offset) / (self.sigma * std::f64::consts::SQRT_2));
+        1.0 - deficit(second) / deficit(0.0)
+    }
+
     /// Number of modes `l ≥ 0`.
     pub fn modes(&self) -> usize {
         (self.cutoff * self.period / std::f64::consts::TAU).ceil() as usize + 1

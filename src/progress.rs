@@ -11,6 +11,7 @@ const SECONDS_BETWEEN_LINES: f64 = 5.0;
 pub struct Progress {
     bar: Option<ProgressBar>,
     speaks: bool,
+    name: &'static str,
     done: usize,
     total: usize,
     started: Instant,
@@ -18,21 +19,28 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Silent except on the rank that `speaks`; `total` is the work to come.
-    pub fn new(speaks: bool, total: usize) -> Self {
+    /// Silent except on the rank that `speaks`; `total` is the work to come, of what `name` says.
+    pub fn new(speaks: bool, name: &'static str, total: usize) -> Self {
         let bar = (speaks && std::io::stderr().is_terminal()).then(|| {
-            let style = ProgressStyle::with_template("modes {wide_bar} {percent}% ETA {eta}");
+            let style = ProgressStyle::with_template("{msg} {wide_bar} {percent}% ETA {eta}");
             ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr())
                 .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+                .with_message(name)
         });
         Self {
             bar,
             speaks,
+            name,
             done: 0,
             total,
             started: Instant::now(),
             last: Instant::now(),
         }
+    }
+
+    /// Says nothing.
+    pub fn silent() -> Self {
+        Self::new(false, "", 0)
     }
 
     /// `work` more is done.
@@ -46,7 +54,8 @@ impl Progress {
             self.last = Instant::now();
             let fraction = self.done as f64 / self.total.max(1) as f64;
             let left = self.started.elapsed().as_secs_f64() * (1.0 / fraction - 1.0);
-            eprintln!("modes {:.0} %, {left:.0} s to go", 100.0 * fraction);
+            let line = format!("{} {:.0} %, {left:.0} s to go", self.name, 100.0 * fraction);
+            crate::command::report(&line);
         }
     }
 

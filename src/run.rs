@@ -2,7 +2,8 @@
 
 use crate::case::{Case, Exact, Integrator, Method};
 use crate::characteristics::Tracer;
-use crate::classical::{Classical, EXACT};
+use crate::classical::{Classical, EXACT, poisson_window};
+use crate::command::report;
 use crate::communicator::{Communicator, Group, World};
 use crate::error::{Error, Result};
 use crate::matrix::{Lanes, instruction_set, sample, sample_with};
@@ -10,7 +11,7 @@ use crate::observables::{integral, moments, power_sum};
 use crate::output::{self, summary::Summary};
 use crate::partition::{Block, split};
 use crate::plan::{ASSUMED_RATIO, Bounds, Plan, Resources, WarpPlan, refuse_hopeless};
-use crate::potential::stray_edges;
+use crate::potential::{StrayEdge, overlooked};
 use crate::problem::Problem;
 use crate::progress::Progress;
 use crate::system;
@@ -53,6 +54,20 @@ fn memory_per_rank(world: &Group) -> u64 {
     -world.max(-mine) as u64
 }
 
+/// Refuses a grid that does not fit into this machine's memory. Collective.
+///
+/// # Errors
+/// [`Error::Memory`].
+pub fn refuse_hopeless_here(world: &World, case: &Case) -> Result<()> {
+    let all = world.group();
+    let here = Resources {
+        ranks: all.size(),
+        ranks_x: None,
+        memory_per_rank: Some(memory_per_rank(&all)),
+    };
+    refuse_hopeless(case, &here)
+}
+
 /// The plan a run on `resources` would have, with growth and norms measured on `world`'s ranks where that is cheap
 /// (a fraction of a second) or cannot be done without. Collective.
 ///
@@ -69,13 +84,12 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
     if case.method == Method::Classical || (updates > CHEAP && !must) {
         return Plan::with_bounds(case, bounds, resources, ASSUMED_RATIO);
     }
+    refuse_hopeless_here(world, case)?;
     let here = Resources {
         ranks: all.size(),
-        ranks_x: None,
-        memory_per_rank: Some(memory_per_rank(&all)),
+        ..Resources::default()
     };
-    refuse_hopeless(case, &here)?;
-    let expected = Plan::with_bounds(case, bounds.expected(), &here, 1.0)?;
+    let expected = Plan::provisional(case, &bounds, &here)?;
     let (mesh, patience) = (&expected.layout.mesh, expected.patience());
     let communicator = Communicator::new(world, mesh);
     let block = Block::new(&case.space, mesh, communicator.space.rank());
@@ -109,13 +123,15 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     };
     refuse_hopeless(case, &resources)?;
     let bounds = Bounds::new(case)?;
-    let mut plan = Plan::with_bounds(case, bounds.expected(), &resources, 1.0)?;
+    let mut plan = Plan::provisional(case, &bounds, &resources)?;
     resources.ranks_x = Some(plan.layout.mesh.space.clone());
-    output::prepare(&all, directory)?;
+    output::prepare(&all, directory, case)?;
     let communicator = Communicator::new(world, &plan.layout.mesh);
     let mut warnings = warnings(case);
     if speaks {
-        warnings.iter().for_each(|w| eprintln!("warning: {w}"));
+        warnings
+            .iter()
+            .for_each(|w| report(&format!("warning: {w}")));
     }
     watch.lap("plan");
 
@@ -127,17 +143,23 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     let bounds = problem.bounds(case, &bounds);
     watch.lap("assemble");
 
-    // 3. How far the norm will fall, and the modes that takes.
+    // 3. The exact solution, where one is named: before the run, so that a mistake in it costs no run.
+    let exact = communicator.world.agree(exact_solution(case, &place))?;
+    if exact.is_some() {
+        watch.lap("exact");
+    }
+
+    // 4. How far the norm will fall, and the modes that takes.
     if plan.warp.is_some() {
         let ratio = problem.probe(&communicator, bounds.rate, case.end);
         plan = Plan::with_bounds(case, bounds.clone(), &resources, ratio)?;
         watch.lap("probe");
     }
     if speaks {
-        eprintln!("{}", opening_line(&plan));
+        report(&opening_line(&plan));
     }
 
-    // 4. Solve.
+    // 5. Solve.
     let mut summary = Summary::default();
     let fields = solve(
         case,
@@ -150,7 +172,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     let f = &fields[0];
     watch.lap("solve");
 
-    // 5. Compare: with the field at the second point, the exact semi-discrete solution, the exact solution.
+    // 6. Compare: with the field at the second point, the exact semi-discrete solution, the exact solution.
     let finite = f.iter().all(|x| x.is_finite());
     let checked = if finite {
         Ok(())
@@ -174,21 +196,28 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     );
     if case.verify {
         let mut state = problem.state.clone();
+        let terms = poisson_window(bounds.rate * case.end, EXACT).end;
+        let progress = Progress::new(speaks, "verify", terms);
         let exact = Integrator::Exponential;
-        integrate(&mut problem, exact, &bounds, case.end, 0, &mut state);
+        integrate(
+            &mut problem,
+            exact,
+            (bounds.rate, case.end),
+            terms,
+            &mut state,
+            progress,
+        );
         let reference = problem.unweighted(&place.mine, &state[place.mine.clone()]);
         summary.error_semidiscrete = Some(norms.distance(&reference)).filter(|e| e.is_finite());
         watch.lap("verify");
     }
-    let exact = communicator.world.agree(exact_solution(case, &place))?;
     if let Some(exact) = &exact {
         let volume = case.space.cell_volume();
         summary.error_l1 = Some(norms.difference(exact, 1) * volume);
         summary.error_l2 = Some((norms.difference(exact, 2) * volume).sqrt());
-        watch.lap("exact");
     }
 
-    // 6. Moments and sums.
+    // 7. Moments and sums.
     let found = moments(&communicator.world, &case.space, f);
     let before = &problem.initial[place.mine.clone()];
     let before = moments(&communicator.world, &case.space, before);
@@ -200,7 +229,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     summary.maximum = norms.largest(|x| x);
     watch.lap("observables");
 
-    // 7. Write.
+    // 8. Write.
     let results = output::hdf5::Results {
         case,
         plan: &plan,
@@ -270,14 +299,9 @@ fn solve(
     let Some(warp_plan) = &plan.warp else {
         let mut state = problem.state.clone();
         let steps = plan.classical_steps;
-        integrate(
-            problem,
-            case.integrator,
-            &plan.bounds,
-            case.end,
-            steps,
-            &mut state,
-        );
+        let progress = Progress::new(communicator.world.rank() == 0, "steps", steps);
+        let span = (plan.bounds.rate, case.end);
+        integrate(problem, case.integrator, span, steps, &mut state, progress);
         let stages = if case.integrator == Integrator::SspRk3 {
             3
         } else {
@@ -290,7 +314,7 @@ fn solve(
     };
     let batches = &plan.layout.groups[communicator.modes.rank()];
     let work = batches.iter().map(|&b| warp_plan.batches[b].degree).sum();
-    let mut progress = Progress::new(communicator.world.rank() == 0, work);
+    let mut progress = Progress::new(communicator.world.rank() == 0, "modes", work);
     let initial = warp::Initial {
         state: &problem.state[..problem.matrix.rows()],
         norm: problem.norm(communicator, &problem.state, false),
@@ -317,16 +341,16 @@ fn solve(
 fn integrate(
     problem: &mut Problem,
     integrator: Integrator,
-    bounds: &Bounds,
-    time: f64,
+    (rate, time): (f64, f64),
     steps: usize,
     state: &mut [f64],
+    progress: Progress,
 ) {
-    let mut classical = Classical::new(&problem.matrix);
+    let mut classical = Classical::new(&problem.matrix).with_progress(progress);
     let exchange = &mut problem.exchange;
     match integrator {
         Integrator::Exponential => {
-            classical.exponential(exchange, state, (bounds.rate, time), EXACT);
+            classical.exponential(exchange, state, (rate, time), EXACT);
         }
         _ => classical.steps(exchange, state, integrator, time, steps),
     }
@@ -395,10 +419,18 @@ fn estimate(
         ));
     }
     if let Some(second) = fields.get(1) {
-        let estimate = norms.distance(second);
+        // The part of the error that the second point shares is not seen in the distance.
+        let seen = warp_plan.profile.seen_by(warp_plan.recovery[1]);
+        let estimate = norms.distance(second) / seen;
         let round_off = 8.0 * f64::EPSILON * warp_plan.amplification * ratio;
         summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
         summary.error_estimate_reliable = estimate.is_finite() && estimate > round_off;
+        if summary.error_estimate_reliable && estimate > 1.5 * plan.tolerance {
+            warnings.push(format!(
+                "the error estimate {estimate:.1e} is above the tolerance {:e}",
+                plan.tolerance
+            ));
+        }
     }
 }
 
@@ -408,13 +440,18 @@ fn exact_solution(case: &Case, place: &Place) -> Result<Option<Vec<f64>>> {
     Ok(match &case.exact {
         None => None,
         Some(Exact::Formula(f)) => {
-            let all = sample(space, block, "exact.f", f, case.end)?;
+            let all = sample(space, block, f, case.end)?;
             Some(all[place.mine.clone()].to_vec())
         }
         Some(Exact::Characteristics) => {
             let tracer = Tracer::new(case)?;
             let value = |point: &[f64; 6]| tracer.value(point, case.end);
-            Some(sample_with(space, block, &place.mine, value))
+            let exact = sample_with(space, block, &place.mine, value);
+            if exact.iter().any(|f| !f.is_finite()) {
+                let place = "where a characteristic of exact.kind = \"characteristics\" begins";
+                return Err(case.initial.undefined(f64::NAN, place.to_owned()));
+            }
+            Some(exact)
         }
     })
 }
@@ -422,8 +459,8 @@ fn exact_solution(case: &Case, place: &Place) -> Result<Option<Vec<f64>>> {
 /// What the user should know before the run.
 pub fn warnings(case: &Case) -> Vec<String> {
     let names = ["x", "y", "z"];
-    let edges = stray_edges(case);
-    let line = |edge: &crate::potential::StrayEdge| {
+    let found = overlooked(case);
+    let line = |edge: &StrayEdge| {
         format!(
             "potential: a region's edge at {} = {:.6} misses the faces of the grid; it is moved to {:.6}, by {:.2e}",
             names[edge.axis],
@@ -432,7 +469,14 @@ pub fn warnings(case: &Case) -> Vec<String> {
             (edge.at - edge.face).abs()
         )
     };
-    edges.iter().map(line).collect()
+    let empty = |region: &usize| {
+        format!(
+            "potential.{region}: its where holds at no cell's centre; the region is not there on this grid"
+        )
+    };
+    (found.edges.iter().map(line))
+        .chain(found.empty.iter().map(empty))
+        .collect()
 }
 
 fn opening_line(plan: &Plan) -> String {

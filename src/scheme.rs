@@ -13,7 +13,8 @@
 pub mod interface;
 
 use crate::case::{Case, Inflow, Interface};
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::expression::Expression;
 use crate::grid::{Cell, PhaseSpace, describe_point};
 use crate::potential::Potential;
 use interface::{Side, Source, sources, velocity};
@@ -67,7 +68,7 @@ impl<'a> Scheme<'a> {
     /// The scheme for rows whose space cells lie in `ranges`.
     ///
     /// # Errors
-    /// [`Error::Formula`] where `V` is not finite.
+    /// [`Error::Formula`](crate::error::Error::Formula) where `V` is not finite.
     pub fn new(case: &'a Case, ranges: &[Range<usize>]) -> Result<Self> {
         // Rows need the jump at their upper face: one more layer.
         let wider: Vec<_> = ranges
@@ -173,11 +174,7 @@ impl<'a> Scheme<'a> {
         let mut point = self.space.point(cell);
         point[a] = x.centre(i);
         point[3 + a] = v.centre(j);
-        let formula = match &self.case.inflow {
-            Inflow::Formula(f) => f,
-            Inflow::Initial => &self.case.initial,
-        };
-        let value = formula.eval(&point);
+        let value = self.inflow().eval(&point);
         if !value.is_finite() && row.bad.is_none() {
             row.bad = Some((value, point));
         }
@@ -187,21 +184,21 @@ impl<'a> Scheme<'a> {
     /// The error of a row whose inflow was not finite, if there was one among the rows computed with `row`.
     ///
     /// # Errors
-    /// [`Error::Formula`], naming the place.
+    /// [`Error::Formula`](crate::error::Error::Formula), naming the place.
     pub fn inflow_is_finite(&self, row: &Row) -> Result<()> {
         let Some((value, point)) = row.bad else {
             return Ok(());
         };
-        let (key, formula) = match &self.case.inflow {
-            Inflow::Formula(f) => ("inflow.value", f),
-            Inflow::Initial => ("initial.f", &self.case.initial),
-        };
-        Err(Error::Formula {
-            key,
-            formula: formula.text().to_owned(),
-            value,
-            place: describe_point(self.space.dimension(), &point),
-        })
+        let point = describe_point(self.space.dimension(), &point);
+        Err(self.inflow().undefined(value, point))
+    }
+
+    /// The formula of what enters.
+    fn inflow(&self) -> &Expression {
+        match &self.case.inflow {
+            Inflow::Formula(f) => f,
+            Inflow::Initial => &self.case.initial,
+        }
     }
 }
 

@@ -1,4 +1,8 @@
-//! What the operating system says about memory.
+//! What the operating system says about memory and disks.
+
+use std::ffi::CString;
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
 
 /// A value of `/proc/…` in bytes, given in kB there.
 fn kilobytes(path: &str, key: &str) -> Option<u64> {
@@ -34,4 +38,40 @@ pub fn available_memory() -> u64 {
         .iter()
         .filter_map(|(limit, used)| Some(read(limit)?.saturating_sub(read(used)?)))
         .fold(free, u64::min)
+}
+
+/// Bytes that a file in `directory` may grow to: what the file system has free and the process's file-size limit allows.
+pub fn room_for_file(directory: &Path) -> u64 {
+    let mut room = u64::MAX;
+    if let Ok(path) = CString::new(directory.as_os_str().as_bytes()) {
+        // SAFETY: the path is a terminated text, and the structure is only read where the call filled it.
+        unsafe {
+            let mut disk = std::mem::zeroed::<libc::statvfs>();
+            if libc::statvfs(path.as_ptr(), &mut disk) == 0 {
+                room = (disk.f_bavail as u64).saturating_mul(disk.f_frsize as u64);
+            }
+        }
+    }
+    // SAFETY: as above.
+    unsafe {
+        let mut limit = std::mem::zeroed::<libc::rlimit>();
+        if libc::getrlimit(libc::RLIMIT_FSIZE, &mut limit) == 0 {
+            room = room.min(limit.rlim_cur as u64);
+        }
+    }
+    room
+}
+
+/// A file that grows beyond the process's limit shall give an error, not end the process.
+pub fn ignore_file_size_signal() {
+    // SAFETY: ignoring a signal has no handler that could do harm.
+    unsafe {
+        libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
+    }
+}
+
+/// Ends the process at once, without the clean-up that waits for other ranks or open files.
+pub fn leave(code: i32) -> ! {
+    // SAFETY: nothing runs afterwards.
+    unsafe { libc::_exit(code) }
 }

@@ -22,6 +22,17 @@ const MOST_SWEEPS: f64 = 100.0;
 /// A certificate this fraction of what suffices is as good as zero.
 const NEGLIGIBLE: f64 = 1e-6;
 
+/// Largest of the values; NaN if one is.
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(f64::NEG_INFINITY, |m, x| {
+        if x.is_nan() || m.is_nan() {
+            f64::NAN
+        } else {
+            m.max(x)
+        }
+    })
+}
+
 /// `π` and what is known of it.
 #[derive(Clone, Debug)]
 pub struct Weights {
@@ -63,21 +74,21 @@ impl Weights {
         let mut state = State::new(matrix);
         let mut sweeps = 0;
         let rate = space.max(state.diagonal.iter().copied().fold(0.0, f64::max));
-        let most = patience.saturating_add((MOST_SWEEPS * rate / shift) as usize);
+        let most_sweeps = patience.saturating_add((MOST_SWEEPS * rate / shift) as usize);
         let certificate = loop {
             let certificate = state.certificate(matrix, exchange, space);
             let patient = sweeps < patience;
             if certificate <= if patient { NEGLIGIBLE * limit } else { limit } {
                 break certificate;
             }
-            if sweeps == most || certificate.is_nan() {
+            if sweeps == most_sweeps || certificate.is_nan() {
                 return Err(Error::Weights {
                     certificate,
                     limit,
                     sweeps,
                 });
             }
-            state.sweep(if patient { 0.0 } else { shift });
+            state.sweep(shift, patient);
             sweeps += 1;
         };
         let cells = matrix.block.cells();
@@ -88,13 +99,13 @@ impl Weights {
         let rows = matrix.rows();
         exchange.start(&pi[..rows]);
         exchange.finish(&mut pi[rows..]);
-        let largest = space.max(pi.iter().copied().fold(1.0, f64::max));
-        let smallest = -space.max(-pi.iter().copied().fold(f64::INFINITY, f64::min));
+        let most = space.max(largest(pi.iter().copied()));
+        let least = -space.max(largest(pi.iter().map(|p| -p)));
         Ok(Self {
             pi,
             certificate,
             sweeps,
-            spread: (largest / smallest).sqrt(),
+            spread: (most / least).sqrt(),
         })
     }
 }
@@ -152,17 +163,16 @@ impl State {
                 .map(|&c| c.max(0.0) - c)
                 .collect();
         }
-        let mut largest = f64::NEG_INFINITY;
-        for (image, pi) in self.image[..self.cells].iter().zip(&self.pi) {
-            largest = largest.max(image / pi);
-        }
-        0.5 * space.max(largest)
+        let quotients = self.image[..self.cells].iter().zip(&self.pi);
+        0.5 * space.max(largest(quotients.map(|(image, pi)| image / pi)))
     }
 
-    /// `π' ← (Bᵀπ' + e)/(d + s)`, with `Bᵀπ' = Aᵀπ' + dπ'` and `A = B − d`.
-    fn sweep(&mut self, shift: f64) {
+    /// `π' ← (Bᵀπ' + e)/(d + s)`, with `Bᵀπ' = Aᵀπ' + dπ'` and `A = B − d`. What nothing leaves (`d = 0`, particles at rest)
+    /// has the shift always; elsewhere only where it is not to be `patient`.
+    fn sweep(&mut self, shift: f64, patient: bool) {
         for i in 0..self.cells {
             let d = self.diagonal[i];
+            let shift = if patient && d > 0.0 { 0.0 } else { shift };
             let right = self.image[i] + self.offset[i] + d * self.extra[i];
             self.extra[i] = (right / (d + shift)).max(0.0);
         }

@@ -792,7 +792,7 @@ fn agreement_on_errors(world: &World) {
         let mine = if failing >> rank & 1 == 0 {
             Ok(rank)
         } else if rank.is_multiple_of(2) {
-            Err(Error::Usage(format!("rank {rank} of {failing}: ünknown")))
+            Err(Error::Ranks(format!("rank {rank} of {failing}: ünknown")))
         } else {
             Err(Error::NotFinite(format!("rank {rank} of {failing}")))
         };
@@ -1372,7 +1372,7 @@ fn recovered_field(world: &World) {
                     batches,
                     &initial,
                     &shares,
-                    &mut Progress::new(false, 1),
+                    &mut Progress::silent(),
                 )
                 .expect("a unitary run");
                 assert!(recovered.unitarity_defect <= 1.0, "{name}");

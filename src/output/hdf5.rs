@@ -16,15 +16,18 @@
 use super::failure;
 use crate::case::Case;
 use crate::communicator::Group;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::grid::Axis;
 use crate::observables::Moments;
-use crate::plan::Plan;
+use crate::plan::{Plan, bytes_text};
+use crate::system;
 use hdf5::types::{VarLenArray, VarLenUnicode};
 use hdf5::{Dataset, File, H5Type, Hyperslab, Location, ObjectReference1, SliceOrIndex};
 use ndarray::{ArrayViewD, IxDyn};
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ffi::{CStr, CString};
+use std::mem::ManuallyDrop;
 use std::ops::Range;
 use std::path::Path;
 
@@ -64,6 +67,14 @@ pub fn axis_names(dimension: usize) -> Vec<&'static str> {
 /// [`crate::error::Error::Output`], the same on all ranks.
 pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<()> {
     let path = directory.join("result.h5");
+    world.agree(if world.rank() == 0 {
+        enough_room(directory, results.case)
+    } else {
+        Ok(())
+    })?;
+    // Files that are given up after an error stay open to the end; the library must not close them then.
+    // SAFETY: a plain call before the library is used.
+    unsafe { hdf5_sys::h5::H5dont_atexit() };
     // Under another name until it is complete: an older file stays whole, and no half a file is taken for a result.
     let partial = directory.join("result.h5.partial");
     let mut writer = Writer::create(world, &partial)?;
@@ -121,13 +132,42 @@ pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<(
     world.agree(renamed)
 }
 
+/// Refuses to start what the disk cannot hold.
+///
+/// # Errors
+/// [`Error::Directory`].
+pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
+    /// Metadata, texts and the summary.
+    const MARGIN: usize = 256 << 10;
+    let space = &case.space;
+    let fields = 1 + usize::from(case.exact.is_some());
+    let moments = 1 + 2 * space.dimension();
+    let numbers = fields * space.cells() + moments * space.space_cells();
+    let needed = (8 * numbers + MARGIN + 2 * case.text.len()) as u64;
+    let room = system::room_for_file(directory);
+    if needed <= room {
+        return Ok(());
+    }
+    Err(Error::Directory {
+        path: directory.to_owned(),
+        reason: format!(
+            "the results take {}, there is room for {}",
+            bytes_text(needed),
+            bytes_text(room)
+        ),
+    })
+}
+
 /// Name of the axis of vector components.
 const COMPONENT: &str = "component";
 
 struct Writer<'a> {
     world: &'a Group,
     path: &'a Path,
-    file: File,
+    /// Not closed when an error is on the way: closing waits for all ranks, and one may never come.
+    file: ManuallyDrop<File>,
+    /// The first failure of what rank 0 writes alone, while the others go on to the next step of all.
+    trouble: RefCell<Option<hdf5::Error>>,
     shape: BTreeMap<&'static str, usize>,
 }
 
@@ -156,15 +196,29 @@ impl<'a> Writer<'a> {
         Ok(Self {
             world,
             path,
-            file,
+            file: ManuallyDrop::new(file),
+            trouble: RefCell::new(None),
             shape: BTreeMap::new(),
         })
     }
 
-    /// Agrees on the outcome of an operation that all ranks did.
+    /// Agrees on the outcome of operations that all ranks did, and of those rank 0 did alone.
     fn agree<T>(&self, outcome: Outcome<T>) -> Result<T> {
+        let outcome = match self.trouble.take() {
+            Some(trouble) => Err(trouble),
+            None => outcome,
+        };
         self.world
             .agree(outcome.map_err(|e| failure(self.path, &e)))
+    }
+
+    /// Something that rank 0 writes alone.
+    fn alone(&self, write: impl FnOnce() -> Outcome<()>) {
+        if self.world.rank() == 0
+            && let Err(error) = write()
+        {
+            self.trouble.borrow_mut().get_or_insert(error);
+        }
     }
 
     fn attributes(&self, results: &Results<'_>) -> Result<()> {
@@ -203,9 +257,8 @@ impl<'a> Writer<'a> {
                 bytes.len().max(1),
             ))
             .create(name)?;
-        let writes = self.world.rank() == 0 && !bytes.is_empty();
-        if writes {
-            write_bytes(&dataset, bytes)?;
+        if !bytes.is_empty() {
+            self.alone(|| write_bytes(&dataset, bytes));
         }
         Ok(dataset)
     }
@@ -224,9 +277,7 @@ impl<'a> Writer<'a> {
                     .new_dataset::<f64>()
                     .shape(centres.len())
                     .create(name)?;
-                if self.world.rank() == 0 {
-                    dataset.write(&centres)?;
-                }
+                self.alone(|| dataset.write(&centres));
                 terminated_text(&dataset, "CLASS", c"DIMENSION_SCALE")?;
                 terminated_text(&dataset, "NAME", &CString::new(name).unwrap_or_default())?;
                 attribute(&dataset, "units", &text("1"))?;
@@ -267,8 +318,10 @@ impl<'a> Writer<'a> {
         values: &[f64],
         what: &str,
     ) -> Result<()> {
-        let dataset = self.agree(self.create_field(name, axes, what))?;
-        self.agree(write_slab(&dataset, None, share, values))
+        let dataset = ManuallyDrop::new(self.agree(self.create_field(name, axes, what))?);
+        self.agree(write_slab(&dataset, None, share, values))?;
+        drop(ManuallyDrop::into_inner(dataset));
+        Ok(())
     }
 
     /// A vector of fields: the component is the first index.
@@ -281,22 +334,20 @@ impl<'a> Writer<'a> {
         what: &str,
     ) -> Result<()> {
         let axes: Vec<&str> = [COMPONENT].iter().chain(axes).copied().collect();
-        let dataset = self.agree(self.create_field(name, &axes, what))?;
+        let dataset = ManuallyDrop::new(self.agree(self.create_field(name, &axes, what))?);
         let outcome = (values.iter().enumerate()).try_for_each(|(component, values)| {
             write_slab(&dataset, Some(component), share, values)
         });
-        self.agree(outcome)
+        self.agree(outcome)?;
+        drop(ManuallyDrop::into_inner(dataset));
+        Ok(())
     }
 
     fn close(self) -> Result<()> {
-        let outcome = self.file.flush();
-        let outcome = self.agree(outcome);
-        let Self {
-            world, path, file, ..
-        } = self;
-        let closed = file.close().map_err(|e| failure(path, &e));
-        world.agree(closed)?;
-        outcome
+        self.agree(self.file.flush())?;
+        let closed = ManuallyDrop::into_inner(self.file).close();
+        let closed = closed.map_err(|e| failure(self.path, &e));
+        self.world.agree(closed)
     }
 }
 

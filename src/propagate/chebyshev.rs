@@ -93,6 +93,34 @@ fn cut(out: &mut Vec<f64>, tail: f64) -> f64 {
     left
 }
 
+/// The least degree `K` with `2 Σ_{k>K} |J_k(τ)| ≤ tail`; for long series one that is at most some units larger, from
+/// `J_k(k sech α) ≤ exp(−k(α − tanh α))/√(2πk tanh α)` (DLMF 10.14.5) and the geometric series that follows.
+pub fn degree(scratch: &mut Vec<f64>, tau: f64, tail: f64) -> usize {
+    /// Up to here the series itself is computed.
+    const SHORT: f64 = 1e4;
+    if tau <= SHORT {
+        bessel_series(scratch, tau, tail);
+        return scratch.len() - 1;
+    }
+    let rest = |degree: f64| {
+        let k = degree + 1.0;
+        let alpha = (k / tau).acosh();
+        let first =
+            (-k * (alpha - alpha.tanh())).exp() / (std::f64::consts::TAU * k * alpha.tanh()).sqrt();
+        2.0 * first / (1.0 - (-alpha).exp())
+    };
+    let (mut low, mut high) = (tau.ceil(), 2.0 * tau + 100.0);
+    while high - low > 1.0 {
+        let middle = (0.5 * (low + high)).floor();
+        if rest(middle) > tail {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    high as usize
+}
+
 /// Scratch of the Chebyshev propagator for one rank; made once, used for every batch.
 pub struct Chebyshev {
     previous: Vec<Lanes>,
@@ -228,6 +256,25 @@ mod tests {
             // Parseval: J_0² + 2 Σ J_k² = 1.
             let square = j[0] * j[0] + 2.0 * j[1..].iter().map(|x| x * x).sum::<f64>();
             assert!((square - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn degrees_of_long_series_are_bounds_and_close() {
+        let (mut scratch, mut all) = (Vec::new(), Vec::new());
+        for tau in [1.1e4, 3e4] {
+            bessel_series(&mut all, tau, 0.0);
+            for tail in [0.1, 1e-6, 1e-14] {
+                let degree = degree(&mut scratch, tau, tail);
+                let rest: f64 = all[degree + 1..].iter().map(|j| 2.0 * j.abs()).sum();
+                let exact = bessel_series(&mut scratch, tau, tail);
+                assert!(rest <= tail && exact <= tail);
+                assert!(
+                    degree as f64 <= 1.01 * scratch.len() as f64,
+                    "{tau} {tail}: {degree} {}",
+                    scratch.len()
+                );
+            }
         }
     }
 

@@ -121,6 +121,17 @@ fn sources_conservative(out: &mut Vec<Source>, axis: &Axis, j: i64, rise: f64) {
             length,
         );
     }
+    // Beside a very high wall energies are rounded: the shares are made to add up to 1 again, whatever is left of them.
+    let sum: f64 = out.iter().map(|s| s.weight).sum();
+    if sum > 0.0 {
+        out.iter_mut().for_each(|s| s.weight /= sum);
+    } else {
+        out.push(Source {
+            side: Side::Across,
+            velocity: lattice.cell_of(0.5 * (low + high) + rise, sign),
+            weight: 1.0,
+        });
+    }
 }
 
 /// The velocity lattice, continued beyond the box, seen as energies.

@@ -1,0 +1,1974 @@
+//! The program from outside: started as a user starts it, alone and under mpirun, on the cases of `cases/`, changed by
+//! `--set`.
+
+#[path = "support/launch.rs"]
+mod launch;
+#[path = "support/results.rs"]
+mod results;
+
+use launch::{Finished, Job, Summary, case, cases, check_all, directory};
+use results::{datasets, differences, distance, field};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+const INTERFACES: [&str; 2] = ["hat", "conservative"];
+const TOLERANCES: [&str; 4] = ["1e-3", "1e-6", "1e-9", "1e-11"];
+/// Slower than this is no answer to bad input; mpirun itself takes one to two seconds to end a job that failed.
+const SECONDS_TO_REFUSE: f64 = 10.0;
+/// Longer than this is no message.
+const LONGEST_MESSAGE: usize = 2000;
+
+fn run(name: &str) -> Job {
+    Job::new(["run", &case(name)])
+}
+
+fn check(name: &str) -> Job {
+    Job::new(["check", &case(name)])
+}
+
+fn plan(name: &str, ranks: usize) -> Job {
+    Job::new(["plan", &case(name), "--ranks", &ranks.to_string()])
+}
+
+fn require(holds: bool, finished: &Finished, what: impl FnOnce() -> String) -> Result<(), String> {
+    if holds {
+        Ok(())
+    } else {
+        Err(finished.report(&what()))
+    }
+}
+
+/// `value` is at most `limit`; written so that NaN fails.
+fn at_most(what: &str, value: f64, limit: f64) -> Result<(), String> {
+    if value <= limit {
+        Ok(())
+    } else {
+        Err(format!("{what} is {value:e}, at most {limit:e} expected"))
+    }
+}
+
+fn near(what: &str, value: f64, expected: f64, by: f64) -> Result<(), String> {
+    if (value - expected).abs() <= by {
+        Ok(())
+    } else {
+        Err(format!("{what} is {value}, {expected} ± {by:e} expected"))
+    }
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Tolerances
+
+/// Every case, both interfaces: the tolerance is met, the estimate is right or says that it cannot tell, every mode is
+/// unitary. Measured by the program itself (`solver.verify`).
+#[test]
+fn tolerances_are_met_in_every_case() {
+    let mut rows = Vec::new();
+    for name in cases() {
+        for interface in INTERFACES {
+            for tolerance in TOLERANCES {
+                rows.push((name.clone(), interface, tolerance));
+            }
+        }
+    }
+    check_all(&rows, |(name, interface, tolerance)| {
+        let place = directory();
+        let job = run(name).on(2).set(&[
+            "solver.verify=true",
+            &format!("scheme.interface={interface}"),
+            &format!("solver.tolerance={tolerance}"),
+        ]);
+        let summary = job.solve(place.path())?;
+        meets_its_tolerance(&summary)
+    });
+}
+
+/// What holds for every Schrödingerized run with `solver.verify`.
+fn meets_its_tolerance(summary: &Summary) -> Result<(), String> {
+    let tolerance = summary.number("tolerance")?;
+    let error = summary.number("error_semidiscrete")?;
+    let outcome = at_most("error_semidiscrete", error, tolerance);
+    summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+    let estimate = summary.number("error_estimate")?;
+    let reliable = summary.boolean("error_estimate_reliable")?;
+    let ratio = estimate / error;
+    summary.require(!reliable || (1.0 / 3.0..=3.0).contains(&ratio), || {
+        format!("error_estimate {estimate:e} is {ratio:.3} times the true error {error:e}, and called reliable")
+    })?;
+    let defect = summary.number("unitarity_defect")?;
+    summary.require(defect > 0.0 && defect <= 1.0, || {
+        format!("unitarity_defect {defect}, above 0 and at most 1 expected")
+    })
+}
+
+/// The distance taken here, between the files of two runs, not by the program; on different numbers of ranks.
+#[test]
+fn distance_between_files_is_what_was_asked_for() {
+    let rows = [
+        ("example1.toml", "hat", 1e-6),
+        ("barrier2d.toml", "conservative", 1e-9),
+        ("inflow_barrier.toml", "hat", 1e-9),
+        ("well.toml", "hat", 1e-11),
+        ("step3d.toml", "conservative", 1e-3),
+    ];
+    check_all(&rows, |&(name, interface, tolerance)| {
+        let (warped, exact) = (directory(), directory());
+        let interface = format!("scheme.interface={interface}");
+        let asked = format!("solver.tolerance={tolerance:e}");
+        let job = run(name).set(&[&interface, &asked, "solver.verify=true"]);
+        let summary = job.on(3).solve(warped.path())?;
+        run(name)
+            .set(&[
+                &interface,
+                "solver.method=classical",
+                "solver.classical.integrator=exponential",
+            ])
+            .on(1)
+            .solve(exact.path())?;
+        let (f, reference) = (field(warped.path())?, field(exact.path())?);
+        let found = distance(&f, &reference);
+        let outcome = at_most("distance between the files", found, tolerance)
+            .and_then(|()| {
+                let said = summary.number("error_semidiscrete")?;
+                near(
+                    "error_semidiscrete over that distance",
+                    said / found,
+                    1.0,
+                    0.01,
+                )
+            })
+            // The comparison can fail: a thousandth of the tolerance is not met.
+            .and_then(|()| match at_most("", found, 1e-3 * tolerance) {
+                Ok(()) => Err(format!(
+                    "distance {found:e}: not a run at tolerance {tolerance:e}"
+                )),
+                Err(_) => Ok(()),
+            });
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())
+    });
+}
+
+/// The reference itself: forward Euler and SSP-RK3 tend to the exponential with orders 1 and 3.
+#[test]
+fn classical_integrators_converge_to_the_exponential() {
+    let solve = |settings: &[&str]| -> Result<Vec<f64>, String> {
+        let place = directory();
+        run("well.toml")
+            .set(&["solver.method=classical"])
+            .set(settings)
+            .on(2)
+            .solve(place.path())?;
+        field(place.path())
+    };
+    let reference = solve(&[]).unwrap();
+    let rows = [("forward-euler", 1.0, 0.05), ("ssp-rk3", 3.0, 0.2)];
+    check_all(&rows, |&(integrator, order, cfl)| {
+        let error = |cfl: f64| -> Result<f64, String> {
+            let f = solve(&[
+                &format!("solver.classical.integrator={integrator}"),
+                &format!("solver.classical.cfl={cfl}"),
+            ])?;
+            Ok(distance(&f, &reference))
+        };
+        let (coarse, fine) = (error(cfl)?, error(cfl / 2.0)?);
+        let what = format!("order of {integrator} (errors {coarse:e}, {fine:e})");
+        near(&what, (coarse / fine).log2(), order, 0.15)
+    });
+}
+
+/// Applications of example 1 are those of the prototype (design.md), at most 15 % more.
+#[test]
+fn applications_stay_near_the_prototype() {
+    let rows = [
+        (64, 1e-3, 2.8e3),
+        (64, 1e-6, 4.4e3),
+        (64, 1e-9, 8.0e3),
+        (64, 1e-11, 16.6e3),
+        (128, 1e-3, 7.4e3),
+        (128, 1e-6, 12.0e3),
+        (128, 1e-9, 24.8e3),
+        (128, 1e-11, 54.8e3),
+    ];
+    check_all(&rows, |&(cells, tolerance, prototype)| {
+        let place = directory();
+        let summary = run("example1.toml")
+            .on(2)
+            .set(&[
+                &format!("axis.0.x.cells={cells}"),
+                &format!("axis.0.v.cells={cells}"),
+                &format!("solver.tolerance={tolerance:e}"),
+                "solver.verify=true",
+            ])
+            .solve(place.path())?;
+        meets_its_tolerance(&summary)?;
+        let done = summary.number("matvecs")?;
+        let outcome = at_most("matvecs", done, 1.15 * prototype);
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        // Counted as done, and as planned: the two agree.
+        let stored = &datasets(place.path())?["/plan"].bytes;
+        let text = String::from_utf8_lossy(stored);
+        let plan: serde_json::Value =
+            serde_json::from_str(text.trim_end_matches('\0')).map_err(|e| format!("/plan: {e}"))?;
+        let planned = plan["warp"]["applications"].as_f64();
+        summary.require(planned == Some(done), || {
+            format!("matvecs {done}, but /plan in result.h5 says {planned:?}")
+        })
+    });
+}
+
+/// However short the time and however small the tolerance: met, with an estimate that is right or says that it cannot
+/// tell.
+#[test]
+fn estimate_is_right_or_silent_at_the_edges() {
+    let small = ["axis.0.x.cells=32", "axis.0.v.cells=32"];
+    let rows: [(&str, &[&str]); 6] = [
+        ("example1.toml", &["time.end=0.001"]),
+        (
+            "example1.toml",
+            &["time.end=1e-10", "solver.tolerance=1e-2"],
+        ),
+        ("example1.toml", &["time.end=0.01", "solver.tolerance=1e-9"]),
+        ("example1.toml", &["solver.tolerance=2e-14"]),
+        ("example1.toml", &["solver.tolerance=1e-12"]),
+        ("slope_jump.toml", &["time.end=10", "solver.tolerance=0.1"]),
+    ];
+    check_all(&rows, |(name, settings)| {
+        let place = directory();
+        let job = run(name)
+            .set(&small)
+            .set(settings)
+            .set(&["solver.verify=true"]);
+        let summary = job.solve(place.path())?;
+        let (error, estimate) = (
+            summary.number("error_semidiscrete")?,
+            summary.number("error_estimate")?,
+        );
+        let outcome = at_most("error_semidiscrete", error, summary.number("tolerance")?);
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        let reliable = summary.boolean("error_estimate_reliable")?;
+        let ratio = estimate / error;
+        summary.require(!reliable || (1.0 / 3.0..=3.0).contains(&ratio), || {
+            format!("error_estimate {estimate:e} is {ratio:.3} times the true error {error:e}, and called reliable")
+        })
+    });
+}
+
+/// Units are the user's: a field of any size is solved to the tolerance, or refused; never a zero instead.
+#[test]
+fn fields_of_any_size_are_solved_or_refused() {
+    let rows = ["1e-300", "1e-200", "1e-100", "1e100", "1e200", "1e300"];
+    check_all(&rows, |factor| {
+        let place = directory();
+        let finished = run("step_up.toml")
+            .set(&[
+                "axis.0.x.cells=32",
+                "axis.0.v.cells=32",
+                "solver.verify=true",
+                &format!("initial.f=\"{factor}*exp(-20*((x+0.6)^2+(v-0.7)^2))\""),
+            ])
+            .into(place.path())
+            .run()?;
+        if finished.code == Some(2) {
+            return refused(&finished, &["initial.f"]);
+        }
+        require(finished.code == Some(0), &finished, || {
+            "neither solved nor refused".to_owned()
+        })?;
+        let text = std::fs::read_to_string(place.path().join("summary.json"))
+            .map_err(|e| finished.report(&e.to_string()))?;
+        let value: serde_json::Value =
+            serde_json::from_str(&text).map_err(|e| finished.report(&e.to_string()))?;
+        let error = value["error_semidiscrete"].as_f64().unwrap_or(f64::NAN);
+        require(error <= 1e-6, &finished, || {
+            format!(
+                "error_semidiscrete {}, largest value of f {}",
+                value["error_semidiscrete"], value["maximum"]
+            )
+        })
+    });
+}
+
+/// What cannot be promised is refused: when (almost) nothing is left of the field, an error relative to it is not met.
+#[test]
+fn a_tolerance_that_was_missed_is_no_success() {
+    let place = directory();
+    let job = run("step_up.toml").set(&[
+        "axis.0.x.cells=8",
+        "axis.0.v.cells=6",
+        "axis.0.v.lower=0.5",
+        "time.end=22",
+        "solver.tolerance=0.01",
+        "solver.verify=true",
+    ]);
+    let finished = job.into(place.path()).run().unwrap();
+    if finished.code == Some(2) {
+        refused(&finished, &["tolerance"]).unwrap();
+        return;
+    }
+    let text = std::fs::read_to_string(place.path().join("summary.json")).unwrap_or_default();
+    let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    let error = value["error_semidiscrete"].as_f64().unwrap_or(f64::NAN);
+    assert!(
+        finished.code == Some(0) && error <= 0.01 || finished.code == Some(1),
+        "{}",
+        finished.report(&format!("error_semidiscrete {error:e} for tolerance 0.01"))
+    );
+}
+
+/// The smallest tolerance that a refusal names is accepted when it is asked for, and met.
+#[test]
+fn smallest_tolerance_is_accepted_and_met() {
+    let smallest = |name: &str, settings: &[&str]| -> Result<String, String> {
+        let job = plan(name, 1).set(settings).set(&["solver.tolerance=1e-15"]);
+        let finished = job.run()?;
+        refused(&finished, &["tolerance", "1e-15"])?;
+        let words = finished.errors.split_whitespace();
+        let mut after = words.skip_while(|w| *w != "than").skip(1);
+        let number = after.next().unwrap_or_default().to_owned();
+        let is_number = number.parse::<f64>().is_ok_and(|x| x > 1e-15 && x < 1e-9);
+        require(is_number, &finished, || {
+            "no smallest tolerance named".into()
+        })?;
+        Ok(number)
+    };
+    check_all(&cases(), |name| {
+        let number = smallest(name, &[])?;
+        let job = plan(name, 1).set(&[&format!("solver.tolerance={number}")]);
+        job.succeed().map(|_| ())
+    });
+    let small = ["axis.0.x.cells=24", "axis.0.v.cells=20"];
+    let number = smallest("slope_jump.toml", &small).unwrap();
+    let place = directory();
+    let summary = run("slope_jump.toml")
+        .set(&small)
+        .set(&[&format!("solver.tolerance={number}"), "solver.verify=true"])
+        .on(2)
+        .solve(place.path())
+        .unwrap();
+    let error = summary.number("error_semidiscrete").unwrap();
+    at_most(&summary.command, error, number.parse().unwrap()).unwrap();
+}
+
+/// Any number of cells, odd ones with a standing velocity among them, and boxes of a single cell.
+#[test]
+fn any_number_of_cells_is_solved() {
+    let mut rows = Vec::new();
+    for interface in INTERFACES {
+        for cells in 1..=17 {
+            rows.push((
+                interface,
+                format!("axis.0.v.cells={cells}"),
+                "axis.0.x.cells=20",
+            ));
+            rows.push((
+                interface,
+                format!("axis.0.x.cells={cells}"),
+                "axis.0.v.cells=20",
+            ));
+        }
+    }
+    check_all(&rows, |(interface, cells, others)| {
+        let place = directory();
+        let job = run("step_up.toml").set(&[
+            &format!("scheme.interface={interface}"),
+            cells,
+            others,
+            "solver.verify=true",
+        ]);
+        let summary = job.solve(place.path())?;
+        // One row of cells may hold nothing at all.
+        if summary.number("mass_initial")? == 0.0 {
+            let largest = summary.number("maximum")?;
+            return summary.require(largest == 0.0, || format!("maximum {largest} of nothing"));
+        }
+        let error = summary.number("error_semidiscrete")?;
+        let outcome = at_most("error_semidiscrete", error, summary.number("tolerance")?);
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())
+    });
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Figures
+
+/// Numbers of a line of `phasewarp spectrum`: the line that starts with `label`, the word after `key`.
+fn spectrum_number(finished: &Finished, label: &str, key: &str) -> Result<f64, String> {
+    let line = finished.output.lines().find(|l| l.starts_with(label));
+    let mut words = line.unwrap_or_default().split_whitespace();
+    words.find(|w| *w == key);
+    let number = words.next().and_then(|w| w.parse().ok());
+    number.ok_or_else(|| finished.report(&format!("no \"{label} … {key} <number>\"")))
+}
+
+#[test]
+fn spectrum_of_example_1() {
+    // cells, λ⁻ and λ⁺ without weights; the first to 5 digits as in the issue.
+    let rows = [
+        (128, "hat", 126.9287, 2.0707, 1),
+        (128, "hat", 126.9287, 2.0707, 3),
+        (64, "hat", 62.8672, 2.7878, 2),
+        (64, "conservative", 62.8651, 0.0, 2),
+        (128, "conservative", 126.9280, 0.0, 2),
+    ];
+    check_all(&rows, |&(cells, interface, lowest, highest, ranks)| {
+        let finished = Job::new(["spectrum", &case("example1.toml")])
+            .set(&[
+                &format!("axis.0.x.cells={cells}"),
+                &format!("axis.0.v.cells={cells}"),
+                &format!("scheme.interface={interface}"),
+            ])
+            .on(ranks)
+            .succeed()?;
+        let found = |label, key, expected, by| {
+            let value = spectrum_number(&finished, label, key)?;
+            near(&format!("{label}: {key}"), value, expected, by).map_err(|e| finished.report(&e))
+        };
+        found("no weights", "lambda-", lowest, 1e-3)?;
+        if interface == "conservative" {
+            let highest = spectrum_number(&finished, "no weights", "lambda+")?;
+            return at_most("lambda+", highest, 1e-6).map_err(|e| finished.report(&e));
+        }
+        found("no weights", "lambda-", lowest, 1e-4)?;
+        found("no weights", "lambda+", highest, 1e-4)?;
+        found("dissipative weights", "lambda-", lowest, 1e-2)?;
+        let highest = spectrum_number(&finished, "dissipative weights", "lambda+")?;
+        at_most("lambda+ with weights", highest, 1e-6).map_err(|e| finished.report(&e))
+    });
+}
+
+/// L1 error against the exact solution and its order, about ½: the solution jumps.
+#[test]
+fn error_of_example_1_against_the_exact_solution() {
+    let rows = [("hat", 0.4614, 0.3297), ("conservative", 0.4605, 0.3296)];
+    check_all(&rows, |&(interface, coarse, fine)| {
+        let error = |cells: usize, expected: f64| -> Result<f64, String> {
+            let place = directory();
+            let summary = run("example1.toml")
+                .on(2)
+                .set(&[
+                    &format!("axis.0.x.cells={cells}"),
+                    &format!("axis.0.v.cells={cells}"),
+                    &format!("scheme.interface={interface}"),
+                ])
+                .solve(place.path())?;
+            let l1 = summary.number("error_l1")?;
+            let outcome = near("error_l1", l1, expected, 1e-4);
+            summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+            // The same from the file: f and the exact solution are both there.
+            let stored = datasets(place.path())?;
+            let exact = stored
+                .get("/exact")
+                .ok_or_else(|| format!("no /exact in result.h5\n  command: {}", summary.command))?;
+            let volume = (3.0 / cells as f64).powi(2);
+            let pairs = stored["/f"].numbers().into_iter().zip(exact.numbers());
+            let sum: f64 = pairs.map(|(f, g)| (f - g).abs()).sum();
+            let outcome = near("error_l1 from result.h5", volume * sum, l1, 1e-12);
+            summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+            Ok(l1)
+        };
+        let order = (error(64, coarse)? / error(128, fine)?).log2();
+        near(&format!("order of error_l1, {interface}"), order, 0.5, 0.1)
+    });
+}
+
+/// Trapped and transmitted particles at both walls of the well, nobody at the ends of the box.
+#[test]
+fn conservative_interface_keeps_the_mass() {
+    let change = |settings: &[&str]| -> Result<f64, String> {
+        let place = directory();
+        let summary = run("well.toml")
+            .on(2)
+            .set(&["time.end=0.2"])
+            .set(settings)
+            .solve(place.path())?;
+        let (after, before) = (summary.number("mass")?, summary.number("mass_initial")?);
+        summary.require(before > 0.1, || format!("mass_initial {before}"))?;
+        Ok((after / before - 1.0).abs())
+    };
+    let conservative = "scheme.interface=conservative";
+    for (settings, limit) in [
+        ([conservative, "solver.method=classical"], 1e-12),
+        ([conservative, "solver.tolerance=2e-13"], 1e-12),
+    ] {
+        at_most(
+            &format!("change of mass, {settings:?}"),
+            change(&settings).unwrap(),
+            limit,
+        )
+        .unwrap();
+    }
+    // Control: the walls were met, where the hat interface makes mass.
+    let hat = change(&["scheme.interface=hat", "solver.method=classical"]).unwrap();
+    assert!(
+        hat > 1e-5,
+        "hat: change of mass {hat:e}; the well's walls were not met"
+    );
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Equal bits
+
+/// Every way to split `ranks` into blocks along `axes` x-axes and mode groups: `--ranks-x`.
+fn meshes(axes: usize, ranks: usize) -> Vec<Vec<usize>> {
+    let mut all = vec![Vec::new()];
+    for _ in 0..axes {
+        all = (all.iter())
+            .flat_map(|mesh: &Vec<usize>| {
+                (1..=ranks)
+                    .map(move |parts| mesh.iter().copied().chain([parts]).collect::<Vec<_>>())
+            })
+            .filter(|mesh| ranks.is_multiple_of(mesh.iter().product()))
+            .collect();
+    }
+    all
+}
+
+#[test]
+fn every_mesh_is_listed() {
+    assert_eq!(meshes(1, 4), [[1], [2], [4]]);
+    assert_eq!(meshes(2, 3), [[1, 1], [1, 3], [3, 1]]);
+    assert_eq!(meshes(3, 4).len(), 10);
+}
+
+/// A run to be repeated on every mesh.
+struct Scene {
+    name: &'static str,
+    settings: &'static [&'static str],
+    axes: usize,
+    datasets: &'static [&'static str],
+}
+
+const LINE: &[&str] = &[
+    "/axis/component",
+    "/axis/vx",
+    "/axis/x",
+    "/case",
+    "/density",
+    "/exact",
+    "/f",
+    "/momentum",
+    "/plan",
+    "/velocity",
+];
+const PLANE: &[&str] = &[
+    "/axis/component",
+    "/axis/vx",
+    "/axis/vy",
+    "/axis/x",
+    "/axis/y",
+    "/case",
+    "/density",
+    "/exact",
+    "/f",
+    "/momentum",
+    "/plan",
+    "/velocity",
+];
+const SPACE: &[&str] = &[
+    "/axis/component",
+    "/axis/vx",
+    "/axis/vy",
+    "/axis/vz",
+    "/axis/x",
+    "/axis/y",
+    "/axis/z",
+    "/case",
+    "/density",
+    "/exact",
+    "/f",
+    "/momentum",
+    "/plan",
+    "/velocity",
+];
+
+/// Compares a scene's results on every mesh of 1 to 4 ranks, and of 7 where `--ranks-x` is left to the program, with
+/// those of one rank.
+fn same_bits_everywhere(scene: &Scene) {
+    let reference = directory();
+    let job = || run(scene.name).set(scene.settings);
+    job().solve(reference.path()).unwrap();
+    let reference = datasets(reference.path()).unwrap();
+    let names: Vec<&str> = reference.keys().map(String::as_str).collect();
+    assert_eq!(names, scene.datasets, "{}", job().command());
+
+    let mut rows: Vec<(usize, Option<Vec<usize>>)> = Vec::new();
+    for ranks in 1..=4 {
+        rows.push((ranks, None));
+        rows.extend(
+            meshes(scene.axes, ranks)
+                .into_iter()
+                .map(|m| (ranks, Some(m))),
+        );
+    }
+    rows.push((7, None));
+    check_all(&rows, |(ranks, mesh)| {
+        let place = directory();
+        let mut job = job().on(*ranks);
+        if let Some(mesh) = mesh {
+            let list: Vec<String> = mesh.iter().map(usize::to_string).collect();
+            job = job.with(["--ranks-x", &list.join(",")]);
+        }
+        let summary = job.solve(place.path())?;
+        // It really ran so.
+        let found = (&summary.value["ranks"], &summary.value["space_blocks"]);
+        summary.require(*found.0 == serde_json::json!(ranks), || {
+            format!("ranks: {}", found.0)
+        })?;
+        if let Some(mesh) = mesh {
+            let groups = ranks / mesh.iter().product::<usize>();
+            let as_asked = *found.1 == serde_json::json!(mesh)
+                && summary.value["mode_groups"] == serde_json::json!(groups);
+            summary.require(as_asked, || format!("space_blocks: {}", found.1))?;
+        }
+        let differ = differences(&datasets(place.path())?, &reference);
+        summary.require(differ.is_empty(), || {
+            format!("other bits than on one rank in {}", differ.join(", "))
+        })
+    });
+
+    // Control: a case changed by a billionth differs, in /f at least and not on the axes.
+    let place = directory();
+    let end = format!("time.end={}", 0.7 * (1.0 + 1e-9));
+    job().set(&[&end]).solve(place.path()).unwrap();
+    let differ = differences(&datasets(place.path()).unwrap(), &reference);
+    assert!(
+        differ.contains(&"/f".to_owned()) && !differ.contains(&"/axis/x".to_owned()),
+        "a changed time.end changes {differ:?}"
+    );
+}
+
+#[test]
+fn same_bits_with_inflow() {
+    same_bits_everywhere(&Scene {
+        name: "inflow_barrier.toml",
+        settings: &["axis.0.x.cells=37", "axis.0.v.cells=29", "time.end=0.7"],
+        axes: 1,
+        datasets: LINE,
+    });
+}
+
+#[test]
+fn same_bits_with_shifted_weights() {
+    same_bits_everywhere(&Scene {
+        name: "well.toml",
+        settings: &["axis.0.x.cells=39", "axis.0.v.cells=31", "time.end=0.7"],
+        axes: 1,
+        datasets: LINE,
+    });
+}
+
+#[test]
+fn same_bits_with_slopes_and_conservative_interface() {
+    same_bits_everywhere(&Scene {
+        name: "slope_jump.toml",
+        settings: &[
+            "axis.0.x.cells=41",
+            "axis.0.v.cells=27",
+            "time.end=0.7",
+            "scheme.interface=conservative",
+            "solver.tolerance=1e-9",
+        ],
+        axes: 1,
+        datasets: LINE,
+    });
+}
+
+#[test]
+fn same_bits_in_the_plane() {
+    same_bits_everywhere(&Scene {
+        name: "barrier2d.toml",
+        settings: &["axis.0.x.cells=13", "axis.1.x.cells=7", "time.end=0.7"],
+        axes: 2,
+        datasets: PLANE,
+    });
+}
+
+#[test]
+fn same_bits_in_space() {
+    same_bits_everywhere(&Scene {
+        name: "step3d.toml",
+        settings: &["axis.0.v.cells=7", "time.end=0.7", "inflow.value=initial"],
+        axes: 3,
+        datasets: SPACE,
+    });
+}
+
+#[test]
+fn same_bits_with_the_classical_method() {
+    same_bits_everywhere(&Scene {
+        name: "inflow_barrier.toml",
+        settings: &[
+            "axis.0.x.cells=37",
+            "axis.0.v.cells=29",
+            "time.end=0.7",
+            "solver.method=classical",
+        ],
+        axes: 1,
+        datasets: LINE,
+    });
+    same_bits_everywhere(&Scene {
+        name: "barrier2d.toml",
+        settings: &[
+            "axis.0.x.cells=13",
+            "axis.1.x.cells=7",
+            "time.end=0.7",
+            "solver.method=classical",
+            "solver.classical.integrator=ssp-rk3",
+        ],
+        axes: 2,
+        datasets: PLANE,
+    });
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Bad input
+
+/// Refused as a mistake of the user: exit code 2, soon, with one message, from rank 0, that says all of `says`.
+fn refused(finished: &Finished, says: &[&str]) -> Result<(), String> {
+    let message = &finished.errors;
+    require(finished.code == Some(2), finished, || {
+        "exit code 2 expected".into()
+    })?;
+    require(finished.others.is_empty(), finished, || {
+        "only rank 0 speaks".into()
+    })?;
+    let errors = message.matches("error: ").count();
+    let one = errors == 1 && message.starts_with("error: ");
+    require(one, finished, || {
+        format!("one message expected, \"error: \" occurs {errors} times")
+    })?;
+    for crash in ["panicked", "backtrace", "RUST_BACKTRACE", "signal"] {
+        require(!message.contains(crash), finished, || {
+            format!("\"{crash}\"")
+        })?;
+    }
+    for words in says {
+        require(message.contains(words), finished, || {
+            format!("the message does not say \"{words}\"")
+        })?;
+    }
+    let seconds = finished.seconds;
+    require(seconds < SECONDS_TO_REFUSE, finished, || {
+        format!("refused after {seconds:.1} s")
+    })
+}
+
+/// `cases/example1.toml` with the one occurrence of `old` replaced, written into `place`; the file and the line of it.
+fn edited(place: &Path, old: &str, new: &str) -> (PathBuf, usize) {
+    let text = std::fs::read_to_string(case("example1.toml")).unwrap();
+    let found: Vec<usize> = text.match_indices(old).map(|(at, _)| at).collect();
+    assert_eq!(
+        found.len(),
+        1,
+        "\"{old}\" occurs {} times in example1.toml",
+        found.len()
+    );
+    let line = 1 + text[..found[0]].matches('\n').count();
+    let path = place.join("edited.toml");
+    std::fs::write(&path, text.replace(old, new)).unwrap();
+    (path, line)
+}
+
+#[test]
+fn mistakes_in_the_file_are_named_with_their_line() {
+    const X: &str = "x = { lower = -1.5, upper = 1.5, cells = 128 }";
+    let rows: &[(&str, &str, &[&str])] = &[
+        // Unknown keys, with the nearest known one.
+        (
+            "tolerance = 1e-6",
+            "tolerence = 1e-6",
+            &["solver.tolerence", "mean \"tolerance\""],
+        ),
+        (
+            "[solver.propagator]",
+            "[solver.propogator]",
+            &["propogator", "mean \"propagator\""],
+        ),
+        ("title     =", "tittle    =", &["tittle", "mean \"title\""]),
+        (
+            "end = 1.0",
+            "end = 1.0\nbegin = 0",
+            &["time.begin", "known here: end"],
+        ),
+        // Wrong types.
+        (
+            "tolerance = 1e-6",
+            "tolerance = \"small\"",
+            &["solver.tolerance", "\"small\"", "number"],
+        ),
+        (
+            "verify    = false",
+            "verify    = 0",
+            &["solver.verify", "0", "true or false"],
+        ),
+        (
+            "end = 1.0",
+            "end = 1979-05-27",
+            &["time.end", "1979-05-27", "number"],
+        ),
+        ("end = 1.0", "end = [1.0]", &["time.end", "number"]),
+        (X, "x = 128", &["axis.0.x", "128", "table"]),
+        (
+            "value = \"0.2\"",
+            "value = true",
+            &["potential.0.value", "true", "formula"],
+        ),
+        (
+            "title     = \"Step down (example 1)\"",
+            "title = 1",
+            &["title", "1", "text"],
+        ),
+        // Cell counts.
+        (
+            X,
+            "x = { lower = -1.5, upper = 1.5, cells = 0 }",
+            &["axis.0.x.cells", "0", "at least 1"],
+        ),
+        (
+            X,
+            "x = { lower = -1.5, upper = 1.5, cells = -7 }",
+            &["axis.0.x.cells", "-7", "at least 1"],
+        ),
+        (
+            X,
+            "x = { lower = -1.5, upper = 1.5, cells = 12.5 }",
+            &["axis.0.x.cells", "12.5", "whole"],
+        ),
+        (
+            X,
+            "x = { lower = -1.5, upper = 1.5, cells = 10000000000000000 }",
+            &["axis.0.x.cells", "memory"],
+        ),
+        (
+            X,
+            "x = { lower = -1.5, upper = 1.5, cells = 99999999999999999999 }",
+            &["axis.0.x.cells", "99999999999999999999"],
+        ),
+        (
+            X,
+            "x = { lower = -1.5, upper = 1.5 }",
+            &["axis.0.x.cells", "missing"],
+        ),
+        // Bounds.
+        (
+            X,
+            "x = { lower = 1.5, upper = -1.5, cells = 128 }",
+            &["axis.0.x.upper", "-1.5", "above", "1.5"],
+        ),
+        (
+            X,
+            "x = { lower = 1.5, upper = 1.5, cells = 128 }",
+            &["axis.0.x.upper", "1.5", "above"],
+        ),
+        (
+            X,
+            "x = { lower = 1.0, upper = 1.0000000000000002, cells = 128 }",
+            &["axis.0.x", "double precision"],
+        ),
+        (
+            X,
+            "x = { lower = -1e308, upper = 1e308, cells = 128 }",
+            &["axis.0.x", "1e100"],
+        ),
+        // Numbers that are none.
+        (
+            X,
+            "x = { lower = nan, upper = 1.5, cells = 128 }",
+            &["axis.0.x.lower", "nan", "finite"],
+        ),
+        (
+            X,
+            "x = { lower = -1.5, upper = inf, cells = 128 }",
+            &["axis.0.x.upper", "inf", "finite"],
+        ),
+        (
+            X,
+            "x = { lower = -1e999, upper = 1.5, cells = 128 }",
+            &["axis.0.x.lower", "1e999", "finite"],
+        ),
+        ("end = 1.0", "end = nan", &["time.end", "nan", "finite"]),
+        ("end = 1.0", "end = -inf", &["time.end", "inf", "finite"]),
+        ("end = 1.0", "end = 0", &["time.end", "0", "above 0"]),
+        ("end = 1.0", "end = -1.0", &["time.end", "-1", "above 0"]),
+        (
+            "cfl        = 0.9",
+            "cfl = 1.5",
+            &["solver.classical.cfl", "1.5", "at most 1"],
+        ),
+        // Tolerances.
+        (
+            "tolerance = 1e-6",
+            "tolerance = 0",
+            &["solver.tolerance", "0", "above 0", "0.1"],
+        ),
+        (
+            "tolerance = 1e-6",
+            "tolerance = -1e-6",
+            &["solver.tolerance", "-1e-6", "above 0"],
+        ),
+        (
+            "tolerance = 1e-6",
+            "tolerance = 1",
+            &["solver.tolerance", "1", "at most 0.1"],
+        ),
+        (
+            "tolerance = 1e-6",
+            "tolerance = nan",
+            &["solver.tolerance", "nan", "finite"],
+        ),
+        // Formulas.
+        (
+            "value = \"0.2\"",
+            "value = \"0.2 +* x\"",
+            &["potential.0.value", "0.2 +* x", "character 6"],
+        ),
+        (
+            "value = \"0.2\"",
+            "value = \"0.2*v\"",
+            &["potential.0.value", "0.2*v", "\"v\""],
+        ),
+        (
+            "value = \"0.2\"",
+            "value = \"(1 + 2\"",
+            &["potential.0.value", "(1 + 2"],
+        ),
+        ("value = \"0.2\"", "value = \"\"", &["potential.0.value"]),
+        (
+            "where = \"x < 0\"",
+            "where = \"x < < 0\"",
+            &["potential.0.where", "x < < 0", "character 5"],
+        ),
+        (
+            "where = \"x < 0\"",
+            "where = \"y < 0\"",
+            &["potential.0.where", "\"y\"", "known here: x"],
+        ),
+        (
+            "where = \"x < 0\"",
+            "where = \"sine(x) < 0\"",
+            &["potential.0.where", "\"sine\"", "sin"],
+        ),
+        // Regions.
+        (
+            "value = \"0\"                                           # low side",
+            "where = \"x > 0\"\nvalue = \"0\"  # low side",
+            &["potential.1.where", "x > 0", "last"],
+        ),
+        (
+            "where = \"x < 0\"",
+            "",
+            &["potential.0.where", "missing", "last"],
+        ),
+        // Choices.
+        (
+            "interface = \"hat\"",
+            "interface = \"hatt\"",
+            &["scheme.interface", "hatt", "mean \"hat\"", "conservative"],
+        ),
+        (
+            "method    = \"schrodingerized\"",
+            "method = \"classic\"",
+            &["solver.method", "mean \"classical\""],
+        ),
+        (
+            "weights = \"dissipative\"",
+            "weights = \"dissipatif\"",
+            &["solver.warp.weights", "mean \"dissipative\"", "none"],
+        ),
+        (
+            "integrator = \"exponential\"",
+            "integrator = \"rk4\"",
+            &["solver.classical.integrator", "rk4", "ssp-rk3"],
+        ),
+        (
+            "kind = \"characteristics\"",
+            "kind = \"exact\"",
+            &["exact.kind", "exact", "characteristics"],
+        ),
+        (
+            "kind = \"characteristics\"",
+            "kind = \"characteristics\"\nf = \"0\"",
+            &["exact.f", "either"],
+        ),
+        (
+            "recovery_points = 2",
+            "recovery_points = 3",
+            &["output.recovery_points", "3", "1", "2"],
+        ),
+        // No TOML.
+        ("end = 1.0", "end = = 1.0", &[]),
+        ("end = 1.0", "end = 1.0 2.0", &[]),
+        ("interface = \"hat\"", "interface = \"hat", &[]),
+        (
+            "recovery_points = 2",
+            "recovery_points = 2\n[time]",
+            &["time"],
+        ),
+    ];
+    check_all(rows, |(old, new, says)| {
+        let place = directory();
+        let (path, mut line) = edited(place.path(), old, new);
+        // A mistake on a later line of the new text, where that is what is wrong.
+        if new.contains('\n') && !new.starts_with("where") {
+            line += 1;
+        }
+        let path = path.display().to_string();
+        let finished = Job::new(["check", &path]).on(2).within(20).run()?;
+        let mut says = says.to_vec();
+        let location = format!("{path}:{line}:");
+        // A key that is missing is missed in its table, which starts further up.
+        let missing = says.contains(&"missing");
+        says.push(if missing { &path } else { &location });
+        refused(&finished, &says).map_err(|e| format!("{old}  ->  {new}\n{e}"))
+    });
+}
+
+/// A key that must be there and is misspelt: missing, and the nearest to it is known.
+#[test]
+fn misspelt_keys_that_must_be_there_are_named() {
+    let place = directory();
+    let (path, line) = edited(place.path(), "end = 1.0", "edn = 1.0");
+    let path = path.display().to_string();
+    let finished = Job::new(["check", &path]).run().unwrap();
+    let location = format!("{path}:{line}:");
+    refused(&finished, &["edn", "mean \"end\"", &location]).unwrap();
+}
+
+#[test]
+fn mistakes_in_a_set_option_are_named_with_its_text() {
+    let rows: &[(&str, &[&str])] = &[
+        (
+            "solver.tolerence=1e-3",
+            &["solver.tolerence", "mean \"tolerance\""],
+        ),
+        ("solvre.tolerance=1e-3", &["solvre", "mean \"solver\""]),
+        (
+            "solver.tolerance=small",
+            &["solver.tolerance", "\"small\"", "number"],
+        ),
+        ("solver.tolerance=", &["solver.tolerance", "number"]),
+        (
+            "solver.tolerance=1",
+            &["solver.tolerance = 1", "at most 0.1"],
+        ),
+        (
+            "solver.tolerance=-1e-3",
+            &["solver.tolerance = -1e-3", "above 0"],
+        ),
+        ("axis.0.x.cells=0", &["axis.0.x.cells = 0", "at least 1"]),
+        ("axis.0.x.cells=-3", &["axis.0.x.cells = -3", "at least 1"]),
+        ("axis.5.x.cells=3", &["\"5\"", "axis", "1 entries"]),
+        ("axis.x.x.cells=3", &["\"x\"", "axis", "index"]),
+        ("axis.0.x.cells.more=3", &["axis.0.x.cells", "not a table"]),
+        (
+            "axis.0.x.upper=-2",
+            &["axis.0.x.upper = -2", "above", "-1.5"],
+        ),
+        ("time.end=inf", &["time.end = inf", "finite"]),
+        ("time.end=nan", &["time.end = nan", "finite"]),
+        ("initial.f=x + * v", &["initial.f", "character 5"]),
+        ("inflow.value=1 +", &["inflow.value"]),
+        ("potential=[]", &["potential", "at least one"]),
+        ("potential=3", &["potential", "list of tables"]),
+        (
+            "scheme.interface=hats",
+            &["scheme.interface", "mean \"hat\""],
+        ),
+        ("time", &["key=value"]),
+        ("=3", &["key"]),
+    ];
+    check_all(rows, |(setting, says)| {
+        let finished = check("example1.toml")
+            .set(&[setting])
+            .on(2)
+            .within(20)
+            .run()?;
+        let text = format!("--set {setting}: ");
+        let says: Vec<&str> = says.iter().copied().chain([text.as_str()]).collect();
+        refused(&finished, &says)
+    });
+}
+
+/// More cells than there is memory for: refused before anything is allocated, whatever is to be done with them.
+#[test]
+fn grids_beyond_the_memory_are_refused() {
+    let rows: &[(&str, [&str; 2], &[&str])] = &[
+        (
+            "run",
+            ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"],
+            &[],
+        ),
+        (
+            "plan",
+            ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"],
+            &[],
+        ),
+        (
+            "check",
+            ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"],
+            &[],
+        ),
+        ("run", ["axis.0.x.cells=40000", "axis.0.v.cells=40000"], &[]),
+        (
+            "run",
+            ["axis.0.x.cells=40000", "axis.0.v.cells=40000"],
+            &["solver.method=classical"],
+        ),
+        (
+            "run",
+            ["axis.0.x.cells=1000000000", "axis.0.v.cells=2"],
+            &[],
+        ),
+        (
+            "run",
+            ["axis.0.x.cells=2", "axis.0.v.cells=1000000000"],
+            &[],
+        ),
+        (
+            "run",
+            ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000"],
+            &["scheme.interface=conservative"],
+        ),
+    ];
+    check_all(rows, |(command, cells, settings)| {
+        let place = directory();
+        let mut job = Job::new([*command, &case("example1.toml")])
+            .set(cells)
+            .set(settings);
+        if *command == "run" {
+            job = job.into(place.path());
+        }
+        refused(&job.on(2).within(20).run()?, &["memory", "cells"])
+    });
+    let plan = plan("example1.toml", 4).with(["--memory-per-rank", "1MB"]);
+    refused(&plan.run().unwrap(), &["memory", "needed", "976.6 KiB"]).unwrap();
+}
+
+/// As above, for `spectrum`, which needs the matrix.
+#[test]
+fn spectrum_of_a_grid_beyond_the_memory_is_refused() {
+    let job = Job::new(["spectrum", &case("example1.toml")]);
+    let job = job.set(&["axis.0.x.cells=40000", "axis.0.v.cells=40000"]);
+    refused(&job.on(2).within(20).run().unwrap(), &["memory"]).unwrap();
+}
+
+/// However many cells, `plan` and `check` answer or refuse.
+#[test]
+fn plan_and_check_of_absurd_grids_do_not_hang() {
+    let mut rows = Vec::new();
+    for command in ["plan", "check"] {
+        for cells in [
+            ["axis.0.x.cells=1000000000", "axis.0.v.cells=2"],
+            ["axis.0.x.cells=1000000000000", "axis.0.v.cells=1"],
+            ["axis.0.x.cells=1000000", "axis.0.v.cells=1000000"],
+        ] {
+            rows.push((command, cells));
+        }
+    }
+    check_all(&rows, |(command, cells)| {
+        let job = Job::new([*command, &case("example1.toml")]).set(cells);
+        let finished = job.within(SECONDS_TO_REFUSE as u64).run()?;
+        match finished.code {
+            Some(0) => Ok(()),
+            _ => refused(&finished, &["memory"]),
+        }
+    });
+}
+
+/// Numbers that are finite and yet absurd: too long, too fast, too fine. Solved, or refused naming a key.
+#[test]
+fn absurd_scales_are_refused() {
+    let rows: &[(&str, &[&str])] = &[
+        ("run", &["time.end=1e300"]),
+        ("run", &["time.end=1e300", "scheme.interface=conservative"]),
+        ("run", &["time.end=1e8"]),
+        ("plan", &["time.end=1e8"]),
+        ("plan", &["time.end=1e300"]),
+        ("run", &["time.end=1e-100"]),
+        ("run", &["axis.0.v.upper=1e10"]),
+        ("run", &["axis.0.v.upper=1e150"]),
+        ("run", &["axis.0.v.lower=-1e300", "axis.0.v.upper=1e300"]),
+        ("run", &["axis.0.x.lower=-1e-10", "axis.0.x.upper=1e-10"]),
+        ("run", &["potential.0.value=1e10*x"]),
+        ("run", &["potential.0.value=1e300*x"]),
+        ("run", &["inflow.value=1e300"]),
+    ];
+    check_all(rows, |(command, settings)| {
+        let place = directory();
+        let small = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
+        let mut job = Job::new([*command, &case("example1.toml")])
+            .set(&small)
+            .set(settings);
+        if *command == "run" {
+            job = job.set(&["solver.verify=true"]).into(place.path());
+        }
+        let finished = job.on(2).within(20).run()?;
+        if finished.code == Some(2) {
+            return refused(&finished, &[]);
+        }
+        require(finished.code == Some(0), &finished, || {
+            "neither done nor refused".into()
+        })?;
+        if *command == "plan" {
+            return Ok(());
+        }
+        let text = std::fs::read_to_string(place.path().join("summary.json")).unwrap_or_default();
+        let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+        let error = value["error_semidiscrete"].as_f64().unwrap_or(f64::NAN);
+        require(error <= 1e-6, &finished, || {
+            format!("error_semidiscrete is {}", value["error_semidiscrete"])
+        })
+    });
+}
+
+const NOT_FINITE: &[(&str, &str, &[&str])] = &[
+    ("initial.f", "sqrt(-x)", &["NaN", "x = 0.0", "v = -1.4"]),
+    (
+        "initial.f",
+        "1/(x - 0.01171875)",
+        &["inf", "x = 0.01171875"],
+    ),
+    ("initial.f", "exp(800*abs(v))", &["inf", "v = -1.4"]),
+    // Found by one rank only, which need not be the first.
+    ("initial.f", "sqrt(1.4 - x)", &["NaN", "x = 1.4"]),
+    ("potential.0.value", "1/(x + 1.5)", &["inf", "x = -1.5"]),
+    ("potential.0.value", "sqrt(-1.4 - x)", &["NaN", "x = -1.3"]),
+    ("inflow.value", "ln(v)", &["NaN", "v = -"]),
+    ("inflow.value", "1e308*v^2*1e10", &["inf", "x = -1.5"]),
+];
+
+/// A formula that yields no number somewhere: named, with its text, the value and the place.
+#[test]
+fn formulas_that_are_not_finite_are_named_with_the_place() {
+    check_all(NOT_FINITE, |(key, formula, says)| {
+        let place = directory();
+        let job = run("example1.toml").set(&[&format!("{key}=\"{formula}\"")]);
+        let job = job.with(["--ranks-x", "2"]).into(place.path());
+        let finished = job.on(2).within(20).run()?;
+        let says: Vec<&str> = says.iter().copied().chain([*formula, *key]).collect();
+        refused(&finished, &says)
+    });
+}
+
+/// `check` refuses what `run` will refuse for its formulas.
+#[test]
+fn check_finds_formulas_that_are_not_finite() {
+    check_all(NOT_FINITE, |(key, formula, says)| {
+        let job = check("example1.toml").set(&[&format!("{key}=\"{formula}\"")]);
+        refused(&job.run()?, says)
+    });
+}
+
+/// A condition that yields no number is a mistake too, not false.
+#[test]
+fn conditions_that_are_not_finite_are_refused() {
+    let job = check("example1.toml").set(&["potential.0.where=\"sqrt(x)\""]);
+    refused(&job.run().unwrap(), &["where", "sqrt(x)", "NaN"]).unwrap();
+}
+
+/// An exact solution that yields no number is found before the solve, not after it.
+#[test]
+fn exact_solution_is_checked_before_the_solve() {
+    let place = directory();
+    let job = run("example1.toml").set(&["exact={f=\"sqrt(-x)\"}"]);
+    let finished = job.into(place.path()).on(2).within(20).run().unwrap();
+    refused(&finished, &["exact.f", "sqrt(-x)", "NaN", "x = 0.0"]).unwrap();
+}
+
+/// Mistakes that only the grid or the plan brings to light say in which file they are.
+#[test]
+fn late_mistakes_name_the_file() {
+    let rows = [
+        ("value = \"0.2\"", "value = \"1/(x + 1.5)\"", "potential"),
+        ("tolerance = 1e-6", "tolerance = 1e-15", "solver.tolerance"),
+    ];
+    check_all(&rows, |(old, new, key)| {
+        let place = directory();
+        let (path, _) = edited(place.path(), old, new);
+        let path = path.display().to_string();
+        let finished = Job::new(["plan", &path]).run()?;
+        refused(&finished, &[key, &path])
+    });
+}
+
+/// A file that is none, or cannot be one.
+#[test]
+fn files_that_are_no_case_are_refused() {
+    let deep = |open: &str, middle: &str, close: &str| {
+        format!(
+            "a = {}{middle}{}\n",
+            open.repeat(20_000),
+            close.repeat(20_000)
+        )
+    };
+    let text = std::fs::read_to_string(case("example1.toml")).unwrap();
+    let formula = |f: String| text.replace("value = \"0.2\"", &format!("value = \"{f}\""));
+    let rows: Vec<(&str, Vec<u8>, &[&str])> = vec![
+        ("empty", b"".to_vec(), &["axis", "1 to 3"]),
+        ("comment", b"# nothing\n".to_vec(), &["axis"]),
+        ("prose", b"this is not a case file\n".to_vec(), &[":1:"]),
+        (
+            "binary",
+            vec![0x89, b'H', b'D', b'F', 0xff, 0xfe, 0],
+            &["UTF-8"],
+        ),
+        ("zeros", vec![0; 1000], &[]),
+        ("json", b"{\"axis\": 3}".to_vec(), &[":1:"]),
+        ("large", vec![b'#'; (1 << 20) + 1], &["1048576"]),
+        ("lists", deep("[", "", "]").into_bytes(), &["recurs"]),
+        ("tables", deep("{a=", "1", "}").into_bytes(), &["recurs"]),
+        (
+            "key",
+            format!("{}a = 1\n", "a.".repeat(20_000)).into_bytes(),
+            &["recurs"],
+        ),
+        (
+            "heading",
+            format!("[{}a]\n", "a.".repeat(20_000)).into_bytes(),
+            &["recurs"],
+        ),
+        (
+            "parentheses",
+            formula(format!("{}1{}", "(".repeat(60), ")".repeat(60))).into_bytes(),
+            &["potential.0.value", "nested"],
+        ),
+        (
+            "functions",
+            formula(format!("{}x{}", "abs(".repeat(900), ")".repeat(900))).into_bytes(),
+            &["potential.0.value", "nested"],
+        ),
+        (
+            "signs",
+            formula(format!("{}x", "-".repeat(9_000))).into_bytes(),
+            &["potential.0.value", "nested"],
+        ),
+        (
+            "powers",
+            formula(format!("x{}", "^x".repeat(4_000))).into_bytes(),
+            &["potential.0.value", "nested"],
+        ),
+        (
+            "terms",
+            formula(format!("x{}", "+x".repeat(6_000))).into_bytes(),
+            &["potential.0.value", "10000"],
+        ),
+    ];
+    check_all(&rows, |(name, bytes, says)| {
+        let place = directory();
+        let path = place.path().join(format!("{name}.toml"));
+        std::fs::write(&path, bytes).map_err(|e| e.to_string())?;
+        let path = path.display().to_string();
+        let finished = Job::new(["check", &path]).on(2).within(20).run()?;
+        let says: Vec<&str> = says.iter().copied().chain([path.as_str()]).collect();
+        refused(&finished, &says)
+    });
+    // The longest list of terms that is read does no harm.
+    let place = directory();
+    let path = place.path().join("long.toml");
+    std::fs::write(&path, formula(format!("x{}", "+x".repeat(4_900)))).unwrap();
+    Job::new(["check", &path.display().to_string()])
+        .succeed()
+        .unwrap();
+}
+
+/// Messages can be read: a value of thousands of characters is not repeated in full.
+#[test]
+fn messages_stay_short() {
+    let long = format!("initial.f=\"{}\"", "-".repeat(9_000));
+    let finished = check("example1.toml").set(&[&long]).run().unwrap();
+    refused(&finished, &["initial.f"]).unwrap();
+    let length = finished.errors.chars().count();
+    assert!(
+        length <= LONGEST_MESSAGE,
+        "a message of {length} characters"
+    );
+}
+
+#[test]
+fn mistakes_on_the_command_line_are_refused() {
+    let place = directory();
+    let out = place.path().join("out").display().to_string();
+    let (example, plane) = (case("example1.toml"), case("barrier2d.toml"));
+    let folder = place.path().display().to_string();
+    let says_folder = [folder.as_str(), "directory"];
+    let nowhere = place.path().join("nowhere.toml").display().to_string();
+    let rows: Vec<(Vec<&str>, &[&str])> = vec![
+        (vec!["chekc", &example], &["'chekc'", "'check'"]),
+        (vec!["check", &example, "--frobnicate"], &["'--frobnicate'"]),
+        (
+            vec!["run", &example, "--ouput", "x"],
+            &["'--ouput'", "'--output'"],
+        ),
+        (vec!["check"], &["<CASE>"]),
+        (vec!["check", &nowhere], &["nowhere.toml", "No such file"]),
+        (vec!["run", &nowhere], &["nowhere.toml", "No such file"]),
+        (vec!["check", &folder], &says_folder),
+        (
+            vec!["plan", &example, "--ranks", "0"],
+            &["'0'", "--ranks", "1..="],
+        ),
+        (vec!["plan", &example, "--ranks", "-1"], &["-1"]),
+        (
+            vec!["plan", &example, "--ranks", "two"],
+            &["'two'", "--ranks"],
+        ),
+        (
+            vec!["plan", &example, "--memory-per-rank", "4 parsecs"],
+            &["4 parsecs", "--memory-per-rank", "GiB"],
+        ),
+        (
+            vec!["plan", &example, "--ranks", "6", "--ranks-x", "4"],
+            &["--ranks-x", "4", "6", "1, 2, 3, 6"],
+        ),
+        (
+            vec!["run", &example, "-o", &out, "--ranks-x", "3"],
+            &["--ranks-x", "3 blocks", "2 ranks", "1, 2"],
+        ),
+        (
+            vec!["run", &example, "-o", &out, "--ranks-x", "0"],
+            &["--ranks-x", "0", "1 to 128"],
+        ),
+        (
+            vec!["run", &example, "-o", &out, "--ranks-x", "129"],
+            &["--ranks-x", "129", "128 cells"],
+        ),
+        (
+            vec!["run", &example, "-o", &out, "--ranks-x", "1,2"],
+            &["--ranks-x", "2 numbers", "1 x-axes"],
+        ),
+        (
+            vec!["run", &plane, "-o", &out, "--ranks-x", "2,2"],
+            &["--ranks-x", "4 blocks", "2 ranks"],
+        ),
+        (
+            vec![
+                "run",
+                &plane,
+                "-o",
+                &out,
+                "--ranks-x",
+                "1,99999999999999999999",
+            ],
+            &["--ranks-x"],
+        ),
+        (
+            vec![
+                "run",
+                &plane,
+                "-o",
+                &out,
+                "--ranks-x",
+                "4294967296,4294967296",
+            ],
+            &["--ranks-x", "4294967296"],
+        ),
+        (
+            vec!["run", &example, "-o", &out, "--ranks-x", "one"],
+            &["--ranks-x", "'one'"],
+        ),
+        (
+            vec!["run", &example, "-o", &out, "--mode", "fast"],
+            &["--mode", "'fast'", "streamed"],
+        ),
+        (vec!["run", &example, "-o", ""], &["--output"]),
+        (
+            vec!["spectrum", &example, "--steps", "1"],
+            &["--steps", "'1'"],
+        ),
+    ];
+    check_all(&rows, |(arguments, says)| {
+        let job = Job::new(arguments.iter().copied());
+        refused(&job.on(2).within(20).run()?, says)
+    });
+    assert!(
+        !Path::new(&out).exists(),
+        "a refused run made its output directory"
+    );
+    // More ranks than x-cells and modes: 3 blocks at most, and 128 ranks planned.
+    let small = ["axis.0.x.cells=3", "axis.0.v.cells=2"];
+    let finished = plan("example1.toml", 128).set(&small).run().unwrap();
+    if finished.code != Some(0) {
+        refused(&finished, &["128 ranks"]).unwrap();
+    }
+}
+
+/// Every rank comes to its own end, with exit code 2, also where only one of them found the mistake.
+#[test]
+fn every_rank_ends_with_the_code() {
+    let (example, place) = (case("example1.toml"), directory());
+    let out = place.path().display().to_string();
+    let rows: [&[&str]; 8] = [
+        &["chekc"],
+        &["check", "nowhere.toml"],
+        &["check", &example, "--set", "solver.tolerance=0"],
+        &[
+            "run",
+            &example,
+            "-o",
+            &out,
+            "--set",
+            "solver.tolerance=1e-15",
+        ],
+        &["run", &example, "-o", &out, "--ranks-x", "2"],
+        &[
+            "run",
+            &example,
+            "-o",
+            &out,
+            "--set",
+            "axis.0.x.cells=10000000",
+        ],
+        &[
+            "run",
+            &example,
+            "-o",
+            &out,
+            "--ranks-x",
+            "3",
+            "--set",
+            "initial.f=sqrt(1.4 - x)",
+        ],
+        &[
+            "run",
+            &example,
+            "-o",
+            &out,
+            "--ranks-x",
+            "3",
+            "--set",
+            "initial.f=sqrt(x + 1.4)",
+        ],
+    ];
+    check_all(&rows, |arguments| {
+        let job = Job::new(arguments.iter().copied()).on(3).within(20);
+        let finished = job.telling_codes().run()?;
+        let said = finished.output.clone() + &finished.others;
+        let codes = said.matches("ended with 2").count();
+        require(codes == 3, &finished, || {
+            format!("{codes} of 3 ranks ended with 2")
+        })?;
+        let messages = finished.errors.matches("error: ").count();
+        require(messages == 1, &finished, || format!("{messages} messages"))
+    });
+}
+
+/// Nothing asked for: the usage, exit code 2. Help and version: said once, exit code 0.
+#[test]
+fn help_is_said_once() {
+    let finished = Job::new([""; 0]).on(2).run().unwrap();
+    assert!(
+        finished.code == Some(2) && finished.errors.matches("Usage:").count() == 1,
+        "{}",
+        finished.report("usage expected")
+    );
+    for (option, says) in [
+        ("--help", "Usage:"),
+        ("--version", env!("CARGO_PKG_VERSION")),
+    ] {
+        let finished = Job::new([option]).on(2).succeed().unwrap();
+        assert_eq!(
+            finished.output.matches(says).count(),
+            1,
+            "{}",
+            finished.report(option)
+        );
+    }
+}
+
+/// Exit code 2, before anything is computed, and what is there stays.
+#[test]
+fn an_output_directory_that_cannot_be_written_is_refused() {
+    let place = directory();
+    let file = place.path().join("file");
+    std::fs::write(&file, "kept").unwrap();
+    let made = |name: &str| {
+        let path = place.path().join(name);
+        std::fs::create_dir_all(path.join("result.h5")).unwrap();
+        path
+    };
+    let rows = [
+        file.clone(),
+        file.join("below"),
+        file.join("far/below"),
+        PathBuf::from("/proc/nowhere"),
+        PathBuf::from("/proc"),
+        PathBuf::from("/dev/null"),
+        made("occupied"),
+    ];
+    check_all(&rows, |path| {
+        let finished = run("example1.toml").into(path).on(2).within(20).run()?;
+        refused(&finished, &["output", &path.display().to_string()])
+    });
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept");
+}
+
+/// A refused run leaves older results as they are; a good one replaces them.
+#[test]
+fn refused_runs_leave_older_results() {
+    let place = directory();
+    let small = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
+    let solve = |settings: &[&str]| {
+        run("example1.toml")
+            .set(&small)
+            .set(settings)
+            .into(place.path())
+    };
+    let contents = || -> BTreeMap<String, Vec<u8>> {
+        std::fs::read_dir(place.path())
+            .unwrap()
+            .map(|e| e.unwrap())
+            .map(|e| {
+                (
+                    e.file_name().into_string().unwrap(),
+                    std::fs::read(e.path()).unwrap(),
+                )
+            })
+            .collect()
+    };
+    solve(&[]).on(2).succeed().unwrap();
+    let before = contents();
+    assert_eq!(
+        before.keys().collect::<Vec<_>>(),
+        ["result.h5", "summary.json"]
+    );
+    for bad in [
+        "solver.tolerance=1e-15",
+        "initial.f=sqrt(-x)",
+        "axis.0.x.cells=0",
+    ] {
+        let finished = solve(&[bad]).on(2).run().unwrap();
+        refused(&finished, &[]).unwrap();
+        assert!(
+            contents() == before,
+            "{}",
+            finished.report("older results changed")
+        );
+    }
+    solve(&["time.end=0.5"]).on(2).succeed().unwrap();
+    let after = contents();
+    assert_eq!(
+        after.keys().collect::<Vec<_>>(),
+        before.keys().collect::<Vec<_>>()
+    );
+    assert!(
+        after["result.h5"] != before["result.h5"],
+        "result.h5 was not replaced"
+    );
+}
+
+/// Without `-o`, results go to `results/<name of the case>`.
+#[test]
+fn results_have_a_place_by_default() {
+    let place = directory();
+    run("step3d.toml").inside(place.path()).succeed().unwrap();
+    assert!(place.path().join("results/step3d/summary.json").is_file());
+    assert!(place.path().join("results/step3d/result.h5").is_file());
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Check and plan
+
+#[test]
+fn check_prints_what_was_understood() {
+    check_all(&cases(), |name| {
+        let finished = check(name).succeed()?;
+        let text = std::fs::read_to_string(case(name)).map_err(|e| e.to_string())?;
+        let value: toml::Value = toml::from_str(&text).map_err(|e| format!("{name}: {e}"))?;
+        let title = value["title"].as_str().unwrap_or_default();
+        let mut says = vec![title.to_owned()];
+        for axis in value["axis"].as_array().into_iter().flatten() {
+            for part in ["x", "v"] {
+                says.push(format!("{} cells", axis[part]["cells"]));
+            }
+        }
+        for region in value["potential"].as_array().into_iter().flatten() {
+            says.push(region["value"].as_str().unwrap_or("?").to_owned());
+        }
+        for words in &says {
+            let said = !words.is_empty() && finished.output.contains(words.as_str());
+            require(said, &finished, || format!("\"{words}\" is not said"))?;
+        }
+        require(!finished.output.contains("warning"), &finished, || {
+            "no warning expected".into()
+        })
+    });
+}
+
+#[test]
+fn plan_works_for_every_case_and_number_of_ranks() {
+    let mut rows = Vec::new();
+    for name in cases() {
+        for ranks in [1, 2, 3, 4, 5, 6, 7, 64] {
+            rows.push((name.clone(), ranks));
+        }
+    }
+    check_all(&rows, |(name, ranks)| {
+        let finished = plan(name, *ranks).with(["--json"]).succeed()?;
+        let value: serde_json::Value = serde_json::from_str(&finished.output)
+            .map_err(|e| finished.report(&format!("no JSON: {e}")))?;
+        let mesh = &value["layout"]["mesh"];
+        let blocks = mesh["space"].as_array().into_iter().flatten();
+        let ranks_of_mesh: u64 = blocks
+            .chain([&mesh["groups"]])
+            .filter_map(|n| n.as_u64())
+            .product();
+        require(ranks_of_mesh == *ranks as u64, &finished, || {
+            format!("a mesh of {ranks_of_mesh} ranks: {mesh}")
+        })?;
+        // The text says the same; once for every case, on every number of ranks in turn.
+        if *ranks % 7 != name.len() % 7 {
+            return Ok(());
+        }
+        let text = plan(name, *ranks).succeed()?;
+        let applications = planned(&finished, &value)?.applications;
+        for words in [
+            "memory",
+            "modes",
+            "degree",
+            &format!("{applications}"),
+            &format!("{ranks}"),
+        ] {
+            require(text.output.contains(words), &text, || {
+                format!("\"{words}\" is not said")
+            })?;
+        }
+        Ok(())
+    });
+}
+
+/// What a plan promises.
+struct Planned {
+    applications: f64,
+    /// Bytes a rank.
+    memory: f64,
+}
+
+fn planned(finished: &Finished, value: &serde_json::Value) -> Result<Planned, String> {
+    let applications = value["warp"]["applications"].as_f64();
+    let arrays = value["layout"]["arrays"].as_array().into_iter().flatten();
+    let memory: f64 = arrays.filter_map(|a| a[1].as_f64()).sum();
+    match applications {
+        Some(applications) if memory > 0.0 => Ok(Planned {
+            applications,
+            memory,
+        }),
+        _ => Err(finished.report("no warp.applications or layout.arrays in the plan")),
+    }
+}
+
+/// The plan, made without solving, against the run: applications within 20 %.
+#[test]
+fn plans_are_kept() {
+    let mut rows = Vec::new();
+    for name in cases() {
+        for tolerance in ["1e-3", "1e-9"] {
+            rows.push((name.clone(), format!("solver.tolerance={tolerance}")));
+        }
+    }
+    check_all(&rows, |(name, tolerance)| {
+        let finished = plan(name, 2).set(&[tolerance]).with(["--json"]).succeed()?;
+        let value =
+            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let plan = planned(&finished, &value)?;
+        let place = directory();
+        let summary = run(name).set(&[tolerance]).on(2).solve(place.path())?;
+        let done = summary.number("matvecs")?;
+        let outcome = near(
+            "applications planned over done",
+            plan.applications / done,
+            1.0,
+            0.2,
+        );
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        let memory = summary.number("memory_planned_bytes_per_rank")?;
+        let outcome = near(
+            "memory planned alone over planned in the run",
+            plan.memory / memory,
+            1.0,
+            0.2,
+        );
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())
+    });
+}
+
+/// Planned memory against the peak that was measured, where arrays outweigh the program.
+#[test]
+fn memory_is_what_was_planned() {
+    // Resident memory of the program with next to no arrays: what a plan may be wrong by.
+    let place = directory();
+    let tiny = run("example1.toml").set(&["axis.0.x.cells=2", "axis.0.v.cells=2"]);
+    let base = tiny.on(1).solve(place.path()).unwrap();
+    let base = base.number("memory_peak_bytes_per_rank").unwrap();
+    let grid = [
+        "axis.0.x.cells=512",
+        "axis.0.v.cells=512",
+        "time.end=0.05",
+        "solver.tolerance=0.01",
+    ];
+    let plane = [
+        "axis.0.x.cells=30",
+        "axis.1.x.cells=30",
+        "axis.0.v.cells=18",
+        "axis.1.v.cells=16",
+        "time.end=0.05",
+        "solver.tolerance=0.01",
+    ];
+    let rows: &[(&str, &[&str], &[&str], usize)] = &[
+        ("example1.toml", &grid, &[], 1),
+        (
+            "example1.toml",
+            &grid,
+            &["scheme.interface=conservative"],
+            2,
+        ),
+        ("example1.toml", &grid, &["solver.method=classical"], 1),
+        ("example1.toml", &grid, &["solver.verify=true"], 1),
+        ("inflow_barrier.toml", &grid, &[], 1),
+        ("slope_jump.toml", &grid, &[], 2),
+        ("barrier2d.toml", &plane, &[], 1),
+    ];
+    check_all(rows, |(name, size, settings, ranks)| {
+        let place = directory();
+        let summary = run(name)
+            .set(size)
+            .set(settings)
+            .on(*ranks)
+            .solve(place.path())?;
+        let peak = summary.number("memory_peak_bytes_per_rank")?;
+        let planned = summary.number("memory_planned_bytes_per_rank")?;
+        let mib = |bytes: f64| format!("{:.0} MiB", bytes / f64::from(1 << 20));
+        let (peak_text, planned_text, base_text) = (mib(peak), mib(planned), mib(base));
+        let arrays_count = peak > 1.4 * base;
+        summary.require(arrays_count, || {
+            format!("peak {peak_text} of a program of {base_text}")
+        })?;
+        summary.require(planned >= peak - base && planned <= 3.0 * peak, || {
+            format!("planned {planned_text}, peak {peak_text}, program {base_text}")
+        })?;
+        // The arrays alone.
+        let arrays = (planned - base) / (peak - base);
+        summary.require((0.75..=3.0).contains(&arrays), || {
+            format!("planned {planned_text}, peak {peak_text}, program {base_text}: arrays by a factor {arrays:.2}")
+        })
+    });
+}
+
+/// Memory does not grow with the number of modes.
+#[test]
+fn memory_does_not_grow_with_the_modes() {
+    let peak = |tolerance: &str| {
+        let place = directory();
+        let summary = run("example1.toml")
+            .set(&["axis.0.x.cells=256", "axis.0.v.cells=256", "time.end=0.05"])
+            .set(&[&format!("solver.tolerance={tolerance}")])
+            .solve(place.path())
+            .unwrap();
+        (
+            summary.number("modes").unwrap(),
+            summary.number("memory_peak_bytes_per_rank").unwrap(),
+        )
+    };
+    let ((few, low), (many, high)) = (peak("1e-2"), peak("1e-12"));
+    assert!(many > 2.0 * few, "{few} and {many} modes");
+    assert!(
+        high < 1.05 * low,
+        "{low} bytes for {few} modes, {high} bytes for {many}"
+    );
+}
+
+/// Numbers of ranks that divide nothing.
+#[test]
+fn odd_numbers_of_ranks_run() {
+    let mut rows = Vec::new();
+    for name in ["step3d.toml", "well.toml", "inflow_barrier.toml"] {
+        for ranks in [5, 6, 7] {
+            rows.push((name, ranks));
+        }
+    }
+    check_all(&rows, |(name, ranks)| {
+        let place = directory();
+        let summary = run(name)
+            .on(*ranks)
+            .set(&["solver.verify=true"])
+            .solve(place.path())?;
+        let found = summary.number("ranks")?;
+        summary.require(found == *ranks as f64, || format!("ranks: {found}"))?;
+        meets_its_tolerance(&summary)
+    });
+}
+
+// ---------------------------------------------------------------------------------------------------------------------
+// Warnings, documentation
+
+/// An edge inside a cell is moved to a face: said, with the distance, by `check`, by `run` and in `summary.json`.
+#[test]
+fn region_edges_off_the_faces_give_a_warning() {
+    // Cells of 3/128 = 0.0234375; the nearest centre decides.
+    let rows = [
+        ("x < 0.01", "0.010000", "1.00e-2"),
+        ("x < 0.015", "0.015000", "8.44e-3"),
+        ("x < -0.005", "-0.005000", "5.00e-3"),
+    ];
+    check_all(&rows, |(condition, edge, by)| {
+        let setting = format!("potential.0.where=\"{condition}\"");
+        let says = ["warning: potential", "x = ", edge, by];
+        let finished = check("example1.toml").set(&[&setting]).succeed()?;
+        for words in says {
+            require(finished.output.contains(words), &finished, || {
+                format!("\"{words}\" is not said")
+            })?;
+        }
+        let place = directory();
+        let job = run("example1.toml").set(&[&setting, "time.end=0.01"]).on(2);
+        let finished = job.clone().into(place.path()).succeed()?;
+        for words in says {
+            let times = finished.errors.matches(words).count();
+            require(times == 1, &finished, || {
+                format!("\"{words}\" is said {times} times")
+            })?;
+        }
+        let text = std::fs::read_to_string(place.path().join("summary.json")).unwrap_or_default();
+        let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+        let warnings = value["warnings"].to_string();
+        require(
+            warnings.contains(edge) && warnings.contains(by),
+            &finished,
+            || format!("warnings in summary.json: {warnings}"),
+        )
+    });
+    // Control: an edge on a face, and one that is on a face of this grid alone.
+    for condition in ["x < 0", "x < 0.0234375"] {
+        let setting = format!("potential.0.where=\"{condition}\"");
+        let finished = check("example1.toml").set(&[&setting]).succeed().unwrap();
+        assert!(
+            !finished.output.contains("warning"),
+            "{}",
+            finished.report("no warning expected")
+        );
+    }
+}
+
+#[test]
+fn every_case_is_in_the_readme() {
+    let readme = std::fs::read_to_string(case("README.md")).unwrap();
+    check_all(&cases(), |name| {
+        let row = readme
+            .lines()
+            .find(|l| l.starts_with(&format!("| `{name}` |")));
+        let row = row.ok_or_else(|| format!("cases/README.md has no row for {name}"))?;
+        // The row's number of cells is the file's.
+        let finished = plan(name, 1).with(["--json"]).succeed()?;
+        let value: serde_json::Value =
+            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let cells = format!("= {} |", value["cells"]);
+        require(row.contains(&cells), &finished, || {
+            format!("cases/README.md: \"{row}\" does not end with \"{cells}\"")
+        })
+    });
+    for word in readme.split(|c: char| !(c.is_alphanumeric() || "_./".contains(c))) {
+        if let Some(name) = word.strip_prefix("cases/").filter(|n| n.ends_with(".toml")) {
+            assert!(
+                Path::new(&case(name)).is_file(),
+                "cases/README.md names {name}"
+            );
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! Reads `result.h5`: every dataset, bit for bit.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// A dataset: its shape and its bytes as they are in the file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stored {
+    /// Extent of each dimension.
+    pub shape: Vec<usize>,
+    /// The elements, row-major.
+    pub bytes: Vec<u8>,
+}
+
+impl Stored {
+    /// The elements as numbers.
+    pub fn numbers(&self) -> Vec<f64> {
+        self.bytes
+            .chunks_exact(8)
+            .map(|b| f64::from_le_bytes(std::array::from_fn(|k| b[k])))
+            .collect()
+    }
+}
+
+/// Every dataset of `directory/result.h5`, in all groups, by path; attributes are left out.
+pub fn datasets(directory: &Path) -> Result<BTreeMap<String, Stored>, String> {
+    let path = directory.join("result.h5");
+    let read = || {
+        let file = hdf5::File::open(&path)?;
+        let mut found = BTreeMap::new();
+        collect(&file, &mut found)?;
+        Ok(found)
+    };
+    read().map_err(|e: hdf5::Error| format!("{}: {e}", path.display()))
+}
+
+fn collect(group: &hdf5::Group, found: &mut BTreeMap<String, Stored>) -> hdf5::Result<()> {
+    for dataset in group.datasets()? {
+        found.insert(dataset.name(), stored(&dataset)?);
+    }
+    group.groups()?.iter().try_for_each(|g| collect(g, found))
+}
+
+fn stored(dataset: &hdf5::Dataset) -> hdf5::Result<Stored> {
+    let kind = dataset.dtype()?;
+    let mut bytes = vec![0u8; kind.size() * dataset.size()];
+    // SAFETY: all elements, in the type they have in the file, of a fixed size: as many bytes as there is room for.
+    let status = hdf5::sync::sync(|| unsafe {
+        assert!(hdf5_sys::h5t::H5Tdetect_class(kind.id(), hdf5_sys::h5t::H5T_VLEN) == 0);
+        assert!(hdf5_sys::h5t::H5Tis_variable_str(kind.id()) == 0);
+        hdf5_sys::h5d::H5Dread(
+            dataset.id(),
+            kind.id(),
+            hdf5_sys::h5s::H5S_ALL,
+            hdf5_sys::h5s::H5S_ALL,
+            hdf5_sys::h5p::H5P_DEFAULT,
+            bytes.as_mut_ptr().cast(),
+        )
+    });
+    if status < 0 {
+        return Err(format!("{} cannot be read", dataset.name()).into());
+    }
+    Ok(Stored {
+        shape: dataset.shape(),
+        bytes,
+    })
+}
+
+/// `/f` as numbers.
+pub fn field(directory: &Path) -> Result<Vec<f64>, String> {
+    let all = datasets(directory)?;
+    let f = all
+        .get("/f")
+        .ok_or_else(|| format!("{}: no /f in result.h5", directory.display()))?;
+    Ok(f.numbers())
+}
+
+/// Names of the datasets that are not the same in both, or are in one only.
+pub fn differences(a: &BTreeMap<String, Stored>, b: &BTreeMap<String, Stored>) -> Vec<String> {
+    let names: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
+    names
+        .into_iter()
+        .filter(|name| a.get(*name) != b.get(*name))
+        .cloned()
+        .collect()
+}
+
+/// Relative l2 distance of `a` from `b`.
+pub fn distance(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len(), "fields of different sizes");
+    let square = |terms: &mut dyn Iterator<Item = f64>| terms.map(|t| t * t).sum::<f64>();
+    let difference = square(&mut a.iter().zip(b).map(|(a, b)| a - b));
+    (difference / square(&mut b.iter().copied())).sqrt()
+}
