@@ -294,13 +294,13 @@ fn sound(text: &str, overrides: &[String]) -> Result<bool, String> {
             ranks: 3,
             ..Resources::default()
         };
-        if let Err(error) = Plan::new(&case, &resources, 1.5) {
-            if error.exit_code() != 2 {
-                return Err(format!(
-                    "exit code {} of the plan: {error}",
-                    error.exit_code()
-                ));
-            }
+        if let Err(error) = Plan::new(&case, &resources, 1.5)
+            && error.exit_code() != 2
+        {
+            return Err(format!(
+                "exit code {} of the plan: {error}",
+                error.exit_code()
+            ));
         }
     }
     Ok(true)
