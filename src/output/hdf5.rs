@@ -77,7 +77,23 @@ pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<(
     unsafe { hdf5_sys::h5::H5dont_atexit() };
     // Under another name until it is complete: an older file stays whole, and no half a file is taken for a result.
     let partial = directory.join("result.h5.partial");
-    let mut writer = Writer::create(world, &partial)?;
+    let written = write_all(world, &partial, results);
+    let renamed = match written {
+        Ok(()) if world.rank() == 0 => {
+            std::fs::rename(&partial, &path).map_err(|e| failure(&path, &e))
+        }
+        Err(_) if world.rank() == 0 => {
+            let _ = std::fs::remove_file(&partial);
+            written
+        }
+        _ => written,
+    };
+    world.agree(renamed)
+}
+
+/// Writes the whole file. Collective over `world`.
+fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<()> {
+    let mut writer = Writer::create(world, path)?;
     writer.attributes(results)?;
     writer.axes(results)?;
     let space = &results.case.space;
@@ -123,13 +139,7 @@ pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<(
         &moments.velocity,
         "momentum / density",
     )?;
-    writer.close()?;
-    let renamed = if world.rank() == 0 {
-        std::fs::rename(&partial, &path).map_err(|e| failure(&path, &e))
-    } else {
-        Ok(())
-    };
-    world.agree(renamed)
+    writer.close()
 }
 
 /// Refuses to start what the disk cannot hold.
