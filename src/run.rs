@@ -24,6 +24,9 @@ use std::time::Instant;
 /// A result whose norm fell this much further than planned may miss its tolerance.
 const RATIO_MARGIN: f64 = 1.2;
 
+/// The estimate can tell where it is this many times what round-off adds to the two fields.
+const ROUND_OFF_MARGIN: f64 = 4.0;
+
 /// Seconds by step.
 struct Stopwatch {
     seconds: BTreeMap<String, f64>,
@@ -422,7 +425,8 @@ fn estimate(
         // The part of the error that the second point shares is not seen in the distance.
         let seen = warp_plan.profile.seen_by(warp_plan.recovery[1]);
         let estimate = norms.distance(second) / seen;
-        let round_off = 8.0 * f64::EPSILON * warp_plan.amplification * ratio;
+        let noise = f64::EPSILON * warp_plan.amplification * ratio;
+        let round_off = ROUND_OFF_MARGIN * (1.0 + warp_plan.recovery[1].exp()) * noise / seen;
         summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
         summary.error_estimate_reliable = estimate.is_finite() && estimate > round_off;
         if summary.error_estimate_reliable && estimate > 1.5 * plan.tolerance {
