@@ -21,19 +21,19 @@ impl Axis {
 
     /// A point `j/denominator` of the way along the axis, in units of cells; mirror images of an axis give exact
     /// mirror images of its points. `twice` counts half cells: an odd number is a centre, an even one a face.
-    fn point(&self, twice: i64) -> f64 {
-        let n = 2 * self.cells as i64;
-        ((n - twice) as f64 * self.lower + twice as f64 * self.upper) / n as f64
+    fn point(&self, twice: f64) -> f64 {
+        let n = 2.0 * self.cells as f64;
+        ((n - twice) * self.lower + twice * self.upper) / n
     }
 
     /// Centre of cell `j`; `j` may lie outside `0..cells` (ghost cells).
     pub fn centre(&self, j: i64) -> f64 {
-        self.point(2 * j + 1)
+        self.point(2.0 * j as f64 + 1.0)
     }
 
     /// Lower face of cell `j`, the upper face of cell `j − 1`.
     pub fn face(&self, j: i64) -> f64 {
-        self.point(2 * j)
+        self.point(2.0 * j as f64)
     }
 
     /// Cell centres, in order.

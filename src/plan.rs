@@ -8,14 +8,18 @@
 //! `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when running (see [`crate::run`]); the plan
 //! alone assumes [`ASSUMED_RATIO`].
 
-use crate::case::{Case, Exact, Integrator, Interface, LARGEST_TOLERANCE, Method};
+use crate::case::{Case, Integrator, Interface, LARGEST_TOLERANCE, Method};
+mod layout;
+
+pub use layout::{Layout, Resources, bytes_text, refuse_hopeless};
+
 use crate::classical::{EXACT, poisson_window};
 use crate::error::{Error, Result};
 use crate::matrix::LANES;
-use crate::partition::{Block, Mesh};
+use crate::partition::Block;
 use crate::potential::Potential;
 use crate::profile::Gaussian;
-use crate::propagate::chebyshev::{Chebyshev, Interval, degree};
+use crate::propagate::chebyshev::{Interval, degree};
 use crate::scheme::transport_rate;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -34,9 +38,6 @@ pub const WEIGHT_SHIFT: f64 = 0.2;
 /// Growth over the whole run, `θT`, that the inflow's couplings may add. Less makes the auxiliary unknowns larger beside
 /// the field (as `1/√θ`), which tightens the tolerance of the state.
 pub const INFLOW_GROWTH: f64 = 0.375;
-
-/// Resident memory of the program and its libraries, HDF5's buffers included.
-const PROGRAM_BYTES: u64 = 28 << 20;
 
 /// Largest `rate·T`: such a run has some hundred thousand modes of some million applications each.
 const LONGEST_SPAN: f64 = 1e6;
@@ -91,19 +92,6 @@ pub struct WarpPlan {
     pub applications: usize,
     /// `Σ |weight|` of the recovery: how much round-off is amplified.
     pub amplification: f64,
-}
-
-/// Who computes it, and in how much memory.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Layout {
-    /// The process mesh.
-    pub mesh: Mesh,
-    /// Mode batches by group: `groups[g]` lists indices of batches.
-    pub groups: Vec<Vec<usize>>,
-    /// Largest and mean modelled cost of a group, as a ratio.
-    pub imbalance: f64,
-    /// Bytes by array, on the fullest rank.
-    pub arrays: Vec<(String, u64)>,
 }
 
 /// Every derived number of a run.
@@ -283,49 +271,6 @@ fn weight(profile: &Gaussian, l: usize, recovery: f64) -> Complex64 {
         * (twice / profile.period)
 }
 
-/// Refuses a grid that no layout can fit into the memory of `resources`: arithmetic only, before anything is
-/// evaluated on the grid.
-///
-/// # Errors
-/// [`Error::Memory`].
-pub fn refuse_hopeless(case: &Case, resources: &Resources) -> Result<()> {
-    let (ranks, limit) = (
-        resources.ranks,
-        resources.memory_per_rank.unwrap_or(u64::MAX),
-    );
-    // The tracer keeps V and distances for all of space on every rank.
-    let tracer = if matches!(case.exact, Some(Exact::Characteristics)) {
-        80.0
-    } else {
-        0.0
-    };
-    let bytes_per_cell = match case.method {
-        Method::Schrodingerized => 500.0,
-        Method::Classical => 120.0,
-    };
-    let needed = bytes_per_cell * case.space.cells() as f64 / ranks as f64
-        + tracer * case.space.space_cells() as f64;
-    if needed > limit as f64 {
-        return Err(Error::Memory {
-            needed: bytes_text(needed as u64),
-            available: bytes_text(limit),
-            detail: format!("{:.3e} cells on {ranks} ranks", case.space.cells() as f64),
-        });
-    }
-    Ok(())
-}
-
-/// What limits the layout.
-#[derive(Clone, Debug, Default)]
-pub struct Resources {
-    /// Number of ranks.
-    pub ranks: usize,
-    /// Blocks along each x-axis, if the user says.
-    pub ranks_x: Option<Vec<usize>>,
-    /// Bytes a rank may take, if known.
-    pub memory_per_rank: Option<u64>,
-}
-
 impl Plan {
     /// Plans `case` for `resources`, `ratio` being `‖ũ(0)‖/‖f(T)‖`.
     ///
@@ -421,267 +366,6 @@ pub fn classical_steps(case: &Case, bounds: &Bounds) -> usize {
         Integrator::ForwardEuler | Integrator::SspRk3 => {
             (courant / case.cfl).ceil().max(1.0) as usize
         }
-    }
-}
-
-impl Layout {
-    fn new(
-        case: &Case,
-        bounds: &Bounds,
-        warp: Option<&WarpPlan>,
-        resources: &Resources,
-    ) -> Result<Self> {
-        let ranks = resources.ranks;
-        let limit = resources.memory_per_rank.unwrap_or(u64::MAX);
-        if let Some(space) = &resources.ranks_x {
-            let layout = Self::of_mesh(case, bounds, warp, mesh_of(case, space, ranks)?);
-            return layout.within(limit);
-        }
-        // Every split of the ranks into blocks × groups; the cheapest that fits, fewest blocks first.
-        let mut best: Option<(bool, f64, Self)> = None;
-        for blocks in (1..=ranks).filter(|b| ranks.is_multiple_of(*b)) {
-            let Some(space) = split_axes(case, blocks) else {
-                continue;
-            };
-            let mesh = Mesh {
-                space,
-                groups: ranks / blocks,
-            };
-            let layout = Self::of_mesh(case, bounds, warp, mesh);
-            let fits = layout.memory() <= limit;
-            let cost = if fits {
-                layout.cost(case, warp)
-            } else {
-                layout.memory() as f64
-            };
-            let better = match &best {
-                None => true,
-                Some((other, least, _)) => (fits && !other) || (fits == *other && cost < *least),
-            };
-            if better {
-                best = Some((fits, cost, layout));
-            }
-        }
-        match best {
-            Some((_, _, layout)) => layout.within(limit),
-            None => Err(Error::Ranks(format!("{ranks} ranks do not fit the grid"))),
-        }
-    }
-
-    fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: Mesh) -> Self {
-        // Longest batch first, each to the group with least to do.
-        let costs: Vec<usize> =
-            warp.map_or(Vec::new(), |w| w.batches.iter().map(|b| b.degree).collect());
-        let mut order: Vec<usize> = (0..costs.len()).collect();
-        order.sort_by_key(|&b| (std::cmp::Reverse(costs[b]), b));
-        let mut groups = vec![Vec::new(); mesh.groups];
-        let mut load = vec![0usize; mesh.groups];
-        for b in order {
-            let lightest = (0..load.len()).min_by_key(|&g| (load[g], g)).unwrap_or(0);
-            load[lightest] += costs[b];
-            groups[lightest].push(b);
-        }
-        let (most, sum): (usize, usize) =
-            (load.iter().copied().max().unwrap_or(0), load.iter().sum());
-        let imbalance = if sum == 0 {
-            1.0
-        } else {
-            most as f64 * mesh.groups as f64 / sum as f64
-        };
-        let arrays = arrays(case, bounds, warp, &mesh);
-        Self {
-            mesh,
-            groups,
-            imbalance,
-            arrays,
-        }
-    }
-
-    /// Modelled time, in applications of a batch on the whole grid.
-    fn cost(&self, case: &Case, warp: Option<&WarpPlan>) -> f64 {
-        let total: f64 = warp.map_or(1.0, |w| w.batches.iter().map(|b| b.degree as f64).sum());
-        let group = if warp.is_some() {
-            total * self.imbalance / self.mesh.groups as f64
-        } else {
-            total
-        };
-        let fullest = Block::new(&case.space, &self.mesh, 0);
-        // Ghost rows are packed, sent and unpacked: about the work of two rows each, and a round of latency.
-        let rows = fullest.cells() as f64 + 2.0 * fullest.ghosts() as f64;
-        let latency = if self.mesh.blocks() > 1 { 1.02 } else { 1.0 };
-        group * latency * rows / case.space.cells() as f64
-    }
-
-    /// Planned bytes on the fullest rank.
-    pub fn memory(&self) -> u64 {
-        self.arrays.iter().map(|a| a.1).sum()
-    }
-
-    /// Refuses what does not fit into `limit` bytes a rank.
-    ///
-    /// # Errors
-    /// [`Error::Memory`].
-    pub fn within(self, limit: u64) -> Result<Self> {
-        if self.memory() <= limit {
-            return Ok(self);
-        }
-        let (name, bytes) = self
-            .arrays
-            .iter()
-            .max_by_key(|a| a.1)
-            .cloned()
-            .unwrap_or_default();
-        Err(Error::Memory {
-            needed: bytes_text(self.memory()),
-            available: bytes_text(limit),
-            detail: format!("{name}: {}", bytes_text(bytes)),
-        })
-    }
-}
-
-fn mesh_of(case: &Case, space: &[usize], ranks: usize) -> Result<Mesh> {
-    let n = case.space.dimension();
-    if space.len() > n {
-        return Err(Error::Ranks(format!(
-            "--ranks-x: {} numbers given, the case has {n} x-axes",
-            space.len()
-        )));
-    }
-    let mut space = space.to_vec();
-    space.resize(n, 1);
-    let mesh = Mesh { space, groups: 1 };
-    mesh.validate(&case.space)?;
-    let blocks = mesh.blocks();
-    if !ranks.is_multiple_of(blocks) {
-        let divisors: Vec<String> = (1..=ranks)
-            .filter(|d| ranks.is_multiple_of(*d))
-            .map(|d| d.to_string())
-            .collect();
-        return Err(Error::Ranks(format!(
-            "--ranks-x: {blocks} blocks do not divide {ranks} ranks; products of {} do",
-            divisors.join(", ")
-        )));
-    }
-    Ok(Mesh {
-        groups: ranks / blocks,
-        ..mesh
-    })
-}
-
-/// `blocks` split over the x-axes with the fewest ghosts; `None` if no axis has that many cells.
-fn split_axes(case: &Case, blocks: usize) -> Option<Vec<usize>> {
-    fn visit(
-        case: &Case,
-        axis: usize,
-        left: usize,
-        parts: &mut Vec<usize>,
-        best: &mut Option<(usize, Vec<usize>)>,
-    ) {
-        let axes = &case.space.x;
-        if axis == axes.len() {
-            if left == 1 {
-                // Ghost cells of an inner block.
-                let size: Vec<usize> = axes
-                    .iter()
-                    .zip(&*parts)
-                    .map(|(a, p)| a.cells.div_ceil(*p))
-                    .collect();
-                let volume: usize = size.iter().product();
-                let ghosts = size
-                    .iter()
-                    .zip(&*parts)
-                    .filter(|(_, p)| **p > 1)
-                    .map(|(s, _)| 2 * volume / s)
-                    .sum();
-                if best.as_ref().is_none_or(|(least, _)| ghosts < *least) {
-                    *best = Some((ghosts, parts.clone()));
-                }
-            }
-            return;
-        }
-        for p in (1..=left.min(axes[axis].cells)).filter(|p| left.is_multiple_of(*p)) {
-            parts.push(p);
-            visit(case, axis + 1, left / p, parts, best);
-            parts.pop();
-        }
-    }
-    let mut best = None;
-    visit(case, 0, blocks, &mut Vec::new(), &mut best);
-    best.map(|(_, parts)| parts)
-}
-
-/// The arrays of the fullest rank, in bytes.
-fn arrays(
-    case: &Case,
-    bounds: &Bounds,
-    warp: Option<&WarpPlan>,
-    mesh: &Mesh,
-) -> Vec<(String, u64)> {
-    let n = case.space.dimension() as u64;
-    let space_block: u64 = case
-        .space
-        .x
-        .iter()
-        .zip(&mesh.space)
-        .map(|(a, p)| a.cells.div_ceil(*p) as u64)
-        .product();
-    let velocities = case.space.velocity_cells() as u64;
-    let cells = space_block * velocities;
-    let ghosts: u64 = (case.space.x.iter().zip(&mesh.space))
-        .filter(|(_, p)| **p > 1)
-        .map(|(a, p)| {
-            let sides = if *p > 2 { 2 } else { 1 };
-            sides * cells / a.cells.div_ceil(*p) as u64
-        })
-        .sum();
-    // Inflow rows lie on the box's ends: half of each of the two x-ends of an axis.
-    let inflow: u64 = if bounds.inflow {
-        case.space
-            .x
-            .iter()
-            .map(|a| cells / a.cells as u64)
-            .sum::<u64>()
-    } else {
-        0
-    };
-    let rows = cells + inflow;
-    let length = rows + ghosts;
-    let force = u64::from(bounds.rate > transport_rate(&case.space));
-    let entries = rows * (1 + 2 * n + 2 * n * force);
-    let mut list = vec![
-        ("program and libraries".to_owned(), PROGRAM_BYTES),
-        ("matrix (S, K)".to_owned(), 20 * entries + 24 * rows),
-        ("field, weights, probe".to_owned(), 8 * 6 * length),
-    ];
-    if let Some(warp) = warp {
-        let bytes = Chebyshev::BYTES_PER_ROW as u64;
-        list.push((format!("batch of {LANES} modes"), bytes * length));
-        let points = warp.recovery.len() as u64;
-        list.push(("recovery sums".to_owned(), (16 + 8) * points * cells));
-        list.push(("ghost exchange".to_owned(), 2 * 128 * ghosts));
-    } else {
-        list.push(("integrator".to_owned(), 8 * 4 * length));
-    }
-    if case.exact.is_some() {
-        let tracer = 80 * case.space.space_cells() as u64;
-        list.push(("exact solution".to_owned(), 8 * cells + tracer));
-    }
-    list
-}
-
-/// Bytes for people.
-pub fn bytes_text(bytes: u64) -> String {
-    const UNITS: [&str; 5] = ["B", "KiB", "MiB", "GiB", "TiB"];
-    let mut value = bytes as f64;
-    let mut unit = 0;
-    while value >= 1024.0 && unit + 1 < UNITS.len() {
-        value /= 1024.0;
-        unit += 1;
-    }
-    if unit == 0 {
-        format!("{bytes} B")
-    } else {
-        format!("{value:.1} {}", UNITS[unit])
     }
 }
 

@@ -28,6 +28,9 @@ const STANDING: f64 = 1e-9;
 /// Fractions of a cell below this are round-off of a velocity that lies on a cell centre.
 const ON_CENTRE: f64 = 1e-11;
 
+/// Cells further off the grid than this, behind absurdly high walls, are not told apart: their numbers stay exact.
+const FARTHEST: f64 = 1e15;
+
 /// The centre of velocity cell `j`, exactly zero where it is zero but for round-off.
 pub fn velocity(axis: &Axis, j: i64) -> f64 {
     let v = axis.centre(j);
@@ -73,6 +76,7 @@ fn sources_hat(out: &mut Vec<Source>, axis: &Axis, j: i64, rise: f64) {
 /// Weights of the hat function `h(ξ − ξ_k)` of width `Δξ`.
 fn interpolate(out: &mut Vec<Source>, axis: &Axis, side: Side, xi: f64) {
     let position = (xi - axis.lower) / axis.width() - 0.5;
+    let position = position.clamp(-FARTHEST, FARTHEST);
     let mut k = position.floor();
     let mut fraction = position - k;
     if fraction < ON_CENTRE {
@@ -162,7 +166,7 @@ impl<'a> Lattice<'a> {
     fn cell_of(&self, energy: f64, sign: i64) -> i64 {
         let speed = (2.0 * energy.max(0.0)).sqrt();
         let at = (speed * sign as f64 - self.axis.lower) / self.axis.width();
-        at.floor() as i64
+        at.clamp(-FARTHEST, FARTHEST).floor() as i64
     }
 
     /// Shares the energies `[low, high]` among the cells of velocities with `sign`; weights are overlaps over `length`.
