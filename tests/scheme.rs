@@ -684,6 +684,29 @@ fn identities_at_hard_walls() {
     }
 }
 
+/// What would have to come from the foot of such a wall is faster than anything: the inflow is asked at such a velocity,
+/// of the right sign, however high the wall.
+#[test]
+fn inflow_from_the_foot_of_a_hard_wall() {
+    for interface in ["hat", "conservative"] {
+        for height in ["1e3", "1e12", "1e40", "1e300"] {
+            let sets = [
+                "axis.0.x.cells=6",
+                "axis.0.v.cells=22",
+                "inflow.value='1 if v < 0 else 0'",
+                &format!("scheme.interface='{interface}'"),
+                &format!("potential.1.value='{height}'"),
+            ];
+            let system = System::of_rows(&case("step_up.toml", &sets));
+            // On the wall, to the right of the step, moving right.
+            for i in 3 * 22 + 11..4 * 22 {
+                assert!(system.draw[i] > 0.0, "{interface}, {height}: row {i}");
+                assert_eq!(system.inflow[i], 0.0, "{interface}, {height}: row {i}");
+            }
+        }
+    }
+}
+
 /// Formulas that meet at a face make a kink and no jump, wherever round-off puts the face.
 #[test]
 fn a_kink_is_not_a_jump() {
