@@ -33,7 +33,7 @@ const RANKS: &str = "PHASEWARP_TEST_RANKS";
 /// What a child does instead of the checks.
 const CONTROL: &str = "PHASEWARP_TEST_CONTROL";
 /// After this a job is ended.
-const PATIENCE: Duration = Duration::from_secs(300);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 type Check = fn(&World);
 
@@ -1208,6 +1208,8 @@ fn dissipative_weights(world: &World) {
                 "{name}: {claimed} {found}"
             );
             assert!(weighted.pi.iter().all(|&pi| pi >= 1.0), "{name}");
+            // Only trapped particles leave some growth.
+            assert_eq!(claimed > 1e-6, twin.name == "well", "{name}: {claimed}");
             for (pi, &i) in weights.pi.iter().zip(&weighted.number) {
                 assert_eq!(*pi, weighted.pi[i], "{name}: ghosts too");
             }
@@ -1393,7 +1395,9 @@ fn recovered_field(world: &World) {
                 let fields: Vec<Vec<f64>> = fields.collect();
                 let error = distance(&fields[0], expected);
                 assert!(error <= tolerance, "{name}: error {error:e}");
-                assert_ne!(fields[0], fields[1], "{name}: two recovery points");
+                // The second recovery point tells how large it is.
+                let estimate = distance(&fields[1], &fields[0]) / error;
+                assert!((1.0 / 3.0..3.0).contains(&estimate), "{name}: {estimate}");
                 let name = format!("the field of {} at {tolerance:e}", twin.name);
                 report_bits(world, &name, &fields.concat());
             }

@@ -655,6 +655,15 @@ impl InflowIsZero for Case {
     }
 }
 
+/// The control of the last: the hat interface does make columns that grow, and the check would see it.
+#[test]
+fn some_columns_of_the_hat_interface_sum_above_zero() {
+    let scene = scenes().swap_remove(0);
+    let a = System::of_rows(&scene.case).generator;
+    let highest = (0..a.size).map(|j| a.column_sum(j)).fold(0.0, f64::max);
+    assert!(highest > 0.1 * a.largest(), "{highest}");
+}
+
 /// Walls far above every kinetic energy of the grid, as users build boxes of: rows at their feet keep their sums.
 #[test]
 fn identities_at_hard_walls() {
@@ -675,6 +684,29 @@ fn identities_at_hard_walls() {
     }
 }
 
+/// What would have to come from the foot of such a wall is faster than anything: the inflow is asked at such a velocity,
+/// of the right sign, however high the wall.
+#[test]
+fn inflow_from_the_foot_of_a_hard_wall() {
+    for interface in ["hat", "conservative"] {
+        for height in ["1e3", "1e12", "1e40", "1e300"] {
+            let sets = [
+                "axis.0.x.cells=6",
+                "axis.0.v.cells=22",
+                "inflow.value='1 if v < 0 else 0'",
+                &format!("scheme.interface='{interface}'"),
+                &format!("potential.1.value='{height}'"),
+            ];
+            let system = System::of_rows(&case("step_up.toml", &sets));
+            // On the wall, to the right of the step, moving right.
+            for i in 3 * 22 + 11..4 * 22 {
+                assert!(system.draw[i] > 0.0, "{interface}, {height}: row {i}");
+                assert_eq!(system.inflow[i], 0.0, "{interface}, {height}: row {i}");
+            }
+        }
+    }
+}
+
 /// Formulas that meet at a face make a kink and no jump, wherever round-off puts the face.
 #[test]
 fn a_kink_is_not_a_jump() {
@@ -691,15 +723,6 @@ fn a_kink_is_not_a_jump() {
         let kink = Potential::whole(&case("slope_jump.toml", &sets)).expect("V is finite");
         assert!(!kink.has_jump(), "{axis}");
     }
-}
-
-/// The control of the last but two: the hat interface does make columns that grow, and the check would see it.
-#[test]
-fn some_columns_of_the_hat_interface_sum_above_zero() {
-    let scene = scenes().swap_remove(0);
-    let a = System::of_rows(&scene.case).generator;
-    let highest = (0..a.size).map(|j| a.column_sum(j)).fold(0.0, f64::max);
-    assert!(highest > 0.1 * a.largest(), "{highest}");
 }
 
 /// A part of the grid gives the rows that the whole grid gives, and a reused row is as good as a new one.
