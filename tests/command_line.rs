@@ -252,6 +252,192 @@ fn estimate_is_right_or_silent_at_the_edges() {
     });
 }
 
+/// The estimate where the second recovery point sees more of the error than the profile's tails say.
+#[test]
+fn estimate_is_right_or_silent_on_few_cells() {
+    let x = "{x={lower=-1.5,upper=-1,cells=3},v={lower=0,upper=1,cells=1}}";
+    let y = "{x={lower=0.2,upper=2.2,cells=8},v={lower=-1.2,upper=-0.2,cells=6}}";
+    let place = directory();
+    let job = run("step_up.toml").set(&[
+        &format!("axis=[{x},{y}]"),
+        "potential=[{value=\"100\"}]",
+        "initial.f=x*vx",
+        "time.end=0.1",
+        "solver.tolerance=1e-11",
+        "solver.verify=true",
+    ]);
+    meets_its_tolerance(&job.solve(place.path()).unwrap()).unwrap();
+}
+
+/// Nothing moves: no rate, no spectrum, and the field stays what it was.
+#[test]
+fn standing_particles_stay() {
+    let rows = INTERFACES.map(|interface| format!("scheme.interface={interface}"));
+    check_all(&rows, |interface| {
+        let place = directory();
+        let job = run("step_up.toml").set(&[
+            "axis.0.v.lower=-1",
+            "axis.0.v.upper=1",
+            "axis.0.v.cells=1",
+            "initial.f=1 + x^2",
+            interface,
+        ]);
+        let summary = job.solve(place.path())?;
+        let f = field(place.path())?;
+        let cells = f.len() as f64;
+        let expected: Vec<f64> = (0..f.len())
+            .map(|i| 1.0 + (-1.5 + 3.0 * (i as f64 + 0.5) / cells).powi(2))
+            .collect();
+        let outcome = at_most("distance from f(0)", distance(&f, &expected), 1e-6);
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())
+    });
+}
+
+/// Scenes put together at random, the same ones every time: solved to the tolerance, with the same bits on more ranks, or
+/// refused; whatever the estimate says is of the right size.
+#[test]
+fn random_scenes_are_solved_or_refused() {
+    let seeds: Vec<u64> = (0..60).collect();
+    let solved = std::sync::atomic::AtomicUsize::new(0);
+    check_all(&seeds, |&seed| {
+        let (place, more) = (directory(), directory());
+        let path = place.path().join("scene.toml");
+        let mut choices = Choices(seed);
+        let text = scene(&mut choices);
+        let told = |message: String| format!("{message}\n  of scene {seed}:\n{text}");
+        std::fs::write(&path, &text).map_err(|e| e.to_string())?;
+        let path = path.display().to_string();
+        let finished = Job::new(["run", &path]).into(place.path()).run()?;
+        if finished.code == Some(2) {
+            return refused(&finished, &[]).map_err(told);
+        }
+        let job = Job::new(["run", &path]).on(choices.of(&[2, 3, 4]));
+        let summary = job.solve(more.path()).map_err(told)?;
+        let differ = differences(&datasets(place.path())?, &datasets(more.path())?);
+        let same = differ.is_empty();
+        summary
+            .require(same, || {
+                format!("other bits than on one rank in {}", differ.join(", "))
+            })
+            .map_err(told)?;
+        if summary.value["error_semidiscrete"].is_null() {
+            let nothing = summary.value["maximum"] == 0.0 && summary.value["minimum"] == 0.0;
+            return summary
+                .require(nothing, || {
+                    "no error_semidiscrete of a field that is there".into()
+                })
+                .map_err(told);
+        }
+        solved.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let error = summary.number("error_semidiscrete")?;
+        let outcome = at_most("error_semidiscrete", error, summary.number("tolerance")?);
+        summary
+            .require(outcome.is_ok(), || outcome.unwrap_err())
+            .map_err(told)?;
+        let ratio = summary.number("error_estimate")? / error;
+        let silent = !summary.boolean("error_estimate_reliable")?;
+        summary
+            .require(silent || (1.0 / 6.0..=6.0).contains(&ratio), || {
+                format!("the estimate is {ratio:.3} times the true error, and called reliable")
+            })
+            .map_err(told)
+    });
+    // Most scenes hold something that can be solved.
+    let solved = solved.into_inner();
+    assert!(
+        solved > seeds.len() / 2,
+        "only {solved} of {} solved",
+        seeds.len()
+    );
+}
+
+/// A sequence of choices that depends on its seed alone (SplitMix64).
+struct Choices(u64);
+
+impl Choices {
+    fn of<T: Copy>(&mut self, list: &[T]) -> T {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut h = self.0;
+        h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        list[((h ^ (h >> 31)) % list.len() as u64) as usize]
+    }
+}
+
+/// A case in one or two dimensions: standing, grazing, trapped and escaping particles, edges off the faces, forces,
+/// inflow, boxes on one side of zero, single cells.
+fn scene(choices: &mut Choices) -> String {
+    let dimension = choices.of(&[1, 1, 2]);
+    let mut text = String::new();
+    for _ in 0..dimension {
+        let cells = if dimension == 1 {
+            [4, 5, 8, 17, 32, 40]
+        } else {
+            [1, 2, 3, 4, 5, 8]
+        };
+        let (x, width) = (
+            choices.of(&[-1.5, -1.0, -0.3, 0.2]),
+            choices.of(&[0.5, 1.0, 2.0, 3.0]),
+        );
+        let (v, speeds) = (
+            choices.of(&[-1.2, -1.0, -0.5, 0.0, 0.3]),
+            choices.of(&[0.4, 1.0, 2.0, 3.0]),
+        );
+        text += &format!(
+            "[[axis]]\nx = {{ lower = {x}, upper = {}, cells = {} }}\nv = {{ lower = {v}, upper = {}, cells = {} }}\n",
+            x + width,
+            choices.of(&cells),
+            v + speeds,
+            choices.of(&cells),
+        );
+    }
+    let values = [
+        "0", "0.2", "-0.3", "5", "0.2*x", "0.1*x^2", "1e-6", "sin(3*x)", "100",
+    ];
+    for _ in 0..choices.of(&[0, 1, 1, 2]) {
+        let place = choices.of(&["x < 0", "abs(x) < 0.5", "x < 0.5", "x > 0.3 && x < 0.6"]);
+        text += &format!(
+            "[[potential]]\nwhere = \"{place}\"\nvalue = \"{}\"\n",
+            choices.of(&values)
+        );
+    }
+    text += &format!("[[potential]]\nvalue = \"{}\"\n", choices.of(&values));
+    let fields = [
+        "1",
+        "exp(-x^2 - vx^2)",
+        "1 if x < 0 else 0",
+        "x*vx",
+        "1e-8",
+        "sin(30*x)",
+        "1e9*abs(vx)",
+    ];
+    text += &format!("[initial]\nf = \"{}\"\n", choices.of(&fields));
+    let inflows = [
+        "0",
+        "0",
+        "0",
+        "1",
+        "initial",
+        "exp(-vx^2)",
+        "1e-3",
+        "1e3",
+        "-1 if vx > 0 else 0",
+    ];
+    text += &format!("[inflow]\nvalue = \"{}\"\n", choices.of(&inflows));
+    text += &format!(
+        "[time]\nend = {}\n",
+        choices.of(&["1e-4", "0.01", "0.1", "0.5", "1"])
+    );
+    text += &format!("[scheme]\ninterface = \"{}\"\n", choices.of(&INTERFACES));
+    let tolerances = ["0.1", "1e-2", "1e-3", "1e-6", "1e-9", "1e-11"];
+    text += &format!(
+        "[solver]\nverify = true\ntolerance = {}\n",
+        choices.of(&tolerances)
+    );
+    let weights = choices.of(&["dissipative", "dissipative", "none"]);
+    text + &format!("[solver.warp]\nweights = \"{weights}\"\n")
+}
+
 /// Units are the user's: a field of any size is solved to the tolerance, or refused; never a zero instead.
 #[test]
 fn fields_of_any_size_are_solved_or_refused() {
@@ -267,51 +453,53 @@ fn fields_of_any_size_are_solved_or_refused() {
             ])
             .into(place.path())
             .run()?;
-        if finished.code == Some(2) {
-            return refused(&finished, &["initial.f"]);
-        }
-        require(finished.code == Some(0), &finished, || {
-            "neither solved nor refused".to_owned()
-        })?;
-        let text = std::fs::read_to_string(place.path().join("summary.json"))
-            .map_err(|e| finished.report(&e.to_string()))?;
-        let value: serde_json::Value =
-            serde_json::from_str(&text).map_err(|e| finished.report(&e.to_string()))?;
-        let error = value["error_semidiscrete"].as_f64().unwrap_or(f64::NAN);
-        require(error <= 1e-6, &finished, || {
-            format!(
-                "error_semidiscrete {}, largest value of f {}",
-                value["error_semidiscrete"], value["maximum"]
-            )
-        })
+        solved_or_refused(&finished, place.path(), 1e-6, &["initial.f"])
     });
 }
 
-/// What cannot be promised is refused: when (almost) nothing is left of the field, an error relative to it is not met.
+/// When (almost) nothing is left of the field, an error relative to it cannot be promised: met or refused.
 #[test]
-fn a_tolerance_that_was_missed_is_no_success() {
-    let place = directory();
-    let job = run("step_up.toml").set(&[
-        "axis.0.x.cells=8",
-        "axis.0.v.cells=6",
-        "axis.0.v.lower=0.5",
-        "time.end=22",
-        "solver.tolerance=0.01",
-        "solver.verify=true",
-    ]);
-    let finished = job.into(place.path()).run().unwrap();
+fn what_is_left_of_a_field_is_solved_or_refused() {
+    let rows = ["14", "30", "46", "54", "62"];
+    check_all(&rows, |end| {
+        let place = directory();
+        let job = run("step_up.toml").set(&[
+            "axis.0.x.cells=4",
+            "axis.0.v.cells=6",
+            "axis.0.v.lower=0.5",
+            &format!("time.end={end}"),
+            "solver.tolerance=0.1",
+            "solver.verify=true",
+        ]);
+        let finished = job.into(place.path()).run()?;
+        solved_or_refused(&finished, place.path(), 0.1, &["time.end"])
+    });
+}
+
+/// Done, with the error that was asked for (`solver.verify`), or refused with a message that says all of `says`.
+fn solved_or_refused(
+    finished: &Finished,
+    directory: &Path,
+    tolerance: f64,
+    says: &[&str],
+) -> Result<(), String> {
     if finished.code == Some(2) {
-        refused(&finished, &["tolerance"]).unwrap();
-        return;
+        return refused(finished, says);
     }
-    let text = std::fs::read_to_string(place.path().join("summary.json")).unwrap_or_default();
-    let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    require(finished.code == Some(0), finished, || {
+        "neither solved nor refused".into()
+    })?;
+    let text = std::fs::read_to_string(directory.join("summary.json"))
+        .map_err(|e| finished.report(&format!("summary.json: {e}")))?;
+    let value: serde_json::Value =
+        serde_json::from_str(&text).map_err(|e| finished.report(&format!("summary.json: {e}")))?;
     let error = value["error_semidiscrete"].as_f64().unwrap_or(f64::NAN);
-    assert!(
-        finished.code == Some(0) && error <= 0.01 || finished.code == Some(1),
-        "{}",
-        finished.report(&format!("error_semidiscrete {error:e} for tolerance 0.01"))
-    );
+    require(error <= tolerance, finished, || {
+        format!(
+            "called a success: error_semidiscrete {}, tolerance {tolerance:e}, largest value of f {}",
+            value["error_semidiscrete"], value["maximum"]
+        )
+    })
 }
 
 /// The smallest tolerance that a refusal names is accepted when it is asked for, and met.
@@ -353,7 +541,7 @@ fn smallest_tolerance_is_accepted_and_met() {
 fn any_number_of_cells_is_solved() {
     let mut rows = Vec::new();
     for interface in INTERFACES {
-        for cells in 1..=17 {
+        for cells in [1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 17] {
             rows.push((
                 interface,
                 format!("axis.0.v.cells={cells}"),
@@ -586,8 +774,13 @@ fn same_bits_everywhere(scene: &Scene) {
     let job = || run(scene.name).set(scene.settings);
     job().solve(reference.path()).unwrap();
     let reference = datasets(reference.path()).unwrap();
-    let names: Vec<&str> = reference.keys().map(String::as_str).collect();
-    assert_eq!(names, scene.datasets, "{}", job().command());
+    for name in scene.datasets {
+        assert!(
+            reference.contains_key(*name),
+            "no {name} in result.h5: {}",
+            job().command()
+        );
+    }
 
     let mut rows: Vec<(usize, Option<Vec<usize>>)> = Vec::new();
     for ranks in 1..=4 {
@@ -731,9 +924,13 @@ fn refused(finished: &Finished, says: &[&str]) -> Result<(), String> {
         "only rank 0 speaks".into()
     })?;
     let errors = message.matches("error: ").count();
-    let one = errors == 1 && message.starts_with("error: ");
-    require(one, finished, || {
+    require(errors == 1, finished, || {
         format!("one message expected, \"error: \" occurs {errors} times")
+    })?;
+    let before = message.split("error: ").next().unwrap_or_default();
+    let at_once = before.lines().all(|l| l.starts_with("warning: "));
+    require(at_once, finished, || {
+        format!("said before it was refused: {before}")
     })?;
     for crash in ["panicked", "backtrace", "RUST_BACKTRACE", "signal"] {
         require(!message.contains(crash), finished, || {
@@ -1136,7 +1333,7 @@ fn grids_beyond_the_memory_are_refused() {
         if *command == "run" {
             job = job.into(place.path());
         }
-        refused(&job.on(2).within(20).run()?, &["memory", "cells"])
+        refused(&job.on(2).within(20).capped().run()?, &["memory", "cells"])
     });
     let plan = plan("example1.toml", 4).with(["--memory-per-rank", "1MB"]);
     refused(&plan.run().unwrap(), &["memory", "needed", "976.6 KiB"]).unwrap();
@@ -1147,7 +1344,8 @@ fn grids_beyond_the_memory_are_refused() {
 fn spectrum_of_a_grid_beyond_the_memory_is_refused() {
     let job = Job::new(["spectrum", &case("example1.toml")]);
     let job = job.set(&["axis.0.x.cells=40000", "axis.0.v.cells=40000"]);
-    refused(&job.on(2).within(20).run().unwrap(), &["memory"]).unwrap();
+    let job = job.on(2).within(20).capped();
+    refused(&job.run().unwrap(), &["memory"]).unwrap();
 }
 
 /// However many cells, `plan` and `check` answer or refuse.
@@ -1165,7 +1363,7 @@ fn plan_and_check_of_absurd_grids_do_not_hang() {
     }
     check_all(&rows, |(command, cells)| {
         let job = Job::new([*command, &case("example1.toml")]).set(cells);
-        let finished = job.within(SECONDS_TO_REFUSE as u64).run()?;
+        let finished = job.within(SECONDS_TO_REFUSE as u64).capped().run()?;
         match finished.code {
             Some(0) => Ok(()),
             _ => refused(&finished, &["memory"]),
@@ -1200,22 +1398,11 @@ fn absurd_scales_are_refused() {
         if *command == "run" {
             job = job.set(&["solver.verify=true"]).into(place.path());
         }
-        let finished = job.on(2).within(20).run()?;
-        if finished.code == Some(2) {
-            return refused(&finished, &[]);
-        }
-        require(finished.code == Some(0), &finished, || {
-            "neither done nor refused".into()
-        })?;
-        if *command == "plan" {
+        let finished = job.on(2).within(20).capped().run()?;
+        if *command == "plan" && finished.code == Some(0) {
             return Ok(());
         }
-        let text = std::fs::read_to_string(place.path().join("summary.json")).unwrap_or_default();
-        let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
-        let error = value["error_semidiscrete"].as_f64().unwrap_or(f64::NAN);
-        require(error <= 1e-6, &finished, || {
-            format!("error_semidiscrete is {}", value["error_semidiscrete"])
-        })
+        solved_or_refused(&finished, place.path(), 1e-6, &[])
     });
 }
 
@@ -1713,8 +1900,8 @@ fn plan_works_for_every_case_and_number_of_ranks() {
         require(ranks_of_mesh == *ranks as u64, &finished, || {
             format!("a mesh of {ranks_of_mesh} ranks: {mesh}")
         })?;
-        // The text says the same; once for every case, on every number of ranks in turn.
-        if *ranks % 7 != name.len() % 7 {
+        // The text says the same; looked at for one number and for many.
+        if ![2, 64].contains(ranks) {
             return Ok(());
         }
         let text = plan(name, *ranks).succeed()?;

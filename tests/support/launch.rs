@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 /// Ranks at work at a time. Starting and stopping a job is mostly waiting: more than the two cores of a small machine.
 const SLOTS: usize = 6;
-/// Address space of mpirun and of each rank: what would take more than this must have been refused before.
+/// Address space of mpirun and of each rank where a job is capped.
 const MEMORY_CAP: u64 = 8 << 30;
 
 static FREE: Mutex<usize> = Mutex::new(SLOTS);
@@ -47,6 +47,7 @@ pub struct Job {
     limit: Duration,
     directory: Option<String>,
     tells_codes: bool,
+    capped: bool,
 }
 
 impl Job {
@@ -58,6 +59,7 @@ impl Job {
             limit: Duration::from_secs(60),
             directory: None,
             tells_codes: false,
+            capped: false,
         }
     }
 
@@ -106,6 +108,12 @@ impl Job {
         self
     }
 
+    /// With a cap on its memory: what would take more must be refused before.
+    pub fn capped(mut self) -> Self {
+        self.capped = true;
+        self
+    }
+
     /// The command line, to be pasted into a shell.
     pub fn command(&self) -> String {
         let mut words: Vec<String> = match self.ranks {
@@ -139,12 +147,18 @@ impl Job {
         }
         words.push(program.to_owned());
         words.extend(self.arguments.iter().cloned());
-        // The shell sets the cap and becomes the job.
-        let mut command = Command::new("sh");
+        if self.capped {
+            // The shell sets the cap and becomes the job.
+            let script = "ulimit -v \"$1\" && shift && exec \"$@\"";
+            let kibibytes = (MEMORY_CAP >> 10).to_string();
+            words.splice(
+                0..0,
+                ["sh", "-c", script, "sh", &kibibytes].map(str::to_owned),
+            );
+        }
+        let mut command = Command::new(&words[0]);
         command
-            .args(["-c", "ulimit -v \"$1\" && shift && exec \"$@\"", "sh"])
-            .arg((MEMORY_CAP >> 10).to_string())
-            .args(&words)
+            .args(&words[1..])
             .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
             .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
             .env("OMPI_MCA_rmaps_base_oversubscribe", "1")
@@ -322,6 +336,9 @@ impl Finished {
             ("other ranks", &self.others),
             ("mpirun", launcher),
         ] {
+            // Without the frames of a crash.
+            let lines = said.lines().filter(|l| !l.starts_with('['));
+            let said = lines.collect::<Vec<_>>().join("\n");
             let said: String = said.trim_end().chars().take(1500).collect();
             if !said.is_empty() {
                 text += &format!("\n  {who}: {}", said.replace('\n', "\n    "));
