@@ -252,23 +252,6 @@ fn estimate_is_right_or_silent_at_the_edges() {
     });
 }
 
-/// The estimate where the second recovery point sees more of the error than the profile's tails say.
-#[test]
-fn estimate_is_right_or_silent_on_few_cells() {
-    let x = "{x={lower=-1.5,upper=-1,cells=3},v={lower=0,upper=1,cells=1}}";
-    let y = "{x={lower=0.2,upper=2.2,cells=8},v={lower=-1.2,upper=-0.2,cells=6}}";
-    let place = directory();
-    let job = run("step_up.toml").set(&[
-        &format!("axis=[{x},{y}]"),
-        "potential=[{value=\"100\"}]",
-        "initial.f=x*vx",
-        "time.end=0.1",
-        "solver.tolerance=1e-11",
-        "solver.verify=true",
-    ]);
-    meets_its_tolerance(&job.solve(place.path()).unwrap()).unwrap();
-}
-
 /// Nothing moves: no rate, no spectrum, and the field stays what it was.
 #[test]
 fn standing_particles_stay() {

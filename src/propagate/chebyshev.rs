@@ -188,7 +188,13 @@ impl Chebyshev {
         };
         for l in 0..LANES {
             let interval = Interval::new(batch.wavenumbers[l], rate, growth);
-            constants.scale[l] = 1.0 / interval.half_width;
+            // Where nothing moves the spectrum is one point, and the series its first term.
+            let still = interval.half_width == 0.0;
+            constants.scale[l] = if still {
+                0.0
+            } else {
+                1.0 / interval.half_width
+            };
             constants.shift[l] = interval.centre;
             report.phases[l] = Complex64::new(0.0, -interval.centre * time).exp();
             let rest = bessel_series(&mut self.series, interval.half_width * time, 0.0);
