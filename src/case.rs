@@ -1,22 +1,21 @@
 //! The case file: typed, with every default here, unknown keys refused, values checked.
 
-use crate::case_file::{CaseFile, Table};
-use crate::error::{Error, Result};
+mod read;
+
+pub use read::read_text;
+
 use crate::expression::Expression;
-use crate::grid::{Axis, MAX_DIMENSION, PhaseSpace};
-use std::io::Read;
-use std::path::Path;
+use crate::grid::PhaseSpace;
+use serde::Serialize;
 
 /// Default of `solver.tolerance`.
 pub const DEFAULT_TOLERANCE: f64 = 1e-6;
 /// Default of `solver.classical.cfl`.
 pub const DEFAULT_CFL: f64 = 0.9;
+/// Most fields of a case: a density and a level set for each velocity axis.
+pub const MOST_FIELDS: usize = 4;
 /// Largest `solver.tolerance`.
 pub const LARGEST_TOLERANCE: f64 = 0.1;
-/// Largest number of phase-space cells that is looked at; memory is checked against the machine by the plan.
-const MOST_CELLS: f64 = 1e12;
-/// Largest number of space cells: `V` is evaluated on all of them before anything else.
-const MOST_SPACE_CELLS: f64 = 1e8;
 /// Lengths, velocities and times lie between the inverse of this and this: their products stay finite.
 pub const MOST: f64 = 1e100;
 
@@ -39,7 +38,7 @@ pub enum Inflow {
 }
 
 /// How the Hamiltonian-preserving flux at a jump of `V` finds its sources.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Interface {
     /// Linear interpolation at the source velocity (the paper's).
@@ -49,7 +48,7 @@ pub enum Interface {
 }
 
 /// Time integrator of the classical method `f' = A f + b`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Integrator {
     /// The exact exponential of the semi-discrete system.
@@ -60,14 +59,183 @@ pub enum Integrator {
     SspRk3,
 }
 
+/// Slope limiter of the classical method (paper, the remark after section 4.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Limiter {
+    /// First order, the scheme itself.
+    None,
+    /// `ψ(θ) = max(0, min(1, θ))`.
+    Minmod,
+    /// `ψ(θ) = (|θ| + θ)/(1 + |θ|)`.
+    VanLeer,
+}
+
 /// What computes `f(T)`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// Schrödingerization: unitary modes, recovered by the profile.
     Schrodingerized,
     /// Direct integration of the semi-discrete system.
     Classical,
+}
+
+/// Which profile `g(p)`, with its parameter (see [`crate::profile`]).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum ProfileChoice {
+    /// `e^{−p}` cut off by a normal distribution function.
+    Gaussian,
+    /// `e^{−p}` for `p ≥ 0`, `e^{αp}` for `p < 0` (the paper's).
+    Exponential {
+        /// `α > 0`.
+        alpha: f64,
+    },
+    /// `e^{−|p|}` with the polynomial of degree `2r+1` between −1 and 0 that is smooth to `r` derivatives.
+    Smooth {
+        /// `r`.
+        order: usize,
+    },
+    /// `e^{−|p|}` convolved with a Gaussian, read at `c` (Low and Somma, arXiv 2508.19238).
+    LowSomma {
+        /// `c > 0`.
+        c: f64,
+    },
+    /// The kernel of An, Childs and Lin (arXiv 2312.03916).
+    Acl {
+        /// `β` in (0, 1).
+        beta: f64,
+    },
+}
+
+/// Where the Fourier coefficients come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Coefficients {
+    /// `ĝ` itself.
+    Analytic,
+    /// The discrete Fourier transform of samples of `g` on `[L, R)` (the paper's).
+    Sampled,
+}
+
+/// How `u` is read from the warped field.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RecoveryMethod {
+    /// `e^{p◇} v(p◇)`.
+    Point,
+    /// From the integral of `v` over `p ≥ p◇`.
+    Integral,
+    /// From several points at and above `p◇`, by least squares.
+    LeastSquares,
+}
+
+/// How the inflow becomes part of a homogeneous system.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Embedding {
+    /// An auxiliary unknown for each row that something enters.
+    Boundary,
+    /// An auxiliary unknown for every row (the paper's).
+    Full,
+    /// One auxiliary unknown for all.
+    Scalar,
+}
+
+/// `δ`, the initial value of the auxiliary unknowns.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Delta {
+    /// From the growth it may add.
+    Planned,
+    /// `max |b|` (the paper's).
+    Largest,
+    /// This number.
+    Given(f64),
+}
+
+/// `[solver.warp]`: everything about the auxiliary variable `p`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Warp {
+    /// `profile` and its parameter.
+    pub profile: ProfileChoice,
+    /// `coefficients`.
+    pub coefficients: Coefficients,
+    /// `interval = [L, R]`, by hand.
+    pub interval: Option<[f64; 2]>,
+    /// `points = N_p`, by hand.
+    pub points: Option<usize>,
+    /// `recovery = p◇`, by hand.
+    pub recovery: Option<f64>,
+    /// `recovery_method`.
+    pub recovery_method: RecoveryMethod,
+    /// `weights = "dissipative"`.
+    pub weights: bool,
+    /// `inflow`.
+    pub inflow: Embedding,
+    /// `delta`.
+    pub delta: Delta,
+    /// `shift`: `u = e^{σt} ũ`.
+    pub shift: f64,
+}
+
+/// What applies `exp(−iHT)` to a mode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PropagatorMethod {
+    /// Chebyshev series.
+    Chebyshev,
+    /// Lanczos.
+    Krylov,
+    /// Second-order implicit midpoint, unitary.
+    CrankNicolson,
+    /// First-order implicit, dissipative.
+    BackwardEuler,
+}
+
+/// `[solver.propagator]`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Propagation {
+    /// `method`.
+    pub method: PropagatorMethod,
+    /// `step` of the implicit methods.
+    pub step: Option<f64>,
+}
+
+/// What `[initial]` gives.
+#[derive(Clone, Debug)]
+pub enum Data {
+    /// `f0(x, v)`.
+    Density,
+    /// `f0 = density(x) Π δ(v_a − velocity_a(x))`, by level sets.
+    Measure {
+        /// `density(x)`.
+        density: Expression,
+        /// `velocity_a(x)`.
+        velocity: Vec<Expression>,
+    },
+}
+
+/// A function on phase space that obeys the Liouville equation.
+#[derive(Clone, Debug)]
+pub struct Field {
+    /// `f`; or `phi`, `psi_x`, `psi_y`, `psi_z`.
+    pub name: &'static str,
+    /// Its values at time zero.
+    pub initial: Expression,
+    /// Its values on the boundary.
+    pub inflow: Inflow,
+}
+
+impl Field {
+    /// The formula of what enters.
+    pub fn entering(&self) -> &Expression {
+        match &self.inflow {
+            Inflow::Formula(f) => f,
+            Inflow::Initial => &self.initial,
+        }
+    }
 }
 
 /// The exact solution results are compared with.
@@ -92,14 +260,16 @@ pub struct Case {
     pub space: PhaseSpace,
     /// Branches of `V`.
     pub potential: Vec<Region>,
-    /// `f0(x, v)`.
-    pub initial: Expression,
-    /// Boundary values.
-    pub inflow: Inflow,
+    /// What `initial` gives.
+    pub data: Data,
+    /// The functions that obey the Liouville equation: `f`, or the density `φ` and the level sets `ψ_a`.
+    pub fields: Vec<Field>,
     /// Final time `T`.
     pub end: f64,
     /// `scheme.interface`.
     pub interface: Interface,
+    /// `scheme.limiter`.
+    pub limiter: Limiter,
     /// `solver.method`.
     pub method: Method,
     /// `solver.tolerance`: relative l2 distance to the exact semi-discrete solution.
@@ -108,8 +278,10 @@ pub struct Case {
     pub tolerance_place: String,
     /// `solver.verify`: whether to measure that distance (one classical solve).
     pub verify: bool,
-    /// `solver.warp.weights = "dissipative"`.
-    pub weights: bool,
+    /// `[solver.warp]`.
+    pub warp: Warp,
+    /// `[solver.propagator]`.
+    pub propagator: Propagation,
     /// `solver.classical.integrator`.
     pub integrator: Integrator,
     /// `solver.classical.cfl`.
@@ -122,353 +294,4 @@ pub struct Case {
     pub text: String,
     /// The `--set` options applied to it.
     pub overrides: Vec<String>,
-}
-
-/// Names of the coordinates `[x, y, z, vx, vy, vz, t]` in `n` dimensions; `v` and `t` only where allowed.
-fn names(n: usize, velocity: bool, time: bool) -> [&'static [&'static str]; 7] {
-    const NONE: &[&str] = &[];
-    let space: [&[&str]; 3] = [&["x"], &["y"], &["z"]];
-    let speed: [&[&str]; 3] = [
-        if n == 1 { &["v", "vx"] } else { &["vx"] },
-        &["vy"],
-        &["vz"],
-    ];
-    let mut names = [NONE; 7];
-    for a in 0..n {
-        names[a] = space[a];
-        if velocity {
-            names[3 + a] = speed[a];
-        }
-    }
-    if time {
-        names[6] = &["t"];
-    }
-    names
-}
-
-impl Case {
-    /// Reads a case from the text of a file called `name`, with `--set` overrides applied.
-    ///
-    /// # Errors
-    /// [`Error::Input`] with file, line, key, value and limit.
-    pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Self> {
-        let file = CaseFile::parse(name, text, overrides)?;
-        let root = file.root().knowing(&[
-            "title",
-            "reference",
-            "axis",
-            "potential",
-            "initial",
-            "inflow",
-            "time",
-            "scheme",
-            "solver",
-            "exact",
-            "output",
-        ])?;
-        let space = read_axes(&root)?;
-        let n = space.dimension();
-        let scheme = root.table("scheme")?.knowing(&["interface", "limiter"])?;
-        let output = root
-            .table("output")?
-            .knowing(&["recovery_points", "warped_field"])?;
-        let solver = root.table("solver")?.knowing(&[
-            "method",
-            "tolerance",
-            "verify",
-            "warp",
-            "propagator",
-            "classical",
-        ])?;
-        let warp = solver
-            .table("warp")?
-            .knowing(&["profile", "weights", "inflow"])?;
-        let propagator = solver.table("propagator")?.knowing(&["method"])?;
-        let classical = solver.table("classical")?.knowing(&["integrator", "cfl"])?;
-        let initial_table = root.table("initial")?.knowing(&["f"])?;
-        let initial = required_formula(&initial_table, "f", &names(n, true, false))?;
-        let method = solver.choice(
-            "method",
-            &[
-                ("schrodingerized", Method::Schrodingerized),
-                ("classical", Method::Classical),
-            ],
-        )?;
-        warp.choice("profile", &[("gaussian", ())])?;
-        warp.choice("inflow", &[("boundary", ())])?;
-        propagator.choice("method", &[("chebyshev", ())])?;
-        let case = Case {
-            name: name.to_owned(),
-            title: root.text("title")?.unwrap_or_default(),
-            reference: root.text("reference")?.unwrap_or_default(),
-            potential: read_potential(&root, n)?,
-            initial,
-            inflow: read_inflow(&root, n)?,
-            end: read_end(&root)?,
-            interface: scheme.choice(
-                "interface",
-                &[
-                    ("hat", Interface::Hat),
-                    ("conservative", Interface::Conservative),
-                ],
-            )?,
-            method,
-            tolerance: read_tolerance(&solver)?,
-            tolerance_place: solver.place("tolerance"),
-            verify: solver.boolean("verify")?.unwrap_or(false),
-            weights: warp.choice("weights", &[("dissipative", true), ("none", false)])?,
-            integrator: classical.choice(
-                "integrator",
-                &[
-                    ("exponential", Integrator::Exponential),
-                    ("forward-euler", Integrator::ForwardEuler),
-                    ("ssp-rk3", Integrator::SspRk3),
-                ],
-            )?,
-            cfl: read_cfl(&classical)?,
-            exact: read_exact(&root, n)?,
-            recovery_points: read_recovery_points(&output)?,
-            text: file.text().to_owned(),
-            overrides: overrides.to_vec(),
-            space,
-        };
-        scheme.choice("limiter", &[("none", ())])?;
-        if output.boolean("warped_field")? == Some(true) {
-            return Err(output.error(
-                "warped_field",
-                "only streamed runs are possible so far; leave it out or false",
-            ));
-        }
-        Ok(case)
-    }
-
-    /// Reads a case file from disk.
-    ///
-    /// # Errors
-    /// As [`parse`](Self::parse), and when the file cannot be read.
-    pub fn load(path: &Path, overrides: &[String]) -> Result<Self> {
-        Self::parse(&path.display().to_string(), &read_text(path)?, overrides)
-    }
-}
-
-/// Longest case file read, in bytes.
-const LONGEST: u64 = 1 << 20;
-
-/// The text of a case file.
-///
-/// # Errors
-/// [`Error::Input`] when it cannot be read or is larger than 1 MiB.
-pub fn read_text(path: &Path) -> Result<String> {
-    let fail = |e: &dyn std::fmt::Display| Error::Input(format!("{}: {e}", path.display()));
-    let mut text = String::new();
-    std::fs::File::open(path)
-        .and_then(|file| file.take(LONGEST + 1).read_to_string(&mut text))
-        .map_err(|e| fail(&e))?;
-    if text.len() as u64 > LONGEST {
-        return Err(fail(&format!("a case file has at most {LONGEST} bytes")));
-    }
-    // A byte order mark is no part of the text.
-    Ok(text.trim_start_matches('\u{feff}').to_owned())
-}
-
-fn read_axis(table: Table<'_>) -> Result<Axis> {
-    let table = table.knowing(&["lower", "upper", "cells"])?;
-    let axis = Axis {
-        lower: table.required_number("lower")?,
-        upper: table.required_number("upper")?,
-        cells: table
-            .count("cells", 1)?
-            .ok_or_else(|| table.error("cells", "missing; a whole number expected"))?,
-    };
-    if axis.lower >= axis.upper {
-        return Err(table.error("upper", &format!("must be above lower = {}", axis.lower)));
-    }
-    let width = axis.width();
-    for (key, value) in [("lower", axis.lower), ("upper", axis.upper)] {
-        if value.abs() > MOST {
-            return Err(table.error(key, &format!("must be between -{MOST:e} and {MOST:e}")));
-        }
-    }
-    if axis.cells as f64 > MOST_CELLS {
-        return Err(table.error("cells", "more cells than any machine's memory holds"));
-    }
-    if width < 1.0 / MOST || axis.lower + width == axis.lower || axis.upper - width == axis.upper {
-        return Err(table.error(
-            "cells",
-            &format!("cells of width {width:e} cannot be told apart in double precision"),
-        ));
-    }
-    Ok(axis)
-}
-
-fn read_axes(root: &Table<'_>) -> Result<PhaseSpace> {
-    let tables = root.tables("axis")?;
-    if tables.is_empty() || tables.len() > MAX_DIMENSION {
-        return Err(root.error(
-            "axis",
-            &format!(
-                "{} tables given; one [[axis]] a space dimension, 1 to {MAX_DIMENSION}",
-                tables.len()
-            ),
-        ));
-    }
-    let mut space = PhaseSpace {
-        x: Vec::new(),
-        v: Vec::new(),
-    };
-    for table in tables {
-        let table = table.knowing(&["x", "v"])?;
-        for (key, list) in [("x", &mut space.x), ("v", &mut space.v)] {
-            if !table.has(key) {
-                return Err(
-                    table.error(key, "missing; { lower = …, upper = …, cells = … } expected")
-                );
-            }
-            list.push(read_axis(table.table(key)?)?);
-        }
-    }
-    let cells: f64 = space.axes().map(|a| a.cells as f64).product();
-    if cells > MOST_CELLS {
-        return Err(root.error(
-            "axis",
-            &format!(
-                "{cells:.3e} phase-space cells; the state alone takes {:.1e} bytes of memory",
-                8.0 * cells
-            ),
-        ));
-    }
-    let points: f64 = space.x.iter().map(|a| a.cells as f64).product();
-    if points > MOST_SPACE_CELLS {
-        return Err(root.error(
-            "axis",
-            &format!("{points:.3e} space cells; at most {MOST_SPACE_CELLS:e} are planned for (memory and time)"),
-        ));
-    }
-    Ok(space)
-}
-
-fn parse_formula(
-    table: &Table<'_>,
-    key: &str,
-    text: &str,
-    names: &[&[&str]],
-) -> Result<Expression> {
-    Expression::parse(text, names)
-        .map(|formula| formula.at(table.place(key)))
-        .map_err(|message| table.error(key, &message))
-}
-
-fn formula(table: &Table<'_>, key: &str, names: &[&[&str]]) -> Result<Option<Expression>> {
-    match table.formula(key)? {
-        Some(text) => parse_formula(table, key, &text, names).map(Some),
-        None => Ok(None),
-    }
-}
-
-fn required_formula(table: &Table<'_>, key: &str, names: &[&[&str]]) -> Result<Expression> {
-    formula(table, key, names)?.ok_or_else(|| table.error(key, "missing; a formula expected"))
-}
-
-fn read_potential(root: &Table<'_>, n: usize) -> Result<Vec<Region>> {
-    let tables = root.tables("potential")?;
-    if tables.is_empty() {
-        return Err(root.error(
-            "potential",
-            "missing; at least one [[potential]] with value = \"…\"",
-        ));
-    }
-    let names = names(n, false, false);
-    let mut regions = Vec::new();
-    let count = tables.len();
-    for (i, table) in tables.into_iter().enumerate() {
-        let table = &table.knowing(&["where", "value"])?;
-        let condition = formula(table, "where", &names)?;
-        let last = i + 1 == count;
-        if last && condition.is_some() {
-            return Err(table.error(
-                "where",
-                "the last [[potential]] holds everywhere else and needs no where",
-            ));
-        }
-        if !last && condition.is_none() {
-            return Err(table.error("where", "missing; only the last [[potential]] goes without"));
-        }
-        regions.push(Region {
-            condition,
-            value: required_formula(table, "value", &names)?,
-        });
-    }
-    Ok(regions)
-}
-
-fn read_inflow(root: &Table<'_>, n: usize) -> Result<Inflow> {
-    let table = root.table("inflow")?.knowing(&["value"])?;
-    let inflow = match table.formula("value")?.as_deref() {
-        Some("initial") => Inflow::Initial,
-        text => Inflow::Formula(parse_formula(
-            &table,
-            "value",
-            text.unwrap_or("0"),
-            &names(n, true, false),
-        )?),
-    };
-    Ok(inflow)
-}
-
-fn read_end(root: &Table<'_>) -> Result<f64> {
-    let table = root.table("time")?.knowing(&["end"])?;
-    let end = table.required_number("end")?;
-    if !(1.0 / MOST..=MOST).contains(&end) {
-        return Err(table.error(
-            "end",
-            &format!("must be above 0, between {:e} and {MOST:e}", 1.0 / MOST),
-        ));
-    }
-    Ok(end)
-}
-
-fn read_tolerance(solver: &Table<'_>) -> Result<f64> {
-    let tolerance = solver.number("tolerance")?.unwrap_or(DEFAULT_TOLERANCE);
-    if !(tolerance > 0.0 && tolerance <= LARGEST_TOLERANCE) {
-        return Err(solver.error(
-            "tolerance",
-            &format!("must be above 0 and at most {LARGEST_TOLERANCE}"),
-        ));
-    }
-    Ok(tolerance)
-}
-
-fn read_cfl(classical: &Table<'_>) -> Result<f64> {
-    let cfl = classical.number("cfl")?.unwrap_or(DEFAULT_CFL);
-    if !(cfl > 0.0 && cfl <= 1.0) {
-        return Err(classical.error(
-            "cfl",
-            "must be above 0 and at most 1, where forward Euler stops being stable",
-        ));
-    }
-    Ok(cfl)
-}
-
-fn read_exact(root: &Table<'_>, n: usize) -> Result<Option<Exact>> {
-    let table = root.table("exact")?.knowing(&["kind", "f"])?;
-    let exact = match (
-        table.has("kind"),
-        formula(&table, "f", &names(n, true, true))?,
-    ) {
-        (false, None) => None,
-        (false, Some(f)) => Some(Exact::Formula(f)),
-        (true, None) => {
-            table.choice("kind", &[("characteristics", ())])?;
-            Some(Exact::Characteristics)
-        }
-        (true, Some(_)) => return Err(table.error("f", "give either exact.kind or exact.f")),
-    };
-    Ok(exact)
-}
-
-fn read_recovery_points(output: &Table<'_>) -> Result<usize> {
-    match output.count("recovery_points", 1)?.unwrap_or(2) {
-        points @ 1..=2 => Ok(points),
-        _ => Err(output.error("recovery_points", "must be 1, or 2 for the error estimate")),
-    }
 }

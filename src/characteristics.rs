@@ -180,9 +180,10 @@ impl<'a> Tracer<'a> {
     /// Outside the phase-space box it is the inflow value there. NaN where the formula it comes from is undefined.
     pub fn value(&self, point: &[f64; 6], time: f64) -> f64 {
         let foot = self.foot(point, time);
-        match &self.case.inflow {
+        let field = &self.case.fields[0];
+        match &field.inflow {
             Inflow::Formula(inflow) if foot.entry > 0.0 => inflow.eval(&foot.point),
-            _ => self.case.initial.eval(&foot.point),
+            _ => field.initial.eval(&foot.point),
         }
     }
 

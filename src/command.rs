@@ -152,11 +152,15 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
         let condition = region.condition.as_ref().map_or("elsewhere", |c| c.text());
         text += &format!("V = {}  where {condition}\n", region.value.text());
     }
-    text += &format!("f(0) = {}\n", case.initial.text());
-    text += &match &case.inflow {
-        case::Inflow::Formula(f) => format!("inflow = {}\n", f.text()),
-        case::Inflow::Initial => "inflow = f(0) at the ghost centres\n".to_owned(),
-    };
+    for field in &case.fields {
+        text += &format!("{}(0) = {}\n", field.name, field.initial.text());
+        text += &match &field.inflow {
+            case::Inflow::Formula(f) => format!("inflow = {}\n", f.text()),
+            case::Inflow::Initial => {
+                format!("inflow = {}(0) at the ghost centres\n", field.name)
+            }
+        };
+    }
     text += &format!(
         "T = {}, interface {:?}, method {:?}, tolerance {:e}\n",
         case.end, case.interface, case.method, case.tolerance

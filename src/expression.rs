@@ -211,6 +211,11 @@ impl Expression {
         (!value.is_nan()).then_some(value != 0.0)
     }
 
+    /// Where the formula stands: `file:line: key`.
+    pub fn place(&self) -> &str {
+        &self.place
+    }
+
     /// The same formula, with the place it stands at, for errors: `file:line: key`.
     pub fn at(self, place: String) -> Self {
         Self { place, ..self }

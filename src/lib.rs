@@ -25,12 +25,12 @@
 //! |---|---|
 //! | [`case`], [`expression`] | the case file, typed, with every default; formulas |
 //! | [`grid`], [`potential`], [`scheme`] | cells; jumps and slopes of `V`; row `i` of `A` and `b`, the only definition of `A` |
-//! | [`plan`], [`profile`] | every derived number before anything is solved; `g(p)` and its coefficients |
+//! | [`plan`], [`profile`], [`recover`] | every derived number before anything is solved; `g(p)` as a Fourier series; reading `u` from it |
 //! | [`partition`], [`communicator`], [`reproducible`] | who owns what; MPI; sums that do not depend on order |
 //! | [`matrix`], [`weights`], [`problem`] | the distributed `(S, K)`; the norm in which `S ≤ 0`; all of it on a rank |
 //! | [`propagate`], [`warp`], [`classical`] | `exp(−iH_l T)`; the streamed run; `f' = A f + b` directly |
 //! | [`characteristics`], [`observables`], [`spectrum`] | the exact solution; moments; eigenvalues of `S` |
-//! | [`run`], [`output`], [`progress`], [`system`] | the driver; files; what is said meanwhile; memory |
+//! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
 //! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |
 
 #![deny(missing_docs)]
@@ -42,6 +42,7 @@ pub mod classical;
 pub mod cli;
 pub mod command;
 pub mod communicator;
+pub mod compare;
 pub mod error;
 pub mod expression;
 pub mod grid;
@@ -55,6 +56,7 @@ pub mod problem;
 pub mod profile;
 pub mod progress;
 pub mod propagate;
+pub mod recover;
 pub mod reproducible;
 pub mod run;
 pub mod scheme;

@@ -15,7 +15,7 @@ mod kernel;
 
 pub use kernel::{LANES, Lanes, StepConstants, instruction_set};
 
-use crate::case::Case;
+use crate::case::{Case, MOST_FIELDS};
 use crate::communicator::{GhostExchange, Group};
 use crate::error::Result;
 use crate::grid::{PhaseSpace, describe_point};
@@ -39,8 +39,8 @@ pub enum Part {
 pub struct Inflow {
     /// Local number of row `i`.
     pub row: u32,
-    /// `b_i`.
-    pub value: f64,
+    /// `b_i` of each field.
+    pub values: [f64; MOST_FIELDS],
     /// `κ_i`.
     pub coupling: f64,
 }
@@ -74,6 +74,7 @@ impl BlockMatrix {
         // First pass: how many entries each local row gets from A and from Aᵀ, and which rows have inflow.
         let mut counts = vec![0u32; cells + 1];
         let mut inflow = Vec::new();
+        let enters = |row: &Row| row.inflow.iter().any(|&b| b != 0.0);
         let mut count = |row: &Row, own: Option<usize>| {
             for &(column, _) in &row.entries {
                 if let Some(Place::Own(j)) = block.place(column)
@@ -83,17 +84,17 @@ impl BlockMatrix {
                 }
             }
             if let Some(i) = own {
-                counts[i] += row.entries.len() as u32 + u32::from(row.inflow != 0.0);
+                counts[i] += row.entries.len() as u32 + u32::from(enters(row));
             }
         };
         block.for_each_own(|global, local| {
             for v in 0..nv {
                 scheme.row(&mut row, global + v);
                 count(&row, Some(local + v));
-                if row.inflow != 0.0 {
+                if enters(&row) {
                     inflow.push(Inflow {
                         row: (local + v) as u32,
-                        value: row.inflow,
+                        values: row.inflow,
                         coupling: (2.0 * row.draw * growth).sqrt(),
                     });
                 }

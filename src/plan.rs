@@ -8,7 +8,7 @@
 //! `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when running (see [`crate::run`]); the plan
 //! alone assumes [`ASSUMED_RATIO`].
 
-use crate::case::{Case, Integrator, Interface, LARGEST_TOLERANCE, Method};
+use crate::case::{Case, Integrator, Interface, LARGEST_TOLERANCE, Method, PropagatorMethod};
 mod layout;
 
 pub use layout::{Layout, Resources, bytes_text, refuse_hopeless};
@@ -18,8 +18,10 @@ use crate::error::{Error, Result};
 use crate::matrix::LANES;
 use crate::partition::Block;
 use crate::potential::Potential;
-use crate::profile::Gaussian;
+use crate::profile::gaussian::Gaussian;
+use crate::profile::{Profile, Series};
 use crate::propagate::chebyshev::{Interval, degree};
+use crate::recover::Reading;
 use crate::scheme::transport_rate;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -81,16 +83,20 @@ pub struct WarpPlan {
     /// The tolerance the profile is planned for.
     pub state_tolerance: f64,
     /// The profile.
-    pub profile: Gaussian,
+    pub profile: Profile,
+    /// Its Fourier series.
+    pub series: Series,
     /// Number of modes `l ≥ 0`; the others are their conjugates.
     pub modes: usize,
-    /// Recovery points `p◇`.
-    pub recovery: Vec<f64>,
+    /// How `u` is read; a second reading gives the error estimate.
+    pub readings: Vec<Reading>,
+    /// What part of the error the distance of the two readings shows.
+    pub seen: f64,
     /// The modes in batches, of rising wavenumber.
     pub batches: Vec<Batch>,
     /// Applications: degrees summed over the modes.
     pub applications: usize,
-    /// `Σ |weight|` of the recovery: how much round-off is amplified.
+    /// `Σ |weight|` of the first reading: how much round-off is amplified.
     pub amplification: f64,
 }
 
@@ -109,6 +115,10 @@ pub struct Plan {
     pub method: Method,
     /// Interface rows.
     pub interface: Interface,
+    /// What applies `exp(−iHT)` to a mode.
+    pub propagator: PropagatorMethod,
+    /// Number of fields evolved.
+    pub fields: usize,
     /// What was asked for.
     pub tolerance: f64,
     /// Bounds on the generator.
@@ -138,13 +148,9 @@ impl Bounds {
             jumps |= layer.has_jump();
         }
         let rate = transport_rate(&case.space) + force;
-        let formula = match &case.inflow {
-            crate::case::Inflow::Formula(f) => f,
-            crate::case::Inflow::Initial => &case.initial,
-        };
-        let inflow = formula.constant() != Some(0.0);
+        let inflow = (case.fields.iter()).any(|f| f.entering().constant() != Some(0.0));
         let hat = jumps && case.interface == Interface::Hat;
-        let weights = match (hat, case.weights) {
+        let weights = match (hat, case.warp.weights) {
             (false, _) => 0.0,
             (true, true) => WEIGHT_GROWTH,
             (true, false) => f64::INFINITY,
@@ -156,7 +162,7 @@ impl Bounds {
             growth,
             decay: 2.0 * rate + growth,
             jumps,
-            weighted: hat && case.weights && case.method == Method::Schrodingerized,
+            weighted: hat && case.warp.weights && case.method == Method::Schrodingerized,
             inflow,
         })
     }
@@ -200,11 +206,13 @@ impl WarpPlan {
             });
         }
         let state_tolerance = case.tolerance / ratio;
-        let recovery: Vec<f64> = (0..case.recovery_points)
-            .map(|k| k as f64 * SECOND_POINT)
+        let readings: Vec<Reading> = (0..case.recovery_points)
+            .map(|k| Reading {
+                point: k as f64 * SECOND_POINT,
+            })
             .collect();
-        let reach = recovery.last().copied().unwrap_or(0.0);
-        let profile = Gaussian::plan(state_tolerance, growth, decay, reach).ok_or_else(|| {
+        let reach = readings.last().map_or(0.0, |r| r.point);
+        let gaussian = Gaussian::plan(state_tolerance, growth, decay, reach).ok_or_else(|| {
             match Gaussian::smallest_tolerance(growth, decay, reach) {
                 Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
                     place: case.tolerance_place.clone(),
@@ -216,15 +224,17 @@ impl WarpPlan {
                 _ => Error::Growth { ratio, growth },
             }
         })?;
-        let modes = profile.modes();
-        let mut series = Vec::new();
+        let series = Series::analytic(gaussian.period, gaussian.modes(), |mu| {
+            gaussian.coefficient(mu)
+        });
+        let modes = series.modes();
+        let weight = |l: usize| weight(&series, &readings[0], l).norm();
+        let mut scratch = Vec::new();
         let degrees: Vec<usize> = (0..modes)
             .map(|l| {
-                let mu = profile.wavenumber(l);
-                let weight = weight(&profile, l, 0.0).norm();
-                let tail = state_tolerance / (10.0 * modes as f64 * weight);
-                let tau = Interval::new(mu, bounds.rate, bounds.growth).half_width * time;
-                degree(&mut series, tau, tail)
+                let tail = state_tolerance / (10.0 * modes as f64 * weight(l));
+                let interval = Interval::new(series.wavenumber(l), bounds.rate, bounds.growth);
+                degree(&mut scratch, interval.half_width * time, tail)
             })
             .collect();
         // Cut from the top, so that the batch that is not full is the cheapest.
@@ -245,16 +255,25 @@ impl WarpPlan {
             state_tolerance,
             modes,
             applications: batches.iter().map(|b| b.modes * b.degree).sum(),
-            amplification: (0..modes).map(|l| weight(&profile, l, 0.0).norm()).sum(),
-            recovery,
+            amplification: (0..modes).map(weight).sum(),
+            seen: gaussian.seen_by(reach),
+            readings,
             batches,
-            profile,
+            profile: Profile::Gaussian(gaussian),
+            series,
         })
     }
 
-    /// Factor of `w_l(T)` in the recovery at `p◇`; twice the coefficient for `l > 0`, which stands for `−l` too.
-    pub fn weight(&self, l: usize, recovery: f64) -> Complex64 {
-        weight(&self.profile, l, recovery)
+    /// Factor of `w_l(T)` in `reading`.
+    pub fn weight(&self, l: usize, reading: &Reading) -> Complex64 {
+        weight(&self.series, reading, l)
+    }
+
+    /// `Σ |weight|` of a reading.
+    pub fn amplification(&self, reading: &Reading) -> f64 {
+        (0..self.modes)
+            .map(|l| self.weight(l, reading).norm())
+            .sum()
     }
 
     /// Largest degree of a batch.
@@ -263,12 +282,8 @@ impl WarpPlan {
     }
 }
 
-fn weight(profile: &Gaussian, l: usize, recovery: f64) -> Complex64 {
-    let mu = profile.wavenumber(l);
-    let twice = if l == 0 { 1.0 } else { 2.0 };
-    profile.coefficient(mu)
-        * Complex64::new(recovery, mu * recovery).exp()
-        * (twice / profile.period)
+fn weight(series: &Series, reading: &Reading, l: usize) -> Complex64 {
+    series.factor(l) * reading.of_wave(series.wavenumber(l))
 }
 
 impl Plan {
@@ -320,6 +335,8 @@ impl Plan {
             time: case.end,
             method: case.method,
             interface: case.interface,
+            propagator: case.propagator.method,
+            fields: case.fields.len(),
             tolerance: case.tolerance,
             classical_steps: classical_steps(case, &bounds),
             bounds,
@@ -398,8 +415,10 @@ impl fmt::Display for Plan {
             )?;
             writeln!(
                 f,
-                "profile         gaussian: sigma {:.4}, offset {:.4}, period {:.4}, cut-off {:.4}",
-                w.profile.sigma, w.profile.offset, w.profile.period, w.profile.cutoff
+                "profile         {}: period {:.4}, cut-off {:.4}",
+                w.profile,
+                w.series.period,
+                w.series.wavenumber(w.modes - 1)
             )?;
             writeln!(
                 f,

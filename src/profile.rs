@@ -1,110 +1,63 @@
-//! Initial functions `g(p)` of the auxiliary variable, as their Fourier coefficients and a plan from a tolerance.
+//! Initial functions `g(p)` of the auxiliary variable, planned from a tolerance, as Fourier series.
 //!
-//! **Gaussian**: `g(p) = e^{−p} Φ((p − p0)/σ)`, `Φ` the normal distribution function. It equals `e^{−p}` to within `ε`
-//! above `p0 + zσ`, and
+//! Only two things are asked of `g`: it equals `e^{−p}` where information reaches the recovery point from, and its
+//! Fourier series is short. With period `P`, `μ_l = 2πl/P` and `g(p) ≈ Σ_l c_l e^{iμ_l p}` the solution is
 //!
 //! ```text
-//! ĝ(μ) = ∫ g(p) e^{−iμp} dp = exp(½σ²(1+iμ)² − (1+iμ) p0) / (1+iμ)
+//! u(T) = e^{p◇} Σ_l c_l e^{iμ_l p◇} w_l(T),     w_l(T) = exp((−iμ_l S + K)T) u(0)
 //! ```
 //!
-//! decays like a Gaussian. With period `P` and `μ_l = 2πl/P` the solution is
-//! `u(T) = e^{p◇} (1/P) Σ_l ĝ(μ_l) e^{iμ_l p◇} w_l(T)`, `w_l(0) = u(0)`: spectrally accurate, since `ĝ` itself and no samples
-//! of `g` are used.
+//! read at a point `p◇`, or by another [`crate::recover::Reading`]. Data are real, so `c_{−l} w_{−l}` is the conjugate of
+//! `c_l w_l`, and only `l ≥ 0` is kept.
 
+pub mod gaussian;
+
+use gaussian::Gaussian;
 use num_complex::Complex64;
+use serde::Serialize;
+use std::fmt;
 
-/// A period and a cut-off for `g(p) = e^{−p} Φ((p − p0)/σ)`.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Gaussian {
-    /// Width `σ` of the switch.
-    pub sigma: f64,
-    /// Its place `p0 < 0`.
-    pub offset: f64,
-    /// Period `P` in `p`.
-    pub period: f64,
-    /// Wavenumbers beyond this are left out.
-    pub cutoff: f64,
+/// A profile with its planned parameters.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum Profile {
+    /// `e^{−p}` cut off by a normal distribution function.
+    Gaussian(Gaussian),
 }
 
-/// `z` with `Φ(−z) = ε`, `0 < ε ≤ ½`.
-pub fn normal_quantile(epsilon: f64) -> f64 {
-    let (mut low, mut high) = (0.0, 40.0);
-    for _ in 0..100 {
-        let middle = 0.5 * (low + high);
-        if 0.5 * libm::erfc(middle / std::f64::consts::SQRT_2) > epsilon {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    0.5 * (low + high)
-}
-
-impl Gaussian {
-    /// The cheapest one that recovers `u` to `tolerance`, when the spectrum of `S·T` lies in
-    /// `[−decay, growth]` and recovery points in `[0, reach]`; `None` if round-off forbids it.
-    ///
-    /// The conditions: `p0 = −zσ − growth`, `Φ(−z) = ε`; round-off, `exp(−p0 + σ²/2) ≤ ε/(20 ε_machine)`; left tail
-    /// `q = σ² + σ√(σ² + 2(−p0 + ln 1/ε))` and period `P = decay + growth + reach + q − p0`, and at least `growth + ln 2/ε`, so that
-    /// the next period's `e^{−p−P}` does not reach in (this matters for short times); cut-off
-    /// `μ_max² = 1 + 2(ln 1/ε − p0)/σ²`. Among widths `σ` the one of least `P μ_max (μ_max + 1)`, what a run costs.
-    pub fn plan(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Option<Self> {
-        const WIDTHS: i32 = 600;
-        let z = normal_quantile(tolerance);
-        let digits = -tolerance.ln();
-        let room = (tolerance / (20.0 * f64::EPSILON)).ln();
-        (0..=WIDTHS)
-            .filter_map(|i| {
-                // 0.05 to 20, in equal ratios.
-                let sigma = 0.05 * 400f64.powf(f64::from(i) / f64::from(WIDTHS));
-                let offset = -z * sigma - growth;
-                let square = sigma * sigma;
-                if -offset + 0.5 * square > room {
-                    return None;
-                }
-                let tail = square + sigma * (square + 2.0 * (digits - offset)).sqrt();
-                let cutoff = (1.0 + 2.0 * (digits - offset) / square).sqrt();
-                Some(Self {
-                    sigma,
-                    offset,
-                    period: (decay + growth + reach + tail - offset)
-                        .max(growth + digits + 2f64.ln()),
-                    cutoff,
-                })
-            })
-            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
-    }
-
-    fn cost(&self) -> f64 {
-        self.period * self.cutoff * (self.cutoff + 1.0)
-    }
-
-    /// The smallest tolerance for which [`plan`](Self::plan) finds one; `None` if there is none up to 0.1.
-    pub fn smallest_tolerance(growth: f64, decay: f64, reach: f64) -> Option<f64> {
-        let (mut low, mut high) = (1e-16f64.ln(), 0.1f64.ln());
-        Self::plan(high.exp(), growth, decay, reach)?;
-        for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if Self::plan(middle.exp(), growth, decay, reach).is_some() {
-                high = middle;
-            } else {
-                low = middle;
+impl fmt::Display for Profile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Gaussian(g) => {
+                write!(f, "gaussian: sigma {:.4}, offset {:.4}", g.sigma, g.offset)
             }
         }
-        Some(high.exp())
     }
+}
 
-    /// What part of the error at `p◇ = 0` the distance to the field read at `p◇ = second` shows, where the spectrum of `S` near
-    /// zero dominates: the relative deficit of `g` is `Φ((p0 − p)/σ)`, so `1 − Φ((p0 − second)/σ)/Φ(p0/σ)`.
-    pub fn seen_by(&self, second: f64) -> f64 {
-        let deficit =
-            |p: f64| libm::erfc((p - self.offset) / (self.sigma * std::f64::consts::SQRT_2));
-        1.0 - deficit(second) / deficit(0.0)
+/// A truncated Fourier series of a real function of period [`period`](Self::period).
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Series {
+    /// `P`.
+    pub period: f64,
+    /// `c_l`, `l = 0, 1, …`.
+    #[serde(skip)]
+    pub coefficients: Vec<Complex64>,
+}
+
+impl Series {
+    /// `c_l = ĝ(μ_l)/P` for `modes` modes `l ≥ 0`: the coefficients of the periodic sum of `g`.
+    pub fn analytic(period: f64, modes: usize, transform: impl Fn(f64) -> Complex64) -> Self {
+        let coefficient = |l| transform(std::f64::consts::TAU * l as f64 / period) / period;
+        Self {
+            period,
+            coefficients: (0..modes).map(coefficient).collect(),
+        }
     }
 
     /// Number of modes `l ≥ 0`.
     pub fn modes(&self) -> usize {
-        (self.cutoff * self.period / std::f64::consts::TAU).ceil() as usize + 1
+        self.coefficients.len()
     }
 
     /// `μ_l = 2πl/P`.
@@ -112,98 +65,15 @@ impl Gaussian {
         std::f64::consts::TAU * l as f64 / self.period
     }
 
-    /// `ĝ(μ)`.
-    pub fn coefficient(&self, mu: f64) -> Complex64 {
-        let one = Complex64::new(1.0, mu);
-        (0.5 * self.sigma * self.sigma * one * one - one * self.offset).exp() / one
+    /// Factor of `w_l` in a real sum over all modes: twice the coefficient for `l > 0`, which stands for `−l` too.
+    pub fn factor(&self, l: usize) -> Complex64 {
+        self.coefficients[l] * if l == 0 { 1.0 } else { 2.0 }
     }
 
-    /// `g(p)`.
+    /// The series at `p`.
     pub fn value(&self, p: f64) -> f64 {
-        let t = (self.offset - p) / (self.sigma * std::f64::consts::SQRT_2);
-        (-p).exp() * 0.5 * libm::erfc(t)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantile_inverts_the_distribution() {
-        assert!((normal_quantile(0.5)).abs() < 1e-12);
-        assert!((normal_quantile(1e-3) - 3.090232306167813).abs() < 1e-9);
-        assert!((normal_quantile(1e-11) - 6.706023155495137).abs() < 1e-9);
-    }
-
-    #[test]
-    fn coefficients_are_the_fourier_transform_of_the_profile() {
-        let g = Gaussian::plan(1e-6, 0.3, 60.0, 0.0).expect("possible");
-        for mu in [0.0, 0.4, 1.7] {
-            // Trapezoidal rule, spectrally accurate for a function that decays at both ends.
-            let (a, b, n) = (-60.0, 60.0, 40_000);
-            let h = (b - a) / f64::from(n);
-            let sum: Complex64 = (0..n)
-                .map(|i| {
-                    let p = a + h * f64::from(i);
-                    Complex64::new(0.0, -mu * p).exp() * g.value(p) * h
-                })
-                .sum();
-            let exact = g.coefficient(mu);
-            assert!(
-                (sum - exact).norm() < 1e-9 * exact.norm().max(1e-3),
-                "{mu}: {sum} {exact}"
-            );
-        }
-    }
-
-    #[test]
-    fn the_series_is_the_exponential_where_it_must_be() {
-        for tolerance in [1e-3, 1e-6, 1e-9, 1e-11] {
-            for (growth, decay) in [(0.0, 3.0), (0.375, 127.0), (0.1, 1000.0)] {
-                let g = Gaussian::plan(tolerance, growth, decay, 0.0).expect("possible");
-                for i in 0..=50 {
-                    let p = -growth + (decay + growth) * f64::from(i) / 50.0;
-                    let sum: f64 = (0..g.modes())
-                        .map(|l| {
-                            let mu = g.wavenumber(l);
-                            let term = g.coefficient(mu) * Complex64::new(0.0, mu * p).exp();
-                            term.re / g.period * if l == 0 { 1.0 } else { 2.0 }
-                        })
-                        .sum();
-                    let error = (sum - (-p).exp()).abs();
-                    assert!(
-                        error < 3.0 * tolerance * growth.exp(),
-                        "{tolerance} {decay} {p}: {error}"
-                    );
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn mode_counts_of_the_design() {
-        for (decay, expected) in [(63.0, [38, 49, 68, 99]), (127.0, [57, 76, 115, 178])] {
-            for (tolerance, modes) in [1e-3, 1e-6, 1e-9, 1e-11].into_iter().zip(expected) {
-                let g = Gaussian::plan(tolerance, 0.0, decay, 0.0).expect("possible");
-                assert!(
-                    g.modes().abs_diff(modes) <= 1,
-                    "{decay} {tolerance}: {}",
-                    g.modes()
-                );
-            }
-        }
-    }
-
-    #[test]
-    fn round_off_sets_the_limit() {
-        let smallest = Gaussian::smallest_tolerance(0.375, 127.0, 0.0).expect("possible");
-        assert_eq!(Gaussian::smallest_tolerance(50.0, 127.0, 0.0), None);
-        assert_eq!(
-            Gaussian::smallest_tolerance(f64::INFINITY, f64::INFINITY, 0.0),
-            None
-        );
-        assert!(smallest > 1e-15 && smallest < 1e-12, "{smallest}");
-        assert!(Gaussian::plan(smallest * 0.9, 0.375, 127.0, 0.0).is_none());
+        (0..self.modes())
+            .map(|l| (self.factor(l) * Complex64::new(0.0, self.wavenumber(l) * p).exp()).re)
+            .sum()
     }
 }

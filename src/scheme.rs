@@ -12,9 +12,8 @@
 
 pub mod interface;
 
-use crate::case::{Case, Inflow, Interface};
+use crate::case::{Case, Interface, MOST_FIELDS};
 use crate::error::Result;
-use crate::expression::Expression;
 use crate::grid::{Cell, PhaseSpace, describe_point};
 use crate::potential::Potential;
 use interface::{Side, Source, sources, velocity};
@@ -25,19 +24,19 @@ use std::ops::Range;
 pub struct Row {
     /// `(column, value)`, ascending and distinct columns.
     pub entries: Vec<(usize, f64)>,
-    /// `b_i`: what enters through the boundary.
-    pub inflow: f64,
+    /// `b_i` of each field: what enters through the boundary.
+    pub inflow: [f64; MOST_FIELDS],
     /// `−Σ_j A_ij ≥ 0`: the rate at which the row draws on the inflow.
     pub draw: f64,
     /// First place where an inflow formula was not finite.
-    bad: Option<(f64, [f64; 6])>,
+    bad: Option<(usize, f64, [f64; 6])>,
     scratch: Vec<Source>,
 }
 
 impl Row {
     fn clear(&mut self) {
         self.entries.clear();
-        self.inflow = 0.0;
+        self.inflow = [0.0; MOST_FIELDS];
         self.draw = 0.0;
     }
 
@@ -76,10 +75,7 @@ impl<'a> Scheme<'a> {
             .zip(&case.space.x)
             .map(|(r, axis)| r.start..(r.end + 1).min(axis.cells))
             .collect();
-        let no_inflow = match &case.inflow {
-            Inflow::Formula(f) => f.constant() == Some(0.0),
-            Inflow::Initial => case.initial.constant() == Some(0.0),
-        };
+        let no_inflow = (case.fields.iter()).all(|f| f.entering().constant() == Some(0.0));
         Ok(Self {
             case,
             space: &case.space,
@@ -174,11 +170,13 @@ impl<'a> Scheme<'a> {
         let mut point = self.space.point(cell);
         point[a] = x.centre(i);
         point[3 + a] = v.centre(j);
-        let value = self.inflow().eval(&point);
-        if !value.is_finite() && row.bad.is_none() {
-            row.bad = Some((value, point));
+        for (f, field) in self.case.fields.iter().enumerate() {
+            let value = field.entering().eval(&point);
+            if !value.is_finite() && row.bad.is_none() {
+                row.bad = Some((f, value, point));
+            }
+            row.inflow[f] += rate * value;
         }
-        row.inflow += rate * value;
     }
 
     /// The error of a row whose inflow was not finite, if there was one among the rows computed with `row`.
@@ -186,19 +184,12 @@ impl<'a> Scheme<'a> {
     /// # Errors
     /// [`Error::Formula`](crate::error::Error::Formula), naming the place.
     pub fn inflow_is_finite(&self, row: &Row) -> Result<()> {
-        let Some((value, point)) = row.bad else {
+        let Some((field, value, point)) = row.bad else {
             return Ok(());
         };
         let point = describe_point(self.space.dimension(), &point);
-        Err(self.inflow().undefined(value, point))
-    }
-
-    /// The formula of what enters.
-    fn inflow(&self) -> &Expression {
-        match &self.case.inflow {
-            Inflow::Formula(f) => f,
-            Inflow::Initial => &self.case.initial,
-        }
+        let formula = self.case.fields[field].entering();
+        Err(formula.undefined(value, point))
     }
 }
 

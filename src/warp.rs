@@ -3,12 +3,13 @@
 //! Memory is a few phase-space vectors, whatever the number of modes. Contributions of batches are added in fixed point
 //! (see [`crate::reproducible`]), so the field has the same bits for any mode groups and any order of batches.
 
-use crate::communicator::{Communicator, GhostExchange};
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::matrix::{BlockMatrix, LANES, Lanes};
-use crate::plan::{Batch, Bounds, WarpPlan};
+use crate::matrix::{LANES, Lanes};
+use crate::plan::{Batch, WarpPlan};
 use crate::progress::Progress;
-use crate::propagate::chebyshev::{BatchSpec, Chebyshev};
+use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
+use crate::recover::Reading;
 use crate::reproducible::FixedPoint;
 use num_complex::Complex64;
 use std::ops::Range;
@@ -16,118 +17,142 @@ use std::ops::Range;
 /// What round-off may add to the change of a mode's norm.
 const UNITARITY_ROUND_OFF: f64 = 1e-12;
 
-/// The recovered state.
+/// The recovered fields.
 pub struct Recovered {
-    /// `ũ(T)` read at each recovery point, on this rank's share of the block's cells.
-    pub fields: Vec<Vec<f64>>,
-    /// Largest over the modes of (change of the norm) / (what its truncated series allows plus 1e-12); at most 1.
-    pub unitarity_defect: f64,
+    /// `fields[k][r]`: `ũ(T)` of field `k` by reading `r`, on this rank's share of the block's cells.
+    pub fields: Vec<Vec<Vec<f64>>>,
+    /// Largest over the modes of (change of the norm) / (what its method allows plus 1e-12); at most 1. None where the
+    /// method does not keep the norm.
+    pub unitarity_defect: Option<f64>,
     /// Applications done by this rank's mode group.
     pub applications: usize,
 }
 
-/// The state to propagate and its norm.
-pub struct Initial<'a> {
-    /// `ũ(0)`, this rank's rows.
-    pub state: &'a [f64],
-    /// `‖ũ(0)‖` over all ranks of the space group.
-    pub norm: f64,
-    /// Space cells and auxiliary unknowns over all ranks of the space group: terms of a norm.
-    pub terms: usize,
+/// A field as the fixed-point sums of its modes.
+struct Sum {
+    reading: Reading,
+    fixed: FixedPoint,
+    parts: Vec<i64>,
 }
 
-/// Runs the batches `mine` of `warp` and recovers the field. `shares[g]` are the block's cells that rank `g`
-/// of the mode groups keeps. Collective.
+/// Runs the batches `mine` of `warp` for every field of `initial` and recovers the fields. `shares[g]` are the block's
+/// cells that rank `g` of the mode groups keeps. Collective.
 ///
 /// # Errors
-/// [`Error::Unitarity`] when a mode's norm changed by more than its truncated series allows.
+/// [`Error::Unitarity`] when a mode's norm changed by more than its method allows.
 pub fn streamed(
     communicator: &Communicator,
-    (matrix, exchange): (&BlockMatrix, &mut GhostExchange),
-    (warp, bounds, time): (&WarpPlan, &Bounds, f64),
+    system: &mut Evolution<'_>,
+    (warp, propagator): (&WarpPlan, &mut dyn Propagator),
     mine: &[usize],
-    initial: &Initial<'_>,
+    initial: &[Initial<'_>],
     shares: &[Range<usize>],
     progress: &mut Progress,
 ) -> Result<Recovered> {
-    let cells = matrix.block.cells();
-    let mut propagator = Chebyshev::new(matrix, warp.largest_degree());
-    let mut sums: Vec<Vec<i64>> = warp.recovery.iter().map(|_| vec![0; 2 * cells]).collect();
-    let fixed: Vec<FixedPoint> = (warp.recovery.iter())
-        .map(|p| {
-            FixedPoint::new(
-                1.01 * p.exp() * warp.amplification * initial.norm,
-                warp.batches.len(),
-            )
-        })
+    let cells = system.matrix.block.cells();
+    let sum = |field: &Initial<'_>, reading: &Reading| Sum {
+        reading: *reading,
+        fixed: FixedPoint::new(
+            1.01 * warp.amplification(reading) * field.norm,
+            warp.batches.len(),
+        ),
+        parts: vec![0; 2 * cells],
+    };
+    let mut sums: Vec<Vec<Sum>> = (initial.iter())
+        .map(|field| warp.readings.iter().map(|r| sum(field, r)).collect())
         .collect();
-    let mut defect: f64 = 0.0;
+    let mut defect: Option<f64> = None;
     let mut applications = 0;
     let mut outcome = Ok(());
-    for &b in mine {
+    'batches: for &b in mine {
         let batch = &warp.batches[b];
         let spec = specification(warp, batch);
-        let constants = (bounds.rate, bounds.growth, time);
-        let report = propagator.propagate(matrix, exchange, &spec, constants, initial.state);
-        let norms = norms(communicator, matrix, &propagator.sum, initial);
-        for l in 0..batch.modes {
-            let change = (norms[l] / initial.norm - 1.0).abs();
-            let allowed = report.tails[l] + UNITARITY_ROUND_OFF;
-            defect = defect.max(if initial.norm > 0.0 {
-                change / allowed
-            } else {
-                0.0
-            });
-            let kept = initial.norm == 0.0 || change <= allowed;
-            if !kept && outcome.is_ok() {
-                outcome = Err(Error::Unitarity {
-                    mode: batch.first + l,
-                    wavenumber: spec.wavenumbers[l],
-                    defect: change,
-                    allowed,
-                });
+        for (field, sums) in initial.iter().zip(&mut sums) {
+            let report = match propagator.propagate(system, &spec, field) {
+                Ok(report) => report,
+                Err(error) => {
+                    outcome = Err(error);
+                    break 'batches;
+                }
+            };
+            let state = propagator.state();
+            if report.unitary {
+                match unitarity(system, state, (batch, &spec), &report, field) {
+                    Ok(found) => defect = Some(defect.unwrap_or(0.0).max(found)),
+                    Err(error) => {
+                        outcome = Err(error);
+                        break 'batches;
+                    }
+                }
             }
-        }
-        if outcome.is_err() {
-            break;
-        }
-        for ((sum, fixed), &p) in sums.iter_mut().zip(&fixed).zip(&warp.recovery) {
-            let mut weights = [Complex64::ZERO; LANES];
-            for (l, weight) in weights.iter_mut().enumerate().take(batch.modes) {
-                *weight = warp.weight(batch.first + l, p) * report.phases[l];
+            for sum in sums {
+                let mut weights = [Complex64::ZERO; LANES];
+                for (l, weight) in weights.iter_mut().enumerate().take(batch.modes) {
+                    *weight = warp.weight(batch.first + l, &sum.reading) * report.phases[l];
+                }
+                accumulate(&mut sum.parts, &sum.fixed, &weights, &state[..cells]);
             }
-            accumulate(sum, fixed, &weights, &propagator.sum[..cells]);
+            applications += batch.modes * report.applications;
         }
-        applications += batch.modes * batch.degree;
         progress.advance(batch.degree);
     }
     communicator.world.agree(outcome)?;
-    let fields = (sums.iter_mut().zip(&fixed))
-        .map(|(sum, fixed)| {
-            for (group, range) in shares.iter().enumerate() {
-                let piece = &mut sum[2 * range.start..2 * range.end];
-                communicator.modes.sum_integers_to(group, piece);
-            }
-            let range = &shares[communicator.modes.rank()];
-            sum[2 * range.start..2 * range.end]
-                .chunks_exact(2)
-                .map(|parts| fixed.join([parts[0], parts[1]]))
-                .collect()
-        })
-        .collect();
+    let share = |mut sum: Sum| {
+        for (group, range) in shares.iter().enumerate() {
+            let piece = &mut sum.parts[2 * range.start..2 * range.end];
+            communicator.modes.sum_integers_to(group, piece);
+        }
+        let range = &shares[communicator.modes.rank()];
+        let parts = sum.parts[2 * range.start..2 * range.end].chunks_exact(2);
+        parts.map(|p| sum.fixed.join([p[0], p[1]])).collect()
+    };
+    // A rank without batches knows of no defect.
+    let largest = communicator.world.max(defect.unwrap_or(-1.0));
     Ok(Recovered {
-        fields,
-        unitarity_defect: communicator.world.max(defect),
+        fields: (sums.into_iter())
+            .map(|sums| sums.into_iter().map(share).collect())
+            .collect(),
+        unitarity_defect: Some(largest).filter(|d| *d >= 0.0),
         applications,
     })
+}
+
+/// Largest change of a lane's norm as a fraction of what is allowed. Collective over the space group.
+///
+/// # Errors
+/// [`Error::Unitarity`] where it is more.
+fn unitarity(
+    system: &Evolution<'_>,
+    state: &[Lanes],
+    (batch, spec): (&Batch, &BatchSpec),
+    report: &BatchReport,
+    initial: &Initial<'_>,
+) -> Result<f64> {
+    if initial.norm == 0.0 {
+        return Ok(0.0);
+    }
+    let norms = norms(system, state, initial.norm);
+    let mut defect: f64 = 0.0;
+    for l in 0..batch.modes {
+        let change = (norms[l] / initial.norm - 1.0).abs();
+        let allowed = report.tails[l] + UNITARITY_ROUND_OFF;
+        if change.is_nan() || change > allowed {
+            return Err(Error::Unitarity {
+                mode: batch.first + l,
+                wavenumber: spec.wavenumbers[l],
+                defect: change,
+                allowed,
+            });
+        }
+        defect = defect.max(change / allowed);
+    }
+    Ok(defect)
 }
 
 fn specification(warp: &WarpPlan, batch: &Batch) -> BatchSpec {
     let mut wavenumbers = [0.0; LANES];
     for (l, mu) in wavenumbers.iter_mut().enumerate() {
-        *mu = warp
-            .profile
-            .wavenumber(batch.first + l.min(batch.modes - 1));
+        *mu = warp.series.wavenumber(batch.first + l.min(batch.modes - 1));
     }
     BatchSpec {
         wavenumbers,
@@ -136,13 +161,9 @@ fn specification(warp: &WarpPlan, batch: &Batch) -> BatchSpec {
 }
 
 /// `‖w_l‖` by lane: summed over the velocities at each point of space, then exactly over space and ranks.
-fn norms(
-    communicator: &Communicator,
-    matrix: &BlockMatrix,
-    sum: &[Lanes],
-    initial: &Initial<'_>,
-) -> [f64; LANES] {
-    let fixed = FixedPoint::new(2.0 * initial.norm * initial.norm, initial.terms);
+fn norms(system: &Evolution<'_>, state: &[Lanes], norm: f64) -> [f64; LANES] {
+    let block = &system.matrix.block;
+    let fixed = FixedPoint::new(2.0 * norm * norm, system.terms);
     let mut totals = [0i64; 2 * LANES];
     let mut add = |rows: &[Lanes]| {
         let mut squares = [0.0; LANES];
@@ -157,10 +178,10 @@ fn norms(
             totals[2 * l + 1] += parts[1];
         }
     };
-    let (own, aux) = sum.split_at(matrix.block.cells());
-    own.chunks(matrix.block.velocity_cells).for_each(&mut add);
+    let (own, aux) = state.split_at(block.cells());
+    own.chunks(block.velocity_cells).for_each(&mut add);
     aux.chunks(1).for_each(&mut add);
-    communicator.space.sum_integers(&mut totals);
+    system.space.sum_integers(&mut totals);
     std::array::from_fn(|l| fixed.join([totals[2 * l], totals[2 * l + 1]]).sqrt())
 }
 

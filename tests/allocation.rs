@@ -6,7 +6,8 @@ use phasewarp::matrix::LANES;
 use phasewarp::partition::{Block, Mesh};
 use phasewarp::plan::Bounds;
 use phasewarp::problem::Problem;
-use phasewarp::propagate::chebyshev::{BatchSpec, Chebyshev};
+use phasewarp::propagate::BatchSpec;
+use phasewarp::propagate::chebyshev::Chebyshev;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -64,7 +65,7 @@ fn main() {
                 exchange,
                 &batch,
                 span,
-                &problem.state[..rows],
+                &problem.states[0][..rows],
             );
         });
         assert_eq!(count, 0, "allocations at degree {degree}");

@@ -278,8 +278,8 @@ fn sound(text: &str, overrides: &[String]) -> Result<bool, String> {
         evaluate(&region.value);
         region.condition.iter().for_each(evaluate);
     }
-    evaluate(&case.initial);
-    if let Inflow::Formula(formula) = &case.inflow {
+    evaluate(&case.fields[0].initial);
+    if let Inflow::Formula(formula) = &case.fields[0].inflow {
         evaluate(formula);
     }
     if let Some(Exact::Formula(formula)) = &case.exact {

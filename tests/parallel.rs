@@ -17,7 +17,8 @@ use phasewarp::partition::{Block, Mesh, Place, split};
 use phasewarp::plan::{Bounds, INFLOW_GROWTH, Plan, Resources};
 use phasewarp::problem::Problem;
 use phasewarp::progress::Progress;
-use phasewarp::propagate::chebyshev::{BatchSpec, Chebyshev, Interval, bessel_series};
+use phasewarp::propagate::chebyshev::{Chebyshev, Interval, bessel_series};
+use phasewarp::propagate::{BatchSpec, Evolution, Initial, propagator};
 use phasewarp::warp;
 use phasewarp::weights::Weights;
 use std::collections::{BTreeMap, BTreeSet};
@@ -410,7 +411,11 @@ impl Twin {
         let cells = a.size;
         let inflow: Vec<usize> = (0..cells).filter(|&i| b[i] != 0.0).collect();
         let mut state: Vec<f64> = (0..cells)
-            .map(|i| case.initial.eval(&case.space.point(&case.space.cell(i))))
+            .map(|i| {
+                case.fields[0]
+                    .initial
+                    .eval(&case.space.point(&case.space.cell(i)))
+            })
             .collect();
         let mut generator = Dense::from_fn(cells + inflow.len(), |i, j| {
             if i < cells && j < cells {
@@ -682,7 +687,7 @@ impl Weighted {
         let bounds = problem.bounds(&twin.case, &allowed);
         // Left alone, the hat interface grows as it likes.
         let round_off = 1e-14 * bounds.rate;
-        assert!(bounds.growth <= allowed.growth + round_off || !twin.case.weights);
+        assert!(bounds.growth <= allowed.growth + round_off || !twin.case.warp.weights);
         let number = numbers(twin, &problem.matrix);
         let rows = problem.matrix.rows();
         let entries = (0..rows).map(|i| (number[i], problem.weights.pi[i]));
@@ -888,7 +893,7 @@ fn matrix_entry_for_entry(world: &World) {
             let i = piece.number[aux.row as usize];
             let m = twin.cells + twin.inflow.binary_search(&i).expect("a row with inflow");
             assert_eq!(aux.coupling, twin.generator.at(i, m), "{name}");
-            assert_eq!(aux.value / aux.coupling, twin.state[m], "{name}");
+            assert_eq!(aux.values[0] / aux.coupling, twin.state[m], "{name}");
         }
         // In weighted unknowns.
         let mut weighted = Weighted::new(world, twin, mesh);
@@ -902,7 +907,7 @@ fn matrix_entry_for_entry(world: &World) {
         let tolerance = 1e-14 * weighted.generator.largest();
         assert_same(&name, &s, &weighted.generator.symmetric(), tolerance);
         assert_same(&name, &k, &weighted.generator.skew(), tolerance);
-        let local = &weighted.problem.state[..weighted.problem.matrix.rows()];
+        let local = &weighted.problem.states[0][..weighted.problem.matrix.rows()];
         for (i, u) in local.iter().enumerate() {
             let expected = weighted.state[weighted.number[i]];
             assert!(
@@ -1083,7 +1088,7 @@ fn chebyshev_propagation(world: &World) {
                     &mut problem.exchange,
                     &batch,
                     (rate, growth, time),
-                    &problem.state[..rows],
+                    &problem.states[0][..rows],
                 );
                 for l in 0..LANES {
                     let part = |part: usize| {
@@ -1267,7 +1272,7 @@ fn classical_exponential(world: &World) {
             let mut weighted = Weighted::new(world, &twin, &mesh);
             let rate = weighted.bounds.rate;
             let problem = &mut weighted.problem;
-            let mut state = problem.state.clone();
+            let mut state = problem.states[0].clone();
             Classical::new(&problem.matrix).exponential(
                 &mut problem.exchange,
                 &mut state,
@@ -1350,12 +1355,21 @@ fn recovered_field(world: &World) {
                     Plan::with_bounds(&twin.case, weighted.bounds.clone(), &resources, ratio)
                         .expect("a plan");
                 assert_eq!(plan.layout.mesh, mesh);
-                let warp_plan = plan.warp.expect("a schrodingerized run");
+                let warp_plan = plan.warp.as_ref().expect("a schrodingerized run");
 
                 let rows = problem.matrix.rows();
-                let initial = warp::Initial {
-                    state: &problem.state[..rows],
+                let initial = Initial {
+                    state: &problem.states[0][..rows],
                     norm: norm(&weighted.state),
+                };
+                let mut propagator = propagator(&plan, warp_plan, &problem.matrix);
+                let mut system = Evolution {
+                    matrix: &problem.matrix,
+                    exchange: &mut problem.exchange,
+                    space: &weighted.communicator.space,
+                    rate: weighted.bounds.rate,
+                    growth: weighted.bounds.growth,
+                    time,
                     terms: problem.terms,
                 };
                 // A mode group keeps a piece of the block's first axis.
@@ -1370,21 +1384,21 @@ fn recovered_field(world: &World) {
                 let batches = &plan.layout.groups[group];
                 let recovered = warp::streamed(
                     &weighted.communicator,
-                    (&problem.matrix, &mut problem.exchange),
-                    (&warp_plan, &weighted.bounds, time),
+                    &mut system,
+                    (warp_plan, &mut *propagator),
                     batches,
-                    &initial,
+                    &[initial],
                     &shares,
                     &mut Progress::silent(),
                 )
                 .expect("a unitary run");
-                assert!(recovered.unitarity_defect <= 1.0, "{name}");
+                assert!(recovered.unitarity_defect.unwrap_or(0.0) <= 1.0, "{name}");
                 let applications = batches.iter().map(|&b| &warp_plan.batches[b]);
                 let applications: usize = applications.map(|b| b.modes * b.degree).sum();
                 assert_eq!(recovered.applications, applications, "{name}");
 
-                assert_eq!(recovered.fields.len(), 2);
-                let fields = recovered.fields.iter().map(|field| {
+                assert_eq!(recovered.fields[0].len(), 2);
+                let fields = recovered.fields[0].iter().map(|field| {
                     assert_eq!(field.len(), share(group).len());
                     let entries = share(group).zip(field).map(|(i, u)| {
                         let number = weighted.number[i];

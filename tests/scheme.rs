@@ -620,7 +620,7 @@ fn identities(name: &str, case: &Case, inflow: Option<f64>) {
         );
         if let Some(value) = inflow {
             assert!(
-                (row.inflow - value * row.draw).abs() <= ROUND_OFF * rate * value.abs(),
+                (row.inflow[0] - value * row.draw).abs() <= ROUND_OFF * rate * value.abs(),
                 "{name}: row {i}"
             );
         }
@@ -651,7 +651,7 @@ trait InflowIsZero {
 
 impl InflowIsZero for Case {
     fn inflow_is_zero(&self) -> bool {
-        matches!(&self.inflow, Inflow::Formula(f) if f.constant() == Some(0.0))
+        matches!(&self.fields[0].inflow, Inflow::Formula(f) if f.constant() == Some(0.0))
     }
 }
 
@@ -789,9 +789,9 @@ fn mirrored(case: &Case, a: usize) -> Case {
         region.condition = region.condition.as_ref().map(mirror);
         region.value = mirror(&region.value);
     }
-    case.initial = mirror(&case.initial);
-    if let Inflow::Formula(formula) = &case.inflow {
-        case.inflow = Inflow::Formula(mirror(formula));
+    case.fields[0].initial = mirror(&case.fields[0].initial);
+    if let Inflow::Formula(formula) = &case.fields[0].inflow {
+        case.fields[0].inflow = Inflow::Formula(mirror(formula));
     }
     case
 }

@@ -107,7 +107,7 @@ fn example_1_of_the_paper_at_all_cell_centres() {
             if (x - v).abs() < 1e-12 {
                 assert_eq!(
                     tracer.value(&point, 1.0),
-                    case.initial.eval(&[0.0, 0.0, 0.0, v])
+                    case.fields[0].initial.eval(&[0.0, 0.0, 0.0, v])
                 );
                 continue;
             }

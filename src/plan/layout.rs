@@ -295,12 +295,15 @@ fn arrays(
     let mut list = vec![
         ("program and libraries".to_owned(), PROGRAM_BYTES),
         ("matrix (S, K)".to_owned(), 20 * entries + 24 * rows),
-        ("field, weights, probe".to_owned(), 8 * 6 * length),
+        (
+            "fields, weights, probe".to_owned(),
+            8 * (3 + 3 * case.fields.len() as u64) * length,
+        ),
     ];
     if let Some(warp) = warp {
         let bytes = Chebyshev::BYTES_PER_ROW as u64;
         list.push((format!("batch of {LANES} modes"), bytes * length));
-        let points = warp.recovery.len() as u64;
+        let points = (warp.readings.len() * case.fields.len()) as u64;
         list.push(("recovery sums".to_owned(), (16 + 8) * points * cells));
         list.push(("ghost exchange".to_owned(), 2 * 128 * ghosts));
     } else {

@@ -20,7 +20,9 @@
 //! reduction over ranks.
 
 use crate::communicator::GhostExchange;
+use crate::error::Result;
 use crate::matrix::{BlockMatrix, LANES, Lanes, StepConstants};
+use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
 use num_complex::Complex64;
 
 /// Interval that holds the spectrum of `H = μS + iK`.
@@ -132,24 +134,6 @@ pub struct Chebyshev {
     series: Vec<f64>,
 }
 
-/// A batch to propagate: unused lanes repeat the last wavenumber.
-#[derive(Clone, Debug)]
-pub struct BatchSpec {
-    /// `μ` by lane.
-    pub wavenumbers: [f64; LANES],
-    /// Degree of the series, common to the lanes.
-    pub degree: usize,
-}
-
-/// What is known of a propagated batch.
-#[derive(Clone, Copy, Debug)]
-pub struct BatchReport {
-    /// Factor `e^{−icT}` of each lane.
-    pub phases: [Complex64; LANES],
-    /// Bound on the relative error of each lane from cutting the series.
-    pub tails: [f64; LANES],
-}
-
 impl Chebyshev {
     /// Scratch for vectors of `matrix` and degrees up to `largest_degree`.
     pub fn new(matrix: &BlockMatrix, largest_degree: usize) -> Self {
@@ -179,6 +163,8 @@ impl Chebyshev {
         let mut report = BatchReport {
             phases: [Complex64::ZERO; LANES],
             tails: [0.0; LANES],
+            unitary: true,
+            applications: degree,
         };
         let mut constants = StepConstants {
             scale: [0.0; LANES],
@@ -236,6 +222,28 @@ impl Chebyshev {
             }
         }
         report
+    }
+}
+
+impl Propagator for Chebyshev {
+    fn propagate(
+        &mut self,
+        system: &mut Evolution<'_>,
+        batch: &BatchSpec,
+        initial: &Initial<'_>,
+    ) -> Result<BatchReport> {
+        let constants = (system.rate, system.growth, system.time);
+        Ok(self.propagate(
+            system.matrix,
+            system.exchange,
+            batch,
+            constants,
+            initial.state,
+        ))
+    }
+
+    fn state(&self) -> &[Lanes] {
+        &self.sum
     }
 }
 

@@ -179,7 +179,7 @@ impl System {
             for &(j, value) in &row.entries {
                 system.generator.add(i, j, value);
             }
-            system.inflow[i] = row.inflow;
+            system.inflow[i] = row.inflow[0];
             system.draw[i] = row.draw;
         }
         system

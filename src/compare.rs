@@ -1,0 +1,115 @@
+//! How far a result is from what it is compared with: from its second reading, from the exact semi-discrete solution.
+
+use crate::communicator::{Communicator, Group};
+use crate::observables::power_sum;
+use crate::output::summary::Summary;
+use crate::plan::{Plan, WarpPlan};
+use crate::problem::Problem;
+
+/// A result whose norm fell this much further than planned may miss its tolerance.
+const RATIO_MARGIN: f64 = 1.2;
+
+/// The estimate can tell where it is this many times what round-off adds to the two fields.
+const ROUND_OFF_MARGIN: f64 = 4.0;
+
+/// Norms of the result over all ranks.
+pub struct Norms<'a> {
+    /// All ranks.
+    pub world: &'a Group,
+    /// Velocity cells.
+    pub velocities: usize,
+    /// The field, on this rank's share.
+    pub f: &'a [f64],
+}
+
+impl Norms<'_> {
+    /// `Σ |f − other|^power`.
+    pub fn difference(&self, other: &[f64], power: i32) -> f64 {
+        let f = self.f;
+        power_sum(self.world, self.velocities, f.len(), power, |i| {
+            f[i] - other[i]
+        })
+    }
+
+    /// `Σ f²`.
+    pub fn square(&self, f: &[f64]) -> f64 {
+        power_sum(self.world, self.velocities, f.len(), 2, |i| f[i])
+    }
+
+    /// Relative l2 distance to `other`.
+    pub fn distance(&self, other: &[f64]) -> f64 {
+        (self.difference(other, 2) / self.square(other)).sqrt()
+    }
+
+    /// Largest `of(f)`.
+    pub fn largest(&self, of: impl Fn(f64) -> f64) -> f64 {
+        let mine = self
+            .f
+            .iter()
+            .map(|&x| of(x))
+            .fold(f64::NEG_INFINITY, f64::max);
+        self.world.max(mine)
+    }
+}
+
+/// The error estimate from the two readings of each field, and whether the norms fell as planned. Collective.
+pub fn estimate(
+    plan: &Plan,
+    warp: &WarpPlan,
+    problem: &Problem,
+    communicator: &Communicator,
+    fields: &[Vec<Vec<f64>>],
+    summary: &mut Summary,
+) -> Vec<String> {
+    let velocities = problem.matrix.block.velocity_cells;
+    let world = &communicator.world;
+    let mut warnings = Vec::new();
+    let mut largest_ratio: f64 = 0.0;
+    // The estimate and the round-off in it, of the field whose estimate is largest.
+    let mut found: Option<(f64, f64)> = None;
+    for (readings, state) in fields.iter().zip(&problem.states) {
+        let f = &readings[0];
+        let norms = Norms {
+            world,
+            velocities,
+            f,
+        };
+        let ratio = problem.norm(communicator, state, false) / norms.square(f).sqrt();
+        if !ratio.is_finite() {
+            continue;
+        }
+        largest_ratio = largest_ratio.max(ratio);
+        if let Some(second) = readings.get(1) {
+            // The part of the error that the second reading shares is not seen in the distance.
+            let estimate = norms.distance(second) / warp.seen;
+            let amplification: f64 = (warp.readings[..2].iter())
+                .map(|r| warp.amplification(r))
+                .sum();
+            let noise = f64::EPSILON * amplification * ratio;
+            let round_off = ROUND_OFF_MARGIN * noise / warp.seen;
+            if found.is_none_or(|(e, _)| estimate > e) {
+                found = Some((estimate, round_off));
+            }
+        }
+    }
+    summary.norm_ratio = Some(largest_ratio).filter(|r| *r > 0.0);
+    summary.norm_ratio_planned = Some(warp.ratio);
+    if largest_ratio > RATIO_MARGIN * warp.ratio {
+        warnings.push(format!(
+            "the field's norm fell by a factor {largest_ratio:.3e} where {:.3e} was planned for: \
+             the tolerance may be missed by as much",
+            warp.ratio
+        ));
+    }
+    if let Some((estimate, round_off)) = found {
+        summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
+        summary.error_estimate_reliable = estimate.is_finite() && estimate > round_off;
+        if summary.error_estimate_reliable && estimate > 1.5 * plan.tolerance {
+            warnings.push(format!(
+                "the error estimate {estimate:.1e} is above the tolerance {:e}",
+                plan.tolerance
+            ));
+        }
+    }
+    warnings
+}
