@@ -10,6 +10,14 @@ use serde::Serialize;
 
 /// Default of `solver.tolerance`.
 pub const DEFAULT_TOLERANCE: f64 = 1e-6;
+/// Default of `solver.warp.alpha`.
+pub const DEFAULT_ALPHA: f64 = 1.0;
+/// Default of `solver.warp.order`.
+pub const DEFAULT_ORDER: usize = 8;
+/// Default of `solver.warp.beta`.
+pub const DEFAULT_BETA: f64 = 0.75;
+/// Default of `output.plateau.points`.
+pub const DEFAULT_PLATEAU: usize = 9;
 /// Default of `solver.classical.cfl`.
 pub const DEFAULT_CFL: f64 = 0.9;
 /// Most fields of a case: a density and a level set for each velocity axis.
@@ -99,12 +107,12 @@ pub enum ProfileChoice {
     },
     /// `e^{−|p|}` convolved with a Gaussian, read at `c` (Low and Somma, arXiv 2508.19238).
     LowSomma {
-        /// `c > 0`.
-        c: f64,
+        /// `c > 0`; planned where none is given.
+        c: Option<f64>,
     },
     /// The kernel of An, Childs and Lin (arXiv 2312.03916).
     Acl {
-        /// `β` in (0, 1).
+        /// `β` in [`BETAS`](crate::profile::acl::BETAS).
         beta: f64,
     },
 }
@@ -178,6 +186,17 @@ pub struct Warp {
     pub delta: Delta,
     /// `shift`: `u = e^{σt} ũ`.
     pub shift: f64,
+}
+
+/// `output.plateau`: the field read at several points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plateau {
+    /// The first point; from the plan where none is given.
+    pub from: Option<f64>,
+    /// The last point, above `from`; from the plan where none is given.
+    pub to: Option<f64>,
+    /// Number of points, at least 2.
+    pub points: usize,
 }
 
 /// What applies `exp(−iHT)` to a mode.
@@ -276,6 +295,8 @@ pub struct Case {
     pub tolerance: f64,
     /// File and line of the tolerance, for errors.
     pub tolerance_place: String,
+    /// File and line of `solver.warp.interval`, for errors.
+    pub interval_place: String,
     /// `solver.verify`: whether to measure that distance (one classical solve).
     pub verify: bool,
     /// `[solver.warp]`.
@@ -290,6 +311,8 @@ pub struct Case {
     pub exact: Option<Exact>,
     /// `output.recovery_points`: 2 gives the error estimate.
     pub recovery_points: usize,
+    /// `output.plateau`.
+    pub plateau: Option<Plateau>,
     /// The case file as read.
     pub text: String,
     /// The `--set` options applied to it.

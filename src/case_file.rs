@@ -378,6 +378,25 @@ impl<'a> Table<'a> {
         Ok(Some(value))
     }
 
+    /// Two finite numbers, if given.
+    pub fn pair(&self, key: &str) -> Result<Option<[f64; 2]>> {
+        let expected = "a list of two numbers, [L, R],";
+        let list = match self.get(key).map(|n| &n.value) {
+            None => return Ok(None),
+            Some(Value::List(list)) => list,
+            Some(_) => return Err(self.wrong(key, expected)),
+        };
+        let number = |node: &Node| match &node.value {
+            Value::Integer(i) => Some(*i as f64),
+            Value::Number(x, _) if x.is_finite() => Some(*x),
+            _ => None,
+        };
+        match &list.iter().map(number).collect::<Vec<_>>()[..] {
+            [Some(first), Some(second)] => Ok(Some([*first, *second])),
+            _ => Err(self.wrong(key, expected)),
+        }
+    }
+
     /// A finite number that must be given.
     pub fn required_number(&self, key: &str) -> Result<f64> {
         self.number(key)?

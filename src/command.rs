@@ -45,8 +45,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             };
             let summary = run::run(world, &case, &directory, &options)?;
             if speaks {
-                let known = run::warnings(&case).len();
-                for warning in &summary.warnings[known..] {
+                for warning in &summary.warnings[summary.told..] {
                     report(&format!("warning: {warning}"));
                 }
                 say(&closing_line(&summary, &directory));
@@ -81,11 +80,11 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 ..Resources::default()
             };
             // Finds formulas that are not finite and a tolerance that cannot be met, where the grid is small enough.
-            run::plan(world, &case, &resources)?;
+            let plan = run::plan(world, &case, &resources)?;
             if speaks {
                 say(understood(&case, &bounds).trim_end());
-                run::warnings(&case)
-                    .iter()
+                let planned = plan.warp.map_or(Vec::new(), |w| w.warnings);
+                (run::warnings(&case).iter().chain(&planned))
                     .for_each(|w| say(&format!("warning: {w}")));
             }
         }

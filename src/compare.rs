@@ -41,6 +41,11 @@ impl Norms<'_> {
         (self.difference(other, 2) / self.square(other)).sqrt()
     }
 
+    /// Relative l2 distance of `other` to the field.
+    pub fn distance_of(&self, other: &[f64]) -> f64 {
+        (self.difference(other, 2) / self.square(self.f)).sqrt()
+    }
+
     /// Largest `of(f)`.
     pub fn largest(&self, of: impl Fn(f64) -> f64) -> f64 {
         let mine = self

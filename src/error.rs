@@ -64,6 +64,54 @@ pub enum Error {
         /// λ⁺T.
         growth: f64,
     },
+    /// An interval in `p` too short for the tolerance.
+    #[error(
+        "{place} = [{}, {}]: too short for solver.tolerance = {tolerance:e}, which takes a length of {needed:.4} and, read at \
+         p = {point:.4}, about [{}, {}]; a longer interval, a larger tolerance, or none given by hand",
+        given[0], given[1], ends[0], ends[1]
+    )]
+    Interval {
+        /// File, line and key.
+        place: String,
+        /// `[L, R]`.
+        given: [f64; 2],
+        /// The least length.
+        needed: f64,
+        /// Ends that would do.
+        ends: [f64; 2],
+        /// `p◇`.
+        point: f64,
+        /// What was asked.
+        tolerance: f64,
+    },
+    /// A recovery point at which nothing is left but round-off.
+    #[error(
+        "solver.warp.recovery = {point}: reading there amplifies round-off by exp({point}); solver.tolerance = {tolerance:e} allows \
+         no more than {highest:.3}"
+    )]
+    Recovery {
+        /// `p◇`.
+        point: f64,
+        /// The largest that keeps the tolerance.
+        highest: f64,
+        /// What was asked.
+        tolerance: f64,
+    },
+    /// More modes than any machine can propagate.
+    #[error(
+        "solver.warp.profile ({profile}): solver.tolerance = {tolerance:e} takes {modes:.3e} modes, at most {limit} are planned; \
+         a smoother profile (gaussian, low-somma, smooth of higher order) or a larger tolerance"
+    )]
+    Modes {
+        /// The profile.
+        profile: String,
+        /// The number.
+        modes: f64,
+        /// The most.
+        limit: usize,
+        /// What was asked.
+        tolerance: f64,
+    },
     /// A rank layout that does not fit the grid.
     #[error("{0}")]
     Ranks(String),
@@ -171,6 +219,9 @@ impl Error {
             | Error::Memory { .. }
             | Error::Tolerance { .. }
             | Error::Growth { .. }
+            | Error::Interval { .. }
+            | Error::Recovery { .. }
+            | Error::Modes { .. }
             | Error::Ranks(_)
             | Error::Directory { .. }
             | Error::TooLong { .. }

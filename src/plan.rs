@@ -8,22 +8,24 @@
 //! `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when running (see [`crate::run`]); the plan
 //! alone assumes [`ASSUMED_RATIO`].
 
-use crate::case::{Case, Integrator, Interface, LARGEST_TOLERANCE, Method, PropagatorMethod};
+use crate::case::{Case, Integrator, Interface, Method, PropagatorMethod};
 mod layout;
+mod placement;
 
 pub use layout::{Layout, Resources, bytes_text, refuse_hopeless};
+pub use placement::MOST_MODES;
 
 use crate::classical::{EXACT, poisson_window};
 use crate::error::{Error, Result};
 use crate::matrix::LANES;
 use crate::partition::Block;
 use crate::potential::Potential;
-use crate::profile::gaussian::Gaussian;
 use crate::profile::{Profile, Series};
 use crate::propagate::chebyshev::{Interval, degree};
 use crate::recover::Reading;
 use crate::scheme::transport_rate;
 use num_complex::Complex64;
+use placement::Placement;
 use serde::Serialize;
 use std::fmt;
 
@@ -43,9 +45,6 @@ pub const INFLOW_GROWTH: f64 = 0.375;
 
 /// Largest `rate·T`: such a run has some hundred thousand modes of some million applications each.
 const LONGEST_SPAN: f64 = 1e6;
-
-/// Distance in `p` of the second recovery point from the first.
-const SECOND_POINT: f64 = 1.0;
 
 /// Bounds on the generator that hold without computing it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -86,18 +85,24 @@ pub struct WarpPlan {
     pub profile: Profile,
     /// Its Fourier series.
     pub series: Series,
+    /// `[L, R]`: given by hand, or one that the tolerance asks for; of the analytic coefficients only its length matters.
+    pub interval: [f64; 2],
     /// Number of modes `l ≥ 0`; the others are their conjugates.
     pub modes: usize,
     /// How `u` is read; a second reading gives the error estimate.
     pub readings: Vec<Reading>,
-    /// What part of the error the distance of the two readings shows.
+    /// What part of the error the distance of the two readings shows; more than 1 where it overstates it.
     pub seen: f64,
+    /// The readings of `output.plateau`, of the first field.
+    pub plateau: Vec<Reading>,
     /// The modes in batches, of rising wavenumber.
     pub batches: Vec<Batch>,
     /// Applications: degrees summed over the modes.
     pub applications: usize,
     /// `Σ |weight|` of the first reading: how much round-off is amplified.
     pub amplification: f64,
+    /// What the user should know.
+    pub warnings: Vec<String>,
 }
 
 /// Every derived number of a run.
@@ -183,20 +188,14 @@ impl Bounds {
     }
 }
 
-/// `x > 0` rounded up to two digits.
-fn round_up(x: f64) -> f64 {
-    let unit = 10f64.powi(x.log10().floor() as i32 - 1);
-    (x / unit * (1.0 + 1e-9)).ceil() * unit
-}
-
 impl WarpPlan {
     /// Plans profile, modes and degrees for growth bound `bounds.growth`.
     ///
     /// # Errors
-    /// [`Error::Tolerance`] when round-off forbids the tolerance.
+    /// [`Error::Tolerance`], [`Error::Growth`] and [`Error::Recovery`] when round-off forbids the tolerance, [`Error::Interval`] when the
+    /// interval given by hand is too short, [`Error::Modes`] and [`Error::TooLong`] when it takes too much.
     pub fn new(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Self> {
         let time = case.end;
-        let (growth, decay) = (bounds.growth * time, bounds.decay * time);
         if bounds.rate * time > LONGEST_SPAN {
             return Err(Error::TooLong {
                 end: time,
@@ -206,27 +205,15 @@ impl WarpPlan {
             });
         }
         let state_tolerance = case.tolerance / ratio;
-        let readings: Vec<Reading> = (0..case.recovery_points)
-            .map(|k| Reading {
-                point: k as f64 * SECOND_POINT,
-            })
-            .collect();
-        let reach = readings.last().map_or(0.0, |r| r.point);
-        let gaussian = Gaussian::plan(state_tolerance, growth, decay, reach).ok_or_else(|| {
-            match Gaussian::smallest_tolerance(growth, decay, reach) {
-                Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
-                    place: case.tolerance_place.clone(),
-                    tolerance: case.tolerance,
-                    smallest: round_up(smallest * ratio),
-                    ratio,
-                    growth,
-                },
-                _ => Error::Growth { ratio, growth },
-            }
-        })?;
-        let series = Series::analytic(gaussian.period, gaussian.modes(), |mu| {
-            gaussian.coefficient(mu)
-        });
+        let Placement {
+            profile,
+            series,
+            interval,
+            readings,
+            plateau,
+            seen,
+            warnings,
+        } = placement::place(case, bounds, ratio)?;
         let modes = series.modes();
         let weight = |l: usize| weight(&series, &readings[0], l).norm();
         let mut scratch = Vec::new();
@@ -256,11 +243,14 @@ impl WarpPlan {
             modes,
             applications: batches.iter().map(|b| b.modes * b.degree).sum(),
             amplification: (0..modes).map(weight).sum(),
-            seen: gaussian.seen_by(reach),
+            seen,
             readings,
+            plateau,
+            interval,
             batches,
-            profile: Profile::Gaussian(gaussian),
+            profile,
             series,
+            warnings,
         })
     }
 
@@ -415,10 +405,11 @@ impl fmt::Display for Plan {
             )?;
             writeln!(
                 f,
-                "profile         {}: period {:.4}, cut-off {:.4}",
+                "profile         {}: period {:.4}, cut-off {:.4}, read at {:.4}",
                 w.profile,
                 w.series.period,
-                w.series.wavenumber(w.modes - 1)
+                w.series.wavenumber(w.modes - 1),
+                w.readings[0].point
             )?;
             writeln!(
                 f,
@@ -429,6 +420,9 @@ impl fmt::Display for Plan {
             let least = w.batches.iter().map(|b| b.degree).min().unwrap_or(0);
             writeln!(f, "degree          {least} to {}", w.largest_degree())?;
             writeln!(f, "applications    {}", w.applications)?;
+            for warning in &w.warnings {
+                writeln!(f, "warning         {warning}")?;
+            }
         } else {
             writeln!(
                 f,

@@ -9,13 +9,46 @@
 //!
 //! read at a point `p◇`, or by another [`crate::recover::Reading`]. Data are real, so `c_{−l} w_{−l}` is the conjugate of
 //! `c_l w_l`, and only `l ≥ 0` is kept.
+//!
+//! A profile is a file of this folder: its planned parameters, its plan, and what [`Shape`] asks for. Where `g = e^{−p}`
+//! from an edge on, [`place`] finds recovery point, period and cut-off.
 
+pub mod acl;
+pub mod exponential;
 pub mod gaussian;
+pub mod low_somma;
+mod placement;
+pub mod series;
+pub mod smooth;
 
+pub use placement::{Demand, Window, corner, place};
+pub use series::Series;
+
+use crate::case::ProfileChoice;
+use acl::Acl;
+use exponential::Exponential;
 use gaussian::Gaussian;
+use low_somma::LowSomma;
 use num_complex::Complex64;
 use serde::Serialize;
+use smooth::Smooth;
 use std::fmt;
+
+/// What is known of a function `g(p)`.
+pub trait Shape {
+    /// `ĝ(μ) = ∫ g(p) e^{−iμp} dp`.
+    fn coefficient(&self, mu: f64) -> Complex64;
+
+    /// `g(p)`.
+    fn value(&self, p: f64) -> f64;
+
+    /// A point below which `|g| ≤ bound`.
+    fn left(&self, bound: f64) -> f64;
+
+    /// Bound on `|Σ c_l e^{iμ_l p}|` over the modes `|μ_l| > μ`, for points `p` at least `distance` from where `g` is not
+    /// smooth; falls with `μ`.
+    fn tail(&self, mu: f64, distance: f64) -> f64;
+}
 
 /// A profile with its planned parameters.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -23,6 +56,91 @@ use std::fmt;
 pub enum Profile {
     /// `e^{−p}` cut off by a normal distribution function.
     Gaussian(Gaussian),
+    /// `e^{−p}` and `e^{αp}`.
+    Exponential(Exponential),
+    /// `e^{−|p|}` with a polynomial between.
+    Smooth(Smooth),
+    /// `e^{−|p|}` convolved with a Gaussian.
+    LowSomma(LowSomma),
+    /// `exp(−(1 − iμ)^β)` in the wavenumber.
+    Acl(Acl),
+}
+
+impl Profile {
+    /// The profile of `choice` that meets `demand` at least cost, and where it is read; `None` if there is none.
+    pub fn plan(choice: ProfileChoice, demand: &Demand) -> Option<(Self, Window)> {
+        match choice {
+            ProfileChoice::Gaussian => {
+                Gaussian::meeting(demand).map(|(g, w)| (Self::Gaussian(g), w))
+            }
+            ProfileChoice::Exponential { alpha } => {
+                let g = Exponential { alpha };
+                place(&g, 0.0, demand).map(|w| (Self::Exponential(g), w))
+            }
+            ProfileChoice::Smooth { order } => {
+                let g = Smooth::new(order);
+                place(&g, 0.0, demand).map(|w| (Self::Smooth(g), w))
+            }
+            ProfileChoice::LowSomma { c } => {
+                LowSomma::meeting(c, demand).map(|(g, w)| (Self::LowSomma(g), w))
+            }
+            ProfileChoice::Acl { beta } => {
+                let g = Acl::new(beta);
+                place(&g, 0.0, demand).map(|w| (Self::Acl(g), w))
+            }
+        }
+    }
+
+    /// The smallest tolerance for which [`plan`](Self::plan) finds one, if there is one up to 0.1.
+    pub fn smallest_tolerance(choice: ProfileChoice, demand: &Demand) -> Option<f64> {
+        let met = |tolerance: f64| {
+            let demand = Demand {
+                tolerance,
+                ..*demand
+            };
+            Self::plan(choice, &demand).is_some()
+        };
+        let (mut low, mut high) = (1e-16f64.ln(), 0.1f64.ln());
+        if !met(high.exp()) {
+            return None;
+        }
+        for _ in 0..50 {
+            let middle = 0.5 * (low + high);
+            if met(middle.exp()) {
+                high = middle;
+            } else {
+                low = middle;
+            }
+        }
+        Some(high.exp())
+    }
+
+    /// What every profile knows.
+    pub fn shape(&self) -> &dyn Shape {
+        match self {
+            Self::Gaussian(g) => g,
+            Self::Exponential(g) => g,
+            Self::Smooth(g) => g,
+            Self::LowSomma(g) => g,
+            Self::Acl(g) => g,
+        }
+    }
+
+    /// What part of the error of a reading at `window.point` its distance to a reading `apart` further on shows, where
+    /// modes beyond `cutoff` are left out. The Gaussian's error is how `g` differs from `e^{−p}`, which both readings share
+    /// in part; the others' is what was left out, independent in both and larger in the second, so that
+    /// the distance is larger than the error.
+    pub fn seen(&self, window: &Window, cutoff: f64, apart: f64) -> f64 {
+        let shape = self.shape();
+        match self {
+            Self::Gaussian(g) => g.seen_by(window.point, window.point + apart),
+            _ => {
+                let first = shape.tail(cutoff, window.distance);
+                let second = apart.exp() * shape.tail(cutoff, window.distance + apart);
+                1f64.hypot(second / first)
+            }
+        }
+    }
 }
 
 impl fmt::Display for Profile {
@@ -31,49 +149,13 @@ impl fmt::Display for Profile {
             Self::Gaussian(g) => {
                 write!(f, "gaussian: sigma {:.4}, offset {:.4}", g.sigma, g.offset)
             }
+            Self::Exponential(g) => write!(f, "exponential: alpha {}", g.alpha),
+            Self::Smooth(g) => write!(f, "smooth: order {}", g.order),
+            Self::LowSomma(g) => write!(f, "low-somma: c {:.4}, sigma {:.4}", g.c, g.sigma),
+            Self::Acl(g) => write!(f, "acl: beta {}", g.beta),
         }
     }
 }
 
-/// A truncated Fourier series of a real function of period [`period`](Self::period).
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Series {
-    /// `P`.
-    pub period: f64,
-    /// `c_l`, `l = 0, 1, …`.
-    #[serde(skip)]
-    pub coefficients: Vec<Complex64>,
-}
-
-impl Series {
-    /// `c_l = ĝ(μ_l)/P` for `modes` modes `l ≥ 0`: the coefficients of the periodic sum of `g`.
-    pub fn analytic(period: f64, modes: usize, transform: impl Fn(f64) -> Complex64) -> Self {
-        let coefficient = |l| transform(std::f64::consts::TAU * l as f64 / period) / period;
-        Self {
-            period,
-            coefficients: (0..modes).map(coefficient).collect(),
-        }
-    }
-
-    /// Number of modes `l ≥ 0`.
-    pub fn modes(&self) -> usize {
-        self.coefficients.len()
-    }
-
-    /// `μ_l = 2πl/P`.
-    pub fn wavenumber(&self, l: usize) -> f64 {
-        std::f64::consts::TAU * l as f64 / self.period
-    }
-
-    /// Factor of `w_l` in a real sum over all modes: twice the coefficient for `l > 0`, which stands for `−l` too.
-    pub fn factor(&self, l: usize) -> Complex64 {
-        self.coefficients[l] * if l == 0 { 1.0 } else { 2.0 }
-    }
-
-    /// The series at `p`.
-    pub fn value(&self, p: f64) -> f64 {
-        (0..self.modes())
-            .map(|l| (self.factor(l) * Complex64::new(0.0, self.wavenumber(l) * p).exp()).re)
-            .sum()
-    }
-}
+#[cfg(test)]
+mod tests;

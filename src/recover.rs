@@ -1,19 +1,120 @@
 //! Reading `u(T)` from the warped field `v(T, p) = e^{−p} u(T)`.
 
+use crate::case::RecoveryMethod;
 use num_complex::Complex64;
 use serde::Serialize;
 
-/// A linear functional of a function of `p` that gives 1 for `e^{−p}`.
+/// Points of the least-squares reading.
+const POINTS: usize = 9;
+
+/// A linear functional of a function of `p` that gives 1 for `e^{−p}`; applied to `v`, it gives `u`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Reading {
+    /// Which.
+    pub method: RecoveryMethod,
     /// `p◇`.
     pub point: f64,
+    /// Width of the window `[p◇, p◇ + width]`; not used by [`RecoveryMethod::Point`].
+    pub width: f64,
 }
 
 impl Reading {
-    /// The functional of `e^{iμp}`.
+    /// The functional of `e^{iμp}`:
+    ///
+    /// - point: `e^{p◇} v(p◇)`;
+    /// - integral: `∫ v dp / (e^{−p◇} − e^{−p◇−width})` over the window;
+    /// - least squares: the `u` with the least `Σ |v(q) − e^{−q} u|²` over equally spaced `q`, `Σ e^{−q} v(q) / Σ e^{−2q}`.
     pub fn of_wave(&self, mu: f64) -> Complex64 {
-        // e^{p◇} v(p◇)
-        Complex64::new(self.point, mu * self.point).exp()
+        // e^{p◇} e^{iμp◇} is common to all.
+        let at_point = Complex64::new(self.point, mu * self.point).exp();
+        let width = self.width;
+        let window = match self.method {
+            RecoveryMethod::Point => Complex64::ONE,
+            RecoveryMethod::Integral => {
+                let half = 0.5 * mu * width;
+                let sinc = if half.abs() < 1e-8 {
+                    1.0
+                } else {
+                    half.sin() / half
+                };
+                let decrease = -(-width).exp_m1();
+                Complex64::new(0.0, half).exp() * (width * sinc / decrease)
+            }
+            RecoveryMethod::LeastSquares => {
+                let (mut sum, mut squares) = (Complex64::ZERO, 0.0);
+                for k in 0..POINTS {
+                    let q = width * k as f64 / (POINTS - 1) as f64;
+                    sum += Complex64::new(-q, mu * q).exp();
+                    squares += (-2.0 * q).exp();
+                }
+                sum / squares
+            }
+        };
+        at_point * window
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const METHODS: [RecoveryMethod; 3] = [
+        RecoveryMethod::Point,
+        RecoveryMethod::Integral,
+        RecoveryMethod::LeastSquares,
+    ];
+
+    /// Of the trigonometric polynomial whose modes are `c_l`, by the definition of each functional.
+    fn by_definition(reading: &Reading, v: impl Fn(f64) -> f64) -> f64 {
+        let (a, b) = (reading.point, reading.point + reading.width);
+        match reading.method {
+            RecoveryMethod::Point => a.exp() * v(a),
+            RecoveryMethod::Integral => {
+                // Simpson's rule.
+                let n = 2000;
+                let h = (b - a) / f64::from(n);
+                let sum: f64 = (0..=n)
+                    .map(|i| {
+                        let factor = match i {
+                            0 => 1.0,
+                            i if i == n => 1.0,
+                            i if i % 2 == 1 => 4.0,
+                            _ => 2.0,
+                        };
+                        factor * v(a + h * f64::from(i))
+                    })
+                    .sum();
+                sum * h / 3.0 / ((-a).exp() - (-b).exp())
+            }
+            RecoveryMethod::LeastSquares => {
+                let q = |k: usize| a + (b - a) * k as f64 / 8.0;
+                let above: f64 = (0..9).map(|k| (-q(k)).exp() * v(q(k))).sum();
+                let below: f64 = (0..9).map(|k| (-2.0 * q(k)).exp()).sum();
+                above / below
+            }
+        }
+    }
+
+    #[test]
+    fn of_waves_is_what_the_definition_says() {
+        for method in METHODS {
+            for (point, width) in [(0.3, 1.0), (2.0, 0.25)] {
+                let reading = Reading {
+                    method,
+                    point,
+                    width,
+                };
+                for mu in [0.0, 1e-10, 0.7, 13.0] {
+                    let found = reading.of_wave(mu);
+                    let re = by_definition(&reading, |p| (mu * p).cos());
+                    let im = by_definition(&reading, |p| (mu * p).sin());
+                    let error = (found - Complex64::new(re, im)).norm();
+                    assert!(error < 1e-9, "{reading:?} {mu}: {error:e}");
+                }
+                // 1 for the exponential.
+                let one = by_definition(&reading, |p| (-p).exp());
+                assert!((one - 1.0).abs() < 1e-12, "{reading:?}: {one}");
+            }
+        }
     }
 }

@@ -9,13 +9,14 @@ use crate::compare::{Norms, estimate};
 use crate::error::{Error, Result};
 use crate::matrix::{Lanes, instruction_set, sample, sample_with};
 use crate::observables::{integral, moments};
-use crate::output::{self, summary::Summary};
+use crate::output::{self, hdf5::PlateauPoint, summary::Summary};
 use crate::partition::{Block, split};
 use crate::plan::{ASSUMED_RATIO, Bounds, Plan, Resources, WarpPlan, refuse_hopeless};
 use crate::potential::{StrayEdge, overlooked};
 use crate::problem::Problem;
 use crate::progress::Progress;
 use crate::propagate::{Evolution, Initial, propagator};
+use crate::recover::Reading;
 use crate::system;
 use crate::warp;
 use std::collections::BTreeMap;
@@ -154,13 +155,19 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         plan = Plan::with_bounds(case, bounds.clone(), &resources, ratio)?;
         watch.lap("probe");
     }
+    let planned = plan.warp.as_ref().map_or(&[][..], |w| &w.warnings);
     if speaks {
+        planned
+            .iter()
+            .for_each(|w| report(&format!("warning: {w}")));
         report(&opening_line(&plan));
     }
+    warnings.extend_from_slice(planned);
+    let told = warnings.len();
 
     // 5. Solve.
     let mut summary = Summary::default();
-    let fields = solve(
+    let Solution { fields, plateau } = solve(
         case,
         &plan,
         &communicator,
@@ -172,7 +179,8 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
 
     // 6. Compare: with the field at the second point, the exact semi-discrete solution, the exact solution.
     let f = &fields[0][0];
-    let finite = fields.iter().flatten().flatten().all(|x| x.is_finite());
+    let values = fields.iter().flatten().chain(&plateau).flatten();
+    let finite = values.copied().all(f64::is_finite);
     let checked = if finite {
         Ok(())
     } else {
@@ -212,6 +220,15 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         watch.lap("verify");
     }
     let norms = norms(f);
+    let plateau = plan.warp.as_ref().map_or(Vec::new(), |w| {
+        let volume = case.space.cell_volume();
+        let of = |(reading, field): (&Reading, &Vec<f64>)| PlateauPoint {
+            p: reading.point,
+            distance: norms.distance_of(field),
+            norm: (norms.square(field) * volume).sqrt(),
+        };
+        w.plateau.iter().zip(&plateau).map(of).collect()
+    });
     if let Some(exact) = &exact {
         let volume = case.space.cell_volume();
         summary.error_l1 = Some(norms.difference(exact, 1) * volume);
@@ -238,12 +255,14 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         f,
         exact: exact.as_deref(),
         moments: &found,
+        plateau: &plateau,
         seconds: &watch.seconds.clone(),
         provenance: &provenance(world, case, all.size()),
     };
     output::hdf5::write(&communicator.world, directory, &results)?;
     watch.lap("write");
     summary.warnings = warnings;
+    summary.told = told;
     summary.fill(case, &plan, &problem, &communicator, watch);
     let written = if speaks {
         summary.write(directory)
@@ -288,7 +307,15 @@ impl Place {
     }
 }
 
-/// Every field at `T` on this rank's share, by each reading: `[field][reading]`. Collective.
+/// What was solved for, on this rank's share.
+struct Solution {
+    /// Every field at `T` by each reading: `[field][reading]`.
+    fields: Vec<Vec<Vec<f64>>>,
+    /// The first field by each reading of the plateau.
+    plateau: Vec<Vec<f64>>,
+}
+
+/// Every field at `T`. Collective.
 fn solve(
     case: &Case,
     plan: &Plan,
@@ -296,7 +323,7 @@ fn solve(
     place: &Place,
     problem: &mut Problem,
     summary: &mut Summary,
-) -> Result<Vec<Vec<Vec<f64>>>> {
+) -> Result<Solution> {
     let speaks = communicator.world.rank() == 0;
     let Some(warp_plan) = &plan.warp else {
         let steps = plan.classical_steps;
@@ -315,7 +342,10 @@ fn solve(
             })
             .collect();
         summary.matvecs = stages * steps * problem.states.len();
-        return Ok(fields);
+        return Ok(Solution {
+            fields,
+            plateau: Vec::new(),
+        });
     };
     let batches = &plan.layout.groups[communicator.modes.rank()];
     let work = batches.iter().map(|&b| warp_plan.batches[b].degree).sum();
@@ -350,9 +380,12 @@ fn solve(
     summary.unitarity_defect = recovered.unitarity_defect;
     summary.matvecs = communicator.modes.sum_count(recovered.applications);
     let unweighted = |u: &Vec<f64>| problem.unweighted(&place.mine, u);
-    Ok((recovered.fields.iter())
-        .map(|readings| readings.iter().map(unweighted).collect())
-        .collect())
+    Ok(Solution {
+        fields: (recovered.fields.iter())
+            .map(|readings| readings.iter().map(unweighted).collect())
+            .collect(),
+        plateau: recovered.plateau.iter().map(unweighted).collect(),
+    })
 }
 
 /// `state ← state(time)` by the classical method. Collective over the space group.

@@ -21,6 +21,8 @@ const UNITARITY_ROUND_OFF: f64 = 1e-12;
 pub struct Recovered {
     /// `fields[k][r]`: `ũ(T)` of field `k` by reading `r`, on this rank's share of the block's cells.
     pub fields: Vec<Vec<Vec<f64>>>,
+    /// `plateau[r]`: `ũ(T)` of the first field by the plateau's reading `r`, likewise.
+    pub plateau: Vec<Vec<f64>>,
     /// Largest over the modes of (change of the norm) / (what its method allows plus 1e-12); at most 1. None where the
     /// method does not keep the norm.
     pub unitarity_defect: Option<f64>,
@@ -58,8 +60,12 @@ pub fn streamed(
         ),
         parts: vec![0; 2 * cells],
     };
-    let mut sums: Vec<Vec<Sum>> = (initial.iter())
-        .map(|field| warp.readings.iter().map(|r| sum(field, r)).collect())
+    let mut sums: Vec<Vec<Sum>> = (initial.iter().enumerate())
+        .map(|(k, field)| {
+            let plateau = if k == 0 { &warp.plateau[..] } else { &[] };
+            let readings = warp.readings.iter().chain(plateau);
+            readings.map(|r| sum(field, r)).collect()
+        })
         .collect();
     let mut defect: Option<f64> = None;
     let mut applications = 0;
@@ -108,10 +114,14 @@ pub fn streamed(
     };
     // A rank without batches knows of no defect.
     let largest = communicator.world.max(defect.unwrap_or(-1.0));
+    let mut fields: Vec<Vec<Vec<f64>>> = (sums.into_iter())
+        .map(|sums| sums.into_iter().map(share).collect())
+        .collect();
+    let plateau =
+        (fields.first_mut()).map_or(Vec::new(), |first| first.split_off(warp.readings.len()));
     Ok(Recovered {
-        fields: (sums.into_iter())
-            .map(|sums| sums.into_iter().map(share).collect())
-            .collect(),
+        fields,
+        plateau,
         unitarity_defect: Some(largest).filter(|d| *d >= 0.0),
         applications,
     })

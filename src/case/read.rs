@@ -4,6 +4,8 @@ use super::*;
 use crate::case_file::{CaseFile, Table};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, MAX_DIMENSION};
+use crate::plan::MOST_MODES;
+use crate::profile::{acl::BETAS, smooth::MOST_ORDER};
 use std::io::Read;
 use std::path::Path;
 
@@ -57,9 +59,9 @@ impl Case {
         let space = read_axes(&root)?;
         let n = space.dimension();
         let scheme = root.table("scheme")?.knowing(&["interface", "limiter"])?;
-        let output = root
-            .table("output")?
-            .knowing(&["recovery_points", "warped_field"])?;
+        let output =
+            root.table("output")?
+                .knowing(&["recovery_points", "warped_field", "plateau"])?;
         let solver = root.table("solver")?.knowing(&[
             "method",
             "tolerance",
@@ -113,6 +115,7 @@ impl Case {
             method,
             tolerance: read_tolerance(&solver)?,
             tolerance_place: solver.place("tolerance"),
+            interval_place: warp.place("interval"),
             verify: solver.boolean("verify")?.unwrap_or(false),
             warp: read_warp(&warp)?,
             propagator: read_propagation(&propagator)?,
@@ -127,6 +130,7 @@ impl Case {
             cfl: read_cfl(&classical)?,
             exact: read_exact(&root, n)?,
             recovery_points: read_recovery_points(&output)?,
+            plateau: read_plateau(&output)?,
             text: file.text().to_owned(),
             overrides: overrides.to_vec(),
             space,
@@ -328,11 +332,24 @@ fn read_inflow(root: &Table<'_>, n: usize) -> Result<Inflow> {
 fn read_warp(table: &Table<'_>) -> Result<Warp> {
     Ok(Warp {
         profile: read_profile(table)?,
-        coefficients: table.choice("coefficients", &[("analytic", Coefficients::Analytic)])?,
-        interval: None,
-        points: None,
-        recovery: None,
-        recovery_method: table.choice("recovery_method", &[("point", RecoveryMethod::Point)])?,
+        coefficients: table.choice(
+            "coefficients",
+            &[
+                ("analytic", Coefficients::Analytic),
+                ("sampled", Coefficients::Sampled),
+            ],
+        )?,
+        interval: read_interval(table)?,
+        points: read_points(table)?,
+        recovery: read_recovery(table)?,
+        recovery_method: table.choice(
+            "recovery_method",
+            &[
+                ("point", RecoveryMethod::Point),
+                ("integral", RecoveryMethod::Integral),
+                ("least-squares", RecoveryMethod::LeastSquares),
+            ],
+        )?,
         weights: table.choice("weights", &[("dissipative", true), ("none", false)])?,
         inflow: table.choice("inflow", &[("boundary", Embedding::Boundary)])?,
         delta: Delta::Planned,
@@ -340,8 +357,111 @@ fn read_warp(table: &Table<'_>) -> Result<Warp> {
     })
 }
 
+/// The profile with its own parameter; the others' parameters are refused.
 fn read_profile(table: &Table<'_>) -> Result<ProfileChoice> {
-    table.choice("profile", &[("gaussian", ProfileChoice::Gaussian)])
+    /// Largest `alpha` and largest `c`: beyond, the profile is as good as a jump, or read where nothing is left of it.
+    const LARGEST: [f64; 2] = [100.0, 16.0];
+    let choices = [
+        ("gaussian", "", ProfileChoice::Gaussian),
+        (
+            "exponential",
+            "alpha",
+            ProfileChoice::Exponential {
+                alpha: DEFAULT_ALPHA,
+            },
+        ),
+        (
+            "smooth",
+            "order",
+            ProfileChoice::Smooth {
+                order: DEFAULT_ORDER,
+            },
+        ),
+        ("low-somma", "c", ProfileChoice::LowSomma { c: None }),
+        ("acl", "beta", ProfileChoice::Acl { beta: DEFAULT_BETA }),
+    ];
+    let named = choices.map(|(name, _, profile)| (name, profile));
+    let profile = table.choice("profile", &named)?;
+    for (name, key, other) in choices {
+        if !key.is_empty() && other != profile && table.has(key) {
+            let message = format!("belongs to solver.warp.profile = \"{name}\" only");
+            return Err(table.error(key, &message));
+        }
+    }
+    let number = |key: &str, least: f64, most: f64| match table.number(key)? {
+        Some(x) if !(least..=most).contains(&x) => {
+            Err(table.error(key, &format!("must be between {least} and {most}")))
+        }
+        given => Ok(given),
+    };
+    Ok(match profile {
+        ProfileChoice::Gaussian => profile,
+        ProfileChoice::Exponential { alpha } => ProfileChoice::Exponential {
+            alpha: number("alpha", 0.01, LARGEST[0])?.unwrap_or(alpha),
+        },
+        ProfileChoice::Smooth { order } => match table.count("order", 1)? {
+            Some(given) if given > MOST_ORDER => {
+                let message = format!("must be between 1 and {MOST_ORDER}");
+                return Err(table.error("order", &message));
+            }
+            given => ProfileChoice::Smooth {
+                order: given.unwrap_or(order),
+            },
+        },
+        ProfileChoice::LowSomma { .. } => ProfileChoice::LowSomma {
+            c: number("c", 0.05, LARGEST[1])?,
+        },
+        ProfileChoice::Acl { beta } => ProfileChoice::Acl {
+            beta: number("beta", BETAS[0], BETAS[1])?.unwrap_or(beta),
+        },
+    })
+}
+
+/// Largest magnitude of a point in `p`.
+const MOST_P: f64 = 1e9;
+
+/// `interval = [L, R]`.
+fn read_interval(table: &Table<'_>) -> Result<Option<[f64; 2]>> {
+    let interval = table.pair("interval")?;
+    match interval {
+        Some([lower, upper]) if lower.is_nan() || lower >= 0.0 || upper <= 0.0 => Err(table.error(
+            "interval",
+            &format!("[{lower}, {upper}] given; L below and R above 0, where the profile changes, expected"),
+        )),
+        Some([lower, upper]) if -lower > MOST_P || upper > MOST_P => Err(table.error(
+            "interval",
+            &format!("[{lower}, {upper}] given; ends between -{MOST_P:e} and {MOST_P:e} expected"),
+        )),
+        given => Ok(given),
+    }
+}
+
+/// `points = N_p`.
+fn read_points(table: &Table<'_>) -> Result<Option<usize>> {
+    match table.count("points", 2)? {
+        Some(points) if !points.is_multiple_of(2) || points > 2 * MOST_MODES - 2 => {
+            let most = 2 * MOST_MODES - 2;
+            Err(table.error("points", &format!("must be even, and at most {most}")))
+        }
+        given => Ok(given),
+    }
+}
+
+/// `recovery = p◇`.
+fn read_recovery(table: &Table<'_>) -> Result<Option<f64>> {
+    /// Beyond this `e^{p◇}` is no number.
+    const HIGHEST: f64 = 300.0;
+    let interval = table.pair("interval")?;
+    match (table.number("recovery")?, interval) {
+        (Some(point), _) if !(0.0..=HIGHEST).contains(&point) => {
+            Err(table.error("recovery", &format!("must be between 0 and {HIGHEST}")))
+        }
+        (Some(point), Some([_, upper])) if point >= upper => {
+            let message = format!("must be below the end of solver.warp.interval, {upper}");
+            Err(table.error("recovery", &message))
+        }
+        (given, _) => Ok(given),
+    }
 }
 
 /// `[solver.propagator]`.
@@ -401,6 +521,40 @@ fn read_exact(root: &Table<'_>, n: usize) -> Result<Option<Exact>> {
         (true, Some(_)) => return Err(table.error("f", "give either exact.kind or exact.f")),
     };
     Ok(exact)
+}
+
+/// `output.plateau`.
+fn read_plateau(output: &Table<'_>) -> Result<Option<Plateau>> {
+    /// Each takes 24 bytes a cell.
+    const MOST_POINTS: usize = 1000;
+    /// Beyond this distance from 0 `e^p` is no number.
+    const HIGHEST: f64 = 300.0;
+    if !output.has("plateau") {
+        return Ok(None);
+    }
+    let table = output
+        .table("plateau")?
+        .knowing(&["from", "to", "points"])?;
+    let plateau = Plateau {
+        from: table.number("from")?,
+        to: table.number("to")?,
+        points: table.count("points", 2)?.unwrap_or(DEFAULT_PLATEAU),
+    };
+    if plateau.points > MOST_POINTS {
+        return Err(table.error("points", &format!("must be at most {MOST_POINTS}")));
+    }
+    for (key, value) in [("from", plateau.from), ("to", plateau.to)] {
+        if value.is_some_and(|p| p.abs() > HIGHEST) {
+            let message = format!("must be between -{HIGHEST} and {HIGHEST}");
+            return Err(table.error(key, &message));
+        }
+    }
+    match (plateau.from, plateau.to) {
+        (Some(from), Some(to)) if from >= to => {
+            Err(table.error("to", &format!("must be above from = {from}")))
+        }
+        _ => Ok(Some(plateau)),
+    }
 }
 
 fn read_recovery_points(output: &Table<'_>) -> Result<usize> {

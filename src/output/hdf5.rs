@@ -8,6 +8,7 @@
 //! | `/exact` | as `/f` | the exact solution, where one is named |
 //! | `/axis/x`, … `/axis/vz` | cell centres | dimension scales; `/axis/component` numbers vector components; also found in the root |
 //! | `/case`, `/plan` | text | the case file; the plan as JSON, as far as it does not depend on ranks |
+//! | `/plateau/p`, `/plateau/distance`, `/plateau/norm` | (K) | `f` read at other points `p`: relative l2 distance to `/f`, l2 norm |
 //! | `/timings` | group | seconds by step, as attributes: datasets are the same bits for any ranks |
 //!
 //! Metadata are written by all ranks together; after each dataset the ranks agree whether it worked, so that none waits
@@ -45,10 +46,23 @@ pub struct Results<'a> {
     pub exact: Option<&'a [f64]>,
     /// Moments there.
     pub moments: &'a Moments,
+    /// The plateau; the same on all ranks.
+    pub plateau: &'a [PlateauPoint],
     /// Seconds by step.
     pub seconds: &'a BTreeMap<String, f64>,
     /// Attributes of the file: what produced it.
     pub provenance: &'a [(&'a str, String)],
+}
+
+/// The field read at `p` instead of `p◇`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlateauPoint {
+    /// `p`.
+    pub p: f64,
+    /// Relative l2 distance to the field read at `p◇`.
+    pub distance: f64,
+    /// `(∫ f² dx dv)^½`.
+    pub norm: f64,
 }
 
 /// Names of the axes in storage order.
@@ -139,6 +153,7 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<()> {
         &moments.velocity,
         "momentum / density",
     )?;
+    writer.plateau(results.plateau)?;
     writer.close()
 }
 
@@ -351,6 +366,38 @@ impl<'a> Writer<'a> {
         self.agree(outcome)?;
         drop(ManuallyDrop::into_inner(dataset));
         Ok(())
+    }
+
+    /// The plateau, which is the same on all ranks: rank 0 writes it.
+    fn plateau(&self, points: &[PlateauPoint]) -> Result<()> {
+        let columns: [(&str, &str, fn(&PlateauPoint) -> f64); 3] = [
+            ("p", "recovery point", |point| point.p),
+            (
+                "distance",
+                "relative l2 distance of f read at p to f",
+                |point| point.distance,
+            ),
+            ("norm", "l2 norm of f read at p", |point| point.norm),
+        ];
+        if points.is_empty() {
+            return Ok(());
+        }
+        let outcome = (|| {
+            self.file.create_group("plateau")?;
+            for (name, what, of) in columns {
+                let values: Vec<f64> = points.iter().map(of).collect();
+                let dataset = self
+                    .file
+                    .new_dataset::<f64>()
+                    .shape(values.len())
+                    .create(format!("plateau/{name}").as_str())?;
+                attribute(&dataset, "long_name", &text(what))?;
+                attribute(&dataset, "units", &text("1"))?;
+                self.alone(|| dataset.write(&values));
+            }
+            Ok(())
+        })();
+        self.agree(outcome)
     }
 
     fn close(self) -> Result<()> {

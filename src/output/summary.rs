@@ -84,6 +84,9 @@ pub struct Summary {
     pub error_l2: Option<f64>,
     /// What the user should know.
     pub warnings: Vec<String>,
+    /// How many of the warnings were printed before the run.
+    #[serde(skip)]
+    pub told: usize,
 }
 
 impl Summary {

@@ -303,7 +303,7 @@ fn arrays(
     if let Some(warp) = warp {
         let bytes = Chebyshev::BYTES_PER_ROW as u64;
         list.push((format!("batch of {LANES} modes"), bytes * length));
-        let points = (warp.readings.len() * case.fields.len()) as u64;
+        let points = (warp.readings.len() * case.fields.len() + warp.plateau.len()) as u64;
         list.push(("recovery sums".to_owned(), (16 + 8) * points * cells));
         list.push(("ghost exchange".to_owned(), 2 * 128 * ghosts));
     } else {

@@ -6,7 +6,9 @@
 //!
 //! decays like a Gaussian: spectrally accurate, since `ĝ` itself and no samples of `g` are used.
 
+use super::{Demand, Shape, Window};
 use num_complex::Complex64;
+use std::f64::consts::{PI, SQRT_2};
 
 /// A period and a cut-off for `g(p) = e^{−p} Φ((p − p0)/σ)`.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -26,7 +28,7 @@ pub fn normal_quantile(epsilon: f64) -> f64 {
     let (mut low, mut high) = (0.0, 40.0);
     for _ in 0..100 {
         let middle = 0.5 * (low + high);
-        if 0.5 * libm::erfc(middle / std::f64::consts::SQRT_2) > epsilon {
+        if 0.5 * libm::erfc(middle / SQRT_2) > epsilon {
             low = middle;
         } else {
             high = middle;
@@ -44,85 +46,115 @@ impl Gaussian {
     /// the next period's `e^{−p−P}` does not reach in (this matters for short times); cut-off
     /// `μ_max² = 1 + 2(ln 1/ε − p0)/σ²`. Among widths `σ` the one of least `P μ_max (μ_max + 1)`, what a run costs.
     pub fn plan(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Option<Self> {
+        Self::candidates(tolerance, growth, decay, reach)
+            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
+    }
+
+    /// What [`plan`](Self::plan) chooses from, by rising width.
+    fn candidates(
+        tolerance: f64,
+        growth: f64,
+        decay: f64,
+        reach: f64,
+    ) -> impl Iterator<Item = Self> {
         const WIDTHS: i32 = 600;
         let z = normal_quantile(tolerance);
         let digits = -tolerance.ln();
         let room = (tolerance / (20.0 * f64::EPSILON)).ln();
-        (0..=WIDTHS)
-            .filter_map(|i| {
-                // 0.05 to 20, in equal ratios.
-                let sigma = 0.05 * 400f64.powf(f64::from(i) / f64::from(WIDTHS));
-                let offset = -z * sigma - growth;
-                let square = sigma * sigma;
-                if -offset + 0.5 * square > room {
-                    return None;
-                }
-                let tail = square + sigma * (square + 2.0 * (digits - offset)).sqrt();
-                let cutoff = (1.0 + 2.0 * (digits - offset) / square).sqrt();
-                Some(Self {
-                    sigma,
-                    offset,
-                    period: (decay + growth + reach + tail - offset)
-                        .max(growth + digits + 2f64.ln()),
-                    cutoff,
-                })
+        (0..=WIDTHS).filter_map(move |i| {
+            // 0.05 to 20, in equal ratios.
+            let sigma = 0.05 * 400f64.powf(f64::from(i) / f64::from(WIDTHS));
+            let offset = -z * sigma - growth;
+            let square = sigma * sigma;
+            if -offset + 0.5 * square > room {
+                return None;
+            }
+            let tail = square + sigma * (square + 2.0 * (digits - offset)).sqrt();
+            let cutoff = (1.0 + 2.0 * (digits - offset) / square).sqrt();
+            Some(Self {
+                sigma,
+                offset,
+                period: (decay + growth + reach + tail - offset).max(growth + digits + 2f64.ln()),
+                cutoff,
             })
-            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
+        })
     }
 
     fn cost(&self) -> f64 {
         self.period * self.cutoff * (self.cutoff + 1.0)
     }
 
-    /// The smallest tolerance for which [`plan`](Self::plan) finds one; `None` if there is none up to 0.1.
-    pub fn smallest_tolerance(growth: f64, decay: f64, reach: f64) -> Option<f64> {
-        let (mut low, mut high) = (1e-16f64.ln(), 0.1f64.ln());
-        Self::plan(high.exp(), growth, decay, reach)?;
-        for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if Self::plan(middle.exp(), growth, decay, reach).is_some() {
-                high = middle;
-            } else {
-                low = middle;
-            }
-        }
-        Some(high.exp())
+    /// The cheapest for `demand`. Where `p◇` is given by hand, the switch is moved along: everything is as at `p◇ = 0`.
+    pub fn meeting(demand: &Demand) -> Option<(Self, Window)> {
+        let point = demand.recovery.unwrap_or(0.0);
+        let moved = |mut profile: Self| {
+            profile.offset += point;
+            let window = Window {
+                point,
+                distance: 0.0,
+                period: profile.period,
+                cutoff: profile.cutoff,
+            };
+            (profile, window)
+        };
+        Self::candidates(demand.tolerance, demand.growth, demand.decay, demand.reach)
+            .map(moved)
+            .filter(|(profile, window)| demand.admits(profile, window))
+            .min_by(|(_, a), (_, b)| {
+                let [a, b] = [a, b].map(|w| demand.rank(w.period, w.cutoff));
+                a.total_cmp(&b)
+            })
     }
 
-    /// What part of the error at `p◇ = 0` the distance to the field read at `p◇ = second` shows, where the spectrum of `S` near
-    /// zero dominates: the relative deficit of `g` is `Φ((p0 − p)/σ)`, so `1 − Φ((p0 − second)/σ)/Φ(p0/σ)`.
-    pub fn seen_by(&self, second: f64) -> f64 {
-        let deficit =
-            |p: f64| libm::erfc((p - self.offset) / (self.sigma * std::f64::consts::SQRT_2));
-        1.0 - deficit(second) / deficit(0.0)
+    /// What part of the error at `p◇ = first` the distance to the field read at `second` shows, where the spectrum of `S` near
+    /// zero dominates: the relative deficit of `g` is `Φ((p0 − p)/σ)`, and the one at `first` is seen less what it has in
+    /// common with the one at `second`.
+    pub fn seen_by(&self, first: f64, second: f64) -> f64 {
+        let deficit = |p: f64| libm::erfc((p - self.offset) / (self.sigma * SQRT_2));
+        1.0 - deficit(second) / deficit(first)
     }
+}
 
-    /// Number of modes `l ≥ 0`.
-    pub fn modes(&self) -> usize {
-        (self.cutoff * self.period / std::f64::consts::TAU).ceil() as usize + 1
-    }
-
-    /// `μ_l = 2πl/P`.
-    pub fn wavenumber(&self, l: usize) -> f64 {
-        std::f64::consts::TAU * l as f64 / self.period
-    }
-
-    /// `ĝ(μ)`.
-    pub fn coefficient(&self, mu: f64) -> Complex64 {
+impl Shape for Gaussian {
+    fn coefficient(&self, mu: f64) -> Complex64 {
         let one = Complex64::new(1.0, mu);
         (0.5 * self.sigma * self.sigma * one * one - one * self.offset).exp() / one
     }
 
-    /// `g(p)`.
-    pub fn value(&self, p: f64) -> f64 {
-        let t = (self.offset - p) / (self.sigma * std::f64::consts::SQRT_2);
-        (-p).exp() * 0.5 * libm::erfc(t)
+    fn value(&self, p: f64) -> f64 {
+        let switch = libm::erfc((self.offset - p) / (self.sigma * SQRT_2));
+        // The growing exponential's factor vanishes faster than it grows.
+        if switch > 0.0 {
+            (-p).exp() * 0.5 * switch
+        } else {
+            0.0
+        }
+    }
+
+    /// `e^{q−p0} e^{−q²/2σ²} ≤ bound` at `p = p0 − q`.
+    fn left(&self, bound: f64) -> f64 {
+        let square = self.sigma * self.sigma;
+        let digits = (-self.offset - bound.ln()).max(0.0);
+        self.offset - square - self.sigma * (square + 2.0 * digits).sqrt()
+    }
+
+    /// `(1/π) ∫_μ^∞ |ĝ| ≤ e^{σ²/2 − p0 − σ²μ²/2}/(πσ²μ²)`.
+    fn tail(&self, mu: f64, _distance: f64) -> f64 {
+        let square = self.sigma * self.sigma;
+        (0.5 * square * (1.0 - mu * mu) - self.offset).exp() / (PI * square * mu * mu)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::case::ProfileChoice;
+    use crate::profile::{Profile, Series};
+
+    fn series(g: &Gaussian) -> Series {
+        let modes = (g.cutoff * g.period / std::f64::consts::TAU).ceil() as usize + 1;
+        Series::analytic(g.period, modes, |mu| g.coefficient(mu))
+    }
 
     #[test]
     fn quantile_inverts_the_distribution() {
@@ -157,15 +189,10 @@ mod tests {
         for tolerance in [1e-3, 1e-6, 1e-9, 1e-11] {
             for (growth, decay) in [(0.0, 3.0), (0.375, 127.0), (0.1, 1000.0)] {
                 let g = Gaussian::plan(tolerance, growth, decay, 0.0).expect("possible");
+                let series = series(&g);
                 for i in 0..=50 {
                     let p = -growth + (decay + growth) * f64::from(i) / 50.0;
-                    let sum: f64 = (0..g.modes())
-                        .map(|l| {
-                            let mu = g.wavenumber(l);
-                            let term = g.coefficient(mu) * Complex64::new(0.0, mu * p).exp();
-                            term.re / g.period * if l == 0 { 1.0 } else { 2.0 }
-                        })
-                        .sum();
+                    let sum = series.value(p);
                     let error = (sum - (-p).exp()).abs();
                     assert!(
                         error < 3.0 * tolerance * growth.exp(),
@@ -181,23 +208,21 @@ mod tests {
         for (decay, expected) in [(63.0, [38, 49, 68, 99]), (127.0, [57, 76, 115, 178])] {
             for (tolerance, modes) in [1e-3, 1e-6, 1e-9, 1e-11].into_iter().zip(expected) {
                 let g = Gaussian::plan(tolerance, 0.0, decay, 0.0).expect("possible");
-                assert!(
-                    g.modes().abs_diff(modes) <= 1,
-                    "{decay} {tolerance}: {}",
-                    g.modes()
-                );
+                let found = series(&g).modes();
+                assert!(found.abs_diff(modes) <= 1, "{decay} {tolerance}: {found}");
             }
         }
     }
 
     #[test]
     fn round_off_sets_the_limit() {
-        let smallest = Gaussian::smallest_tolerance(0.375, 127.0, 0.0).expect("possible");
-        assert_eq!(Gaussian::smallest_tolerance(50.0, 127.0, 0.0), None);
-        assert_eq!(
-            Gaussian::smallest_tolerance(f64::INFINITY, f64::INFINITY, 0.0),
-            None
-        );
+        let limit = |growth, decay| {
+            let demand = Demand::new(0.1, growth, decay, 0.0);
+            Profile::smallest_tolerance(ProfileChoice::Gaussian, &demand)
+        };
+        let smallest = limit(0.375, 127.0).expect("possible");
+        assert_eq!(limit(50.0, 127.0), None);
+        assert_eq!(limit(f64::INFINITY, f64::INFINITY), None);
         assert!(smallest > 1e-15 && smallest < 1e-12, "{smallest}");
         assert!(Gaussian::plan(smallest * 0.9, 0.375, 127.0, 0.0).is_none());
     }

@@ -1,0 +1,286 @@
+//! From tolerance, bounds and what is given by hand to a profile, its series, and how it is read.
+
+use super::Bounds;
+use crate::case::{Case, Coefficients, LARGEST_TOLERANCE, RecoveryMethod, Warp};
+use crate::error::{Error, Result};
+use crate::profile::{Demand, Profile, Series, Shape, Window};
+use crate::recover::Reading;
+use std::f64::consts::PI;
+
+/// Distance in `p` of the second recovery point from the first.
+const SECOND_POINT: f64 = 1.0;
+/// Width in `p` of what an integral or least squares are taken over.
+const WINDOW: f64 = 1.0;
+/// Most modes `l ≥ 0` of a run.
+pub const MOST_MODES: usize = 1 << 22;
+/// What the plateau shows around `p◇` unless it is told.
+const PLATEAU: f64 = 2.0;
+/// Part of the tolerance that modes left out may take where coefficients come from samples: what is left out comes back
+/// under the wavenumbers that are kept.
+const SAMPLED_TRUNCATION: f64 = 0.2;
+
+/// The profile of a run and how it is read.
+pub(super) struct Placement {
+    pub profile: Profile,
+    pub series: Series,
+    pub interval: [f64; 2],
+    pub readings: Vec<Reading>,
+    pub plateau: Vec<Reading>,
+    pub seen: f64,
+    pub warnings: Vec<String>,
+}
+
+/// The plan of the auxiliary variable for the state's tolerance `ε = tolerance/ratio`.
+///
+/// # Errors
+/// [`Error::Tolerance`], [`Error::Growth`], [`Error::Recovery`] when round-off forbids it, [`Error::Interval`] when the interval given by
+/// hand is too short, [`Error::Modes`] when there are too many.
+pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placement> {
+    let (warp, time) = (&case.warp, case.end);
+    let mut warnings = Vec::new();
+    let demand = demand(case, bounds, ratio);
+    let (profile, window) = match Profile::plan(warp.profile, &demand) {
+        Some(planned) => planned,
+        None => relaxed(case, bounds, ratio, &demand, &mut warnings)?,
+    };
+    let shape = profile.shape();
+    let interval = match warp.interval {
+        Some(interval) => interval,
+        None => demand.ends(shape, &window),
+    };
+    let fixed = warp.interval.is_some() || demand.sampled;
+    let period = if fixed {
+        interval[1] - interval[0]
+    } else {
+        window.period
+    };
+    let modes = match warp.points {
+        Some(points) => (points / 2 + 1) as f64,
+        None => window.modes(period),
+    };
+    if modes > MOST_MODES as f64 {
+        return Err(Error::Modes {
+            profile: profile.to_string(),
+            modes,
+            limit: MOST_MODES,
+            tolerance: case.tolerance,
+        });
+    }
+    let series = match (warp.coefficients, warp.points) {
+        (Coefficients::Sampled, points) => {
+            let points = points.unwrap_or(2 * (modes as usize - 1).max(1));
+            Series::sampled(interval, points, |p| shape.value(p))
+        }
+        (Coefficients::Analytic, Some(points)) => {
+            Series::analytic_points(period, points, |mu| shape.coefficient(mu))
+        }
+        (Coefficients::Analytic, None) => {
+            Series::analytic(period, modes as usize, |mu| shape.coefficient(mu))
+        }
+    };
+    let cutoff = match warp.points {
+        Some(points) => {
+            let cutoff = PI * points as f64 / period;
+            warnings.extend(too_few(&demand, shape, &window, period, points));
+            cutoff
+        }
+        None => window.cutoff,
+    };
+    if window.distance < -1e-9 && warp.recovery.is_some() {
+        warnings.push(format!(
+            "solver.warp.recovery = {} is below {:.4}, which growth x time = {:.4} asks for: \
+             where S grows that much, what is read there comes from where the profile is not exp(-p)",
+            window.point,
+            window.point - window.distance,
+            bounds.growth * time
+        ));
+    }
+    let readings = readings(case, &window, interval);
+    let apart = readings.last().map_or(0.0, |r| r.point - window.point);
+    Ok(Placement {
+        seen: if apart > 0.0 {
+            profile.seen(&window, cutoff, apart)
+        } else {
+            1.0
+        },
+        plateau: plateau(case, &window, interval, readings[0].width),
+        profile,
+        series,
+        interval,
+        readings,
+        warnings,
+    })
+}
+
+/// What is asked of the profile: everything shares the tolerance, unless the interval is given by hand. Then any one
+/// effect may take all of it, and the second reading may be worse.
+fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
+    let (warp, time) = (&case.warp, case.end);
+    let (growth, decay) = (bounds.growth * time, bounds.decay * time);
+    let width = width(warp);
+    let second = if case.recovery_points > 1 {
+        SECOND_POINT
+    } else {
+        0.0
+    };
+    let mut demand = Demand::new(case.tolerance / ratio, growth, decay, width + second);
+    demand.recovery = warp.recovery;
+    demand.interval = warp.interval;
+    demand.sampled = warp.coefficients == Coefficients::Sampled;
+    if demand.sampled {
+        demand.truncation = SAMPLED_TRUNCATION;
+    }
+    if demand.interval.is_some() {
+        demand.images = 1.0;
+        demand.reach = width;
+    }
+    demand
+}
+
+/// Width of the readings' window.
+fn width(warp: &Warp) -> f64 {
+    match warp.recovery_method {
+        RecoveryMethod::Point => 0.0,
+        RecoveryMethod::Integral | RecoveryMethod::LeastSquares => WINDOW,
+    }
+}
+
+/// The plan where the guaranteed one does not fit into the interval given by hand: for the decay that the transport alone
+/// has, with a warning. Or the reason why there is none.
+fn relaxed(
+    case: &Case,
+    bounds: &Bounds,
+    ratio: f64,
+    demand: &Demand,
+    warnings: &mut Vec<String>,
+) -> Result<(Profile, Window)> {
+    let choice = case.warp.profile;
+    let growth = demand.growth;
+    let open = Demand {
+        interval: None,
+        shortest: true,
+        ..*demand
+    };
+    let Some((profile, window)) = Profile::plan(choice, &open) else {
+        return Err(match case.warp.recovery {
+            Some(point) if !demand.keeps_digits(point) => Error::Recovery {
+                point,
+                highest: demand.highest_point(),
+                tolerance: case.tolerance,
+            },
+            _ => match Profile::smallest_tolerance(choice, &open) {
+                Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
+                    place: case.tolerance_place.clone(),
+                    tolerance: case.tolerance,
+                    smallest: round_up(smallest * ratio),
+                    ratio,
+                    growth,
+                },
+                _ => Error::Growth { ratio, growth },
+            },
+        });
+    };
+    let transport = Demand {
+        decay: 2.0 * bounds.rate * case.end,
+        ..*demand
+    };
+    if let Some(planned) = Profile::plan(choice, &transport) {
+        warnings.push(format!(
+            "solver.warp.interval has a length of {:.4}; {:.4} guarantees the tolerance, with the decay x time of at most {:.4} \
+             that follows from a growth x time of at most {growth:.4}; without that growth it is long enough",
+            length(demand),
+            window.period,
+            demand.decay
+        ));
+        return Ok(planned);
+    }
+    // What would do: the ends for the decay of the transport alone, as that is what was refused.
+    let open = Demand {
+        decay: transport.decay,
+        ..open
+    };
+    let (profile, window) = Profile::plan(choice, &open).unwrap_or((profile, window));
+    let [lower, upper] = open.ends(profile.shape(), &window);
+    Err(Error::Interval {
+        place: case.interval_place.clone(),
+        given: demand.interval.unwrap_or_default(),
+        needed: window.period,
+        ends: [(lower * 1e3).floor() / 1e3, (upper * 1e3).ceil() / 1e3],
+        point: window.point,
+        tolerance: case.tolerance,
+    })
+}
+
+fn length(demand: &Demand) -> f64 {
+    demand.interval.map_or(0.0, |[lower, upper]| upper - lower)
+}
+
+/// `x > 0` rounded up to two digits.
+fn round_up(x: f64) -> f64 {
+    let unit = 10f64.powi(x.log10().floor() as i32 - 1);
+    (x / unit * (1.0 + 1e-9)).ceil() * unit
+}
+
+/// What points given by hand cannot resolve: a warning and no refusal, as convergence in `N_p` is studied so.
+fn too_few(
+    demand: &Demand,
+    shape: &dyn Shape,
+    window: &Window,
+    period: f64,
+    points: usize,
+) -> Option<String> {
+    // The modes left out and, of samples, what comes back of them; relative to the state.
+    let folded = if demand.sampled {
+        0.5 / SAMPLED_TRUNCATION
+    } else {
+        1.0
+    };
+    let tail = shape.tail(PI * points as f64 / period, window.distance.max(0.0));
+    let bound = folded * window.point.exp() * tail;
+    let needed = 2.0 * (0.5 * window.cutoff * period / PI).ceil();
+    (bound > demand.tolerance).then(|| {
+        format!(
+            "solver.warp.points = {points}: the modes left out may add {bound:.1e} of the state, the tolerance allows {:.1e}; \
+             {needed} points do",
+            demand.tolerance
+        )
+    })
+}
+
+/// The reading at `p◇`, and the one further on for the error estimate; within an interval given by hand.
+fn readings(case: &Case, window: &Window, interval: [f64; 2]) -> Vec<Reading> {
+    let room = if case.warp.interval.is_some() {
+        interval[1] - window.point
+    } else {
+        f64::INFINITY
+    };
+    let width = width(&case.warp).min(0.5 * room);
+    let second = SECOND_POINT.min(0.5 * room);
+    (0..case.recovery_points)
+        .map(|k| Reading {
+            method: case.warp.recovery_method,
+            point: window.point + k as f64 * second,
+            width,
+        })
+        .collect()
+}
+
+/// The readings of the plateau, equally spaced.
+fn plateau(case: &Case, window: &Window, interval: [f64; 2], width: f64) -> Vec<Reading> {
+    let Some(plateau) = &case.plateau else {
+        return Vec::new();
+    };
+    let from = plateau
+        .from
+        .unwrap_or((window.point - PLATEAU).max(interval[0]));
+    let to = plateau
+        .to
+        .unwrap_or((window.point + PLATEAU).min(interval[1]).max(from));
+    (0..plateau.points)
+        .map(|k| Reading {
+            method: case.warp.recovery_method,
+            point: from + (to - from) * k as f64 / (plateau.points - 1) as f64,
+            width,
+        })
+        .collect()
+}
