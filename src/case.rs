@@ -218,7 +218,7 @@ pub enum PropagatorMethod {
 pub struct Propagation {
     /// `method`.
     pub method: PropagatorMethod,
-    /// `step` of the implicit methods.
+    /// `step`: of the implicit methods, which need it; the longest of `krylov`.
     pub step: Option<f64>,
 }
 

@@ -10,6 +10,7 @@ use mpi::collective::SystemOperation;
 use mpi::ffi;
 use mpi::topology::{Color, SimpleCommunicator};
 use mpi::traits::{AsRaw, Communicator as _, CommunicatorCollectives, Root};
+use num_complex::Complex64;
 use std::ops::Range;
 
 /// MPI, from initialisation to the end of the process.
@@ -107,11 +108,15 @@ impl Group {
         }
     }
 
-    /// Largest value over the ranks.
+    /// Largest value over the ranks, NaN if one is; allocates nothing.
     pub fn max(&self, value: f64) -> f64 {
-        let mut values = [value];
-        self.max_into(&mut values);
-        values[0]
+        let mut largest = 0u64;
+        self.communicator.all_reduce_into(
+            &ordered_key(value),
+            &mut largest,
+            SystemOperation::max(),
+        );
+        from_ordered_key(largest)
     }
 
     /// Sum of counts over the ranks.
@@ -317,6 +322,18 @@ impl VectorRow for f64 {
     }
     fn numbers_mut(&mut self) -> &mut [f64] {
         std::slice::from_mut(self)
+    }
+}
+
+impl VectorRow for Complex64 {
+    const WIDTH: usize = 2;
+    fn numbers(&self) -> &[f64] {
+        // SAFETY: a complex number is its real and its imaginary part, in this order (`repr(C)`).
+        unsafe { std::slice::from_raw_parts(std::ptr::from_ref(self).cast(), 2) }
+    }
+    fn numbers_mut(&mut self) -> &mut [f64] {
+        // SAFETY: as above.
+        unsafe { std::slice::from_raw_parts_mut(std::ptr::from_mut(self).cast(), 2) }
     }
 }
 

@@ -5,6 +5,7 @@ use crate::observables::power_sum;
 use crate::output::summary::Summary;
 use crate::plan::{Plan, WarpPlan};
 use crate::problem::Problem;
+use crate::propagate::order;
 
 /// A result whose norm fell this much further than planned may miss its tolerance.
 const RATIO_MARGIN: f64 = 1.2;
@@ -117,4 +118,31 @@ pub fn estimate(
         }
     }
     warnings
+}
+
+/// A step whose leading error is larger than this is too long for that term to be the error.
+const LARGEST_STEP_ERROR: f64 = 0.1;
+
+/// Adds the error of the time step, which both readings share, to the error estimate; returns what the user should know.
+pub fn include_step_error(plan: &Plan, summary: &mut Summary) -> Option<String> {
+    let found = summary.step_error?;
+    let tells = found <= LARGEST_STEP_ERROR;
+    summary.error_estimate = summary.error_estimate.map(|e| e + found);
+    summary.error_estimate_reliable &= tells;
+    let step = plan.propagation.step?;
+    // The error goes with a power of the step.
+    let order = order(plan.propagation.method) as f64;
+    let enough = step * (plan.tolerance / found).powf(1.0 / order);
+    (found > plan.tolerance).then(|| {
+        let size = if tells {
+            format!("leaves an error of about {found:.1e}")
+        } else {
+            format!("is too long for its error to be told (leading term {found:.1e})")
+        };
+        format!(
+            "solver.propagator.step: a step of {step:.3e} {size}, tolerance {:e}; about {enough:.1e} would meet it, \
+             chebyshev and krylov meet it by themselves",
+            plan.tolerance
+        )
+    })
 }

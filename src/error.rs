@@ -143,6 +143,28 @@ pub enum Error {
         /// What the truncated series allows, plus 1e-12.
         allowed: f64,
     },
+    /// The linear system of an implicit step was not solved.
+    #[error(
+        "solver.propagator: the step's linear system for wavenumber {wavenumber:.6} has a relative residual of {residual:.1e} \
+         after {iterations} iterations, {limit:.1e} wanted; a smaller solver.propagator.step or fewer space blocks \
+         (--ranks-x 1) need fewer iterations"
+    )]
+    Solver {
+        /// The mode's wavenumber μ.
+        wavenumber: f64,
+        /// The residual reached.
+        residual: f64,
+        /// The residual wanted.
+        limit: f64,
+        /// Iterations done.
+        iterations: usize,
+    },
+    /// The matrix of an implicit step could not be factorised.
+    #[error(
+        "solver.propagator: the sparse factors of an implicit step: {0}; more space blocks (--ranks-x) make them smaller, \
+         solver.propagator.method = \"chebyshev\" or \"krylov\" need none"
+    )]
+    Factors(String),
     /// The result holds NaN or infinity.
     #[error("the computed field is not finite ({0}); please report this case")]
     NotFinite(String),
@@ -230,6 +252,8 @@ impl Error {
             Error::Output { .. }
             | Error::Weights { .. }
             | Error::Unitarity { .. }
+            | Error::Solver { .. }
+            | Error::Factors(_)
             | Error::NotFinite(_) => 1,
         }
     }

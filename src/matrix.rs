@@ -21,6 +21,7 @@ use crate::error::Result;
 use crate::grid::{PhaseSpace, describe_point};
 use crate::partition::{Block, Place};
 use crate::scheme::{Row, Scheme};
+use num_complex::Complex64;
 use std::ops::Range;
 
 /// Which matrix is applied to a real vector.
@@ -335,9 +336,48 @@ impl BlockMatrix {
     ) {
         let rows = self.rows();
         exchange.start(&x[..rows]);
-        kernel::step(self, &self.interior, constants, y, x, sum);
+        kernel::step::<true>(self, &self.interior, constants, y, x, sum);
         exchange.finish(&mut x[rows..]);
-        kernel::step(self, &self.border, constants, y, x, sum);
+        kernel::step::<true>(self, &self.border, constants, y, x, sum);
+    }
+
+    /// As [`step`](Self::step) without the sum: `y ← a((−iμS + K)x + icx) + y`.
+    pub fn advance(
+        &self,
+        exchange: &mut GhostExchange,
+        constants: &StepConstants,
+        y: &mut [Lanes],
+        x: &mut [Lanes],
+    ) {
+        let rows = self.rows();
+        exchange.start(&x[..rows]);
+        kernel::step::<false>(self, &self.interior, constants, y, x, &mut []);
+        exchange.finish(&mut x[rows..]);
+        kernel::step::<false>(self, &self.border, constants, y, x, &mut []);
+    }
+
+    /// `y ← (−iμS + K)x` for one mode, `x`'s ghosts being refreshed. Collective over the space group.
+    pub fn apply_mode(
+        &self,
+        exchange: &mut GhostExchange,
+        mu: f64,
+        y: &mut [Complex64],
+        x: &mut [Complex64],
+    ) {
+        let rows = self.rows();
+        let apply = |runs: &[Range<usize>], y: &mut [Complex64], x: &[Complex64]| {
+            for i in runs.iter().cloned().flatten() {
+                let mut sum = Complex64::ZERO;
+                for e in self.offsets[i]..self.offsets[i + 1] {
+                    sum += Complex64::new(self.k[e], -mu * self.s[e]) * x[self.columns[e] as usize];
+                }
+                y[i] = sum;
+            }
+        };
+        exchange.start(&x[..rows]);
+        apply(&self.interior, y, x);
+        exchange.finish(&mut x[rows..]);
+        apply(&self.border, y, x);
     }
 
     /// Sum over all unknowns of the group of `term(local row)`, not negative and at most `bound` a space cell: first

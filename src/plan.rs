@@ -8,7 +8,7 @@
 //! `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when running (see [`crate::run`]); the plan
 //! alone assumes [`ASSUMED_RATIO`].
 
-use crate::case::{Case, Integrator, Interface, Method, PropagatorMethod};
+use crate::case::{Case, Integrator, Interface, Method, Propagation, PropagatorMethod};
 mod layout;
 mod placement;
 
@@ -21,7 +21,7 @@ use crate::matrix::LANES;
 use crate::partition::Block;
 use crate::potential::Potential;
 use crate::profile::{Profile, Series};
-use crate::propagate::chebyshev::{Interval, degree};
+use crate::propagate;
 use crate::recover::Reading;
 use crate::scheme::transport_rate;
 use num_complex::Complex64;
@@ -63,15 +63,16 @@ pub struct Bounds {
     pub inflow: bool,
 }
 
-/// A batch of neighbouring modes that share a degree.
+/// A batch of neighbouring modes that take as much work.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Batch {
     /// First mode.
     pub first: usize,
     /// Number of modes, at most [`LANES`].
     pub modes: usize,
-    /// Degree of the Chebyshev series.
-    pub degree: usize,
+    /// What each mode takes: applications (Chebyshev: the degree of the series; Krylov: at most), or solves of an
+    /// implicit method.
+    pub work: usize,
 }
 
 /// What a Schrödingerized run computes, for any ranks.
@@ -97,8 +98,10 @@ pub struct WarpPlan {
     pub plateau: Vec<Reading>,
     /// The modes in batches, of rising wavenumber.
     pub batches: Vec<Batch>,
-    /// Applications: degrees summed over the modes.
+    /// Applications, over the modes; 0 where systems are solved instead.
     pub applications: usize,
+    /// Solves of an implicit method, over the modes.
+    pub solves: usize,
     /// `Σ |weight|` of the first reading: how much round-off is amplified.
     pub amplification: f64,
     /// What the user should know.
@@ -120,8 +123,10 @@ pub struct Plan {
     pub method: Method,
     /// Interface rows.
     pub interface: Interface,
-    /// What applies `exp(−iHT)` to a mode.
-    pub propagator: PropagatorMethod,
+    /// What applies `exp(−iHT)` to a mode, and its step (of an implicit method: as it is used).
+    pub propagation: Propagation,
+    /// Steps of an implicit method.
+    pub steps: usize,
     /// Number of fields evolved.
     pub fields: usize,
     /// What was asked for.
@@ -217,11 +222,10 @@ impl WarpPlan {
         let modes = series.modes();
         let weight = |l: usize| weight(&series, &readings[0], l).norm();
         let mut scratch = Vec::new();
-        let degrees: Vec<usize> = (0..modes)
+        let work: Vec<usize> = (0..modes)
             .map(|l| {
-                let tail = state_tolerance / (10.0 * modes as f64 * weight(l));
-                let interval = Interval::new(series.wavenumber(l), bounds.rate, bounds.growth);
-                degree(&mut scratch, interval.half_width * time, tail)
+                let tolerance = mode_tolerance(state_tolerance, modes, weight(l));
+                propagate::work(case, bounds, series.wavenumber(l), tolerance, &mut scratch)
             })
             .collect();
         // Cut from the top, so that the batch that is not full is the cheapest.
@@ -232,16 +236,22 @@ impl WarpPlan {
             batches.push(Batch {
                 first,
                 modes: end - first,
-                degree: degrees[first..end].iter().copied().max().unwrap_or(0),
+                work: work[first..end].iter().copied().max().unwrap_or(0),
             });
             end = first;
         }
         batches.reverse();
+        let total = batches.iter().map(|b| b.modes * b.work).sum();
+        let (applications, solves) = match propagate::order(case.propagator.method) {
+            0 => (total, 0),
+            _ => (0, total),
+        };
         Ok(Self {
             ratio,
             state_tolerance,
             modes,
-            applications: batches.iter().map(|b| b.modes * b.degree).sum(),
+            applications,
+            solves,
             amplification: (0..modes).map(weight).sum(),
             seen,
             readings,
@@ -266,10 +276,21 @@ impl WarpPlan {
             .sum()
     }
 
-    /// Largest degree of a batch.
-    pub fn largest_degree(&self) -> usize {
-        self.batches.iter().map(|b| b.degree).max().unwrap_or(0)
+    /// Relative error that mode `l` is allowed.
+    pub fn mode_tolerance(&self, l: usize) -> f64 {
+        let weight = self.weight(l, &self.readings[0]).norm();
+        mode_tolerance(self.state_tolerance, self.modes, weight)
     }
+
+    /// Most work of a batch.
+    pub fn largest_work(&self) -> usize {
+        self.batches.iter().map(|b| b.work).max().unwrap_or(0)
+    }
+}
+
+/// A mode's share of a tenth of the state's tolerance.
+fn mode_tolerance(state_tolerance: f64, modes: usize, weight: f64) -> f64 {
+    (state_tolerance / (10.0 * modes as f64 * weight)).min(1.0)
 }
 
 fn weight(series: &Series, reading: &Reading, l: usize) -> Complex64 {
@@ -308,6 +329,7 @@ impl Plan {
             }
             Method::Classical => None,
         };
+        let steps = propagate::steps(&case.propagator, case.end);
         let layout = Layout::new(case, &bounds, warp.as_ref(), resources)?;
         let largest = Block::new(&case.space, &layout.mesh, 0);
         if 2 * largest.cells() + largest.ghosts() > u32::MAX as usize {
@@ -325,7 +347,14 @@ impl Plan {
             time: case.end,
             method: case.method,
             interface: case.interface,
-            propagator: case.propagator.method,
+            propagation: match steps {
+                0 => case.propagator,
+                _ => Propagation {
+                    step: Some(case.end / steps as f64),
+                    ..case.propagator
+                },
+            },
+            steps,
             fields: case.fields.len(),
             tolerance: case.tolerance,
             classical_steps: classical_steps(case, &bounds),
@@ -356,12 +385,32 @@ impl Plan {
         self.layout.memory()
     }
 
+    fn propagator_text(&self, warp: &WarpPlan) -> String {
+        let least = warp.batches.iter().map(|b| b.work).min().unwrap_or(0);
+        let most = warp.largest_work();
+        let step = self.propagation.step;
+        let steps = |name: &str| {
+            let step = step.unwrap_or(self.time);
+            format!("{name}: {} steps of {step:.6e}", self.steps)
+        };
+        match self.propagation.method {
+            PropagatorMethod::Chebyshev => format!("chebyshev: degree {least} to {most}"),
+            PropagatorMethod::Krylov => {
+                let capped = step.map_or(String::new(), |s| format!(", steps of at most {s:e}"));
+                format!("krylov: at most {least} to {most} applications a mode{capped}")
+            }
+            PropagatorMethod::CrankNicolson => steps("crank-nicolson"),
+            PropagatorMethod::BackwardEuler => steps("backward-euler"),
+        }
+    }
+
     /// Jacobi sweeps that better weights are worth: a sweep takes about as long as two applications, and they should not
     /// take more than a few hundredths of the run.
     pub fn patience(&self) -> usize {
-        self.warp
-            .as_ref()
-            .map_or(0, |w| (w.applications / 50).max(16))
+        self.warp.as_ref().map_or(0, |w| {
+            let unit = propagate::unit(self.propagation.method);
+            ((w.applications + w.solves) * unit / 50).max(16)
+        })
     }
 }
 
@@ -417,9 +466,11 @@ impl fmt::Display for Plan {
                 w.modes,
                 w.batches.len()
             )?;
-            let least = w.batches.iter().map(|b| b.degree).min().unwrap_or(0);
-            writeln!(f, "degree          {least} to {}", w.largest_degree())?;
-            writeln!(f, "applications    {}", w.applications)?;
+            writeln!(f, "propagator      {}", self.propagator_text(w))?;
+            match w.solves {
+                0 => writeln!(f, "applications    {}", w.applications)?,
+                solves => writeln!(f, "solves          {solves}")?,
+            }
             for warning in &w.warnings {
                 writeln!(f, "warning         {warning}")?;
             }

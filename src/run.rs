@@ -5,7 +5,7 @@ use crate::characteristics::Tracer;
 use crate::classical::{Classical, EXACT, poisson_window};
 use crate::command::report;
 use crate::communicator::{Communicator, Group, World};
-use crate::compare::{Norms, estimate};
+use crate::compare::{Norms, estimate, include_step_error};
 use crate::error::{Error, Result};
 use crate::matrix::{Lanes, instruction_set, sample, sample_with};
 use crate::observables::{integral, moments};
@@ -202,6 +202,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
             &mut summary,
         );
         warnings.extend(found);
+        warnings.extend(include_step_error(&plan, &mut summary));
     }
     if case.verify {
         for (k, readings) in fields.iter().enumerate() {
@@ -348,7 +349,7 @@ fn solve(
         });
     };
     let batches = &plan.layout.groups[communicator.modes.rank()];
-    let work = batches.iter().map(|&b| warp_plan.batches[b].degree).sum();
+    let work = batches.iter().map(|&b| warp_plan.batches[b].work).sum();
     let mut progress = Progress::new(speaks, "modes", work);
     let rows = problem.matrix.rows();
     let initial: Vec<Initial<'_>> = (problem.states.iter())
@@ -357,7 +358,8 @@ fn solve(
             norm: problem.norm(communicator, state, false),
         })
         .collect();
-    let mut propagator = propagator(plan, warp_plan, &problem.matrix);
+    let made = propagator(plan, warp_plan, &problem.matrix);
+    let mut propagator = communicator.world.agree(made)?;
     let mut system = Evolution {
         matrix: &problem.matrix,
         exchange: &mut problem.exchange,
@@ -378,12 +380,30 @@ fn solve(
     )?;
     progress.finish();
     summary.unitarity_defect = recovered.unitarity_defect;
+    summary.norm_kept = recovered.norm_kept;
     summary.matvecs = communicator.modes.sum_count(recovered.applications);
+    summary.solves = communicator.modes.sum_count(recovered.solves);
     let unweighted = |u: &Vec<f64>| problem.unweighted(&place.mine, u);
+    let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.iter())
+        .map(|readings| readings.iter().map(unweighted).collect())
+        .collect();
+    let step_errors = recovered.step_errors.iter().map(unweighted);
+    let velocities = case.space.velocity_cells();
+    summary.step_error = (fields.iter().zip(step_errors))
+        .map(|(readings, error)| {
+            let f = &readings[0];
+            let world = &communicator.world;
+            let norms = Norms {
+                world,
+                velocities,
+                f,
+            };
+            (norms.square(&error) / norms.square(f)).sqrt()
+        })
+        .filter(|e| e.is_finite())
+        .reduce(f64::max);
     Ok(Solution {
-        fields: (recovered.fields.iter())
-            .map(|readings| readings.iter().map(unweighted).collect())
-            .collect(),
+        fields,
         plateau: recovered.plateau.iter().map(unweighted).collect(),
     })
 }
@@ -458,10 +478,12 @@ fn opening_line(plan: &Plan) -> String {
         Some(WarpPlan {
             modes,
             applications,
+            solves: 0,
             ..
         }) => {
             format!("{modes} modes, {applications} applications")
         }
+        Some(WarpPlan { modes, solves, .. }) => format!("{modes} modes, {solves} solves"),
         None => format!("{} classical steps", plan.classical_steps),
     };
     let title = if plan.title.is_empty() {

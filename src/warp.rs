@@ -26,8 +26,15 @@ pub struct Recovered {
     /// Largest over the modes of (change of the norm) / (what its method allows plus 1e-12); at most 1. None where the
     /// method does not keep the norm.
     pub unitarity_defect: Option<f64>,
+    /// Smallest `‖w_l(T)‖/‖w_l(0)‖` over the modes of all ranks; none where the state is zero.
+    pub norm_kept: Option<f64>,
+    /// Leading term of the error that the time step leaves in each field by the first reading, like `fields`; empty where
+    /// the method meets its tolerance by itself.
+    pub step_errors: Vec<Vec<f64>>,
     /// Applications done by this rank's mode group.
     pub applications: usize,
+    /// Linear systems solved by this rank's mode group.
+    pub solves: usize,
 }
 
 /// A field as the fixed-point sums of its modes.
@@ -52,10 +59,10 @@ pub fn streamed(
     progress: &mut Progress,
 ) -> Result<Recovered> {
     let cells = system.matrix.block.cells();
-    let sum = |field: &Initial<'_>, reading: &Reading| Sum {
+    let sum = |field: &Initial<'_>, reading: &Reading, size: f64| Sum {
         reading: *reading,
         fixed: FixedPoint::new(
-            1.01 * warp.amplification(reading) * field.norm,
+            1.01 * size * warp.amplification(reading) * field.norm,
             warp.batches.len(),
         ),
         parts: vec![0; 2 * cells],
@@ -64,16 +71,28 @@ pub fn streamed(
         .map(|(k, field)| {
             let plateau = if k == 0 { &warp.plateau[..] } else { &[] };
             let readings = warp.readings.iter().chain(plateau);
-            readings.map(|r| sum(field, r)).collect()
+            readings.map(|r| sum(field, r, 1.0)).collect()
         })
         .collect();
+    let mut step_sums: Vec<Sum> = Vec::new();
+    if propagator.step_error().is_some() {
+        // T Δt^q c G^(q+1) w, G at most as large as H of the last mode.
+        let last = warp.series.wavenumber(warp.modes.saturating_sub(1));
+        let size = propagator.largest_step_error(system, last);
+        step_sums.extend(
+            initial
+                .iter()
+                .map(|field| sum(field, &warp.readings[0], size)),
+        );
+    }
     let mut defect: Option<f64> = None;
-    let mut applications = 0;
+    let mut kept = f64::INFINITY;
+    let (mut applications, mut solves) = (0, 0);
     let mut outcome = Ok(());
     'batches: for &b in mine {
         let batch = &warp.batches[b];
         let spec = specification(warp, batch);
-        for (field, sums) in initial.iter().zip(&mut sums) {
+        for (k, (field, sums)) in initial.iter().zip(&mut sums).enumerate() {
             let report = match propagator.propagate(system, &spec, field) {
                 Ok(report) => report,
                 Err(error) => {
@@ -82,28 +101,34 @@ pub fn streamed(
                 }
             };
             let state = propagator.state();
-            if report.unitary {
-                match unitarity(system, state, (batch, &spec), &report, field) {
-                    Ok(found) => defect = Some(defect.unwrap_or(0.0).max(found)),
-                    Err(error) => {
-                        outcome = Err(error);
-                        break 'batches;
-                    }
+            match norms_kept(system, state, (batch, &spec), &report, field) {
+                Ok((ratio, found)) => {
+                    kept = kept.min(ratio);
+                    defect = found.map_or(defect, |d| Some(defect.unwrap_or(0.0).max(d)));
+                }
+                Err(error) => {
+                    outcome = Err(error);
+                    break 'batches;
                 }
             }
-            for sum in sums {
+            let add = |sum: &mut Sum, state: &[Lanes]| {
                 let mut weights = [Complex64::ZERO; LANES];
                 for (l, weight) in weights.iter_mut().enumerate().take(batch.modes) {
                     *weight = warp.weight(batch.first + l, &sum.reading) * report.phases[l];
                 }
                 accumulate(&mut sum.parts, &sum.fixed, &weights, &state[..cells]);
+            };
+            sums.iter_mut().for_each(|sum| add(sum, state));
+            if let Some(error) = propagator.step_error() {
+                add(&mut step_sums[k], error);
             }
-            applications += batch.modes * report.applications;
+            applications += report.applications;
+            solves += report.solves;
         }
-        progress.advance(batch.degree);
+        progress.advance(batch.work);
     }
     communicator.world.agree(outcome)?;
-    let share = |mut sum: Sum| {
+    let share = |mut sum: Sum| -> Vec<f64> {
         for (group, range) in shares.iter().enumerate() {
             let piece = &mut sum.parts[2 * range.start..2 * range.end];
             communicator.modes.sum_integers_to(group, piece);
@@ -112,7 +137,8 @@ pub fn streamed(
         let parts = sum.parts[2 * range.start..2 * range.end].chunks_exact(2);
         parts.map(|p| sum.fixed.join([p[0], p[1]])).collect()
     };
-    // A rank without batches knows of no defect.
+    // A rank without batches knows of no defect and no norm.
+    let smallest = -communicator.world.max(-kept);
     let largest = communicator.world.max(defect.unwrap_or(-1.0));
     let mut fields: Vec<Vec<Vec<f64>>> = (sums.into_iter())
         .map(|sums| sums.into_iter().map(share).collect())
@@ -122,31 +148,40 @@ pub fn streamed(
     Ok(Recovered {
         fields,
         plateau,
+        step_errors: step_sums.into_iter().map(share).collect(),
         unitarity_defect: Some(largest).filter(|d| *d >= 0.0),
+        norm_kept: Some(smallest).filter(|r| r.is_finite()),
         applications,
+        solves,
     })
 }
 
-/// Largest change of a lane's norm as a fraction of what is allowed. Collective over the space group.
+/// Smallest ratio of a lane's norm to what it was, infinite where that was zero; and, where the method keeps norms, the
+/// largest change as a fraction of what is allowed. Collective over the space group.
 ///
 /// # Errors
 /// [`Error::Unitarity`] where it is more.
-fn unitarity(
+fn norms_kept(
     system: &Evolution<'_>,
     state: &[Lanes],
     (batch, spec): (&Batch, &BatchSpec),
     report: &BatchReport,
     initial: &Initial<'_>,
-) -> Result<f64> {
+) -> Result<(f64, Option<f64>)> {
     if initial.norm == 0.0 {
-        return Ok(0.0);
+        return Ok((f64::INFINITY, report.unitary.then_some(0.0)));
     }
-    let norms = norms(system, state, initial.norm);
-    let mut defect: f64 = 0.0;
+    let squares = system.lane_sums(&[initial.norm * initial.norm; LANES], |i| {
+        let Lanes(w) = &state[i];
+        std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
+    });
+    let (mut kept, mut defect) = (f64::INFINITY, 0.0f64);
     for l in 0..batch.modes {
-        let change = (norms[l] / initial.norm - 1.0).abs();
+        let ratio = squares[l].sqrt() / initial.norm;
+        kept = kept.min(ratio);
+        let change = (ratio - 1.0).abs();
         let allowed = report.tails[l] + UNITARITY_ROUND_OFF;
-        if change.is_nan() || change > allowed {
+        if report.unitary && (change.is_nan() || change > allowed) {
             return Err(Error::Unitarity {
                 mode: batch.first + l,
                 wavenumber: spec.wavenumbers[l],
@@ -156,43 +191,17 @@ fn unitarity(
         }
         defect = defect.max(change / allowed);
     }
-    Ok(defect)
+    Ok((kept, report.unitary.then_some(defect)))
 }
 
 fn specification(warp: &WarpPlan, batch: &Batch) -> BatchSpec {
-    let mut wavenumbers = [0.0; LANES];
-    for (l, mu) in wavenumbers.iter_mut().enumerate() {
-        *mu = warp.series.wavenumber(batch.first + l.min(batch.modes - 1));
-    }
+    let mode = |l: usize| batch.first + l.min(batch.modes - 1);
     BatchSpec {
-        wavenumbers,
-        degree: batch.degree,
+        modes: batch.modes,
+        wavenumbers: std::array::from_fn(|l| warp.series.wavenumber(mode(l))),
+        tolerances: std::array::from_fn(|l| warp.mode_tolerance(mode(l))),
+        work: batch.work,
     }
-}
-
-/// `‖w_l‖` by lane: summed over the velocities at each point of space, then exactly over space and ranks.
-fn norms(system: &Evolution<'_>, state: &[Lanes], norm: f64) -> [f64; LANES] {
-    let block = &system.matrix.block;
-    let fixed = FixedPoint::new(2.0 * norm * norm, system.terms);
-    let mut totals = [0i64; 2 * LANES];
-    let mut add = |rows: &[Lanes]| {
-        let mut squares = [0.0; LANES];
-        for Lanes(w) in rows {
-            for l in 0..LANES {
-                squares[l] += w[l] * w[l] + w[LANES + l] * w[LANES + l];
-            }
-        }
-        for l in 0..LANES {
-            let parts = fixed.split(squares[l]);
-            totals[2 * l] += parts[0];
-            totals[2 * l + 1] += parts[1];
-        }
-    };
-    let (own, aux) = state.split_at(block.cells());
-    own.chunks(block.velocity_cells).for_each(&mut add);
-    aux.chunks(1).for_each(&mut add);
-    system.space.sum_integers(&mut totals);
-    std::array::from_fn(|l| fixed.join([totals[2 * l], totals[2 * l + 1]]).sqrt())
 }
 
 /// Adds `Re Σ_l weight_l w_l` to the fixed-point sums.

@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Axis, MAX_DIMENSION};
 use crate::plan::MOST_MODES;
 use crate::profile::{acl::BETAS, smooth::MOST_ORDER};
+use crate::propagate::order;
 use std::io::Read;
 use std::path::Path;
 
@@ -13,6 +14,9 @@ use std::path::Path;
 const MOST_CELLS: f64 = 1e12;
 /// Largest number of space cells: `V` is evaluated on all of them before anything else.
 const MOST_SPACE_CELLS: f64 = 1e8;
+
+/// Largest number of time steps of a propagator.
+const MOST_STEPS: f64 = 1e7;
 
 /// Names of the coordinates `[x, y, z, vx, vy, vz, t]` in `n` dimensions; `v` and `t` only where allowed.
 fn names(n: usize, velocity: bool, time: bool) -> [&'static [&'static str]; 7] {
@@ -89,6 +93,7 @@ impl Case {
         let propagator = solver.table("propagator")?.knowing(&["method", "step"])?;
         let classical = solver.table("classical")?.knowing(&["integrator", "cfl"])?;
         let (data, fields) = read_data(&root, n)?;
+        let end = read_end(&root)?;
         let method = solver.choice(
             "method",
             &[
@@ -103,7 +108,7 @@ impl Case {
             potential: read_potential(&root, n)?,
             data,
             fields,
-            end: read_end(&root)?,
+            end,
             interface: scheme.choice(
                 "interface",
                 &[
@@ -118,7 +123,7 @@ impl Case {
             interval_place: warp.place("interval"),
             verify: solver.boolean("verify")?.unwrap_or(false),
             warp: read_warp(&warp)?,
-            propagator: read_propagation(&propagator)?,
+            propagator: read_propagation(&propagator, end)?,
             integrator: classical.choice(
                 "integrator",
                 &[
@@ -464,12 +469,34 @@ fn read_recovery(table: &Table<'_>) -> Result<Option<f64>> {
     }
 }
 
-/// `[solver.propagator]`.
-fn read_propagation(table: &Table<'_>) -> Result<Propagation> {
-    Ok(Propagation {
-        method: table.choice("method", &[("chebyshev", PropagatorMethod::Chebyshev)])?,
-        step: None,
-    })
+/// `[solver.propagator]` of a run to `end`.
+fn read_propagation(table: &Table<'_>, end: f64) -> Result<Propagation> {
+    let method = table.choice(
+        "method",
+        &[
+            ("chebyshev", PropagatorMethod::Chebyshev),
+            ("krylov", PropagatorMethod::Krylov),
+            ("crank-nicolson", PropagatorMethod::CrankNicolson),
+            ("backward-euler", PropagatorMethod::BackwardEuler),
+        ],
+    )?;
+    let step = table.number("step")?;
+    let implicit = order(method) > 0;
+    match step {
+        None if implicit => Err(table.error(
+            "step",
+            "missing; crank-nicolson and backward-euler need a time step above 0",
+        )),
+        Some(_) if method == PropagatorMethod::Chebyshev => Err(table.error(
+            "step",
+            "the Chebyshev series takes the whole time at once; leave it out, or choose another method",
+        )),
+        Some(step) if !(end / step > 0.0 && end / step <= MOST_STEPS) => Err(table.error(
+            "step",
+            &format!("must be above 0, and time.end = {end:e} at most {MOST_STEPS:e} steps"),
+        )),
+        _ => Ok(Propagation { method, step }),
+    }
 }
 
 fn read_end(root: &Table<'_>) -> Result<f64> {

@@ -1,8 +1,8 @@
-//! The inner loop: one Chebyshev step for a batch of modes, in one pass over the matrix.
+//! The inner loop: one step of a Chebyshev or Lanczos recurrence for a batch of modes, in one pass over the matrix.
 //!
 //! ```text
 //! y   ← a ((−iμ S + K) x + i c x) + y        per lane: a = scale, c = shift, μ = wavenumber
-//! sum ← sum + coefficient · y
+//! sum ← sum + coefficient · y               where the step adds up a series
 //! ```
 //!
 //! Vectors are `[row][re: B lanes][im: B lanes]`: every operation is vertical over modes. The same loop is compiled
@@ -54,9 +54,10 @@ fn multiply_add<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
     if FMA { a.mul_add(b, c) } else { a * b + c }
 }
 
-/// The loop over rows. `FMA` only where the processor has it: elsewhere `mul_add` is a slow library call.
+/// The loop over rows. `FMA` only where the processor has it: elsewhere `mul_add` is a slow library call. Without `SUM`
+/// nothing is added up, and `sum` may be empty.
 #[inline(always)]
-fn step_rows<const FMA: bool>(
+fn step_rows<const FMA: bool, const SUM: bool>(
     matrix: &BlockMatrix,
     rows: Range<usize>,
     constants: &StepConstants,
@@ -87,7 +88,6 @@ fn step_rows<const FMA: bool>(
         }
         let own = &x[i].0;
         let out = &mut y[i].0;
-        let total = &mut sum[i].0;
         for l in 0..LANES {
             let (a, c, mu) = (
                 constants.scale[l],
@@ -103,16 +103,22 @@ fn step_rows<const FMA: bool>(
             let im = multiply_add::<FMA>(a, im, out[LANES + l]);
             out[l] = re;
             out[LANES + l] = im;
-            let coefficient = constants.coefficient[l];
-            total[l] = multiply_add::<FMA>(coefficient, re, total[l]);
-            total[LANES + l] = multiply_add::<FMA>(coefficient, im, total[LANES + l]);
+        }
+        if SUM {
+            let total = &mut sum[i].0;
+            for l in 0..LANES {
+                let coefficient = constants.coefficient[l];
+                total[l] = multiply_add::<FMA>(coefficient, out[l], total[l]);
+                total[LANES + l] =
+                    multiply_add::<FMA>(coefficient, out[LANES + l], total[LANES + l]);
+            }
         }
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
-fn step_avx512(
+fn step_avx512<const SUM: bool>(
     matrix: &BlockMatrix,
     rows: Range<usize>,
     constants: &StepConstants,
@@ -120,12 +126,12 @@ fn step_avx512(
     x: &[Lanes],
     sum: &mut [Lanes],
 ) {
-    step_rows::<true>(matrix, rows, constants, y, x, sum);
+    step_rows::<true, SUM>(matrix, rows, constants, y, x, sum);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn step_avx2(
+fn step_avx2<const SUM: bool>(
     matrix: &BlockMatrix,
     rows: Range<usize>,
     constants: &StepConstants,
@@ -133,7 +139,7 @@ fn step_avx2(
     x: &[Lanes],
     sum: &mut [Lanes],
 ) {
-    step_rows::<true>(matrix, rows, constants, y, x, sum);
+    step_rows::<true, SUM>(matrix, rows, constants, y, x, sum);
 }
 
 /// Name of the instruction set the loop runs with here.
@@ -154,8 +160,8 @@ pub fn instruction_set() -> &'static str {
     }
 }
 
-/// Steps the rows of `runs`.
-pub fn step(
+/// Steps the rows of `runs`; without `SUM` nothing is added to `sum`, which may be empty.
+pub fn step<const SUM: bool>(
     matrix: &BlockMatrix,
     runs: &[Range<usize>],
     constants: &StepConstants,
@@ -171,12 +177,12 @@ pub fn step(
         #[cfg(target_arch = "x86_64")]
         match instruction_set() {
             // SAFETY: the processor was asked.
-            "avx512" => unsafe { step_avx512(matrix, rows, constants, y, x, sum) },
-            "avx2" => unsafe { step_avx2(matrix, rows, constants, y, x, sum) },
-            _ => step_rows::<false>(matrix, rows, constants, y, x, sum),
+            "avx512" => unsafe { step_avx512::<SUM>(matrix, rows, constants, y, x, sum) },
+            "avx2" => unsafe { step_avx2::<SUM>(matrix, rows, constants, y, x, sum) },
+            _ => step_rows::<false, SUM>(matrix, rows, constants, y, x, sum),
         }
         // Every aarch64 processor has fused multiply-add.
         #[cfg(not(target_arch = "x86_64"))]
-        step_rows::<{ cfg!(target_arch = "aarch64") }>(matrix, rows, constants, y, x, sum);
+        step_rows::<{ cfg!(target_arch = "aarch64") }, SUM>(matrix, rows, constants, y, x, sum);
     }
 }

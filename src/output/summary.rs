@@ -40,6 +40,8 @@ pub struct Summary {
     pub modes: usize,
     /// Applications of `(−iμS + K)`, over all modes; for the classical method, of `A`.
     pub matvecs: usize,
+    /// Linear systems solved by an implicit propagator, over all modes.
+    pub solves: usize,
     /// Largest resident memory of a rank, measured.
     pub memory_peak_bytes_per_rank: u64,
     /// What the plan said.
@@ -52,12 +54,17 @@ pub struct Summary {
     pub norm_ratio: Option<f64>,
     /// Relative l2 distance of the fields read at two recovery points.
     pub error_estimate: Option<f64>,
-    /// Whether the estimate can tell: false where round-off hides the difference, or there is one point only.
+    /// Leading term of the error that an implicit propagator's step leaves in the field, relative l2; part of the estimate.
+    pub step_error: Option<f64>,
+    /// Whether the estimate can tell: false where round-off hides the difference, where there is one point only, or where a
+    /// step is too long for its error to be told.
     pub error_estimate_reliable: bool,
     /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`).
     pub error_semidiscrete: Option<f64>,
     /// Largest over modes of the change of the norm, as a fraction of what is allowed.
     pub unitarity_defect: Option<f64>,
+    /// Smallest over modes of ‖w(T)‖/‖w(0)‖: 1 but for round-off and cut series, less where the method damps.
+    pub norm_kept: Option<f64>,
     /// Bound on λ⁺ of the matrix as used.
     pub growth_bound: f64,
     /// Bound on λ⁻.

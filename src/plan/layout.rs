@@ -3,9 +3,8 @@
 use super::{Bounds, WarpPlan};
 use crate::case::{Case, Exact, Method};
 use crate::error::{Error, Result};
-use crate::matrix::LANES;
 use crate::partition::{Block, Mesh};
-use crate::propagate::chebyshev::Chebyshev;
+use crate::propagate::{self, Sizes, cost_of_splitting};
 use crate::scheme::transport_rate;
 use serde::Serialize;
 
@@ -115,7 +114,7 @@ impl Layout {
     fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: Mesh) -> Self {
         // Longest batch first, each to the group with least to do.
         let costs: Vec<usize> =
-            warp.map_or(Vec::new(), |w| w.batches.iter().map(|b| b.degree).collect());
+            warp.map_or(Vec::new(), |w| w.batches.iter().map(|b| b.work).collect());
         let mut order: Vec<usize> = (0..costs.len()).collect();
         order.sort_by_key(|&b| (std::cmp::Reverse(costs[b]), b));
         let mut groups = vec![Vec::new(); mesh.groups];
@@ -143,7 +142,7 @@ impl Layout {
 
     /// Modelled time, in applications of a batch on the whole grid.
     fn cost(&self, case: &Case, warp: Option<&WarpPlan>) -> f64 {
-        let total: f64 = warp.map_or(1.0, |w| w.batches.iter().map(|b| b.degree as f64).sum());
+        let total: f64 = warp.map_or(1.0, |w| w.batches.iter().map(|b| b.work as f64).sum());
         let group = if warp.is_some() {
             total * self.imbalance / self.mesh.groups as f64
         } else {
@@ -152,8 +151,12 @@ impl Layout {
         let fullest = Block::new(&case.space, &self.mesh, 0);
         // Ghost rows are packed, sent and unpacked: about the work of two rows each, and a round of latency.
         let rows = fullest.cells() as f64 + 2.0 * fullest.ghosts() as f64;
-        let latency = if self.mesh.blocks() > 1 { 1.02 } else { 1.0 };
-        group * latency * rows / case.space.cells() as f64
+        let splitting = match self.mesh.blocks() {
+            1 => 1.0,
+            _ if warp.is_some() => 1.02 * cost_of_splitting(case.propagator.method),
+            _ => 1.02,
+        };
+        group * splitting * rows / case.space.cells() as f64
     }
 
     /// Planned bytes on the fullest rank.
@@ -301,10 +304,18 @@ fn arrays(
         ),
     ];
     if let Some(warp) = warp {
-        let bytes = Chebyshev::BYTES_PER_ROW as u64;
-        list.push((format!("batch of {LANES} modes"), bytes * length));
+        let sizes = Sizes {
+            rows,
+            length,
+            entries,
+        };
+        list.extend(propagate::arrays(case, bounds, mesh, &sizes));
         let points = (warp.readings.len() * case.fields.len() + warp.plateau.len()) as u64;
         list.push(("recovery sums".to_owned(), (16 + 8) * points * cells));
+        if propagate::order(case.propagator.method) > 0 {
+            let bytes = (16 + 8) * case.fields.len() as u64 * cells;
+            list.push(("sums of the step's error".to_owned(), bytes));
+        }
         list.push(("ghost exchange".to_owned(), 2 * 128 * ghosts));
     } else {
         list.push(("integrator".to_owned(), 8 * 4 * length));

@@ -19,7 +19,6 @@
 //! `d` being the largest of the `d_i`. It is narrower than the sum of the bounds for `μS` and `iK`, and needs no
 //! reduction over ranks.
 
-use crate::communicator::GhostExchange;
 use crate::error::Result;
 use crate::matrix::{BlockMatrix, LANES, Lanes, StepConstants};
 use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
@@ -128,7 +127,7 @@ pub struct Chebyshev {
     previous: Vec<Lanes>,
     current: Vec<Lanes>,
     /// `w(T)` of the batch, but for the lanes' phases.
-    pub sum: Vec<Lanes>,
+    sum: Vec<Lanes>,
     /// `J_k(τ)` by lane, `LANES` to a degree.
     coefficients: Vec<f64>,
     series: Vec<f64>,
@@ -149,22 +148,22 @@ impl Chebyshev {
 
     /// Bytes a row takes.
     pub const BYTES_PER_ROW: usize = 3 * size_of::<Lanes>();
+}
 
-    /// `sum ← exp(−iHT) initial` for each lane, up to its phase; `initial` is real. Collective over the space group.
-    pub fn propagate(
+impl Propagator for Chebyshev {
+    fn propagate(
         &mut self,
-        matrix: &BlockMatrix,
-        exchange: &mut GhostExchange,
+        system: &mut Evolution<'_>,
         batch: &BatchSpec,
-        (rate, growth, time): (f64, f64, f64),
-        initial: &[f64],
-    ) -> BatchReport {
-        let degree = batch.degree;
+        initial: &Initial<'_>,
+    ) -> Result<BatchReport> {
+        let (degree, time) = (batch.work, system.time);
         let mut report = BatchReport {
             phases: [Complex64::ZERO; LANES],
             tails: [0.0; LANES],
             unitary: true,
-            applications: degree,
+            applications: batch.modes * degree,
+            solves: 0,
         };
         let mut constants = StepConstants {
             scale: [0.0; LANES],
@@ -173,7 +172,7 @@ impl Chebyshev {
             coefficient: [0.0; LANES],
         };
         for l in 0..LANES {
-            let interval = Interval::new(batch.wavenumbers[l], rate, growth);
+            let interval = Interval::new(batch.wavenumbers[l], system.rate, system.growth);
             // Where nothing moves the spectrum is one point, and the series its first term.
             let still = interval.half_width == 0.0;
             constants.scale[l] = if still {
@@ -197,7 +196,7 @@ impl Chebyshev {
             lanes
         };
         let first = coefficient(0, &self.coefficients);
-        for (i, &value) in initial.iter().enumerate() {
+        for (i, &value) in initial.state.iter().enumerate() {
             self.current[i] = Lanes::ZERO;
             self.current[i].0[..LANES].fill(value);
             self.previous[i] = Lanes::ZERO;
@@ -208,8 +207,8 @@ impl Chebyshev {
         }
         for k in 1..=degree {
             constants.coefficient = coefficient(k, &self.coefficients);
-            matrix.step(
-                exchange,
+            system.matrix.step(
+                system.exchange,
                 &constants,
                 &mut self.previous,
                 &mut self.current,
@@ -221,25 +220,7 @@ impl Chebyshev {
                 constants.scale.iter_mut().for_each(|a| *a *= 2.0);
             }
         }
-        report
-    }
-}
-
-impl Propagator for Chebyshev {
-    fn propagate(
-        &mut self,
-        system: &mut Evolution<'_>,
-        batch: &BatchSpec,
-        initial: &Initial<'_>,
-    ) -> Result<BatchReport> {
-        let constants = (system.rate, system.growth, system.time);
-        Ok(self.propagate(
-            system.matrix,
-            system.exchange,
-            batch,
-            constants,
-            initial.state,
-        ))
+        Ok(report)
     }
 
     fn state(&self) -> &[Lanes] {

@@ -1,0 +1,152 @@
+//! Implicit steps: Crank–Nicolson and backward Euler.
+//!
+//! With `G = −iμS + K` and `Δt = T/n`,
+//!
+//! ```text
+//! Crank–Nicolson    (I − Δt/2 G) w' = (I + Δt/2 G) w     w' = 2z − w,  (I − Δt/2 G) z = w
+//! backward Euler    (I − Δt G) w' = w                    w' = z,       (I − Δt G) z = w
+//! ```
+//!
+//! Crank–Nicolson is unitary; backward Euler damps a component of frequency `ω` by `(1 + ω²Δt²)^{−½}` a step. Both commute with
+//! `G`, which gives the leading term of their error at `T` from the result alone: `n` steps are `exp(nΔt G')` with
+//! `G' = (2/Δt) artanh(Δt G/2) = G + Δt²G³/12 + …` and `G' = −(1/Δt) ln(I − Δt G) = G + Δt G²/2 + …`, so
+//!
+//! ```text
+//! w_n − w(T) ≈ T Δt²/12 G³ w_n        and        w_n − w(T) ≈ T Δt/2 G² w_n
+//! ```
+//!
+//! Modes go one after the other: one set of factors is kept.
+
+use crate::error::Result;
+use crate::matrix::{BlockMatrix, LANES, Lanes};
+use crate::propagate::chebyshev::Interval;
+use crate::propagate::shifted::{REFINEMENTS, RESTART, Shifted};
+use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
+use num_complex::Complex64;
+
+/// Crank–Nicolson (order 2) or backward Euler (order 1), with the scratch of one rank.
+pub struct Implicit {
+    order: usize,
+    steps: usize,
+    system: Shifted,
+    /// `w`, `z` and a vector beside them, of one mode.
+    mode: Vec<Complex64>,
+    solved: Vec<Complex64>,
+    /// `w(T)` of the batch.
+    state: Vec<Lanes>,
+    /// The leading term of its error.
+    error: Vec<Lanes>,
+}
+
+/// Complex vectors of the matrix's length that are kept.
+pub fn vectors(split: bool) -> usize {
+    // w and z here; residual, preconditioned vector and basis there; the factors' workspace.
+    2 + 2 + 1 + if split { RESTART } else { REFINEMENTS } + 2
+}
+
+impl Implicit {
+    /// `steps` steps of the method of `order` 1 or 2; `split` says that space is split over ranks.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Factors`]. Not collective.
+    pub fn new(matrix: &BlockMatrix, order: usize, steps: usize, split: bool) -> Result<Self> {
+        Ok(Self {
+            order,
+            steps,
+            system: Shifted::new(matrix, split)?,
+            mode: vec![Complex64::ZERO; matrix.length()],
+            solved: vec![Complex64::ZERO; matrix.length()],
+            state: vec![Lanes::ZERO; matrix.rows()],
+            error: vec![Lanes::ZERO; matrix.rows()],
+        })
+    }
+
+    /// What `G^(order + 1) w` is multiplied by in the leading term of the error at `time`.
+    fn leading(&self, time: f64) -> f64 {
+        let dt = time / self.steps as f64;
+        match self.order {
+            2 => time * dt * dt / 12.0,
+            _ => 0.5 * time * dt,
+        }
+    }
+}
+
+fn set_lane(lanes: &mut [Lanes], l: usize, values: &[Complex64]) {
+    for (Lanes(row), value) in lanes.iter_mut().zip(values) {
+        (row[l], row[LANES + l]) = (value.re, value.im);
+    }
+}
+
+impl Propagator for Implicit {
+    fn propagate(
+        &mut self,
+        system: &mut Evolution<'_>,
+        batch: &BatchSpec,
+        initial: &Initial<'_>,
+    ) -> Result<BatchReport> {
+        let dt = system.time / self.steps as f64;
+        // The part of the step that is implicit.
+        let a = if self.order == 2 { 0.5 * dt } else { dt };
+        let leading = self.leading(system.time);
+        let mut report = BatchReport {
+            phases: [Complex64::ONE; LANES],
+            tails: [0.0; LANES],
+            unitary: self.order == 2,
+            applications: 0,
+            solves: 0,
+        };
+        self.state.fill(Lanes::ZERO);
+        self.error.fill(Lanes::ZERO);
+        if initial.norm == 0.0 {
+            return Ok(report);
+        }
+        let rows = system.matrix.rows();
+        for l in 0..batch.modes {
+            let mu = batch.wavenumbers[l];
+            self.system.factorise(system, a, mu)?;
+            for (w, &u) in self.mode.iter_mut().zip(initial.state) {
+                *w = u.into();
+            }
+            for _ in 0..self.steps {
+                // No step makes the norm larger, round-off aside.
+                let norm = 1.001 * initial.norm;
+                let found = self
+                    .system
+                    .solve(system, &mut self.solved, &self.mode, norm)?;
+                for (w, z) in self.mode[..rows].iter_mut().zip(&self.solved) {
+                    *w = match self.order {
+                        2 => 2.0 * z - *w,
+                        _ => *z,
+                    };
+                }
+                report.tails[l] += 2.0 * found.residual + f64::EPSILON;
+                report.applications += found.applications;
+                report.solves += 1;
+            }
+            set_lane(&mut self.state, l, &self.mode[..rows]);
+            for _ in 0..=self.order {
+                let (y, x) = (&mut self.solved, &mut self.mode);
+                system.matrix.apply_mode(system.exchange, mu, y, x);
+                std::mem::swap(y, x);
+                report.applications += 1;
+            }
+            self.mode[..rows].iter_mut().for_each(|e| *e *= leading);
+            set_lane(&mut self.error, l, &self.mode[..rows]);
+        }
+        Ok(report)
+    }
+
+    fn state(&self) -> &[Lanes] {
+        &self.state
+    }
+
+    fn step_error(&self) -> Option<&[Lanes]> {
+        Some(&self.error)
+    }
+
+    fn largest_step_error(&self, system: &Evolution<'_>, mu: f64) -> f64 {
+        let interval = Interval::new(mu, system.rate, system.growth);
+        let size = interval.centre.abs() + interval.half_width;
+        self.leading(system.time) * size.powi(self.order as i32 + 1)
+    }
+}

@@ -1,0 +1,455 @@
+//! Lanczos: the exponential in a Krylov space, restarted in time.
+//!
+//! With `H̃ = H − c`, `c` the centre of the spectral interval (see [`crate::propagate::chebyshev`]), the recurrence
+//!
+//! ```text
+//! β_j u_{j+1} = (−iμS + K + ic + iα_j) u_j + β_{j−1} u_{j−1},     u_0 = w/‖w‖
+//! ```
+//!
+//! gives orthonormal `v_j = i^j u_j` with `H̃ v_j = β_{j−1} v_{j−1} + α_j v_j + β_j v_{j+1}`: in these vectors `H̃` is the real
+//! tridiagonal `T_m` of the `α` and `β`, and
+//!
+//! ```text
+//! exp(−iHτ) w ≈ ‖w‖ e^{−icτ} Σ_j y_j v_j,     y = exp(−iT_m τ) e_0
+//! ```
+//!
+//! (Park and Light 1986). Two bounds on its error, relative to `‖w‖`, choose the step `τ`:
+//!
+//! - before: twice that of the best polynomial of degree `m − 1` on the interval, hence at most `4 Σ_{k≥m} |J_k(hτ)|`;
+//! - after: the residual, `β_{m−1} ∫_0^τ |(exp(−iT_m s))_{m−1,0}| ds`, since `exp(−iHs)` is unitary (Hochbruck and Lubich
+//!   1997; Saad 1992). The integral is taken as an upper sum over steps in which the integrand rises.
+//!
+//! A step is as long as either bound allows within the mode's tolerance times `τ/T`, so the whole run keeps it. The basis is
+//! not reorthogonalised: lost orthogonality costs the exponential no accuracy (Druskin and Knizhnerman 1991).
+
+use crate::error::Result;
+use crate::matrix::{BlockMatrix, LANES, Lanes, StepConstants};
+use crate::propagate::chebyshev::{Interval, bessel_series};
+use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
+use faer::{Col, Mat, Par};
+use num_complex::Complex64;
+
+/// Largest dimension `m` of the Krylov space.
+pub const DIMENSION: usize = 30;
+
+/// Pieces of the step that is guaranteed beforehand, in which the residual is followed.
+const PIECES: f64 = 32.0;
+
+/// Bound on the relative error of a Krylov space of dimension `m` for `x = hτ`, before it is known.
+fn bound_before(scratch: &mut Vec<f64>, m: usize, x: f64) -> f64 {
+    bessel_series(scratch, x, 0.0);
+    4.0 * scratch.iter().skip(m).map(|j| j.abs()).sum::<f64>()
+}
+
+/// The longest `x = hτ`, at most `most`, for which dimension `m` keeps the error below `slope · x`.
+fn longest(scratch: &mut Vec<f64>, m: usize, slope: f64, most: f64) -> f64 {
+    // Beyond x = m the series has only begun to fall.
+    let most = most.min(m as f64);
+    if bound_before(scratch, m, most) <= slope * most {
+        return most;
+    }
+    let (mut low, mut high) = (0.0, most);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if bound_before(scratch, m, middle) <= slope * middle {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    low
+}
+
+/// The least dimension that keeps the error below `allowed` for `x = hτ`; [`DIMENSION`] if none does.
+fn dimension(scratch: &mut Vec<f64>, x: f64, allowed: f64) -> usize {
+    bessel_series(scratch, x, 0.0);
+    let mut rest = 0.0;
+    let mut m = scratch.len();
+    while m > 1 && rest + 4.0 * scratch[m - 1].abs() <= allowed {
+        rest += 4.0 * scratch[m - 1].abs();
+        m -= 1;
+    }
+    m.min(DIMENSION)
+}
+
+/// Applications that a mode takes at most: those of the steps that are guaranteed beforehand, each at most `longest_step`.
+pub fn applications(
+    scratch: &mut Vec<f64>,
+    half_width: f64,
+    (time, longest_step): (f64, f64),
+    tolerance: f64,
+) -> usize {
+    if half_width == 0.0 {
+        return 1;
+    }
+    let span = half_width * time;
+    let step = longest(
+        scratch,
+        DIMENSION,
+        tolerance / span,
+        half_width * longest_step,
+    );
+    let whole = (span / step).floor();
+    let left = (span - whole * step).max(0.0);
+    let last = if left > 1e-12 * span {
+        dimension(scratch, left, tolerance * left / span)
+    } else {
+        0
+    };
+    let each = dimension(scratch, step, tolerance * step / span);
+    whole as usize * each + last
+}
+
+/// Scratch of the Krylov propagator for one rank; made once, used for every batch.
+pub struct Krylov {
+    /// `u_j`, one vector with its ghosts after the other.
+    basis: Vec<Lanes>,
+    /// Length of a vector of the basis.
+    length: usize,
+    /// `w`, but for the lanes' phases.
+    state: Vec<Lanes>,
+    /// Longest step by hand.
+    step: Option<f64>,
+    /// `α_j` and `β_j` by lane.
+    alpha: Vec<[f64; LANES]>,
+    beta: Vec<[f64; LANES]>,
+    projected: Projected,
+    series: Vec<f64>,
+}
+
+/// The exponential of `T_m`.
+struct Projected {
+    matrix: Mat<f64>,
+    vectors: Mat<f64>,
+    values: Col<f64>,
+    /// `y`.
+    column: Vec<Complex64>,
+    /// `q_{0k} q_{m−1,k} e^{−iθ_k s}` and `e^{−iθ_k δ}`.
+    terms: Vec<Complex64>,
+    turns: Vec<Complex64>,
+    scratch: MemBuffer,
+}
+
+impl Projected {
+    fn new() -> Self {
+        let requirement = self_adjoint_evd_scratch::<f64>(
+            DIMENSION,
+            ComputeEigenvectors::Yes,
+            Par::Seq,
+            Default::default(),
+        );
+        Self {
+            matrix: Mat::zeros(DIMENSION, DIMENSION),
+            vectors: Mat::zeros(DIMENSION, DIMENSION),
+            values: Col::zeros(DIMENSION),
+            column: vec![Complex64::ZERO; DIMENSION],
+            terms: vec![Complex64::ZERO; DIMENSION],
+            turns: vec![Complex64::ZERO; DIMENSION],
+            scratch: MemBuffer::new(requirement),
+        }
+    }
+
+    /// Finds the eigenvalues and -vectors of the tridiagonal matrix of dimension `m`; whether they were found.
+    fn decompose(&mut self, m: usize, entry: impl Fn(usize) -> (f64, f64)) -> bool {
+        let mut matrix = self.matrix.as_mut().submatrix_mut(0, 0, m, m);
+        matrix.fill(0.0);
+        for j in 0..m {
+            let (alpha, beta) = entry(j);
+            matrix[(j, j)] = alpha;
+            if j + 1 < m {
+                matrix[(j + 1, j)] = beta;
+                matrix[(j, j + 1)] = beta;
+            }
+        }
+        self_adjoint_evd(
+            matrix.as_ref(),
+            self.values.as_mut().subrows_mut(0, m).as_diagonal_mut(),
+            Some(self.vectors.as_mut().submatrix_mut(0, 0, m, m)),
+            Par::Seq,
+            MemStack::new(&mut self.scratch),
+            Default::default(),
+        )
+        .is_ok()
+    }
+
+    /// The longest multiple of `piece` that `β ∫ |(exp(−iTs))_{m−1,0}| ds ≤ slope · s` allows, until `most` is passed; and
+    /// that integral.
+    fn follow(&mut self, m: usize, beta: f64, (piece, most): (f64, f64), slope: f64) -> (f64, f64) {
+        for k in 0..m {
+            let product = self.vectors[(0, k)] * self.vectors[(m - 1, k)];
+            self.terms[k] = product.into();
+            self.turns[k] = Complex64::new(0.0, -self.values[k] * piece).exp();
+        }
+        let entry = |terms: &[Complex64]| terms.iter().sum::<Complex64>().norm();
+        let (mut s, mut integral) = (0.0, 0.0);
+        let mut before = entry(&self.terms[..m]);
+        while s < most {
+            for (term, turn) in self.terms[..m].iter_mut().zip(&self.turns) {
+                *term *= turn;
+            }
+            let after = entry(&self.terms[..m]);
+            let next = integral + beta * piece * f64::max(before, after);
+            // Written so that NaN ends it.
+            if !(next <= slope * (s + piece)) {
+                break;
+            }
+            (s, integral, before) = (s + piece, next, after);
+        }
+        (s, integral)
+    }
+
+    /// `y = exp(−iTτ) e_0`.
+    fn exponential(&mut self, m: usize, tau: f64) -> &[Complex64] {
+        for k in 0..m {
+            let turn = Complex64::new(0.0, -self.values[k] * tau).exp();
+            self.terms[k] = self.vectors[(0, k)] * turn;
+        }
+        for j in 0..m {
+            let row = (0..m).map(|k| self.vectors[(j, k)] * self.terms[k]);
+            self.column[j] = row.sum();
+        }
+        &self.column[..m]
+    }
+}
+
+impl Krylov {
+    /// Scratch for vectors of `matrix`; no step longer than `step`.
+    pub fn new(matrix: &BlockMatrix, step: Option<f64>) -> Self {
+        let length = matrix.length();
+        Self {
+            basis: vec![Lanes::ZERO; (DIMENSION + 1) * length],
+            length,
+            state: vec![Lanes::ZERO; matrix.rows()],
+            step,
+            alpha: vec![[0.0; LANES]; DIMENSION],
+            beta: vec![[0.0; LANES]; DIMENSION],
+            projected: Projected::new(),
+            series: Vec::with_capacity(400),
+        }
+    }
+
+    /// `u_0, …, u_m` and their `α`, `β` from the state, whose norms are `norms`. Collective over the space group.
+    fn build(
+        &mut self,
+        system: &mut Evolution<'_>,
+        constants: &mut StepConstants,
+        norms: &[f64; LANES],
+        (m, sizes): (usize, &[f64; LANES]),
+    ) {
+        let rows = self.state.len();
+        let inverse = norms.map(|n| if n > 0.0 { 1.0 / n } else { 0.0 });
+        for (u, w) in self.basis[..rows].iter_mut().zip(&self.state) {
+            *u = scaled(w, &inverse);
+        }
+        let squares = sizes.map(|h| 4.0 * h * h);
+        for j in 0..m {
+            let (past, future) = self.basis.split_at_mut((j + 1) * self.length);
+            let (past, x) = past.split_at_mut(j * self.length);
+            let y = &mut future[..self.length];
+            if j == 0 {
+                y[..rows].fill(Lanes::ZERO);
+            } else {
+                let previous = &past[(j - 1) * self.length..];
+                for (y, u) in y[..rows].iter_mut().zip(previous) {
+                    *y = scaled(u, &self.beta[j - 1]);
+                }
+            }
+            system.matrix.advance(system.exchange, constants, y, x);
+            // α = ⟨u, iy⟩.
+            let alpha = system.lane_sums(sizes, |i| {
+                let (Lanes(u), Lanes(y)) = (&x[i], &y[i]);
+                std::array::from_fn(|l| u[LANES + l] * y[l] - u[l] * y[LANES + l])
+            });
+            let square = system.lane_sums(&squares, |i| {
+                let (Lanes(u), Lanes(y)) = (&x[i], &mut y[i]);
+                std::array::from_fn(|l| {
+                    y[l] -= alpha[l] * u[LANES + l];
+                    y[LANES + l] += alpha[l] * u[l];
+                    y[l] * y[l] + y[LANES + l] * y[LANES + l]
+                })
+            });
+            let mut inverse = [0.0; LANES];
+            for l in 0..LANES {
+                // A space that closes is exact: what is left of the recurrence is round-off.
+                let beta = square[l].max(0.0).sqrt();
+                let closed = beta <= f64::EPSILON * sizes[l];
+                self.beta[j][l] = if closed { 0.0 } else { beta };
+                inverse[l] = if closed { 0.0 } else { 1.0 / beta };
+            }
+            self.alpha[j] = alpha;
+            for y in &mut y[..rows] {
+                *y = scaled(y, &inverse);
+            }
+        }
+    }
+
+    /// `w ← Σ_j c_j u_j`.
+    fn combine(&mut self, coefficients: &[[f64; 2 * LANES]]) {
+        for (j, c) in coefficients.iter().enumerate() {
+            let u = &self.basis[j * self.length..];
+            for (w, Lanes(u)) in self.state.iter_mut().zip(u) {
+                if j == 0 {
+                    *w = Lanes::ZERO;
+                }
+                for l in 0..LANES {
+                    let (re, im) = (c[l], c[LANES + l]);
+                    w.0[l] += re * u[l] - im * u[LANES + l];
+                    w.0[LANES + l] += re * u[LANES + l] + im * u[l];
+                }
+            }
+        }
+    }
+}
+
+/// A row times a factor for each lane.
+#[inline(always)]
+fn scaled(Lanes(row): &Lanes, factors: &[f64; LANES]) -> Lanes {
+    Lanes(std::array::from_fn(|l| factors[l % LANES] * row[l]))
+}
+
+impl Propagator for Krylov {
+    fn propagate(
+        &mut self,
+        system: &mut Evolution<'_>,
+        batch: &BatchSpec,
+        initial: &Initial<'_>,
+    ) -> Result<BatchReport> {
+        let time = system.time;
+        let intervals = (batch.wavenumbers).map(|mu| Interval::new(mu, system.rate, system.growth));
+        let mut report = BatchReport {
+            phases: intervals.map(|i| Complex64::new(0.0, -i.centre * time).exp()),
+            tails: [0.0; LANES],
+            unitary: true,
+            applications: 0,
+            solves: 0,
+        };
+        let mut constants = StepConstants {
+            scale: [1.0; LANES],
+            shift: intervals.map(|i| i.centre),
+            wavenumber: batch.wavenumbers,
+            coefficient: [0.0; LANES],
+        };
+        // ‖H − c‖, where nothing moves too.
+        let sizes = intervals.map(|i| {
+            if i.half_width > 0.0 {
+                i.half_width
+            } else {
+                1.0
+            }
+        });
+        for (w, &u) in self.state.iter_mut().zip(initial.state) {
+            *w = Lanes::ZERO;
+            w.0[..LANES].fill(u);
+        }
+        let mut left = [time; LANES];
+        while left.iter().any(|&t| t > 0.0) && initial.norm > 0.0 {
+            // What is guaranteed beforehand: the step, or the dimension that takes the lane to its end.
+            let mut steps = [0.0; LANES];
+            let mut m = 1;
+            for l in (0..LANES).filter(|&l| left[l] > 0.0) {
+                let (h, slope) = (intervals[l].half_width, batch.tolerances[l] / time);
+                let most = self.step.unwrap_or(time).min(left[l]);
+                let series = &mut self.series;
+                if h == 0.0 {
+                    steps[l] = most;
+                    continue;
+                }
+                steps[l] = longest(series, DIMENSION, slope / h, h * most) / h;
+                if steps[l] >= most * (1.0 - 1e-12) {
+                    steps[l] = most;
+                }
+                m = m.max(dimension(series, h * steps[l], slope * steps[l]));
+            }
+            let square = 2.0 * initial.norm * initial.norm;
+            let norms = system.lane_sums(&[square; LANES], |i| {
+                let Lanes(w) = &self.state[i];
+                std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
+            });
+            let norms = norms.map(f64::sqrt);
+            self.build(system, &mut constants, &norms, (m, &sizes));
+            report.applications += batch.modes * m;
+
+            let mut coefficients = [[0.0; 2 * LANES]; DIMENSION];
+            for l in 0..LANES {
+                let (alpha, beta) = (&self.alpha, &self.beta);
+                let found = self.projected.decompose(m, |j| (alpha[j][l], beta[j][l]));
+                let mut tau = steps[l];
+                let mut error = batch.tolerances[l] * tau / time;
+                let most = self.step.unwrap_or(time).min(left[l]);
+                if found && tau > 0.0 {
+                    let slope = batch.tolerances[l] / time;
+                    let piece = tau / PIECES;
+                    let last = self.beta[m - 1][l];
+                    let (reach, bound) = self.projected.follow(m, last, (piece, most), slope);
+                    if reach >= tau {
+                        (tau, error) = (reach.min(most), bound);
+                    }
+                    // The whole of what is left, but for round-off.
+                    if most - tau <= 1e-12 * time {
+                        tau = most;
+                    }
+                }
+                report.tails[l] += error + f64::EPSILON;
+                left[l] -= tau;
+                let mut power = Complex64::from(norms[l]);
+                for (c, y) in coefficients
+                    .iter_mut()
+                    .zip(self.projected.exponential(m, tau))
+                {
+                    let value = power * y;
+                    (c[l], c[LANES + l]) = (value.re, value.im);
+                    // v_j = i^j u_j.
+                    power *= Complex64::I;
+                }
+            }
+            self.combine(&coefficients[..m]);
+        }
+        Ok(report)
+    }
+
+    fn state(&self) -> &[Lanes] {
+        &self.state
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_and_dimensions_keep_their_bounds_and_no_more() {
+        let mut scratch = Vec::new();
+        for slope in [1e-3, 1e-8, 1e-14, 1e-18] {
+            let x = longest(&mut scratch, DIMENSION, slope, f64::INFINITY);
+            assert!(bound_before(&mut scratch, DIMENSION, x) <= slope * x);
+            assert!(bound_before(&mut scratch, DIMENSION, 1.001 * x) > slope * 1.001 * x);
+            for part in [0.05, 0.3, 1.0] {
+                let (x, allowed) = (part * x, slope * part * x);
+                let m = dimension(&mut scratch, x, allowed);
+                assert!(m <= DIMENSION && bound_before(&mut scratch, m, x) <= allowed);
+                assert!(m == 1 || bound_before(&mut scratch, m - 1, x) > allowed);
+            }
+        }
+    }
+
+    #[test]
+    fn planned_applications_cover_the_time() {
+        let mut scratch = Vec::new();
+        for (span, tolerance) in [(0.1, 1e-6), (20.0, 1e-6), (500.0, 1e-12)] {
+            let all = applications(&mut scratch, span, (1.0, 1.0), tolerance);
+            // A Chebyshev series of that accuracy is a polynomial of one piece: shorter, but not by much.
+            bessel_series(&mut scratch, span, tolerance);
+            let degree = scratch.len() - 1;
+            assert!(
+                all >= degree && all <= 6 * degree + DIMENSION,
+                "{span}: {all} {degree}"
+            );
+            // Shorter steps cost more.
+            let short = applications(&mut scratch, span, (1.0, 0.01), tolerance);
+            assert!(short > all, "{short} {all}");
+        }
+        assert_eq!(applications(&mut scratch, 0.0, (1.0, 1.0), 1e-6), 1);
+    }
+}

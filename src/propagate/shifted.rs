@@ -1,0 +1,416 @@
+//! Linear systems `(I − aG) z = w` with `G = −iμS + K`, one mode at a time.
+//!
+//! `G` is skew-Hermitian, so `M = I − aG` is normal, its eigenvalues lie on `1 + i[−a‖H‖, a‖H‖]`, `‖M⁻¹‖ ≤ 1`: a residual bounds
+//! the error. The part of `M` on this rank's rows has the same form. It is factorised by a sparse LU, whose symbolic part is
+//! done once. Where one rank holds the space that solves the system; where it is split, it is the preconditioner (block
+//! Jacobi) of GMRES, restarted. Either way the residual of the whole system is computed and must come below a limit.
+//!
+//! Sums over ranks go through fixed-point integers: the bits depend on how space is split, not on timing or mode groups.
+
+use crate::case::Case;
+use crate::error::{Error, Result};
+use crate::matrix::BlockMatrix;
+use crate::partition::Mesh;
+use crate::plan::Bounds;
+use crate::propagate::chebyshev::Interval;
+use crate::propagate::{Evolution, pieces};
+use crate::reproducible::FixedPoint;
+use crate::scheme::transport_rate;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::sparse::linalg::lu::{LuRef, NumericLu, SymbolicLu, factorize_symbolic_lu};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
+use faer::{Conj, MatMut, Par};
+use num_complex::Complex64;
+use std::ops::Range;
+
+/// Residual that is asked for, relative to the right-hand side, where round-off allows it.
+const RESIDUAL: f64 = 1e-13;
+/// Largest dimension of a Krylov space before GMRES is restarted.
+pub const RESTART: usize = 60;
+/// The same where one rank holds the space: a refinement or two.
+pub const REFINEMENTS: usize = 2;
+/// Iterations after which a system is given up.
+const MOST_ITERATIONS: usize = 3000;
+
+/// Bytes a row that the factors and their workspace take at the fullest, from measurements on grids of one to three
+/// dimensions (docs/numerics.md): not a bound, but up to four times too much.
+///
+/// Unknowns that a cell's rows are coupled to form a grid of the x-axes, and of the v-axes where a force moves particles along them.
+/// Chains fill little, two axes like `log` of the grid, more like its largest separator.
+pub fn factor_bytes(case: &Case, bounds: &Bounds, mesh: &Mesh) -> f64 {
+    let x = case
+        .space
+        .x
+        .iter()
+        .zip(&mesh.space)
+        .map(|(a, p)| a.cells.div_ceil(*p));
+    let mut lengths: Vec<f64> = x.map(|cells| cells as f64).collect();
+    if bounds.rate > transport_rate(&case.space) {
+        lengths.extend(case.space.v.iter().map(|a| a.cells as f64));
+    }
+    let points: f64 = lengths.iter().product();
+    let longest = lengths.iter().copied().fold(1.0, f64::max);
+    let fill = match lengths.len() {
+        1 => 0.0,
+        2 => 400.0 * points.log2(),
+        _ => 56.0 * points / longest,
+    };
+    // Jumps couple velocities along a face.
+    let jumps = if bounds.jumps && case.space.dimension() > 1 {
+        1500.0
+    } else {
+        0.0
+    };
+    500.0 + jumps + fill
+}
+
+/// Solves with `M`, for one `a` and `μ` at a time.
+pub struct Shifted {
+    local: Local,
+    gmres: Gmres,
+}
+
+/// `M` on this rank's rows, column by column, with what factorises and solves it.
+struct Local {
+    offsets: Vec<usize>,
+    rows: Vec<usize>,
+    values: Vec<Complex64>,
+    symbolic: SymbolicLu<usize>,
+    numeric: NumericLu<usize, Complex64>,
+    factor_scratch: MemBuffer,
+    solve_scratch: MemBuffer,
+    /// `a` and `μ` of the factors.
+    shift: f64,
+    wavenumber: f64,
+}
+
+/// Scratch of GMRES.
+struct Gmres {
+    /// Largest dimension.
+    restart: usize,
+    /// Orthonormal vectors one after the other, each with room for ghosts.
+    basis: Vec<Complex64>,
+    length: usize,
+    /// Residual, and a vector to be preconditioned.
+    residual: Vec<Complex64>,
+    moved: Vec<Complex64>,
+    /// Columns of the upper triangular matrix, rotations, right-hand side.
+    upper: Vec<Complex64>,
+    rotations: Vec<(f64, Complex64)>,
+    right: Vec<Complex64>,
+    products: Vec<Complex64>,
+    integers: Vec<i64>,
+}
+
+/// How a system was solved.
+#[derive(Clone, Copy, Debug)]
+pub struct Solved {
+    /// `‖w − Mz‖/‖w‖`, what round-off may hide in it included.
+    pub residual: f64,
+    /// Applications of `G`.
+    pub applications: usize,
+}
+
+/// A failure of the factorisation.
+fn failure(reason: &dyn std::fmt::Debug) -> Error {
+    Error::Factors(format!("{reason:?}"))
+}
+
+impl Local {
+    fn new(matrix: &BlockMatrix) -> Result<Self> {
+        let count = matrix.rows();
+        let (mut offsets, mut rows) = (vec![0usize], Vec::new());
+        for j in 0..count {
+            // The pattern is symmetric: row j lists the rows of column j.
+            rows.extend(matrix.row(j).filter(|e| e.0 < count).map(|e| e.0));
+            // Rows are in the order of global columns, not of local ones.
+            let start = offsets[j];
+            rows[start..].sort_unstable();
+            offsets.push(rows.len());
+        }
+        let pattern = pattern(&offsets, &rows);
+        let symbolic =
+            factorize_symbolic_lu(pattern, Default::default()).map_err(|e| failure(&e))?;
+        let scratch = |requirement| MemBuffer::try_new(requirement).map_err(|e| failure(&e));
+        let par = Par::Seq;
+        let factor_scratch =
+            scratch(symbolic.factorize_numeric_lu_scratch::<Complex64>(par, Default::default()))?;
+        let solve_scratch = scratch(symbolic.solve_in_place_scratch::<Complex64>(1, par))?;
+        Ok(Self {
+            values: vec![Complex64::ZERO; rows.len()],
+            offsets,
+            rows,
+            symbolic,
+            numeric: NumericLu::new(),
+            factor_scratch,
+            solve_scratch,
+            shift: 0.0,
+            wavenumber: 0.0,
+        })
+    }
+
+    fn factorise(&mut self, matrix: &BlockMatrix, a: f64, mu: f64) -> Result<()> {
+        (self.shift, self.wavenumber) = (a, mu);
+        let count = self.count();
+        for j in 0..count {
+            let range = self.offsets[j]..self.offsets[j + 1];
+            let (rows, values) = (&self.rows[range.clone()], &mut self.values[range]);
+            for (i, s, k) in matrix.row(j).filter(|e| e.0 < count) {
+                // Entry (i, j) from (j, i): S is symmetric, K skew.
+                let unit = f64::from(u8::from(i == j));
+                let value = Complex64::new(unit + a * k, a * mu * s);
+                if let Ok(at) = rows.binary_search(&i) {
+                    values[at] = value;
+                }
+            }
+        }
+        let matrix = SparseColMatRef::new(pattern(&self.offsets, &self.rows), &self.values[..]);
+        let factors = self.symbolic.factorize_numeric_lu(
+            &mut self.numeric,
+            matrix,
+            Par::Seq,
+            MemStack::new(&mut self.factor_scratch),
+            Default::default(),
+        );
+        factors.map(|_| ()).map_err(|e| failure(&e))
+    }
+
+    /// `x ←` (this rank's part of `M`)`⁻¹ x`.
+    fn precondition(&mut self, x: &mut [Complex64]) {
+        LuRef::new_unchecked(&self.symbolic, &self.numeric).solve_in_place_with_conj(
+            Conj::No,
+            MatMut::from_column_major_slice_mut(x, self.count(), 1),
+            Par::Seq,
+            MemStack::new(&mut self.solve_scratch),
+        );
+    }
+
+    fn count(&self) -> usize {
+        self.offsets.len() - 1
+    }
+
+    /// `y ← Mx`. Collective over the space group.
+    fn apply(&self, system: &mut Evolution<'_>, y: &mut [Complex64], x: &mut [Complex64]) {
+        system
+            .matrix
+            .apply_mode(system.exchange, self.wavenumber, y, x);
+        for (y, x) in y.iter_mut().zip(&x[..self.count()]) {
+            *y = x - self.shift * *y;
+        }
+    }
+}
+
+impl Shifted {
+    /// The pattern of `matrix`, analysed; `split` says that space is split over ranks.
+    ///
+    /// # Errors
+    /// [`Error::Factors`] where memory or the range of indices does not suffice. Not collective.
+    pub fn new(matrix: &BlockMatrix, split: bool) -> Result<Self> {
+        Ok(Self {
+            local: Local::new(matrix)?,
+            gmres: Gmres::new(matrix.length(), if split { RESTART } else { REFINEMENTS }),
+        })
+    }
+
+    /// Factorises `I − aG` for wavenumber `mu`. Collective over the space group.
+    ///
+    /// # Errors
+    /// [`Error::Factors`] on any rank.
+    pub fn factorise(&mut self, system: &Evolution<'_>, a: f64, mu: f64) -> Result<()> {
+        let done = self.local.factorise(system.matrix, a, mu);
+        system.space.agree(done)
+    }
+
+    /// `z ← M⁻¹ w`, `w` of norm at most `norm`; `w` and `z` have room for ghosts. Collective over the space group.
+    ///
+    /// # Errors
+    /// [`Error::Solver`] where the residual does not come below its limit, on all ranks.
+    pub fn solve(
+        &mut self,
+        system: &mut Evolution<'_>,
+        z: &mut [Complex64],
+        w: &[Complex64],
+        norm: f64,
+    ) -> Result<Solved> {
+        let (local, gmres) = (&mut self.local, &mut self.gmres);
+        let rows = local.count();
+        let interval = Interval::new(local.wavenumber, system.rate, system.growth);
+        // ‖M‖, and what round-off leaves of a residual.
+        let size = 1.0 + local.shift * (interval.centre.abs() + interval.half_width);
+        let round_off = f64::EPSILON * size;
+        let limit = RESIDUAL + round_off;
+        z[..rows].copy_from_slice(&w[..rows]);
+        local.precondition(&mut z[..rows]);
+        let mut applications = 0;
+        loop {
+            local.apply(system, &mut gmres.residual, z);
+            applications += 1;
+            for (r, w) in gmres.residual[..rows].iter_mut().zip(w) {
+                *r = w - *r;
+            }
+            let found = length(system, &gmres.residual);
+            if found <= limit * norm {
+                return Ok(Solved {
+                    residual: found / norm + round_off,
+                    applications,
+                });
+            }
+            if applications >= MOST_ITERATIONS || !found.is_finite() {
+                return Err(Error::Solver {
+                    wavenumber: local.wavenumber,
+                    residual: found / norm,
+                    limit,
+                    iterations: applications,
+                });
+            }
+            applications += gmres.improve(local, system, z, (found, limit * norm), size);
+        }
+    }
+}
+
+/// `‖v‖`, NaN where it is not finite. Collective over the space group; allocates nothing.
+fn length(system: &Evolution<'_>, v: &[Complex64]) -> f64 {
+    let square = |rows: Range<usize>| v[rows].iter().map(|v| v.norm_sqr()).sum::<f64>();
+    let mut largest: f64 = 0.0;
+    for rows in pieces(system.matrix) {
+        let square = square(rows);
+        // NaN stays.
+        if !(square <= largest) {
+            largest = square;
+        }
+    }
+    let bound = system.space.max(largest);
+    let sums = pieces(system.matrix).map(square);
+    system.space.sum(bound, system.terms, sums).max(0.0).sqrt()
+}
+
+fn pattern<'a>(offsets: &'a [usize], rows: &'a [usize]) -> SymbolicSparseColMatRef<'a, usize> {
+    let count = offsets.len() - 1;
+    SymbolicSparseColMatRef::new_checked(count, count, offsets, None, rows)
+}
+
+impl Gmres {
+    fn new(length: usize, restart: usize) -> Self {
+        let zeros = |n: usize| vec![Complex64::ZERO; n];
+        Self {
+            restart,
+            basis: zeros((restart + 1) * length),
+            length,
+            residual: zeros(length),
+            moved: zeros(length),
+            upper: zeros(restart * restart),
+            rotations: vec![(1.0, Complex64::ZERO); restart],
+            right: zeros(restart + 1),
+            products: zeros(restart),
+            integers: vec![0; 4 * restart],
+        }
+    }
+
+    /// `products[k] ← ⟨v_k, v_count⟩` for `k < count`, of magnitude at most `bound`. Collective over the space group.
+    fn project(&mut self, system: &Evolution<'_>, count: usize, bound: f64) {
+        let fixed = FixedPoint::new(bound, system.terms);
+        let integers = &mut self.integers[..4 * count];
+        integers.fill(0);
+        let last = &self.basis[count * self.length..];
+        for rows in pieces(system.matrix) {
+            for k in 0..count {
+                let v = &self.basis[k * self.length..];
+                let sum: Complex64 = rows.clone().map(|i| v[i].conj() * last[i]).sum();
+                for (part, value) in [sum.re, sum.im].into_iter().enumerate() {
+                    let parts = fixed.split(value);
+                    integers[4 * k + 2 * part] += parts[0];
+                    integers[4 * k + 2 * part + 1] += parts[1];
+                }
+            }
+        }
+        system.space.sum_integers(integers);
+        for (product, i) in self.products.iter_mut().zip(integers.chunks_exact(4)) {
+            *product = Complex64::new(fixed.join([i[0], i[1]]), fixed.join([i[2], i[3]]));
+        }
+    }
+
+    /// `z ← z + P⁻¹ Σ y_k v_k` with the `y` that makes the residual smallest in a Krylov space of `M P⁻¹`; until its norm,
+    /// at first `from`, is below `goal`. Returns the applications.
+    fn improve(
+        &mut self,
+        local: &mut Local,
+        system: &mut Evolution<'_>,
+        z: &mut [Complex64],
+        (from, goal): (f64, f64),
+        size: f64,
+    ) -> usize {
+        let (rows, stride, restart) = (system.matrix.rows(), self.length, self.restart);
+        for (v, r) in self.basis[..rows].iter_mut().zip(&self.residual) {
+            *v = r / from;
+        }
+        self.right.fill(Complex64::ZERO);
+        self.right[0] = from.into();
+        let mut used = 0;
+        for j in 0..restart {
+            let (past, future) = self.basis.split_at_mut((j + 1) * stride);
+            self.moved[..rows].copy_from_slice(&past[j * stride..j * stride + rows]);
+            local.precondition(&mut self.moved[..rows]);
+            local.apply(system, &mut future[..stride], &mut self.moved);
+            used = j + 1;
+            // Gram and Schmidt, twice. ‖M P⁻¹ v‖ ≤ ‖M‖, as ‖P⁻¹‖ ≤ 1.
+            let column = j * restart;
+            self.upper[column..=column + j].fill(Complex64::ZERO);
+            for _ in 0..2 {
+                self.project(system, j + 1, 2.0 * size);
+                for k in 0..=j {
+                    let product = self.products[k];
+                    self.upper[column + k] += product;
+                    let (past, last) = self.basis.split_at_mut((j + 1) * stride);
+                    for (q, v) in last[..rows].iter_mut().zip(&past[k * stride..]) {
+                        *q -= product * v;
+                    }
+                }
+            }
+            let below = length(system, &self.basis[(j + 1) * stride..(j + 2) * stride]);
+            // The rotations that made the earlier columns triangular, then a new one.
+            for k in 0..j {
+                let (c, s) = self.rotations[k];
+                let (a, b) = (self.upper[column + k], self.upper[column + k + 1]);
+                self.upper[column + k] = c * a + s * b;
+                self.upper[column + k + 1] = c * b - s.conj() * a;
+            }
+            let a = self.upper[column + j];
+            let radius = a.norm().hypot(below);
+            let closed = below <= f64::EPSILON * size;
+            let (c, s) = match a.norm() {
+                0.0 => (0.0, Complex64::ONE),
+                length => (length / radius, a / length * (below / radius)),
+            };
+            self.rotations[j] = (c, s);
+            self.upper[column + j] = c * a + s * below;
+            let g = self.right[j];
+            self.right[j] = c * g;
+            self.right[j + 1] = -s.conj() * g;
+            if closed || self.right[j + 1].norm() <= 0.5 * goal {
+                break;
+            }
+            for q in &mut self.basis[(j + 1) * stride..(j + 1) * stride + rows] {
+                *q /= below;
+            }
+        }
+        for k in (0..used).rev() {
+            let mut y = self.right[k];
+            for j in k + 1..used {
+                y -= self.upper[j * restart + k] * self.right[j];
+            }
+            self.right[k] = y / self.upper[k * restart + k];
+        }
+        self.moved[..rows].fill(Complex64::ZERO);
+        for k in 0..used {
+            let y = self.right[k];
+            for (d, v) in self.moved[..rows].iter_mut().zip(&self.basis[k * stride..]) {
+                *d += y * v;
+            }
+        }
+        local.precondition(&mut self.moved[..rows]);
+        for (z, d) in z[..rows].iter_mut().zip(&self.moved) {
+            *z += d;
+        }
+        used
+    }
+}
