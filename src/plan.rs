@@ -13,6 +13,7 @@ mod layout;
 
 pub use layout::{Layout, Resources, bytes_text, refuse_hopeless};
 
+use crate::classical::limiter::longest_step;
 use crate::classical::{EXACT, poisson_window};
 use crate::error::{Error, Result};
 use crate::matrix::LANES;
@@ -380,9 +381,10 @@ pub fn classical_steps(case: &Case, bounds: &Bounds) -> usize {
     let courant = bounds.rate * case.end;
     match case.integrator {
         Integrator::Exponential => poisson_window(courant, EXACT).end,
-        Integrator::ForwardEuler | Integrator::SspRk3 => {
-            (courant / case.cfl).ceil().max(1.0) as usize
-        }
+        Integrator::ForwardEuler | Integrator::SspRk3 => (courant
+            / (case.cfl * longest_step(case.limiter)))
+        .ceil()
+        .max(1.0) as usize,
     }
 }
 
