@@ -49,7 +49,7 @@ impl Stopwatch {
 }
 
 /// Bytes a rank of `world` may take: its node's free memory over the ranks there, the least over all. Collective.
-fn memory_per_rank(world: &Group) -> u64 {
+pub fn memory_per_rank(world: &Group) -> u64 {
     let mine = system::available_memory() as f64 / world.ranks_on_node() as f64;
     -world.max(-mine) as u64
 }
