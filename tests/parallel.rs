@@ -1421,6 +1421,9 @@ fn extreme_eigenvalues(world: &World) {
             let mut piece = Piece::assemble(world, &twin, &mesh);
             let terms = weighted.problem.terms;
             for with_weights in [false, true] {
+                if with_weights && !weighted.bounds.weighted {
+                    continue;
+                }
                 let s = if with_weights {
                     weighted.generator.symmetric()
                 } else {

@@ -1,4 +1,5 @@
 //! Slow and obvious: the right-hand side with limited slopes, cell by cell from the formulas, on the whole grid.
+#![allow(dead_code)] // each test program uses its own part
 
 use phasewarp::case::{Case, Interface, Limiter};
 use phasewarp::grid::{Cell, PhaseSpace};
