@@ -1,12 +1,15 @@
 //! The semi-discrete system integrated directly: `f' = A f + b`.
 //!
 //! The inflow is carried by the auxiliary unknowns of the matrix, so the system is homogeneous here: `u' = A u`.
-//! [`Classical::exponential`] is the reference that the tolerance is defined by.
+//! [`Classical::exponential`] is the reference that the tolerance is defined by. The steps take slopes, see [`limiter`].
+
+pub mod limiter;
 
 use crate::case::Integrator;
 use crate::communicator::GhostExchange;
 use crate::matrix::{BlockMatrix, Part};
 use crate::progress::Progress;
+use limiter::Reconstruction;
 use std::ops::Range;
 
 /// Poisson probabilities below this are left out for the reference.
@@ -64,6 +67,7 @@ pub struct Classical<'a> {
     image: Vec<f64>,
     stage: Vec<f64>,
     sum: Vec<f64>,
+    reconstruction: Option<Reconstruction>,
     progress: Progress,
 }
 
@@ -76,6 +80,7 @@ impl<'a> Classical<'a> {
             image: vector(),
             stage: vector(),
             sum: vector(),
+            reconstruction: None,
             progress: Progress::silent(),
         }
     }
@@ -83,6 +88,14 @@ impl<'a> Classical<'a> {
     /// Says how far it is.
     pub fn with_progress(self, progress: Progress) -> Self {
         Self { progress, ..self }
+    }
+
+    /// With slopes in the steps; the exponential is that of `A` and takes none.
+    pub fn with_slopes(self, reconstruction: Option<Reconstruction>) -> Self {
+        Self {
+            reconstruction,
+            ..self
+        }
     }
 
     /// `state ← exp(A time) state`, with `rate ≥ max |A_ii|`: `exp(At) = Σ_k e^{−λ} λ^k/k! Q^k`, `λ = rate·t`,
@@ -152,11 +165,14 @@ impl<'a> Classical<'a> {
         self.progress.finish();
     }
 
-    /// `state ← state + dt A state`.
+    /// `state ← state + dt A state`, with slopes where there are some.
     fn euler(&mut self, exchange: &mut GhostExchange, state: &mut [f64], dt: f64) {
         let rows = self.matrix.rows();
         self.matrix
             .apply(exchange, Part::Generator, &mut self.image, state);
+        if let Some(reconstruction) = &mut self.reconstruction {
+            reconstruction.add(exchange, &mut self.image, state, rows);
+        }
         for (x, a) in state[..rows].iter_mut().zip(&self.image) {
             *x += dt * a;
         }

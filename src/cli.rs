@@ -69,10 +69,24 @@ pub enum Command {
         /// The case.
         #[command(flatten)]
         case: CaseArgs,
-        /// Lanczos steps
-        #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u64).range(2..=5000))]
+        /// Most Lanczos steps; fewer do where both ends of the spectrum are found before
+        #[arg(long, default_value_t = 5000, value_parser = clap::value_parser!(u64).range(2..=1_000_000))]
         steps: u64,
+        /// Multiplies the cells of every axis: one table row for each number
+        #[arg(long, value_name = "N[,N...]", value_delimiter = ',', default_value = "1", value_parser = parse_refinement)]
+        refine: Vec<usize>,
+        /// As JSON
+        #[arg(long)]
+        json: bool,
     },
+}
+
+/// A whole number from 1 to 64.
+fn parse_refinement(text: &str) -> Result<usize, String> {
+    match text.trim().parse() {
+        Ok(n @ 1..=64) => Ok(n),
+        _ => Err("a whole number from 1 to 64 expected".into()),
+    }
 }
 
 /// `4GiB`, `500MB`, `1e9`.

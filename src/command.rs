@@ -1,15 +1,14 @@
 //! The subcommands.
 
+mod spectrum;
+
 use crate::case::{self, Case};
 use crate::cli::{CaseArgs, Cli, Command};
-use crate::communicator::{Communicator, World};
+use crate::communicator::World;
 use crate::error::Result;
 use crate::output::summary::Summary;
-use crate::partition::Block;
-use crate::plan::{Bounds, Plan, Resources};
-use crate::problem::Problem;
+use crate::plan::{Bounds, Resources};
 use crate::run::{self, Options};
-use crate::spectrum::extremes;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -88,7 +87,20 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                     .for_each(|w| say(&format!("warning: {w}")));
             }
         }
-        Command::Spectrum { case, steps } => spectrum(world, &load(world, case)?, *steps as usize)?,
+        Command::Spectrum {
+            case,
+            steps,
+            refine,
+            json,
+        } => {
+            let case = load(world, case)?;
+            let found = spectrum::measure(world, &case, refine, *steps as usize)?;
+            if speaks && *json {
+                say(&serde_json::to_string_pretty(&found).unwrap_or_default());
+            } else if speaks {
+                say(spectrum::table(&found).trim_end());
+            }
+        }
     }
     Ok(())
 }
@@ -177,61 +189,4 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
         }
     );
     text
-}
-
-fn spectrum(world: &World, case: &Case, steps: usize) -> Result<()> {
-    let speaks = world.group().rank() == 0;
-    run::refuse_hopeless_here(world, case)?;
-    let bounds = Bounds::new(case)?;
-    let resources = Resources {
-        ranks: world.group().size(),
-        ranks_x: None,
-        memory_per_rank: None,
-    };
-    let mut classical = case.clone();
-    classical.method = case::Method::Classical;
-    let mesh = Plan::with_bounds(&classical, bounds.clone(), &resources, 1.0)?
-        .layout
-        .mesh;
-    let communicator = Communicator::new(world, &mesh);
-    for weighted in [false, true] {
-        let hat = case.interface == case::Interface::Hat;
-        if weighted && !(bounds.jumps && hat) {
-            continue;
-        }
-        let bounds = Bounds {
-            weighted,
-            ..bounds.clone()
-        };
-        let block = Block::new(&case.space, &mesh, communicator.space.rank());
-        let mut problem = Problem::new(case, &bounds, &communicator, block, (1, usize::MAX))?;
-        let found_bounds = problem.bounds(case, &bounds);
-        let unknowns = case.space.cells() + problem.terms - case.space.space_cells();
-        let found = extremes(
-            &problem.matrix,
-            &mut problem.exchange,
-            &communicator.space,
-            found_bounds.decay + found_bounds.growth.max(0.0),
-            unknowns,
-            steps,
-        );
-        if speaks {
-            say(&format!(
-                "{:<20} lambda+ {:.6}  lambda- {:.6}  (Lanczos, {} steps); guaranteed lambda+ <= {:.6}, lambda- <= {:.6}; max/min sqrt(pi) {:.4}, {} sweeps",
-                if weighted {
-                    "dissipative weights"
-                } else {
-                    "no weights"
-                },
-                found.highest.max(0.0),
-                (-found.lowest).max(0.0),
-                found.steps,
-                found_bounds.growth.max(0.0),
-                found_bounds.decay,
-                problem.weights.spread,
-                problem.weights.sweeps,
-            ));
-        }
-    }
-    Ok(())
 }

@@ -15,6 +15,7 @@ mod placement;
 pub use layout::{Layout, Resources, bytes_text, refuse_hopeless};
 pub use placement::MOST_MODES;
 
+use crate::classical::limiter::longest_step;
 use crate::classical::{EXACT, poisson_window};
 use crate::error::{Error, Result};
 use crate::matrix::LANES;
@@ -419,9 +420,10 @@ pub fn classical_steps(case: &Case, bounds: &Bounds) -> usize {
     let courant = bounds.rate * case.end;
     match case.integrator {
         Integrator::Exponential => poisson_window(courant, EXACT).end,
-        Integrator::ForwardEuler | Integrator::SspRk3 => {
-            (courant / case.cfl).ceil().max(1.0) as usize
-        }
+        Integrator::ForwardEuler | Integrator::SspRk3 => (courant
+            / (case.cfl * longest_step(case.limiter)))
+        .ceil()
+        .max(1.0) as usize,
     }
 }
 

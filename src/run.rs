@@ -2,9 +2,10 @@
 
 use crate::case::{Case, Exact, Integrator, Method};
 use crate::characteristics::Tracer;
+use crate::classical::limiter::Reconstruction;
 use crate::classical::{Classical, EXACT, poisson_window};
 use crate::command::report;
-use crate::communicator::{Communicator, Group, World};
+use crate::communicator::{Communicator, GhostExchange, Group, World};
 use crate::compare::{Norms, estimate, include_step_error};
 use crate::error::{Error, Result};
 use crate::matrix::{Lanes, instruction_set, sample, sample_with};
@@ -49,7 +50,7 @@ impl Stopwatch {
 }
 
 /// Bytes a rank of `world` may take: its node's free memory over the ranks there, the least over all. Collective.
-fn memory_per_rank(world: &Group) -> u64 {
+pub fn memory_per_rank(world: &Group) -> u64 {
     let mine = system::available_memory() as f64 / world.ranks_on_node() as f64;
     -world.max(-mine) as u64
 }
@@ -210,7 +211,15 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
             let terms = poisson_window(bounds.rate * case.end, EXACT).end;
             let progress = Progress::new(speaks, "verify", terms);
             let (exact, span) = (Integrator::Exponential, (bounds.rate, case.end));
-            integrate(&mut problem, exact, span, terms, &mut state, progress);
+            let classical = Classical::new(&problem.matrix).with_progress(progress);
+            integrate(
+                classical,
+                &mut problem.exchange,
+                exact,
+                span,
+                terms,
+                &mut state,
+            );
             let reference = problem.unweighted(&place.mine, &state[place.mine.clone()]);
             let error = norms(&readings[0]).distance(&reference);
             if error.is_finite() {
@@ -333,15 +342,29 @@ fn solve(
         } else {
             1
         };
-        let fields = (0..problem.states.len())
-            .map(|k| {
-                let mut state = problem.states[k].clone();
-                let progress = Progress::new(speaks, "steps", steps);
-                let span = (plan.bounds.rate, case.end);
-                integrate(problem, case.integrator, span, steps, &mut state, progress);
-                vec![problem.unweighted(&place.mine, &state[place.mine.clone()])]
-            })
-            .collect();
+        let mut fields = Vec::new();
+        for (k, start) in problem.states.iter().enumerate() {
+            let slopes = Reconstruction::new(case, &problem.matrix, k);
+            let slopes = communicator.world.agree(slopes)?;
+            let progress = Progress::new(speaks, "steps", steps);
+            let classical = Classical::new(&problem.matrix)
+                .with_progress(progress)
+                .with_slopes(slopes);
+            let mut state = start.clone();
+            let span = (plan.bounds.rate, case.end);
+            let exchange = &mut problem.exchange;
+            integrate(
+                classical,
+                exchange,
+                case.integrator,
+                span,
+                steps,
+                &mut state,
+            );
+            fields.push(vec![
+                problem.unweighted(&place.mine, &state[place.mine.clone()]),
+            ]);
+        }
         summary.matvecs = stages * steps * problem.states.len();
         return Ok(Solution {
             fields,
@@ -410,19 +433,15 @@ fn solve(
 
 /// `state ← state(time)` by the classical method. Collective over the space group.
 fn integrate(
-    problem: &mut Problem,
+    mut classical: Classical<'_>,
+    exchange: &mut GhostExchange,
     integrator: Integrator,
     (rate, time): (f64, f64),
     steps: usize,
     state: &mut [f64],
-    progress: Progress,
 ) {
-    let mut classical = Classical::new(&problem.matrix).with_progress(progress);
-    let exchange = &mut problem.exchange;
     match integrator {
-        Integrator::Exponential => {
-            classical.exponential(exchange, state, (rate, time), EXACT);
-        }
+        Integrator::Exponential => classical.exponential(exchange, state, (rate, time), EXACT),
         _ => classical.steps(exchange, state, integrator, time, steps),
     }
 }

@@ -34,7 +34,8 @@ pub struct Row {
 }
 
 impl Row {
-    fn clear(&mut self) {
+    /// Empties it; keeps what was not finite.
+    pub(crate) fn clear(&mut self) {
         self.entries.clear();
         self.inflow = [0.0; MOST_FIELDS];
         self.draw = 0.0;
@@ -100,55 +101,77 @@ impl<'a> Scheme<'a> {
         let cell = self.space.cell(index);
         let n = self.space.dimension();
         let mut diagonal = 0.0;
-        for a in 0..n {
-            diagonal -= self.transport(row, &cell, a);
-            diagonal -= self.force(row, &cell, a);
+        for axis in (0..n).flat_map(|a| [a, n + a]) {
+            let speed = self.speed(&cell, axis);
+            if speed != 0.0 {
+                let rate = speed.abs();
+                self.behind_face(row, &cell, axis, speed < 0.0, rate);
+                diagonal -= rate;
+            }
         }
         row.entries.push((index, diagonal));
         row.finish();
     }
 
-    /// `v_a ∂f/∂x_a`: upwind, from the face the particles come through. Returns the rate `|v_a|/Δx_a`.
-    fn transport(&self, row: &mut Row, cell: &Cell, a: usize) -> f64 {
+    /// Cells a unit of time that particles in `cell` cross along `axis` of the `2n`: `v_a/Δx_a` in space, `d_a` in velocity.
+    pub fn speed(&self, cell: &Cell, axis: usize) -> f64 {
         let n = self.space.dimension();
-        let (x, v) = (&self.space.x[a], &self.space.v[a]);
-        let j = cell[n + a] as i64;
-        let speed = velocity(v, j);
-        if speed == 0.0 {
-            return 0.0;
-        }
-        let rate = speed.abs() / x.width();
-        // V of this cell minus V of the neighbour the particles come from.
-        let (rise, upwind) = if speed > 0.0 {
-            (self.potential.jump_below(cell, a), -1)
+        if axis < n {
+            velocity(&self.space.v[axis], cell[n + axis] as i64) / self.space.x[axis].width()
         } else {
-            (-self.potential.jump_above(cell, a), 1)
+            // The force −slope pushes particles up in velocity where V falls.
+            let a = axis - n;
+            -self.potential.slope(cell, a) / self.space.v[a].width()
+        }
+    }
+
+    /// Whether `cell`'s lower face along space axis `a`, or its upper one if `above`, neither ends the box nor has a jump.
+    pub fn plain_face(&self, cell: &Cell, a: usize, above: bool) -> bool {
+        if above {
+            cell[a] + 1 < self.space.x[a].cells && self.potential.jump_above(cell, a) == 0.0
+        } else {
+            cell[a] > 0 && self.potential.jump_below(cell, a) == 0.0
+        }
+    }
+
+    /// What the scheme finds behind the lower face of `cell` along `axis` of the `2n`, or behind the upper one if `above`,
+    /// at the same energy: `Σ entries f + inflow`, weights of sum 1, of which `draw` lies off the grid. In a cell that
+    /// particles leave through this face, that is where they will be, time reversed: transmitted or reflected alike.
+    pub fn neighbour(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool) {
+        row.clear();
+        self.behind_face(row, cell, axis, above, 1.0);
+        row.finish();
+    }
+
+    /// Adds `rate` times what is behind a face, as [`neighbour`](Self::neighbour) says. In velocity, the next cell; in space
+    /// what [`interface`] says.
+    fn behind_face(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool, rate: f64) {
+        let n = self.space.dimension();
+        let step = if above { 1 } else { -1 };
+        if axis >= n {
+            let a = axis - n;
+            let source = (cell[a] as i64, cell[n + a] as i64 + step);
+            self.take(row, cell, a, source, rate);
+            return;
+        }
+        let a = axis;
+        // V of this cell minus V of the neighbour.
+        let rise = if above {
+            -self.potential.jump_above(cell, a)
+        } else {
+            self.potential.jump_below(cell, a)
         };
         let mut list = std::mem::take(&mut row.scratch);
+        let (v, j) = (&self.space.v[a], cell[n + a] as i64);
         sources(&mut list, v, self.interface, j, rise);
         for source in &list {
             let i = match source.side {
-                Side::Across => cell[a] as i64 + upwind,
+                Side::Across => cell[a] as i64 + step,
                 Side::Same => cell[a] as i64,
             };
             self.take(row, cell, a, (i, source.velocity), rate * source.weight);
         }
         row.scratch = list;
-        rate
-    }
-
-    /// `−∂V/∂x_a ∂f/∂v_a`: upwind in `v_a`. Returns the rate `|slope_a|/Δv_a`.
-    fn force(&self, row: &mut Row, cell: &Cell, a: usize) -> f64 {
-        let n = self.space.dimension();
-        let slope = self.potential.slope(cell, a);
-        if slope == 0.0 {
-            return 0.0;
-        }
-        let rate = slope.abs() / self.space.v[a].width();
-        // The force −slope pushes particles up in velocity where V falls.
-        let j = cell[n + a] as i64 + if slope < 0.0 { -1 } else { 1 };
-        self.take(row, cell, a, (cell[a] as i64, j), rate);
-        rate
     }
 
     /// Adds `rate · f` of the cell that has `(i, j)` instead of `cell`'s indices along space and velocity axis `a`; an

@@ -1,18 +1,125 @@
-//! Extreme eigenvalues of `S` by Lanczos, matrix-free; bounds without it are in [`crate::plan::Bounds`].
+//! Extreme eigenvalues of `S` by Lanczos, matrix-free, with the residual of each; Gershgorin's bounds.
+//!
+//! Lanczos turns `S` into a tridiagonal `T` of its steps' size. For an extreme eigenvalue `θ` of `T` with eigenvector `y`, some
+//! eigenvalue of `S` is within `β |y_last|` of `θ`, and the extreme one of `S` is not inside (Parlett, *The symmetric eigenvalue
+//! problem*, chapter 13). The steps end when this is small enough at both ends. Bounds that need no matrix are in
+//! [`crate::plan::Bounds`].
 
 use crate::communicator::{GhostExchange, Group};
 use crate::matrix::{BlockMatrix, Part};
-use faer::{Mat, Side};
 
-/// The extreme eigenvalues of `S` found by Lanczos (lower bounds on the true magnitudes).
+/// An end of the spectrum is found when its residual is this fraction of it …
+const RELATIVE: f64 = 1e-6;
+/// … or this fraction of the spectrum's length: eigenvalues next to zero are not told closer.
+const OF_LENGTH: f64 = 1e-8;
+/// The ends are looked at after each so many steps more, as a fraction of those done.
+const BETWEEN_LOOKS: usize = 16;
+
+/// One end of the spectrum of `S`.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct End {
+    /// The extreme Ritz value: inside the spectrum, but for round-off.
+    pub value: f64,
+    /// An eigenvalue is at most this far away.
+    pub residual: f64,
+    /// Whether that is close enough.
+    pub converged: bool,
+}
+
+/// The extreme eigenvalues of `S` found by Lanczos.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Extremes {
     /// Largest eigenvalue.
-    pub highest: f64,
+    pub highest: End,
     /// Smallest eigenvalue.
-    pub lowest: f64,
+    pub lowest: End,
     /// Steps done.
     pub steps: usize,
+}
+
+/// The largest eigenvalue of the symmetric tridiagonal matrix with diagonal `sign · alpha` and off-diagonals `beta > 0`, and
+/// the modulus of the last component of its eigenvector.
+///
+/// `θ` is above all eigenvalues where all pivots `d_k = θ − α_k − β_{k−1}²/d_{k−1}` are positive: bisection. The
+/// eigenvector is `y_{k+1} = y_k d_k/β_k`, of one sign, so nothing cancels.
+fn largest_pair(sign: f64, alpha: &[f64], beta: &[f64]) -> (f64, f64) {
+    let m = alpha.len();
+    let off = |k: usize| if k < m - 1 { beta[k] } else { 0.0 };
+    let reach = |k: usize| off(k) + if k > 0 { off(k - 1) } else { 0.0 };
+    let edge = |k: usize| sign * alpha[k];
+    let mut low = (0..m)
+        .map(|k| edge(k) - reach(k))
+        .fold(f64::INFINITY, f64::min);
+    let mut high = (0..m)
+        .map(|k| edge(k) + reach(k))
+        .fold(f64::NEG_INFINITY, f64::max);
+    let step = |theta: f64, k: usize, pivot: f64| {
+        let before = if k > 0 {
+            off(k - 1) * off(k - 1) / pivot
+        } else {
+            0.0
+        };
+        theta - edge(k) - before
+    };
+    let above = |theta: f64| {
+        let mut pivot = 1.0;
+        (0..m).all(|k| {
+            pivot = step(theta, k, pivot);
+            pivot > 0.0
+        })
+    };
+    loop {
+        let middle = 0.5 * (low + high);
+        if !(low < middle && middle < high) {
+            break;
+        }
+        if above(middle) {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    // ‖y‖²/y_k², from k to k + 1.
+    let (mut pivot, mut square) = (1.0, 1.0);
+    for k in 0..m - 1 {
+        pivot = step(high, k, pivot);
+        let ratio = pivot / off(k);
+        square = 1.0 + square / (ratio * ratio);
+    }
+    (high, 1.0 / square.sqrt())
+}
+
+/// Both ends of the spectrum of the tridiagonal matrix, `last` being the off-diagonal that would come next.
+fn ends(alpha: &[f64], beta: &[f64], last: f64) -> [End; 2] {
+    let pairs = [1.0, -1.0].map(|sign| (sign, largest_pair(sign, alpha, beta)));
+    let length = pairs[0].1.0 + pairs[1].1.0;
+    pairs.map(|(sign, (theta, component))| {
+        let residual = last * component;
+        End {
+            value: sign * theta,
+            residual,
+            converged: residual <= (RELATIVE * theta.abs()).max(OF_LENGTH * length),
+        }
+    })
+}
+
+/// Gershgorin's bounds on the spectrum of `S`: `min (s_ii − Σ|s_ij|)` and `max (s_ii + Σ|s_ij|)`. Collective over `space`.
+pub fn gershgorin(matrix: &BlockMatrix, space: &Group) -> [f64; 2] {
+    let mut bounds = [f64::NEG_INFINITY; 2];
+    for i in 0..matrix.rows() {
+        let (mut diagonal, mut radius) = (0.0, 0.0);
+        for (j, s, _) in matrix.row(i) {
+            if i == j {
+                diagonal = s;
+            } else {
+                radius += s.abs();
+            }
+        }
+        bounds[0] = bounds[0].max(radius - diagonal);
+        bounds[1] = bounds[1].max(radius + diagonal);
+    }
+    space.max_into(&mut bounds);
+    [-bounds[0], bounds[1]]
 }
 
 /// A start vector that is the same for any partition: a hash of the global number of the unknown.
@@ -23,8 +130,9 @@ fn start_value(global: usize) -> f64 {
     (h >> 11) as f64 / (1u64 << 53) as f64 - 0.5
 }
 
-/// Lanczos on `S` for at most `steps` steps, without reorthogonalisation: copies of converged values appear, which the
-/// extremes do not mind. `norm` bounds `‖S‖`; `unknowns` is the number over all ranks. Collective over `space`.
+/// Lanczos on `S` until both ends of the spectrum are found, at most `steps` steps, without reorthogonalisation: copies of
+/// converged values appear, which the extremes do not mind. `norm` bounds `‖S‖`; `unknowns` is the number of terms of a
+/// norm over all ranks. Collective over `space`.
 pub fn extremes(
     matrix: &BlockMatrix,
     exchange: &mut GhostExchange,
@@ -45,14 +153,17 @@ pub fn extremes(
     }
     let dot =
         |a: &[f64], b: &[f64], bound: f64| matrix.sum_rows(space, bound, unknowns, |i| a[i] * b[i]);
-    let length = dot(&vector, &vector, unknowns as f64).sqrt();
+    let most = matrix.block.velocity_cells as f64;
+    let length = dot(&vector, &vector, most).sqrt();
     vector[..rows].iter_mut().for_each(|x| *x /= length);
     let mut previous = vec![0.0; rows];
     let mut image = vec![0.0; matrix.length()];
     let (mut alpha, mut beta): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
     let bound = 2.0 * norm * norm.max(1.0) + 1.0;
     let mut off = 0.0;
-    for _ in 0..steps.min(unknowns) {
+    let mut found: Option<[End; 2]> = None;
+    let mut next_look = 2;
+    loop {
         matrix.apply(exchange, Part::Symmetric, &mut image, &mut vector);
         let a = dot(&image, &vector, bound);
         for i in 0..rows {
@@ -60,8 +171,31 @@ pub fn extremes(
         }
         alpha.push(a);
         off = dot(&image, &image, bound).max(0.0).sqrt();
-        if off <= 1e-14 * norm {
-            break;
+        // An invariant subspace: nothing more to find from this start.
+        let exhausted = off <= 1e-14 * norm || !off.is_finite();
+        let m = alpha.len();
+        let over = exhausted || m >= steps;
+        if over || m == next_look {
+            next_look = m + 1 + m / BETWEEN_LOOKS;
+            let mut now = ends(&alpha, &beta, off);
+            // Copies of a converged value blur its residual, not the value: what was known stays known.
+            if let Some(before) = found {
+                for (now, before) in now.iter_mut().zip(before) {
+                    if before.residual < now.residual {
+                        (now.residual, now.converged) = (before.residual, before.converged);
+                    }
+                }
+            }
+            found = Some(now);
+        }
+        if let Some([highest, lowest]) = found
+            && (over || (highest.converged && lowest.converged))
+        {
+            return Extremes {
+                highest,
+                lowest,
+                steps: m,
+            };
         }
         beta.push(off);
         for i in 0..rows {
@@ -69,18 +203,42 @@ pub fn extremes(
             vector[i] = image[i] / off;
         }
     }
-    let m = alpha.len();
-    let tridiagonal = Mat::from_fn(m, m, |i, j| match i.abs_diff(j) {
-        0 => alpha[i],
-        1 => beta[i.min(j)],
-        _ => 0.0,
-    });
-    let values = tridiagonal
-        .self_adjoint_eigenvalues(Side::Lower)
-        .unwrap_or_default();
-    Extremes {
-        highest: values.last().copied().unwrap_or(f64::NAN),
-        lowest: values.first().copied().unwrap_or(f64::NAN),
-        steps: m,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use faer::{Mat, Side};
+
+    /// Against all eigenvalues and vectors of the same matrix.
+    #[test]
+    fn extreme_pairs_of_tridiagonal_matrices() {
+        for m in [1, 2, 3, 7, 40] {
+            for seed in 0..20 {
+                let number = |k: usize| start_value(1000 * seed + 10 * m + k);
+                let alpha: Vec<f64> = (0..m).map(|k| 3.0 * number(k)).collect();
+                let beta: Vec<f64> = (0..m - 1).map(|k| 0.01 + number(50 + k).abs()).collect();
+                let matrix = Mat::from_fn(m, m, |i, j| match i.abs_diff(j) {
+                    0 => alpha[i],
+                    1 => beta[i.min(j)],
+                    _ => 0.0,
+                });
+                let all = matrix
+                    .self_adjoint_eigen(Side::Lower)
+                    .expect("it converges");
+                for (sign, at) in [(1.0, m - 1), (-1.0, 0)] {
+                    let (theta, last) = largest_pair(sign, &alpha, &beta);
+                    let (value, component) = (all.S()[at], all.U()[(m - 1, at)].abs());
+                    assert!(
+                        (sign * theta - value).abs() < 1e-14,
+                        "{m} {seed}: {theta} {value}"
+                    );
+                    assert!(
+                        (last - component).abs() < 1e-10,
+                        "{m} {seed}: {last} {component}"
+                    );
+                }
+            }
+        }
     }
 }

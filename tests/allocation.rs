@@ -1,6 +1,8 @@
 //! The run loop allocates nothing: a counting allocator around the propagation of a batch.
 
-use phasewarp::case::Case;
+use phasewarp::case::{Case, Integrator};
+use phasewarp::classical::Classical;
+use phasewarp::classical::limiter::Reconstruction;
 use phasewarp::communicator::{Communicator, World};
 use phasewarp::matrix::LANES;
 use phasewarp::partition::{Block, Mesh};
@@ -69,6 +71,28 @@ fn main() {
             );
         });
         assert_eq!(count, 0, "allocations at degree {degree}");
+    }
+    // The classical steps, with slopes.
+    let set = [
+        "axis.0.x.cells=24",
+        "axis.0.v.cells=17",
+        "solver.method=classical",
+        "scheme.limiter=van-leer",
+        "solver.classical.integrator=ssp-rk3",
+    ];
+    let path = path.with_file_name("slope_jump.toml");
+    let case = Case::load(&path, &set.map(str::to_owned)).expect("a case of the repository");
+    let bounds = Bounds::new(&case).expect("V is finite");
+    let block = Block::new(&case.space, &mesh, 0);
+    let mut problem =
+        Problem::new(&case, &bounds, &communicator, block, (1, 100)).expect("a problem");
+    let slopes = Reconstruction::new(&case, &problem.matrix, 0).expect("formulas are finite");
+    assert!(slopes.is_some());
+    let mut classical = Classical::new(&problem.matrix).with_slopes(slopes);
+    for integrator in [Integrator::ForwardEuler, Integrator::SspRk3] {
+        let (exchange, state) = (&mut problem.exchange, &mut problem.states[0]);
+        let count = allocations(|| classical.steps(exchange, state, integrator, 0.1, 10));
+        assert_eq!(count, 0, "allocations of {integrator:?}");
     }
     // A control: the counter counts.
     assert!(allocations(|| drop(std::hint::black_box(vec![1.0; 100]))) > 0);

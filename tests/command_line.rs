@@ -6,11 +6,16 @@ mod launch;
 #[path = "support/results.rs"]
 mod results;
 
-use launch::{Finished, Job, Summary, case, cases, check_all, directory};
+use launch::{Finished, Job, Summary, case, cases, check_all, directory, shrunk};
 use results::{datasets, differences, distance, field};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+/// What a run with slopes needs.
+const SLOPES: [&str; 2] = [
+    "solver.method=classical",
+    "solver.classical.integrator=ssp-rk3",
+];
 const INTERFACES: [&str; 2] = ["hat", "conservative"];
 const TOLERANCES: [&str; 4] = ["1e-3", "1e-6", "1e-9", "1e-11"];
 /// Slower than this is no answer to bad input; mpirun itself takes one to two seconds to end a job that failed.
@@ -72,7 +77,7 @@ fn tolerances_are_met_in_every_case() {
     }
     check_all(&rows, |(name, interface, tolerance)| {
         let place = directory();
-        let job = run(name).on(2).set(&[
+        let job = run(name).on(2).set(shrunk(name)).set(&[
             "solver.verify=true",
             &format!("scheme.interface={interface}"),
             &format!("solver.tolerance={tolerance}"),
@@ -605,6 +610,141 @@ fn spectrum_of_example_1() {
     });
 }
 
+/// λ± of example 1 by refinement, both ends with their residuals; the known figures, as a table and as JSON.
+#[test]
+fn spectrum_by_refinement() {
+    // λ⁺ and λ⁻ at 32², 64², 128².
+    type Row = (&'static str, bool, [f64; 3], [f64; 3]);
+    let rows: [Row; 3] = [
+        (
+            "hat",
+            false,
+            [0.080298, 2.787772, 2.070673],
+            [30.7491, 62.8672, 126.9287],
+        ),
+        (
+            "hat",
+            true,
+            [-0.002264, -0.000584, -0.000148],
+            [30.7491, 62.8660, 126.9283],
+        ),
+        (
+            "conservative",
+            false,
+            [-0.002264, -0.000584, -0.000148],
+            [30.7492, 62.8651, 126.9279],
+        ),
+    ];
+    check_all(&["hat", "conservative"], |interface| {
+        let job = Job::new([
+            "spectrum",
+            &case("example1.toml"),
+            "--refine",
+            "1,2,4",
+            "--json",
+        ]);
+        let finished = job
+            .set(&["axis.0.x.cells=32", "axis.0.v.cells=32"])
+            .set(&[&format!("scheme.interface={interface}")])
+            .on(2)
+            .succeed()?;
+        let value: serde_json::Value =
+            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        for (_, weighted, highest, lowest) in rows.iter().filter(|r| r.0 == *interface) {
+            for (k, refinement) in [1, 2, 4].into_iter().enumerate() {
+                let found = value
+                    .as_array()
+                    .into_iter()
+                    .flatten()
+                    .find(|v| v["refinement"] == refinement && v["weighted"] == *weighted);
+                let found = found.ok_or_else(|| finished.report("a row is missing"))?;
+                let at = format!("{interface}, weights {weighted}, x {refinement}");
+                let number = |path: &str| {
+                    let value = found.pointer(path).and_then(serde_json::Value::as_f64);
+                    value.ok_or_else(|| finished.report(&format!("{at}: no {path}")))
+                };
+                for (end, expected, by) in
+                    [("highest", highest[k], 2e-6), ("lowest", -lowest[k], 1e-4)]
+                {
+                    let value = number(&format!("/lanczos/{end}/value"))?;
+                    near(&format!("{at}: {end}"), value, expected, by)?;
+                    let residual = number(&format!("/lanczos/{end}/residual"))?;
+                    at_most(&format!("{at}: residual"), residual, 2e-4)?;
+                    let converged = found["lanczos"][end]["converged"] == true;
+                    require(converged, &finished, || {
+                        format!("{at}: {end} has not converged")
+                    })?;
+                }
+                // Bounds are bounds.
+                let (low, high) = (number("/gershgorin/0")?, number("/gershgorin/1")?);
+                at_most(
+                    "lowest below Gershgorin",
+                    low,
+                    number("/lanczos/lowest/value")?,
+                )?;
+                at_most(
+                    "highest above Gershgorin",
+                    number("/lanczos/highest/value")?,
+                    high,
+                )?;
+                at_most(
+                    "highest above the certificate",
+                    number("/lanczos/highest/value")?,
+                    number("/certificate")?,
+                )?;
+                at_most("sqrt(pi)", number("/sqrt_pi/1")?, number("/sqrt_pi/0")?)?;
+                require(
+                    (number("/sqrt_pi/0")? > 1.0) == *weighted,
+                    &finished,
+                    || format!("{at}: sqrt(pi)"),
+                )?;
+            }
+        }
+        Ok(())
+    });
+    // Too few steps are said to be too few.
+    let job = Job::new(["spectrum", &case("example1.toml"), "--steps", "20"]);
+    let finished = job.succeed().unwrap();
+    assert!(
+        finished.output.contains("not converged"),
+        "{}",
+        finished.report("20 steps")
+    );
+}
+
+/// Wells, slopes, inflow, two and three dimensions: every case has a spectrum, its ends inside the bounds.
+#[test]
+fn spectrum_of_every_case() {
+    check_all(&cases(), |name| {
+        let job = Job::new(["spectrum", &case(name), "--json"]);
+        let job = job.set(shrunk(name)).set(&["axis.0.x.cells=12"]).on(2);
+        let finished = job.succeed()?;
+        let value: serde_json::Value =
+            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let rows = value.as_array().filter(|rows| !rows.is_empty());
+        for row in rows.ok_or_else(|| finished.report("no rows"))? {
+            let number = |path: &str| {
+                row.pointer(path)
+                    .and_then(serde_json::Value::as_f64)
+                    .unwrap_or(f64::NAN)
+            };
+            let (low, high) = (
+                number("/lanczos/lowest/value"),
+                number("/lanczos/highest/value"),
+            );
+            let slack = 1e-12 * low.abs();
+            let inside = low < 0.0
+                && low < high
+                && number("/gershgorin/0") <= low + slack
+                && high <= number("/gershgorin/1") + slack
+                && high <= number("/growth").max(0.0) + slack
+                && -low <= number("/decay") + slack;
+            require(inside, &finished, || format!("outside its bounds: {row}"))?;
+        }
+        Ok(())
+    });
+}
+
 /// L1 error against the exact solution and its order, about ½: the solution jumps.
 #[test]
 fn error_of_example_1_against_the_exact_solution() {
@@ -638,6 +778,199 @@ fn error_of_example_1_against_the_exact_solution() {
         let order = (error(64, coarse)? / error(128, fine)?).log2();
         near(&format!("order of error_l1, {interface}"), order, 0.5, 0.1)
     });
+}
+
+/// The gain of slopes on example 1: the L1 error at two sizes. The figures of the hat interface are those of a separate
+/// implementation of the formulas; the conservative interface is next to it, as without slopes.
+#[test]
+fn slopes_gain_on_example_1() {
+    let rows = [
+        ("hat", "minmod", [0.2735, 0.1742], 1e-4),
+        ("hat", "van-leer", [0.2227, 0.1356], 1e-4),
+        ("conservative", "minmod", [0.2735, 0.1742], 2e-3),
+        ("conservative", "van-leer", [0.2227, 0.1356], 2e-3),
+    ];
+    check_all(&rows, |&(interface, limiter, expected, by)| {
+        for (cells, expected) in [64, 128].into_iter().zip(expected) {
+            let place = directory();
+            let job = run("example1.toml").on(2).set(&SLOPES).set(&[
+                &format!("axis.0.x.cells={cells}"),
+                &format!("axis.0.v.cells={cells}"),
+                &format!("scheme.interface={interface}"),
+                &format!("scheme.limiter={limiter}"),
+            ]);
+            let summary = job.solve(place.path())?;
+            let outcome = near("error_l1", summary.number("error_l1")?, expected, by);
+            summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        }
+        Ok(())
+    });
+}
+
+/// Monotone data, so without extrema: order 2 with slopes, order 1 without; transport alone, with a force, in the plane.
+#[test]
+fn slopes_are_of_second_order() {
+    // S rises from 0 to 1; what enters is 0, from the lower ends in x and the upper end in v.
+    let rise = |of: &str, at: f64, width: f64| format!("(1 + tanh(({of} - ({at}))/{width}))/2");
+    let line = |potential: &str, x: &str, v: &str| {
+        let f = |x: &str, v: &str| {
+            format!(
+                "{} * {}",
+                rise(x, -0.5, 0.5),
+                rise(&format!("2.5 - ({v})"), 0.0, 0.35)
+            )
+        };
+        (potential.to_owned(), f("x", "v"), f(x, v))
+    };
+    let transport = line("0", "x - v*t", "v");
+    let force = line("0.5*x", "x - v*t - 0.25*t^2", "v + 0.5*t");
+    let cloud = |x: &str, y: &str| format!("{} * {}", rise(x, -0.3, 0.5), rise(y, -0.2, 0.6));
+    let plane = (
+        "0".to_owned(),
+        cloud("x", "y"),
+        cloud("x - vx*t", "y - vy*t"),
+    );
+    // Name, scene, axes by refinement, end.
+    type Scene<'a> = (
+        &'a str,
+        &'a (String, String, String),
+        fn(usize) -> String,
+        f64,
+    );
+    let axes_line = |n: usize| {
+        format!(
+            "[[axis]]\nx = {{ lower = -4, upper = 5, cells = {} }}\nv = {{ lower = 0.5, upper = 4.5, cells = 6 }}\n",
+            36 * n
+        )
+    };
+    let axes_force = |n: usize| {
+        format!(
+            "[[axis]]\nx = {{ lower = -4, upper = 5, cells = {} }}\nv = {{ lower = 0.5, upper = 4.9, cells = {} }}\n",
+            36 * n,
+            22 * n
+        )
+    };
+    let axes_plane = |n: usize| {
+        format!(
+            "[[axis]]\nx = {{ lower = -3.5, upper = 3.5, cells = {} }}\nv = {{ lower = 0.4, upper = 1.2, cells = 3 }}\n\
+             [[axis]]\nx = {{ lower = -4, upper = 4, cells = {} }}\nv = {{ lower = 0.3, upper = 0.9, cells = 2 }}\n",
+            24 * n,
+            26 * n
+        )
+    };
+    let scenes: [Scene<'_>; 3] = [
+        ("transport", &transport, axes_line, 0.5),
+        ("force", &force, axes_force, 0.5),
+        ("plane", &plane, axes_plane, 0.6),
+    ];
+    let mut rows = Vec::new();
+    for scene in &scenes {
+        for (limiter, order) in [("none", 1.0), ("minmod", 2.0), ("van-leer", 2.0)] {
+            rows.push((scene, limiter, order));
+        }
+    }
+    check_all(
+        &rows,
+        |((name, (potential, initial, exact), axes, end), limiter, order)| {
+            let error = |n: usize| -> Result<f64, String> {
+                let place = directory();
+                let file = place.path().join("smooth.toml");
+                let text = format!(
+                    "{}[[potential]]\nvalue = \"{potential}\"\n[initial]\nf = \"{initial}\"\n[time]\nend = {end}\n\
+                 [scheme]\nlimiter = \"{limiter}\"\n[solver]\nmethod = \"classical\"\n\
+                 [solver.classical]\nintegrator = \"ssp-rk3\"\n[exact]\nf = \"{exact}\"\n",
+                    axes(n)
+                );
+                std::fs::write(&file, text).map_err(|e| e.to_string())?;
+                let job = Job::new(["run".to_owned(), file.display().to_string()]);
+                job.on(2).solve(place.path())?.number("error_l1")
+            };
+            let (coarse, fine) = (error(4)?, error(8)?);
+            let what = format!("order, {name}, {limiter} (errors {coarse:e}, {fine:e})");
+            near(&what, (coarse / fine).log2(), *order, 0.2)
+        },
+    );
+}
+
+/// With slopes and the longest step, nothing rises above the data and what enters, and nothing falls below.
+#[test]
+fn slopes_keep_the_bounds() {
+    let mut rows = Vec::new();
+    for name in cases() {
+        for (limiter, integrator) in [
+            ("minmod", "forward-euler"),
+            ("van-leer", "forward-euler"),
+            ("van-leer", "ssp-rk3"),
+        ] {
+            for interface in INTERFACES {
+                rows.push((name.clone(), limiter, integrator, interface));
+            }
+        }
+    }
+    check_all(&rows, |(name, limiter, integrator, interface)| {
+        let place = directory();
+        let summary = run(name)
+            .set(shrunk(name))
+            .set(&[
+                "solver.method=classical",
+                "solver.classical.cfl=1",
+                &format!("solver.classical.integrator={integrator}"),
+                &format!("scheme.limiter={limiter}"),
+                &format!("scheme.interface={interface}"),
+            ])
+            .solve(place.path())?;
+        // Every case has data and inflow between 0 and 1.
+        let (least, most) = (summary.number("minimum")?, summary.number("maximum")?);
+        summary.require(least >= -1e-14 && most <= 1.0 + 1e-14, || {
+            format!("f from {least:e} to {most}")
+        })
+    });
+}
+
+/// Snell's law: the velocity of the beam in the strip and behind it, from the moments in the file.
+#[test]
+fn the_lens_refracts_its_beam() {
+    let place = directory();
+    let cells = [36, 16];
+    let job = run("lens2d.toml").set(&[
+        "axis.1.x.cells=16",
+        "solver.method=classical",
+        "solver.classical.integrator=ssp-rk3",
+        "scheme.limiter=van-leer",
+    ]);
+    let summary = job.on(2).within(120).solve(place.path()).unwrap();
+    let stored = datasets(place.path()).unwrap();
+    let (density, momentum) = (stored["/density"].numbers(), stored["/momentum"].numbers());
+    let points = density.len();
+    assert_eq!(points, cells[0] * cells[1]);
+    // Fluxes through the strip of cells x from..to: Σ v_y f / Σ v_x f is the tangent of the beam's angle.
+    let tangent = |columns: std::ops::Range<usize>| {
+        let sum = |axis: usize| -> f64 {
+            columns
+                .clone()
+                .map(|i| {
+                    momentum[axis * points + i * cells[1]..][..cells[1]]
+                        .iter()
+                        .sum::<f64>()
+                })
+                .sum()
+        };
+        sum(1) / sum(0)
+    };
+    let (before, inside, behind) = (tangent(8..12), tangent(20..24), tangent(28..32));
+    // The mean of the beam is (0.8, 0.45); in the strip vx = √(0.64 − 0.3).
+    for (what, found, expected) in [
+        ("before", before, 0.45 / 0.8),
+        ("inside", inside, 0.45 / (0.64f64 - 0.3).sqrt()),
+        ("behind", behind, 0.45 / 0.8),
+    ] {
+        let off = (found / expected - 1.0).abs();
+        assert!(
+            off < 0.05,
+            "{what}: tan = {found:.4}, {expected:.4} expected: {}",
+            summary.command
+        );
+    }
 }
 
 /// Trapped and transmitted particles at both walls of the well, nobody at the ends of the box.
@@ -888,6 +1221,38 @@ fn same_bits_with_the_classical_method() {
             "time.end=0.7",
             "solver.method=classical",
             "solver.classical.integrator=ssp-rk3",
+        ],
+        axes: 2,
+        datasets: PLANE,
+    });
+}
+
+#[test]
+fn same_bits_with_slopes_of_both_kinds() {
+    same_bits_everywhere(&Scene {
+        name: "slope_jump.toml",
+        settings: &[
+            "axis.0.x.cells=37",
+            "axis.0.v.cells=29",
+            "time.end=0.7",
+            "inflow.value='1 + x*v'",
+            "solver.method=classical",
+            "solver.classical.integrator=ssp-rk3",
+            "scheme.limiter=van-leer",
+        ],
+        axes: 1,
+        datasets: LINE,
+    });
+    same_bits_everywhere(&Scene {
+        name: "barrier2d.toml",
+        settings: &[
+            "axis.0.x.cells=13",
+            "axis.1.x.cells=7",
+            "time.end=0.7",
+            "potential.0.value='0.2 + 0.1*x - 0.1*y'",
+            "solver.method=classical",
+            "solver.classical.integrator=forward-euler",
+            "scheme.limiter=minmod",
         ],
         axes: 2,
         datasets: PLANE,
@@ -1202,6 +1567,30 @@ fn mistakes_in_the_file_are_named_with_their_line() {
 }
 
 /// A key that must be there and is misspelt: missing, and the nearest to it is known.
+/// Slopes are not linear: refused wherever a matrix is needed.
+#[test]
+fn slopes_where_none_can_be_are_refused() {
+    let rows: &[(&[&str], &[&str])] = &[
+        (&[], &["schrodingerized", "not linear", "ssp-rk3"]),
+        (&SLOPES[..1], &["exponential", "not linear", "ssp-rk3"]),
+        (
+            &[SLOPES[0], SLOPES[1], "solver.verify=true"],
+            &["solver.verify"],
+        ),
+    ];
+    check_all(rows, |(settings, says)| {
+        let job = check("example1.toml")
+            .set(&["scheme.limiter=van-leer"])
+            .set(settings);
+        let finished = job.on(2).run()?;
+        refused(&finished, says)?;
+        refused(&finished, &["scheme.limiter", "van-leer"])
+    });
+    let job = check("example1.toml").set(&["scheme.limiter=superbee"]);
+    let finished = job.set(&SLOPES).on(2).run().unwrap();
+    refused(&finished, &["superbee", "minmod", "van-leer"]).unwrap();
+}
+
 #[test]
 fn misspelt_keys_that_must_be_there_are_named() {
     let place = directory();
@@ -1322,9 +1711,19 @@ fn grids_beyond_the_memory_are_refused() {
     refused(&plan.run().unwrap(), &["memory", "needed", "976.6 KiB"]).unwrap();
 }
 
-/// As above, for `spectrum`, which needs the matrix.
+/// As above, for `spectrum`, which needs the matrix; a refinement too many is found before the first grid is computed.
 #[test]
 fn spectrum_of_a_grid_beyond_the_memory_is_refused() {
+    let more: &[(&str, &str, &[&str])] = &[
+        ("example1.toml", "1,64", &["axis.0.x.cells=2000"]),
+        ("step_slope3d.toml", "1,64", &[]),
+        ("barrier2d.toml", "20", &[]),
+    ];
+    check_all(more, |(name, refine, settings)| {
+        let job = Job::new(["spectrum", &case(name), "--refine", refine]);
+        let job = job.set(settings).on(2).within(20).capped();
+        refused(&job.run()?, &["memory", "cells"])
+    });
     let job = Job::new(["spectrum", &case("example1.toml")]);
     let job = job.set(&["axis.0.x.cells=40000", "axis.0.v.cells=40000"]);
     let job = job.on(2).within(20).capped();
@@ -1643,6 +2042,18 @@ fn mistakes_on_the_command_line_are_refused() {
             vec!["spectrum", &example, "--steps", "1"],
             &["--steps", "'1'"],
         ),
+        (
+            vec!["spectrum", &example, "--refine", "1,0"],
+            &["--refine", "'0'", "1 to 64"],
+        ),
+        (
+            vec!["spectrum", &example, "--refine", "65"],
+            &["--refine", "'65'", "1 to 64"],
+        ),
+        (
+            vec!["spectrum", &example, "--refine", "1,two"],
+            &["--refine", "'two'", "1 to 64"],
+        ),
     ];
     check_all(&rows, |(arguments, says)| {
         let job = Job::new(arguments.iter().copied());
@@ -1934,12 +2345,15 @@ fn plans_are_kept() {
         }
     }
     check_all(&rows, |(name, tolerance)| {
-        let finished = plan(name, 2).set(&[tolerance]).with(["--json"]).succeed()?;
+        let small = shrunk(name);
+        let job = plan(name, 2).set(small).set(&[tolerance]);
+        let finished = job.with(["--json"]).succeed()?;
         let value =
             serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
         let plan = planned(&finished, &value)?;
         let place = directory();
-        let summary = run(name).set(&[tolerance]).on(2).solve(place.path())?;
+        let job = run(name).set(small).set(&[tolerance]).on(2);
+        let summary = job.solve(place.path())?;
         let done = summary.number("matvecs")?;
         let outcome = near(
             "applications planned over done",
@@ -1981,6 +2395,7 @@ fn memory_is_what_was_planned() {
         "time.end=0.05",
         "solver.tolerance=0.01",
     ];
+    let slopes = [SLOPES[0], SLOPES[1], "scheme.limiter=minmod"];
     let rows: &[(&str, &[&str], &[&str], usize)] = &[
         ("example1.toml", &grid, &[], 1),
         (
@@ -1991,6 +2406,7 @@ fn memory_is_what_was_planned() {
         ),
         ("example1.toml", &grid, &["solver.method=classical"], 1),
         ("example1.toml", &grid, &["solver.verify=true"], 1),
+        ("slope_jump.toml", &grid, &slopes, 1),
         ("inflow_barrier.toml", &grid, &[], 1),
         ("slope_jump.toml", &grid, &[], 2),
         ("barrier2d.toml", &plane, &[], 1),

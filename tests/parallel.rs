@@ -8,7 +8,8 @@ mod support;
 
 use faer::{Mat, Side};
 use num_complex::Complex64;
-use phasewarp::case::{Case, Integrator};
+use phasewarp::case::{Case, Integrator, Limiter};
+use phasewarp::classical::limiter::{Reconstruction, longest_step};
 use phasewarp::classical::{Classical, EXACT};
 use phasewarp::communicator::{Communicator, GhostExchange, Group, World};
 use phasewarp::error::Error;
@@ -19,6 +20,7 @@ use phasewarp::problem::Problem;
 use phasewarp::progress::Progress;
 use phasewarp::propagate::chebyshev::{Chebyshev, Interval, bessel_series};
 use phasewarp::propagate::{BatchSpec, Evolution, Initial, propagator};
+use phasewarp::spectrum::{extremes, gershgorin};
 use phasewarp::warp;
 use phasewarp::weights::Weights;
 use std::collections::{BTreeMap, BTreeSet};
@@ -28,6 +30,7 @@ use std::time::{Duration, Instant};
 use support::dense::{
     Dense, System, assert_close, assert_same, case, distance, evolve, exponential, noise, norm,
 };
+use support::limited::limited_right_hand_side;
 
 /// Number of ranks a child is started on.
 const RANKS: &str = "PHASEWARP_TEST_RANKS";
@@ -39,7 +42,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 type Check = fn(&World);
 
 /// The checks, by name.
-const CHECKS: [(&str, Check); 15] = [
+const CHECKS: [(&str, Check); 17] = [
     ("number_of_ranks", number_of_ranks),
     ("reductions", reductions),
     ("agreement_on_errors", agreement_on_errors),
@@ -54,6 +57,8 @@ const CHECKS: [(&str, Check); 15] = [
     ("dissipative_weights", dissipative_weights),
     ("classical_exponential", classical_exponential),
     ("orders_of_the_integrators", orders_of_the_integrators),
+    ("limited_slopes", limited_slopes),
+    ("extreme_eigenvalues", extreme_eigenvalues),
     ("recovered_field", recovered_field),
 ];
 
@@ -1321,6 +1326,167 @@ fn orders_of_the_integrators(world: &World) {
                     (found - order).abs() < 0.1,
                     "{}, {mesh:?}, {integrator:?}: order {found}, errors {errors:?}",
                     twin.name
+                );
+            }
+        }
+    }
+}
+
+/// `A f + b` with slopes, against the naive twin; and a step, which stays between the least and the largest value.
+fn limited_slopes(world: &World) {
+    for mut twin in Twin::all() {
+        for limiter in [Limiter::Minmod, Limiter::VanLeer] {
+            twin.case.limiter = limiter;
+            // Noise, and data with long monotone pieces; the auxiliary unknowns hold the inflow in both.
+            for data in ["noise", "waves"] {
+                let mut x = twin.state.clone();
+                for (i, x) in x[..twin.cells].iter_mut().enumerate() {
+                    let p = twin.case.space.point(&twin.case.space.cell(i));
+                    *x = match data {
+                        "noise" => noise(i, 11),
+                        _ => (2.0 * p[0] + 3.0 * p[1] - p[2] + 2.5 * p[3] - p[4] + p[5]).sin(),
+                    };
+                }
+                let expected = limited_right_hand_side(&twin.case, twin.field(&x));
+                let linear = twin.generator.apply(&x);
+                let added = distance(&expected, twin.field(&linear));
+                assert!(added > 0.01, "{}: slopes add {added}", twin.name);
+                for mesh in meshes(world, &twin.case) {
+                    let name = format!("{}, {mesh:?}, {limiter:?}, {data}", twin.name);
+                    let mut piece = Piece::assemble(world, &twin, &mesh);
+                    let mut reconstruction = Reconstruction::new(&twin.case, &piece.matrix, 0)
+                        .expect("formulas are finite")
+                        .expect("a limiter");
+                    let rows = piece.matrix.rows();
+                    let mut local = piece.scatter(&x);
+                    let mut image = vec![f64::NAN; piece.matrix.length()];
+                    let exchange = &mut piece.exchange;
+                    (piece.matrix).apply(exchange, Part::Generator, &mut image, &mut local);
+                    reconstruction.add(exchange, &mut image, &local, rows);
+                    let found = piece.gather(&twin, &image);
+                    let tolerance = 2e-14 * twin.generator.largest();
+                    assert_close(&name, twin.field(&found), &expected, tolerance);
+                    report_bits(
+                        world,
+                        &format!("slopes of {}, {limiter:?}, {data}", twin.name),
+                        &found,
+                    );
+
+                    // One longest step of forward Euler keeps the bounds, zero being what enters.
+                    if !twin.inflow.is_empty() {
+                        continue;
+                    }
+                    let dt = longest_step(limiter) / transport_and_force(&twin);
+                    let mut state = piece.scatter(&x);
+                    Classical::new(&piece.matrix)
+                        .with_slopes(Some(reconstruction))
+                        .steps(
+                            &mut piece.exchange,
+                            &mut state,
+                            Integrator::ForwardEuler,
+                            dt,
+                            1,
+                        );
+                    let after = piece.gather(&twin, &state);
+                    let change: Vec<f64> =
+                        (x.iter().zip(&expected)).map(|(x, f)| x + dt * f).collect();
+                    assert_close(&name, &after, &change, 1e-13);
+                    let bounds = |values: &[f64]| {
+                        values
+                            .iter()
+                            .fold([0.0f64; 2], |[low, high], &x| [low.min(x), high.max(x)])
+                    };
+                    let ([low, high], [least, most]) = (bounds(&x), bounds(&after));
+                    let bounded = least >= low - 1e-14 && most <= high + 1e-14;
+                    assert!(bounded, "{name}: [{least}, {most}] of [{low}, {high}]");
+                }
+            }
+        }
+    }
+}
+
+/// `max |A_ii|`.
+fn transport_and_force(twin: &Twin) -> f64 {
+    (0..twin.cells)
+        .map(|i| -twin.generator.at(i, i))
+        .fold(0.0, f64::max)
+}
+
+/// Both ends of the spectrum of `S`, with and without weights, and Gershgorin's bounds, against all eigenvalues.
+fn extreme_eigenvalues(world: &World) {
+    for twin in Twin::all() {
+        let mut expected: BTreeMap<bool, (f64, f64)> = BTreeMap::new();
+        for mesh in meshes(world, &twin.case) {
+            let mut weighted = Weighted::new(world, &twin, &mesh);
+            let mut piece = Piece::assemble(world, &twin, &mesh);
+            let terms = weighted.problem.terms;
+            for with_weights in [false, true] {
+                if with_weights && !weighted.bounds.weighted {
+                    continue;
+                }
+                let s = if with_weights {
+                    weighted.generator.symmetric()
+                } else {
+                    twin.generator.symmetric()
+                };
+                let (low, high) = *expected.entry(with_weights).or_insert_with(|| {
+                    let values = eigenvalues(&s, &Dense::zero(s.size), 1.0);
+                    (values[0], values[values.len() - 1])
+                });
+                let name = format!("{}, {mesh:?}, weights {with_weights}", twin.name);
+                let (matrix, exchange) = if with_weights {
+                    (&weighted.problem.matrix, &mut weighted.problem.exchange)
+                } else {
+                    (&piece.matrix, &mut piece.exchange)
+                };
+                let space = &piece.communicator.space;
+                let [lower, upper] = gershgorin(matrix, space);
+                let radius = |i: usize| -> f64 {
+                    let others = s.row(i).iter().map(|x| x.abs()).sum::<f64>();
+                    others - s.at(i, i).abs()
+                };
+                let least = (0..s.size)
+                    .map(|i| s.at(i, i) - radius(i))
+                    .fold(f64::INFINITY, f64::min);
+                let most = (0..s.size)
+                    .map(|i| s.at(i, i) + radius(i))
+                    .fold(f64::NEG_INFINITY, f64::max);
+                let round_off = 1e-13 * s.largest();
+                assert!(
+                    (lower - least).abs() <= round_off,
+                    "{name}: {lower} {least}"
+                );
+                assert!((upper - most).abs() <= round_off, "{name}: {upper} {most}");
+
+                let norm = lower.abs().max(upper.abs());
+                let found = extremes(matrix, exchange, space, norm, terms, 2000);
+                for (end, exact) in [(found.highest, high), (found.lowest, low)] {
+                    let off = (end.value - exact).abs();
+                    assert!(
+                        off <= end.residual + round_off,
+                        "{name}: {end:?}, {exact} expected"
+                    );
+                    // A residual is first order in the vector's error, the value second.
+                    assert!(
+                        end.converged && off <= 1e-8 * norm,
+                        "{name}: {end:?}, {exact} expected"
+                    );
+                }
+                // Three steps do not do, and the residual says so.
+                let few = extremes(matrix, exchange, space, norm, terms, 3);
+                assert!(!few.highest.converged && few.steps == 3, "{name}: {few:?}");
+                assert!(
+                    few.highest.value <= high + round_off && few.lowest.value >= low - round_off
+                );
+                report_bits(
+                    world,
+                    &format!("spectrum of {}, weights {with_weights}", twin.name),
+                    &[
+                        found.highest.value,
+                        found.lowest.value,
+                        found.highest.residual,
+                        found.lowest.residual,
+                    ],
                 );
             }
         }

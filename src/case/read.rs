@@ -116,7 +116,14 @@ impl Case {
                     ("conservative", Interface::Conservative),
                 ],
             )?,
-            limiter: scheme.choice("limiter", &[("none", Limiter::None)])?,
+            limiter: scheme.choice(
+                "limiter",
+                &[
+                    ("none", Limiter::None),
+                    ("minmod", Limiter::Minmod),
+                    ("van-leer", Limiter::VanLeer),
+                ],
+            )?,
             method,
             tolerance: read_tolerance(&solver)?,
             tolerance_place: solver.place("tolerance"),
@@ -140,6 +147,7 @@ impl Case {
             overrides: overrides.to_vec(),
             space,
         };
+        case.refuse_slopes_where_linear(&scheme)?;
         if output.boolean("warped_field")? == Some(true) {
             return Err(output.error(
                 "warped_field",
@@ -147,6 +155,30 @@ impl Case {
             ));
         }
         Ok(case)
+    }
+
+    /// A limiter is not linear: refused where `A` is needed as a matrix.
+    fn refuse_slopes_where_linear(&self, scheme: &Table<'_>) -> Result<()> {
+        if self.limiter == Limiter::None {
+            return Ok(());
+        }
+        let wanted = "solver.method = \"classical\" with solver.classical.integrator = \"ssp-rk3\" or \"forward-euler\" takes one";
+        let conflict = if self.method == Method::Schrodingerized {
+            "solver.method = \"schrodingerized\" evolves a linear system, and slopes are not linear"
+        } else if self.integrator == Integrator::Exponential {
+            "solver.classical.integrator = \"exponential\" is that of a linear system, and slopes are not linear"
+        } else if self.verify {
+            return Err(scheme.error(
+                "limiter",
+                "solver.verify = true measures the distance to exp(A T) f0, which slopes leave; set one of them to its default",
+            ));
+        } else {
+            return Ok(());
+        };
+        Err(scheme.error(
+            "limiter",
+            &format!("{conflict}; {wanted}, or leave limiter = \"none\""),
+        ))
     }
 
     /// Reads a case file from disk.

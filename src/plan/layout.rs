@@ -1,7 +1,7 @@
 //! Who computes what, and in how much memory: the process mesh of least modelled cost that fits.
 
 use super::{Bounds, WarpPlan};
-use crate::case::{Case, Exact, Method};
+use crate::case::{Case, Exact, Limiter, Method};
 use crate::error::{Error, Result};
 use crate::partition::{Block, Mesh};
 use crate::propagate::{self, Sizes, cost_of_splitting};
@@ -319,6 +319,18 @@ fn arrays(
         list.push(("ghost exchange".to_owned(), 2 * 128 * ghosts));
     } else {
         list.push(("integrator".to_owned(), 8 * 4 * length));
+        if case.limiter != Limiter::None {
+            // One slope an unknown, two neighbours a space cell and axis; faces at the box's ends and at about as many jumps.
+            let ends: u64 = case
+                .space
+                .x
+                .iter()
+                .map(|a| 4 * cells / a.cells as u64)
+                .sum();
+            let lines = force * u64::from(bounds.inflow) * cells / case.space.v[0].cells as u64;
+            let slopes = 8 * length + 16 * n * space_block + 72 * ends + 8 * n * lines;
+            list.push(("slopes".to_owned(), slopes));
+        }
     }
     if case.exact.is_some() {
         let tracer = 80 * case.space.space_cells() as u64;

@@ -430,6 +430,36 @@ pub fn cases() -> Vec<String> {
     names
 }
 
+/// What makes a case small enough for tests that go through all of them, faces still on the jumps; nothing for most.
+pub fn shrunk(name: &str) -> &'static [&'static str] {
+    match name {
+        "barriers.toml" => &["axis.0.x.cells=60", "axis.0.v.cells=41", "time.end=1.2"],
+        "harmonic_step.toml" => &["axis.0.x.cells=48", "axis.0.v.cells=43"],
+        "lens2d.toml" => &[
+            "axis.0.x.cells=18",
+            "axis.0.v.cells=7",
+            "axis.1.x.cells=7",
+            "axis.1.v.cells=4",
+            "time.end=1.0",
+        ],
+        "quantum_dot2d.toml" => &[
+            "axis.0.x.cells=12",
+            "axis.0.v.cells=8",
+            "axis.1.x.cells=12",
+            "axis.1.v.cells=7",
+        ],
+        "step_slope3d.toml" => &[
+            "axis.0.x.cells=6",
+            "axis.0.v.cells=5",
+            "axis.1.x.cells=4",
+            "axis.1.v.cells=4",
+            "axis.2.x.cells=3",
+            "axis.2.v.cells=4",
+        ],
+        _ => &[],
+    }
+}
+
 /// Path of a case file.
 pub fn case(name: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -1,0 +1,223 @@
+//! `phasewarp spectrum`: growth and decay of `S`, measured and guaranteed, with and without weights, by refinement.
+
+use crate::case::{Case, Interface, Method};
+use crate::communicator::{Communicator, World};
+use crate::error::{Error, Result};
+use crate::partition::Block;
+use crate::plan::{Bounds, Plan, Resources, bytes_text};
+use crate::problem::Problem;
+use crate::run;
+use crate::spectrum::{End, Extremes, extremes, gershgorin};
+use serde::Serialize;
+
+/// What is known of the spectrum of `S` on one grid.
+#[derive(Clone, Debug, Serialize)]
+pub struct Found {
+    /// The case's cells were multiplied by this on every axis.
+    refinement: usize,
+    /// Cells along each axis, `(x1..xn, v1..vn)`.
+    shape: Vec<usize>,
+    /// Order of `S`: cells and auxiliary unknowns.
+    unknowns: usize,
+    /// Interface rows.
+    interface: Interface,
+    /// Whether the unknowns are scaled by dissipative weights.
+    weighted: bool,
+    /// Extreme eigenvalues.
+    lanczos: Extremes,
+    /// Lower and upper bound by row sums of `|S|`.
+    gershgorin: [f64; 2],
+    /// `½ max (Aᵀπ)/π`.
+    certificate: f64,
+    /// What a run relies on: `λ⁺ ≤ growth`, `λ⁻ ≤ decay`.
+    growth: f64,
+    /// See `growth`.
+    decay: f64,
+    /// Largest and smallest `√π`.
+    sqrt_pi: [f64; 2],
+    /// Jacobi sweeps that took.
+    sweeps: usize,
+}
+
+/// Measures `case` on its grid and on grids with `refine` times its cells. Collective.
+///
+/// # Errors
+/// [`Error::Memory`] before anything is computed if one of the grids does not fit; as [`Problem::new`].
+pub fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result<Vec<Found>> {
+    let grids: Vec<Case> = (refine.iter())
+        .map(|&factor| {
+            let mut case = case.clone();
+            let space = &mut case.space;
+            for axis in space.x.iter_mut().chain(&mut space.v) {
+                axis.cells *= factor;
+            }
+            case
+        })
+        .collect();
+    let mut plans = Vec::new();
+    for case in &grids {
+        plans.push(plan(world, case)?);
+    }
+    let mut found = Vec::new();
+    for ((case, (bounds, plan)), &refinement) in grids.iter().zip(&plans).zip(refine) {
+        let hat = case.interface == Interface::Hat;
+        for weighted in [false, true] {
+            if !weighted || (bounds.jumps && hat) {
+                let bounds = Bounds {
+                    weighted,
+                    ..bounds.clone()
+                };
+                found.push(Found {
+                    refinement,
+                    ..on_grid(world, case, &bounds, plan, steps)?
+                });
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// Bounds and layout of a grid, if it fits into the memory here. What is kept is what the classical method keeps: the
+/// matrix and a few real vectors.
+fn plan(world: &World, case: &Case) -> Result<(Bounds, Plan)> {
+    /// The largest number of cells that is looked at.
+    const MOST_CELLS: f64 = 1e12;
+    let cells: f64 = case.space.axes().map(|a| a.cells as f64).product();
+    if cells > MOST_CELLS {
+        return Err(Error::Memory {
+            needed: format!("{:.1e} bytes", 120.0 * cells),
+            available: bytes_text(run::memory_per_rank(&world.group())),
+            detail: format!("{cells:.3e} cells"),
+        });
+    }
+    let mut classical = case.clone();
+    classical.method = Method::Classical;
+    run::refuse_hopeless_here(world, &classical)?;
+    let bounds = Bounds::new(case)?;
+    let resources = Resources {
+        ranks: world.group().size(),
+        ranks_x: None,
+        memory_per_rank: Some(run::memory_per_rank(&world.group())),
+    };
+    let plan = Plan::with_bounds(&classical, bounds.clone(), &resources, 1.0)?;
+    Ok((bounds, plan))
+}
+
+fn on_grid(
+    world: &World,
+    case: &Case,
+    bounds: &Bounds,
+    plan: &Plan,
+    steps: usize,
+) -> Result<Found> {
+    let mesh = &plan.layout.mesh;
+    let communicator = Communicator::new(world, mesh);
+    let space = &communicator.space;
+    let block = Block::new(&case.space, mesh, space.rank());
+    let mut problem = Problem::new(case, bounds, &communicator, block, (1, usize::MAX))?;
+    let guaranteed = problem.bounds(case, bounds);
+    let (matrix, weights) = (&problem.matrix, &problem.weights);
+    let bound = gershgorin(matrix, space);
+    let norm = bound[0].abs().max(bound[1].abs());
+    let exchange = &mut problem.exchange;
+    let lanczos = extremes(matrix, exchange, space, norm, problem.terms, steps);
+    for end in [lanczos.highest, lanczos.lowest] {
+        if !end.value.is_finite() {
+            return Err(Error::NotFinite(format!(
+                "{} as an eigenvalue of S",
+                end.value
+            )));
+        }
+    }
+    let mut sqrt_pi = [f64::NEG_INFINITY; 2];
+    for pi in &weights.pi {
+        sqrt_pi = [sqrt_pi[0].max(pi.sqrt()), sqrt_pi[1].max(-pi.sqrt())];
+    }
+    space.max_into(&mut sqrt_pi);
+    Ok(Found {
+        refinement: 1,
+        shape: case.space.shape(),
+        unknowns: case.space.cells() + problem.terms - case.space.space_cells(),
+        interface: case.interface,
+        weighted: bounds.weighted,
+        lanczos,
+        gershgorin: bound,
+        certificate: weights.certificate,
+        growth: guaranteed.growth,
+        decay: guaranteed.decay,
+        sqrt_pi: [sqrt_pi[0], -sqrt_pi[1]],
+        sweeps: weights.sweeps,
+    })
+}
+
+/// A number with six digits behind the point, or four that count where these are few.
+fn number(x: f64) -> String {
+    if x == 0.0 || x.abs() >= 0.01 {
+        format!("{x:.6}")
+    } else {
+        format!("{x:.3e}")
+    }
+}
+
+/// What was found, for people: a line a grid and a line a matrix.
+pub fn table(list: &[Found]) -> String {
+    let mut text = String::new();
+    let mut last = 0;
+    for found in list {
+        if found.refinement != last {
+            last = found.refinement;
+            let shape: Vec<String> = found.shape.iter().map(usize::to_string).collect();
+            text += &format!(
+                "cells x {last}: {}, {} unknowns, interface {}\n",
+                shape.join(" x "),
+                found.unknowns,
+                format!("{:?}", found.interface).to_lowercase()
+            );
+        }
+        text += &found.line();
+    }
+    text
+}
+
+impl Found {
+    fn line(&self) -> String {
+        let Extremes {
+            highest,
+            lowest,
+            steps,
+        } = self.lanczos;
+        let within = |end: &End| {
+            let residual = format!("+- {:.1e}", end.residual);
+            if end.converged {
+                residual
+            } else {
+                residual + " (not converged: more --steps)"
+            }
+        };
+        let label = if self.weighted {
+            "dissipative weights"
+        } else {
+            "no weights"
+        };
+        format!(
+            "{label:<20} lambda+ {} {}  lambda- {} {}  ({steps} Lanczos steps)\n\
+             {:<20} Gershgorin: lambda+ <= {}, lambda- <= {}; certificate: lambda+ <= {}; a run relies on {}, {}\n\
+             {:<20} sqrt(pi) {} to {}, max/min {:.4}, {} sweeps\n",
+            number(highest.value),
+            within(&highest),
+            number(-lowest.value),
+            within(&lowest),
+            "",
+            number(self.gershgorin[1]),
+            number(-self.gershgorin[0]),
+            number(self.certificate),
+            number(self.growth),
+            number(self.decay),
+            "",
+            number(self.sqrt_pi[1]),
+            number(self.sqrt_pi[0]),
+            self.sqrt_pi[0] / self.sqrt_pi[1],
+            self.sweeps,
+        )
+    }
+}

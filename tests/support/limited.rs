@@ -1,0 +1,222 @@
+//! Slow and obvious: the right-hand side with limited slopes, cell by cell from the formulas, on the whole grid.
+#![allow(dead_code)] // each test program uses its own part
+
+use phasewarp::case::{Case, Interface, Limiter};
+use phasewarp::grid::{Cell, PhaseSpace};
+use phasewarp::scheme::interface::{Side, sources, velocity};
+
+/// What a face takes something from.
+enum Source {
+    /// A cell; and whether it is beyond the face or the cell itself, by reflection.
+    Cell(Cell, bool),
+    /// A ghost with this inflow value.
+    Outside(f64),
+}
+
+struct Limited<'a> {
+    case: &'a Case,
+    space: &'a PhaseSpace,
+    f: &'a [f64],
+}
+
+/// `A f + b` with slopes.
+pub fn limited_right_hand_side(case: &Case, f: &[f64]) -> Vec<f64> {
+    let this = Limited {
+        case,
+        space: &case.space,
+        f,
+    };
+    (0..f.len())
+        .map(|i| this.change(&case.space.cell(i)))
+        .collect()
+}
+
+impl Limited<'_> {
+    fn n(&self) -> usize {
+        self.space.dimension()
+    }
+
+    fn at(&self, cell: &Cell) -> f64 {
+        self.f[self.space.index(cell)]
+    }
+
+    /// `V` by the formula of `cell`'s region, at a point.
+    fn potential(&self, cell: &Cell, point: &[f64; 6]) -> f64 {
+        let mut centre = self.space.point(cell);
+        centre[3..].fill(0.0);
+        let holds = |c: &phasewarp::expression::Expression| c.holds(&centre) == Some(true);
+        let region = (self.case.potential.iter())
+            .find(|r| r.condition.as_ref().is_none_or(holds))
+            .expect("the last region holds everywhere");
+        region.value.eval(point)
+    }
+
+    /// `V` at the centre of `cell`'s face, from inside.
+    fn limit(&self, cell: &Cell, face_of: &Cell, a: usize, above: bool) -> f64 {
+        let mut point = self.space.point(face_of);
+        point[3..].fill(0.0);
+        point[a] = self.space.x[a].face(face_of[a] as i64 + i64::from(above));
+        self.potential(cell, &point)
+    }
+
+    /// `V` in the cell minus `V` behind its face.
+    fn rise(&self, cell: &Cell, a: usize, above: bool) -> f64 {
+        let next = cell[a] as i64 + if above { 1 } else { -1 };
+        if !(0..self.space.x[a].cells as i64).contains(&next) {
+            return 0.0;
+        }
+        let mut beyond = *cell;
+        beyond[a] = next as usize;
+        let own = self.limit(cell, cell, a, above);
+        let other = self.limit(&beyond, cell, a, above);
+        if (own - other).abs() <= 1e-13 * own.abs().max(other.abs()).max(1.0) {
+            return 0.0;
+        }
+        own - other
+    }
+
+    /// Cells a unit of time along `axis`, with sign.
+    fn speed(&self, cell: &Cell, axis: usize) -> f64 {
+        let n = self.n();
+        if axis < n {
+            return velocity(&self.space.v[axis], cell[n + axis] as i64)
+                / self.space.x[axis].width();
+        }
+        let a = axis - n;
+        let drop = self.limit(cell, cell, a, false) - self.limit(cell, cell, a, true);
+        drop / self.space.x[a].width() / self.space.v[a].width()
+    }
+
+    fn ghost(&self, cell: &Cell, a: usize, i: i64, j: i64) -> f64 {
+        let mut point = self.space.point(cell);
+        point[a] = self.space.x[a].centre(i);
+        point[3 + a] = self.space.v[a].centre(j);
+        self.case.fields[0].entering().eval(&point)
+    }
+
+    /// What lies behind a face at the same energy, with weights.
+    fn behind(&self, cell: &Cell, axis: usize, above: bool) -> Vec<(f64, Source)> {
+        let n = self.n();
+        let step = if above { 1 } else { -1 };
+        let a = axis % n;
+        let (x, v) = (&self.space.x[a], &self.space.v[a]);
+        let (i, j) = (cell[a] as i64, cell[n + a] as i64);
+        // (i, j, weight, across)
+        let mut list = Vec::new();
+        if axis >= n {
+            list.push((i, j + step, 1.0, true));
+        } else {
+            let rise = self.rise(cell, a, above);
+            let xi = velocity(v, j);
+            if rise == 0.0 {
+                list.push((i + step, j, 1.0, true));
+            } else if self.case.interface == Interface::Hat {
+                // Σ_k h(z − ξ_k) f_k with the hat function h, over more velocities than the box has.
+                let square = xi * xi + 2.0 * rise;
+                let (place, z) = if square > 0.0 {
+                    (i + step, square.sqrt() * xi.signum())
+                } else {
+                    (i, -xi)
+                };
+                for k in -50..v.cells as i64 + 50 {
+                    let weight = 1.0 - (z - v.centre(k)).abs() / v.width();
+                    if weight > 1e-10 {
+                        list.push((place, k, weight, square > 0.0));
+                    }
+                }
+            } else {
+                let mut shares = Vec::new();
+                sources(&mut shares, v, self.case.interface, j, rise);
+                for s in shares {
+                    let across = s.side == Side::Across;
+                    let place = if across { i + step } else { i };
+                    list.push((place, s.velocity, s.weight, across));
+                }
+            }
+        }
+        list.into_iter()
+            .map(|(i, j, weight, across)| {
+                let on_grid = (0..x.cells as i64).contains(&i) && (0..v.cells as i64).contains(&j);
+                let source = if on_grid {
+                    let mut source = *cell;
+                    (source[a], source[n + a]) = (i as usize, j as usize);
+                    Source::Cell(source, across)
+                } else {
+                    Source::Outside(self.ghost(cell, a, i, j))
+                };
+                (weight, source)
+            })
+            .collect()
+    }
+
+    /// `f` behind a face, unless particles leave the grid through it or stand still.
+    fn neighbour(&self, cell: &Cell, axis: usize, above: bool) -> Option<f64> {
+        let speed = self.speed(cell, axis);
+        if axis < self.n() && speed == 0.0 && !self.plain(cell, axis, above) {
+            return None;
+        }
+        let leaves = (speed > 0.0) == above;
+        let mut sum = 0.0;
+        for (weight, source) in self.behind(cell, axis, above) {
+            sum += weight
+                * match source {
+                    Source::Cell(source, _) => self.at(&source),
+                    Source::Outside(_) if leaves => return None,
+                    Source::Outside(value) => value,
+                };
+        }
+        Some(sum)
+    }
+
+    fn plain(&self, cell: &Cell, a: usize, above: bool) -> bool {
+        let end = if above { self.space.x[a].cells - 1 } else { 0 };
+        cell[a] != end && self.rise(cell, a, above) == 0.0
+    }
+
+    /// `½Δ s = ½ (f_{i+1} − f_i) ψ(θ)`, `θ = (f_i − f_{i−1})/(f_{i+1} − f_i)`.
+    fn half(&self, cell: &Cell, axis: usize) -> f64 {
+        let f = self.at(cell);
+        let (Some(lower), Some(upper)) = (
+            self.neighbour(cell, axis, false),
+            self.neighbour(cell, axis, true),
+        ) else {
+            return 0.0;
+        };
+        if upper == f {
+            return 0.0;
+        }
+        let theta: f64 = (f - lower) / (upper - f);
+        let psi = match self.case.limiter {
+            Limiter::None => 0.0,
+            Limiter::Minmod => theta.min(1.0).max(0.0),
+            Limiter::VanLeer => (theta.abs() + theta) / (1.0 + theta.abs()),
+        };
+        0.5 * (upper - f) * psi
+    }
+
+    fn change(&self, cell: &Cell) -> f64 {
+        let mut change = 0.0;
+        for axis in 0..2 * self.n() {
+            let speed = self.speed(cell, axis);
+            if speed == 0.0 {
+                continue;
+            }
+            let sign = speed.signum();
+            let out = self.at(cell) + sign * self.half(cell, axis);
+            let mut into = 0.0;
+            for (weight, source) in self.behind(cell, axis, speed < 0.0) {
+                into += weight
+                    * match source {
+                        // The upper face of what comes from below; the lower face of the cell itself.
+                        Source::Cell(source, across) => {
+                            let sign = if across { sign } else { -sign };
+                            self.at(&source) + sign * self.half(&source, axis)
+                        }
+                        Source::Outside(value) => 0.5 * (value + self.at(cell)),
+                    };
+            }
+            change -= speed.abs() * (out - into);
+        }
+        change
+    }
+}
