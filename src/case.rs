@@ -217,6 +217,16 @@ pub enum Data {
     },
 }
 
+/// Half-width `ω_a` of the discrete delta function of `ψ_a` (see [`crate::observables`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DeltaWidth {
+    /// `max(|det ∂Ψ/∂v|, 1) Δv_a` (the paper's).
+    Determinant,
+    /// `max(Σ_b |∂ψ_a/∂v_b| Δv_b, Δv_a)`; the same in one dimension.
+    Gradient,
+}
+
 /// A function on phase space that obeys the Liouville equation.
 #[derive(Clone, Debug)]
 pub struct Field {
@@ -290,6 +300,8 @@ pub struct Case {
     pub exact: Option<Exact>,
     /// `output.recovery_points`: 2 gives the error estimate.
     pub recovery_points: usize,
+    /// `output.delta_width`, for measure-valued data.
+    pub delta_width: DeltaWidth,
     /// The case file as read.
     pub text: String,
     /// The `--set` options applied to it.
