@@ -94,7 +94,7 @@ pub struct WarpPlan {
     pub seen: f64,
     /// The modes in batches, of rising wavenumber.
     pub batches: Vec<Batch>,
-    /// Applications: degrees summed over the modes.
+    /// Applications: degrees summed over the modes, for every field.
     pub applications: usize,
     /// `Σ |weight|` of the first reading: how much round-off is amplified.
     pub amplification: f64,
@@ -254,7 +254,8 @@ impl WarpPlan {
             ratio,
             state_tolerance,
             modes,
-            applications: batches.iter().map(|b| b.modes * b.degree).sum(),
+            applications: case.fields.len()
+                * batches.iter().map(|b| b.modes * b.degree).sum::<usize>(),
             amplification: (0..modes).map(weight).sum(),
             seen: gaussian.seen_by(reach),
             readings,

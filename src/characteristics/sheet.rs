@@ -7,13 +7,13 @@
 //! make the velocity multivalued.
 //!
 //! A sheet is cut into boxes in its parameters `q` (`x`, or `s` and the others): `ρ0` at its centre times its volume is a
-//! box's mass, and the images of its centre and of the middles of its sides say where the mass is at `T`: evenly over
-//! the box that the differences of opposite sides span, axis by axis. So mass is kept, caustics are integrable, and the
+//! box's mass, and the images of its centre and corners say where the mass is at `T`: evenly over the box that the differences
+//! of opposite sides span, axis by axis. So mass is kept, caustics are integrable, and the
 //! density comes as averages over cells. In one dimension the images of neighbouring boxes meet end to end; in more, a
 //! sheared image is a little wider than it should be, by less than its own size.
 //!
-//! A box is halved along an axis on which its middles have another history (see [`Followed`]), on which the image bends or
-//! the density changes, until it is as small as [`FINEST`] says.
+//! A box is halved along an axis whose ends have other histories (see [`Followed`]), and where its image bends or its density
+//! changes, until it is as small as [`FINEST`] says.
 
 use super::{Followed, Tracer};
 use crate::case::{Case, Data};
@@ -27,7 +27,7 @@ use std::ops::Range;
 /// Boxes along each axis of a cell to begin with, by the number of dimensions.
 const BOXES: [usize; MAX_DIMENSION] = [16, 4, 2];
 /// The most halvings of a box along each axis: in one dimension breaks are found to round-off.
-const FINEST: [i32; MAX_DIMENSION] = [45, 6, 3];
+const FINEST: [i32; MAX_DIMENSION] = [45, 5, 3];
 /// Halvings for bending and changing density.
 const FINE: i32 = 6;
 /// A box whose image bends by more than this fraction of a cell is halved.
@@ -36,7 +36,7 @@ const BENDING: f64 = 0.01;
 const CHANGE: f64 = 0.01;
 /// In more than one dimension, a box whose image is wider than this fraction of a cell is halved.
 const WIDEST: f64 = 0.5;
-/// Middles of sides lie inside the box by this fraction of its half-width: a side on a face belongs to one cell.
+/// Corners lie inside the box by this fraction of its half-width: a side on a face belongs to one cell.
 const INSIDE: f64 = 1e-9;
 /// Particles followed besides those of the first boxes: a bound on the work for data that jump everywhere.
 const BUDGET: usize = 1 << 22;
@@ -97,6 +97,55 @@ impl Image {
     fn same(&self, other: &Image) -> bool {
         self.followed.history == other.followed.history
             && self.followed.left.is_some() == other.followed.left.is_some()
+    }
+}
+
+/// The image of a box whose corners all went the centre's way.
+struct Shape {
+    /// Mean of the corners.
+    middle: [f64; 6],
+    /// `secants[a]`: from the lower to the upper side along axis `a`.
+    secants: [[f64; MAX_DIMENSION]; MAX_DIMENSION],
+    /// Mean of the corners minus the centre.
+    bend: [f64; MAX_DIMENSION],
+    /// Mean density, and that of the corners minus the centre's.
+    density: f64,
+    change: f64,
+}
+
+impl Shape {
+    fn new(n: usize, centre: &Image, corners: &[Image]) -> Self {
+        let share = 1.0 / corners.len() as f64;
+        let mut middle = [0.0; 6];
+        let mut secants = [[0.0; MAX_DIMENSION]; MAX_DIMENSION];
+        let mut density = 0.0;
+        for (c, corner) in corners.iter().enumerate() {
+            let point = &corner.followed.point;
+            density += share * corner.density;
+            for (middle, x) in middle.iter_mut().zip(point) {
+                *middle += share * x;
+            }
+            for (a, secant) in secants.iter_mut().enumerate().take(n) {
+                let sign = if c >> a & 1 == 1 { 2.0 } else { -2.0 };
+                for (secant, x) in secant.iter_mut().zip(point) {
+                    *secant += sign * share * x;
+                }
+            }
+        }
+        let change = density - centre.density;
+        Self {
+            secants,
+            bend: std::array::from_fn(|b| middle[b] - centre.followed.point[b]),
+            middle,
+            // Simpson's rule along each axis, up to fourth derivatives.
+            density: centre.density + change / 3.0,
+            change,
+        }
+    }
+
+    /// Half the extent along each axis of space.
+    fn half(&self) -> [f64; MAX_DIMENSION] {
+        std::array::from_fn(|b| self.secants.iter().map(|s| 0.5 * s[b].abs()).sum())
     }
 }
 
@@ -288,32 +337,45 @@ impl Sheets<'_> {
     fn follow(&mut self, sheet: Sheet, piece: Piece) {
         let n = self.space().dimension();
         let centre = self.image(sheet, &piece.centre);
-        let sides: [[Image; 2]; MAX_DIMENSION] = std::array::from_fn(|a| {
-            [-1.0, 1.0].map(|sign| {
-                if a >= n {
-                    return centre;
-                }
-                let mut q = piece.centre;
-                q[a] += sign * (1.0 - INSIDE) * piece.half[a];
-                self.image(sheet, &q)
-            })
-        });
-        let torn = |a: usize| !(sides[a][0].same(&centre) && sides[a][1].same(&centre));
-        let rough = |a: usize| {
-            let [lower, upper] = &sides[a];
-            let change = lower.density + upper.density - 2.0 * centre.density;
-            let scale = lower.density.abs().max(upper.density.abs());
-            change.abs() > CHANGE * scale || self.bends(&centre, lower, upper)
+        // Corner c is at the upper end of axis a where bit a of c is set.
+        let mut corners = [centre; 1 << MAX_DIMENSION];
+        let corners = &mut corners[..1 << n];
+        for (c, corner) in corners.iter_mut().enumerate() {
+            let mut q = piece.centre;
+            for (a, q) in q.iter_mut().enumerate().take(n) {
+                let sign = if c >> a & 1 == 1 { 1.0 } else { -1.0 };
+                *q += sign * (1.0 - INSIDE) * piece.half[a];
+            }
+            *corner = self.image(sheet, &q);
+        }
+        let corners = &*corners;
+        let whole = corners.iter().all(|c| c.same(&centre));
+        let edges = |a: usize| {
+            let lower = (0..1 << n).filter(move |c| c >> a & 1 == 0);
+            lower.map(move |c| (&corners[c], &corners[c | 1 << a]))
         };
+        let torn = |a: usize| edges(a).any(|(lower, upper)| !lower.same(upper));
+        // Corners that agree with each other and not with the centre say nothing about the axis.
+        let astray = !whole && !(0..n).any(torn);
+        let image =
+            (whole && centre.followed.left.is_none()).then(|| Shape::new(n, &centre, corners));
+        let rough = |a: usize| {
+            image.as_ref().is_some_and(|image| {
+                let axes = self.space().x.iter().enumerate();
+                let bent = |(b, x): (usize, &Axis)| {
+                    image.bend[b].abs() > BENDING * x.width()
+                        || n > 1 && image.secants[a][b].abs() > WIDEST * x.width()
+                };
+                image.change.abs() > CHANGE * centre.density.abs() || axes.clone().any(bent)
+            })
+        };
+        let finest = FINEST[n - 1];
         let halve = (0..n).find(|&a| {
             let depth = piece.depth[a];
-            let affordable = self.budget > 0;
-            affordable
-                && (torn(a) && depth < FINEST[n - 1]
-                    || depth < FINE.min(FINEST[n - 1]) && !torn(a) && rough(a))
+            (torn(a) || astray) && depth < finest || rough(a) && depth < finest.min(FINE)
         });
-        if let Some(a) = halve {
-            self.budget = self.budget.saturating_sub(2 * (2 * n + 1));
+        if let Some(a) = halve.filter(|_| self.budget > 0) {
+            self.budget = self.budget.saturating_sub(2 * (1 + corners.len()));
             for sign in [-1.0, 1.0] {
                 let mut part = piece;
                 part.half[a] *= 0.5;
@@ -323,64 +385,28 @@ impl Sheets<'_> {
             }
             return;
         }
-        if centre.followed.left.is_none() && centre.density != 0.0 {
-            let volume: f64 = (0..n).map(|a| 2.0 * piece.half[a]).product();
-            // Simpson's rule along each axis.
-            let curvature = |[lower, upper]: &[Image; 2]| {
-                if lower.same(&centre) && upper.same(&centre) {
-                    (lower.density + upper.density - 2.0 * centre.density) / 6.0
-                } else {
-                    0.0
-                }
-            };
-            let density = centre.density + sides[..n].iter().map(curvature).sum::<f64>();
-            self.deposit(density * volume, &centre, &sides);
-        }
-    }
-
-    /// Whether the image of a line from `lower` through `centre` to `upper` is bent or too long.
-    fn bends(&self, centre: &Image, lower: &Image, upper: &Image) -> bool {
-        let n = self.space().dimension();
         if centre.followed.left.is_some() {
-            return false;
+            return;
         }
-        let at = |image: &Image, b: usize| image.followed.point[b];
-        (0..n).any(|b| {
-            let (l, c, u) = (at(lower, b), at(centre, b), at(upper, b));
-            let width = self.space().x[b].width();
-            (l + u - 2.0 * c).abs() > BENDING * width || n > 1 && (u - l).abs() > WIDEST * width
-        })
+        let volume: f64 = (0..n).map(|a| 2.0 * piece.half[a]).product();
+        // Where the piece is torn in spite of its size, all of it goes where its centre goes.
+        let point = centre.followed.point;
+        let (middle, half, mean) = image
+            .as_ref()
+            .map_or((point, [0.0; MAX_DIMENSION], centre.density), |image| {
+                (image.middle, image.half(), image.density)
+            });
+        self.deposit(mean * volume, &middle, &half);
+        if n == 1 && whole {
+            let history = centre.followed.history;
+            let ends = [corners[0].followed.point, corners[1].followed.point];
+            self.draw(mean * volume / (2.0 * half[0]), history, &ends);
+        }
     }
 
-    /// Puts a piece's mass where its image is.
-    fn deposit(&mut self, mass: f64, centre: &Image, sides: &[[Image; 2]; MAX_DIMENSION]) {
+    /// Puts mass evenly over the box `middle ± half` of space.
+    fn deposit(&mut self, mass: f64, middle: &[f64; 6], half: &[f64; MAX_DIMENSION]) {
         let n = self.space().dimension();
-        // Middle and half-width of the image; a side with another history says nothing about it.
-        let mut middle = centre.followed.point;
-        let mut half = [0.0; MAX_DIMENSION];
-        let [lower, upper] = sides[0];
-        let ends: [Image; 2] = [
-            if lower.same(centre) { lower } else { *centre },
-            if upper.same(centre) { upper } else { *centre },
-        ];
-        for [lower, upper] in &sides[..n] {
-            for b in 0..n {
-                let (l, c, u) = (
-                    lower.followed.point[b],
-                    centre.followed.point[b],
-                    upper.followed.point[b],
-                );
-                match (lower.same(centre), upper.same(centre)) {
-                    (true, true) => {
-                        half[b] += 0.5 * (u - l).abs();
-                        middle[b] += 0.5 * (l + u) - c;
-                    }
-                    (true, false) => half[b] += (c - l).abs(),
-                    (false, true) => half[b] += (u - c).abs(),
-                    (false, false) => {}
-                }
-            }
-        }
         let overlaps: [Vec<(usize, f64)>; MAX_DIMENSION] = std::array::from_fn(|b| {
             if b >= n {
                 return vec![(0, 1.0)];
@@ -402,23 +428,19 @@ impl Sheets<'_> {
                 }
             }
         }
-        if n == 1 {
-            self.draw(mass / (2.0 * half[0]), centre, &ends);
-        }
     }
 
     /// Adds a piece to the curve: its ends, the first only where a branch begins.
-    fn draw(&mut self, density: f64, centre: &Image, ends: &[Image; 2]) {
+    fn draw(&mut self, density: f64, history: u64, [first, last]: &[[f64; 6]; 2]) {
         let width = [self.space().x[0].width(), self.space().v[0].width()];
-        let [first, last] = ends.map(|e| e.followed.point);
-        let continues = self.last.is_some_and(|(history, end)| {
-            history == centre.followed.history
+        let continues = self.last.is_some_and(|(before, end)| {
+            history == before
                 && (first[0] - end[0]).abs() < GAP * width[0]
                 && (first[3] - end[3]).abs() < GAP * width[1]
         });
         let mut branch = self.curve.branch.last().copied().unwrap_or(-1.0);
         let curve = &mut self.curve;
-        let mut add = |point: [f64; 6], branch: f64| {
+        let mut add = |point: &[f64; 6], branch: f64| {
             curve.x.push(point[0]);
             curve.v.push(point[3]);
             curve.density.push(density);
@@ -429,7 +451,7 @@ impl Sheets<'_> {
             add(first, branch);
         }
         add(last, branch);
-        self.last = Some((centre.followed.history, last));
+        self.last = Some((history, *last));
     }
 
     fn finish(self) -> Result<ExactMoments> {
