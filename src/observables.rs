@@ -12,7 +12,7 @@ use crate::scheme::interface::velocity;
 use std::ops::Range;
 
 /// Density below this fraction of the largest gives no mean velocity.
-pub const VACUUM: f64 = 1e-12;
+const VACUUM: f64 = 1e-12;
 
 /// Moments at the points of a share of space.
 #[derive(Clone, Debug, Default)]

@@ -1,12 +1,12 @@
 //! The exact density and mean velocity of measure-valued data, by following the initial surface forward in time.
 //!
 //! `f(0) = ρ0(x) Π_a δ(v_a − w_a(x))` lives on the surface `(x, w(x))`, an n-dimensional sheet in phase space; what enters
-//! through the end of the box on axis `a` makes further sheets, with the time `s` of entry in place of `x_a`, on which the
+//! through the end of the box on axis `a` makes further sheets, with the time of entry in place of `x_a`, on which the
 //! rate `ρ0 |w_a|` takes the place of `ρ0` (what enters is `φ`'s inflow value, at the velocity `w`). Particles carry the
 //! sheets on to the time `T`, through `V` as the scheme sees it (see [`super`]). Jumps of `V` tear them into branches; folds
 //! make the velocity multivalued.
 //!
-//! A sheet is cut into boxes in its parameters `q` (`x`, or `s` and the others): `ρ0` at its centre times its volume is a
+//! A sheet is cut into boxes in its parameters `q` (`x`, or the time and the others): `ρ0` at its centre times its volume is a
 //! box's mass, and the images of its centre and corners say where the mass is at `T`: evenly over the box that the differences
 //! of opposite sides span, axis by axis. So mass is kept, caustics are integrable, and the
 //! density comes as averages over cells. In one dimension the images of neighbouring boxes meet end to end; in more, a
@@ -20,7 +20,6 @@ use crate::case::{Case, Data};
 use crate::error::Result;
 use crate::expression::Expression;
 use crate::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point};
-use crate::observables::VACUUM;
 use crate::potential::for_each_cell;
 use std::ops::Range;
 
@@ -39,7 +38,10 @@ const WIDEST: f64 = 0.5;
 /// Corners lie inside the box by this fraction of its half-width: a side on a face belongs to one cell.
 const INSIDE: f64 = 1e-9;
 /// Particles followed besides those of the first boxes: a bound on the work for data that jump everywhere.
-const BUDGET: usize = 1 << 22;
+const BUDGET: [usize; MAX_DIMENSION] = [1 << 21, 1 << 23, 1 << 24];
+/// Cells with less than this fraction of the largest mass are empty: particles within 1e-11 of a cell's face count for the
+/// cell above.
+const EMPTY: f64 = 1e-9;
 /// Points further apart than this fraction of a cell are not neighbours on a branch.
 const GAP: f64 = 1e-6;
 
@@ -72,7 +74,8 @@ pub struct ExactMoments {
 enum Sheet {
     /// `(x, w(x))` at time zero.
     Initial,
-    /// What enters at the upper or lower end of axis `axis`, at time `q_axis`.
+    /// What enters at an end of axis `axis`: at time `q_axis` at the upper one, a time `q_axis` before the end at the lower one,
+    /// so that in one dimension the sheets join in the order of `x`.
     Entering { axis: usize, upper: bool },
 }
 
@@ -181,7 +184,7 @@ pub fn exact_moments(case: &Case) -> Result<Option<ExactMoments>> {
         momentum: vec![vec![0.0; cells]; n],
         curve: Curve::default(),
         last: None,
-        budget: BUDGET,
+        budget: BUDGET[n - 1],
         failure: None,
     };
     let ends = |upper: bool| (0..n).map(move |axis| Sheet::Entering { axis, upper });
@@ -276,9 +279,10 @@ impl Sheets<'_> {
         });
     }
 
-    /// The value of a formula; the first that is not finite is the error.
-    fn value(&mut self, formula: &Expression, point: &[f64; 6]) -> f64 {
-        let value = formula.eval(point);
+    /// The value of a formula at a point and a time; the first that is not finite is the error.
+    fn value(&mut self, formula: &Expression, point: &[f64; 6], time: f64) -> f64 {
+        let [x, y, z, vx, vy, vz] = *point;
+        let value = formula.eval(&[x, y, z, vx, vy, vz, time]);
         if !value.is_finite() {
             let place = describe_point(self.space().dimension(), point);
             self.failure
@@ -298,15 +302,16 @@ impl Sheets<'_> {
         if let Sheet::Entering { axis, upper } = sheet {
             let x = &self.space().x[axis];
             point[axis] = if upper { x.upper } else { x.lower };
-            time -= q[axis];
+            time = if upper { time - q[axis] } else { q[axis] };
         }
+        let start = self.case.end - time;
         let velocity = self.velocity;
         for (a, formula) in velocity.iter().enumerate() {
-            point[3 + a] = self.value(formula, &point);
+            point[3 + a] = self.value(formula, &point, start);
         }
         let phi = &self.case.fields[0];
         let density = match sheet {
-            Sheet::Initial => self.value(&phi.initial, &point),
+            Sheet::Initial => self.value(&phi.initial, &point, start),
             Sheet::Entering { axis, upper } => {
                 let inwards = if upper {
                     -point[3 + axis]
@@ -314,7 +319,7 @@ impl Sheets<'_> {
                     point[3 + axis]
                 };
                 if inwards > 0.0 {
-                    inwards * self.value(phi.entering(), &point)
+                    inwards * self.value(phi.entering(), &point, start)
                 } else {
                     0.0
                 }
@@ -463,7 +468,7 @@ impl Sheets<'_> {
         let largest = self.mass.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
         let mean = |momentum: &Vec<f64>| {
             let ratio = |(p, m): (&f64, &f64)| {
-                if m.abs() > VACUUM * largest {
+                if m.abs() > EMPTY * largest {
                     p / m
                 } else {
                     f64::NAN

@@ -10,7 +10,7 @@
 //! In one dimension, where `ψ` is linear in `v` with slope of magnitude 1 or more, `δ_ω(ψ)` is a hat-like bell of half-width
 //! `Δv` in `v`, and its values sum to `1/(|ψ'| Δv)` exactly wherever its centre lies. For slopes below 1 the bell is
 //! `K = 1/|ψ'|` cells wide to a side and the sum is off by the factor `1 + 2 sin(2πK)/(2πK(1 − 4K²)) cos(2πc) + …` with the
-//! centre `c` in cells: at most 5 %, nothing where `2K` is whole.
+//! centre `c` in cells: at most 6 %, nothing where `2K` is whole.
 //!
 //! In more dimensions the determinant is the right width only for one axis at a time: for `∂Ψ/∂v = diag(λ_1, λ_2)` the bell
 //! of axis 1 has `K_1 = |λ_2|` cells, and below one cell it falls between the lattice points.
