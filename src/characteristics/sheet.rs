@@ -27,14 +27,12 @@ use std::ops::Range;
 const BOXES: [usize; MAX_DIMENSION] = [16, 4, 2];
 /// The most halvings of a box along each axis: in one dimension breaks are found to round-off.
 const FINEST: [i32; MAX_DIMENSION] = [45, 5, 3];
-/// Halvings for bending and changing density.
-const FINE: i32 = 6;
 /// A box whose image bends by more than this fraction of a cell is halved.
 const BENDING: f64 = 0.01;
 /// A box whose density is not linear by this fraction is halved.
 const CHANGE: f64 = 0.01;
 /// In more than one dimension, a box whose image is wider than this fraction of a cell is halved.
-const WIDEST: f64 = 0.5;
+const WIDEST: f64 = 0.6;
 /// Corners lie inside the box by this fraction of its half-width: a side on a face belongs to one cell.
 const INSIDE: f64 = 1e-9;
 /// Particles followed besides those of the first boxes: a bound on the work for data that jump everywhere.
@@ -364,20 +362,19 @@ impl Sheets<'_> {
         let astray = !whole && !(0..n).any(torn);
         let image =
             (whole && centre.followed.left.is_none()).then(|| Shape::new(n, &centre, corners));
+        let widths = || self.case.space.x.iter().map(Axis::width).enumerate();
+        let bent = |image: &Shape| widths().any(|(b, h)| image.bend[b].abs() > BENDING * h);
         let rough = |a: usize| {
             image.as_ref().is_some_and(|image| {
-                let axes = self.space().x.iter().enumerate();
-                let bent = |(b, x): (usize, &Axis)| {
-                    image.bend[b].abs() > BENDING * x.width()
-                        || n > 1 && image.secants[a][b].abs() > WIDEST * x.width()
-                };
-                image.change.abs() > CHANGE * centre.density.abs() || axes.clone().any(bent)
+                let wide = |(b, h): (usize, f64)| image.secants[a][b].abs() > WIDEST * h;
+                let change = image.change.abs() > CHANGE * centre.density.abs();
+                change || bent(image) || n > 1 && widths().any(wide)
             })
         };
         let finest = FINEST[n - 1];
         let halve = (0..n).find(|&a| {
             let depth = piece.depth[a];
-            (torn(a) || astray) && depth < finest || rough(a) && depth < finest.min(FINE)
+            (torn(a) || astray) && depth < finest || rough(a) && depth < finest
         });
         if let Some(a) = halve.filter(|_| self.budget > 0) {
             self.budget = self.budget.saturating_sub(2 * (1 + corners.len()));
@@ -394,7 +391,8 @@ impl Sheets<'_> {
             return;
         }
         let volume: f64 = (0..n).map(|a| 2.0 * piece.half[a]).product();
-        // Where the piece is torn in spite of its size, all of it goes where its centre goes.
+        // Where the piece is torn or bent in spite of its size, all of it goes where its centre goes.
+        let image = image.filter(|image| !bent(image));
         let point = centre.followed.point;
         let (middle, half, mean) = image
             .as_ref()
@@ -402,7 +400,7 @@ impl Sheets<'_> {
                 (image.middle, image.half(), image.density)
             });
         self.deposit(mean * volume, &middle, &half);
-        if n == 1 && whole {
+        if n == 1 && image.is_some() {
             let history = centre.followed.history;
             let ends = [corners[0].followed.point, corners[1].followed.point];
             self.draw(mean * volume / (2.0 * half[0]), history, &ends);

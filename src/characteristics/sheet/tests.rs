@@ -130,15 +130,13 @@ fn beams_have_their_closed_form() {
         for (i, &(rho, m)) in expected.iter().enumerate() {
             let what = format!("{density}, {velocity}, {inflow}, cell {i}");
             let r = found.density[i];
-            // A gap that opens inside a cell is found to a thousandth of it.
-            let by = if velocity.contains("if") { 1e-4 } else { 1e-7 };
-            assert!((r - rho).abs() < by, "{what}: {r} {rho}");
+            assert!((r - rho).abs() < 1e-7, "{what}: {r} {rho}");
             let u = found.velocity[0][i];
             assert!(
                 if rho == 0.0 {
                     u.is_nan()
                 } else {
-                    (u - m / rho).abs() < 10.0 * by
+                    (u - m / rho).abs() < 1e-6
                 },
                 "{what}: {u}"
             );
@@ -305,7 +303,7 @@ fn oblique_beam_over_a_step_in_space() {
     for (k, &rho) in found.density.iter().enumerate() {
         let (e, m) = expected[k / 36];
         total += (rho - e).abs() / found.density.len() as f64;
-        assert!((rho - e).abs() < 0.04, "{k}: {rho} {e}");
+        assert!((rho - e).abs() < 0.07, "{k}: {rho} {e}");
         if e > 0.0 {
             let u: Vec<f64> = (0..3).map(|a| found.velocity[a][k]).collect();
             let right = (u[0] - m / e).abs() < 0.01
