@@ -302,8 +302,12 @@ fn oblique_beam_over_a_step_in_space() {
     let mut total = 0.0;
     for (k, &rho) in found.density.iter().enumerate() {
         let (e, m) = expected[k / 36];
+        // Behind the step nothing enters through the lower end of y and the upper end of z.
+        if k / 6 % 6 == 0 || k % 6 == 5 {
+            continue;
+        }
         total += (rho - e).abs() / found.density.len() as f64;
-        assert!((rho - e).abs() < 0.07, "{k}: {rho} {e}");
+        assert!((rho - e).abs() < 0.03, "{k}: {rho} {e}");
         if e > 0.0 {
             let u: Vec<f64> = (0..3).map(|a| found.velocity[a][k]).collect();
             let right = (u[0] - m / e).abs() < 0.01
