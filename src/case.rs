@@ -236,6 +236,16 @@ pub enum Data {
     },
 }
 
+/// Half-width `ω_a` of the discrete delta function of `ψ_a` (see [`crate::observables`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DeltaWidth {
+    /// `max(|det ∂Ψ/∂v|, 1) Δv_a` (the paper's).
+    Determinant,
+    /// `max(Σ_b |∂ψ_a/∂v_b| Δv_b, Δv_a)`; the same in one dimension.
+    Gradient,
+}
+
 /// A function on phase space that obeys the Liouville equation.
 #[derive(Clone, Debug)]
 pub struct Field {
@@ -313,6 +323,8 @@ pub struct Case {
     pub recovery_points: usize,
     /// `output.plateau`.
     pub plateau: Option<Plateau>,
+    /// `output.delta_width`, for measure-valued data.
+    pub delta_width: DeltaWidth,
     /// The case file as read.
     pub text: String,
     /// The `--set` options applied to it.

@@ -364,6 +364,25 @@ impl<'a> Table<'a> {
         }
     }
 
+    /// The texts of a list of formulas, if given.
+    pub fn formulas(&self, key: &str) -> Result<Option<Vec<String>>> {
+        let Some(node) = self.get(key) else {
+            return Ok(None);
+        };
+        let text = |node: &Node| match &node.value {
+            Value::Text(s) => Some(s.clone()),
+            Value::Integer(i) => Some(i.to_string()),
+            Value::Number(_, text) => Some(text.clone()),
+            _ => None,
+        };
+        let list = match &node.value {
+            Value::List(list) => list.iter().map(text).collect(),
+            _ => None,
+        };
+        list.map(Some)
+            .ok_or_else(|| self.wrong(key, "a list of formulas in quotes"))
+    }
+
     /// A finite number, if given.
     pub fn number(&self, key: &str) -> Result<Option<f64>> {
         let value = match self.get(key).map(|n| &n.value) {

@@ -5,8 +5,8 @@
 //! `f(T, x, v)` is the initial value at the foot of the characteristic through `(x, v)`, or the inflow value at the
 //! point of the phase-space box through which it came in.
 //!
-//! Back in time, `(x, −v)` obeys Newton's equations again; that is the motion followed here, with `w = −v`. `V` is the
-//! scheme's: linear in a cell, so that each axis moves on a parabola `x + w s − slope s²/2`; and with jumps at faces,
+//! Back in time, `(x, −v)` obeys Newton's equations again; that is the motion followed here, with `w = −v`, and forward
+//! in time, for measure-valued data ([`sheet`]), with `w = v`. `V` is the scheme's: linear in a cell, so that each axis moves on a parabola `x + w s − slope s²/2`; and with jumps at faces,
 //! where a particle meets the scheme's own rule (`scheme::interface`, whose `rise` is `V` here minus `V` there):
 //!
 //! ```text
@@ -17,6 +17,8 @@
 //! On sets of measure zero, where the solution may jump, the rules are: a point on a face belongs to the cell above it;
 //! a particle that comes from a face at time zero starts on the face, with the velocity it has on the side it leaves to,
 //! and the initial formula decides; of several faces met at once (an edge or a corner of a cell) the one of the lowest axis is crossed first.
+
+pub mod sheet;
 
 use crate::case::{Case, Inflow};
 use crate::error::Result;
@@ -41,6 +43,18 @@ pub struct Foot {
     pub entry: f64,
 }
 
+/// Where a particle is that was followed for a time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Followed {
+    /// The point of phase space, `[x, y, z, vx, vy, vz]`.
+    pub point: [f64; 6],
+    /// The part of the time that was left when it left the phase-space box; `None` if it did not.
+    pub left: Option<f64>,
+    /// A number that is the same for particles that met the same jumps in the same order and did the same there. In
+    /// between, the point depends continuously on where it was started.
+    pub history: u64,
+}
+
 /// The exact solution of a case's boundary-value problem, with `V` as the scheme sees it on the case's grid.
 ///
 /// Energy is conserved to round-off where every region's `V` is a sum of functions of one coordinate each and jumps are
@@ -51,6 +65,8 @@ pub struct Foot {
 pub struct Tracer<'a> {
     case: &'a Case,
     potential: Potential,
+    /// `w = direction · v`: −1 back in time, 1 forward.
+    direction: f64,
     /// `faces[a][i]` is the lower face of cell `i` on space axis `a`.
     faces: Vec<Vec<f64>>,
     /// By space cell: the layers of cells around it that are, like itself, free of slopes and jumps. The particle
@@ -60,16 +76,23 @@ pub struct Tracer<'a> {
     face_rate: f64,
 }
 
-/// A particle on its way back in time.
+/// A particle on its way.
 struct Particle {
     /// The space cell it is in; what decides on which side of a face it is, whatever the round-off of `x`.
     cell: [usize; MAX_DIMENSION],
     /// Position, never outside the cell.
     x: [f64; MAX_DIMENSION],
-    /// Reversed velocity `−v`.
+    /// `direction · v`.
     w: [f64; MAX_DIMENSION],
     /// Axes along which it rests at a face to which both sides push it.
     rests: [bool; MAX_DIMENSION],
+    /// See [`Followed::history`].
+    history: u64,
+}
+
+/// One more event in a history (FNV-1a, over words).
+fn append(history: u64, event: u64) -> u64 {
+    (history ^ event).wrapping_mul(0x0100_0000_01b3)
 }
 
 /// What happens next to a particle, on one axis.
@@ -169,10 +192,19 @@ impl<'a> Tracer<'a> {
         Ok(Self {
             case,
             potential,
+            direction: -1.0,
             faces: case.space.x.iter().map(faces).collect(),
             free,
             face_rate,
         })
+    }
+
+    /// The same, but [`follow`](Self::follow) goes forward in time.
+    pub fn forward(self) -> Self {
+        Self {
+            direction: 1.0,
+            ..self
+        }
     }
 
     /// The exact `f(time, x, v)` at `point = [x, y, z, vx, vy, vz]`, absent coordinates zero, `time ≥ 0`.
@@ -188,16 +220,27 @@ impl<'a> Tracer<'a> {
     }
 
     /// Where the particle comes from that is at `point = [x, y, z, vx, vy, vz]` at `time ≥ 0`.
+    pub fn foot(&self, point: &[f64; 6], time: f64) -> Foot {
+        let followed = self.follow(point, time);
+        Foot {
+            point: followed.point,
+            entry: followed.left.unwrap_or(0.0),
+        }
+    }
+
+    /// Where the particle at `point = [x, y, z, vx, vy, vz]` was a time `time ≥ 0` earlier; for a tracer that goes
+    /// [`forward`](Self::forward), where it will be.
     ///
     /// The work is bounded: a particle that met more faces than physics allows (in the cells around a corner, the
     /// slopes of a `V` that is no sum over axes may drive one at rest in a circle) is left where it stands.
-    pub fn foot(&self, point: &[f64; 6], time: f64) -> Foot {
+    pub fn follow(&self, point: &[f64; 6], time: f64) -> Followed {
         let mut left = time.max(0.0);
         let round_off = ROUND_OFF * left;
         let Some(mut particle) = self.start(point) else {
-            return Foot {
+            return Followed {
                 point: *point,
-                entry: left,
+                left: Some(left),
+                history: 0,
             };
         };
         // A particle sent on by one axis may meet two faces of each other axis before it rests there again.
@@ -220,10 +263,10 @@ impl<'a> Tracer<'a> {
                 None => false,
             };
             if !stays {
-                return self.foot_of(&particle, left);
+                return self.followed(&particle, Some(left));
             }
         }
-        self.foot_of(&particle, 0.0)
+        self.followed(&particle, None)
     }
 
     /// Puts a particle on the faces it has reached but for round-off.
@@ -246,11 +289,12 @@ impl<'a> Tracer<'a> {
             x: [0.0; MAX_DIMENSION],
             w: [0.0; MAX_DIMENSION],
             rests: [false; MAX_DIMENSION],
+            history: 0xcbf2_9ce4_8422_2325,
         };
         for a in 0..space.dimension() {
             // The ends of the box as faces may differ from it by round-off.
             particle.x[a] = point[a].clamp(self.faces[a][0], self.faces[a][space.x[a].cells]);
-            particle.w[a] = -point[3 + a];
+            particle.w[a] = self.direction * point[3 + a];
             let inside = space.x[a].lower <= point[a] && point[a] <= space.x[a].upper;
             if !inside || !self.speed_is_inside(&particle, a) {
                 return None;
@@ -260,19 +304,23 @@ impl<'a> Tracer<'a> {
         Some(particle)
     }
 
-    fn foot_of(&self, particle: &Particle, entry: f64) -> Foot {
+    fn followed(&self, particle: &Particle, left: Option<f64>) -> Followed {
         let mut point = [0.0; 6];
         for a in 0..self.case.space.dimension() {
             point[a] = particle.x[a];
-            // Not −w, which would be −0 for a particle at rest.
-            point[3 + a] = 0.0 - particle.w[a];
+            // Zero added, so that −0 does not come out for a particle at rest.
+            point[3 + a] = 0.0 + self.direction * particle.w[a];
         }
-        Foot { point, entry }
+        Followed {
+            point,
+            left,
+            history: particle.history,
+        }
     }
 
     fn speed_is_inside(&self, particle: &Particle, a: usize) -> bool {
         let v = &self.case.space.v[a];
-        v.lower <= -particle.w[a] && -particle.w[a] <= v.upper
+        (v.lower..=v.upper).contains(&(self.direction * particle.w[a]))
     }
 
     /// The cell along axis `a` that holds `x`, the upper one on a face.
@@ -336,7 +384,12 @@ impl<'a> Tracer<'a> {
         for a in moving().filter(|&a| slopes[a] != 0.0) {
             let (v, slope) = (&self.case.space.v[a], slopes[a]);
             // w falls where V rises.
-            let end = if slope > 0.0 { -v.upper } else { -v.lower };
+            let ends = [v.lower, v.upper].map(|v| self.direction * v);
+            let end = if slope > 0.0 {
+                ends[0].min(ends[1])
+            } else {
+                ends[0].max(ends[1])
+            };
             take(Event {
                 time: (particle.w[a] - end) / slope,
                 axis: a,
@@ -376,7 +429,12 @@ impl<'a> Tracer<'a> {
         let Some(there) = there else { return false };
         let reach_before = self.reach(particle, a, outward);
         let square = particle.w[a] * particle.w[a] + 2.0 * rise;
-        let reach_after = if rise == 0.0 || square > 0.0 {
+        let crosses = rise == 0.0 || square > 0.0;
+        if rise != 0.0 {
+            let face = 2 * (i + usize::from(upper)) + usize::from(crosses);
+            particle.history = append(particle.history, (MAX_DIMENSION * face + a) as u64);
+        }
+        let reach_after = if crosses {
             particle.cell[a] = there;
             // Other slopes may hold here.
             particle.rests = [false; MAX_DIMENSION];

@@ -2,7 +2,7 @@
 
 mod spectrum;
 
-use crate::case::{self, Case};
+use crate::case::{self, Case, Data};
 use crate::cli::{CaseArgs, Cli, Command};
 use crate::communicator::World;
 use crate::error::Result;
@@ -134,6 +134,11 @@ fn closing_line(summary: &Summary, directory: &Path) -> String {
             ", error below what can be told from round-off".to_owned()
         };
     }
+    if let (Some(density), Some(velocity)) = (summary.error_density_l1, summary.error_velocity_l1) {
+        line += &format!(
+            ", L1 distance to the exact density {density:.4}, mean velocity {velocity:.4}"
+        );
+    }
     if let Some(l1) = summary.error_l1 {
         line += &format!(", L1 distance to the exact solution {l1:.4}");
     }
@@ -162,6 +167,12 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
     for region in &case.potential {
         let condition = region.condition.as_ref().map_or("elsewhere", |c| c.text());
         text += &format!("V = {}  where {condition}\n", region.value.text());
+    }
+    if let Data::Measure { density, velocity } = &case.data {
+        let list: Vec<&str> = velocity.iter().map(|w| w.text()).collect();
+        let (density, list) = (density.text(), list.join("; "));
+        text +=
+            &format!("measure-valued: density {density}, velocity {list}; f = phi delta(psi)\n");
     }
     for field in &case.fields {
         text += &format!("{}(0) = {}\n", field.name, field.initial.text());

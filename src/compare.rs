@@ -1,7 +1,9 @@
 //! How far a result is from what it is compared with: from its second reading, from the exact semi-discrete solution.
 
+use crate::characteristics::sheet::ExactMoments;
 use crate::communicator::{Communicator, Group};
-use crate::observables::power_sum;
+use crate::grid::PhaseSpace;
+use crate::observables::{Moments, integral, power_sum};
 use crate::output::summary::Summary;
 use crate::plan::{Plan, WarpPlan};
 use crate::problem::Problem;
@@ -58,6 +60,35 @@ impl Norms<'_> {
     }
 }
 
+/// `∫ |ρ − ρ_exact| dx`, and `Σ_a ∫ |u_a − u_exact,a| dx` over the cells where there is an exact mean velocity; where the result
+/// has none there, it counts as zero. Collective.
+pub fn moment_errors(
+    world: &Group,
+    space: &PhaseSpace,
+    found: &Moments,
+    exact: &ExactMoments,
+) -> [f64; 2] {
+    let difference = |a: &[f64], b: &[f64]| -> Vec<f64> {
+        a.iter().zip(b).map(|(a, b)| (a - b).abs()).collect()
+    };
+    let density = integral(world, space, &difference(&found.density, &exact.density));
+    let present = |u: &f64| if u.is_nan() { 0.0 } else { *u };
+    let mut velocity = 0.0;
+    for (u, exact) in found.velocity.iter().zip(&exact.velocity) {
+        let distance = |(u, exact): (&f64, &f64)| {
+            let known = !exact.is_nan();
+            if known {
+                (present(u) - exact).abs()
+            } else {
+                0.0
+            }
+        };
+        let terms: Vec<f64> = u.iter().zip(exact).map(distance).collect();
+        velocity += integral(world, space, &terms);
+    }
+    [density, velocity]
+}
+
 /// The error estimate from the two readings of each field, and whether the norms fell as planned. Collective.
 pub fn estimate(
     plan: &Plan,
@@ -73,7 +104,7 @@ pub fn estimate(
     let mut largest_ratio: f64 = 0.0;
     // The estimate and the round-off in it, of the field whose estimate is largest.
     let mut found: Option<(f64, f64)> = None;
-    for (readings, state) in fields.iter().zip(&problem.states) {
+    for (k, (readings, state)) in fields.iter().zip(&problem.states).enumerate() {
         let f = &readings[0];
         let norms = Norms {
             world,
@@ -93,6 +124,7 @@ pub fn estimate(
                 .sum();
             let noise = f64::EPSILON * amplification * ratio;
             let round_off = ROUND_OFF_MARGIN * noise / warp.seen;
+            summary.fields[k].error_estimate = Some(estimate).filter(|e| e.is_finite());
             if found.is_none_or(|(e, _)| estimate > e) {
                 found = Some((estimate, round_off));
             }

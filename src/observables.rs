@@ -1,5 +1,10 @@
-//! Moments of the field and norms of its error, on a rank's share of space; velocities are never split.
+//! Moments of the result and norms of its error, on a rank's share of space; velocities are never split.
+//!
+//! The result is `f` itself or, for measure-valued data, `φ Π_a δ(ψ_a)` (see [`level_sets`]).
 
+pub mod level_sets;
+
+use crate::case::{Case, Data};
 use crate::communicator::Group;
 use crate::grid::PhaseSpace;
 use crate::potential::for_each_cell;
@@ -22,8 +27,10 @@ pub struct Moments {
     pub kinetic: Vec<f64>,
 }
 
-/// Moments of `f`, given on a share of space with all velocities. Collective over `world` (the largest density).
-pub fn moments(world: &Group, space: &PhaseSpace, f: &[f64]) -> Moments {
+/// Moments of the result whose fields are `fields`, in the order of `case.fields`, each given on a share of space with
+/// all velocities. Collective over `world` (the largest density).
+pub fn moments(world: &Group, case: &Case, fields: &[&[f64]]) -> Moments {
+    let space = &case.space;
     let n = space.dimension();
     let nv = space.velocity_cells();
     let volume = space.velocity_volume();
@@ -36,14 +43,25 @@ pub fn moments(world: &Group, space: &PhaseSpace, f: &[f64]) -> Moments {
         }
         velocities.push(v);
     });
-    let points = f.len() / nv;
+    let points = fields[0].len() / nv;
     let mut moments = Moments {
         density: Vec::with_capacity(points),
         momentum: vec![Vec::with_capacity(points); n],
         velocity: vec![Vec::with_capacity(points); n],
         kinetic: Vec::with_capacity(points),
     };
-    for cell in f.chunks_exact(nv) {
+    let mut concentrated = vec![0.0; nv];
+    for point in 0..points {
+        let here = point * nv..(point + 1) * nv;
+        let cell = match &case.data {
+            Data::Density => &fields[0][here],
+            Data::Measure { .. } => {
+                let psi: Vec<&[f64]> = fields[1..].iter().map(|f| &f[here.clone()]).collect();
+                let phi = &fields[0][here];
+                level_sets::concentrate(&mut concentrated, space, case.delta_width, phi, &psi);
+                &concentrated[..]
+            }
+        };
         let (mut rho, mut m, mut e) = (0.0, [0.0; 3], 0.0);
         for (value, v) in cell.iter().zip(&velocities) {
             rho += value;

@@ -99,7 +99,7 @@ pub struct WarpPlan {
     pub plateau: Vec<Reading>,
     /// The modes in batches, of rising wavenumber.
     pub batches: Vec<Batch>,
-    /// Applications, over the modes; 0 where systems are solved instead.
+    /// Applications, over the modes and fields; 0 where systems are solved instead.
     pub applications: usize,
     /// Solves of an implicit method, over the modes.
     pub solves: usize,
@@ -251,8 +251,8 @@ impl WarpPlan {
             ratio,
             state_tolerance,
             modes,
-            applications,
-            solves,
+            applications: case.fields.len() * applications,
+            solves: case.fields.len() * solves,
             amplification: (0..modes).map(weight).sum(),
             seen,
             readings,

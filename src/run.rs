@@ -2,15 +2,17 @@
 
 use crate::case::{Case, Exact, Integrator, Method};
 use crate::characteristics::Tracer;
+use crate::characteristics::sheet::exact_moments;
 use crate::classical::limiter::Reconstruction;
 use crate::classical::{Classical, EXACT, poisson_window};
 use crate::command::report;
 use crate::communicator::{Communicator, GhostExchange, Group, World};
-use crate::compare::{Norms, estimate, include_step_error};
+use crate::compare::{Norms, estimate, include_step_error, moment_errors};
 use crate::error::{Error, Result};
 use crate::matrix::{Lanes, instruction_set, sample, sample_with};
 use crate::observables::{integral, moments};
-use crate::output::{self, hdf5::PlateauPoint, summary::Summary};
+use crate::output::summary::{FieldSummary, Summary};
+use crate::output::{self, hdf5::ExactSolution, hdf5::PlateauPoint};
 use crate::partition::{Block, split};
 use crate::plan::{ASSUMED_RATIO, Bounds, Plan, Resources, WarpPlan, refuse_hopeless};
 use crate::potential::{StrayEdge, overlooked};
@@ -179,7 +181,6 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     watch.lap("solve");
 
     // 6. Compare: with the field at the second point, the exact semi-discrete solution, the exact solution.
-    let f = &fields[0][0];
     let values = fields.iter().flatten().chain(&plateau).flatten();
     let finite = values.copied().all(f64::is_finite);
     let checked = if finite {
@@ -193,6 +194,15 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         velocities: case.space.velocity_cells(),
         f,
     };
+    for (field, readings) in case.fields.iter().zip(&fields) {
+        let norms = norms(&readings[0]);
+        summary.fields.push(FieldSummary {
+            name: field.name.to_owned(),
+            minimum: -norms.largest(|x| -x),
+            maximum: norms.largest(|x| x),
+            ..FieldSummary::default()
+        });
+    }
     if let Some(warp_plan) = &plan.warp {
         let found = estimate(
             &plan,
@@ -223,15 +233,16 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
             let reference = problem.unweighted(&place.mine, &state[place.mine.clone()]);
             let error = norms(&readings[0]).distance(&reference);
             if error.is_finite() {
+                summary.fields[k].error_semidiscrete = Some(error);
                 let before = summary.error_semidiscrete.unwrap_or(0.0);
                 summary.error_semidiscrete = Some(before.max(error));
             }
         }
         watch.lap("verify");
     }
-    let norms = norms(f);
     let plateau = plan.warp.as_ref().map_or(Vec::new(), |w| {
         let volume = case.space.cell_volume();
+        let norms = norms(&fields[0][0]);
         let of = |(reading, field): (&Reading, &Vec<f64>)| PlateauPoint {
             p: reading.point,
             distance: norms.distance_of(field),
@@ -239,22 +250,35 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         };
         w.plateau.iter().zip(&plateau).map(of).collect()
     });
-    if let Some(exact) = &exact {
-        let volume = case.space.cell_volume();
-        summary.error_l1 = Some(norms.difference(exact, 1) * volume);
-        summary.error_l2 = Some((norms.difference(exact, 2) * volume).sqrt());
-    }
 
     // 7. Moments and sums.
-    let found = moments(&communicator.world, &case.space, f);
-    let before = &problem.initial[0][place.mine.clone()];
-    let before = moments(&communicator.world, &case.space, before);
+    let results: Vec<&[f64]> = fields.iter().map(|readings| &readings[0][..]).collect();
+    let found = moments(&communicator.world, case, &results);
+    let before: Vec<&[f64]> = (problem.initial.iter())
+        .map(|f| &f[place.mine.clone()])
+        .collect();
+    let before = moments(&communicator.world, case, &before);
     let total = |moment: &[f64]| integral(&communicator.world, &case.space, moment);
     summary.mass = total(&found.density);
     summary.mass_initial = total(&before.density);
     summary.kinetic_energy = total(&found.kinetic);
-    summary.minimum = -norms.largest(|x| -x);
-    summary.maximum = norms.largest(|x| x);
+    summary.minimum = summary.fields[0].minimum;
+    summary.maximum = summary.fields[0].maximum;
+    match &exact {
+        None => {}
+        Some(ExactSolution::Field(exact)) => {
+            let (norms, volume) = (norms(results[0]), case.space.cell_volume());
+            summary.error_l1 = Some(norms.difference(exact, 1) * volume);
+            summary.error_l2 = Some((norms.difference(exact, 2) * volume).sqrt());
+        }
+        Some(ExactSolution::Moments(exact)) => {
+            let [density, velocity] =
+                moment_errors(&communicator.world, &case.space, &found, exact);
+            summary.mass_exact = Some(total(&exact.density));
+            summary.error_density_l1 = Some(density);
+            summary.error_velocity_l1 = Some(velocity);
+        }
+    }
     watch.lap("observables");
 
     // 8. Write.
@@ -262,8 +286,8 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         case,
         plan: &plan,
         share: &place.share,
-        f,
-        exact: exact.as_deref(),
+        fields: &results,
+        exact: exact.as_ref(),
         moments: &found,
         plateau: &plateau,
         seconds: &watch.seconds.clone(),
@@ -446,16 +470,21 @@ fn integrate(
     }
 }
 
-/// The exact solution at the centres of this rank's cells.
-fn exact_solution(case: &Case, place: &Place) -> Result<Option<Vec<f64>>> {
+/// The exact solution on this rank's share: `f` at cell centres, or density and velocity as cell averages.
+fn exact_solution(case: &Case, place: &Place) -> Result<Option<ExactSolution>> {
     let (space, block) = (&case.space, &place.block);
     Ok(match &case.exact {
         None => None,
         Some(Exact::Formula(f)) => {
             let all = sample(space, block, f, case.end)?;
-            Some(all[place.mine.clone()].to_vec())
+            Some(ExactSolution::Field(all[place.mine.clone()].to_vec()))
         }
         Some(Exact::Characteristics) => {
+            if let Some(moments) = exact_moments(case)? {
+                return Ok(Some(ExactSolution::Moments(
+                    moments.on(space, &place.share),
+                )));
+            }
             let tracer = Tracer::new(case)?;
             let value = |point: &[f64; 6]| tracer.value(point, case.end);
             let exact = sample_with(space, block, &place.mine, value);
@@ -463,7 +492,7 @@ fn exact_solution(case: &Case, place: &Place) -> Result<Option<Vec<f64>>> {
                 let place = "where a characteristic of exact.kind = \"characteristics\" begins";
                 return Err(case.fields[0].initial.undefined(f64::NAN, place.to_owned()));
             }
-            Some(exact)
+            Some(ExactSolution::Field(exact))
         }
     })
 }

@@ -63,9 +63,12 @@ impl Case {
         let space = read_axes(&root)?;
         let n = space.dimension();
         let scheme = root.table("scheme")?.knowing(&["interface", "limiter"])?;
-        let output =
-            root.table("output")?
-                .knowing(&["recovery_points", "warped_field", "plateau"])?;
+        let output = root.table("output")?.knowing(&[
+            "recovery_points",
+            "warped_field",
+            "plateau",
+            "delta_width",
+        ])?;
         let solver = root.table("solver")?.knowing(&[
             "method",
             "tolerance",
@@ -94,6 +97,7 @@ impl Case {
         let classical = solver.table("classical")?.knowing(&["integrator", "cfl"])?;
         let (data, fields) = read_data(&root, n)?;
         let end = read_end(&root)?;
+        let exact = read_exact(&root, n, &data)?;
         let method = solver.choice(
             "method",
             &[
@@ -140,9 +144,16 @@ impl Case {
                 ],
             )?,
             cfl: read_cfl(&classical)?,
-            exact: read_exact(&root, n)?,
+            exact,
             recovery_points: read_recovery_points(&output)?,
             plateau: read_plateau(&output)?,
+            delta_width: output.choice(
+                "delta_width",
+                &[
+                    ("determinant", DeltaWidth::Determinant),
+                    ("gradient", DeltaWidth::Gradient),
+                ],
+            )?,
             text: file.text().to_owned(),
             overrides: overrides.to_vec(),
             space,
@@ -342,23 +353,61 @@ fn read_potential(root: &Table<'_>, n: usize) -> Result<Vec<Region>> {
 
 /// `[initial]` and `[inflow]`: the fields to evolve.
 fn read_data(root: &Table<'_>, n: usize) -> Result<(Data, Vec<Field>)> {
-    let table = root.table("initial")?.knowing(&["f"])?;
-    let field = Field {
-        name: "f",
-        initial: required_formula(&table, "f", &names(n, true, false))?,
-        inflow: read_inflow(root, n)?,
-    };
-    Ok((Data::Density, vec![field]))
+    let table = root
+        .table("initial")?
+        .knowing(&["f", "density", "velocity"])?;
+    if !table.has("density") && !table.has("velocity") {
+        let field = Field {
+            name: "f",
+            initial: required_formula(&table, "f", &names(n, true, false))?,
+            inflow: read_inflow(root, n, "0")?,
+        };
+        return Ok((Data::Density, vec![field]));
+    }
+    if table.has("f") {
+        return Err(table.error(
+            "f",
+            "give either initial.f, or initial.density and initial.velocity",
+        ));
+    }
+    let space = names(n, false, false);
+    let density = required_formula(&table, "density", &space)?;
+    let texts = table.formulas("velocity")?.unwrap_or_default();
+    if texts.len() != n {
+        let message = format!(
+            "{} formulas given; a list of {n} expected, one an axis",
+            texts.len()
+        );
+        return Err(table.error("velocity", &message));
+    }
+    let mut fields = vec![Field {
+        name: "phi",
+        initial: density.clone(),
+        inflow: read_inflow(root, n, "initial")?,
+    }];
+    let mut velocity = Vec::new();
+    for (a, text) in texts.iter().enumerate() {
+        let key = "velocity";
+        velocity.push(parse_formula(&table, key, text, &space)?);
+        let level_set = format!("{} - ({text})", ["vx", "vy", "vz"][a]);
+        fields.push(Field {
+            name: ["psi_x", "psi_y", "psi_z"][a],
+            initial: parse_formula(&table, key, &level_set, &names(n, true, false))?,
+            inflow: Inflow::Initial,
+        });
+    }
+    Ok((Data::Measure { density, velocity }, fields))
 }
 
-fn read_inflow(root: &Table<'_>, n: usize) -> Result<Inflow> {
+fn read_inflow(root: &Table<'_>, n: usize, default: &str) -> Result<Inflow> {
     let table = root.table("inflow")?.knowing(&["value"])?;
-    let inflow = match table.formula("value")?.as_deref() {
-        Some("initial") => Inflow::Initial,
+    let text = table.formula("value")?;
+    let inflow = match text.as_deref().unwrap_or(default) {
+        "initial" => Inflow::Initial,
         text => Inflow::Formula(parse_formula(
             &table,
             "value",
-            text.unwrap_or("0"),
+            text,
             &names(n, true, false),
         )?),
     };
@@ -565,8 +614,14 @@ fn read_cfl(classical: &Table<'_>) -> Result<f64> {
     Ok(cfl)
 }
 
-fn read_exact(root: &Table<'_>, n: usize) -> Result<Option<Exact>> {
+fn read_exact(root: &Table<'_>, n: usize, data: &Data) -> Result<Option<Exact>> {
     let table = root.table("exact")?.knowing(&["kind", "f"])?;
+    if table.has("f") && !matches!(data, Data::Density) {
+        return Err(table.error(
+            "f",
+            "measure-valued data have no f; exact.kind = \"characteristics\" gives density and velocity",
+        ));
+    }
     let exact = match (
         table.has("kind"),
         formula(&table, "f", &names(n, true, true))?,

@@ -5,7 +5,10 @@
 //! | `/f` | (N_x1, …, N_xn, N_v1, …, N_vn) | cell values at the final time |
 //! | `/density` | (N_x1, …, N_xn) | ρ = ∫ f dv |
 //! | `/momentum`, `/velocity` | (n, N_x1, …, N_xn) | ∫ v f dv and its mean; NaN where there is nothing |
+//! | `/phi`, `/psi` | as `/f`; (n, …) | instead of `/f` for measure-valued data: `f = φ Π_a δ(ψ_a)` |
 //! | `/exact` | as `/f` | the exact solution, where one is named |
+//! | `/density_exact`, `/velocity_exact` | as `/density`, `/velocity` | instead of it for measure-valued data: cell averages |
+//! | `/multivalued/x`, `v`, `density`, `branch` | points | the branches of the exact velocity, in one dimension |
 //! | `/axis/x`, … `/axis/vz` | cell centres | dimension scales; `/axis/component` numbers vector components; also found in the root |
 //! | `/case`, `/plan` | text | the case file; the plan as JSON, as far as it does not depend on ranks |
 //! | `/plateau/p`, `/plateau/distance`, `/plateau/norm` | (K) | `f` read at other points `p`: relative l2 distance to `/f`, l2 norm |
@@ -15,7 +18,8 @@
 //! for one that failed.
 
 use super::failure;
-use crate::case::Case;
+use crate::case::{Case, Data, Exact};
+use crate::characteristics::sheet::{Curve, ExactMoments, curve_points};
 use crate::communicator::Group;
 use crate::error::{Error, Result};
 use crate::grid::Axis;
@@ -32,6 +36,14 @@ use std::mem::ManuallyDrop;
 use std::ops::Range;
 use std::path::Path;
 
+/// The exact solution on a rank's share.
+pub enum ExactSolution {
+    /// `f` at cell centres.
+    Field(Vec<f64>),
+    /// Density and mean velocity as averages over cells, for measure-valued data.
+    Moments(ExactMoments),
+}
+
 /// What goes into the file.
 pub struct Results<'a> {
     /// The case.
@@ -40,10 +52,10 @@ pub struct Results<'a> {
     pub plan: &'a Plan,
     /// This rank's space cells, one range an x-axis; may be empty.
     pub share: &'a [Range<usize>],
-    /// `f` on them, velocities fastest.
-    pub f: &'a [f64],
+    /// The case's fields on them, velocities fastest.
+    pub fields: &'a [&'a [f64]],
     /// The exact solution there.
-    pub exact: Option<&'a [f64]>,
+    pub exact: Option<&'a ExactSolution>,
     /// Moments there.
     pub moments: &'a Moments,
     /// The plateau; the same on all ranks.
@@ -115,21 +127,35 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<()> {
     let (x_names, all) = (&names[..space.dimension()], &names[..]);
     let velocities: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.cells).collect();
     let phase: Vec<Range<usize>> = results.share.iter().cloned().chain(velocities).collect();
-    writer.field(
-        "f",
-        all,
-        &phase,
-        results.f,
-        "cell average of the phase-space density",
-    )?;
-    if let Some(exact) = results.exact {
-        writer.field(
-            "exact",
-            all,
-            &phase,
-            exact,
-            "exact solution at cell centres",
-        )?;
+    let (first, others) = (results.fields[0], &results.fields[1..]);
+    match results.case.data {
+        Data::Density => {
+            let what = "cell average of the phase-space density";
+            writer.field("f", all, &phase, first, what)?;
+        }
+        Data::Measure { .. } => {
+            let what = "density phi of f = phi delta(psi)";
+            writer.field("phi", all, &phase, first, what)?;
+            let what = "level sets psi of f = phi delta(psi), one a velocity axis";
+            writer.vector("psi", all, &phase, others, what)?;
+        }
+    }
+    match results.exact {
+        None => {}
+        Some(ExactSolution::Field(exact)) => {
+            let what = "exact solution at cell centres";
+            writer.field("exact", all, &phase, exact, what)?;
+        }
+        Some(ExactSolution::Moments(exact)) => {
+            let (density, velocity) = (&exact.density, slices(&exact.velocity));
+            let what = "exact density, average over the cell";
+            writer.field("density_exact", x_names, results.share, density, what)?;
+            let what = "exact mean velocity of the cell";
+            writer.vector("velocity_exact", x_names, results.share, &velocity, what)?;
+            if let Some(curve) = &exact.curve {
+                writer.curve(curve)?;
+            }
+        }
     }
     let moments = results.moments;
     writer.field(
@@ -143,18 +169,22 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<()> {
         "momentum",
         x_names,
         results.share,
-        &moments.momentum,
+        &slices(&moments.momentum),
         "integral of v f over v",
     )?;
     writer.vector(
         "velocity",
         x_names,
         results.share,
-        &moments.velocity,
+        &slices(&moments.velocity),
         "momentum / density",
     )?;
     writer.plateau(results.plateau)?;
     writer.close()
+}
+
+fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
+    vectors.iter().map(Vec::as_slice).collect()
 }
 
 /// Refuses to start what the disk cannot hold.
@@ -165,9 +195,17 @@ pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
     /// Metadata, texts and the summary.
     const MARGIN: usize = 256 << 10;
     let space = &case.space;
-    let fields = 1 + usize::from(case.exact.is_some());
-    let moments = 1 + 2 * space.dimension();
-    let numbers = fields * space.cells() + moments * space.space_cells();
+    let n = space.dimension();
+    let (mut fields, mut moments, mut points) = (case.fields.len(), 1 + 2 * n, 0);
+    match (&case.exact, &case.data) {
+        (None, _) => {}
+        (Some(Exact::Characteristics), Data::Measure { .. }) => {
+            moments += 1 + n;
+            points = 5 * curve_points(case);
+        }
+        (Some(_), _) => fields += 1,
+    }
+    let numbers = fields * space.cells() + moments * space.space_cells() + points;
     let needed = (8 * numbers + MARGIN + 2 * case.text.len()) as u64;
     let room = system::room_for_file(directory);
     if needed <= room {
@@ -185,6 +223,8 @@ pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
 
 /// Name of the axis of vector components.
 const COMPONENT: &str = "component";
+/// Name of the axis of the points of a curve.
+const POINT: &str = "point";
 
 struct Writer<'a> {
     world: &'a Group,
@@ -294,9 +334,15 @@ impl<'a> Writer<'a> {
             // In the root, where netCDF readers look for the scales of its variables, and linked from /axis.
             self.file.create_group("axis")?;
             let names = axis_names(space.dimension());
-            let components = (0..space.dimension()).map(|c| c as f64).collect();
+            let count = |n: usize| (0..n).map(|c| c as f64).collect();
+            let mut numbered = vec![(COMPONENT, count(space.dimension()))];
+            if let Some(ExactSolution::Moments(exact)) = results.exact
+                && let Some(curve) = &exact.curve
+            {
+                numbered.push((POINT, count(curve.x.len())));
+            }
             let axes = names.into_iter().zip(space.axes().map(Axis::centres));
-            for (name, centres) in axes.chain([(COMPONENT, components)]) {
+            for (name, centres) in axes.chain(numbered) {
                 let dataset = self
                     .file
                     .new_dataset::<f64>()
@@ -355,7 +401,7 @@ impl<'a> Writer<'a> {
         name: &str,
         axes: &[&str],
         share: &[Range<usize>],
-        values: &[Vec<f64>],
+        values: &[&[f64]],
         what: &str,
     ) -> Result<()> {
         let axes: Vec<&str> = [COMPONENT].iter().chain(axes).copied().collect();
@@ -398,6 +444,30 @@ impl<'a> Writer<'a> {
             Ok(())
         })();
         self.agree(outcome)
+    }
+
+    /// The multivalued velocity, the same on all ranks and written by rank 0.
+    fn curve(&self, curve: &Curve) -> Result<()> {
+        self.agree(self.file.create_group("multivalued").map(drop))?;
+        let mine = if self.world.rank() == 0 {
+            curve.x.len()
+        } else {
+            0
+        };
+        for (name, values, what) in [
+            ("x", &curve.x, "position on a branch"),
+            ("v", &curve.v, "velocity on a branch"),
+            (
+                "density",
+                &curve.density,
+                "the branch's part of the density",
+            ),
+            ("branch", &curve.branch, "number of the branch"),
+        ] {
+            let name = format!("multivalued/{name}");
+            self.field(&name, &[POINT], &[0..mine], &values[..mine], what)?;
+        }
+        Ok(())
     }
 
     fn close(self) -> Result<()> {

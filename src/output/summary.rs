@@ -7,6 +7,21 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+/// What is said about one of the fields of a run.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct FieldSummary {
+    /// `f`; or `phi`, `psi_x`, `psi_y`, `psi_z`.
+    pub name: String,
+    /// Smallest value.
+    pub minimum: f64,
+    /// Largest value.
+    pub maximum: f64,
+    /// Relative l2 distance of the field read at two recovery points.
+    pub error_estimate: Option<f64>,
+    /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`).
+    pub error_semidiscrete: Option<f64>,
+}
+
 /// Everything that is said about a finished run. Absent numbers are `null`, never zero.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Summary {
@@ -52,15 +67,17 @@ pub struct Summary {
     pub norm_ratio_planned: Option<f64>,
     /// The same, from the result.
     pub norm_ratio: Option<f64>,
-    /// Relative l2 distance of the fields read at two recovery points.
+    /// Relative l2 distance of the fields read at two recovery points, the largest over the fields.
     pub error_estimate: Option<f64>,
     /// Leading term of the error that an implicit propagator's step leaves in the field, relative l2; part of the estimate.
     pub step_error: Option<f64>,
     /// Whether the estimate can tell: false where round-off hides the difference, where there is one point only, or where a
     /// step is too long for its error to be told.
     pub error_estimate_reliable: bool,
-    /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`).
+    /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`), the largest over the fields.
     pub error_semidiscrete: Option<f64>,
+    /// The same by field, and each field's range.
+    pub fields: Vec<FieldSummary>,
     /// Largest over modes of the change of the norm, as a fraction of what is allowed.
     pub unitarity_defect: Option<f64>,
     /// Smallest over modes of ‖w(T)‖/‖w(0)‖: 1 but for round-off and cut series, less where the method damps.
@@ -75,20 +92,26 @@ pub struct Summary {
     pub weight_spread: f64,
     /// Jacobi sweeps for the weights.
     pub weight_sweeps: usize,
-    /// ∫ f dx dv at T.
+    /// ∫ f dx dv at T; for measure-valued data ∫ ρ dx, as all moments by the discrete delta function.
     pub mass: f64,
     /// ∫ f dx dv at 0.
     pub mass_initial: f64,
     /// ½ ∫ |v|² f dx dv at T.
     pub kinetic_energy: f64,
-    /// Smallest value of f.
+    /// Smallest value of f, or of φ.
     pub minimum: f64,
-    /// Largest value of f.
+    /// Largest value of f, or of φ.
     pub maximum: f64,
     /// ∫ |f − f_exact| dx dv.
     pub error_l1: Option<f64>,
     /// (∫ |f − f_exact|² dx dv)^½.
     pub error_l2: Option<f64>,
+    /// ∫ ρ_exact dx, for measure-valued data.
+    pub mass_exact: Option<f64>,
+    /// ∫ |ρ − ρ_exact| dx, for measure-valued data.
+    pub error_density_l1: Option<f64>,
+    /// Σ_a ∫ |u_a − u_exact,a| dx where ρ_exact > 0, for measure-valued data.
+    pub error_velocity_l1: Option<f64>,
     /// What the user should know.
     pub warnings: Vec<String>,
     /// How many of the warnings were printed before the run.

@@ -1,7 +1,8 @@
 //! Who computes what, and in how much memory: the process mesh of least modelled cost that fits.
 
 use super::{Bounds, WarpPlan};
-use crate::case::{Case, Exact, Limiter, Method};
+use crate::case::{Case, Data, Exact, Limiter, Method};
+use crate::characteristics::sheet::curve_points;
 use crate::error::{Error, Result};
 use crate::partition::{Block, Mesh};
 use crate::propagate::{self, Sizes, cost_of_splitting};
@@ -333,8 +334,13 @@ fn arrays(
         }
     }
     if case.exact.is_some() {
-        let tracer = 80 * case.space.space_cells() as u64;
-        list.push(("exact solution".to_owned(), 8 * cells + tracer));
+        let points = case.space.space_cells() as u64;
+        let values = match case.data {
+            Data::Density => 8 * cells,
+            // Mass and momentum, what is made of them, and the curve, whose arrays grow by doubling.
+            Data::Measure { .. } => 32 * (1 + n) * points + 64 * curve_points(case) as u64,
+        };
+        list.push(("exact solution".to_owned(), values + 80 * points));
     }
     list
 }
