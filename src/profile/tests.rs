@@ -307,7 +307,7 @@ fn orders_in_the_number_of_points() {
         let g = profile.shape();
         let found = [1, 2].map(|k| order(g, 1.0, 0.0, [k * points, 2 * k * points], false));
         assert!(
-            found[0] > 1.0 && found[1] > found[0] + 1.0,
+            found[0] > 1.0 && found[1] > found[0] + 0.7,
             "{profile}: {found:?}"
         );
     }
