@@ -21,7 +21,7 @@ mod placement;
 pub mod series;
 pub mod smooth;
 
-pub use placement::{Demand, Window, corner, place};
+pub use placement::{Demand, Window, place, summed_by_parts};
 pub use series::Series;
 
 use crate::case::ProfileChoice;
@@ -128,8 +128,8 @@ impl Profile {
 
     /// What part of the error of a reading at `window.point` its distance to a reading `apart` further on shows, where
     /// modes beyond `cutoff` are left out. The Gaussian's error is how `g` differs from `e^{−p}`, which both readings share
-    /// in part; the others' is what was left out, independent in both and larger in the second, so that
-    /// the distance is larger than the error.
+    /// in part; the others' is what was left out, independent in both and often larger in the
+    /// second, so that the distance is larger than the error.
     pub fn seen(&self, window: &Window, cutoff: f64, apart: f64) -> f64 {
         let shape = self.shape();
         match self {

@@ -89,6 +89,11 @@ fn tolerances_are_met_in_every_case() {
 
 /// What holds for every Schrödingerized run with `solver.verify`.
 fn meets_its_tolerance(summary: &Summary) -> Result<(), String> {
+    meets_its_tolerance_within(summary, 3.0)
+}
+
+/// The same, with an estimate that may be wrong by `factor`.
+fn meets_its_tolerance_within(summary: &Summary, factor: f64) -> Result<(), String> {
     let tolerance = summary.number("tolerance")?;
     let error = summary.number("error_semidiscrete")?;
     let outcome = at_most("error_semidiscrete", error, tolerance);
@@ -96,13 +101,209 @@ fn meets_its_tolerance(summary: &Summary) -> Result<(), String> {
     let estimate = summary.number("error_estimate")?;
     let reliable = summary.boolean("error_estimate_reliable")?;
     let ratio = estimate / error;
-    summary.require(!reliable || (1.0 / 3.0..=3.0).contains(&ratio), || {
+    summary.require(!reliable || (1.0 / factor..=factor).contains(&ratio), || {
         format!("error_estimate {estimate:e} is {ratio:.3} times the true error {error:e}, and called reliable")
     })?;
     let defect = summary.number("unitarity_defect")?;
     summary.require(defect > 0.0 && defect <= 1.0, || {
         format!("unitarity_defect {defect}, above 0 and at most 1 expected")
     })
+}
+
+/// Every profile by every reading, on cases that differ: steps, trapped particles, inflow, two dimensions.
+#[test]
+fn every_profile_and_reading_meets_its_tolerance() {
+    const PROFILES: [(&str, &[&str]); 5] = [
+        ("gaussian", &["1e-3", "1e-8"]),
+        ("exponential", &["1e-2"]),
+        ("smooth", &["1e-3", "1e-5"]),
+        ("low-somma", &["1e-3", "1e-8"]),
+        ("acl", &["1e-2"]),
+    ];
+    const CASES: [(&str, &[&str]); 4] = [
+        ("example1.toml", &["axis.0.x.cells=24", "axis.0.v.cells=22"]),
+        ("well.toml", &["axis.0.x.cells=20", "axis.0.v.cells=18"]),
+        (
+            "inflow_barrier.toml",
+            &["axis.0.x.cells=20", "axis.0.v.cells=16", "time.end=0.5"],
+        ),
+        (
+            "barrier2d.toml",
+            &[
+                "axis.0.x.cells=6",
+                "axis.1.x.cells=6",
+                "axis.0.v.cells=6",
+                "axis.1.v.cells=6",
+            ],
+        ),
+    ];
+    let mut rows = Vec::new();
+    for (case, size) in CASES {
+        for (profile, tolerances) in PROFILES {
+            for tolerance in tolerances {
+                for method in ["point", "integral", "least-squares"] {
+                    let coefficients = ["analytic", "sampled"][rows.len() % 2];
+                    rows.push((case, size, profile, *tolerance, method, coefficients));
+                }
+            }
+        }
+    }
+    check_all(
+        &rows,
+        |(case, size, profile, tolerance, method, coefficients)| {
+            let place = directory();
+            let job = run(case).set(size).set(&[
+                "solver.verify=true",
+                &format!("solver.tolerance={tolerance}"),
+                &format!("solver.warp.profile={profile}"),
+                &format!("solver.warp.recovery_method={method}"),
+                &format!("solver.warp.coefficients={coefficients}"),
+            ]);
+            let summary = job.solve(place.path())?;
+            let plain = *profile == "gaussian" && *method == "point";
+            meets_its_tolerance_within(&summary, if plain { 3.0 } else { 6.0 })
+        },
+    );
+}
+
+/// The orders in `N_p` through the whole recovery: `r + 1` where what is read reaches the corner (`r = 0` for the exponential: the
+/// first order that the paper states), one more away from it.
+#[test]
+fn points_given_by_hand_converge_with_the_order_of_the_profile() {
+    let rows: [(&str, &str, &str, [usize; 2], f64); 8] = [
+        ("exponential", "0", "sampled", [512, 2048], 1.0),
+        ("exponential", "0", "analytic", [512, 2048], 1.0),
+        ("exponential", "1", "sampled", [512, 2048], 2.0),
+        ("exponential", "1", "analytic", [512, 2048], 2.0),
+        ("smooth/1", "0", "analytic", [1024, 4096], 2.0),
+        ("smooth/2", "0", "sampled", [1024, 4096], 3.0),
+        ("smooth/3", "0", "sampled", [1024, 4096], 4.0),
+        ("smooth/1", "1", "analytic", [1024, 4096], 3.0),
+    ];
+    check_all(
+        &rows,
+        |&(profile, recovery, coefficients, points, expected)| {
+            let error = |points: usize| -> Result<f64, String> {
+                let place = directory();
+                let (name, order) = profile.split_once('/').unwrap_or((profile, ""));
+                let mut job = run("example1.toml").set(&[
+                    "axis.0.x.cells=16",
+                    "axis.0.v.cells=16",
+                    "time.end=0.6",
+                    "solver.tolerance=0.01",
+                    "solver.verify=true",
+                    "solver.warp.interval=[-48,48]",
+                    &format!("solver.warp.points={points}"),
+                    &format!("solver.warp.profile={name}"),
+                    &format!("solver.warp.recovery={recovery}"),
+                    &format!("solver.warp.coefficients={coefficients}"),
+                ]);
+                if !order.is_empty() {
+                    job = job.set(&[&format!("solver.warp.order={order}")]);
+                }
+                job.solve(place.path())?.number("error_semidiscrete")
+            };
+            let (coarse, fine) = (error(points[0])?, error(points[1])?);
+            let order = (coarse / fine).log(points[1] as f64 / points[0] as f64);
+            let what = format!(
+                "order of {profile} at {recovery}, {coefficients} (errors {coarse:e}, {fine:e})"
+            );
+            near(&what, order, expected, 0.4)
+        },
+    );
+}
+
+/// An interval too short is refused with ends that will do.
+#[test]
+fn intervals_too_short_are_refused_with_what_is_needed() {
+    let rows = [
+        ("gaussian", "analytic", "1e-6"),
+        ("gaussian", "sampled", "1e-6"),
+        ("exponential", "sampled", "1e-2"),
+        ("smooth", "analytic", "1e-4"),
+        ("low-somma", "sampled", "1e-6"),
+        ("acl", "analytic", "1e-2"),
+    ];
+    check_all(&rows, |(profile, coefficients, tolerance)| {
+        let place = directory();
+        let job = |interval: &str| {
+            run("example1.toml").set(&[
+                "axis.0.x.cells=20",
+                "axis.0.v.cells=16",
+                "solver.verify=true",
+                &format!("solver.tolerance={tolerance}"),
+                &format!("solver.warp.profile={profile}"),
+                &format!("solver.warp.coefficients={coefficients}"),
+                &format!("solver.warp.interval={interval}"),
+            ])
+        };
+        let finished = job("[-9, 3.5]").into(place.path()).run()?;
+        let says = [
+            "solver.warp.interval = [-9, 3.5]",
+            "too short",
+            "length",
+            tolerance,
+        ];
+        refused(&finished, &says)?;
+        let named = finished.errors.split("about ").nth(1);
+        let ends = named.and_then(|text| text.split(';').next());
+        let ends = ends.ok_or_else(|| finished.report("no ends named"))?;
+        let summary = job(ends).on(2).solve(place.path())?;
+        meets_its_tolerance_within(&summary, 10.0)
+    });
+}
+
+/// A set-up by hand in the manner of the paper runs, and what it lacks is said before and in the summary.
+#[test]
+fn what_is_given_by_hand_and_not_enough_is_warned_of() {
+    let place = directory();
+    let job = run("example1.toml").set(&[
+        "axis.0.x.cells=16",
+        "axis.0.v.cells=16",
+        "solver.tolerance=0.05",
+        "solver.warp.weights=none",
+        "solver.warp.profile=exponential",
+        "solver.warp.coefficients=sampled",
+        "solver.warp.interval=[-24,8]",
+        "solver.warp.points=32",
+        "solver.warp.recovery=0.2",
+    ]);
+    let finished = job.clone().into(place.path()).succeed().unwrap();
+    for words in [
+        "recovery = 0.2 is below",
+        "points = 32: the modes",
+        "points do",
+    ] {
+        let said = finished.errors.matches(words).count();
+        assert_eq!(said, 1, "{words}: {}", finished.errors);
+    }
+    let summary = job.solve(place.path()).unwrap();
+    let warnings = summary.value["warnings"].as_array().map_or(0, Vec::len);
+    assert!(warnings >= 2, "{}", summary.value["warnings"]);
+}
+
+/// The plateau: flat above where the corner is reached, and not below.
+#[test]
+fn the_plateau_is_flat_where_the_field_can_be_read() {
+    let place = directory();
+    let job = run("example1.toml").on(2).set(&[
+        "axis.0.x.cells=20",
+        "axis.0.v.cells=16",
+        "solver.tolerance=1e-3",
+        "solver.warp.profile=exponential",
+        "output.plateau={ from = -1, to = 3, points = 9 }",
+    ]);
+    job.solve(place.path()).unwrap();
+    let all = datasets(place.path()).unwrap();
+    let column = |name: &str| all[&format!("/plateau/{name}")].numbers();
+    let (p, distance, norm) = (column("p"), column("distance"), column("norm"));
+    for k in 0..9 {
+        assert!((p[k] - (-1.0 + 0.5 * k as f64)).abs() < 1e-12, "{p:?}");
+        let flat = distance[k] < 5e-3 && (norm[k] / norm[4] - 1.0).abs() < 5e-3;
+        assert_eq!(flat, p[k] >= 0.0, "{distance:?} {norm:?}");
+    }
+    // The plan reads at p = 1, too.
+    assert!(distance[4] < 1e-12, "{distance:?}");
 }
 
 /// The distance taken here, between the files of two runs, not by the program; on different numbers of ranks.
@@ -1155,6 +1356,25 @@ fn same_bits_with_inflow() {
 }
 
 #[test]
+fn same_bits_with_samples_and_a_plateau() {
+    same_bits_everywhere(&Scene {
+        name: "example1.toml",
+        settings: &[
+            "axis.0.x.cells=23",
+            "axis.0.v.cells=17",
+            "time.end=0.7",
+            "solver.tolerance=1e-4",
+            "solver.warp.profile=smooth",
+            "solver.warp.coefficients=sampled",
+            "solver.warp.recovery_method=least-squares",
+            "output.plateau.points=3",
+        ],
+        axes: 1,
+        datasets: &["/f", "/plateau/distance", "/plateau/norm", "/plateau/p"],
+    });
+}
+
+#[test]
 fn same_bits_with_shifted_weights() {
     same_bits_everywhere(&Scene {
         name: "well.toml",
@@ -1519,6 +1739,46 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             &["solver.warp.weights", "mean \"dissipative\"", "none"],
         ),
         (
+            "profile = \"gaussian\"",
+            "profile = \"gausian\"",
+            &["solver.warp.profile", "mean \"gaussian\"", "low-somma"],
+        ),
+        (
+            "profile = \"gaussian\"",
+            "profile = \"gaussian\"\nalpha = 2",
+            &["solver.warp.alpha", "2", "exponential"],
+        ),
+        (
+            "profile = \"gaussian\"",
+            "profile = \"smooth\"\norder = 17",
+            &["solver.warp.order", "17", "between 1 and 16"],
+        ),
+        (
+            "profile = \"gaussian\"",
+            "profile = \"acl\"\nbeta = 1.0",
+            &["solver.warp.beta", "0.95"],
+        ),
+        (
+            "profile = \"gaussian\"",
+            "profile = \"gaussian\"\npoints = 33",
+            &["solver.warp.points", "33", "even"],
+        ),
+        (
+            "profile = \"gaussian\"",
+            "profile = \"gaussian\"\ninterval = [1, 2]",
+            &["solver.warp.interval", "[1, 2]", "below"],
+        ),
+        (
+            "profile = \"gaussian\"",
+            "profile = \"gaussian\"\ninterval = [-1, 2, 3]",
+            &["solver.warp.interval", "two numbers"],
+        ),
+        (
+            "profile = \"gaussian\"",
+            "profile = \"gaussian\"\nrecovery = -1",
+            &["solver.warp.recovery", "-1", "between 0"],
+        ),
+        (
             "integrator = \"exponential\"",
             "integrator = \"rk4\"",
             &["solver.classical.integrator", "rk4", "ssp-rk3"],
@@ -1537,6 +1797,16 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             "recovery_points = 2",
             "recovery_points = 3",
             &["output.recovery_points", "3", "1", "2"],
+        ),
+        (
+            "recovery_points = 2",
+            "recovery_points = 2\nplateau = { points = 1 }",
+            &["output.plateau.points", "1", "at least 2"],
+        ),
+        (
+            "recovery_points = 2",
+            "recovery_points = 2\nplateau = { from = 2, to = 1 }",
+            &["output.plateau.to", "above from = 2"],
         ),
         // No TOML.
         ("end = 1.0", "end = = 1.0", &[]),

@@ -7,7 +7,7 @@
 //! In the upper half plane it is analytic but for the pole at `μ = i`, so `g = e^{−p}` exactly for `p > 0`; below, the branch cut from
 //! `−i` down gives `|g(p)| ≤ C e^p` for `p < 0`, `C = (1/2π) ∫ |ĝ(x−i)| dx`. All derivatives exist at 0.
 
-use super::Shape;
+use super::{Shape, summed_by_parts};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -27,40 +27,19 @@ pub struct Acl {
     pub bound: f64,
 }
 
-/// `Σ f(x) Δx` for `x = e^s`, `s` from `from` in steps of 1/50 until `stop`.
-fn sum_of_ratios(from: f64, f: impl Fn(f64) -> f64, stop: impl Fn(f64) -> bool) -> f64 {
-    const STEP: f64 = 0.02;
-    let mut sum = 0.0;
-    let mut s = from;
-    loop {
-        let x = s.exp();
-        if stop(x) {
-            return sum;
-        }
-        // The integrand falls: the left end of a step bounds it.
-        sum += f(x) * x * STEP.exp_m1();
-        s += STEP;
-    }
-}
-
 impl Acl {
     /// The profile of `β`, within [`BETAS`].
     pub fn new(beta: f64) -> Self {
         // ĝ(x−i) = exp(2^β − (−ix)^β)/(2+ix), the same for ±x.
         let fall = (FRAC_PI_2 * beta).cos();
-        let magnitude = |x: f64| (-fall * x.powf(beta)).exp() / 2f64.hypot(x);
-        let start: f64 = 1e-6;
-        let integral = start * magnitude(0.0)
-            + sum_of_ratios(start.ln(), magnitude, |x| fall * x.powf(beta) > DIGITS);
+        let magnitude = |x: f64| Complex64::from((-fall * x.powf(beta)).exp() / 2f64.hypot(x));
+        let start = 1e-6;
+        let integral =
+            start * magnitude(0.0).re + PI * summed_by_parts(|x| [magnitude(x)], start, 0.0);
         Self {
             beta,
             bound: 2f64.powf(beta).exp() * integral / PI,
         }
-    }
-
-    /// `Re (1−iμ)^β`, which grows with `μ ≥ 0`.
-    fn exponent(&self, mu: f64) -> f64 {
-        1f64.hypot(mu).powf(self.beta) * (self.beta * mu.atan()).cos()
     }
 
     /// `ĝ` at a complex point below the axis and above the cut.
@@ -120,11 +99,7 @@ impl Shape for Acl {
         (bound / self.bound).ln().min(0.0)
     }
 
-    /// `(1/π) ∫_μ^∞ |ĝ|`.
-    fn tail(&self, mu: f64, _distance: f64) -> f64 {
-        let start = self.exponent(mu);
-        let magnitude = |x: f64| (start - self.exponent(x)).exp() / 1f64.hypot(x);
-        let integral = sum_of_ratios(mu.ln(), magnitude, |x| self.exponent(x) > start + DIGITS);
-        (2f64.powf(self.beta) - start).exp() * integral / PI
+    fn tail(&self, mu: f64, distance: f64) -> f64 {
+        summed_by_parts(|x| [self.coefficient(x)], mu, distance)
     }
 }

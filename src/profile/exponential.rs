@@ -2,7 +2,7 @@
 //! `(1+α)/μ²`, and the modes beyond `μ` add `(1+α)/(πμ)` at the corner (first order in `N_p`), but only about
 //! `(1+α)/(πdμ²)` at a distance `d` from it.
 
-use super::{Shape, corner};
+use super::Shape;
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
@@ -38,4 +38,18 @@ impl Shape for Exponential {
             + (1.0 + a.powi(3)) / (3.0 * PI * mu.powi(3));
         parts.min((1.0 + a) / (PI * mu))
     }
+}
+
+/// Bound on what the modes beyond `μ` of a corner add, `(2/P) Σ cos(μ_l p)/μ_l^{order+1}` at `p ≥ distance`: the integral of the
+/// magnitudes, `1/(π order μ^order)`, or, since neighbours cancel, summation by parts (once or twice) with
+/// `sin(πp/P) ≥ πp/(1.12 P)` for `p ≤ P/4`.
+fn corner(order: usize, mu: f64, distance: f64) -> f64 {
+    let k = order as f64;
+    let power = mu.powf(-k);
+    let magnitudes = power / (PI * k);
+    if distance <= 0.0 {
+        return magnitudes;
+    }
+    let parts = (1.0 + 2.0 * (k + 1.0) / (mu * distance)).min(2.0);
+    magnitudes.min(1.12 * power * parts / (PI * distance * mu))
 }

@@ -1,6 +1,7 @@
 //! Where a profile is read, how long its period is, and which modes are kept.
 
 use super::Shape;
+use num_complex::Complex64;
 use std::f64::consts::PI;
 
 /// What is asked of a profile. The spectrum of `S·T` lies in `[−decay, growth]`.
@@ -168,16 +169,32 @@ fn window(shape: &dyn Shape, edge: f64, demand: &Demand, point: f64) -> Option<W
     })
 }
 
-/// Bound on what the modes beyond `μ` of a corner add, `(2/P) Σ cos(μ_l p)/μ_l^{order+1}` at `p ≥ distance`: the integral of the
-/// magnitudes, `1/(π order μ^order)`, or, since neighbours cancel, summation by parts (once or twice) with
-/// `sin(πp/P) ≥ πp/(1.12 P)` for `p ≤ P/4`.
-pub fn corner(order: usize, mu: f64, distance: f64) -> f64 {
-    let k = order as f64;
-    let power = mu.powf(-k);
-    let magnitudes = power / (PI * k);
-    if distance <= 0.0 {
-        return magnitudes;
+/// Bound on `|(2/P) Re Σ ĝ(μ_l) e^{iμ_l p}|` over `μ_l > μ`, where `ĝ` is a sum of parts `a(x) e^{ixc}` from corners `−c` at least `distance`
+/// from `p`, whose `a` vary slowly: the integral of the magnitudes, `(1/π) ∫_μ^∞ Σ|a| dx`, or, since neighbours cancel, by
+/// summation by parts `Σ (|a(μ)| + ∫_μ^∞ |a'| dx) / (P sin(πp/P))`, with `sin(πp/P) ≥ πp/(1.12 P)` for `p ≤ P/4`.
+pub fn summed_by_parts<const N: usize>(
+    parts: impl Fn(f64) -> [Complex64; N],
+    mu: f64,
+    distance: f64,
+) -> f64 {
+    // x = μ e^s; magnitudes fall, so that the left end of a step bounds it.
+    const STEP: f64 = 0.02;
+    let size = |a: &[Complex64; N]| a.iter().map(|a| a.norm()).sum::<f64>();
+    let (mut x, mut a) = (mu, parts(mu));
+    let first = size(&a);
+    let (mut integral, mut variation) = (0.0, first);
+    while size(&a) > 1e-6 * first {
+        let next = x * STEP.exp();
+        let b = parts(next);
+        integral += size(&a) * (next - x);
+        variation += (0..N).map(|k| (b[k] - a[k]).norm()).sum::<f64>();
+        (x, a) = (next, b);
     }
-    let parts = (1.0 + 2.0 * (k + 1.0) / (mu * distance)).min(2.0);
-    magnitudes.min(1.12 * power * parts / (PI * distance * mu))
+    // The rest, falling like 1/x² at least.
+    let magnitudes = (integral + size(&a) * x) / PI;
+    if distance > 0.0 {
+        magnitudes.min(1.12 * (variation + size(&a)) / (PI * distance))
+    } else {
+        magnitudes
+    }
 }

@@ -12,7 +12,7 @@
 //! ĝ = (iμ)^{−r−1} [ (−1)^{r+1}/(1+iμ) + e^{−1+iμ}/(1−iμ) ] + Σ_{k>r} (q^{(k)}(−1) e^{iμ} − q^{(k)}(0)) (iμ)^{−k−1}.
 //! ```
 
-use super::{Shape, corner};
+use super::{Shape, summed_by_parts};
 use num_complex::Complex64;
 use std::f64::consts::{E, PI};
 
@@ -118,25 +118,42 @@ impl Smooth {
         let power = self.order as i32 + 1;
         s.powi(power) * sum(y) + y.powi(power) * sum(s) / E
     }
+
+    /// The two parts of `ĝ`, from the corners at −1 (but for its `e^{iμ}`) and at 0, exact for all `μ ≠ 0`.
+    fn corners(&self, mu: f64) -> [Complex64; 2] {
+        let inverse = 1.0 / Complex64::new(0.0, mu);
+        let sign = if self.order.is_multiple_of(2) {
+            -1.0
+        } else {
+            1.0
+        };
+        let mut corners = [
+            1.0 / (E * Complex64::new(1.0, -mu)),
+            sign / Complex64::new(1.0, mu),
+        ];
+        let mut power = inverse;
+        for [at_left, at_zero] in &self.derivatives {
+            corners[0] += power * at_left;
+            corners[1] -= power * at_zero;
+            power *= inverse;
+        }
+        let common = inverse.powi(self.order as i32 + 1);
+        corners.map(|c| c * common)
+    }
 }
 
 impl Shape for Smooth {
     fn coefficient(&self, mu: f64) -> Complex64 {
         let i_mu = Complex64::new(0.0, mu);
-        let (right, left) = (1.0 / (1.0 + i_mu), (i_mu - 1.0).exp() / (1.0 - i_mu));
         if mu.abs() <= SMALL {
+            let (right, left) = (1.0 / (1.0 + i_mu), (i_mu - 1.0).exp() / (1.0 - i_mu));
             let middle: Complex64 = (self.nodes.iter())
                 .map(|[p, weight]| (-i_mu * p).exp() * weight)
                 .sum();
             return right + left + middle;
         }
-        let r = self.order as i32;
-        let sign = if r % 2 == 0 { -1.0 } else { 1.0 };
-        let shift = i_mu.exp();
-        let jumps: Complex64 = (self.derivatives.iter().enumerate())
-            .map(|(j, [at_left, at_zero])| (shift * at_left - at_zero) / i_mu.powi(j as i32 + 1))
-            .sum();
-        (sign * right + left + jumps) / i_mu.powi(r + 1)
+        let [at_left, at_zero] = self.corners(mu);
+        at_left * i_mu.exp() + at_zero
     }
 
     fn value(&self, p: f64) -> f64 {
@@ -153,13 +170,7 @@ impl Shape for Smooth {
         bound.ln().min(-1.0)
     }
 
-    /// Corner by corner: each jump of a derivative, and of what remains of the exponentials two terms.
     fn tail(&self, mu: f64, distance: f64) -> f64 {
-        let r = self.order;
-        let jumps: f64 = (self.derivatives.iter().enumerate())
-            .map(|(j, [left, zero])| (left.abs() + zero.abs()) * corner(r + 1 + j, mu, distance))
-            .sum();
-        let rest = corner(r + 1, mu, distance) + corner(r + 2, mu, 0.0);
-        jumps + (1.0 + 1.0 / E) * rest
+        summed_by_parts(|x| self.corners(x), mu, distance)
     }
 }
