@@ -154,11 +154,13 @@ pub fn estimate(
 
 /// A step whose leading error is larger than this is too long for that term to be the error.
 const LARGEST_STEP_ERROR: f64 = 0.1;
+/// So is one that leaves less than this of a mode's norm.
+const LEAST_NORM_KEPT: f64 = 0.5;
 
 /// Adds the error of the time step, which both readings share, to the error estimate; returns what the user should know.
 pub fn include_step_error(plan: &Plan, summary: &mut Summary) -> Option<String> {
     let found = summary.step_error?;
-    let tells = found <= LARGEST_STEP_ERROR;
+    let tells = found <= LARGEST_STEP_ERROR && summary.norm_kept >= Some(LEAST_NORM_KEPT);
     summary.error_estimate = summary.error_estimate.map(|e| e + found);
     summary.error_estimate_reliable &= tells;
     let step = plan.propagation.step?;

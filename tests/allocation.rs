@@ -1,4 +1,4 @@
-//! The run loop allocates nothing: a counting allocator around the propagation of a batch.
+//! The run loop allocates nothing: a counting allocator around the propagation of a batch by each propagator.
 
 use phasewarp::case::{Case, Integrator};
 use phasewarp::classical::Classical;
@@ -8,8 +8,10 @@ use phasewarp::matrix::LANES;
 use phasewarp::partition::{Block, Mesh};
 use phasewarp::plan::Bounds;
 use phasewarp::problem::Problem;
-use phasewarp::propagate::BatchSpec;
 use phasewarp::propagate::chebyshev::Chebyshev;
+use phasewarp::propagate::implicit::Implicit;
+use phasewarp::propagate::krylov::Krylov;
+use phasewarp::propagate::{BatchSpec, Evolution, Initial, Propagator};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -52,25 +54,49 @@ fn main() {
     let block = Block::new(&case.space, &mesh, 0);
     let sizes = (2 * LANES, 100);
     let mut problem = Problem::new(&case, &bounds, &communicator, block, sizes).expect("a problem");
-    let span = (bounds.rate, bounds.growth, case.end);
-    let mut propagator = Chebyshev::new(&problem.matrix, 100);
     let rows = problem.matrix.rows();
-    for degree in [3, 40, 100] {
+    let initial = Initial {
+        state: &problem.states[0][..rows],
+        norm: problem.norm(&communicator, &problem.states[0], false),
+    };
+    let mut system = Evolution {
+        matrix: &problem.matrix,
+        exchange: &mut problem.exchange,
+        space: &communicator.space,
+        rate: bounds.rate,
+        growth: bounds.growth,
+        time: case.end,
+        terms: problem.terms,
+    };
+    let mut count = |propagator: &mut dyn Propagator, work: usize| {
         let batch = BatchSpec {
+            modes: LANES,
             wavenumbers: std::array::from_fn(|l| 0.2 * l as f64),
-            degree,
+            tolerances: [1e-8; LANES],
+            work,
         };
-        let count = allocations(|| {
-            let exchange = &mut problem.exchange;
-            propagator.propagate(
-                &problem.matrix,
-                exchange,
-                &batch,
-                span,
-                &problem.states[0][..rows],
-            );
-        });
+        allocations(|| {
+            let report = propagator.propagate(&mut system, &batch, &initial);
+            assert!(report.is_ok_and(|r| r.applications > 0));
+        })
+    };
+    let mut chebyshev = Chebyshev::new(&problem.matrix, 100);
+    for degree in [3, 40, 100] {
+        let count = count(&mut chebyshev, degree);
         assert_eq!(count, 0, "allocations at degree {degree}");
+    }
+    let mut krylov = Krylov::new(&problem.matrix, None);
+    assert_eq!(count(&mut krylov, 0), 0, "allocations of Lanczos");
+    // Implicit methods allocate where they factorise, once for each mode, and never in the time loop.
+    for order in [1, 2] {
+        let few = [1, 2, 50].map(|steps| {
+            let made = Implicit::new(&problem.matrix, order, steps, false);
+            let mut implicit = made.expect("the pattern is analysed");
+            // The factors' room grows with the first modes.
+            count(&mut implicit, 0);
+            count(&mut implicit, 0)
+        });
+        assert_eq!(few, [few[0]; 3], "allocations of 1, 2 and 50 steps");
     }
     // The classical steps, with slopes.
     let set = [

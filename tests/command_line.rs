@@ -87,6 +87,70 @@ fn tolerances_are_met_in_every_case() {
     });
 }
 
+/// Every case by every other propagator: Krylov meets the tolerance; the implicit methods are as far from the exact solution as
+/// the error that they report, say so, and run with split space too.
+#[test]
+fn every_propagator_runs_in_every_case() {
+    let mut rows = Vec::new();
+    for name in cases() {
+        rows.push((name.clone(), "krylov", "1e-6", None, 2));
+        rows.push((name.clone(), "crank-nicolson", "1e-2", Some(30.0), 2));
+        rows.push((name.clone(), "backward-euler", "1e-2", Some(60.0), 1));
+    }
+    check_all(&rows, |(name, method, tolerance, steps, ranks)| {
+        let place = directory();
+        let mut job = run(name).on(*ranks).set(&[
+            "solver.verify=true",
+            &format!("solver.propagator.method={method}"),
+            &format!("solver.tolerance={tolerance}"),
+        ]);
+        // Grids small enough to be quick.
+        if ["example1", "slope", "step_up", "well"]
+            .iter()
+            .any(|n| name.starts_with(n))
+        {
+            job = job.set(&["axis.0.x.cells=48", "axis.0.v.cells=40"]);
+        }
+        let Some(steps) = steps else {
+            return meets_its_tolerance(&job.solve(place.path())?);
+        };
+        let text = std::fs::read_to_string(case(name)).map_err(|e| e.to_string())?;
+        let end: f64 = (text.lines().find_map(|l| l.trim().strip_prefix("end = ")))
+            .and_then(|l| l.split_whitespace().next()?.parse().ok())
+            .ok_or("no end in the file")?;
+        let step = format!("solver.propagator.step={}", end / steps);
+        let summary = job.set(&[&step]).solve(place.path())?;
+        let (error, estimate) = (
+            summary.number("error_semidiscrete")?,
+            summary.number("error_estimate")?,
+        );
+        let told = summary.boolean("error_estimate_reliable")?;
+        let ratio = estimate / error;
+        summary.require(!told || (1.0 / 3.0..=3.0).contains(&ratio), || {
+            format!("error_estimate {estimate:e}, error {error:e}")
+        })?;
+        let leading = summary.number("step_error")?;
+        let warned = summary.value["warnings"]
+            .to_string()
+            .contains("solver.propagator.step");
+        summary.require(warned == (leading > summary.number("tolerance")?), || {
+            format!("step_error {leading:e}, warned: {warned}")
+        })?;
+        let (solves, modes) = (summary.number("solves")?, summary.number("modes")?);
+        summary.require(solves == steps * modes, || format!("{solves} solves"))?;
+        let kept = summary.number("norm_kept")?;
+        if *method == "crank-nicolson" {
+            let defect = summary.number("unitarity_defect")?;
+            summary.require(defect <= 1.0 && (kept - 1.0).abs() < 1e-11, || {
+                format!("norm kept {kept}, unitarity_defect {defect}")
+            })
+        } else {
+            let silent = summary.value["unitarity_defect"].is_null();
+            summary.require(silent && kept < 0.999, || format!("norm kept {kept}"))
+        }
+    });
+}
+
 /// What holds for every Schrödingerized run with `solver.verify`.
 fn meets_its_tolerance(summary: &Summary) -> Result<(), String> {
     meets_its_tolerance_within(summary, 3.0)
@@ -1871,6 +1935,22 @@ fn misspelt_keys_that_must_be_there_are_named() {
     refused(&finished, &["edn", "mean \"end\"", &location]).unwrap();
 }
 
+/// An implicit method without its step, in the file or set from outside.
+#[test]
+fn a_missing_step_is_named_with_its_place() {
+    let place = directory();
+    for method in ["crank-nicolson", "backward-euler"] {
+        let new = format!("method = \"{method}\"");
+        let (path, _) = edited(place.path(), "method = \"chebyshev\"", &new);
+        let path = path.display().to_string();
+        let finished = Job::new(["check", &path]).run().unwrap();
+        refused(&finished, &["solver.propagator.step", "missing", &path]).unwrap();
+        let setting = format!("solver.propagator.method={method}");
+        let finished = check("example1.toml").set(&[&setting]).run().unwrap();
+        refused(&finished, &["solver.propagator.step", "missing"]).unwrap();
+    }
+}
+
 #[test]
 fn mistakes_in_a_set_option_are_named_with_its_text() {
     let rows: &[(&str, &[&str])] = &[
@@ -1902,6 +1982,26 @@ fn mistakes_in_a_set_option_are_named_with_its_text() {
             &["axis.0.x.upper = -2", "above", "-1.5"],
         ),
         ("time.end=inf", &["time.end = inf", "finite"]),
+        (
+            "solver.propagator.step=0.1",
+            &["solver.propagator.step = 0.1", "Chebyshev", "leave it out"],
+        ),
+        (
+            "solver.propagator.method=crank",
+            &["solver.propagator.method", "\"crank-nicolson\""],
+        ),
+        (
+            "solver.propagator={method='crank-nicolson',step=0}",
+            &["solver.propagator.step = 0", "above 0"],
+        ),
+        (
+            "solver.propagator={method='krylov',step=-0.1}",
+            &["solver.propagator.step = -0.1", "above 0"],
+        ),
+        (
+            "solver.propagator={method='backward-euler',step=1e-9}",
+            &["solver.propagator.step = 1e-9", "steps"],
+        ),
         ("time.end=nan", &["time.end = nan", "finite"]),
         ("initial.f=x + * v", &["initial.f", "character 5"]),
         ("inflow.value=1 +", &["inflow.value"]),
@@ -2680,6 +2780,12 @@ fn memory_is_what_was_planned() {
         ("inflow_barrier.toml", &grid, &[], 1),
         ("slope_jump.toml", &grid, &[], 2),
         ("barrier2d.toml", &plane, &[], 1),
+        (
+            "slope_jump.toml",
+            &grid,
+            &["solver.propagator.method=krylov"],
+            1,
+        ),
     ];
     check_all(rows, |(name, size, settings, ranks)| {
         let place = directory();
@@ -2703,6 +2809,44 @@ fn memory_is_what_was_planned() {
         let arrays = (planned - base) / (peak - base);
         summary.require((0.75..=3.0).contains(&arrays), || {
             format!("planned {planned_text}, peak {peak_text}, program {base_text}: arrays by a factor {arrays:.2}")
+        })
+    });
+}
+
+/// The room for sparse factors is an estimate: not less than they take, and at most several times as much.
+#[test]
+fn factors_take_no_more_memory_than_planned() {
+    let place = directory();
+    let tiny = run("example1.toml").set(&["axis.0.x.cells=2", "axis.0.v.cells=2"]);
+    let base = tiny.on(1).solve(place.path()).unwrap();
+    let base = base.number("memory_peak_bytes_per_rank").unwrap();
+    let implicit = "solver.propagator={method='crank-nicolson',step=0.02}";
+    let line = ["axis.0.x.cells=160", "axis.0.v.cells=150"];
+    let plane = ["axis.0.x.cells=16", "axis.1.x.cells=16"];
+    let sloped = ["axis.0.x.cells=8", "potential.0.value='0.2+0.1*x-0.1*y'"];
+    let rows: &[(&str, &[&str], usize)] = &[
+        ("example1.toml", &line, 1),
+        ("slope_jump.toml", &line, 1),
+        ("slope_jump.toml", &line, 2),
+        ("barrier2d.toml", &plane, 1),
+        ("barrier2d.toml", &sloped, 2),
+    ];
+    check_all(rows, |(name, size, ranks)| {
+        let place = directory();
+        let job = run(name)
+            .set(size)
+            .set(&[implicit, "time.end=0.02", "solver.tolerance=0.1"]);
+        let job = if *ranks > 1 {
+            job.with(["--ranks-x", "2"])
+        } else {
+            job
+        };
+        let summary = job.on(*ranks).solve(place.path())?;
+        let peak = summary.number("memory_peak_bytes_per_rank")?;
+        let planned = summary.number("memory_planned_bytes_per_rank")?;
+        let arrays = (planned - base) / (peak - base);
+        summary.require((0.75..=6.0).contains(&arrays), || {
+            format!("planned {planned:e}, peak {peak:e}, program {base:e}: arrays by a factor {arrays:.2}")
         })
     });
 }

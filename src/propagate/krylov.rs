@@ -26,9 +26,6 @@ use crate::error::Result;
 use crate::matrix::{BlockMatrix, LANES, Lanes, StepConstants};
 use crate::propagate::chebyshev::{Interval, bessel_series};
 use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
-use faer::{Col, Mat, Par};
 use num_complex::Complex64;
 
 /// Largest dimension `m` of the Krylov space.
@@ -119,66 +116,95 @@ pub struct Krylov {
     series: Vec<f64>,
 }
 
-/// The exponential of `T_m`.
+/// The exponential of `T_m` by its eigenvalues `θ_k` and -vectors `q_k`.
 struct Projected {
-    matrix: Mat<f64>,
-    vectors: Mat<f64>,
-    values: Col<f64>,
+    values: [f64; DIMENSION],
+    /// `q_k`.
+    vectors: [[f64; DIMENSION]; DIMENSION],
     /// `y`.
-    column: Vec<Complex64>,
+    column: [Complex64; DIMENSION],
     /// `q_{0k} q_{m−1,k} e^{−iθ_k s}` and `e^{−iθ_k δ}`.
-    terms: Vec<Complex64>,
-    turns: Vec<Complex64>,
-    scratch: MemBuffer,
+    terms: [Complex64; DIMENSION],
+    turns: [Complex64; DIMENSION],
 }
 
 impl Projected {
     fn new() -> Self {
-        let requirement = self_adjoint_evd_scratch::<f64>(
-            DIMENSION,
-            ComputeEigenvectors::Yes,
-            Par::Seq,
-            Default::default(),
-        );
         Self {
-            matrix: Mat::zeros(DIMENSION, DIMENSION),
-            vectors: Mat::zeros(DIMENSION, DIMENSION),
-            values: Col::zeros(DIMENSION),
-            column: vec![Complex64::ZERO; DIMENSION],
-            terms: vec![Complex64::ZERO; DIMENSION],
-            turns: vec![Complex64::ZERO; DIMENSION],
-            scratch: MemBuffer::new(requirement),
+            values: [0.0; DIMENSION],
+            vectors: [[0.0; DIMENSION]; DIMENSION],
+            column: [Complex64::ZERO; DIMENSION],
+            terms: [Complex64::ZERO; DIMENSION],
+            turns: [Complex64::ZERO; DIMENSION],
         }
     }
 
-    /// Finds the eigenvalues and -vectors of the tridiagonal matrix of dimension `m`; whether they were found.
+    /// Finds the eigenvalues and -vectors of the tridiagonal matrix of dimension `m` with `(α_j, β_j)` in `entry`; whether
+    /// they were found. QL iteration with implicit shifts (Dubrulle, Martin and Wilkinson 1968): unlike a general
+    /// routine it allocates nothing.
     fn decompose(&mut self, m: usize, entry: impl Fn(usize) -> (f64, f64)) -> bool {
-        let mut matrix = self.matrix.as_mut().submatrix_mut(0, 0, m, m);
-        matrix.fill(0.0);
+        const MOST_SWEEPS: usize = 100;
+        let (d, q) = (&mut self.values, &mut self.vectors);
+        let mut e = [0.0; DIMENSION];
         for j in 0..m {
             let (alpha, beta) = entry(j);
-            matrix[(j, j)] = alpha;
-            if j + 1 < m {
-                matrix[(j + 1, j)] = beta;
-                matrix[(j, j + 1)] = beta;
+            (d[j], e[j]) = (alpha, if j + 1 < m { beta } else { 0.0 });
+            q[j] = [0.0; DIMENSION];
+            q[j][j] = 1.0;
+        }
+        for l in 0..m {
+            for sweep in 0.. {
+                // The block that begins at l ends where a coupling is negligible.
+                let negligible =
+                    |j: &usize| e[*j].abs() <= f64::EPSILON * (d[*j].abs() + d[*j + 1].abs());
+                let end = (l..m - 1).find(negligible).unwrap_or(m - 1);
+                if end == l {
+                    break;
+                }
+                if sweep == MOST_SWEEPS || e[l].is_nan() {
+                    return false;
+                }
+                // Wilkinson's shift from the block's top, chased up from its bottom by rotations.
+                let half = 0.5 * (d[l + 1] - d[l]) / e[l];
+                let mut g = d[end] - d[l] + e[l] / (half + half.hypot(1.0).copysign(half));
+                let (mut s, mut c, mut shift) = (1.0, 1.0, 0.0);
+                let mut split = false;
+                for i in (l..end).rev() {
+                    let (f, b) = (s * e[i], c * e[i]);
+                    let r = g.hypot(f);
+                    e[i + 1] = r;
+                    if r == 0.0 {
+                        d[i + 1] -= shift;
+                        e[end] = 0.0;
+                        split = true;
+                        break;
+                    }
+                    (s, c) = (f / r, g / r);
+                    g = d[i + 1] - shift;
+                    let t = (d[i] - g) * s + 2.0 * c * b;
+                    shift = s * t;
+                    d[i + 1] = g + shift;
+                    g = c * t - b;
+                    let (lower, upper) = q.split_at_mut(i + 1);
+                    for (x, y) in lower[i][..m].iter_mut().zip(&mut upper[0][..m]) {
+                        (*x, *y) = (c * *x - s * *y, s * *x + c * *y);
+                    }
+                }
+                if !split {
+                    d[l] -= shift;
+                    e[l] = g;
+                    e[end] = 0.0;
+                }
             }
         }
-        self_adjoint_evd(
-            matrix.as_ref(),
-            self.values.as_mut().subrows_mut(0, m).as_diagonal_mut(),
-            Some(self.vectors.as_mut().submatrix_mut(0, 0, m, m)),
-            Par::Seq,
-            MemStack::new(&mut self.scratch),
-            Default::default(),
-        )
-        .is_ok()
+        true
     }
 
     /// The longest multiple of `piece` that `β ∫ |(exp(−iTs))_{m−1,0}| ds ≤ slope · s` allows, until `most` is passed; and
     /// that integral.
     fn follow(&mut self, m: usize, beta: f64, (piece, most): (f64, f64), slope: f64) -> (f64, f64) {
         for k in 0..m {
-            let product = self.vectors[(0, k)] * self.vectors[(m - 1, k)];
+            let product = self.vectors[k][0] * self.vectors[k][m - 1];
             self.terms[k] = product.into();
             self.turns[k] = Complex64::new(0.0, -self.values[k] * piece).exp();
         }
@@ -204,10 +230,10 @@ impl Projected {
     fn exponential(&mut self, m: usize, tau: f64) -> &[Complex64] {
         for k in 0..m {
             let turn = Complex64::new(0.0, -self.values[k] * tau).exp();
-            self.terms[k] = self.vectors[(0, k)] * turn;
+            self.terms[k] = self.vectors[k][0] * turn;
         }
         for j in 0..m {
-            let row = (0..m).map(|k| self.vectors[(j, k)] * self.terms[k]);
+            let row = (0..m).map(|k| self.vectors[k][j] * self.terms[k]);
             self.column[j] = row.sum();
         }
         &self.column[..m]
@@ -432,6 +458,41 @@ mod tests {
                 assert!(m == 1 || bound_before(&mut scratch, m - 1, x) > allowed);
             }
         }
+    }
+
+    #[test]
+    fn tridiagonal_matrices_are_decomposed() {
+        let mut projected = Projected::new();
+        // Ordinary; decoupled in the middle and at the end; a multiple of one; graded.
+        let cases: [&dyn Fn(usize) -> (f64, f64); 4] = [
+            &|j| (((j * 7) % 5) as f64 - 2.0, 1.0 + 0.1 * j as f64),
+            &|j| (j as f64, if j % 4 == 2 || j > 7 { 0.0 } else { 0.5 }),
+            &|_| (3.0, 0.0),
+            &|j| (10f64.powi(-(j as i32)), 10f64.powi(-(j as i32))),
+        ];
+        for entry in cases {
+            for m in [1, 2, 3, 11, DIMENSION] {
+                assert!(projected.decompose(m, entry));
+                let (d, q) = (&projected.values, &projected.vectors);
+                for k in 0..m {
+                    for j in 0..m {
+                        let (alpha, beta) = entry(j);
+                        let left = if j > 0 {
+                            entry(j - 1).1 * q[k][j - 1]
+                        } else {
+                            0.0
+                        };
+                        let right = if j + 1 < m { beta * q[k][j + 1] } else { 0.0 };
+                        let residual = left + alpha * q[k][j] + right - d[k] * q[k][j];
+                        assert!(residual.abs() < 1e-13, "{m} {k} {j}: {residual:e}");
+                        let product: f64 = (0..m).map(|i| q[k][i] * q[j][i]).sum();
+                        let unit = f64::from(u8::from(j == k));
+                        assert!((product - unit).abs() < 1e-13);
+                    }
+                }
+            }
+        }
+        assert!(!projected.decompose(3, |_| (f64::NAN, f64::NAN)));
     }
 
     #[test]

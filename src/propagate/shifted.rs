@@ -23,7 +23,9 @@ use faer::{Conj, MatMut, Par};
 use num_complex::Complex64;
 use std::ops::Range;
 
-/// Residual that is asked for, relative to the right-hand side, where round-off allows it.
+/// Residual that is aimed at, relative to the right-hand side: round-off.
+const AIM: f64 = 4.0 * f64::EPSILON;
+/// Residual that will do where it falls no further, what round-off hides in it not counted.
 const RESIDUAL: f64 = 1e-13;
 /// Largest dimension of a Krylov space before GMRES is restarted.
 pub const RESTART: usize = 60;
@@ -121,8 +123,9 @@ impl Local {
         let count = matrix.rows();
         let (mut offsets, mut rows) = (vec![0usize], Vec::new());
         for j in 0..count {
-            // The pattern is symmetric: row j lists the rows of column j.
-            rows.extend(matrix.row(j).filter(|e| e.0 < count).map(|e| e.0));
+            // The pattern is symmetric: row j lists the rows of column j. Auxiliary unknowns have no diagonal entry.
+            rows.extend(matrix.row(j).map(|e| e.0).filter(|&i| i < count && i != j));
+            rows.push(j);
             // Rows are in the order of global columns, not of local ones.
             let start = offsets[j];
             rows[start..].sort_unstable();
@@ -155,12 +158,13 @@ impl Local {
         for j in 0..count {
             let range = self.offsets[j]..self.offsets[j + 1];
             let (rows, values) = (&self.rows[range.clone()], &mut self.values[range]);
+            for (&i, value) in rows.iter().zip(&mut *values) {
+                *value = f64::from(u8::from(i == j)).into();
+            }
             for (i, s, k) in matrix.row(j).filter(|e| e.0 < count) {
                 // Entry (i, j) from (j, i): S is symmetric, K skew.
-                let unit = f64::from(u8::from(i == j));
-                let value = Complex64::new(unit + a * k, a * mu * s);
                 if let Ok(at) = rows.binary_search(&i) {
-                    values[at] = value;
+                    values[at] += Complex64::new(a * k, a * mu * s);
                 }
             }
         }
@@ -238,10 +242,11 @@ impl Shifted {
         // ‖M‖, and what round-off leaves of a residual.
         let size = 1.0 + local.shift * (interval.centre.abs() + interval.half_width);
         let round_off = f64::EPSILON * size;
-        let limit = RESIDUAL + round_off;
+        let (aim, limit) = (AIM + 0.5 * round_off, RESIDUAL + round_off);
         z[..rows].copy_from_slice(&w[..rows]);
         local.precondition(&mut z[..rows]);
         let mut applications = 0;
+        let mut before = f64::INFINITY;
         loop {
             local.apply(system, &mut gmres.residual, z);
             applications += 1;
@@ -249,7 +254,8 @@ impl Shifted {
                 *r = w - *r;
             }
             let found = length(system, &gmres.residual);
-            if found <= limit * norm {
+            let stays = found > 0.5 * before;
+            if found <= aim * norm || (stays && found <= limit * norm) {
                 return Ok(Solved {
                     residual: found / norm + round_off,
                     applications,
@@ -263,7 +269,8 @@ impl Shifted {
                     iterations: applications,
                 });
             }
-            applications += gmres.improve(local, system, z, (found, limit * norm), size);
+            before = found;
+            applications += gmres.improve(local, system, z, (found, aim * norm), size);
         }
     }
 }
