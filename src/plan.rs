@@ -8,7 +8,9 @@
 //! `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when running (see [`crate::run`]); the plan
 //! alone assumes [`ASSUMED_RATIO`].
 
-use crate::case::{Case, Integrator, Interface, LARGEST_TOLERANCE, Method, PropagatorMethod};
+use crate::case::{
+    Case, Integrator, Interface, LARGEST_TOLERANCE, Limiter, Method, PropagatorMethod,
+};
 mod layout;
 
 pub use layout::{Layout, Resources, bytes_text, refuse_hopeless};
@@ -116,6 +118,8 @@ pub struct Plan {
     pub method: Method,
     /// Interface rows.
     pub interface: Interface,
+    /// Slopes of the classical method.
+    pub limiter: Limiter,
     /// What applies `exp(−iHT)` to a mode.
     pub propagator: PropagatorMethod,
     /// Number of fields evolved.
@@ -336,6 +340,7 @@ impl Plan {
             time: case.end,
             method: case.method,
             interface: case.interface,
+            limiter: case.limiter,
             propagator: case.propagator.method,
             fields: case.fields.len(),
             tolerance: case.tolerance,
@@ -434,8 +439,13 @@ impl fmt::Display for Plan {
         } else {
             writeln!(
                 f,
-                "method          classical, {} steps",
-                self.classical_steps
+                "method          classical, {} steps{}",
+                self.classical_steps,
+                match self.limiter {
+                    Limiter::None => "",
+                    Limiter::Minmod => ", minmod slopes",
+                    Limiter::VanLeer => ", van Leer slopes",
+                }
             )?;
         }
         let l = &self.layout;
