@@ -8,7 +8,7 @@
 //! `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when running (see [`crate::run`]); the plan
 //! alone assumes [`ASSUMED_RATIO`].
 
-use crate::case::{Case, Integrator, Interface, Method, Propagation, PropagatorMethod};
+use crate::case::{Case, Integrator, Interface, Limiter, Method, Propagation, PropagatorMethod};
 mod layout;
 mod placement;
 
@@ -124,6 +124,8 @@ pub struct Plan {
     pub method: Method,
     /// Interface rows.
     pub interface: Interface,
+    /// Slopes of the classical method.
+    pub limiter: Limiter,
     /// What applies `exp(−iHT)` to a mode, and its step (of an implicit method: as it is used).
     pub propagation: Propagation,
     /// Steps of an implicit method.
@@ -356,6 +358,7 @@ impl Plan {
                 },
             },
             steps,
+            limiter: case.limiter,
             fields: case.fields.len(),
             tolerance: case.tolerance,
             classical_steps: classical_steps(case, &bounds),
@@ -479,8 +482,13 @@ impl fmt::Display for Plan {
         } else {
             writeln!(
                 f,
-                "method          classical, {} steps",
-                self.classical_steps
+                "method          classical, {} steps{}",
+                self.classical_steps,
+                match self.limiter {
+                    Limiter::None => "",
+                    Limiter::Minmod => ", minmod slopes",
+                    Limiter::VanLeer => ", van Leer slopes",
+                }
             )?;
         }
         let l = &self.layout;

@@ -1105,7 +1105,7 @@ fn slopes_are_of_second_order() {
     let axes_line = |n: usize| {
         format!(
             "[[axis]]\nx = {{ lower = -4, upper = 5, cells = {} }}\nv = {{ lower = 0.5, upper = 4.5, cells = 6 }}\n",
-            36 * n
+            72 * n
         )
     };
     let axes_force = |n: usize| {

@@ -188,7 +188,7 @@ impl Limited<'_> {
         let theta: f64 = (f - lower) / (upper - f);
         let psi = match self.case.limiter {
             Limiter::None => 0.0,
-            Limiter::Minmod => theta.min(1.0).max(0.0),
+            Limiter::Minmod => theta.clamp(0.0, 1.0),
             Limiter::VanLeer => (theta.abs() + theta) / (1.0 + theta.abs()),
         };
         0.5 * (upper - f) * psi
