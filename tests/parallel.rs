@@ -1470,20 +1470,16 @@ fn fields_in_one_pass(world: &World) {
         };
         let mut recover = |initial: &[Initial<'_>]| {
             let mut propagator = propagator(&plan, warp_plan, system.matrix);
-            let batches = &plan.layout.groups[communicator.modes.rank()];
-            let progress = &mut Progress::silent();
-            let solver = (warp_plan, &mut *propagator);
-
-            warp::streamed(
+            let recovered = warp::streamed(
                 &communicator,
                 &mut system,
-                solver,
-                batches,
+                (warp_plan, &mut *propagator),
+                &plan.layout.groups[communicator.modes.rank()],
                 initial,
                 &shares,
-                progress,
-            )
-            .expect("a unitary run")
+                &mut Progress::silent(),
+            );
+            recovered.expect("a unitary run")
         };
         let together = recover(&initial);
         assert_eq!(together.fields.len(), 3);
