@@ -29,7 +29,7 @@
 //! | [`partition`], [`communicator`], [`reproducible`] | who owns what; MPI; sums that do not depend on order |
 //! | [`matrix`], [`weights`], [`problem`] | the distributed `(S, K)`; the norm in which `S ≤ 0`; all of it on a rank |
 //! | [`propagate`], [`warp`], [`classical`] | `exp(−iH_l T)`; the streamed run; `f' = A f + b` directly, with slopes |
-//! | [`characteristics`], [`observables`], [`spectrum`] | the exact solution; moments; eigenvalues of `S` |
+//! | [`characteristics`], [`observables`], [`spectrum`] | the exact solution, of measure-valued data too; moments, level sets; eigenvalues of `S` |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
 //! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |
 

@@ -77,6 +77,8 @@ const WORDS: &[&str] = &[
     "value",
     "[initial]",
     "f",
+    "density",
+    "velocity",
     "[inflow]",
     "\"initial\"",
     "[time]",
@@ -129,6 +131,8 @@ const WORDS: &[&str] = &[
     "kind",
     "[output]",
     "recovery_points",
+    "delta_width",
+    "\"gradient\"",
     "title",
     "reference",
 ];
@@ -305,9 +309,11 @@ fn sound(text: &str, overrides: &[String]) -> Result<bool, String> {
         evaluate(&region.value);
         region.condition.iter().for_each(evaluate);
     }
-    evaluate(&case.fields[0].initial);
-    if let Inflow::Formula(formula) = &case.fields[0].inflow {
-        evaluate(formula);
+    for field in &case.fields {
+        evaluate(&field.initial);
+        if let Inflow::Formula(formula) = &field.inflow {
+            evaluate(formula);
+        }
     }
     if let Some(Exact::Formula(formula)) = &case.exact {
         evaluate(formula);

@@ -50,7 +50,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 type Check = fn(&World);
 
 /// The checks, by name.
-const CHECKS: [(&str, Check); 20] = [
+const CHECKS: [(&str, Check); 21] = [
     ("number_of_ranks", number_of_ranks),
     ("reductions", reductions),
     ("agreement_on_errors", agreement_on_errors),
@@ -74,6 +74,7 @@ const CHECKS: [(&str, Check); 20] = [
     ("limited_slopes", limited_slopes),
     ("extreme_eigenvalues", extreme_eigenvalues),
     ("recovered_field", recovered_field),
+    ("fields_in_one_pass", fields_in_one_pass),
 ];
 
 fn main() -> ExitCode {
@@ -1915,5 +1916,83 @@ fn recovered_field(world: &World) {
                 report_bits(world, &name, &fields.concat());
             }
         }
+    }
+}
+
+/// Several fields on one matrix and in one pass over the modes have the bits they have alone, on every mesh the same.
+fn fields_in_one_pass(world: &World) {
+    let sizes = [("x", 0, 4), ("v", 0, 3), ("x", 1, 5), ("v", 1, 4)];
+    let mut settings: Vec<String> = (sizes.iter())
+        .map(|(kind, axis, cells)| format!("axis.{axis}.{kind}.cells={cells}"))
+        .collect();
+    settings.push("solver.tolerance=1e-5".to_owned());
+    let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
+    let case = case("example3.toml", &settings);
+    assert_eq!(case.fields.len(), 3);
+    for mesh in meshes(world, &case) {
+        let communicator = Communicator::new(world, &mesh);
+        let block = Block::new(&case.space, &mesh, communicator.space.rank());
+        let bounds = Bounds::new(&case).expect("V is finite");
+        let sizes = (2 * LANES, 100);
+        let mut problem =
+            Problem::new(&case, &bounds, &communicator, block, sizes).expect("weights are found");
+        let bounds = problem.bounds(&case, &bounds);
+        let resources = Resources {
+            ranks: world.group().size(),
+            ranks_x: Some(mesh.space.clone()),
+            memory_per_rank: None,
+        };
+        let plan = Plan::with_bounds(&case, bounds.clone(), &resources, 2.0).expect("a plan");
+        let warp_plan = plan.warp.as_ref().expect("a schrodingerized run");
+        let rows = problem.matrix.rows();
+        let initial: Vec<Initial<'_>> = (problem.states.iter())
+            .map(|state| Initial {
+                state: &state[..rows],
+                norm: problem.norm(&communicator, state, false),
+            })
+            .collect();
+        let leading = problem.matrix.block.ranges[0].len();
+        let layer = problem.matrix.block.cells() / leading;
+        let share = |group: usize| {
+            let piece = split(&(0..leading), mesh.groups, group);
+            piece.start * layer..piece.end * layer
+        };
+        let shares: Vec<_> = (0..mesh.groups).map(share).collect();
+        let mut system = Evolution {
+            matrix: &problem.matrix,
+            exchange: &mut problem.exchange,
+            space: &communicator.space,
+            rate: bounds.rate,
+            growth: bounds.growth,
+            time: case.end,
+            terms: problem.terms,
+        };
+        let mut recover = |initial: &[Initial<'_>]| {
+            let mut propagator = propagator(&plan, warp_plan, system.matrix);
+            let recovered = warp::streamed(
+                &communicator,
+                &mut system,
+                (warp_plan, &mut *propagator),
+                &plan.layout.groups[communicator.modes.rank()],
+                initial,
+                &shares,
+                &mut Progress::silent(),
+            );
+            recovered.expect("a unitary run")
+        };
+        let together = recover(&initial);
+        assert_eq!(together.fields.len(), 3);
+        let mut applications = 0;
+        for (k, field) in initial.iter().enumerate() {
+            let alone = recover(std::slice::from_ref(field));
+            applications += alone.applications;
+            for (a, b) in alone.fields[0].iter().zip(&together.fields[k]) {
+                let same = a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
+                assert!(same, "field {k}, {mesh:?}");
+                let moves = a.iter().any(|a| *a != 0.0);
+                assert!(moves || a.is_empty(), "field {k}, {mesh:?}");
+            }
+        }
+        assert_eq!(together.applications, applications);
     }
 }

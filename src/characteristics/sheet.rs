@@ -13,7 +13,7 @@
 //! sheared image is a little wider than it should be, by less than its own size.
 //!
 //! A box is halved along an axis whose ends have other histories (see [`Followed`]), and where its image bends or its density
-//! changes, until it is as small as [`FINEST`] says.
+//! changes, until it is as small as `FINEST` says.
 
 use super::{Followed, Tracer};
 use crate::case::{Case, Data};
@@ -374,7 +374,7 @@ impl Sheets<'_> {
         let finest = FINEST[n - 1];
         let halve = (0..n).find(|&a| {
             let depth = piece.depth[a];
-            (torn(a) || astray) && depth < finest || rough(a) && depth < finest
+            depth < finest && (torn(a) || astray || rough(a))
         });
         if let Some(a) = halve.filter(|_| self.budget > 0) {
             self.budget = self.budget.saturating_sub(2 * (1 + corners.len()));

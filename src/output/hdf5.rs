@@ -449,11 +449,13 @@ impl<'a> Writer<'a> {
     /// The multivalued velocity, the same on all ranks and written by rank 0.
     fn curve(&self, curve: &Curve) -> Result<()> {
         self.agree(self.file.create_group("multivalued").map(drop))?;
-        let mine = if self.world.rank() == 0 {
+        let count = if self.world.rank() == 0 {
             curve.x.len()
         } else {
             0
         };
+        let mine = 0..count;
+        let share = std::slice::from_ref(&mine);
         for (name, values, what) in [
             ("x", &curve.x, "position on a branch"),
             ("v", &curve.v, "velocity on a branch"),
@@ -465,7 +467,7 @@ impl<'a> Writer<'a> {
             ("branch", &curve.branch, "number of the branch"),
         ] {
             let name = format!("multivalued/{name}");
-            self.field(&name, &[POINT], &[0..mine], &values[..mine], what)?;
+            self.field(&name, &[POINT], share, &values[..count], what)?;
         }
         Ok(())
     }

@@ -307,7 +307,7 @@ fn oblique_beam_over_a_step_in_space() {
             continue;
         }
         total += (rho - e).abs() / found.density.len() as f64;
-        assert!((rho - e).abs() < 0.03, "{k}: {rho} {e}");
+        assert!((rho - e).abs() < 0.05, "{k}: {rho} {e}");
         if e > 0.0 {
             let u: Vec<f64> = (0..3).map(|a| found.velocity[a][k]).collect();
             let right = (u[0] - m / e).abs() < 0.01

@@ -63,12 +63,15 @@ fn axis(lower: f64, upper: f64, cells: usize) -> Axis {
     }
 }
 
+/// A function of the velocity.
+type Function<'a> = &'a dyn Fn(&[f64; 3]) -> f64;
+
 /// Density from `φ` and level sets given as functions of the velocity, at one point of space.
 fn density(
     v: &[Axis],
     width: DeltaWidth,
     phi: impl Fn(&[f64; 3]) -> f64,
-    psi: &[&dyn Fn(&[f64; 3]) -> f64],
+    psi: &[Function<'_>],
 ) -> f64 {
     let space = PhaseSpace {
         x: v.iter().map(|_| axis(0.0, 1.0, 1)).collect(),
@@ -155,7 +158,7 @@ fn widths_by_the_gradient_suit_every_axis_and_by_the_determinant_one() {
 fn determinants() {
     let j = [[2.0, 1.0, 0.5], [-1.0, 3.0, 0.25], [0.0, 4.0, 1.0]];
     let cyclic = 2.0 * 3.0 * 1.0 + 1.0 * 0.25 * 0.0 + 0.5 * -4.0;
-    let anti = 0.5 * 3.0 * 0.0 + 1.0 * -1.0 + 2.0 * 0.25 * 4.0;
+    let anti = 0.5 * 3.0 * 0.0 - 1.0 + 2.0 * 0.25 * 4.0;
     assert_eq!(determinant(&j), cyclic - anti);
     assert_eq!(determinant(&IDENTITY), 1.0);
     let turned = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
