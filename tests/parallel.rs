@@ -1968,7 +1968,7 @@ fn fields_in_one_pass(world: &World) {
             terms: problem.terms,
         };
         let mut recover = |initial: &[Initial<'_>]| {
-            let mut propagator = propagator(&plan, warp_plan, system.matrix);
+            let mut propagator = propagator(&plan, warp_plan, system.matrix).expect("a propagator");
             let recovered = warp::streamed(
                 &communicator,
                 &mut system,
