@@ -180,6 +180,12 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
     text
 }
 
+/// `λ⁺` from the largest eigenvalue, `λ⁻` from minus the smallest (paper, section 2): 0 where there is none above zero;
+/// what is not a number stays so.
+fn part_above_zero(value: f64) -> f64 {
+    if value < 0.0 { 0.0 } else { value }
+}
+
 fn spectrum(world: &World, case: &Case, steps: usize) -> Result<()> {
     let speaks = world.group().rank() == 0;
     run::refuse_hopeless_here(world, case)?;
@@ -195,7 +201,16 @@ fn spectrum(world: &World, case: &Case, steps: usize) -> Result<()> {
         .layout
         .mesh;
     let communicator = Communicator::new(world, &mesh);
-    for weighted in [false, true] {
+    // Of A alone, and of the system that inflow enlarges.
+    let mut systems = vec![("", case.without_inflow())];
+    if case.enters() {
+        systems = vec![
+            (", A alone", case.without_inflow()),
+            (", with inflow", case.clone()),
+        ];
+    }
+    let variants = [false, true].map(|weighted| systems.iter().map(move |s| (weighted, s)));
+    for (weighted, (of, case)) in variants.into_iter().flatten() {
         let hat = case.interface == case::Interface::Hat;
         if weighted && !(bounds.jumps && hat) {
             continue;
@@ -218,16 +233,18 @@ fn spectrum(world: &World, case: &Case, steps: usize) -> Result<()> {
         );
         if speaks {
             say(&format!(
-                "{:<20} lambda+ {:.6}  lambda- {:.6}  (Lanczos, {} steps); guaranteed lambda+ <= {:.6}, lambda- <= {:.6}; max/min sqrt(pi) {:.4}, {} sweeps",
+                "{:<20} lambda+ {:.6}  lambda- {:.6}  eigenvalues of S from {:.6} to {:.6} (Lanczos, {} steps); guaranteed lambda+ <= {:.6}, lambda- <= {:.6}; max/min sqrt(pi) {:.4}, {} sweeps",
                 if weighted {
-                    "dissipative weights"
+                    format!("dissipative weights{of}")
                 } else {
-                    "no weights"
+                    format!("no weights{of}")
                 },
-                found.highest.max(0.0),
-                (-found.lowest).max(0.0),
+                part_above_zero(found.highest),
+                part_above_zero(-found.lowest),
+                found.lowest,
+                found.highest,
                 found.steps,
-                found_bounds.growth.max(0.0),
+                part_above_zero(found_bounds.growth),
                 found_bounds.decay,
                 problem.weights.spread,
                 problem.weights.sweeps,

@@ -8,7 +8,9 @@
 //! `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when running (see [`crate::run`]); the plan
 //! alone assumes [`ASSUMED_RATIO`].
 
-use crate::case::{Case, Integrator, Interface, LARGEST_TOLERANCE, Method, PropagatorMethod};
+use crate::case::{
+    Case, Delta, Integrator, Interface, LARGEST_TOLERANCE, Method, PropagatorMethod,
+};
 mod layout;
 
 pub use layout::{Layout, Resources, bytes_text, refuse_hopeless};
@@ -133,7 +135,8 @@ pub struct Plan {
 
 impl Bounds {
     /// Bounds of `case`; evaluates `V` on the whole space grid. Growth is what weights and inflow are allowed; without
-    /// weights the hat interface has no such bound, and [`f64::INFINITY`] stands until it is measured.
+    /// weights the hat interface has no such bound, nor has inflow with a given `δ`, and [`f64::INFINITY`] stands until it
+    /// is measured.
     ///
     /// # Errors
     /// [`Error::Formula`] where `V` is not finite.
@@ -148,14 +151,18 @@ impl Bounds {
             jumps |= layer.has_jump();
         }
         let rate = transport_rate(&case.space) + force;
-        let inflow = (case.fields.iter()).any(|f| f.entering().constant() != Some(0.0));
+        let inflow = case.enters();
         let hat = jumps && case.interface == Interface::Hat;
         let weights = match (hat, case.warp.weights) {
             (false, _) => 0.0,
             (true, true) => WEIGHT_GROWTH,
             (true, false) => f64::INFINITY,
         };
-        let couplings = if inflow { INFLOW_GROWTH } else { 0.0 };
+        let couplings = match (inflow, case.warp.delta) {
+            (false, _) => 0.0,
+            (true, Delta::Planned) => INFLOW_GROWTH,
+            (true, _) => f64::INFINITY,
+        };
         let growth = f64::max(weights, couplings) / case.end;
         Ok(Self {
             rate,

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::expression::Expression;
 use crate::matrix::{self, BlockMatrix};
 use crate::partition::Block;
-use crate::plan::{Bounds, INFLOW_GROWTH, WEIGHT_GROWTH, WEIGHT_SHIFT};
+use crate::plan::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
 use crate::weights::Weights;
 use std::ops::Range;
 
@@ -26,6 +26,8 @@ pub struct Problem {
     pub initial: Vec<Vec<f64>>,
     /// Unknowns that count as terms of a norm: space cells and auxiliary ones, over the space group.
     pub terms: usize,
+    /// Bound on the growth of the system with its auxiliary unknowns.
+    pub coupled_growth: f64,
     /// Exchange of ghosts.
     pub exchange: GhostExchange,
 }
@@ -59,10 +61,10 @@ impl Problem {
         (width, patience): (usize, usize),
     ) -> Result<Self> {
         let space = &communicator.space;
-        let assembled = BlockMatrix::assemble(case, block, INFLOW_GROWTH / case.end);
+        let assembled = BlockMatrix::assemble(case, block);
         let mut matrix = communicator.world.agree(assembled)?;
         let mut exchange = GhostExchange::new(space, &matrix.block, width);
-        let weights = if bounds.weighted {
+        let mut weights = if bounds.weighted {
             let target = (WEIGHT_SHIFT / case.end, WEIGHT_GROWTH / case.end);
             // No path is worth following much longer than the grid is wide.
             let width: usize = case.space.axes().map(|a| a.cells).sum();
@@ -78,6 +80,9 @@ impl Problem {
         } else {
             Weights::none(&matrix, &mut exchange, space)
         };
+        matrix.couple(space, case, &mut weights.pi);
+        let couplings = matrix.inflow.iter().map(|aux| aux.coupling);
+        let coupled_growth = matrix.coupled_growth(space, weights.certificate, couplings);
         let cells = matrix.block.cells();
         let (mut states, mut initial) = (Vec::new(), Vec::new());
         for (k, field) in case.fields.iter().enumerate() {
@@ -91,19 +96,21 @@ impl Problem {
             for (i, f) in values.iter().enumerate() {
                 state[i] = weights.pi[i].sqrt() * f;
             }
-            for (m, aux) in matrix.inflow.iter().enumerate() {
-                state[cells + m] = weights.pi[cells + m].sqrt() * aux.values[k] / aux.coupling;
+            for (m, r) in matrix.auxiliary(k, field.enters()).enumerate() {
+                state[cells + m] = weights.pi[cells + m].sqrt() * r;
             }
             states.push(state);
             initial.push(values);
         }
-        let terms = case.space.space_cells() + space.sum_count(matrix.inflow.len());
+        let counted = matrix.counted_rows() - cells;
+        let terms = case.space.space_cells() + space.sum_count(counted);
         Ok(Self {
             matrix,
             weights,
             states,
             initial,
             terms,
+            coupled_growth,
             exchange,
         })
     }
@@ -111,12 +118,11 @@ impl Problem {
     /// `bounds` with the growth that was found instead of the one that was allowed for.
     pub fn bounds(&self, case: &Case, bounds: &Bounds) -> Bounds {
         let inflow = self.terms > case.space.space_cells();
-        let couplings = if inflow {
-            INFLOW_GROWTH / case.end
-        } else {
-            0.0
+        // An auxiliary unknown by itself neither grows nor decays.
+        let growth = match inflow {
+            true => self.coupled_growth,
+            false => self.weights.certificate,
         };
-        let growth = self.weights.certificate.max(couplings);
         Bounds {
             inflow,
             growth,
@@ -133,7 +139,9 @@ impl Problem {
             (true, false) => 0.0,
             _ => x[i] * x[i],
         };
-        let largest = (0..self.matrix.rows()).map(square).fold(0.0, f64::max);
+        let largest = (0..self.matrix.counted_rows())
+            .map(square)
+            .fold(0.0, f64::max);
         let group = &communicator.space;
         let bound = group.max(largest) * self.matrix.block.velocity_cells as f64;
         if !bound.is_finite() {

@@ -178,7 +178,7 @@ fn norms(system: &Evolution<'_>, state: &[Lanes], norm: f64) -> [f64; LANES] {
             totals[2 * l + 1] += parts[1];
         }
     };
-    let (own, aux) = state.split_at(block.cells());
+    let (own, aux) = state[..system.matrix.counted_rows()].split_at(block.cells());
     own.chunks(block.velocity_cells).for_each(&mut add);
     aux.chunks(1).for_each(&mut add);
     system.space.sum_integers(&mut totals);

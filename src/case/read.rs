@@ -87,6 +87,8 @@ impl Case {
         let propagator = solver.table("propagator")?.knowing(&["method", "step"])?;
         let classical = solver.table("classical")?.knowing(&["integrator", "cfl"])?;
         let (data, fields) = read_data(&root, n)?;
+        let read = read_warp(&warp)?;
+        embeddable(&warp, &read, &fields)?;
         let method = solver.choice(
             "method",
             &[
@@ -114,7 +116,7 @@ impl Case {
             tolerance: read_tolerance(&solver)?,
             tolerance_place: solver.place("tolerance"),
             verify: solver.boolean("verify")?.unwrap_or(false),
-            warp: read_warp(&warp)?,
+            warp: read,
             propagator: read_propagation(&propagator)?,
             integrator: classical.choice(
                 "integrator",
@@ -318,7 +320,7 @@ fn read_inflow(root: &Table<'_>, n: usize) -> Result<Inflow> {
             &table,
             "value",
             text.unwrap_or("0"),
-            &names(n, true, false),
+            &names(n, true, true),
         )?),
     };
     Ok(inflow)
@@ -334,10 +336,60 @@ fn read_warp(table: &Table<'_>) -> Result<Warp> {
         recovery: None,
         recovery_method: table.choice("recovery_method", &[("point", RecoveryMethod::Point)])?,
         weights: table.choice("weights", &[("dissipative", true), ("none", false)])?,
-        inflow: table.choice("inflow", &[("boundary", Embedding::Boundary)])?,
-        delta: Delta::Planned,
-        shift: 0.0,
+        inflow: table.choice(
+            "inflow",
+            &[
+                ("boundary", Embedding::Boundary),
+                ("full", Embedding::Full),
+                ("scalar", Embedding::Scalar),
+            ],
+        )?,
+        delta: read_delta(table)?,
+        shift: read_shift(table)?,
     })
+}
+
+/// `delta`: absent, `"max"` or a number.
+fn read_delta(table: &Table<'_>) -> Result<Delta> {
+    if !table.has("delta") {
+        return Ok(Delta::Planned);
+    }
+    if table.is_text("delta") {
+        return table.choice("delta", &[("max", Delta::Largest)]);
+    }
+    match table.number("delta")? {
+        Some(delta) if (1.0 / MOST..=MOST).contains(&delta) => Ok(Delta::Given(delta)),
+        _ => Err(table.error(
+            "delta",
+            &format!("must be above 0, between {:e} and {MOST:e}; or \"max\" for max |b|; leave it out to have it planned", 1.0 / MOST),
+        )),
+    }
+}
+
+/// `shift`: a number or `"growth"`.
+fn read_shift(table: &Table<'_>) -> Result<Shift> {
+    if table.is_text("shift") {
+        return table.choice("shift", &[("growth", Shift::Growth)]);
+    }
+    let shift = table.number("shift")?.unwrap_or(0.0);
+    if shift.abs() > MOST {
+        return Err(table.error("shift", &format!("must be between -{MOST:e} and {MOST:e}")));
+    }
+    Ok(Shift::Given(shift))
+}
+
+/// Refuses embeddings that several fields cannot share: there is one matrix for all.
+fn embeddable(table: &Table<'_>, warp: &Warp, fields: &[Field]) -> Result<()> {
+    let entering = fields.iter().filter(|f| f.enters()).count();
+    if entering > 1 && warp.inflow == Embedding::Scalar {
+        return Err(table.error(
+            "inflow",
+            &format!(
+                "\"scalar\" has one unknown for all rows, and its couplings are one field's; {entering} fields have inflow here: \"boundary\" or \"full\""
+            ),
+        ));
+    }
+    Ok(())
 }
 
 fn read_profile(table: &Table<'_>) -> Result<ProfileChoice> {
