@@ -102,6 +102,8 @@ pub fn estimate(
         ));
     }
     if let Some((estimate, round_off)) = found {
+        // Both readings share what the steps of time leave.
+        let estimate = estimate + problem.schedule.as_ref().map_or(0.0, |s| s.error);
         summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
         summary.error_estimate_reliable = estimate.is_finite() && estimate > round_off;
         if summary.error_estimate_reliable && estimate > 1.5 * plan.tolerance {

@@ -383,6 +383,20 @@ impl BlockMatrix {
         x: &mut [Lanes],
         sum: &mut [Lanes],
     ) {
+        self.step_with(exchange, constants, None, y, x, sum);
+    }
+
+    /// As [`step`](Self::step), with couplings to the auxiliary unknowns that are no entries of the matrix: those of a stage
+    /// where the inflow varies, row by row of [`inflow`](Self::inflow).
+    pub fn step_with(
+        &self,
+        exchange: &mut GhostExchange,
+        constants: &StepConstants,
+        couplings: Option<&[f64]>,
+        y: &mut [Lanes],
+        x: &mut [Lanes],
+        sum: &mut [Lanes],
+    ) {
         let rows = self.rows();
         exchange.start(&x[..rows]);
         kernel::step(self, &self.interior, constants, y, x, sum);
@@ -391,6 +405,9 @@ impl BlockMatrix {
         if self.summed {
             let couplings = self.inflow.iter().map(|aux| aux.coupling);
             self.step_shared(exchange, constants, couplings, y, x, sum);
+        }
+        if let Some(couplings) = couplings {
+            self.step_couplings(exchange, constants, couplings, y, x, sum);
         }
     }
 

@@ -15,7 +15,7 @@ mod layout;
 
 pub use layout::{Layout, Resources, bytes_text, refuse_hopeless};
 
-use crate::classical::{EXACT, poisson_window};
+use crate::classical::{EXACT, duhamel_applications, duhamel_panels, poisson_window};
 use crate::error::{Error, Result};
 use crate::matrix::LANES;
 use crate::partition::Block;
@@ -386,6 +386,9 @@ impl Plan {
 pub fn classical_steps(case: &Case, bounds: &Bounds) -> usize {
     let courant = bounds.rate * case.end;
     match case.integrator {
+        Integrator::Exponential if case.varies() => {
+            duhamel_applications(courant, duhamel_panels(courant))
+        }
         Integrator::Exponential => poisson_window(courant, EXACT).end,
         Integrator::ForwardEuler | Integrator::SspRk3 => {
             (courant / case.cfl).ceil().max(1.0) as usize

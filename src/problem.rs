@@ -1,6 +1,6 @@
 //! The discrete problem on a rank: matrix, weights, initial state.
 
-use crate::case::Case;
+use crate::case::{Case, Method};
 use crate::classical::{Classical, ROUGH};
 use crate::communicator::{Communicator, GhostExchange, Group};
 use crate::error::{Error, Result};
@@ -8,6 +8,7 @@ use crate::expression::Expression;
 use crate::matrix::{self, BlockMatrix};
 use crate::partition::Block;
 use crate::plan::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
+use crate::varying::{self, Schedule, TIME_SHARE};
 use crate::weights::Weights;
 use std::ops::Range;
 
@@ -26,6 +27,8 @@ pub struct Problem {
     pub initial: Vec<Vec<f64>>,
     /// Unknowns that count as terms of a norm: space cells and auxiliary ones, over the space group.
     pub terms: usize,
+    /// The steps of an inflow that depends on time, where modes are to be propagated.
+    pub schedule: Option<Schedule>,
     /// Bound on the growth of the system with its auxiliary unknowns.
     pub coupled_growth: f64,
     /// Exchange of ghosts.
@@ -81,8 +84,6 @@ impl Problem {
             Weights::none(&matrix, &mut exchange, space)
         };
         matrix.couple(space, case, &mut weights.pi);
-        let couplings = matrix.inflow.iter().map(|aux| aux.coupling);
-        let coupled_growth = matrix.coupled_growth(space, weights.certificate, couplings);
         let cells = matrix.block.cells();
         let (mut states, mut initial) = (Vec::new(), Vec::new());
         for (k, field) in case.fields.iter().enumerate() {
@@ -102,6 +103,30 @@ impl Problem {
             states.push(state);
             initial.push(values);
         }
+        let schedule = match case.varies() && case.method == Method::Schrodingerized {
+            false => None,
+            true => {
+                let data = (&weights.pi[..], &states[0][..], bounds.rate);
+                Some(varying::schedule(
+                    case,
+                    &matrix,
+                    &mut exchange,
+                    communicator,
+                    data,
+                )?)
+            }
+        };
+        if let Some(schedule) = &schedule {
+            states[0][cells..matrix.rows()].copy_from_slice(&schedule.unknowns);
+        }
+        let fixed = matrix.inflow.iter().map(|aux| aux.coupling);
+        let coupled_growth = match &schedule {
+            None => matrix.coupled_growth(space, weights.certificate, fixed),
+            Some(s) => {
+                let largest = s.envelope.iter().copied();
+                matrix.coupled_growth(space, weights.certificate, largest)
+            }
+        };
         let counted = matrix.counted_rows() - cells;
         let terms = case.space.space_cells() + space.sum_count(counted);
         Ok(Self {
@@ -110,6 +135,7 @@ impl Problem {
             states,
             initial,
             terms,
+            schedule,
             coupled_growth,
             exchange,
         })
@@ -163,6 +189,16 @@ impl Problem {
     /// `rate·time` applications of a quarter of a mode's.
     pub fn probe(&mut self, communicator: &Communicator, rate: f64, time: f64) -> f64 {
         let mut largest: f64 = 1.0;
+        if let Some(schedule) = &self.schedule {
+            // The pilot has run to the end; the rest of the tolerance is the profile's.
+            let start = self.norm(communicator, &self.states[0], false);
+            let ratio = if start == 0.0 {
+                1.0
+            } else {
+                PROBE_SAFETY * start / schedule.norm
+            };
+            return ratio.max(1.0) / (1.0 - TIME_SHARE);
+        }
         for start in &self.states {
             let mut state = start.clone();
             Classical::new(&self.matrix).exponential(

@@ -1,6 +1,7 @@
 //! Propagators: `w(T) = exp(−iH_l T) w(0)`, `H_l = μ_l S + iK`, for a batch of modes.
 
 pub mod chebyshev;
+pub mod commutator_free;
 
 use crate::case::PropagatorMethod;
 use crate::communicator::{GhostExchange, Group};

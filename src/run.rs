@@ -2,7 +2,7 @@
 
 use crate::case::{Case, Exact, Integrator, Method};
 use crate::characteristics::Tracer;
-use crate::classical::{Classical, EXACT, poisson_window};
+use crate::classical::{Classical, EXACT, duhamel_panels};
 use crate::command::report;
 use crate::communicator::{Communicator, Group, World};
 use crate::compare::{Norms, estimate};
@@ -11,11 +11,14 @@ use crate::matrix::{Lanes, instruction_set, sample, sample_with};
 use crate::observables::{integral, moments};
 use crate::output::{self, summary::Summary};
 use crate::partition::{Block, split};
-use crate::plan::{ASSUMED_RATIO, Bounds, Plan, Resources, WarpPlan, refuse_hopeless};
+use crate::plan::{
+    ASSUMED_RATIO, Bounds, Plan, Resources, WarpPlan, classical_steps, refuse_hopeless,
+};
 use crate::potential::{StrayEdge, overlooked};
 use crate::problem::Problem;
 use crate::progress::Progress;
-use crate::propagate::{Evolution, Initial, propagator};
+use crate::propagate::commutator_free::CommutatorFree;
+use crate::propagate::{Evolution, Initial, Propagator, propagator};
 use crate::system;
 use crate::warp;
 use std::collections::BTreeMap;
@@ -198,10 +201,14 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     if case.verify {
         for (k, readings) in fields.iter().enumerate() {
             let mut state = problem.states[k].clone();
-            let terms = poisson_window(bounds.rate * case.end, EXACT).end;
+            let reference = Case {
+                integrator: Integrator::Exponential,
+                ..case.clone()
+            };
+            let terms = classical_steps(&reference, &bounds);
             let progress = Progress::new(speaks, "verify", terms);
             let (exact, span) = (Integrator::Exponential, (bounds.rate, case.end));
-            integrate(&mut problem, exact, span, terms, &mut state, progress);
+            integrate(case, &mut problem, exact, span, terms, &mut state, progress);
             let reference = problem.unweighted(&place.mine, &state[place.mine.clone()]);
             let error = norms(&readings[0]).distance(&reference);
             if error.is_finite() {
@@ -310,7 +317,15 @@ fn solve(
                 let mut state = problem.states[k].clone();
                 let progress = Progress::new(speaks, "steps", steps);
                 let span = (plan.bounds.rate, case.end);
-                integrate(problem, case.integrator, span, steps, &mut state, progress);
+                integrate(
+                    case,
+                    problem,
+                    case.integrator,
+                    span,
+                    steps,
+                    &mut state,
+                    progress,
+                );
                 vec![problem.unweighted(&place.mine, &state[place.mine.clone()])]
             })
             .collect();
@@ -327,7 +342,10 @@ fn solve(
             norm: problem.norm(communicator, state, false),
         })
         .collect();
-    let mut propagator = propagator(plan, warp_plan, &problem.matrix);
+    let mut propagator: Box<dyn Propagator> = match &problem.schedule {
+        Some(schedule) => Box::new(CommutatorFree::new(&problem.matrix, warp_plan, schedule)),
+        None => propagator(plan, warp_plan, &problem.matrix),
+    };
     let mut system = Evolution {
         matrix: &problem.matrix,
         exchange: &mut problem.exchange,
@@ -357,6 +375,7 @@ fn solve(
 
 /// `state ← state(time)` by the classical method. Collective over the space group.
 fn integrate(
+    case: &Case,
     problem: &mut Problem,
     integrator: Integrator,
     (rate, time): (f64, f64),
@@ -365,8 +384,15 @@ fn integrate(
     progress: Progress,
 ) {
     let mut classical = Classical::new(&problem.matrix).with_progress(progress);
+    if case.varies() {
+        classical = classical.with_source(&case.fields[0], &problem.weights.pi);
+    }
     let exchange = &mut problem.exchange;
     match integrator {
+        Integrator::Exponential if case.varies() => {
+            let panels = duhamel_panels(rate * time);
+            classical.duhamel(exchange, state, (rate, time), panels);
+        }
         Integrator::Exponential => {
             classical.exponential(exchange, state, (rate, time), EXACT);
         }
@@ -488,6 +514,10 @@ impl Summary {
         self.memory_peak_bytes_per_rank = world.max_count(system::peak_memory() as usize) as u64;
         self.growth_bound = plan.bounds.growth;
         self.decay_bound = plan.bounds.decay;
+        if let Some(schedule) = &problem.schedule {
+            self.time_steps = Some(schedule.steps);
+            self.time_error = Some(schedule.error);
+        }
         self.growth_certificate = problem.weights.certificate;
         self.weight_spread = problem.weights.spread;
         self.weight_sweeps = problem.weights.sweeps;

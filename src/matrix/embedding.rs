@@ -87,6 +87,21 @@ impl Entering {
     }
 }
 
+impl Entering {
+    /// The first ghost of row `m` at which `field`'s inflow is not finite, and its value there.
+    pub fn worst(&self, field: &Field, m: usize, time: f64) -> (f64, [f64; 6]) {
+        let start = m.checked_sub(1).map_or(0, |before| self.ends[before]);
+        let value = |&(_, point): &(f64, [f64; 6])| {
+            let [x, y, z, vx, vy, vz] = point;
+            (field.entering().eval(&[x, y, z, vx, vy, vz, time]), point)
+        };
+        let mut values = self.ghosts[start..self.ends[m]].iter().map(value);
+        values
+            .find(|(value, _)| !value.is_finite())
+            .unwrap_or((f64::NAN, [0.0; 6]))
+    }
+}
+
 impl BlockMatrix {
     /// Sets the couplings of an inflow that does not vary, and the weights `pi` of the auxiliary unknowns, whose cells are
     /// known. Collective over `space`.
@@ -231,6 +246,30 @@ impl BlockMatrix {
         let common = self.shared.then_some(uncoupled);
         let list = if self.shared { &[] } else { &self.inflow[..] };
         list.iter().map(own).chain(common)
+    }
+
+    /// What `couplings` add to a step. Collective over the space group.
+    pub(super) fn step_couplings(
+        &self,
+        exchange: &GhostExchange,
+        constants: &StepConstants,
+        couplings: &[f64],
+        y: &mut [Lanes],
+        x: &[Lanes],
+        sum: &mut [Lanes],
+    ) {
+        let cells = self.block.cells();
+        for (m, (aux, coupling)) in self.inflow.iter().zip(couplings).enumerate() {
+            let (i, half) = (aux.row as usize, 0.5 * coupling);
+            let r = if self.shared { cells } else { cells + m };
+            add_coupled(constants, 1.0, half, &x[r].0, &mut y[i].0, &mut sum[i].0);
+            if !self.shared {
+                add_coupled(constants, -1.0, half, &x[i].0, &mut y[r].0, &mut sum[r].0);
+            }
+        }
+        if self.shared {
+            self.step_shared(exchange, constants, couplings.iter().copied(), y, x, sum);
+        }
     }
 
     /// The common auxiliary unknown's part of a step: `y_r ← a(−iμ − 1) ½ Σ κ_i x_i + y_r`, the rest of its row being

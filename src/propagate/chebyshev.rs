@@ -159,6 +159,23 @@ impl Chebyshev {
         (rate, growth, time): (f64, f64, f64),
         initial: &[f64],
     ) -> BatchReport {
+        let (constants, report) = self.prepare(batch, (rate, growth, time));
+        self.load(initial);
+        self.series(matrix, exchange, &constants, batch.degree, None);
+        report
+    }
+
+    /// Largest degree there is room for.
+    pub fn largest_degree(&self) -> usize {
+        self.coefficients.len() / LANES - 1
+    }
+
+    /// The coefficients of `exp(−iHt)`, `t = time`, and what the steps need.
+    pub(super) fn prepare(
+        &mut self,
+        batch: &BatchSpec,
+        (rate, growth, time): (f64, f64, f64),
+    ) -> (StepConstants, BatchReport) {
         let degree = batch.degree;
         let mut report = BatchReport {
             phases: [Complex64::ZERO; LANES],
@@ -191,26 +208,51 @@ impl Chebyshev {
                 self.coefficients[k * LANES + l] = if k == 0 { j } else { 2.0 * j };
             }
         }
+        (constants, report)
+    }
+
+    /// Starts from a real vector, the same in every lane.
+    pub(super) fn load(&mut self, initial: &[f64]) {
+        for (current, &value) in self.current.iter_mut().zip(initial) {
+            *current = Lanes::ZERO;
+            current.0[..LANES].fill(value);
+        }
+    }
+
+    /// Starts from what came out last, but for the lanes' phases.
+    pub(super) fn reload(&mut self) {
+        self.current[..self.sum.len()].copy_from_slice(&self.sum);
+    }
+
+    /// The series from [`prepare`](Self::prepare) of what was loaded, into `sum`; with the `couplings` of a stage, if the
+    /// inflow varies. Collective over the space group.
+    pub(super) fn series(
+        &mut self,
+        matrix: &BlockMatrix,
+        exchange: &mut GhostExchange,
+        constants: &StepConstants,
+        degree: usize,
+        couplings: Option<&[f64]>,
+    ) {
+        let mut constants = constants.clone();
         let coefficient = |k: usize, table: &[f64]| {
             let mut lanes = [0.0; LANES];
             lanes.copy_from_slice(&table[k * LANES..(k + 1) * LANES]);
             lanes
         };
         let first = coefficient(0, &self.coefficients);
-        for (i, &value) in initial.iter().enumerate() {
-            self.current[i] = Lanes::ZERO;
-            self.current[i].0[..LANES].fill(value);
+        for (i, sum) in self.sum.iter_mut().enumerate() {
             self.previous[i] = Lanes::ZERO;
-            self.sum[i] = Lanes::ZERO;
-            for l in 0..LANES {
-                self.sum[i].0[l] = first[l] * value;
+            for l in 0..2 * LANES {
+                sum.0[l] = first[l % LANES] * self.current[i].0[l];
             }
         }
         for k in 1..=degree {
             constants.coefficient = coefficient(k, &self.coefficients);
-            matrix.step(
+            matrix.step_with(
                 exchange,
                 &constants,
+                couplings,
                 &mut self.previous,
                 &mut self.current,
                 &mut self.sum,
@@ -221,7 +263,6 @@ impl Chebyshev {
                 constants.scale.iter_mut().for_each(|a| *a *= 2.0);
             }
         }
-        report
     }
 }
 

@@ -1,0 +1,81 @@
+//! Propagation where the inflow depends on time: a product of exponentials, each a Chebyshev series (see
+//! [`crate::varying`]).
+
+use crate::matrix::{BlockMatrix, LANES, Lanes};
+use crate::plan::WarpPlan;
+use crate::propagate::chebyshev::{Chebyshev, Interval, bessel_series, degree};
+use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
+use crate::varying::Schedule;
+use num_complex::Complex64;
+
+/// Relative errors below this are round-off, whatever the plan's series leaves.
+const ROUND_OFF: f64 = 1e-15;
+
+/// A Chebyshev series a stage; made once, used for every batch.
+pub struct CommutatorFree<'a> {
+    chebyshev: Chebyshev,
+    schedule: &'a Schedule,
+    series: Vec<f64>,
+}
+
+impl<'a> CommutatorFree<'a> {
+    /// Scratch for vectors of `matrix` and the batches of `warp`.
+    pub fn new(matrix: &BlockMatrix, warp: &WarpPlan, schedule: &'a Schedule) -> Self {
+        // A stage's series is shorter than that of the whole run, but for what its smaller error takes.
+        let largest = warp.largest_degree() + 60;
+        Self {
+            chebyshev: Chebyshev::new(matrix, largest),
+            schedule,
+            series: Vec::with_capacity(2 * largest + 200),
+        }
+    }
+}
+
+impl Propagator for CommutatorFree<'_> {
+    fn propagate(
+        &mut self,
+        system: &mut Evolution<'_>,
+        batch: &BatchSpec,
+        initial: &Initial<'_>,
+    ) -> crate::error::Result<BatchReport> {
+        let stages = self.schedule.stages();
+        let time = system.time / stages as f64;
+        let span = (system.rate, system.growth, time);
+        // Each stage may leave its part of what the plan's series of the whole run leaves.
+        let mut longest = 1;
+        for l in 0..LANES {
+            let width = Interval::new(batch.wavenumbers[l], system.rate, system.growth).half_width;
+            let rest = bessel_series(&mut self.series, width * system.time, 0.0);
+            let cut = self.series.len().min(batch.degree + 1);
+            let tail = rest + 2.0 * self.series[cut..].iter().map(|j| j.abs()).sum::<f64>();
+            let share = tail.max(ROUND_OFF) / stages as f64;
+            longest = longest.max(degree(&mut self.series, width * time, share));
+        }
+        let stage = BatchSpec {
+            wavenumbers: batch.wavenumbers,
+            degree: longest.min(self.chebyshev.largest_degree()),
+        };
+        let (constants, mut report) = self.chebyshev.prepare(&stage, span);
+        self.chebyshev.load(initial.state);
+        for k in 0..stages {
+            if k > 0 {
+                self.chebyshev.reload();
+            }
+            let couplings = Some(self.schedule.stage(k));
+            let (matrix, exchange) = (system.matrix, &mut *system.exchange);
+            self.chebyshev
+                .series(matrix, exchange, &constants, stage.degree, couplings);
+        }
+        report.applications = stages * stage.degree;
+        for l in 0..LANES {
+            report.tails[l] *= stages as f64;
+            report.phases[l] = report.phases[l].powu(stages as u32);
+            report.phases[l] /= Complex64::from(report.phases[l].norm());
+        }
+        Ok(report)
+    }
+
+    fn state(&self) -> &[Lanes] {
+        &self.chebyshev.sum
+    }
+}
