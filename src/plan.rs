@@ -23,6 +23,7 @@ use crate::potential::Potential;
 use crate::profile::gaussian::Gaussian;
 use crate::profile::{Profile, Series};
 use crate::propagate::chebyshev::{Interval, degree};
+use crate::propagate::commutator_free::stage_degree;
 use crate::recover::Reading;
 use crate::scheme::transport_rate;
 use num_complex::Complex64;
@@ -64,6 +65,8 @@ pub struct Bounds {
     pub weighted: bool,
     /// Whether anything may enter.
     pub inflow: bool,
+    /// Exponentials in a row that an inflow takes that depends on time; 0 where there is none, or before it is known.
+    pub stages: usize,
 }
 
 /// A batch of neighbouring modes that share a degree.
@@ -96,7 +99,7 @@ pub struct WarpPlan {
     pub seen: f64,
     /// The modes in batches, of rising wavenumber.
     pub batches: Vec<Batch>,
-    /// Applications: degrees summed over the modes.
+    /// Applications, summed over the modes: their degrees, or those of all stages of an inflow that depends on time.
     pub applications: usize,
     /// `Σ |weight|` of the first reading: how much round-off is amplified.
     pub amplification: f64,
@@ -169,6 +172,7 @@ impl Bounds {
             growth,
             decay: 2.0 * rate + growth,
             jumps,
+            stages: 0,
             weighted: hat && case.warp.weights && case.method == Method::Schrodingerized,
             inflow,
         })
@@ -204,6 +208,9 @@ impl WarpPlan {
     pub fn new(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Self> {
         let time = case.end;
         let (growth, decay) = (bounds.growth * time, bounds.decay * time);
+        // Spectral shift: u = e^{σt} ũ, ũ' = (A − σ) ũ. Its modes are those of A times e^{iμσT}, so reading e^{σT} e^{p◇} ṽ(p◇)
+        // is reading e^p v(p) at p = p◇ + σT; and a planned profile, of S − σ, lies σT higher.
+        let shift = case.warp.shift.of(bounds.growth) * time;
         if bounds.rate * time > LONGEST_SPAN {
             return Err(Error::TooLong {
                 end: time,
@@ -215,10 +222,10 @@ impl WarpPlan {
         let state_tolerance = case.tolerance / ratio;
         let readings: Vec<Reading> = (0..case.recovery_points)
             .map(|k| Reading {
-                point: k as f64 * SECOND_POINT,
+                point: shift + k as f64 * SECOND_POINT,
             })
             .collect();
-        let reach = readings.last().map_or(0.0, |r| r.point);
+        let reach = readings.last().map_or(0.0, |r| r.point - shift);
         let gaussian = Gaussian::plan(state_tolerance, growth, decay, reach).ok_or_else(|| {
             match Gaussian::smallest_tolerance(growth, decay, reach) {
                 Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
@@ -231,6 +238,8 @@ impl WarpPlan {
                 _ => Error::Growth { ratio, growth },
             }
         })?;
+        let seen = gaussian.seen_by(reach);
+        let gaussian = gaussian.translated(shift);
         let series = Series::analytic(gaussian.period, gaussian.modes(), |mu| {
             gaussian.coefficient(mu)
         });
@@ -257,13 +266,25 @@ impl WarpPlan {
             end = first;
         }
         batches.reverse();
+        let mut applications = |first: usize, modes: usize, degree: usize| match bounds.stages {
+            0 => degree,
+            stages => {
+                let wavenumbers: Vec<f64> = (first..first + modes)
+                    .map(|l| series.wavenumber(l))
+                    .collect();
+                let span = (bounds.rate, bounds.growth, time);
+                stages * stage_degree(&mut scratch, &wavenumbers, degree, span, stages)
+            }
+        };
         Ok(Self {
             ratio,
             state_tolerance,
             modes,
-            applications: batches.iter().map(|b| b.modes * b.degree).sum(),
+            applications: (batches.iter())
+                .map(|b| b.modes * applications(b.first, b.modes, b.degree))
+                .sum(),
             amplification: (0..modes).map(weight).sum(),
-            seen: gaussian.seen_by(reach),
+            seen,
             readings,
             batches,
             profile: Profile::Gaussian(gaussian),

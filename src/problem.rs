@@ -151,6 +151,7 @@ impl Problem {
         };
         Bounds {
             inflow,
+            stages: self.schedule.as_ref().map_or(0, Schedule::stages),
             growth,
             decay: 2.0 * bounds.rate + growth,
             ..bounds.clone()

@@ -1,6 +1,6 @@
 //! The driver: a flat list of named, timed steps.
 
-use crate::case::{Case, Exact, Integrator, Method};
+use crate::case::{Case, Delta, Exact, Integrator, Method};
 use crate::characteristics::Tracer;
 use crate::classical::{Classical, EXACT, duhamel_panels};
 use crate::command::report;
@@ -440,8 +440,11 @@ pub fn warnings(case: &Case) -> Vec<String> {
             "potential.{region}: its where holds at no cell's centre; the region is not there on this grid"
         )
     };
+    let idle = (!case.enters() && case.warp.delta != Delta::Planned)
+        .then(|| "solver.warp.delta has no effect: nothing enters (inflow.value is 0)".to_owned());
     (found.edges.iter().map(line))
         .chain(found.empty.iter().map(empty))
+        .chain(idle)
         .collect()
 }
 

@@ -133,6 +133,9 @@ impl Case {
             overrides: overrides.to_vec(),
             space,
         };
+        if case.varies() {
+            steppable(&case, &scheme, &propagator)?;
+        }
         if output.boolean("warped_field")? == Some(true) {
             return Err(output.error(
                 "warped_field",
@@ -378,9 +381,32 @@ fn read_shift(table: &Table<'_>) -> Result<Shift> {
     Ok(Shift::Given(shift))
 }
 
+/// Refuses methods that do not know of an inflow that depends on time.
+fn steppable(case: &Case, scheme: &Table<'_>, propagator: &Table<'_>) -> Result<()> {
+    if case.limiter != Limiter::None {
+        return Err(scheme.error(
+            "limiter",
+            "takes the inflow at time 0; with t in inflow.value only \"none\"",
+        ));
+    }
+    if case.propagator.method != PropagatorMethod::Chebyshev {
+        return Err(propagator.error(
+            "method",
+            "with t in inflow.value the generator depends on time; only \"chebyshev\" is stepped",
+        ));
+    }
+    Ok(())
+}
+
 /// Refuses embeddings that several fields cannot share: there is one matrix for all.
 fn embeddable(table: &Table<'_>, warp: &Warp, fields: &[Field]) -> Result<()> {
     let entering = fields.iter().filter(|f| f.enters()).count();
+    if fields.len() > 1 && fields.iter().any(Field::varies) {
+        return Err(table.error(
+            "inflow",
+            "what enters may depend on t where initial.f is given; the unknowns of measure-valued data have one value each",
+        ));
+    }
     if entering > 1 && warp.inflow == Embedding::Scalar {
         return Err(table.error(
             "inflow",

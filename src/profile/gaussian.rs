@@ -89,6 +89,14 @@ impl Gaussian {
         Some(high.exp())
     }
 
+    /// The same function of `p − distance`, times `e^{−distance}`, so that it still equals `e^{−p}`.
+    pub fn translated(self, distance: f64) -> Self {
+        Self {
+            offset: self.offset + distance,
+            ..self
+        }
+    }
+
     /// What part of the error at `p◇ = 0` the distance to the field read at `p◇ = second` shows, where the spectrum of `S` near
     /// zero dominates: the relative deficit of `g` is `Φ((p0 − p)/σ)`, so `1 − Φ((p0 − second)/σ)/Φ(p0/σ)`.
     pub fn seen_by(&self, second: f64) -> f64 {

@@ -18,6 +18,27 @@ pub struct CommutatorFree<'a> {
     series: Vec<f64>,
 }
 
+/// Degree of the series of one of `stages` equal parts of a run, for modes `wavenumbers` whose series of the whole run is
+/// cut at `whole_degree`: each part may leave its share of what that leaves.
+pub fn stage_degree(
+    scratch: &mut Vec<f64>,
+    wavenumbers: &[f64],
+    whole_degree: usize,
+    (rate, growth, time): (f64, f64, f64),
+    stages: usize,
+) -> usize {
+    let mut longest = 1;
+    for &mu in wavenumbers {
+        let tau = Interval::new(mu, rate, growth).half_width * time;
+        let rest = bessel_series(scratch, tau, 0.0);
+        let cut = scratch.len().min(whole_degree + 1);
+        let tail = rest + 2.0 * scratch[cut..].iter().map(|j| j.abs()).sum::<f64>();
+        let share = tail.max(ROUND_OFF) / stages as f64;
+        longest = longest.max(degree(scratch, tau / stages as f64, share));
+    }
+    longest
+}
+
 impl<'a> CommutatorFree<'a> {
     /// Scratch for vectors of `matrix` and the batches of `warp`.
     pub fn new(matrix: &BlockMatrix, warp: &WarpPlan, schedule: &'a Schedule) -> Self {
@@ -41,16 +62,14 @@ impl Propagator for CommutatorFree<'_> {
         let stages = self.schedule.stages();
         let time = system.time / stages as f64;
         let span = (system.rate, system.growth, time);
-        // Each stage may leave its part of what the plan's series of the whole run leaves.
-        let mut longest = 1;
-        for l in 0..LANES {
-            let width = Interval::new(batch.wavenumbers[l], system.rate, system.growth).half_width;
-            let rest = bessel_series(&mut self.series, width * system.time, 0.0);
-            let cut = self.series.len().min(batch.degree + 1);
-            let tail = rest + 2.0 * self.series[cut..].iter().map(|j| j.abs()).sum::<f64>();
-            let share = tail.max(ROUND_OFF) / stages as f64;
-            longest = longest.max(degree(&mut self.series, width * time, share));
-        }
+        let whole = (system.rate, system.growth, system.time);
+        let longest = stage_degree(
+            &mut self.series,
+            &batch.wavenumbers,
+            batch.degree,
+            whole,
+            stages,
+        );
         let stage = BatchSpec {
             wavenumbers: batch.wavenumbers,
             degree: longest.min(self.chebyshev.largest_degree()),
