@@ -8,17 +8,19 @@ mod support;
 
 use faer::{Mat, Side};
 use num_complex::Complex64;
-use phasewarp::case::{Case, Delta, Embedding, Integrator};
-use phasewarp::classical::{Classical, EXACT};
+use phasewarp::case::{Case, Delta, Embedding, Integrator, Method, Shift};
+use phasewarp::classical::{Classical, EXACT, duhamel_panels};
 use phasewarp::communicator::{Communicator, GhostExchange, Group, World};
 use phasewarp::error::Error;
 use phasewarp::matrix::{BlockMatrix, LANES, Lanes, Part, StepConstants};
 use phasewarp::partition::{Block, Mesh, Place, split};
-use phasewarp::plan::{Bounds, INFLOW_GROWTH, Plan, Resources};
+use phasewarp::plan::{Bounds, INFLOW_GROWTH, Plan, Resources, WarpPlan};
 use phasewarp::problem::Problem;
 use phasewarp::progress::Progress;
 use phasewarp::propagate::chebyshev::{Chebyshev, Interval, bessel_series};
-use phasewarp::propagate::{BatchSpec, Evolution, Initial, propagator};
+use phasewarp::propagate::commutator_free::CommutatorFree;
+use phasewarp::propagate::{BatchSpec, Evolution, Initial, Propagator, propagator};
+use phasewarp::varying;
 use phasewarp::warp;
 use phasewarp::weights::Weights;
 use std::collections::{BTreeMap, BTreeSet};
@@ -39,7 +41,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 type Check = fn(&World);
 
 /// The checks, by name.
-const CHECKS: [(&str, Check); 15] = [
+const CHECKS: [(&str, Check); 18] = [
     ("number_of_ranks", number_of_ranks),
     ("reductions", reductions),
     ("agreement_on_errors", agreement_on_errors),
@@ -55,6 +57,9 @@ const CHECKS: [(&str, Check); 15] = [
     ("classical_exponential", classical_exponential),
     ("orders_of_the_integrators", orders_of_the_integrators),
     ("recovered_field", recovered_field),
+    ("shifted_field", shifted_field),
+    ("varying_inflow_directly", varying_inflow_directly),
+    ("varying_inflow_by_modes", varying_inflow_by_modes),
 ];
 
 fn main() -> ExitCode {
@@ -1066,7 +1071,6 @@ fn adjoint(world: &World) {
             piece.scatter(&random(twin, 3)),
             piece.scatter(&random(twin, 4)),
         );
-        let rows = piece.matrix.rows();
         let mut ax = vec![f64::NAN; piece.matrix.length()];
         let mut aty = ax.clone();
         piece
@@ -1464,9 +1468,79 @@ fn orders_of_the_integrators(world: &World) {
     }
 }
 
+/// What the streamed run recovers on this mesh, whole and without weights, by each reading; and its plan.
+fn stream(
+    world: &World,
+    case: &Case,
+    mesh: &Mesh,
+    weighted: &mut Weighted,
+    ratio: f64,
+    norm: f64,
+) -> (WarpPlan, Vec<Vec<f64>>) {
+    let problem = &mut weighted.problem;
+    let resources = Resources {
+        ranks: world.group().size(),
+        ranks_x: Some(mesh.space.clone()),
+        memory_per_rank: None,
+    };
+    let plan = Plan::with_bounds(case, weighted.bounds.clone(), &resources, ratio).expect("a plan");
+    assert_eq!(plan.layout.mesh, *mesh);
+    let warp_plan = plan.warp.as_ref().expect("a schrodingerized run");
+    let rows = problem.matrix.rows();
+    let initial = Initial {
+        state: &problem.states[0][..rows],
+        norm,
+    };
+    let mut propagator: Box<dyn Propagator> = match &problem.schedule {
+        Some(schedule) => Box::new(CommutatorFree::new(&problem.matrix, warp_plan, schedule)),
+        None => propagator(&plan, warp_plan, &problem.matrix),
+    };
+    let mut system = Evolution {
+        matrix: &problem.matrix,
+        exchange: &mut problem.exchange,
+        space: &weighted.communicator.space,
+        rate: weighted.bounds.rate,
+        growth: weighted.bounds.growth,
+        time: case.end,
+        terms: problem.terms,
+    };
+    // A mode group keeps a piece of the block's first axis.
+    let leading = problem.matrix.block.ranges[0].len();
+    let layer = problem.matrix.block.cells() / leading;
+    let share = |group: usize| {
+        let piece = split(&(0..leading), mesh.groups, group);
+        piece.start * layer..piece.end * layer
+    };
+    let shares: Vec<_> = (0..mesh.groups).map(share).collect();
+    let group = weighted.communicator.modes.rank();
+    let recovered = warp::streamed(
+        &weighted.communicator,
+        &mut system,
+        (warp_plan, &mut *propagator),
+        &plan.layout.groups[group],
+        &[initial],
+        &shares,
+        &mut Progress::silent(),
+    )
+    .expect("a unitary run");
+    assert!(recovered.unitarity_defect.unwrap_or(0.0) <= 1.0);
+    let all = weighted
+        .communicator
+        .modes
+        .sum_count(recovered.applications);
+    assert_eq!(all, warp_plan.applications);
+    let fields = recovered.fields[0].iter().map(|field| {
+        assert_eq!(field.len(), share(group).len());
+        let entries = share(group)
+            .zip(field)
+            .map(|(i, u)| (weighted.number[i], u / problem.weights.pi[i].sqrt()));
+        gather(&world.group(), case.space.cells(), entries)
+    });
+    (warp_plan.clone(), fields.collect())
+}
+
 /// The streamed run, within its tolerance of `exp(AT) f0`, and with the same bits on every mesh.
 fn recovered_field(world: &World) {
-    let ranks = world.group().size();
     for mut twin in Twin::all() {
         let time = twin.case.end;
         let expected = exponential(&twin.generator, &twin.state, time);
@@ -1483,73 +1557,258 @@ fn recovered_field(world: &World) {
                     (truth..1.5 * truth).contains(&ratio),
                     "{name}: {ratio} {truth}"
                 );
-                let resources = Resources {
-                    ranks,
-                    ranks_x: Some(mesh.space.clone()),
-                    memory_per_rank: None,
-                };
-                let plan =
-                    Plan::with_bounds(&twin.case, weighted.bounds.clone(), &resources, ratio)
-                        .expect("a plan");
-                assert_eq!(plan.layout.mesh, mesh);
-                let warp_plan = plan.warp.as_ref().expect("a schrodingerized run");
-
-                let rows = problem.matrix.rows();
-                let initial = Initial {
-                    state: &problem.states[0][..rows],
-                    norm: norm(&weighted.state),
-                };
-                let mut propagator = propagator(&plan, warp_plan, &problem.matrix);
-                let mut system = Evolution {
-                    matrix: &problem.matrix,
-                    exchange: &mut problem.exchange,
-                    space: &weighted.communicator.space,
-                    rate: weighted.bounds.rate,
-                    growth: weighted.bounds.growth,
-                    time,
-                    terms: problem.terms,
-                };
-                // A mode group keeps a piece of the block's first axis.
-                let leading = problem.matrix.block.ranges[0].len();
-                let layer = problem.matrix.block.cells() / leading;
-                let share = |group: usize| {
-                    let piece = split(&(0..leading), mesh.groups, group);
-                    piece.start * layer..piece.end * layer
-                };
-                let shares: Vec<_> = (0..mesh.groups).map(share).collect();
-                let group = weighted.communicator.modes.rank();
-                let batches = &plan.layout.groups[group];
-                let recovered = warp::streamed(
-                    &weighted.communicator,
-                    &mut system,
-                    (warp_plan, &mut *propagator),
-                    batches,
-                    &[initial],
-                    &shares,
-                    &mut Progress::silent(),
-                )
-                .expect("a unitary run");
-                assert!(recovered.unitarity_defect.unwrap_or(0.0) <= 1.0, "{name}");
-                let applications = batches.iter().map(|&b| &warp_plan.batches[b]);
-                let applications: usize = applications.map(|b| b.modes * b.degree).sum();
-                assert_eq!(recovered.applications, applications, "{name}");
-
-                assert_eq!(recovered.fields[0].len(), 2);
-                let fields = recovered.fields[0].iter().map(|field| {
-                    assert_eq!(field.len(), share(group).len());
-                    let entries = share(group).zip(field).map(|(i, u)| {
-                        let number = weighted.number[i];
-                        (number, u / weighted.pi[number].sqrt())
-                    });
-                    gather(&world.group(), twin.cells, entries)
-                });
-                let fields: Vec<Vec<f64>> = fields.collect();
+                let norm = norm(&weighted.state);
+                let (_, fields) = stream(world, &twin.case, &mesh, &mut weighted, ratio, norm);
+                assert_eq!(fields.len(), 2);
                 let error = distance(&fields[0], expected);
                 assert!(error <= tolerance, "{name}: error {error:e}");
                 // The second recovery point tells how large it is.
                 let estimate = distance(&fields[1], &fields[0]) / error;
                 assert!((1.0 / 3.0..3.0).contains(&estimate), "{name}: {estimate}");
                 let name = format!("the field of {} at {tolerance:e}", twin.name);
+                report_bits(world, &name, &fields.concat());
+            }
+        }
+    }
+}
+
+/// A run with `u = e^{σt} ũ` against the sum over the modes of a matrix that really is `A − σ`: the program shifts only what it
+/// reads.
+fn shifted_field(world: &World) {
+    for (sigma, name) in [(0.8, "slopes, inflow"), (-0.5, "example 1")] {
+        let mut twin = (Twin::all().into_iter().find(|t| t.name == name)).expect("a twin");
+        let time = twin.case.end;
+        twin.case.warp.shift = Shift::Given(sigma);
+        twin.case.tolerance = 1e-7;
+        let mut reference: Option<Vec<f64>> = None;
+        for mesh in meshes(world, &twin.case) {
+            let mut weighted = Weighted::new(world, &twin, &mesh);
+            let size = norm(&weighted.state);
+            let (plan, fields) = stream(world, &twin.case, &mesh, &mut weighted, 3.0, size);
+            let twin = &twin;
+            let reference = reference.get_or_insert_with(|| {
+                let mut shifted = weighted.generator.symmetric();
+                (0..shifted.size).for_each(|i| shifted.add(i, i, -sigma));
+                let k = weighted.generator.skew();
+                let mut sum = vec![0.0; twin.size()];
+                for l in 0..plan.modes {
+                    let mu = plan.series.wavenumber(l);
+                    // e^{σT} e^{p◇} ṽ(p◇) at p◇ = 0.
+                    let factor = (sigma * time).exp() * plan.series.factor(l);
+                    let mode = evolve(&shifted, &k, mu, &weighted.state, time);
+                    for (sum, w) in sum.iter_mut().zip(mode) {
+                        *sum += (factor * w).re;
+                    }
+                }
+                let unweighted = sum.iter().zip(&weighted.pi).map(|(u, pi)| u / pi.sqrt());
+                unweighted.take(twin.cells).collect()
+            });
+            let error = distance(&fields[0], reference);
+            // But for the series, each cut at its share.
+            assert!(error <= 1e-8, "{name}, {mesh:?}: {error:e}");
+            let expected = exponential(&twin.generator, &twin.state, time);
+            let error = distance(&fields[0], twin.field(&expected));
+            assert!(error <= 1e-7, "{name}, {mesh:?}: {error:e}");
+        }
+    }
+}
+
+/// Scenes with an inflow `b(1 + sin ωt)`, and `f(T)` by one dense exponential: `1`, `sin ωt` and `cos ωt` obey a linear system.
+struct Varying {
+    name: &'static str,
+    twin: Twin,
+    expected: Vec<f64>,
+}
+
+impl Varying {
+    fn all() -> Vec<Self> {
+        let omega = 3.0;
+        let scene = |name, file: &str, formula: &str, overrides: &[&str]| {
+            let with = |time: &str| {
+                let value = format!("inflow.value='({formula})*{time}'");
+                let mut all = overrides.to_vec();
+                all.push(&value);
+                Twin::new(name, file, &all)
+            };
+            // The twin with the inflow at time zero gives A and b; its auxiliary unknowns are left alone.
+            let constant = with("1");
+            let cells = constant.cells;
+            let system = System::of_rows(&constant.case);
+            let mut dense = Dense::from_fn(cells + 3, |i, j| match i < cells && j < cells {
+                true => system.generator.at(i, j),
+                false => 0.0,
+            });
+            let mut state = constant.field(&constant.state).to_vec();
+            for (i, &b) in system.inflow.iter().enumerate() {
+                dense.add(i, cells, b);
+                dense.add(i, cells + 1, b);
+            }
+            dense.add(cells + 1, cells + 2, omega);
+            dense.add(cells + 2, cells + 1, -omega);
+            state.extend([1.0, 0.0, 1.0]);
+            let mut expected = exponential(&dense, &state, constant.case.end);
+            expected.truncate(cells);
+            let mut twin = with(&format!("(1 + sin({omega}*t))"));
+            // Rows that draw on the inflow have an unknown, whatever enters now.
+            if twin.case.warp.inflow == Embedding::Boundary {
+                twin.inflow = (0..cells).filter(|&i| system.draw[i] > 0.0).collect();
+            }
+            let unknowns =
+                twin.inflow.len() + usize::from(twin.case.warp.inflow == Embedding::Scalar);
+            twin.generator = Dense::zero(cells + unknowns);
+            Self {
+                name,
+                twin,
+                expected,
+            }
+        };
+        let slopes = [
+            "axis.0.x.cells=7",
+            "axis.0.v={lower=-1.0,upper=1.3,cells=9}",
+        ];
+        let with = |more: &[&'static str]| [&slopes[..], more].concat();
+        let formula = "1 + x + 2*v";
+        vec![
+            scene("varying", "slope_jump.toml", formula, &with(&[])),
+            scene(
+                "varying, full",
+                "slope_jump.toml",
+                "0.9 + x + 2*v",
+                &with(&["solver.warp.inflow='full'", "solver.warp.delta='max'"]),
+            ),
+            scene(
+                "varying, scalar",
+                "slope_jump.toml",
+                "1.1 + x + 2*v",
+                &with(&["solver.warp.inflow='scalar'"]),
+            ),
+            scene(
+                "varying, two dimensions",
+                "barrier2d.toml",
+                "1 if x < -1.2 else 0",
+                &[
+                    "axis.0.x.cells=5",
+                    "axis.0.v.cells=3",
+                    "axis.1.x.cells=4",
+                    "axis.1.v.cells=4",
+                ],
+            ),
+        ]
+    }
+}
+
+/// Duhamel's formula to round-off; forward Euler, SSP-RK3 and the commutator-free stages with their orders.
+fn varying_inflow_directly(world: &World) {
+    for scene in Varying::all() {
+        let (case, expected) = (&scene.twin.case, &scene.expected);
+        let time = case.end;
+        for mesh in meshes(world, case) {
+            let name = format!("{}, {mesh:?}", scene.name);
+            let communicator = Communicator::new(world, &mesh);
+            let block = Block::new(&case.space, &mesh, communicator.space.rank());
+            let direct = Case {
+                method: Method::Classical,
+                ..case.clone()
+            };
+            let bounds = Bounds::new(&direct).expect("V is finite");
+            let mut problem = Problem::new(&direct, &bounds, &communicator, block, (1, 100))
+                .expect("no weights are needed");
+            assert!(problem.schedule.is_none());
+            let rate = bounds.rate;
+            let number = numbers(&scene.twin, &problem.matrix);
+            let cells = problem.matrix.block.cells();
+            let pi = problem.weights.pi.clone();
+            let mut run =
+                |work: &mut dyn FnMut(&mut Classical<'_>, &mut GhostExchange, &mut [f64])| {
+                    let mut state = problem.states[0].clone();
+                    let mut classical =
+                        Classical::new(&problem.matrix).with_source(&case.fields[0], &pi);
+                    work(&mut classical, &mut problem.exchange, &mut state);
+                    let entries = (0..cells).map(|i| (number[i], state[i]));
+                    gather(&communicator.space, scene.twin.cells, entries)
+                };
+            let found = run(&mut |classical, exchange, state| {
+                classical.duhamel(exchange, state, (rate, time), duhamel_panels(rate * time));
+            });
+            let error = distance(&found, expected);
+            assert!(error <= 1e-12, "{name}: Duhamel {error:e}");
+            report_bits(world, &format!("Duhamel of {}", scene.name), &found);
+
+            let order =
+                |name: &str, order: f64, coarse: usize, run: &mut dyn FnMut(usize) -> Vec<f64>| {
+                    let errors = [coarse, 2 * coarse].map(|steps| distance(&run(steps), expected));
+                    let found = (errors[0] / errors[1]).log2();
+                    assert!(
+                        (found - order).abs() < 0.25,
+                        "{name}: order {found}, {errors:?}"
+                    );
+                };
+            let steps = (8.0 * rate * time).ceil() as usize;
+            for (integrator, theory) in [(Integrator::ForwardEuler, 1.0), (Integrator::SspRk3, 3.0)]
+            {
+                order(
+                    &format!("{name}, {integrator:?}"),
+                    theory,
+                    steps,
+                    &mut |steps| {
+                        run(&mut |classical, exchange, state| {
+                            classical.steps(exchange, state, integrator, time, steps);
+                        })
+                    },
+                );
+            }
+            let block = Block::new(&case.space, &mesh, communicator.space.rank());
+            let matrix = BlockMatrix::assemble(case, block).expect("finite formulas");
+            order(&format!("{name}, commutator-free"), 4.0, 16, &mut |steps| {
+                let values = varying::stage_values(case, &matrix, steps);
+                let rows = matrix.inflow.len();
+                run(&mut |classical, exchange, state| {
+                    for stage in 0..2 * steps {
+                        let held = &values[stage * rows..(stage + 1) * rows];
+                        classical.hold(held.iter().copied());
+                        let part = time / (2 * steps) as f64;
+                        classical.exponential(exchange, state, (rate, part), EXACT);
+                    }
+                })
+            });
+        }
+    }
+}
+
+/// The streamed run with an inflow that varies, within its tolerance, its steps within their share of it; the same bits on
+/// every mesh.
+fn varying_inflow_by_modes(world: &World) {
+    for mut scene in Varying::all() {
+        for tolerance in [1e-4, 1e-8] {
+            scene.twin.case.tolerance = tolerance;
+            for mesh in meshes(world, &scene.twin.case) {
+                let name = format!("{}, {mesh:?}, {tolerance:e}", scene.name);
+                let twin = &scene.twin;
+                let communicator = Communicator::new(world, &mesh);
+                let block = Block::new(&twin.case.space, &mesh, communicator.space.rank());
+                let allowed = Bounds::new(&twin.case).expect("V is finite");
+                let sizes = (2 * LANES, 100);
+                let mut problem = Problem::new(&twin.case, &allowed, &communicator, block, sizes)
+                    .expect("weights and steps are found");
+                let bounds = problem.bounds(&twin.case, &allowed);
+                let schedule = problem.schedule.as_ref().expect("steps");
+                assert!(schedule.error <= varying::TIME_SHARE * tolerance, "{name}");
+                assert_eq!(bounds.stages, 2 * schedule.steps);
+                let ratio = problem.probe(&communicator, bounds.rate, twin.case.end);
+                let size = problem.norm(&communicator, &problem.states[0], false);
+                let mut weighted = Weighted {
+                    number: numbers(twin, &problem.matrix),
+                    communicator,
+                    problem,
+                    bounds,
+                    pi: Vec::new(),
+                    generator: Dense::zero(0),
+                    state: Vec::new(),
+                };
+                let (_, fields) = stream(world, &twin.case, &mesh, &mut weighted, ratio, size);
+                let error = distance(&fields[0], &scene.expected);
+                assert!(error <= tolerance, "{name}: error {error:e}");
+                let name = format!("the field of {} at {tolerance:e}", scene.name);
                 report_bits(world, &name, &fields.concat());
             }
         }
