@@ -203,7 +203,11 @@ fn spectrum(world: &World, case: &Case, steps: usize) -> Result<()> {
     let communicator = Communicator::new(world, &mesh);
     // Of A alone, and of the system that inflow enlarges.
     let mut systems = vec![("", case.without_inflow())];
-    if case.enters() {
+    if case.varies() {
+        if speaks {
+            say("inflow.value depends on t: its couplings change with time and are left out");
+        }
+    } else if case.enters() {
         systems = vec![
             (", A alone", case.without_inflow()),
             (", with inflow", case.clone()),

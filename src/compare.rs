@@ -85,7 +85,9 @@ pub fn estimate(
             let amplification: f64 = (warp.readings[..2].iter())
                 .map(|r| warp.amplification(r))
                 .sum();
-            let noise = f64::EPSILON * amplification * ratio;
+            // Every stage of an inflow that depends on time rounds anew.
+            let stages = plan.bounds.stages.max(1) as f64;
+            let noise = f64::EPSILON * stages.sqrt() * amplification * ratio;
             let round_off = ROUND_OFF_MARGIN * noise / warp.seen;
             if found.is_none_or(|(e, _)| estimate > e) {
                 found = Some((estimate, round_off));
