@@ -433,6 +433,13 @@ impl fmt::Display for Plan {
             scene.push("dissipative weights");
         }
         writeln!(f, "scene           {}", scene.join(", "))?;
+        if b.stages > 0 {
+            writeln!(
+                f,
+                "time            {} steps of two exponentials",
+                b.stages / 2
+            )?;
+        }
         if let Some(w) = &self.warp {
             writeln!(
                 f,

@@ -103,9 +103,13 @@ impl Problem {
             states.push(state);
             initial.push(values);
         }
-        let schedule = match case.varies() && case.method == Method::Schrodingerized {
-            false => None,
-            true => {
+        let schedule = match (case.varies(), case.method) {
+            (false, _) => None,
+            (true, Method::Classical) => {
+                communicator.world.agree(varying::sampled(case, &matrix))?;
+                None
+            }
+            (true, Method::Schrodingerized) => {
                 let data = (&weights.pi[..], &states[0][..], bounds.rate);
                 Some(varying::schedule(
                     case,

@@ -25,7 +25,8 @@ use crate::communicator::{Communicator, GhostExchange};
 use crate::error::{Error, Result};
 use crate::grid::describe_point;
 use crate::matrix::BlockMatrix;
-use crate::plan::INFLOW_GROWTH;
+use crate::plan::{INFLOW_GROWTH, bytes_text};
+use crate::system::available_memory;
 
 /// The part of the tolerance that the time steps may take.
 pub const TIME_SHARE: f64 = 0.2;
@@ -99,7 +100,7 @@ pub fn stage_values(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64>
 ///
 /// # Errors
 /// [`Error::Formula`] where it is not finite. Not collective.
-fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
+pub fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
     let field = &case.fields[0];
     let mut largest: f64 = 0.0;
     for k in 0..=SAMPLES {
@@ -132,6 +133,23 @@ fn norm(
     sum.sqrt()
 }
 
+/// Refuses so many steps that their couplings, in this run and the one before, do not fit into the memory. Not collective.
+///
+/// # Errors
+/// [`Error::Memory`].
+fn fits(matrix: &BlockMatrix, steps: usize) -> Result<()> {
+    let needed = 3 * 8 * steps as u64 * matrix.inflow.len() as u64;
+    let available = available_memory();
+    if needed <= available {
+        return Ok(());
+    }
+    Err(Error::Memory {
+        needed: bytes_text(needed),
+        available: bytes_text(available),
+        detail: format!("couplings of {steps} steps of an inflow that depends on time"),
+    })
+}
+
 /// Finds the number of steps that `case.tolerance` takes, and the couplings of their stages; `start` is the weighted field
 /// at time zero. Collective.
 ///
@@ -158,6 +176,7 @@ pub fn schedule(
     let mut last = f64::NAN;
     let mut steps = STEPS.0;
     let (values, error, end) = loop {
+        communicator.world.agree(fits(matrix, steps))?;
         let values = stage_values(case, matrix, steps);
         let largest_of =
             |values: &[f64]| space.max(values.iter().fold(0.0, |m: f64, b| m.max(b.abs())));
@@ -180,7 +199,7 @@ pub fn schedule(
                 (state[i] - coarse[i]) / pi[i].sqrt()
             });
             let distance = if distance == 0.0 { 0.0 } else { distance / end };
-            let fell = if last.is_nan() {
+            let fell = if last.is_nan() || distance == 0.0 {
                 4.0
             } else {
                 (last / distance).clamp(1.5, 16.0)
