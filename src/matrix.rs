@@ -224,7 +224,7 @@ impl BlockMatrix {
         s.truncate(kept);
         k.truncate(kept);
         if shared {
-            // Its row is a sum over all ranks, see `shared_sums`.
+            // Its row is a sum over all ranks, see `embedding`.
             offsets.push(columns.len());
         } else {
             for aux in &inflow {

@@ -32,6 +32,8 @@ use crate::system::available_memory;
 pub const TIME_SHARE: f64 = 0.2;
 /// Steps of the first run, and most steps.
 const STEPS: (usize, usize) = (8, 1 << 13);
+/// Smallest tolerance: the round-off of some thousand stages stays well below its share.
+const SMALLEST: f64 = 2e-12;
 /// Times at which the inflow is looked at before it is stepped.
 const SAMPLES: usize = 256;
 /// Poisson probabilities left out of a stage of the real exponential.
@@ -154,7 +156,8 @@ fn fits(matrix: &BlockMatrix, steps: usize) -> Result<()> {
 /// at time zero. Collective.
 ///
 /// # Errors
-/// [`Error::Formula`] where the inflow is not finite, [`Error::Input`] where it varies too fast.
+/// [`Error::Formula`] where the inflow is not finite, [`Error::Tolerance`] for one below what so many roundings allow,
+/// [`Error::Input`] where it varies too fast.
 pub fn schedule(
     case: &Case,
     matrix: &BlockMatrix,
@@ -170,6 +173,15 @@ pub fn schedule(
         .iter()
         .map(|aux| pi[aux.row as usize].sqrt())
         .collect();
+    if case.tolerance < SMALLEST {
+        return Err(Error::Tolerance {
+            place: case.tolerance_place.clone(),
+            tolerance: case.tolerance,
+            smallest: SMALLEST,
+            ratio: 1.0,
+            growth: 0.0,
+        });
+    }
     let goal = TIME_SHARE * case.tolerance;
     // The run with half as many steps: its field, its inflow; and the last distance.
     let mut before: Option<(Vec<f64>, Vec<f64>)> = None;
