@@ -61,7 +61,7 @@ impl Steps {
         };
         let communicator = Communicator::new(world, &mesh);
         let block = Block::new(&case.space, &mesh, 0);
-        let matrix = BlockMatrix::assemble(&case, block, 0.1).expect("finite formulas");
+        let matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
         let exchange = GhostExchange::new(&communicator.space, &matrix.block, 2 * LANES);
         let vector = || vec![Lanes([0.5; 2 * LANES]); matrix.length()];
         Self {

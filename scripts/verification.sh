@@ -7,8 +7,8 @@ program=target/release/phasewarp
 results=$(mktemp -d)
 trap 'rm -rf "$results"' EXIT
 [ $# -gt 0 ] || set -- cases/example1.toml cases/step_up.toml cases/well.toml cases/slope_jump.toml \
-    cases/inflow_barrier.toml cases/barriers.toml cases/harmonic_step.toml cases/quantum_dot2d.toml \
-    cases/barrier2d.toml cases/step3d.toml
+    cases/inflow_barrier.toml cases/pulsed_inflow.toml cases/barriers.toml cases/harmonic_step.toml \
+    cases/quantum_dot2d.toml cases/barrier2d.toml cases/step3d.toml
 echo "| case | interface | tolerance | reached | estimate/reached | modes | applications | weights: sweeps, spread |"
 echo "|---|---|---|---|---|---|---|---|"
 row() { # case, label, further options

@@ -185,7 +185,27 @@ pub struct Warp {
     /// `delta`.
     pub delta: Delta,
     /// `shift`: `u = e^{σt} ũ`.
-    pub shift: f64,
+    pub shift: Shift,
+}
+
+/// `σ` of the spectral shift `u = e^{σt} ũ`, `ũ' = (A − σ) ũ`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shift {
+    /// The bound on the growth, so that `ũ` does not grow.
+    Growth,
+    /// This number.
+    Given(f64),
+}
+
+impl Shift {
+    /// `σ` where the growth is at most `growth`.
+    pub fn of(self, growth: f64) -> f64 {
+        match self {
+            Self::Growth => growth,
+            Self::Given(sigma) => sigma,
+        }
+    }
 }
 
 /// `output.plateau`: the field read at several points.
@@ -265,7 +285,20 @@ impl Field {
             Inflow::Initial => &self.initial,
         }
     }
+
+    /// Whether anything may enter.
+    pub fn enters(&self) -> bool {
+        self.entering().constant() != Some(0.0)
+    }
+
+    /// Whether what enters depends on time.
+    pub fn varies(&self) -> bool {
+        self.entering().depends_on(TIME)
+    }
 }
+
+/// Position of `t` among the coordinates `[x, y, z, vx, vy, vz, t]` of a formula.
+pub const TIME: usize = 6;
 
 /// The exact solution results are compared with.
 #[derive(Clone, Debug)]
@@ -329,4 +362,25 @@ pub struct Case {
     pub text: String,
     /// The `--set` options applied to it.
     pub overrides: Vec<String>,
+}
+
+impl Case {
+    /// Whether anything may enter, of any field.
+    pub fn enters(&self) -> bool {
+        self.fields.iter().any(Field::enters)
+    }
+
+    /// The same case with nothing that enters.
+    pub fn without_inflow(&self) -> Self {
+        let mut case = self.clone();
+        for field in &mut case.fields {
+            field.inflow = Inflow::Formula(field.entering().vanishing());
+        }
+        case
+    }
+
+    /// Whether what enters depends on time, of any field.
+    pub fn varies(&self) -> bool {
+        self.fields.iter().any(Field::varies)
+    }
 }

@@ -309,6 +309,11 @@ impl<'a> Table<'a> {
         self.get(key).is_some()
     }
 
+    /// Whether `key` is given as text.
+    pub fn is_text(&self, key: &str) -> bool {
+        matches!(self.get(key).map(|n| &n.value), Some(Value::Text(_)))
+    }
+
     /// A table below this one; an empty one when absent.
     pub fn table(&self, key: &str) -> Result<Table<'a>> {
         let node = self.get(key).unwrap_or(&self.file.empty);

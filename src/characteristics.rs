@@ -214,7 +214,10 @@ impl<'a> Tracer<'a> {
         let foot = self.foot(point, time);
         let field = &self.case.fields[0];
         match &field.inflow {
-            Inflow::Formula(inflow) if foot.entry > 0.0 => inflow.eval(&foot.point),
+            Inflow::Formula(inflow) if foot.entry > 0.0 => {
+                let [x, y, z, vx, vy, vz] = foot.point;
+                inflow.eval(&[x, y, z, vx, vy, vz, foot.entry])
+            }
             _ => field.initial.eval(&foot.point),
         }
     }

@@ -96,15 +96,21 @@ impl Group {
         String::from_utf8_lossy(&bytes).into_owned()
     }
 
-    /// Largest value over the ranks, elementwise; NaN on any rank gives NaN.
+    /// Largest value over the ranks, elementwise; NaN on any rank gives NaN. Allocates nothing.
     pub fn max_into(&self, values: &mut [f64]) {
-        // MPI_MAX leaves open what it does with NaN: it is carried as infinity's successor in an integer order.
-        let keys: Vec<u64> = values.iter().map(|&v| ordered_key(v)).collect();
-        let mut result = vec![0u64; values.len()];
-        self.communicator
-            .all_reduce_into(&keys[..], &mut result[..], SystemOperation::max());
-        for (value, key) in values.iter_mut().zip(result) {
-            *value = from_ordered_key(key);
+        const PIECE: usize = 512;
+        let (mut keys, mut result) = ([0u64; PIECE], [0u64; PIECE]);
+        for piece in values.chunks_mut(PIECE) {
+            let (keys, result) = (&mut keys[..piece.len()], &mut result[..piece.len()]);
+            // MPI_MAX leaves open what it does with NaN: it is carried as infinity's successor in an integer order.
+            for (key, &value) in keys.iter_mut().zip(&*piece) {
+                *key = ordered_key(value);
+            }
+            self.communicator
+                .all_reduce_into(&*keys, result, SystemOperation::max());
+            for (value, &key) in piece.iter_mut().zip(&*result) {
+                *value = from_ordered_key(key);
+            }
         }
     }
 
@@ -187,6 +193,41 @@ impl Group {
         }
         self.sum_integers(&mut total);
         fixed.join(total)
+    }
+
+    /// Sums of `N` numbers side by side over `count` terms in all, the same bits on any ranks; `terms` are this rank's. The
+    /// largest of each is found first. NaN where a term is not finite. Allocates nothing.
+    pub fn sum_lanes<const N: usize>(
+        &self,
+        count: usize,
+        terms: impl Iterator<Item = [f64; N]> + Clone,
+    ) -> [f64; N] {
+        let mut bounds = [0.0f64; N];
+        for term in terms.clone() {
+            for (bound, x) in bounds.iter_mut().zip(term) {
+                if x.is_nan() || x.abs() > *bound {
+                    *bound = if bound.is_nan() { *bound } else { x.abs() };
+                }
+            }
+        }
+        self.max_into(&mut bounds);
+        let fixed = bounds.map(|b| FixedPoint::new(if b.is_finite() { b } else { 0.0 }, count));
+        let mut totals = [[0i64; 2]; N];
+        for term in terms {
+            for l in 0..N {
+                let parts = fixed[l].split(term[l]);
+                totals[l][0] += parts[0];
+                totals[l][1] += parts[1];
+            }
+        }
+        self.sum_integers(totals.as_flattened_mut());
+        std::array::from_fn(|l| {
+            if bounds[l].is_finite() {
+                fixed[l].join(totals[l])
+            } else {
+                f64::NAN
+            }
+        })
     }
 
     /// Sum over the ranks of terms whose bound is not known beforehand: the largest is found first.
@@ -339,7 +380,7 @@ impl VectorRow for Complex64 {
 
 /// Exchange of ghost rows with the neighbouring blocks, for vectors of up to `width` numbers a row.
 pub struct GhostExchange {
-    communicator: SimpleCommunicator,
+    group: Group,
     neighbours: Vec<Neighbour>,
     requests: Vec<ffi::MPI_Request>,
 }
@@ -372,15 +413,22 @@ impl GhostExchange {
             .map(|n| n.send.len().div_ceil(MOST_AT_ONCE) + n.receive.len().div_ceil(MOST_AT_ONCE))
             .sum();
         Self {
-            communicator: space.communicator.duplicate(),
+            group: Group {
+                communicator: space.communicator.duplicate(),
+            },
             neighbours,
             requests: Vec::with_capacity(pieces),
         }
     }
 
+    /// The ranks that exchange.
+    pub fn group(&self) -> &Group {
+        &self.group
+    }
+
     /// Sends the rows the neighbours need, of `vector`, and posts the receives.
     pub fn start<R: VectorRow>(&mut self, vector: &[R]) {
-        let communicator = self.communicator.as_raw();
+        let communicator = self.group.communicator.as_raw();
         self.requests.clear();
         for neighbour in &mut self.neighbours {
             let length = neighbour.ghosts.len() * R::WIDTH;

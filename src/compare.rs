@@ -122,7 +122,9 @@ pub fn estimate(
             let amplification: f64 = (warp.readings[..2].iter())
                 .map(|r| warp.amplification(r))
                 .sum();
-            let noise = f64::EPSILON * amplification * ratio;
+            // Every stage of an inflow that depends on time rounds anew.
+            let stages = plan.bounds.stages.max(1) as f64;
+            let noise = f64::EPSILON * stages.sqrt() * amplification * ratio;
             let round_off = ROUND_OFF_MARGIN * noise / warp.seen;
             summary.fields[k].error_estimate = Some(estimate).filter(|e| e.is_finite());
             if found.is_none_or(|(e, _)| estimate > e) {
@@ -140,6 +142,8 @@ pub fn estimate(
         ));
     }
     if let Some((estimate, round_off)) = found {
+        // Both readings share what the steps of time leave.
+        let estimate = estimate + problem.schedule.as_ref().map_or(0.0, |s| s.error);
         summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
         summary.error_estimate_reliable = estimate.is_finite() && estimate > round_off;
         if summary.error_estimate_reliable && estimate > 1.5 * plan.tolerance {

@@ -191,6 +191,15 @@ impl Expression {
         Ok(this)
     }
 
+    /// This formula with the constant value zero.
+    pub fn vanishing(&self) -> Self {
+        Self {
+            text: "0".to_owned(),
+            constant: Some(0.0),
+            ..self.clone()
+        }
+    }
+
     /// The formula's value; `coordinates` are in the order of the `names` it was read with. NaN where undefined.
     pub fn eval(&self, coordinates: &[f64]) -> f64 {
         if let Some(value) = self.constant {
@@ -234,6 +243,11 @@ impl Expression {
     /// The value, if the formula has no variables.
     pub fn constant(&self) -> Option<f64> {
         self.constant
+    }
+
+    /// Whether coordinate `position` of the names it was read with occurs.
+    pub fn depends_on(&self, position: usize) -> bool {
+        self.slots.contains(&position)
     }
 
     /// The formula as it was given.

@@ -29,6 +29,7 @@
 //! | [`partition`], [`communicator`], [`reproducible`] | who owns what; MPI; sums that do not depend on order |
 //! | [`matrix`], [`weights`], [`problem`] | the distributed `(S, K)`; the norm in which `S ≤ 0`; all of it on a rank |
 //! | [`propagate`], [`warp`], [`classical`] | `exp(−iH_l T)`; the streamed run; `f' = A f + b` directly, with slopes |
+//! | [`varying`] | inflow that depends on time, in steps |
 //! | [`characteristics`], [`observables`], [`spectrum`] | the exact solution, of measure-valued data too; moments, level sets; eigenvalues of `S` |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
 //! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |
@@ -62,5 +63,6 @@ pub mod run;
 pub mod scheme;
 pub mod spectrum;
 pub mod system;
+pub mod varying;
 pub mod warp;
 pub mod weights;

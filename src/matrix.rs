@@ -4,18 +4,15 @@
 //! computed here, so assembling needs no communication. A row's entries stand in the order of their global columns, so
 //! sums have the same bits on any partition.
 //!
-//! Unknowns of a rank: its cells, then the auxiliary unknowns of its inflow rows, then its ghosts.
-//!
-//! **Inflow.** `f' = A f + b` becomes homogeneous with one constant unknown `r_i` for each row with `b_i ≠ 0`:
-//! `f_i' = … + κ_i r_i`, `r_i' = 0`, `r_i(0) = b_i/κ_i` (the paper's `diag(b)/δ` with `δ_i = b_i/κ_i`, kept only where
-//! something enters). With `g_i = −Σ_j A_ij`, the rate at which row `i` draws on the inflow, `κ_i² = 2 g_i θ` adds at most
-//! `θ` to the growth: `κ x r ≤ ½ g x² + κ²/(2g) r²`, and `−½ g_i x_i²` is there to spare (see [`crate::weights`]).
+//! Unknowns of a rank: its cells, then its auxiliary unknowns (see [`embedding`]), then its ghosts.
 
+pub mod embedding;
 mod kernel;
 
+pub use embedding::{Entering, Inflow};
 pub use kernel::{LANES, Lanes, StepConstants, instruction_set};
 
-use crate::case::{Case, MOST_FIELDS};
+use crate::case::{Case, Embedding};
 use crate::communicator::{GhostExchange, Group};
 use crate::error::Result;
 use crate::grid::{PhaseSpace, describe_point};
@@ -35,23 +32,24 @@ pub enum Part {
     Symmetric,
 }
 
-/// An auxiliary unknown `r_i` of an inflow row.
-#[derive(Clone, Copy, Debug)]
-pub struct Inflow {
-    /// Local number of row `i`.
-    pub row: u32,
-    /// `b_i` of each field.
-    pub values: [f64; MOST_FIELDS],
-    /// `κ_i`.
-    pub coupling: f64,
-}
-
 /// The rows of `(S, K)` that belong to this rank.
 pub struct BlockMatrix {
     /// The block's numbering.
     pub block: Block,
-    /// The auxiliary unknowns, in the order of their rows.
+    /// The rows that have an auxiliary unknown, or a share in the common one, in their order.
     pub inflow: Vec<Inflow>,
+    /// Where a varying inflow comes from, row by row of `inflow`; empty for a constant one.
+    pub entering: Entering,
+    /// Whether one auxiliary unknown, of which every rank has a copy, serves all rows.
+    shared: bool,
+    /// Whether that has couplings, which its row sums over all ranks.
+    summed: bool,
+    /// Whether this rank's copy of it counts in sums: that of the block with the lowest corner.
+    counts_shared: bool,
+    /// Rows of `inflow` over all ranks.
+    inflow_rows: usize,
+    /// Value of an auxiliary unknown that is coupled to nothing.
+    uncoupled: f64,
     offsets: Vec<usize>,
     columns: Vec<u32>,
     s: Vec<f64>,
@@ -62,11 +60,11 @@ pub struct BlockMatrix {
 }
 
 impl BlockMatrix {
-    /// Assembles this rank's rows; `growth` is the bound `θ` that inflow couplings may add to the growth.
+    /// Assembles this rank's rows; couplings to auxiliary unknowns are zero until [`couple`](Self::couple).
     ///
     /// # Errors
     /// [`crate::error::Error::Formula`] where `V` or the inflow is not finite. Not collective.
-    pub fn assemble(case: &Case, block: Block, growth: f64) -> Result<Self> {
+    pub fn assemble(case: &Case, block: Block) -> Result<Self> {
         let scheme = Scheme::new(case, &block.wide_ranges())?;
         let nv = block.velocity_cells;
         let cells = block.cells();
@@ -75,7 +73,16 @@ impl BlockMatrix {
         // First pass: how many entries each local row gets from A and from Aᵀ, and which rows have inflow.
         let mut counts = vec![0u32; cells + 1];
         let mut inflow = Vec::new();
-        let enters = |row: &Row| row.inflow.iter().any(|&b| b != 0.0);
+        let mut entering = Entering::default();
+        let (embedding, enters, varies) = (case.warp.inflow, case.enters(), case.varies());
+        let shared = enters && embedding == Embedding::Scalar;
+        // Couplings that vary with time are no entries of the matrix.
+        let coupled = |row: &Row| !varies && row.inflow.iter().any(|&b| b != 0.0);
+        let listed = |row: &Row| match embedding {
+            Embedding::Full => enters,
+            Embedding::Boundary | Embedding::Scalar if varies => !row.ghosts.is_empty(),
+            Embedding::Boundary | Embedding::Scalar => coupled(row),
+        };
         let mut count = |row: &Row, own: Option<usize>| {
             for &(column, _) in &row.entries {
                 if let Some(Place::Own(j)) = block.place(column)
@@ -85,19 +92,23 @@ impl BlockMatrix {
                 }
             }
             if let Some(i) = own {
-                counts[i] += row.entries.len() as u32 + u32::from(enters(row));
+                counts[i] += row.entries.len() as u32 + u32::from(coupled(row));
             }
         };
         block.for_each_own(|global, local| {
             for v in 0..nv {
                 scheme.row(&mut row, global + v);
                 count(&row, Some(local + v));
-                if enters(&row) {
+                if listed(&row) {
                     inflow.push(Inflow {
                         row: (local + v) as u32,
                         values: row.inflow,
-                        coupling: (2.0 * row.draw * growth).sqrt(),
+                        draw: row.draw,
+                        coupling: 0.0,
                     });
+                    if varies {
+                        entering.push(&row);
+                    }
                 }
             }
         });
@@ -109,7 +120,8 @@ impl BlockMatrix {
         });
         scheme.inflow_is_finite(&row)?;
 
-        let rows = cells + inflow.len();
+        let auxiliaries = if shared { 1 } else { inflow.len() };
+        let rows = cells + auxiliaries;
         let mut offsets = Vec::with_capacity(rows + 1);
         let mut total = 0;
         for &count in &counts[..cells] {
@@ -161,13 +173,10 @@ impl BlockMatrix {
                 }
             }
         });
-        for (m, aux) in inflow.iter().enumerate() {
-            put(
-                aux.row as usize,
-                (cells + m) as u32,
-                0.5 * aux.coupling,
-                1.0,
-            );
+        let enters_at = |aux: &Inflow| !varies && aux.enters();
+        for (m, aux) in inflow.iter().enumerate().filter(|(_, aux)| enters_at(aux)) {
+            let column = if shared { cells } else { cells + m };
+            put(aux.row as usize, column as u32, 0.0, 1.0);
         }
 
         // Sort each row by global column, add up entries of the same column, close the gaps.
@@ -215,17 +224,30 @@ impl BlockMatrix {
         columns.truncate(kept);
         s.truncate(kept);
         k.truncate(kept);
-        for aux in &inflow {
+        if shared {
+            // Its row is a sum over all ranks, see `embedding`.
             offsets.push(columns.len());
-            columns.push(aux.row);
-            s.push(0.5 * aux.coupling);
-            k.push(-0.5 * aux.coupling);
+        } else {
+            for aux in &inflow {
+                offsets.push(columns.len());
+                if enters_at(aux) {
+                    columns.push(aux.row);
+                    s.push(0.0);
+                    k.push(0.0);
+                }
+            }
         }
         offsets.push(columns.len());
 
         let mut this = Self {
+            counts_shared: block.ranges.iter().all(|r| r.start == 0),
             block,
             inflow,
+            entering,
+            shared,
+            summed: false,
+            inflow_rows: 0,
+            uncoupled: 0.0,
             offsets,
             columns,
             s,
@@ -260,9 +282,19 @@ impl BlockMatrix {
         (self.interior, self.border) = (interior, border);
     }
 
+    /// Auxiliary unknowns of this rank.
+    pub fn auxiliaries(&self) -> usize {
+        if self.shared { 1 } else { self.inflow.len() }
+    }
+
     /// Unknowns of this rank: cells and auxiliary ones.
     pub fn rows(&self) -> usize {
-        self.block.cells() + self.inflow.len()
+        self.block.cells() + self.auxiliaries()
+    }
+
+    /// The first so many rows count in sums over ranks; a copy of a common unknown, the last row, counts once.
+    pub fn counted_rows(&self) -> usize {
+        self.rows() - usize::from(self.shared && !self.counts_shared)
     }
 
     /// Length of vectors the matrix is applied to: rows and ghosts.
@@ -275,10 +307,18 @@ impl BlockMatrix {
         self.columns.len()
     }
 
-    /// The entries of local row `i`: `(local column, s, k)`, in the order of global columns.
+    /// The entries of local row `i`: `(local column, s, k)`, in the order of global columns; of a common auxiliary
+    /// unknown's row, those to this rank's cells.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let range = self.offsets[i]..self.offsets[i + 1];
-        range.map(|e| (self.columns[e] as usize, self.s[e], self.k[e]))
+        let common = if self.shared && i == self.block.cells() {
+            &self.inflow[..]
+        } else {
+            &[]
+        };
+        let half = |aux: &Inflow| (aux.row as usize, 0.5 * aux.coupling, -0.5 * aux.coupling);
+        let entries = range.map(|e| (self.columns[e] as usize, self.s[e], self.k[e]));
+        entries.chain(common.iter().map(half))
     }
 
     /// Replaces `A` by `D A D⁻¹`, `D = diag(√π)`; `pi` covers rows and ghosts.
@@ -322,6 +362,16 @@ impl BlockMatrix {
         self.apply_rows(&self.interior, part, y, x);
         exchange.finish(&mut x[rows..]);
         self.apply_rows(&self.border, part, y, x);
+        if self.summed && part != Part::Generator {
+            let share = |aux: &Inflow| [aux.coupling * x[aux.row as usize]];
+            let [sum] =
+                (exchange.group()).sum_lanes(self.inflow_rows, self.inflow.iter().map(share));
+            y[self.block.cells()] = if part == Part::Transpose {
+                sum
+            } else {
+                0.5 * sum
+            };
+        }
     }
 
     /// One fused step for a batch of modes, `x`'s ghosts being refreshed: `y ← a((−iμS + K)x + icx) + y`, then
@@ -334,11 +384,32 @@ impl BlockMatrix {
         x: &mut [Lanes],
         sum: &mut [Lanes],
     ) {
+        self.step_with(exchange, constants, None, y, x, sum);
+    }
+
+    /// As [`step`](Self::step), with couplings to the auxiliary unknowns that are no entries of the matrix: those of a stage
+    /// where the inflow varies, row by row of [`inflow`](Self::inflow).
+    pub fn step_with(
+        &self,
+        exchange: &mut GhostExchange,
+        constants: &StepConstants,
+        couplings: Option<&[f64]>,
+        y: &mut [Lanes],
+        x: &mut [Lanes],
+        sum: &mut [Lanes],
+    ) {
         let rows = self.rows();
         exchange.start(&x[..rows]);
         kernel::step::<true>(self, &self.interior, constants, y, x, sum);
         exchange.finish(&mut x[rows..]);
         kernel::step::<true>(self, &self.border, constants, y, x, sum);
+        if self.summed {
+            let couplings = self.inflow.iter().map(|aux| aux.coupling);
+            self.step_shared(exchange, constants, couplings, y, x, sum);
+        }
+        if let Some(couplings) = couplings {
+            self.step_couplings(exchange, constants, couplings, y, x, sum);
+        }
     }
 
     /// As [`step`](Self::step) without the sum: `y ← a((−iμS + K)x + icx) + y`.
@@ -392,7 +463,7 @@ impl BlockMatrix {
         let nv = self.block.velocity_cells;
         let cells = self.block.cells();
         let space = (0..cells / nv).map(|c| (c * nv..(c + 1) * nv).map(&term).sum::<f64>());
-        let aux = (cells..self.rows()).map(&term);
+        let aux = (cells..self.counted_rows()).map(&term);
         group.sum(bound, count, space.chain(aux))
     }
 }

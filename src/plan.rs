@@ -8,7 +8,9 @@
 //! `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when running (see [`crate::run`]); the plan
 //! alone assumes [`ASSUMED_RATIO`].
 
-use crate::case::{Case, Integrator, Interface, Limiter, Method, Propagation, PropagatorMethod};
+use crate::case::{
+    Case, Delta, Integrator, Interface, Limiter, Method, Propagation, PropagatorMethod,
+};
 mod layout;
 mod placement;
 
@@ -16,13 +18,14 @@ pub use layout::{Layout, Resources, bytes_text, refuse_hopeless};
 pub use placement::MOST_MODES;
 
 use crate::classical::limiter::longest_step;
-use crate::classical::{EXACT, poisson_window};
+use crate::classical::{EXACT, duhamel_applications, duhamel_panels, poisson_window};
 use crate::error::{Error, Result};
 use crate::matrix::LANES;
 use crate::partition::Block;
 use crate::potential::Potential;
 use crate::profile::{Profile, Series};
 use crate::propagate;
+use crate::propagate::commutator_free::stage_degree;
 use crate::recover::Reading;
 use crate::scheme::transport_rate;
 use num_complex::Complex64;
@@ -62,6 +65,8 @@ pub struct Bounds {
     pub weighted: bool,
     /// Whether anything may enter.
     pub inflow: bool,
+    /// Exponentials in a row that an inflow takes that depends on time; 0 where there is none, or before it is known.
+    pub stages: usize,
 }
 
 /// A batch of neighbouring modes that take as much work.
@@ -99,7 +104,8 @@ pub struct WarpPlan {
     pub plateau: Vec<Reading>,
     /// The modes in batches, of rising wavenumber.
     pub batches: Vec<Batch>,
-    /// Applications, over the modes and fields; 0 where systems are solved instead.
+    /// Applications, over the modes and fields, all stages of an inflow that depends on time included; 0 where systems are
+    /// solved instead.
     pub applications: usize,
     /// Solves of an implicit method, over the modes.
     pub solves: usize,
@@ -146,7 +152,8 @@ pub struct Plan {
 
 impl Bounds {
     /// Bounds of `case`; evaluates `V` on the whole space grid. Growth is what weights and inflow are allowed; without
-    /// weights the hat interface has no such bound, and [`f64::INFINITY`] stands until it is measured.
+    /// weights the hat interface has no such bound, nor has inflow with a given `δ`, and [`f64::INFINITY`] stands until it
+    /// is measured.
     ///
     /// # Errors
     /// [`Error::Formula`] where `V` is not finite.
@@ -161,20 +168,25 @@ impl Bounds {
             jumps |= layer.has_jump();
         }
         let rate = transport_rate(&case.space) + force;
-        let inflow = (case.fields.iter()).any(|f| f.entering().constant() != Some(0.0));
+        let inflow = case.enters();
         let hat = jumps && case.interface == Interface::Hat;
         let weights = match (hat, case.warp.weights) {
             (false, _) => 0.0,
             (true, true) => WEIGHT_GROWTH,
             (true, false) => f64::INFINITY,
         };
-        let couplings = if inflow { INFLOW_GROWTH } else { 0.0 };
+        let couplings = match (inflow, case.warp.delta) {
+            (false, _) => 0.0,
+            (true, Delta::Planned) => INFLOW_GROWTH,
+            (true, _) => f64::INFINITY,
+        };
         let growth = f64::max(weights, couplings) / case.end;
         Ok(Self {
             rate,
             growth,
             decay: 2.0 * rate + growth,
             jumps,
+            stages: 0,
             weighted: hat && case.warp.weights && case.method == Method::Schrodingerized,
             inflow,
         })
@@ -244,7 +256,18 @@ impl WarpPlan {
             end = first;
         }
         batches.reverse();
-        let total = batches.iter().map(|b| b.modes * b.work).sum();
+        let mut scratch = Vec::new();
+        let mut each = |b: &Batch| match bounds.stages {
+            0 => b.work,
+            stages => {
+                let wavenumbers: Vec<f64> = (b.first..b.first + b.modes)
+                    .map(|l| series.wavenumber(l))
+                    .collect();
+                let span = (bounds.rate, bounds.growth, time);
+                stages * stage_degree(&mut scratch, &wavenumbers, b.work, span, stages)
+            }
+        };
+        let total = batches.iter().map(|b| b.modes * each(b)).sum();
         let (applications, solves) = match propagate::order(case.propagator.method) {
             0 => (total, 0),
             _ => (0, total),
@@ -422,6 +445,9 @@ impl Plan {
 pub fn classical_steps(case: &Case, bounds: &Bounds) -> usize {
     let courant = bounds.rate * case.end;
     match case.integrator {
+        Integrator::Exponential if case.varies() => {
+            duhamel_applications(courant, duhamel_panels(courant))
+        }
         Integrator::Exponential => poisson_window(courant, EXACT).end,
         Integrator::ForwardEuler | Integrator::SspRk3 => (courant
             / (case.cfl * longest_step(case.limiter)))
@@ -446,6 +472,13 @@ impl fmt::Display for Plan {
             scene.push("dissipative weights");
         }
         writeln!(f, "scene           {}", scene.join(", "))?;
+        if b.stages > 0 {
+            writeln!(
+                f,
+                "time            {} steps of two exponentials",
+                b.stages / 2
+            )?;
+        }
         if let Some(w) = &self.warp {
             writeln!(
                 f,

@@ -1,13 +1,14 @@
 //! The discrete problem on a rank: matrix, weights, initial state.
 
-use crate::case::Case;
+use crate::case::{Case, Method};
 use crate::classical::{Classical, ROUGH};
 use crate::communicator::{Communicator, GhostExchange, Group};
 use crate::error::{Error, Result};
 use crate::expression::Expression;
 use crate::matrix::{self, BlockMatrix};
 use crate::partition::Block;
-use crate::plan::{Bounds, INFLOW_GROWTH, WEIGHT_GROWTH, WEIGHT_SHIFT};
+use crate::plan::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
+use crate::varying::{self, Schedule, TIME_SHARE};
 use crate::weights::Weights;
 use std::ops::Range;
 
@@ -26,6 +27,10 @@ pub struct Problem {
     pub initial: Vec<Vec<f64>>,
     /// Unknowns that count as terms of a norm: space cells and auxiliary ones, over the space group.
     pub terms: usize,
+    /// The steps of an inflow that depends on time, where modes are to be propagated.
+    pub schedule: Option<Schedule>,
+    /// Bound on the growth of the system with its auxiliary unknowns.
+    pub coupled_growth: f64,
     /// Exchange of ghosts.
     pub exchange: GhostExchange,
 }
@@ -59,10 +64,10 @@ impl Problem {
         (width, patience): (usize, usize),
     ) -> Result<Self> {
         let space = &communicator.space;
-        let assembled = BlockMatrix::assemble(case, block, INFLOW_GROWTH / case.end);
+        let assembled = BlockMatrix::assemble(case, block);
         let mut matrix = communicator.world.agree(assembled)?;
         let mut exchange = GhostExchange::new(space, &matrix.block, width);
-        let weights = if bounds.weighted {
+        let mut weights = if bounds.weighted {
             let target = (WEIGHT_SHIFT / case.end, WEIGHT_GROWTH / case.end);
             // No path is worth following much longer than the grid is wide.
             let width: usize = case.space.axes().map(|a| a.cells).sum();
@@ -78,6 +83,7 @@ impl Problem {
         } else {
             Weights::none(&matrix, &mut exchange, space)
         };
+        matrix.couple(space, case, &mut weights.pi);
         let cells = matrix.block.cells();
         let (mut states, mut initial) = (Vec::new(), Vec::new());
         for (k, field) in case.fields.iter().enumerate() {
@@ -91,19 +97,50 @@ impl Problem {
             for (i, f) in values.iter().enumerate() {
                 state[i] = weights.pi[i].sqrt() * f;
             }
-            for (m, aux) in matrix.inflow.iter().enumerate() {
-                state[cells + m] = weights.pi[cells + m].sqrt() * aux.values[k] / aux.coupling;
+            for (m, r) in matrix.auxiliary(k, field.enters()).enumerate() {
+                state[cells + m] = weights.pi[cells + m].sqrt() * r;
             }
             states.push(state);
             initial.push(values);
         }
-        let terms = case.space.space_cells() + space.sum_count(matrix.inflow.len());
+        let schedule = match (case.varies(), case.method) {
+            (false, _) => None,
+            (true, Method::Classical) => {
+                communicator.world.agree(varying::sampled(case, &matrix))?;
+                None
+            }
+            (true, Method::Schrodingerized) => {
+                let data = (&weights.pi[..], &states[0][..], bounds.rate);
+                Some(varying::schedule(
+                    case,
+                    &matrix,
+                    &mut exchange,
+                    communicator,
+                    data,
+                )?)
+            }
+        };
+        if let Some(schedule) = &schedule {
+            states[0][cells..matrix.rows()].copy_from_slice(&schedule.unknowns);
+        }
+        let fixed = matrix.inflow.iter().map(|aux| aux.coupling);
+        let coupled_growth = match &schedule {
+            None => matrix.coupled_growth(space, weights.certificate, fixed),
+            Some(s) => {
+                let largest = s.envelope.iter().copied();
+                matrix.coupled_growth(space, weights.certificate, largest)
+            }
+        };
+        let counted = matrix.counted_rows() - cells;
+        let terms = case.space.space_cells() + space.sum_count(counted);
         Ok(Self {
             matrix,
             weights,
             states,
             initial,
             terms,
+            schedule,
+            coupled_growth,
             exchange,
         })
     }
@@ -111,14 +148,14 @@ impl Problem {
     /// `bounds` with the growth that was found instead of the one that was allowed for.
     pub fn bounds(&self, case: &Case, bounds: &Bounds) -> Bounds {
         let inflow = self.terms > case.space.space_cells();
-        let couplings = if inflow {
-            INFLOW_GROWTH / case.end
-        } else {
-            0.0
+        // An auxiliary unknown by itself neither grows nor decays.
+        let growth = match inflow {
+            true => self.coupled_growth,
+            false => self.weights.certificate,
         };
-        let growth = self.weights.certificate.max(couplings);
         Bounds {
             inflow,
+            stages: self.schedule.as_ref().map_or(0, Schedule::stages),
             growth,
             decay: 2.0 * bounds.rate + growth,
             ..bounds.clone()
@@ -133,7 +170,9 @@ impl Problem {
             (true, false) => 0.0,
             _ => x[i] * x[i],
         };
-        let largest = (0..self.matrix.rows()).map(square).fold(0.0, f64::max);
+        let largest = (0..self.matrix.counted_rows())
+            .map(square)
+            .fold(0.0, f64::max);
         let group = &communicator.space;
         let bound = group.max(largest) * self.matrix.block.velocity_cells as f64;
         if !bound.is_finite() {
@@ -155,6 +194,16 @@ impl Problem {
     /// `rate·time` applications of a quarter of a mode's.
     pub fn probe(&mut self, communicator: &Communicator, rate: f64, time: f64) -> f64 {
         let mut largest: f64 = 1.0;
+        if let Some(schedule) = &self.schedule {
+            // The pilot has run to the end; the rest of the tolerance is the profile's.
+            let start = self.norm(communicator, &self.states[0], false);
+            let ratio = if start == 0.0 {
+                1.0
+            } else {
+                PROBE_SAFETY * start / schedule.norm
+            };
+            return ratio.max(1.0) / (1.0 - TIME_SHARE);
+        }
         for start in &self.states {
             let mut state = start.clone();
             Classical::new(&self.matrix).exponential(

@@ -7,6 +7,7 @@
 //! | [`implicit`] | Crank–Nicolson, backward Euler | second, first order in the step | steps, each a solve |
 
 pub mod chebyshev;
+pub mod commutator_free;
 pub mod implicit;
 pub mod krylov;
 mod shifted;

@@ -1,10 +1,10 @@
 //! The driver: a flat list of named, timed steps.
 
-use crate::case::{Case, Exact, Integrator, Method};
+use crate::case::{Case, Delta, Exact, Integrator, Method};
 use crate::characteristics::Tracer;
 use crate::characteristics::sheet::exact_moments;
 use crate::classical::limiter::Reconstruction;
-use crate::classical::{Classical, EXACT, poisson_window};
+use crate::classical::{Classical, EXACT, duhamel_panels};
 use crate::command::report;
 use crate::communicator::{Communicator, GhostExchange, Group, World};
 use crate::compare::{Norms, estimate, include_step_error, moment_errors};
@@ -14,11 +14,14 @@ use crate::observables::{integral, moments};
 use crate::output::summary::{FieldSummary, Summary};
 use crate::output::{self, hdf5::ExactSolution, hdf5::PlateauPoint};
 use crate::partition::{Block, split};
-use crate::plan::{ASSUMED_RATIO, Bounds, Plan, Resources, WarpPlan, refuse_hopeless};
+use crate::plan::{
+    ASSUMED_RATIO, Bounds, Plan, Resources, WarpPlan, classical_steps, refuse_hopeless,
+};
 use crate::potential::{StrayEdge, overlooked};
 use crate::problem::Problem;
 use crate::progress::Progress;
-use crate::propagate::{Evolution, Initial, propagator};
+use crate::propagate::commutator_free::CommutatorFree;
+use crate::propagate::{Evolution, Initial, Propagator, propagator};
 use crate::recover::Reading;
 use crate::system;
 use crate::warp;
@@ -218,10 +221,15 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     if case.verify {
         for (k, readings) in fields.iter().enumerate() {
             let mut state = problem.states[k].clone();
-            let terms = poisson_window(bounds.rate * case.end, EXACT).end;
+            let reference = Case {
+                integrator: Integrator::Exponential,
+                ..case.clone()
+            };
+            let terms = classical_steps(&reference, &bounds);
             let progress = Progress::new(speaks, "verify", terms);
             let (exact, span) = (Integrator::Exponential, (bounds.rate, case.end));
-            let classical = Classical::new(&problem.matrix).with_progress(progress);
+            let pi = &problem.weights.pi;
+            let classical = Classical::of(case, &problem.matrix, pi).with_progress(progress);
             integrate(
                 classical,
                 &mut problem.exchange,
@@ -371,7 +379,7 @@ fn solve(
             let slopes = Reconstruction::new(case, &problem.matrix, k);
             let slopes = communicator.world.agree(slopes)?;
             let progress = Progress::new(speaks, "steps", steps);
-            let classical = Classical::new(&problem.matrix)
+            let classical = Classical::of(case, &problem.matrix, &problem.weights.pi)
                 .with_progress(progress)
                 .with_slopes(slopes);
             let mut state = start.clone();
@@ -405,7 +413,14 @@ fn solve(
             norm: problem.norm(communicator, state, false),
         })
         .collect();
-    let made = propagator(plan, warp_plan, &problem.matrix);
+    let made: Result<Box<dyn Propagator>> = match &problem.schedule {
+        Some(schedule) => Ok(Box::new(CommutatorFree::new(
+            &problem.matrix,
+            warp_plan,
+            schedule,
+        ))),
+        None => propagator(plan, warp_plan, &problem.matrix),
+    };
     let mut propagator = communicator.world.agree(made)?;
     let mut system = Evolution {
         matrix: &problem.matrix,
@@ -465,6 +480,10 @@ fn integrate(
     state: &mut [f64],
 ) {
     match integrator {
+        Integrator::Exponential if classical.varies() => {
+            let panels = duhamel_panels(rate * time);
+            classical.duhamel(exchange, state, (rate, time), panels);
+        }
         Integrator::Exponential => classical.exponential(exchange, state, (rate, time), EXACT),
         _ => classical.steps(exchange, state, integrator, time, steps),
     }
@@ -515,8 +534,11 @@ pub fn warnings(case: &Case) -> Vec<String> {
             "potential.{region}: its where holds at no cell's centre; the region is not there on this grid"
         )
     };
+    let idle = (!case.enters() && case.warp.delta != Delta::Planned)
+        .then(|| "solver.warp.delta has no effect: nothing enters (inflow.value is 0)".to_owned());
     (found.edges.iter().map(line))
         .chain(found.empty.iter().map(empty))
+        .chain(idle)
         .collect()
 }
 
@@ -591,6 +613,10 @@ impl Summary {
         self.memory_peak_bytes_per_rank = world.max_count(system::peak_memory() as usize) as u64;
         self.growth_bound = plan.bounds.growth;
         self.decay_bound = plan.bounds.decay;
+        if let Some(schedule) = &problem.schedule {
+            self.time_steps = Some(schedule.steps);
+            self.time_error = Some(schedule.error);
+        }
         self.growth_certificate = problem.weights.certificate;
         self.weight_spread = problem.weights.spread;
         self.weight_sweeps = problem.weights.sweeps;

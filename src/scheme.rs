@@ -24,10 +24,12 @@ use std::ops::Range;
 pub struct Row {
     /// `(column, value)`, ascending and distinct columns.
     pub entries: Vec<(usize, f64)>,
-    /// `b_i` of each field: what enters through the boundary.
+    /// `b_i` of each field, at time zero: what enters through the boundary.
     pub inflow: [f64; MOST_FIELDS],
     /// `−Σ_j A_ij ≥ 0`: the rate at which the row draws on the inflow.
     pub draw: f64,
+    /// Where the inflow is taken, `(rate, ghost centre)`: `b_i(t) = Σ rate · value(ghost centre, t)`.
+    pub ghosts: Vec<(f64, [f64; 6])>,
     /// First place where an inflow formula was not finite.
     bad: Option<(usize, f64, [f64; 6])>,
     scratch: Vec<Source>,
@@ -39,6 +41,7 @@ impl Row {
         self.entries.clear();
         self.inflow = [0.0; MOST_FIELDS];
         self.draw = 0.0;
+        self.ghosts.clear();
     }
 
     /// Sorts by column and adds up entries of the same column.
@@ -76,13 +79,12 @@ impl<'a> Scheme<'a> {
             .zip(&case.space.x)
             .map(|(r, axis)| r.start..(r.end + 1).min(axis.cells))
             .collect();
-        let no_inflow = (case.fields.iter()).all(|f| f.entering().constant() == Some(0.0));
         Ok(Self {
             case,
             space: &case.space,
             interface: case.interface,
             potential: Potential::new(case, &wider)?,
-            no_inflow,
+            no_inflow: !case.enters(),
         })
     }
 
@@ -193,8 +195,10 @@ impl<'a> Scheme<'a> {
         let mut point = self.space.point(cell);
         point[a] = x.centre(i);
         point[3 + a] = v.centre(j);
+        row.ghosts.push((rate, point));
+        let [px, py, pz, vx, vy, vz] = point;
         for (f, field) in self.case.fields.iter().enumerate() {
-            let value = field.entering().eval(&point);
+            let value = field.entering().eval(&[px, py, pz, vx, vy, vz, 0.0]);
             if !value.is_finite() && row.bad.is_none() {
                 row.bad = Some((f, value, point));
             }

@@ -165,8 +165,13 @@ pub fn extremes(
             vector[local + v] = start_value(global + v);
         }
     });
-    for i in cells..rows {
-        vector[i] = vector[matrix.inflow[i - cells].row as usize];
+    // Auxiliary unknowns start like their rows, a common one of all ranks like a cell beyond the grid.
+    if matrix.auxiliaries() == matrix.inflow.len() {
+        for (m, aux) in matrix.inflow.iter().enumerate() {
+            vector[cells + m] = vector[aux.row as usize];
+        }
+    } else {
+        vector[cells..rows].fill(start_value(unknowns));
     }
     let dot =
         |a: &[f64], b: &[f64], bound: f64| matrix.sum_rows(space, bound, unknowns, |i| a[i] * b[i]);

@@ -36,7 +36,7 @@ fn largest(values: impl Iterator<Item = f64>) -> f64 {
 /// `π` and what is known of it.
 #[derive(Clone, Debug)]
 pub struct Weights {
-    /// `π ≥ 1`, for the rows and ghosts of the matrix.
+    /// `π ≥ 1`, for the rows and ghosts of the matrix; 1 for auxiliary unknowns until they are coupled.
     pub pi: Vec<f64>,
     /// `½ max (Aᵀπ)/π`, a bound on `λ⁺`.
     pub certificate: f64,
@@ -91,11 +91,7 @@ impl Weights {
             state.sweep(shift, patient);
             sweeps += 1;
         };
-        let cells = matrix.block.cells();
         let mut pi: Vec<f64> = state.extra.iter().map(|p| 1.0 + p).collect();
-        for (m, aux) in matrix.inflow.iter().enumerate() {
-            pi[cells + m] = pi[aux.row as usize];
-        }
         let rows = matrix.rows();
         exchange.start(&pi[..rows]);
         exchange.finish(&mut pi[rows..]);

@@ -6,12 +6,13 @@ use phasewarp::classical::limiter::Reconstruction;
 use phasewarp::communicator::{Communicator, World};
 use phasewarp::matrix::LANES;
 use phasewarp::partition::{Block, Mesh};
-use phasewarp::plan::Bounds;
+use phasewarp::plan::{Bounds, Plan, Resources};
 use phasewarp::problem::Problem;
 use phasewarp::propagate::chebyshev::Chebyshev;
+use phasewarp::propagate::commutator_free::CommutatorFree;
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
-use phasewarp::propagate::{BatchSpec, Evolution, Initial, Propagator};
+use phasewarp::propagate::{BatchSpec, Evolution, Initial, Propagator, propagator};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -38,6 +39,51 @@ fn allocations(work: impl FnOnce()) -> usize {
     let before = ALLOCATIONS.load(Ordering::Relaxed);
     work();
     ALLOCATIONS.load(Ordering::Relaxed) - before
+}
+
+/// The propagator that a run of `case` would have.
+fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
+    let allowed = Bounds::new(case).expect("V is finite");
+    let block = Block::new(&case.space, mesh, 0);
+    let sizes = (2 * LANES, 100);
+    let mut problem = Problem::new(case, &allowed, communicator, block, sizes).expect("a problem");
+    let bounds = problem.bounds(case, &allowed);
+    let resources = Resources {
+        ranks: 1,
+        ..Resources::default()
+    };
+    let plan = Plan::with_bounds(case, bounds.clone(), &resources, 2.0).expect("a plan");
+    let warp = plan.warp.as_ref().expect("a schrodingerized run");
+    let mut propagator: Box<dyn Propagator> = match &problem.schedule {
+        Some(schedule) => Box::new(CommutatorFree::new(&problem.matrix, warp, schedule)),
+        None => propagator(&plan, warp, &problem.matrix).expect("a propagator"),
+    };
+    let initial = Initial {
+        state: &problem.states[0][..problem.matrix.rows()],
+        norm: 1.0,
+    };
+    let mut system = Evolution {
+        matrix: &problem.matrix,
+        exchange: &mut problem.exchange,
+        space: &communicator.space,
+        rate: bounds.rate,
+        growth: bounds.growth,
+        time: case.end,
+        terms: problem.terms,
+    };
+    for work in [3, warp.largest_work() / 2, warp.largest_work()] {
+        let batch = BatchSpec {
+            modes: LANES,
+            wavenumbers: std::array::from_fn(|l| 0.2 * l as f64),
+            tolerances: [1e-8; LANES],
+            work,
+        };
+        let count = allocations(|| {
+            let report = propagator.propagate(&mut system, &batch, &initial);
+            assert!(report.is_ok_and(|r| r.applications > 0));
+        });
+        assert_eq!(count, 0, "{name}: allocations at degree {work}");
+    }
 }
 
 fn main() {
@@ -119,6 +165,16 @@ fn main() {
         let (exchange, state) = (&mut problem.exchange, &mut problem.states[0]);
         let count = allocations(|| classical.steps(exchange, state, integrator, 0.1, 10));
         assert_eq!(count, 0, "allocations of {integrator:?}");
+    }
+    // Every embedding of the inflow, and one that varies.
+    for (name, more) in [
+        ("inflow_barrier", "solver.warp.inflow=scalar"),
+        ("pulsed_inflow", "solver.tolerance=1e-2"),
+    ] {
+        let path = path.with_file_name(format!("{name}.toml"));
+        let set = ["axis.0.x.cells=24", "axis.0.v.cells=17", more].map(str::to_owned);
+        let case = Case::load(&path, &set).expect("a case of the repository");
+        streamed(&communicator, &case, &mesh, name);
     }
     // A control: the counter counts.
     assert!(allocations(|| drop(std::hint::black_box(vec![1.0; 100]))) > 0);

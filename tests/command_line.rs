@@ -1473,6 +1473,140 @@ fn same_bits_with_samples_and_a_plateau() {
 }
 
 #[test]
+fn same_bits_with_a_common_auxiliary_unknown() {
+    same_bits_everywhere(&Scene {
+        name: "inflow_barrier.toml",
+        settings: &[
+            "axis.0.x.cells=35",
+            "axis.0.v.cells=27",
+            "time.end=0.7",
+            "solver.warp.inflow=scalar",
+        ],
+        axes: 1,
+        datasets: LINE,
+    });
+}
+
+#[test]
+fn same_bits_with_inflow_that_varies() {
+    same_bits_everywhere(&Scene {
+        name: "pulsed_inflow.toml",
+        settings: &[
+            "axis.0.x.cells=33",
+            "axis.0.v.cells=23",
+            "time.end=0.7",
+            "solver.tolerance=1e-4",
+            "solver.warp.inflow=full",
+        ],
+        axes: 1,
+        datasets: LINE,
+    });
+}
+
+/// Every embedding, δ planned and given, a shift: the tolerance is met and the estimate is right.
+#[test]
+fn tolerances_are_met_with_every_embedding() {
+    let steady = [
+        "inflow_barrier.toml",
+        "axis.0.x.cells=32",
+        "axis.0.v.cells=36",
+    ];
+    let pulsed = [
+        "pulsed_inflow.toml",
+        "axis.0.x.cells=20",
+        "axis.0.v.cells=22",
+    ];
+    let mut rows = Vec::new();
+    for grid in [steady, pulsed] {
+        for embedding in ["boundary", "full", "scalar"] {
+            for delta in ["", "solver.warp.delta=max", "solver.warp.delta=30"] {
+                let embedding = format!("solver.warp.inflow={embedding}");
+                rows.push((grid, vec![embedding, delta.to_owned()]));
+            }
+        }
+        for shift in ["growth", "0.4", "-0.3"] {
+            rows.push((grid, vec![format!("solver.warp.shift={shift}")]));
+        }
+    }
+    check_all(&rows, |([name, x, v], settings)| {
+        let mut set = vec![*x, *v, "solver.verify=true", "solver.tolerance=1e-5"];
+        set.extend(
+            settings
+                .iter()
+                .map(String::as_str)
+                .filter(|s| !s.is_empty()),
+        );
+        let place = directory();
+        meets_its_tolerance(&run(name).on(2).set(&set).solve(place.path())?)
+    });
+}
+
+/// A δ so small that the enlarged system grows beyond all digits; a δ where nothing enters; inflow that is not finite at
+/// some time, or changes too fast.
+#[test]
+fn what_no_embedding_can_do() {
+    let rows: &[(&str, &[&str], &[&str])] = &[
+        (
+            "inflow_barrier.toml",
+            &["solver.warp.inflow=full", "solver.warp.delta=0.01"],
+            &["growth x time", "solver.warp.delta"],
+        ),
+        (
+            "pulsed_inflow.toml",
+            &["inflow.value='1/(t - 1.2)'"],
+            &["inflow.value", "inf", "t = 1.2", "must be finite"],
+        ),
+        (
+            "pulsed_inflow.toml",
+            &[
+                "axis.0.x.cells=8",
+                "axis.0.v.cells=6",
+                "inflow.value='sin(40000*t)'",
+            ],
+            &["inflow.value", "changes too fast", "8192 steps"],
+        ),
+    ];
+    check_all(rows, |(name, settings, says)| {
+        let place = directory();
+        refused(
+            &run(name).on(2).set(settings).into(place.path()).run()?,
+            says,
+        )
+    });
+    let place = directory();
+    let grid = [
+        "axis.0.x.cells=16",
+        "axis.0.v.cells=16",
+        "solver.warp.delta=2",
+    ];
+    let summary = run("example1.toml").set(&grid).solve(place.path()).unwrap();
+    let warnings = summary.value["warnings"].to_string();
+    assert!(warnings.contains("delta has no effect"), "{warnings}");
+}
+
+/// λ± of the enlarged system and of `A` alone: the paper's δ adds nothing, δ = 1 a quarter of the largest rate where 1 enters.
+#[test]
+fn spectrum_with_inflow() {
+    let set = |delta: &'static str| {
+        Job::new(["spectrum", &case("example1.toml")])
+            .set(&["inflow.value=1", "solver.warp.inflow=full", delta])
+            .succeed()
+    };
+    let number = |finished: &Finished, label: &str, key: &str| {
+        spectrum_number(finished, label, key).unwrap_or_else(|e| panic!("{e}"))
+    };
+    let largest = set("solver.warp.delta=max").unwrap();
+    let alone = number(&largest, "no weights, A alone", "lambda+");
+    let enlarged = number(&largest, "no weights, with inflow", "lambda+");
+    assert!((alone - 2.0707).abs() < 1e-4 && (enlarged - alone).abs() < 1e-5);
+    let one = set("solver.warp.delta=1").unwrap();
+    let enlarged = number(&one, "no weights, with inflow", "lambda+");
+    // The end of a chain with diagonal −d and neighbours d/2, coupled by d/2 to an unknown of its own: λ = d/4.
+    let fastest = (1.5 - 1.5 / 128.0) / (3.0 / 128.0);
+    assert!((enlarged - fastest / 4.0).abs() < 1e-4, "{enlarged}");
+}
+
+#[test]
 fn same_bits_with_shifted_weights() {
     same_bits_everywhere(&Scene {
         name: "well.toml",
@@ -1877,6 +2011,53 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             "title     = \"Step down (example 1)\"",
             "title = 1",
             &["title", "1", "text"],
+        ),
+        // The inflow's embedding and the shift; t only where it means something.
+        (
+            "inflow  = \"boundary\"",
+            "inflow  = \"diagonal\"",
+            &[
+                "solver.warp.inflow",
+                "diagonal",
+                "boundary",
+                "full",
+                "scalar",
+            ],
+        ),
+        (
+            "inflow  = \"boundary\"",
+            "inflow  = \"full\"\ndelta = 0",
+            &["solver.warp.delta", "0", "above 0", "max"],
+        ),
+        (
+            "inflow  = \"boundary\"",
+            "inflow  = \"full\"\ndelta = -1.5",
+            &["solver.warp.delta", "-1.5", "above 0"],
+        ),
+        (
+            "inflow  = \"boundary\"",
+            "inflow  = \"full\"\ndelta = \"mx\"",
+            &["solver.warp.delta", "mx", "mean \"max\""],
+        ),
+        (
+            "inflow  = \"boundary\"",
+            "shift = inf",
+            &["solver.warp.shift", "inf", "finite"],
+        ),
+        (
+            "inflow  = \"boundary\"",
+            "shift = \"growht\"",
+            &["solver.warp.shift", "growht", "mean \"growth\""],
+        ),
+        (
+            "value = \"0.2\"",
+            "value = \"0.2*t\"",
+            &["potential.0.value", "unknown name \"t\""],
+        ),
+        (
+            "f = \"1 if x^2",
+            "f = \"t if x^2",
+            &["initial.f", "unknown name \"t\""],
         ),
         // Cell counts.
         (

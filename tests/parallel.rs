@@ -10,25 +10,27 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use num_complex::Complex64;
 use phasewarp::case::{
-    Case, Coefficients, Integrator, Limiter, ProfileChoice, Propagation, PropagatorMethod,
-    RecoveryMethod,
+    Case, Coefficients, Delta, Embedding, Integrator, Limiter, Method, ProfileChoice, Propagation,
+    PropagatorMethod, RecoveryMethod, Shift,
 };
 use phasewarp::classical::limiter::{Reconstruction, longest_step};
-use phasewarp::classical::{Classical, EXACT};
+use phasewarp::classical::{Classical, EXACT, duhamel_panels};
 use phasewarp::communicator::{Communicator, GhostExchange, Group, World};
 use phasewarp::error::Error;
 use phasewarp::matrix::{BlockMatrix, LANES, Lanes, Part, StepConstants};
 use phasewarp::partition::{Block, Mesh, Place, split};
-use phasewarp::plan::{Bounds, INFLOW_GROWTH, Plan, Resources};
+use phasewarp::plan::{Bounds, INFLOW_GROWTH, Plan, Resources, WarpPlan};
 use phasewarp::problem::Problem;
 use phasewarp::progress::Progress;
 use phasewarp::propagate::chebyshev::{Chebyshev, Interval, bessel_series};
+use phasewarp::propagate::commutator_free::CommutatorFree;
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::{
     BatchReport, BatchSpec, Evolution, Initial, Propagator, propagator, work,
 };
 use phasewarp::spectrum::{extremes, gershgorin};
+use phasewarp::varying;
 use phasewarp::warp;
 use phasewarp::weights::Weights;
 use std::collections::{BTreeMap, BTreeSet};
@@ -50,7 +52,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 type Check = fn(&World);
 
 /// The checks, by name.
-const CHECKS: [(&str, Check); 21] = [
+const CHECKS: [(&str, Check); 24] = [
     ("number_of_ranks", number_of_ranks),
     ("reductions", reductions),
     ("agreement_on_errors", agreement_on_errors),
@@ -75,6 +77,9 @@ const CHECKS: [(&str, Check); 21] = [
     ("extreme_eigenvalues", extreme_eigenvalues),
     ("recovered_field", recovered_field),
     ("fields_in_one_pass", fields_in_one_pass),
+    ("shifted_field", shifted_field),
+    ("varying_inflow_directly", varying_inflow_directly),
+    ("varying_inflow_by_modes", varying_inflow_by_modes),
 ];
 
 fn main() -> ExitCode {
@@ -406,7 +411,7 @@ fn hang(world: &World) {
 // ---------------------------------------------------------------------------------------------------------------------
 // Twins and pieces.
 
-/// A case and its dense system with auxiliary unknowns: cells in their order, then those of the rows with inflow.
+/// A case and its dense system with auxiliary unknowns: cells in their order, then those of rows, or the common one.
 struct Twin {
     name: &'static str,
     case: Case,
@@ -414,8 +419,10 @@ struct Twin {
     cells: usize,
     /// `A`, homogeneous.
     generator: Dense,
-    /// Rows with inflow, ascending.
+    /// Rows with an auxiliary unknown of their own, ascending.
     inflow: Vec<usize>,
+    /// `(row, auxiliary unknown, g_i)` where `κ_i ≠ 0`.
+    coupled: Vec<(usize, usize, f64)>,
     /// `u(0)`.
     state: Vec<f64>,
 }
@@ -429,7 +436,14 @@ impl Twin {
             draw,
         } = System::of_rows(&case);
         let cells = a.size;
-        let inflow: Vec<usize> = (0..cells).filter(|&i| b[i] != 0.0).collect();
+        let enters: Vec<usize> = (0..cells).filter(|&i| b[i] != 0.0).collect();
+        let embedding = case.warp.inflow;
+        let inflow: Vec<usize> = match embedding {
+            Embedding::Boundary => enters.clone(),
+            Embedding::Full if !enters.is_empty() => (0..cells).collect(),
+            _ => Vec::new(),
+        };
+        let shared = embedding == Embedding::Scalar && !enters.is_empty();
         let mut state: Vec<f64> = (0..cells)
             .map(|i| {
                 case.fields[0]
@@ -437,18 +451,40 @@ impl Twin {
                     .eval(&case.space.point(&case.space.cell(i)))
             })
             .collect();
-        let mut generator = Dense::from_fn(cells + inflow.len(), |i, j| {
+        let size = cells + inflow.len() + usize::from(shared);
+        let mut generator = Dense::from_fn(size, |i, j| {
             if i < cells && j < cells {
                 a.at(i, j)
             } else {
                 0.0
             }
         });
-        // r_i' = 0, r_i(0) = b_i/κ_i, κ_i² = 2 g_i θ.
+        // r' = 0. A given δ: κ_i = |b_i|/δ, r_i(0) = ±δ. Planned: κ_i² = 2 g_i θ, and δ² = Σ b_i²/(2 g_i θ) for the scalar.
         let growth = INFLOW_GROWTH / case.end;
+        let largest = b.iter().fold(0.0f64, |m, b| m.max(b.abs()));
+        let given = match case.warp.delta {
+            Delta::Planned => None,
+            Delta::Largest => Some(largest),
+            Delta::Given(delta) => Some(delta),
+        };
+        let mut coupled = Vec::new();
+        if shared {
+            let sum: f64 = enters.iter().map(|&i| b[i] * b[i] / (2.0 * draw[i])).sum();
+            let delta = given.unwrap_or((sum / growth).sqrt());
+            for &i in &enters {
+                generator.add(i, cells, b[i] / delta);
+                coupled.push((i, cells, draw[i]));
+            }
+            state.push(delta);
+        }
         for (m, &i) in inflow.iter().enumerate() {
-            let coupling = (2.0 * draw[i] * growth).sqrt();
+            let coupling = given.map_or((2.0 * draw[i] * growth).sqrt(), |d| b[i].abs() / d);
+            if b[i] == 0.0 {
+                state.push(given.unwrap_or(0.0));
+                continue;
+            }
             generator.add(i, cells + m, coupling);
+            coupled.push((i, cells + m, draw[i]));
             state.push(b[i] / coupling);
         }
         Self {
@@ -457,8 +493,18 @@ impl Twin {
             cells,
             generator,
             inflow,
+            coupled,
             state,
         }
+    }
+
+    /// `θ`: the largest `κ²/(2g)` of the auxiliary unknowns, summed over the rows that share one.
+    fn theta(&self) -> f64 {
+        let mut added = vec![0.0; self.size()];
+        for &(i, m, draw) in &self.coupled {
+            added[m] += self.generator.at(i, m).powi(2) / (2.0 * draw);
+        }
+        added.into_iter().fold(0.0, f64::max)
     }
 
     /// One, two and three dimensions, both interfaces, with and without inflow; no length is divisible by 2, 3 and 4.
@@ -517,7 +563,75 @@ impl Twin {
                     "potential.1.value='0.1 + 0.05*y'",
                 ],
             ),
+            // The other embeddings of the inflow, δ planned and given.
+            Self::slopes(
+                "full",
+                &[
+                    "axis.0.v={lower=-1.0,upper=1.31,cells=9}",
+                    "solver.warp.inflow='full'",
+                ],
+            ),
+            Self::slopes(
+                "full, largest",
+                &[
+                    "axis.0.v={lower=-1.0,upper=1.32,cells=9}",
+                    "solver.warp.inflow='full'",
+                    "solver.warp.delta='max'",
+                ],
+            ),
+            Self::slopes(
+                "boundary, given",
+                &[
+                    "axis.0.v={lower=-1.0,upper=1.33,cells=9}",
+                    "solver.warp.delta=4.5",
+                ],
+            ),
+            Self::slopes(
+                "scalar",
+                &[
+                    "axis.0.v={lower=-1.0,upper=1.34,cells=9}",
+                    "solver.warp.inflow='scalar'",
+                ],
+            ),
+            Self::slopes(
+                "scalar, given",
+                &[
+                    "axis.0.v={lower=-1.0,upper=1.35,cells=9}",
+                    "solver.warp.inflow='scalar'",
+                    "solver.warp.delta=14",
+                ],
+            ),
+            Self::new(
+                "conservative barrier, scalar, largest",
+                "inflow_barrier.toml",
+                &[
+                    "axis.0.x.cells=9",
+                    "axis.0.v.cells=14",
+                    "scheme.interface='conservative'",
+                    "solver.warp.inflow='scalar'",
+                    "solver.warp.delta='max'",
+                ],
+            ),
+            Self::new(
+                "two dimensions, scalar",
+                "barrier2d.toml",
+                &[
+                    "axis.0.x.cells=5",
+                    "axis.0.v.cells=3",
+                    "axis.1.x.cells=4",
+                    "axis.1.v.cells=4",
+                    "inflow.value='1 if x < -1.2 else 0'",
+                    "solver.warp.inflow='scalar'",
+                ],
+            ),
         ]
+    }
+
+    /// Each on a grid of its own, or their bits would be the same.
+    fn slopes(name: &'static str, overrides: &[&str]) -> Self {
+        let mut all = vec!["axis.0.x.cells=7", "inflow.value='1 + x + 2*v'"];
+        all.extend(overrides);
+        Self::new(name, "slope_jump.toml", &all)
     }
 
     fn size(&self) -> usize {
@@ -578,8 +692,10 @@ impl Piece {
         assert_eq!(communicator.space.size(), mesh.blocks());
         assert_eq!(communicator.modes.size(), mesh.groups);
         let block = Block::new(&twin.case.space, mesh, communicator.space.rank());
-        let matrix = BlockMatrix::assemble(&twin.case, block, INFLOW_GROWTH / twin.case.end)
-            .expect("formulas are finite");
+        let mut matrix = BlockMatrix::assemble(&twin.case, block).expect("formulas are finite");
+        let mut pi = vec![1.0; matrix.length()];
+        matrix.couple(&communicator.space, &twin.case, &mut pi);
+        assert!(pi.iter().all(|&pi| pi == 1.0), "{}", twin.name);
         Self::new(twin, communicator, matrix)
     }
 
@@ -594,7 +710,7 @@ impl Piece {
 
     /// The whole vector, on every rank, from the rows of all; each has one owner in the space group.
     fn gather(&self, twin: &Twin, local: &[f64]) -> Vec<f64> {
-        let rows = self.matrix.rows();
+        let rows = self.matrix.counted_rows();
         let space = &self.communicator.space;
         gather(
             space,
@@ -607,7 +723,7 @@ impl Piece {
     fn gather_matrix(&self, world: &World, twin: &Twin) -> (Dense, Dense) {
         let size = twin.size();
         let space = &self.communicator.space;
-        assert_eq!(space.sum_count(self.matrix.rows()), size);
+        assert_eq!(space.sum_count(self.matrix.counted_rows()), size);
         let (mut s, mut k) = (vec![f64::NEG_INFINITY; size * size], vec![0.0; 0]);
         k.clone_from(&s);
         for i in 0..self.matrix.rows() {
@@ -645,6 +761,10 @@ fn numbers(twin: &Twin, matrix: &BlockMatrix) -> Vec<usize> {
     matrix.block.for_each_ghost(|first, ghost| {
         (0..velocities).for_each(|v| number[rows + ghost + v] = first + v);
     });
+    if twin.case.warp.inflow == Embedding::Scalar {
+        number[cells..rows].fill(twin.cells);
+        return number;
+    }
     for (m, aux) in matrix.inflow.iter().enumerate() {
         let place = twin.inflow.binary_search(&number[aux.row as usize]);
         number[cells + m] = twin.cells + place.expect("a row with inflow");
@@ -709,7 +829,7 @@ impl Weighted {
         let round_off = 1e-14 * bounds.rate;
         assert!(bounds.growth <= allowed.growth + round_off || !twin.case.warp.weights);
         let number = numbers(twin, &problem.matrix);
-        let rows = problem.matrix.rows();
+        let rows = problem.matrix.counted_rows();
         let entries = (0..rows).map(|i| (number[i], problem.weights.pi[i]));
         let pi = gather(&communicator.space, twin.size(), entries);
         Self {
@@ -902,18 +1022,23 @@ fn matrix_entry_for_entry(world: &World) {
     for_every_piece(world, |twin, mesh, piece| {
         let name = format!("{}, {mesh:?}", twin.name);
         let (s, k) = piece.gather_matrix(world, twin);
-        assert_same(&name, &s, &twin.generator.symmetric(), 0.0);
-        assert_same(&name, &k, &twin.generator.skew(), 0.0);
-        let total = piece
-            .communicator
-            .space
-            .sum_count(piece.matrix.inflow.len());
-        assert_eq!(total, twin.inflow.len(), "{name}");
-        for aux in &piece.matrix.inflow {
-            let i = piece.number[aux.row as usize];
-            let m = twin.cells + twin.inflow.binary_search(&i).expect("a row with inflow");
-            assert_eq!(aux.coupling, twin.generator.at(i, m), "{name}");
-            assert_eq!(aux.values[0] / aux.coupling, twin.state[m], "{name}");
+        // The scalar's δ is a sum, exact here and rounded there.
+        let round_off = match twin.case.warp.inflow {
+            Embedding::Scalar => 1e-15 * twin.generator.largest(),
+            _ => 0.0,
+        };
+        assert_same(&name, &s, &twin.generator.symmetric(), round_off);
+        assert_same(&name, &k, &twin.generator.skew(), round_off);
+        let space = &piece.communicator.space;
+        let coupled = piece.matrix.inflow.iter().filter(|aux| aux.coupling != 0.0);
+        assert_eq!(
+            space.sum_count(coupled.count()),
+            twin.coupled.len(),
+            "{name}"
+        );
+        for (m, r) in piece.matrix.auxiliary(0, twin.case.enters()).enumerate() {
+            let m = piece.number[piece.matrix.block.cells() + m];
+            assert!((r - twin.state[m]).abs() <= 1e-14 * r.abs(), "{name}: {r}");
         }
         // In weighted unknowns.
         let mut weighted = Weighted::new(world, twin, mesh);
@@ -966,7 +1091,6 @@ fn adjoint(world: &World) {
             piece.scatter(&random(twin, 3)),
             piece.scatter(&random(twin, 4)),
         );
-        let rows = piece.matrix.rows();
         let mut ax = vec![f64::NAN; piece.matrix.length()];
         let mut aty = ax.clone();
         piece
@@ -976,7 +1100,9 @@ fn adjoint(world: &World) {
             .matrix
             .apply(&mut piece.exchange, Part::Transpose, &mut aty, &mut y);
         let product = |a: &[f64], b: &[f64], sign: fn(f64) -> f64| {
-            let terms: Vec<f64> = (0..rows).map(|i| sign(a[i] * b[i])).collect();
+            let terms: Vec<f64> = (0..piece.matrix.counted_rows())
+                .map(|i| sign(a[i] * b[i]))
+                .collect();
             piece.communicator.space.sum_terms(&terms)
         };
         let (left, right) = (product(&y, &ax, |t| t), product(&aty, &x, |t| t));
@@ -1449,16 +1575,31 @@ fn dissipative_weights(world: &World) {
             for (m, &i) in twin.inflow.iter().enumerate() {
                 assert_eq!(weighted.pi[twin.cells + m], weighted.pi[i], "{name}");
             }
+            // The weight of a common unknown keeps Σ κ²/(2g).
+            let theta = |a: &Dense| -> f64 {
+                let added = |&(i, m, draw): &(usize, usize, f64)| a.at(i, m).powi(2) / (2.0 * draw);
+                twin.coupled.iter().map(added).sum()
+            };
+            let (before, after) = (theta(&twin.generator), theta(&weighted.generator));
+            assert!(
+                (before - after).abs() <= 1e-13 * before,
+                "{name}: {before} {after}"
+            );
             let most = weighted.pi.iter().copied().fold(0.0, f64::max);
             let least = weighted.pi.iter().copied().fold(f64::INFINITY, f64::min);
             assert_eq!(weights.spread, (most / least).sqrt(), "{name}");
 
             // What it certifies: no eigenvalue of S above it, inflow couplings aside.
-            let allowed = claimed.max(if twin.inflow.is_empty() {
-                f64::NEG_INFINITY
+            let theta = twin.theta();
+            let allowed = weighted.bounds.growth;
+            if twin.coupled.is_empty() {
+                assert_eq!(allowed, claimed, "{name}");
             } else {
-                INFLOW_GROWTH / twin.case.end
-            });
+                assert!(
+                    allowed <= claimed.max(theta) * (1.0 + 1e-12),
+                    "{name}: {allowed} {theta}"
+                );
+            }
             let highest = *highest.get_or_insert_with(|| {
                 let s = weighted.generator.symmetric();
                 *eigenvalues(&s, &Dense::zero(s.size), 1.0)
@@ -1507,14 +1648,14 @@ fn classical_exponential(world: &World) {
                 (rate, time),
                 EXACT,
             );
-            let entries = (0..problem.matrix.rows()).map(|i| {
+            let entries = (0..problem.matrix.counted_rows()).map(|i| {
                 let number = weighted.number[i];
                 (number, state[i] / weighted.pi[number].sqrt())
             });
             let found = gather(&weighted.communicator.space, twin.size(), entries);
             let error = distance(&found, &expected);
             assert!(error <= 1e-13, "{name}: {error:e}");
-            let change = distance(&expected, &twin.state);
+            let change = distance(twin.field(&expected), twin.field(&twin.state));
             assert!(change > 0.1, "{name}: the state moves by {change}");
             report_bits(world, &format!("exponential of {}", twin.name), &found);
         }
@@ -1523,7 +1664,7 @@ fn classical_exponential(world: &World) {
 
 fn orders_of_the_integrators(world: &World) {
     for twin in Twin::all() {
-        if twin.inflow.is_empty() {
+        if twin.coupled.is_empty() {
             continue;
         }
         let time = twin.case.end;
@@ -1767,6 +1908,77 @@ const RECOVERIES: [Recovery; 11] = {
     ]
 };
 
+/// What the streamed run recovers on this mesh, whole and without weights, by each reading; and its plan.
+fn stream(
+    world: &World,
+    case: &Case,
+    mesh: &Mesh,
+    weighted: &mut Weighted,
+    ratio: f64,
+    norm: f64,
+) -> (WarpPlan, Vec<Vec<f64>>) {
+    let problem = &mut weighted.problem;
+    let resources = Resources {
+        ranks: world.group().size(),
+        ranks_x: Some(mesh.space.clone()),
+        memory_per_rank: None,
+    };
+    let plan = Plan::with_bounds(case, weighted.bounds.clone(), &resources, ratio).expect("a plan");
+    assert_eq!(plan.layout.mesh, *mesh);
+    let warp_plan = plan.warp.as_ref().expect("a schrodingerized run");
+    let rows = problem.matrix.rows();
+    let initial = Initial {
+        state: &problem.states[0][..rows],
+        norm,
+    };
+    let mut propagator: Box<dyn Propagator> = match &problem.schedule {
+        Some(schedule) => Box::new(CommutatorFree::new(&problem.matrix, warp_plan, schedule)),
+        None => propagator(&plan, warp_plan, &problem.matrix).expect("a propagator"),
+    };
+    let mut system = Evolution {
+        matrix: &problem.matrix,
+        exchange: &mut problem.exchange,
+        space: &weighted.communicator.space,
+        rate: weighted.bounds.rate,
+        growth: weighted.bounds.growth,
+        time: case.end,
+        terms: problem.terms,
+    };
+    // A mode group keeps a piece of the block's first axis.
+    let leading = problem.matrix.block.ranges[0].len();
+    let layer = problem.matrix.block.cells() / leading;
+    let share = |group: usize| {
+        let piece = split(&(0..leading), mesh.groups, group);
+        piece.start * layer..piece.end * layer
+    };
+    let shares: Vec<_> = (0..mesh.groups).map(share).collect();
+    let group = weighted.communicator.modes.rank();
+    let recovered = warp::streamed(
+        &weighted.communicator,
+        &mut system,
+        (warp_plan, &mut *propagator),
+        &plan.layout.groups[group],
+        &[initial],
+        &shares,
+        &mut Progress::silent(),
+    )
+    .expect("a unitary run");
+    assert!(recovered.unitarity_defect.unwrap_or(0.0) <= 1.0);
+    let all = weighted
+        .communicator
+        .modes
+        .sum_count(recovered.applications);
+    assert_eq!(all, warp_plan.applications);
+    let fields = recovered.fields[0].iter().map(|field| {
+        assert_eq!(field.len(), share(group).len());
+        let entries = share(group)
+            .zip(field)
+            .map(|(i, u)| (weighted.number[i], u / problem.weights.pi[i].sqrt()));
+        gather(&world.group(), case.space.cells(), entries)
+    });
+    (warp_plan.clone(), fields.collect())
+}
+
 /// The streamed run by every profile and propagator: within its tolerance of `exp(AT) f0`, or as far from it as the
 /// step's error says; with the same bits on every mesh, or for every number of mode groups.
 fn recovered_field(world: &World) {
@@ -1994,5 +2206,248 @@ fn fields_in_one_pass(world: &World) {
             }
         }
         assert_eq!(together.applications, applications);
+    }
+}
+
+/// A run with `u = e^{σt} ũ` against the sum over the modes of a matrix that really is `A − σ`: the program shifts only what it
+/// reads.
+fn shifted_field(world: &World) {
+    for (sigma, name) in [(0.8, "slopes, inflow"), (-0.5, "example 1")] {
+        let mut twin = (Twin::all().into_iter().find(|t| t.name == name)).expect("a twin");
+        let time = twin.case.end;
+        twin.case.warp.shift = Shift::Given(sigma);
+        twin.case.tolerance = 1e-7;
+        let mut reference: Option<Vec<f64>> = None;
+        for mesh in meshes(world, &twin.case) {
+            let mut weighted = Weighted::new(world, &twin, &mesh);
+            let size = norm(&weighted.state);
+            let (plan, fields) = stream(world, &twin.case, &mesh, &mut weighted, 3.0, size);
+            let twin = &twin;
+            let reference = reference.get_or_insert_with(|| {
+                let mut shifted = weighted.generator.symmetric();
+                (0..shifted.size).for_each(|i| shifted.add(i, i, -sigma));
+                let k = weighted.generator.skew();
+                let mut sum = vec![0.0; twin.size()];
+                for l in 0..plan.modes {
+                    let mu = plan.series.wavenumber(l);
+                    // e^{σT} e^{p◇} ṽ(p◇) at p◇ = 0.
+                    let factor = (sigma * time).exp() * plan.series.factor(l);
+                    let mode = evolve(&shifted, &k, mu, &weighted.state, time);
+                    for (sum, w) in sum.iter_mut().zip(mode) {
+                        *sum += (factor * w).re;
+                    }
+                }
+                let unweighted = sum.iter().zip(&weighted.pi).map(|(u, pi)| u / pi.sqrt());
+                unweighted.take(twin.cells).collect()
+            });
+            let error = distance(&fields[0], reference);
+            // But for the series, each cut at its share.
+            assert!(error <= 1e-8, "{name}, {mesh:?}: {error:e}");
+            let expected = exponential(&twin.generator, &twin.state, time);
+            let error = distance(&fields[0], twin.field(&expected));
+            assert!(error <= 1e-7, "{name}, {mesh:?}: {error:e}");
+        }
+    }
+}
+
+/// Scenes with an inflow `b(1 + sin ωt)`, and `f(T)` by one dense exponential: `1`, `sin ωt` and `cos ωt` obey a linear system.
+struct Varying {
+    name: &'static str,
+    twin: Twin,
+    expected: Vec<f64>,
+}
+
+impl Varying {
+    fn all() -> Vec<Self> {
+        let omega = 3.0;
+        let scene = |name, file: &str, formula: &str, overrides: &[&str]| {
+            let with = |time: &str| {
+                let value = format!("inflow.value='({formula})*{time}'");
+                let mut all = overrides.to_vec();
+                all.push(&value);
+                Twin::new(name, file, &all)
+            };
+            // The twin with the inflow at time zero gives A and b; its auxiliary unknowns are left alone.
+            let constant = with("1");
+            let cells = constant.cells;
+            let system = System::of_rows(&constant.case);
+            let mut dense = Dense::from_fn(cells + 3, |i, j| match i < cells && j < cells {
+                true => system.generator.at(i, j),
+                false => 0.0,
+            });
+            let mut state = constant.field(&constant.state).to_vec();
+            for (i, &b) in system.inflow.iter().enumerate() {
+                dense.add(i, cells, b);
+                dense.add(i, cells + 1, b);
+            }
+            dense.add(cells + 1, cells + 2, omega);
+            dense.add(cells + 2, cells + 1, -omega);
+            state.extend([1.0, 0.0, 1.0]);
+            let mut expected = exponential(&dense, &state, constant.case.end);
+            expected.truncate(cells);
+            let mut twin = with(&format!("(1 + sin({omega}*t))"));
+            // Rows that draw on the inflow have an unknown, whatever enters now.
+            if twin.case.warp.inflow == Embedding::Boundary {
+                twin.inflow = (0..cells).filter(|&i| system.draw[i] > 0.0).collect();
+            }
+            let unknowns =
+                twin.inflow.len() + usize::from(twin.case.warp.inflow == Embedding::Scalar);
+            twin.generator = Dense::zero(cells + unknowns);
+            Self {
+                name,
+                twin,
+                expected,
+            }
+        };
+        let slopes = [
+            "axis.0.x.cells=7",
+            "axis.0.v={lower=-1.0,upper=1.3,cells=9}",
+        ];
+        let with = |more: &[&'static str]| [&slopes[..], more].concat();
+        let formula = "1 + x + 2*v";
+        vec![
+            scene("varying", "slope_jump.toml", formula, &with(&[])),
+            scene(
+                "varying, full",
+                "slope_jump.toml",
+                "0.9 + x + 2*v",
+                &with(&["solver.warp.inflow='full'", "solver.warp.delta='max'"]),
+            ),
+            scene(
+                "varying, scalar",
+                "slope_jump.toml",
+                "1.1 + x + 2*v",
+                &with(&["solver.warp.inflow='scalar'"]),
+            ),
+            scene(
+                "varying, two dimensions",
+                "barrier2d.toml",
+                "1 if x < -1.2 else 0",
+                &[
+                    "axis.0.x.cells=5",
+                    "axis.0.v.cells=3",
+                    "axis.1.x.cells=4",
+                    "axis.1.v.cells=4",
+                ],
+            ),
+        ]
+    }
+}
+
+/// Duhamel's formula to round-off; forward Euler, SSP-RK3 and the commutator-free stages with their orders.
+fn varying_inflow_directly(world: &World) {
+    for scene in Varying::all() {
+        let (case, expected) = (&scene.twin.case, &scene.expected);
+        let time = case.end;
+        for mesh in meshes(world, case) {
+            let name = format!("{}, {mesh:?}", scene.name);
+            let communicator = Communicator::new(world, &mesh);
+            let block = Block::new(&case.space, &mesh, communicator.space.rank());
+            let direct = Case {
+                method: Method::Classical,
+                ..case.clone()
+            };
+            let bounds = Bounds::new(&direct).expect("V is finite");
+            let mut problem = Problem::new(&direct, &bounds, &communicator, block, (1, 100))
+                .expect("no weights are needed");
+            assert!(problem.schedule.is_none());
+            let rate = bounds.rate;
+            let number = numbers(&scene.twin, &problem.matrix);
+            let cells = problem.matrix.block.cells();
+            let pi = problem.weights.pi.clone();
+            let mut run =
+                |work: &mut dyn FnMut(&mut Classical<'_>, &mut GhostExchange, &mut [f64])| {
+                    let mut state = problem.states[0].clone();
+                    let mut classical =
+                        Classical::new(&problem.matrix).with_source(&case.fields[0], &pi);
+                    work(&mut classical, &mut problem.exchange, &mut state);
+                    let entries = (0..cells).map(|i| (number[i], state[i]));
+                    gather(&communicator.space, scene.twin.cells, entries)
+                };
+            let found = run(&mut |classical, exchange, state| {
+                classical.duhamel(exchange, state, (rate, time), duhamel_panels(rate * time));
+            });
+            let error = distance(&found, expected);
+            assert!(error <= 1e-12, "{name}: Duhamel {error:e}");
+            report_bits(world, &format!("Duhamel of {}", scene.name), &found);
+
+            let order =
+                |name: &str, order: f64, coarse: usize, run: &mut dyn FnMut(usize) -> Vec<f64>| {
+                    let errors = [coarse, 2 * coarse].map(|steps| distance(&run(steps), expected));
+                    let found = (errors[0] / errors[1]).log2();
+                    assert!(
+                        (found - order).abs() < 0.25,
+                        "{name}: order {found}, {errors:?}"
+                    );
+                };
+            let steps = (8.0 * rate * time).ceil() as usize;
+            for (integrator, theory) in [(Integrator::ForwardEuler, 1.0), (Integrator::SspRk3, 3.0)]
+            {
+                order(
+                    &format!("{name}, {integrator:?}"),
+                    theory,
+                    steps,
+                    &mut |steps| {
+                        run(&mut |classical, exchange, state| {
+                            classical.steps(exchange, state, integrator, time, steps);
+                        })
+                    },
+                );
+            }
+            let block = Block::new(&case.space, &mesh, communicator.space.rank());
+            let matrix = BlockMatrix::assemble(case, block).expect("finite formulas");
+            order(&format!("{name}, commutator-free"), 4.0, 16, &mut |steps| {
+                let values = varying::stage_values(case, &matrix, steps);
+                let rows = matrix.inflow.len();
+                run(&mut |classical, exchange, state| {
+                    for stage in 0..2 * steps {
+                        let held = &values[stage * rows..(stage + 1) * rows];
+                        classical.hold(held.iter().copied());
+                        let part = time / (2 * steps) as f64;
+                        classical.exponential(exchange, state, (rate, part), EXACT);
+                    }
+                })
+            });
+        }
+    }
+}
+
+/// The streamed run with an inflow that varies, within its tolerance, its steps within their share of it; the same bits on
+/// every mesh.
+fn varying_inflow_by_modes(world: &World) {
+    for mut scene in Varying::all() {
+        for tolerance in [1e-4, 1e-8] {
+            scene.twin.case.tolerance = tolerance;
+            for mesh in meshes(world, &scene.twin.case) {
+                let name = format!("{}, {mesh:?}, {tolerance:e}", scene.name);
+                let twin = &scene.twin;
+                let communicator = Communicator::new(world, &mesh);
+                let block = Block::new(&twin.case.space, &mesh, communicator.space.rank());
+                let allowed = Bounds::new(&twin.case).expect("V is finite");
+                let sizes = (2 * LANES, 100);
+                let mut problem = Problem::new(&twin.case, &allowed, &communicator, block, sizes)
+                    .expect("weights and steps are found");
+                let bounds = problem.bounds(&twin.case, &allowed);
+                let schedule = problem.schedule.as_ref().expect("steps");
+                assert!(schedule.error <= varying::TIME_SHARE * tolerance, "{name}");
+                assert_eq!(bounds.stages, 2 * schedule.steps);
+                let ratio = problem.probe(&communicator, bounds.rate, twin.case.end);
+                let size = problem.norm(&communicator, &problem.states[0], false);
+                let mut weighted = Weighted {
+                    number: numbers(twin, &problem.matrix),
+                    communicator,
+                    problem,
+                    bounds,
+                    pi: Vec::new(),
+                    generator: Dense::zero(0),
+                    state: Vec::new(),
+                };
+                let (_, fields) = stream(world, &twin.case, &mesh, &mut weighted, ratio, size);
+                let error = distance(&fields[0], &scene.expected);
+                assert!(error <= tolerance, "{name}: error {error:e}");
+                let name = format!("the field of {} at {tolerance:e}", scene.name);
+                report_bits(world, &name, &fields.concat());
+            }
+        }
     }
 }

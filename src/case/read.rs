@@ -98,6 +98,8 @@ impl Case {
         let (data, fields) = read_data(&root, n)?;
         let end = read_end(&root)?;
         let exact = read_exact(&root, n, &data)?;
+        let read = read_warp(&warp)?;
+        embeddable(&warp, &read, &fields)?;
         let method = solver.choice(
             "method",
             &[
@@ -133,7 +135,7 @@ impl Case {
             tolerance_place: solver.place("tolerance"),
             interval_place: warp.place("interval"),
             verify: solver.boolean("verify")?.unwrap_or(false),
-            warp: read_warp(&warp)?,
+            warp: read,
             propagator: read_propagation(&propagator, end)?,
             integrator: classical.choice(
                 "integrator",
@@ -159,6 +161,17 @@ impl Case {
             space,
         };
         case.refuse_slopes_where_linear(&scheme)?;
+        if case.varies() {
+            steppable(&case, &scheme, &propagator)?;
+        }
+        let summed = case.warp.inflow == Embedding::Scalar && case.enters();
+        if summed && case.propagator.method != PropagatorMethod::Chebyshev {
+            return Err(propagator.error(
+                "method",
+                "solver.warp.inflow = \"scalar\" couples one unknown to all rows, which only \"chebyshev\" applies: \
+                 choose it, or \"boundary\" or \"full\"",
+            ));
+        }
         if output.boolean("warped_field")? == Some(true) {
             return Err(output.error(
                 "warped_field",
@@ -404,12 +417,7 @@ fn read_inflow(root: &Table<'_>, n: usize, default: &str) -> Result<Inflow> {
     let text = table.formula("value")?;
     let inflow = match text.as_deref().unwrap_or(default) {
         "initial" => Inflow::Initial,
-        text => Inflow::Formula(parse_formula(
-            &table,
-            "value",
-            text,
-            &names(n, true, false),
-        )?),
+        text => Inflow::Formula(parse_formula(&table, "value", text, &names(n, true, true))?),
     };
     Ok(inflow)
 }
@@ -437,10 +445,83 @@ fn read_warp(table: &Table<'_>) -> Result<Warp> {
             ],
         )?,
         weights: table.choice("weights", &[("dissipative", true), ("none", false)])?,
-        inflow: table.choice("inflow", &[("boundary", Embedding::Boundary)])?,
-        delta: Delta::Planned,
-        shift: 0.0,
+        inflow: table.choice(
+            "inflow",
+            &[
+                ("boundary", Embedding::Boundary),
+                ("full", Embedding::Full),
+                ("scalar", Embedding::Scalar),
+            ],
+        )?,
+        delta: read_delta(table)?,
+        shift: read_shift(table)?,
     })
+}
+
+/// `delta`: absent, `"max"` or a number.
+fn read_delta(table: &Table<'_>) -> Result<Delta> {
+    if !table.has("delta") {
+        return Ok(Delta::Planned);
+    }
+    if table.is_text("delta") {
+        return table.choice("delta", &[("max", Delta::Largest)]);
+    }
+    match table.number("delta")? {
+        Some(delta) if (1.0 / MOST..=MOST).contains(&delta) => Ok(Delta::Given(delta)),
+        _ => Err(table.error(
+            "delta",
+            &format!("must be above 0, between {:e} and {MOST:e}; or \"max\" for max |b|; leave it out to have it planned", 1.0 / MOST),
+        )),
+    }
+}
+
+/// `shift`: a number or `"growth"`.
+fn read_shift(table: &Table<'_>) -> Result<Shift> {
+    if table.is_text("shift") {
+        return table.choice("shift", &[("growth", Shift::Growth)]);
+    }
+    let shift = table.number("shift")?.unwrap_or(0.0);
+    if shift.abs() > MOST {
+        return Err(table.error("shift", &format!("must be between -{MOST:e} and {MOST:e}")));
+    }
+    Ok(Shift::Given(shift))
+}
+
+/// Refuses methods that do not know of an inflow that depends on time.
+fn steppable(case: &Case, scheme: &Table<'_>, propagator: &Table<'_>) -> Result<()> {
+    if case.limiter != Limiter::None {
+        return Err(scheme.error(
+            "limiter",
+            "takes the inflow at time 0; with t in inflow.value only \"none\"",
+        ));
+    }
+    if case.propagator.method != PropagatorMethod::Chebyshev {
+        return Err(propagator.error(
+            "method",
+            "with t in inflow.value the generator depends on time; only \"chebyshev\" is stepped",
+        ));
+    }
+    Ok(())
+}
+
+/// Refuses embeddings that several fields cannot share: there is one matrix for all.
+fn embeddable(table: &Table<'_>, warp: &Warp, fields: &[Field]) -> Result<()> {
+    let entering = fields.iter().filter(|f| f.enters()).count();
+    if fields.len() > 1 && fields.iter().any(Field::varies) {
+        return Err(table.error(
+            "inflow",
+            "what enters may depend on t where initial.f is given; the unknowns of measure-valued data have one value each",
+        ));
+    }
+    if entering > 1 && warp.inflow == Embedding::Scalar {
+        return Err(table.error(
+            "inflow",
+            &format!(
+                "\"scalar\" has one unknown for all rows, and its couplings are one field's; {entering} fields have inflow here: \"boundary\" or \"full\""
+            ),
+        ));
+    }
+    Ok(())
 }
 
 /// The profile with its own parameter; the others' parameters are refused.

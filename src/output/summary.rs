@@ -61,6 +61,10 @@ pub struct Summary {
     pub memory_peak_bytes_per_rank: u64,
     /// What the plan said.
     pub memory_planned_bytes_per_rank: u64,
+    /// Steps of time, where the inflow depends on it.
+    pub time_steps: Option<usize>,
+    /// Relative l2 error of the field from those steps, at most; part of the error estimate.
+    pub time_error: Option<f64>,
     /// What was asked for.
     pub tolerance: f64,
     /// ‖ũ(0)‖/‖f(T)‖ planned for, and found.

@@ -1,9 +1,10 @@
 //! Who computes what, and in how much memory: the process mesh of least modelled cost that fits.
 
 use super::{Bounds, WarpPlan};
-use crate::case::{Case, Data, Exact, Limiter, Method};
+use crate::case::{Case, Data, Embedding, Exact, Limiter, Method};
 use crate::characteristics::sheet::curve_points;
 use crate::error::{Error, Result};
+use crate::matrix::Inflow;
 use crate::partition::{Block, Mesh};
 use crate::propagate::{self, Sizes, cost_of_splitting};
 use crate::scheme::transport_rate;
@@ -283,14 +284,13 @@ fn arrays(
         })
         .sum();
     // Inflow rows lie on the box's ends: half of each of the two x-ends of an axis.
-    let inflow: u64 = if bounds.inflow {
-        case.space
-            .x
-            .iter()
-            .map(|a| cells / a.cells as u64)
-            .sum::<u64>()
-    } else {
-        0
+    let ends: u64 = case.space.x.iter().map(|a| cells / a.cells as u64).sum();
+    // Rows that are listed as inflow, and auxiliary unknowns.
+    let (listed, inflow) = match (bounds.inflow, case.warp.inflow) {
+        (false, _) => (0, 0),
+        (true, Embedding::Boundary) => (ends, ends),
+        (true, Embedding::Full) => (cells, cells),
+        (true, Embedding::Scalar) => (ends, 1),
     };
     let rows = cells + inflow;
     let length = rows + ghosts;
@@ -304,6 +304,13 @@ fn arrays(
             8 * (3 + 3 * case.fields.len() as u64) * length,
         ),
     ];
+    if listed > 0 {
+        let each = size_of::<Inflow>() as u64;
+        list.push((
+            "inflow".to_owned(),
+            listed * (each + 8 * bounds.stages as u64),
+        ));
+    }
     if let Some(warp) = warp {
         let sizes = Sizes {
             rows,

@@ -92,10 +92,12 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
              where S grows that much, what is read there comes from where the profile is not exp(-p)",
             window.point,
             window.point - window.distance,
-            bounds.growth * time
+            demand.growth
         ));
     }
     let readings = readings(case, &window, interval);
+    // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p = p◇ + σT.
+    let shift = warp.shift.of(bounds.growth) * time;
     let apart = readings.last().map_or(0.0, |r| r.point - window.point);
     Ok(Placement {
         seen: if apart > 0.0 {
@@ -103,11 +105,11 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
         } else {
             1.0
         },
-        plateau: plateau(case, &window, interval, readings[0].width),
+        plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
         profile,
         series,
         interval,
-        readings,
+        readings: moved(readings, shift),
         warnings,
     })
 }
@@ -116,14 +118,18 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
 /// effect may take all of it, and the second reading may be worse.
 fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
     let (warp, time) = (&case.warp, case.end);
-    let (growth, decay) = (bounds.growth * time, bounds.decay * time);
+    // Spectral shift: u = e^{σt} ũ, ũ' = (A − σ) ũ, planned for.
+    let shift = warp.shift.of(bounds.growth) * time;
+    let growth = (bounds.growth * time - shift).max(0.0);
+    let decay = bounds.decay * time + shift;
+    let tolerance = case.tolerance / ratio * (-shift).exp();
     let width = width(warp);
     let second = if case.recovery_points > 1 {
         SECOND_POINT
     } else {
         0.0
     };
-    let mut demand = Demand::new(case.tolerance / ratio, growth, decay, width + second);
+    let mut demand = Demand::new(tolerance, growth, decay, width + second);
     demand.recovery = warp.recovery;
     demand.interval = warp.interval;
     demand.sampled = warp.coefficients == Coefficients::Sampled;
@@ -154,7 +160,7 @@ fn relaxed(
     demand: &Demand,
     warnings: &mut Vec<String>,
 ) -> Result<(Profile, Window)> {
-    let choice = case.warp.profile;
+    let (warp, choice) = (&case.warp, case.warp.profile);
     let growth = demand.growth;
     let open = Demand {
         interval: None,
@@ -181,7 +187,7 @@ fn relaxed(
         });
     };
     let transport = Demand {
-        decay: 2.0 * bounds.rate * case.end,
+        decay: 2.0 * bounds.rate * case.end + warp.shift.of(bounds.growth) * case.end,
         ..*demand
     };
     if let Some(planned) = Profile::plan(choice, &transport) {
@@ -263,6 +269,12 @@ fn readings(case: &Case, window: &Window, interval: [f64; 2]) -> Vec<Reading> {
             width,
         })
         .collect()
+}
+
+/// The readings moved by `distance`.
+fn moved(mut readings: Vec<Reading>, distance: f64) -> Vec<Reading> {
+    readings.iter_mut().for_each(|r| r.point += distance);
+    readings
 }
 
 /// The readings of the plateau, equally spaced.

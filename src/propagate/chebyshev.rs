@@ -19,6 +19,7 @@
 //! `d` being the largest of the `d_i`. It is narrower than the sum of the bounds for `μS` and `iK`, and needs no
 //! reduction over ranks.
 
+use crate::communicator::GhostExchange;
 use crate::error::Result;
 use crate::matrix::{BlockMatrix, LANES, Lanes, StepConstants};
 use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
@@ -127,7 +128,7 @@ pub struct Chebyshev {
     previous: Vec<Lanes>,
     current: Vec<Lanes>,
     /// `w(T)` of the batch, but for the lanes' phases.
-    sum: Vec<Lanes>,
+    pub sum: Vec<Lanes>,
     /// `J_k(τ)` by lane, `LANES` to a degree.
     coefficients: Vec<f64>,
     series: Vec<f64>,
@@ -148,16 +149,19 @@ impl Chebyshev {
 
     /// Bytes a row takes.
     pub const BYTES_PER_ROW: usize = 3 * size_of::<Lanes>();
-}
 
-impl Propagator for Chebyshev {
-    fn propagate(
+    /// Largest degree there is room for.
+    pub fn largest_degree(&self) -> usize {
+        self.coefficients.len() / LANES - 1
+    }
+
+    /// The coefficients of `exp(−iHt)`, `t = time`, and what the steps need.
+    pub(super) fn prepare(
         &mut self,
-        system: &mut Evolution<'_>,
         batch: &BatchSpec,
-        initial: &Initial<'_>,
-    ) -> Result<BatchReport> {
-        let (degree, time) = (batch.work, system.time);
+        (rate, growth, time): (f64, f64, f64),
+    ) -> (StepConstants, BatchReport) {
+        let degree = batch.work;
         let mut report = BatchReport {
             phases: [Complex64::ZERO; LANES],
             tails: [0.0; LANES],
@@ -172,7 +176,7 @@ impl Propagator for Chebyshev {
             coefficient: [0.0; LANES],
         };
         for l in 0..LANES {
-            let interval = Interval::new(batch.wavenumbers[l], system.rate, system.growth);
+            let interval = Interval::new(batch.wavenumbers[l], rate, growth);
             // Where nothing moves the spectrum is one point, and the series its first term.
             let still = interval.half_width == 0.0;
             constants.scale[l] = if still {
@@ -190,26 +194,51 @@ impl Propagator for Chebyshev {
                 self.coefficients[k * LANES + l] = if k == 0 { j } else { 2.0 * j };
             }
         }
+        (constants, report)
+    }
+
+    /// Starts from a real vector, the same in every lane.
+    pub(super) fn load(&mut self, initial: &[f64]) {
+        for (current, &value) in self.current.iter_mut().zip(initial) {
+            *current = Lanes::ZERO;
+            current.0[..LANES].fill(value);
+        }
+    }
+
+    /// Starts from what came out last, but for the lanes' phases.
+    pub(super) fn reload(&mut self) {
+        self.current[..self.sum.len()].copy_from_slice(&self.sum);
+    }
+
+    /// The series from [`prepare`](Self::prepare) of what was loaded, into `sum`; with the `couplings` of a stage, if the
+    /// inflow varies. Collective over the space group.
+    pub(super) fn series(
+        &mut self,
+        matrix: &BlockMatrix,
+        exchange: &mut GhostExchange,
+        constants: &StepConstants,
+        degree: usize,
+        couplings: Option<&[f64]>,
+    ) {
+        let mut constants = constants.clone();
         let coefficient = |k: usize, table: &[f64]| {
             let mut lanes = [0.0; LANES];
             lanes.copy_from_slice(&table[k * LANES..(k + 1) * LANES]);
             lanes
         };
         let first = coefficient(0, &self.coefficients);
-        for (i, &value) in initial.state.iter().enumerate() {
-            self.current[i] = Lanes::ZERO;
-            self.current[i].0[..LANES].fill(value);
+        for (i, sum) in self.sum.iter_mut().enumerate() {
             self.previous[i] = Lanes::ZERO;
-            self.sum[i] = Lanes::ZERO;
-            for l in 0..LANES {
-                self.sum[i].0[l] = first[l] * value;
+            for l in 0..2 * LANES {
+                sum.0[l] = first[l % LANES] * self.current[i].0[l];
             }
         }
         for k in 1..=degree {
             constants.coefficient = coefficient(k, &self.coefficients);
-            system.matrix.step(
-                system.exchange,
+            matrix.step_with(
+                exchange,
                 &constants,
+                couplings,
                 &mut self.previous,
                 &mut self.current,
                 &mut self.sum,
@@ -220,6 +249,21 @@ impl Propagator for Chebyshev {
                 constants.scale.iter_mut().for_each(|a| *a *= 2.0);
             }
         }
+    }
+}
+
+impl Propagator for Chebyshev {
+    fn propagate(
+        &mut self,
+        system: &mut Evolution<'_>,
+        batch: &BatchSpec,
+        initial: &Initial<'_>,
+    ) -> Result<BatchReport> {
+        let span = (system.rate, system.growth, system.time);
+        let (constants, report) = self.prepare(batch, span);
+        self.load(initial.state);
+        let (matrix, exchange) = (system.matrix, &mut *system.exchange);
+        self.series(matrix, exchange, &constants, batch.work, None);
         Ok(report)
     }
 

@@ -1,0 +1,100 @@
+//! Propagation where the inflow depends on time: a product of exponentials, each a Chebyshev series (see
+//! [`crate::varying`]).
+
+use crate::matrix::{BlockMatrix, LANES, Lanes};
+use crate::plan::WarpPlan;
+use crate::propagate::chebyshev::{Chebyshev, Interval, bessel_series, degree};
+use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
+use crate::varying::Schedule;
+use num_complex::Complex64;
+
+/// Relative errors below this are round-off, whatever the plan's series leaves.
+const ROUND_OFF: f64 = 1e-15;
+
+/// A Chebyshev series a stage; made once, used for every batch.
+pub struct CommutatorFree<'a> {
+    chebyshev: Chebyshev,
+    schedule: &'a Schedule,
+    series: Vec<f64>,
+}
+
+/// Degree of the series of one of `stages` equal parts of a run, for modes `wavenumbers` whose series of the whole run is
+/// cut at `whole_degree`: each part may leave its share of what that leaves.
+pub fn stage_degree(
+    scratch: &mut Vec<f64>,
+    wavenumbers: &[f64],
+    whole_degree: usize,
+    (rate, growth, time): (f64, f64, f64),
+    stages: usize,
+) -> usize {
+    let mut longest = 1;
+    for &mu in wavenumbers {
+        let tau = Interval::new(mu, rate, growth).half_width * time;
+        let rest = bessel_series(scratch, tau, 0.0);
+        let cut = scratch.len().min(whole_degree + 1);
+        let tail = rest + 2.0 * scratch[cut..].iter().map(|j| j.abs()).sum::<f64>();
+        let share = tail.max(ROUND_OFF) / stages as f64;
+        longest = longest.max(degree(scratch, tau / stages as f64, share));
+    }
+    longest
+}
+
+impl<'a> CommutatorFree<'a> {
+    /// Scratch for vectors of `matrix` and the batches of `warp`.
+    pub fn new(matrix: &BlockMatrix, warp: &WarpPlan, schedule: &'a Schedule) -> Self {
+        // A stage's series is shorter than that of the whole run, but for what its smaller error takes.
+        let largest = warp.largest_work() + 60;
+        Self {
+            chebyshev: Chebyshev::new(matrix, largest),
+            schedule,
+            series: Vec::with_capacity(2 * largest + 200),
+        }
+    }
+}
+
+impl Propagator for CommutatorFree<'_> {
+    fn propagate(
+        &mut self,
+        system: &mut Evolution<'_>,
+        batch: &BatchSpec,
+        initial: &Initial<'_>,
+    ) -> crate::error::Result<BatchReport> {
+        let stages = self.schedule.stages();
+        let time = system.time / stages as f64;
+        let span = (system.rate, system.growth, time);
+        let whole = (system.rate, system.growth, system.time);
+        let longest = stage_degree(
+            &mut self.series,
+            &batch.wavenumbers,
+            batch.work,
+            whole,
+            stages,
+        );
+        let stage = BatchSpec {
+            work: longest.min(self.chebyshev.largest_degree()),
+            ..batch.clone()
+        };
+        let (constants, mut report) = self.chebyshev.prepare(&stage, span);
+        self.chebyshev.load(initial.state);
+        for k in 0..stages {
+            if k > 0 {
+                self.chebyshev.reload();
+            }
+            let couplings = Some(self.schedule.stage(k));
+            let (matrix, exchange) = (system.matrix, &mut *system.exchange);
+            self.chebyshev
+                .series(matrix, exchange, &constants, stage.work, couplings);
+        }
+        report.applications = batch.modes * stages * stage.work;
+        for l in 0..LANES {
+            report.tails[l] *= stages as f64;
+            report.phases[l] = report.phases[l].powu(stages as u32);
+            report.phases[l] /= Complex64::from(report.phases[l].norm());
+        }
+        Ok(report)
+    }
+
+    fn state(&self) -> &[Lanes] {
+        &self.chebyshev.sum
+    }
+}
