@@ -25,7 +25,7 @@
 //! |---|---|
 //! | [`case`], [`expression`] | the case file, typed, with every default; formulas |
 //! | [`grid`], [`potential`], [`scheme`] | cells; jumps and slopes of `V`; row `i` of `A` and `b`, the only definition of `A` |
-//! | [`plan`], [`profile`], [`recover`] | every derived number before anything is solved; `g(p)` as a Fourier series; reading `u` from it |
+//! | [`plan`], [`profile`], [`recover`] | every derived number before anything is solved; `g(p)` as a Fourier series; reading `u` from it, by point, integral or least squares |
 //! | [`partition`], [`communicator`], [`reproducible`] | who owns what; MPI; sums that do not depend on order |
 //! | [`matrix`], [`weights`], [`problem`] | the distributed `(S, K)`; the norm in which `S ≤ 0`; all of it on a rank |
 //! | [`propagate`], [`warp`], [`classical`] | `exp(−iH_l T)`; the streamed run; `f' = A f + b` directly, with slopes |

@@ -392,18 +392,16 @@ impl Plan {
     }
 
     /// The plan before growth and norms are measured: who computes what, and about how much. A tolerance that may turn out
-    /// too small is not refused yet.
+    /// too small, or an interval too short for it, is not refused yet.
     ///
     /// # Errors
     /// As [`new`](Self::new), but for the tolerance.
     pub fn provisional(case: &Case, bounds: &Bounds, resources: &Resources) -> Result<Self> {
         /// What can be reached with a growth that weights and inflow are allowed.
         const POSSIBLE: f64 = 1e-12;
-        let tolerance = case.tolerance.max(POSSIBLE);
-        let case = Case {
-            tolerance,
-            ..case.clone()
-        };
+        let mut case = case.clone();
+        case.tolerance = case.tolerance.max(POSSIBLE);
+        case.warp.interval = None;
         Self::with_bounds(&case, bounds.expected(), resources, 1.0)
     }
 

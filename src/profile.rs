@@ -126,19 +126,14 @@ impl Profile {
         }
     }
 
-    /// What part of the error of a reading at `window.point` its distance to a reading `apart` further on shows, where
-    /// modes beyond `cutoff` are left out. The Gaussian's error is how `g` differs from `e^{−p}`, which both readings share
-    /// in part; the others' is what was left out, independent in both and often larger in the
-    /// second, so that the distance is larger than the error.
-    pub fn seen(&self, window: &Window, cutoff: f64, apart: f64) -> f64 {
-        let shape = self.shape();
+    /// What part of the error of a reading at `point` its distance to a reading `apart` further on shows. The Gaussian's
+    /// error is how `g` differs from `e^{−p}`, which both readings share in part. The others' is mostly what was left
+    /// out; the second's, independent, lies between nothing and `e^{apart}` times the first's, the distance between 1 and
+    /// `√(1 + e^{2 apart})` times the error: the geometric mean of the two.
+    pub fn seen(&self, point: f64, apart: f64) -> f64 {
         match self {
-            Self::Gaussian(g) => g.seen_by(window.point, window.point + apart),
-            _ => {
-                let first = shape.tail(cutoff, window.distance);
-                let second = apart.exp() * shape.tail(cutoff, window.distance + apart);
-                1f64.hypot(second / first)
-            }
+            Self::Gaussian(g) => g.seen_by(point, point + apart),
+            _ => 1f64.hypot(apart.exp()).sqrt(),
         }
     }
 }

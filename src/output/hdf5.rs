@@ -416,22 +416,22 @@ impl<'a> Writer<'a> {
 
     /// The plateau, which is the same on all ranks: rank 0 writes it.
     fn plateau(&self, points: &[PlateauPoint]) -> Result<()> {
-        let columns: [(&str, &str, fn(&PlateauPoint) -> f64); 3] = [
-            ("p", "recovery point", |point| point.p),
+        let column = |of: fn(&PlateauPoint) -> f64| points.iter().map(of).collect();
+        let columns: [(&str, &str, Vec<f64>); 3] = [
+            ("p", "recovery point", column(|point| point.p)),
             (
                 "distance",
                 "relative l2 distance of f read at p to f",
-                |point| point.distance,
+                column(|point| point.distance),
             ),
-            ("norm", "l2 norm of f read at p", |point| point.norm),
+            ("norm", "l2 norm of f read at p", column(|point| point.norm)),
         ];
         if points.is_empty() {
             return Ok(());
         }
         let outcome = (|| {
             self.file.create_group("plateau")?;
-            for (name, what, of) in columns {
-                let values: Vec<f64> = points.iter().map(of).collect();
+            for (name, what, values) in &columns {
                 let dataset = self
                     .file
                     .new_dataset::<f64>()
@@ -439,7 +439,7 @@ impl<'a> Writer<'a> {
                     .create(format!("plateau/{name}").as_str())?;
                 attribute(&dataset, "long_name", &text(what))?;
                 attribute(&dataset, "units", &text("1"))?;
-                self.alone(|| dataset.write(&values));
+                self.alone(|| dataset.write(values));
             }
             Ok(())
         })();

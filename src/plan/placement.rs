@@ -78,14 +78,9 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
             Series::analytic(period, modes as usize, |mu| shape.coefficient(mu))
         }
     };
-    let cutoff = match warp.points {
-        Some(points) => {
-            let cutoff = PI * points as f64 / period;
-            warnings.extend(too_few(&demand, shape, &window, period, points));
-            cutoff
-        }
-        None => window.cutoff,
-    };
+    if let Some(points) = warp.points {
+        warnings.extend(too_few(&demand, shape, &window, period, points));
+    }
     if window.distance < -1e-9 && warp.recovery.is_some() {
         warnings.push(format!(
             "solver.warp.recovery = {} is below {:.4}, which growth x time = {:.4} asks for: \
@@ -101,7 +96,7 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     let apart = readings.last().map_or(0.0, |r| r.point - window.point);
     Ok(Placement {
         seen: if apart > 0.0 {
-            profile.seen(&window, cutoff, apart)
+            profile.seen(window.point, apart)
         } else {
             1.0
         },

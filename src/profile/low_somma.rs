@@ -60,7 +60,8 @@ impl LowSomma {
     /// The one of largest `σ` with `|e^p g − 1| ≤ allowed` from `c` on.
     pub fn within(c: f64, allowed: f64) -> Option<Self> {
         let (mut low, mut high) = (1e-4 * c, 10.0 * c.sqrt());
-        if !(Self { c, sigma: low }.deviation() <= allowed) {
+        let least = Self { c, sigma: low }.deviation();
+        if least.is_nan() || least > allowed {
             return None;
         }
         for _ in 0..60 {
