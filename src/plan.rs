@@ -419,12 +419,10 @@ impl Plan {
     /// Jacobi sweeps that better weights are worth: a sweep takes about as long as two applications, and they should not
     /// take more than a few hundredths of the run.
     pub fn patience(&self) -> usize {
-        self.warp
-            .as_ref()
-            .map_or(0, |w| {
-                let unit = propagate::unit(self.propagation.method);
-                ((w.applications + w.solves) * unit / 50).max(16)
-            })
+        self.warp.as_ref().map_or(0, |w| {
+            let unit = propagate::unit(self.propagation.method);
+            ((w.applications + w.solves) * unit / 50).max(16)
+        })
     }
 }
 

@@ -197,9 +197,7 @@ pub fn work(
 ) -> usize {
     let half_width = Interval::new(mu, bounds.rate, bounds.growth).half_width;
     match case.propagator.method {
-        PropagatorMethod::Chebyshev => {
-            chebyshev::degree(scratch, half_width * case.end, tolerance)
-        }
+        PropagatorMethod::Chebyshev => chebyshev::degree(scratch, half_width * case.end, tolerance),
         PropagatorMethod::Krylov => {
             let longest = case.propagator.step.unwrap_or(case.end).min(case.end);
             krylov::applications(scratch, half_width, (case.end, longest), tolerance)
@@ -259,7 +257,10 @@ pub fn arrays(case: &Case, bounds: &Bounds, mesh: &Mesh, sizes: &Sizes) -> Vec<(
             let bytes = shifted::factor_bytes(case, bounds, mesh);
             vec![
                 (batch, 2 * lanes * sizes.rows),
-                ("vectors of the solver".to_owned(), vectors * 16 * sizes.length),
+                (
+                    "vectors of the solver".to_owned(),
+                    vectors * 16 * sizes.length,
+                ),
                 (
                     "factors (estimated)".to_owned(),
                     60 * sizes.entries + (bytes * sizes.rows as f64) as u64,

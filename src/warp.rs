@@ -73,7 +73,11 @@ pub fn streamed(
         // T Δt^q c G^(q+1) w, G at most as large as H of the last mode.
         let last = warp.series.wavenumber(warp.modes.saturating_sub(1));
         let size = propagator.largest_step_error(system, last);
-        step_sums.extend(initial.iter().map(|field| sum(field, &warp.readings[0], size)));
+        step_sums.extend(
+            initial
+                .iter()
+                .map(|field| sum(field, &warp.readings[0], size)),
+        );
     }
     let mut defect: Option<f64> = None;
     let mut kept = f64::INFINITY;

@@ -100,7 +100,10 @@ fn every_propagator_runs_in_every_case() {
             &format!("solver.tolerance={tolerance}"),
         ]);
         // Grids small enough to be quick.
-        if ["example1", "slope", "step_up", "well"].iter().any(|n| name.starts_with(n)) {
+        if ["example1", "slope", "step_up", "well"]
+            .iter()
+            .any(|n| name.starts_with(n))
+        {
             job = job.set(&["axis.0.x.cells=48", "axis.0.v.cells=40"]);
         }
         let Some(steps) = steps else {
@@ -122,7 +125,9 @@ fn every_propagator_runs_in_every_case() {
             format!("error_estimate {estimate:e}, error {error:e}")
         })?;
         let leading = summary.number("step_error")?;
-        let warned = summary.value["warnings"].to_string().contains("solver.propagator.step");
+        let warned = summary.value["warnings"]
+            .to_string()
+            .contains("solver.propagator.step");
         summary.require(warned == (leading > summary.number("tolerance")?), || {
             format!("step_error {leading:e}, warned: {warned}")
         })?;
@@ -2089,7 +2094,12 @@ fn memory_is_what_was_planned() {
         ("inflow_barrier.toml", &grid, &[], 1),
         ("slope_jump.toml", &grid, &[], 2),
         ("barrier2d.toml", &plane, &[], 1),
-        ("slope_jump.toml", &grid, &["solver.propagator.method=krylov"], 1),
+        (
+            "slope_jump.toml",
+            &grid,
+            &["solver.propagator.method=krylov"],
+            1,
+        ),
     ];
     check_all(rows, |(name, size, settings, ranks)| {
         let place = directory();
@@ -2127,7 +2137,11 @@ fn factors_take_no_more_memory_than_planned() {
     let implicit = "solver.propagator={method='crank-nicolson',step=0.02}";
     let line = ["axis.0.x.cells=160", "axis.0.v.cells=150"];
     let plane = ["axis.0.x.cells=16", "axis.1.x.cells=16"];
-    let sloped = ["axis.0.x.cells=8", "potential.0.value='0.2+0.1*x-0.1*y'"];
+    let sloped = [
+        "axis.0.x.cells=8",
+        "potential.0.value='0.2+0.1*x-0.1*y'",
+        "potential.1.value='0.1*x+0.1*y'",
+    ];
     let rows: &[(&str, &[&str], usize)] = &[
         ("example1.toml", &line, 1),
         ("slope_jump.toml", &line, 1),
@@ -2137,8 +2151,14 @@ fn factors_take_no_more_memory_than_planned() {
     ];
     check_all(rows, |(name, size, ranks)| {
         let place = directory();
-        let job = run(name).set(size).set(&[implicit, "time.end=0.02", "solver.tolerance=0.1"]);
-        let job = if *ranks > 1 { job.with(["--ranks-x", "2"]) } else { job };
+        let job = run(name)
+            .set(size)
+            .set(&[implicit, "time.end=0.02", "solver.tolerance=0.1"]);
+        let job = if *ranks > 1 {
+            job.with(["--ranks-x", "2"])
+        } else {
+            job
+        };
         let summary = job.on(*ranks).solve(place.path())?;
         let peak = summary.number("memory_peak_bytes_per_rank")?;
         let planned = summary.number("memory_planned_bytes_per_rank")?;

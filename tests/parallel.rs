@@ -56,7 +56,10 @@ const CHECKS: [(&str, Check); 18] = [
     ("one_step", one_step),
     ("chebyshev_propagation", chebyshev_propagation),
     ("krylov_propagation", krylov_propagation),
-    ("orders_of_the_implicit_methods", orders_of_the_implicit_methods),
+    (
+        "orders_of_the_implicit_methods",
+        orders_of_the_implicit_methods,
+    ),
     ("long_implicit_steps", long_implicit_steps),
     ("spectrum_in_its_interval", spectrum_in_its_interval),
     ("dissipative_weights", dissipative_weights),
@@ -273,7 +276,7 @@ fn compare_bits(bits: &Bits, all: bool, tally: &mut Tally) {
     }
     if all {
         let reason = format!("{} quantities", bits.len());
-        tally.count("bits were compared", bits.len() >= 30, &reason);
+        tally.count("bits were compared", bits.len() >= 50, &reason);
     }
 }
 
@@ -1187,16 +1190,15 @@ fn krylov_propagation(world: &World) {
             let mut weighted = Weighted::new(world, &twin, &mesh);
             let reference =
                 reference.get_or_insert_with(|| references(world, &weighted, &WAVENUMBERS, time));
-            for (tolerance, step) in [(1e-4, None), (1e-11, None), (1e-8, Some(0.03 * time))] {
+            for (tolerance, step) in [(1e-11, None), (1e-4, Some(0.03 * time))] {
                 twin.case.propagator = Propagation {
                     method: PropagatorMethod::Krylov,
                     step,
                 };
                 let mut krylov = Krylov::new(&weighted.problem.matrix, step);
                 let mut scratch = Vec::new();
-                let planned = WAVENUMBERS.map(|mu| {
-                    work(&twin.case, &weighted.bounds, mu, tolerance, &mut scratch)
-                });
+                let planned = WAVENUMBERS
+                    .map(|mu| work(&twin.case, &weighted.bounds, mu, tolerance, &mut scratch));
                 let batch = BatchSpec {
                     modes: LANES,
                     wavenumbers: WAVENUMBERS,
@@ -1233,14 +1235,14 @@ fn krylov_propagation(world: &World) {
 /// Crank–Nicolson converges with order 2 and keeps norms, backward Euler with order 1 and loses them; the leading term of
 /// the error is the error. On every mesh.
 fn orders_of_the_implicit_methods(world: &World) {
-    const SLOW: [f64; 3] = [0.0, 0.2, 0.6];
-    let mut wavenumbers = [SLOW[2]; LANES];
+    const SLOW: [f64; 2] = [0.0, 0.5];
+    let mut wavenumbers = [SLOW[1]; LANES];
     wavenumbers[..SLOW.len()].copy_from_slice(&SLOW);
     for twin in Twin::all() {
         let mut reference = None;
         for mesh in meshes(world, &twin.case) {
             let mut weighted = Weighted::new(world, &twin, &mesh);
-            let time = 2.0 / weighted.bounds.rate;
+            let time = 1.0 / weighted.bounds.rate;
             let reference =
                 reference.get_or_insert_with(|| references(world, &weighted, &SLOW, time));
             let full = norm(&weighted.state);
@@ -1250,7 +1252,7 @@ fn orders_of_the_implicit_methods(world: &World) {
                 tolerances: [1e-6; LANES],
                 work: 0,
             };
-            for (order, coarse) in [(2, 24), (1, 96)] {
+            for (order, coarse) in [(2, 8), (1, 32)] {
                 let mut runs = Vec::new();
                 for steps in [coarse, 2 * coarse] {
                     let matrix = &weighted.problem.matrix;
@@ -1272,7 +1274,9 @@ fn orders_of_the_implicit_methods(world: &World) {
                     let missed = apart(&rest, &reference[l]) / full / error(1);
                     let at = format!(
                         "{}, {mesh:?}, mu = {}, order {order}: {found}, error {:e}, norm {change:e}, leading term misses {missed}",
-                        twin.name, SLOW[l], error(1)
+                        twin.name,
+                        SLOW[l],
+                        error(1)
                     );
                     assert!((found - order as f64).abs() < 0.1, "{at}");
                     assert!(error(1) > 1e-7 && missed < 0.2, "{at}");
@@ -1639,7 +1643,10 @@ fn recovered_field(world: &World) {
                     None => assert!(method == BackwardEuler && kept < 0.99, "{name}: {kept}"),
                 }
                 let loss = 1.0 - kept;
-                assert!(method != CrankNicolson || loss.abs() < 1e-11, "{name}: {loss}");
+                assert!(
+                    method != CrankNicolson || loss.abs() < 1e-11,
+                    "{name}: {loss}"
+                );
 
                 assert_eq!(recovered.fields[0].len(), 2);
                 let all = |field: &Vec<f64>| {
@@ -1663,10 +1670,11 @@ fn recovered_field(world: &World) {
                     let unsplit = unsplit.get_or_insert_with(|| fields[0].clone());
                     let difference = distance(&fields[0], unsplit);
                     // Residuals of round-off, amplified by the recovery.
-                    let amplified = warp_plan.amplification * norm(&weighted.state) / norm(expected);
-                    let allowed = 1e-15 * f64::from(steps.unwrap_or(0)) * amplified;
+                    let amplified =
+                        warp_plan.amplification * norm(&weighted.state) / norm(expected);
+                    let allowed = 2e-16 * f64::from(steps.unwrap_or(0)) * amplified;
                     assert!(
-                        difference <= allowed.min(1e-9),
+                        difference <= allowed,
                         "{name}, {mesh:?}: {difference:e} {allowed:e}"
                     );
                     continue;

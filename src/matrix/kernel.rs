@@ -109,7 +109,8 @@ fn step_rows<const FMA: bool, const SUM: bool>(
             for l in 0..LANES {
                 let coefficient = constants.coefficient[l];
                 total[l] = multiply_add::<FMA>(coefficient, out[l], total[l]);
-                total[LANES + l] = multiply_add::<FMA>(coefficient, out[LANES + l], total[LANES + l]);
+                total[LANES + l] =
+                    multiply_add::<FMA>(coefficient, out[LANES + l], total[LANES + l]);
             }
         }
     }

@@ -110,7 +110,9 @@ impl Propagator for Implicit {
             for _ in 0..self.steps {
                 // No step makes the norm larger, round-off aside.
                 let norm = 1.001 * initial.norm;
-                let found = self.system.solve(system, &mut self.solved, &self.mode, norm)?;
+                let found = self
+                    .system
+                    .solve(system, &mut self.solved, &self.mode, norm)?;
                 for (w, z) in self.mode[..rows].iter_mut().zip(&self.solved) {
                     *w = match self.order {
                         2 => 2.0 * z - *w,

@@ -82,7 +82,12 @@ pub fn applications(
         return 1;
     }
     let span = half_width * time;
-    let step = longest(scratch, DIMENSION, tolerance / span, half_width * longest_step);
+    let step = longest(
+        scratch,
+        DIMENSION,
+        tolerance / span,
+        half_width * longest_step,
+    );
     let whole = (span / step).floor();
     let left = (span - whole * step).max(0.0);
     let last = if left > 1e-12 * span {
@@ -353,7 +358,13 @@ impl Propagator for Krylov {
             coefficient: [0.0; LANES],
         };
         // ‖H − c‖, where nothing moves too.
-        let sizes = intervals.map(|i| if i.half_width > 0.0 { i.half_width } else { 1.0 });
+        let sizes = intervals.map(|i| {
+            if i.half_width > 0.0 {
+                i.half_width
+            } else {
+                1.0
+            }
+        });
         for (w, &u) in self.state.iter_mut().zip(initial.state) {
             *w = Lanes::ZERO;
             w.0[..LANES].fill(u);
@@ -409,7 +420,10 @@ impl Propagator for Krylov {
                 report.tails[l] += error + f64::EPSILON;
                 left[l] -= tau;
                 let mut power = Complex64::from(norms[l]);
-                for (c, y) in coefficients.iter_mut().zip(self.projected.exponential(m, tau)) {
+                for (c, y) in coefficients
+                    .iter_mut()
+                    .zip(self.projected.exponential(m, tau))
+                {
                     let value = power * y;
                     (c[l], c[LANES + l]) = (value.re, value.im);
                     // v_j = i^j u_j.
@@ -463,7 +477,11 @@ mod tests {
                 for k in 0..m {
                     for j in 0..m {
                         let (alpha, beta) = entry(j);
-                        let left = if j > 0 { entry(j - 1).1 * q[k][j - 1] } else { 0.0 };
+                        let left = if j > 0 {
+                            entry(j - 1).1 * q[k][j - 1]
+                        } else {
+                            0.0
+                        };
                         let right = if j + 1 < m { beta * q[k][j + 1] } else { 0.0 };
                         let residual = left + alpha * q[k][j] + right - d[k] * q[k][j];
                         assert!(residual.abs() < 1e-13, "{m} {k} {j}: {residual:e}");
@@ -485,7 +503,10 @@ mod tests {
             // A Chebyshev series of that accuracy is a polynomial of one piece: shorter, but not by much.
             bessel_series(&mut scratch, span, tolerance);
             let degree = scratch.len() - 1;
-            assert!(all >= degree && all <= 6 * degree + DIMENSION, "{span}: {all} {degree}");
+            assert!(
+                all >= degree && all <= 6 * degree + DIMENSION,
+                "{span}: {all} {degree}"
+            );
             // Shorter steps cost more.
             let short = applications(&mut scratch, span, (1.0, 0.01), tolerance);
             assert!(short > all, "{short} {all}");

@@ -40,7 +40,12 @@ const MOST_ITERATIONS: usize = 3000;
 /// Unknowns that a cell's rows are coupled to form a grid of the x-axes, and of the v-axes where a force moves particles along them.
 /// Chains fill little, two axes like `log` of the grid, more like its largest separator.
 pub fn factor_bytes(case: &Case, bounds: &Bounds, mesh: &Mesh) -> f64 {
-    let x = case.space.x.iter().zip(&mesh.space).map(|(a, p)| a.cells.div_ceil(*p));
+    let x = case
+        .space
+        .x
+        .iter()
+        .zip(&mesh.space)
+        .map(|(a, p)| a.cells.div_ceil(*p));
     let mut lengths: Vec<f64> = x.map(|cells| cells as f64).collect();
     if bounds.rate > transport_rate(&case.space) {
         lengths.extend(case.space.v.iter().map(|a| a.cells as f64));
@@ -127,7 +132,8 @@ impl Local {
             offsets.push(rows.len());
         }
         let pattern = pattern(&offsets, &rows);
-        let symbolic = factorize_symbolic_lu(pattern, Default::default()).map_err(|e| failure(&e))?;
+        let symbolic =
+            factorize_symbolic_lu(pattern, Default::default()).map_err(|e| failure(&e))?;
         let scratch = |requirement| MemBuffer::try_new(requirement).map_err(|e| failure(&e));
         let par = Par::Seq;
         let factor_scratch =
@@ -189,7 +195,9 @@ impl Local {
 
     /// `y ← Mx`. Collective over the space group.
     fn apply(&self, system: &mut Evolution<'_>, y: &mut [Complex64], x: &mut [Complex64]) {
-        system.matrix.apply_mode(system.exchange, self.wavenumber, y, x);
+        system
+            .matrix
+            .apply_mode(system.exchange, self.wavenumber, y, x);
         for (y, x) in y.iter_mut().zip(&x[..self.count()]) {
             *y = x - self.shift * *y;
         }
