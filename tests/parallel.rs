@@ -1559,8 +1559,8 @@ fn recovered_field(world: &World) {
             (1e-4, Chebyshev, None),
             (1e-9, Chebyshev, None),
             (1e-9, Krylov, None),
-            (1e-5, CrankNicolson, Some(40)),
-            (1e-4, BackwardEuler, Some(100)),
+            (1e-4, CrankNicolson, Some(20)),
+            (1e-3, BackwardEuler, Some(40)),
         ] {
             twin.case.tolerance = tolerance;
             twin.case.propagator = Propagation {
