@@ -28,7 +28,7 @@
 //! | [`plan`], [`profile`], [`recover`] | every derived number before anything is solved; `g(p)` as a Fourier series; reading `u` from it |
 //! | [`partition`], [`communicator`], [`reproducible`] | who owns what; MPI; sums that do not depend on order |
 //! | [`matrix`], [`weights`], [`problem`] | the distributed `(S, K)`; the norm in which `S ≤ 0`; all of it on a rank |
-//! | [`propagate`], [`warp`], [`classical`] | `exp(−iH_l T)`; the streamed run; `f' = A f + b` directly |
+//! | [`propagate`], [`warp`], [`classical`] | `exp(−iH_l T)` by series, Lanczos, implicit steps; the streamed run; `f' = A f + b` directly |
 //! | [`characteristics`], [`observables`], [`spectrum`] | the exact solution; moments; eigenvalues of `S` |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
 //! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |
