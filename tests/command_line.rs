@@ -3247,7 +3247,11 @@ fn factors_take_no_more_memory_than_planned() {
     let implicit = "solver.propagator={method='crank-nicolson',step=0.02}";
     let line = ["axis.0.x.cells=160", "axis.0.v.cells=150"];
     let plane = ["axis.0.x.cells=16", "axis.1.x.cells=16"];
-    let sloped = ["axis.0.x.cells=8", "potential.0.value='0.2+0.1*x-0.1*y'"];
+    let sloped = [
+        "axis.0.x.cells=8",
+        "potential.0.value='0.2+0.1*x-0.1*y'",
+        "potential.1.value='0.1*x+0.1*y'",
+    ];
     let rows: &[(&str, &[&str], usize)] = &[
         ("example1.toml", &line, 1),
         ("slope_jump.toml", &line, 1),

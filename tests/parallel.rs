@@ -290,7 +290,7 @@ fn compare_bits(bits: &Bits, all: bool, tally: &mut Tally) {
     }
     if all {
         let reason = format!("{} quantities", bits.len());
-        tally.count("bits were compared", bits.len() >= 30, &reason);
+        tally.count("bits were compared", bits.len() >= 50, &reason);
     }
 }
 
@@ -1325,7 +1325,7 @@ fn krylov_propagation(world: &World) {
             let mut weighted = Weighted::new(world, &twin, &mesh);
             let reference =
                 reference.get_or_insert_with(|| references(world, &weighted, &WAVENUMBERS, time));
-            for (tolerance, step) in [(1e-4, None), (1e-11, None), (1e-8, Some(0.03 * time))] {
+            for (tolerance, step) in [(1e-11, None), (1e-4, Some(0.03 * time))] {
                 twin.case.propagator = Propagation {
                     method: PropagatorMethod::Krylov,
                     step,
@@ -1370,14 +1370,14 @@ fn krylov_propagation(world: &World) {
 /// Crank–Nicolson converges with order 2 and keeps norms, backward Euler with order 1 and loses them; the leading term of
 /// the error is the error. On every mesh.
 fn orders_of_the_implicit_methods(world: &World) {
-    const SLOW: [f64; 3] = [0.0, 0.2, 0.6];
-    let mut wavenumbers = [SLOW[2]; LANES];
+    const SLOW: [f64; 2] = [0.0, 0.5];
+    let mut wavenumbers = [SLOW[1]; LANES];
     wavenumbers[..SLOW.len()].copy_from_slice(&SLOW);
     for twin in Twin::all() {
         let mut reference = None;
         for mesh in meshes(world, &twin.case) {
             let mut weighted = Weighted::new(world, &twin, &mesh);
-            let time = 2.0 / weighted.bounds.rate;
+            let time = 1.0 / weighted.bounds.rate;
             let reference =
                 reference.get_or_insert_with(|| references(world, &weighted, &SLOW, time));
             let full = norm(&weighted.state);
@@ -1387,7 +1387,7 @@ fn orders_of_the_implicit_methods(world: &World) {
                 tolerances: [1e-6; LANES],
                 work: 0,
             };
-            for (order, coarse) in [(2, 24), (1, 96)] {
+            for (order, coarse) in [(2, 8), (1, 32)] {
                 let mut runs = Vec::new();
                 for steps in [coarse, 2 * coarse] {
                     let matrix = &weighted.problem.matrix;
@@ -1903,8 +1903,8 @@ const RECOVERIES: [Recovery; 11] = {
             None,
         ),
         (Gaussian, Point, Analytic, 1e-9, Krylov, None),
-        (Gaussian, Point, Analytic, 1e-5, CrankNicolson, Some(40)),
-        (Gaussian, Point, Analytic, 1e-4, BackwardEuler, Some(100)),
+        (Gaussian, Point, Analytic, 1e-4, CrankNicolson, Some(20)),
+        (Gaussian, Point, Analytic, 1e-3, BackwardEuler, Some(40)),
     ]
 };
 
@@ -2104,9 +2104,9 @@ fn recovered_field(world: &World) {
                     // Residuals of round-off, amplified by the recovery.
                     let amplified =
                         warp_plan.amplification * norm(&weighted.state) / norm(expected);
-                    let allowed = 1e-15 * f64::from(steps.unwrap_or(0)) * amplified;
+                    let allowed = 2e-16 * f64::from(steps.unwrap_or(0)) * amplified;
                     assert!(
-                        difference <= allowed.min(1e-9),
+                        difference <= allowed,
                         "{name}, {mesh:?}: {difference:e} {allowed:e}"
                     );
                     continue;

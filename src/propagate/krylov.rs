@@ -217,8 +217,8 @@ impl Projected {
             }
             let after = entry(&self.terms[..m]);
             let next = integral + beta * piece * f64::max(before, after);
-            // Written so that NaN ends it.
-            if !(next <= slope * (s + piece)) {
+            // NaN ends it too.
+            if next.is_nan() || next > slope * (s + piece) {
                 break;
             }
             (s, integral, before) = (s + piece, next, after);

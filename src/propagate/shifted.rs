@@ -280,9 +280,12 @@ fn length(system: &Evolution<'_>, v: &[Complex64]) -> f64 {
     let square = |rows: Range<usize>| v[rows].iter().map(|v| v.norm_sqr()).sum::<f64>();
     let mut largest: f64 = 0.0;
     for rows in pieces(system.matrix) {
+        if largest.is_nan() {
+            break;
+        }
         let square = square(rows);
         // NaN stays.
-        if !(square <= largest) {
+        if square.is_nan() || square > largest {
             largest = square;
         }
     }
