@@ -111,7 +111,8 @@ fn ends(alpha: &[f64], beta: &[f64], last: f64) -> [End; 2] {
     let pairs = [1.0, -1.0].map(|sign| (sign, largest_pair(sign, alpha, beta)));
     let length = pairs[0].1.0 + pairs[1].1.0;
     pairs.map(|(sign, (theta, component))| {
-        let residual = last * component;
+        // Not below the round-off of the Lanczos recurrence.
+        let residual = (last * component).max(4.0 * f64::EPSILON * length);
         End {
             value: sign * theta,
             residual,

@@ -780,8 +780,10 @@ fn smallest_tolerance_is_accepted_and_met() {
         Ok(number)
     };
     check_all(&cases(), |name| {
-        let number = smallest(name, &[])?;
-        let job = plan(name, 1).set(&[&format!("solver.tolerance={number}")]);
+        let small = shrunk(name);
+        let number = smallest(name, small)?;
+        let job = plan(name, 1).set(small);
+        let job = job.set(&[&format!("solver.tolerance={number}")]);
         job.succeed().map(|_| ())
     });
     let small = ["axis.0.x.cells=24", "axis.0.v.cells=20"];
@@ -3074,7 +3076,8 @@ fn plan_works_for_every_case_and_number_of_ranks() {
         }
     }
     check_all(&rows, |(name, ranks)| {
-        let finished = plan(name, *ranks).with(["--json"]).succeed()?;
+        let plan = || plan(name, *ranks).set(shrunk(name));
+        let finished = plan().with(["--json"]).succeed()?;
         let value: serde_json::Value = serde_json::from_str(&finished.output)
             .map_err(|e| finished.report(&format!("no JSON: {e}")))?;
         let mesh = &value["layout"]["mesh"];
@@ -3090,7 +3093,7 @@ fn plan_works_for_every_case_and_number_of_ranks() {
         if ![2, 64].contains(ranks) {
             return Ok(());
         }
-        let text = plan(name, *ranks).succeed()?;
+        let text = plan().succeed()?;
         let applications = planned(&finished, &value)?.applications;
         for words in [
             "memory",
