@@ -307,7 +307,8 @@ fn oblique_beam_over_a_step_in_space() {
             continue;
         }
         total += (rho - e).abs() / found.density.len() as f64;
-        assert!((rho - e).abs() < 0.05, "{k}: {rho} {e}");
+        // Torn boxes are sixteenths of a cell, counted whole or not: 1/32 for each of two surfaces that meet in a cell.
+        assert!((rho - e).abs() < 2.0 / 32.0 * e.max(1.0), "{k}: {rho} {e}");
         if e > 0.0 {
             let u: Vec<f64> = (0..3).map(|a| found.velocity[a][k]).collect();
             let right = (u[0] - m / e).abs() < 0.01
