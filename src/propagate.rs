@@ -71,11 +71,12 @@ impl Evolution<'_> {
     }
 }
 
-/// The rows that are always together on a rank: the velocities at each point of space, then each auxiliary unknown.
+/// The rows that are always together on a rank: the velocities at each point of space, then each auxiliary unknown; one that
+/// the ranks share on the first of them.
 fn pieces(matrix: &BlockMatrix) -> impl Iterator<Item = Range<usize>> {
     let (nv, cells) = (matrix.block.velocity_cells, matrix.block.cells());
     let points = (0..cells / nv).map(move |c| c * nv..(c + 1) * nv);
-    points.chain((cells..matrix.rows()).map(|i| i..i + 1))
+    points.chain((cells..matrix.counted_rows()).map(|i| i..i + 1))
 }
 
 /// A state to propagate and its norm.

@@ -92,7 +92,8 @@ fn tolerances_are_met_in_every_case() {
 #[test]
 fn every_propagator_runs_in_every_case() {
     let mut rows = Vec::new();
-    for name in cases() {
+    // What an inflow that varies refuses is tried elsewhere.
+    for name in (cases().into_iter()).filter(|name| name != "pulsed_inflow.toml") {
         rows.push((name.clone(), "krylov", "1e-6", None, 2));
         rows.push((name.clone(), "crank-nicolson", "1e-2", Some(30.0), 2));
         rows.push((name.clone(), "backward-euler", "1e-2", Some(60.0), 1));
@@ -105,6 +106,7 @@ fn every_propagator_runs_in_every_case() {
             &format!("solver.tolerance={tolerance}"),
         ]);
         // Grids small enough to be quick.
+        job = job.set(shrunk(name));
         if ["example1", "slope", "step_up", "well"]
             .iter()
             .any(|n| name.starts_with(n))
@@ -115,8 +117,10 @@ fn every_propagator_runs_in_every_case() {
             return meets_its_tolerance(&job.solve(place.path())?);
         };
         let text = std::fs::read_to_string(case(name)).map_err(|e| e.to_string())?;
-        let end: f64 = (text.lines().find_map(|l| l.trim().strip_prefix("end = ")))
-            .and_then(|l| l.split_whitespace().next()?.parse().ok())
+        let sooner = shrunk(name).iter();
+        let end: f64 = (sooner.filter_map(|s| s.strip_prefix("time.end=")))
+            .chain(text.lines().filter_map(|l| l.trim().strip_prefix("end = ")))
+            .find_map(|l| l.split_whitespace().next()?.parse().ok())
             .ok_or("no end in the file")?;
         let step = format!("solver.propagator.step={}", end / steps);
         let summary = job.set(&[&step]).solve(place.path())?;
@@ -137,7 +141,10 @@ fn every_propagator_runs_in_every_case() {
             format!("step_error {leading:e}, warned: {warned}")
         })?;
         let (solves, modes) = (summary.number("solves")?, summary.number("modes")?);
-        summary.require(solves == steps * modes, || format!("{solves} solves"))?;
+        let fields = summary.value["fields"].as_array().map_or(0, Vec::len) as f64;
+        summary.require(solves == steps * modes * fields, || {
+            format!("{solves} solves")
+        })?;
         let kept = summary.number("norm_kept")?;
         if *method == "crank-nicolson" {
             let defect = summary.number("unitarity_defect")?;
@@ -3377,10 +3384,73 @@ fn region_edges_off_the_faces_give_a_warning() {
     }
 }
 
+/// The paper's own set-ups, on smaller grids and with fewer points: interval, recovery point, step and embedding are
+/// taken as given, what they do not guarantee is said, and the first and the third come out within their tolerance.
+#[test]
+fn the_papers_own_set_ups() {
+    let rows: [(&str, &[&str], &[&str], f64); 3] = [
+        (
+            "paper/example1.toml",
+            &[
+                "axis.0.x.cells=32",
+                "axis.0.v.cells=32",
+                "solver.warp.points=1024",
+            ],
+            &["solver.warp.points"],
+            2e-2,
+        ),
+        (
+            "paper/example2.toml",
+            &[
+                "axis.0.x.cells=16",
+                "axis.0.v.cells=16",
+                "solver.warp.points=256",
+            ],
+            &["solver.warp.points"],
+            f64::INFINITY,
+        ),
+        (
+            "paper/example3.toml",
+            &["solver.warp.points=128"],
+            &["solver.warp.points", "solver.warp.interval"],
+            1e-1,
+        ),
+    ];
+    check_all(&rows, |(name, settings, warned, limit)| {
+        let place = directory();
+        let job = run(name)
+            .set(settings)
+            .set(&["solver.verify=true", "exact={}"])
+            .on(2);
+        let summary = job.solve(place.path())?;
+        let steps = summary.number("solves")?;
+        summary.require(steps > 0.0, || "no implicit steps".to_owned())?;
+        let error = summary.number("error_semidiscrete")?;
+        summary.require(error <= *limit, || format!("error {error:e} above {limit}"))?;
+        let text = std::fs::read_to_string(place.path().join("summary.json")).unwrap_or_default();
+        let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+        let warnings = value["warnings"].to_string();
+        for key in *warned {
+            summary.require(warnings.contains(key), || {
+                format!("no warning about {key}: {warnings}")
+            })?;
+        }
+        Ok(())
+    });
+}
+
 #[test]
 fn every_case_is_in_the_readme() {
     let readme = std::fs::read_to_string(case("README.md")).unwrap();
-    check_all(&cases(), |name| {
+    let papers = [
+        "paper/example1.toml",
+        "paper/example2.toml",
+        "paper/example3.toml",
+    ];
+    let all: Vec<String> = (cases().into_iter())
+        .chain(papers.map(str::to_owned))
+        .collect();
+    check_all(&all, |name| {
         let row = readme
             .lines()
             .find(|l| l.starts_with(&format!("| `{name}` |")));

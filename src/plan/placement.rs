@@ -195,9 +195,25 @@ fn relaxed(
         ));
         return Ok(planned);
     }
-    // What would do: the ends for the decay of the transport alone, as that is what was refused.
+    // The whole state, auxiliary unknowns included, may be far larger than the field that is left of it, and an image of it is
+    // seldom in the field alone.
+    let of_state = Demand {
+        tolerance: demand.tolerance * ratio,
+        ..transport
+    };
+    if let Some(planned) = Profile::plan(choice, &of_state) {
+        warnings.push(format!(
+            "solver.warp.interval has a length of {:.4}: long enough for the tolerance relative to the state at the start, {ratio:.3e} times \
+             as large as the field at the end; relative to the field {:.4} guarantees it",
+            length(demand),
+            window.period
+        ));
+        return Ok(planned);
+    }
+    // What would do: the ends for the decay of the transport alone and relative to the state, as that is what was refused.
     let open = Demand {
-        decay: transport.decay,
+        decay: of_state.decay,
+        tolerance: of_state.tolerance,
         ..open
     };
     let (profile, window) = Profile::plan(choice, &open).unwrap_or((profile, window));
