@@ -128,6 +128,19 @@ pub enum Error {
         /// Sweeps done.
         sweeps: usize,
     },
+    /// A generator for which dissipative weights prove nothing.
+    #[error(
+        "dissipative weights need off-diagonal entries of the generator that are not negative; row {row}, column {column} holds {value:e}: \
+         solver.warp.weights = \"none\""
+    )]
+    Negative {
+        /// Local row.
+        row: usize,
+        /// Local column.
+        column: usize,
+        /// The entry.
+        value: f64,
+    },
     /// A mode's norm moved by more than its truncated series allows.
     #[error(
         "mode {mode} (wavenumber {wavenumber:.6}): its norm changed by {defect:.3e}, {allowed:.3e} allowed; \
@@ -251,6 +264,7 @@ impl Error {
             Error::Remote { code, .. } => *code,
             Error::Output { .. }
             | Error::Weights { .. }
+            | Error::Negative { .. }
             | Error::Unitarity { .. }
             | Error::Solver { .. }
             | Error::Factors(_)

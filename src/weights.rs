@@ -33,6 +33,16 @@ fn largest(values: impl Iterator<Item = f64>) -> f64 {
     })
 }
 
+/// The bound on `λ⁺` takes off-diagonal entries `(row, column, A_ij)` that are not negative.
+fn not_negative(entries: impl Iterator<Item = (usize, usize, f64)>) -> Result<()> {
+    for (row, column, value) in entries {
+        if row != column && (value.is_nan() || value < 0.0) {
+            return Err(Error::Negative { row, column, value });
+        }
+    }
+    Ok(())
+}
+
 /// `π` and what is known of it.
 #[derive(Clone, Debug)]
 pub struct Weights {
@@ -63,7 +73,7 @@ impl Weights {
     /// `patience` sweeps, then with `shift > limit`. Collective over the space group.
     ///
     /// # Errors
-    /// [`Error::Weights`] if the sweeps do not get there.
+    /// [`Error::Negative`] where the bound does not hold; [`Error::Weights`] if the sweeps do not get there.
     pub fn dissipative(
         matrix: &BlockMatrix,
         exchange: &mut GhostExchange,
@@ -71,6 +81,9 @@ impl Weights {
         (shift, limit): (f64, f64),
         patience: usize,
     ) -> Result<Self> {
+        let cells = matrix.block.cells();
+        let entries = (0..cells).flat_map(|i| matrix.row(i).map(move |(j, s, k)| (i, j, s + k)));
+        space.agree(not_negative(entries))?;
         let mut state = State::new(matrix);
         let mut sweeps = 0;
         let rate = space.max(state.diagonal.iter().copied().fold(0.0, f64::max));
@@ -172,5 +185,20 @@ impl State {
             let right = self.image[i] + self.offset[i] + d * self.extra[i];
             self.extra[i] = (right / (d + shift)).max(0.0);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn negative_entries_are_refused() {
+        let good = [(0, 0, -2.0), (0, 1, 1.0), (1, 1, -1.0), (1, 0, 0.0)];
+        assert!(not_negative(good.into_iter()).is_ok());
+        let bad = good.into_iter().chain([(2, 1, -1e-3)]);
+        let message = not_negative(bad).map_err(|e| e.to_string());
+        assert!(message.is_err_and(|m| m.contains("row 2") && m.contains("-1e-3")));
+        assert!(not_negative([(0, 1, f64::NAN)].into_iter()).is_err());
     }
 }

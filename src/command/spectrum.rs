@@ -10,6 +10,18 @@ use crate::run;
 use crate::spectrum::{End, Extremes, extremes, gershgorin};
 use serde::Serialize;
 
+/// The system whose `S` is looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum System {
+    /// `f' = A f`: nothing enters.
+    Closed,
+    /// `A` alone of a case in which something enters.
+    Alone,
+    /// The system that the case's embedding of the inflow enlarges.
+    Enlarged,
+}
+
 /// What is known of the spectrum of `S` on one grid.
 #[derive(Clone, Debug, Serialize)]
 pub struct Found {
@@ -23,6 +35,8 @@ pub struct Found {
     interface: Interface,
     /// Whether the unknowns are scaled by dissipative weights.
     weighted: bool,
+    /// Of which system, where something enters.
+    system: System,
     /// Extreme eigenvalues.
     lanczos: Extremes,
     /// Lower and upper bound by row sums of `|S|`.
@@ -61,14 +75,27 @@ pub fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Re
     let mut found = Vec::new();
     for ((case, (bounds, plan)), &refinement) in grids.iter().zip(&plans).zip(refine) {
         let hat = case.interface == Interface::Hat;
+        let systems = match (case.enters(), case.varies()) {
+            (false, _) => vec![(System::Closed, case.clone())],
+            // Couplings that change with time have no one spectrum.
+            (true, true) => vec![(System::Alone, case.without_inflow())],
+            (true, false) => vec![
+                (System::Alone, case.without_inflow()),
+                (System::Enlarged, case.clone()),
+            ],
+        };
         for weighted in [false, true] {
-            if !weighted || (bounds.jumps && hat) {
-                let bounds = Bounds {
-                    weighted,
-                    ..bounds.clone()
-                };
+            if weighted && !(bounds.jumps && hat) {
+                continue;
+            }
+            let bounds = Bounds {
+                weighted,
+                ..bounds.clone()
+            };
+            for (system, case) in &systems {
                 found.push(Found {
                     refinement,
+                    system: *system,
                     ..on_grid(world, case, &bounds, plan, steps)?
                 });
             }
@@ -136,6 +163,7 @@ fn on_grid(
     space.max_into(&mut sqrt_pi);
     Ok(Found {
         refinement: 1,
+        system: System::Closed,
         shape: case.space.shape(),
         unknowns: case.space.cells() + problem.terms - case.space.space_cells(),
         interface: case.interface,
@@ -168,9 +196,8 @@ pub fn table(list: &[Found]) -> String {
             last = found.refinement;
             let shape: Vec<String> = found.shape.iter().map(usize::to_string).collect();
             text += &format!(
-                "cells x {last}: {}, {} unknowns, interface {}\n",
+                "cells x {last}: {}, interface {}\n",
                 shape.join(" x "),
-                found.unknowns,
                 format!("{:?}", found.interface).to_lowercase()
             );
         }
@@ -194,19 +221,25 @@ impl Found {
                 residual + " (not converged: more --steps)"
             }
         };
-        let label = if self.weighted {
-            "dissipative weights"
+        let mut label = if self.weighted {
+            "dissipative weights".to_owned()
         } else {
-            "no weights"
+            "no weights".to_owned()
+        };
+        label += match self.system {
+            System::Closed => "",
+            System::Alone => ", A alone",
+            System::Enlarged => ", with inflow",
         };
         format!(
-            "{label:<20} lambda+ {} {}  lambda- {} {}  ({steps} Lanczos steps)\n\
-             {:<20} Gershgorin: lambda+ <= {}, lambda- <= {}; certificate: lambda+ <= {}; a run relies on {}, {}\n\
-             {:<20} sqrt(pi) {} to {}, max/min {:.4}, {} sweeps\n",
+            "{label:<32} lambda+ {} {}  lambda- {} {}  ({} unknowns, {steps} Lanczos steps)\n\
+             {:<32} Gershgorin: lambda+ <= {}, lambda- <= {}; certificate: lambda+ <= {}; a run relies on {}, {}\n\
+             {:<32} sqrt(pi) {} to {}, max/min {:.4}, {} sweeps\n",
             number(highest.value),
             within(&highest),
             number(-lowest.value),
             within(&lowest),
+            self.unknowns,
             "",
             number(self.gershgorin[1]),
             number(-self.gershgorin[0]),
