@@ -131,7 +131,11 @@ fn closing_line(summary: &Summary, directory: &Path) -> String {
                 summary.tolerance
             )
         } else {
-            ", error below what can be told from round-off".to_owned()
+            let doubt = summary.doubt.as_deref();
+            format!(
+                ", no error estimate: {}",
+                doubt.unwrap_or("below what can be told from round-off")
+            )
         };
     }
     if let (Some(density), Some(velocity)) = (summary.error_density_l1, summary.error_velocity_l1) {

@@ -164,7 +164,12 @@ const LEAST_NORM_KEPT: f64 = 0.5;
 /// Adds the error of the time step, which both readings share, to the error estimate; returns what the user should know.
 pub fn include_step_error(plan: &Plan, summary: &mut Summary) -> Option<String> {
     let found = summary.step_error?;
-    let tells = found <= LARGEST_STEP_ERROR && summary.norm_kept >= Some(LEAST_NORM_KEPT);
+    let tells = found <= LARGEST_STEP_ERROR
+        && summary.norm_kept >= Some(LEAST_NORM_KEPT)
+        && summary.step_beyond <= 0.5 * found;
+    if !tells {
+        summary.doubt = Some("the step is too long for its error to be told".to_owned());
+    }
     summary.error_estimate = summary.error_estimate.map(|e| e + found);
     summary.error_estimate_reliable &= tells;
     let step = plan.propagation.step?;

@@ -56,7 +56,7 @@ pub enum Error {
     #[error(
         "solver: growth x time {growth:.3} and a norm that falls by a factor {ratio:.3e} from state to field leave no digits \
          in double precision; a smaller time.end does, and against growth solver.warp.weights = \"dissipative\" or \
-         scheme.interface = \"conservative\", and solver.warp.delta left out or larger"
+         scheme.interface = \"conservative\", and solver.warp.delta left out"
     )]
     Growth {
         /// ‖ũ(0)‖/‖f(T)‖, see [`crate::plan`].

@@ -292,6 +292,11 @@ impl BlockMatrix {
         self.block.cells() + self.auxiliaries()
     }
 
+    /// The row of the unknown that all ranks share, where there is one; [`row`](Self::row) lists this rank's part of it.
+    pub fn shared_row(&self) -> Option<usize> {
+        self.shared.then(|| self.block.cells())
+    }
+
     /// The first so many rows count in sums over ranks; a copy of a common unknown, the last row, counts once.
     pub fn counted_rows(&self) -> usize {
         self.rows() - usize::from(self.shared && !self.counts_shared)

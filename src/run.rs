@@ -464,6 +464,16 @@ fn solve(
         })
         .filter(|e| e.is_finite())
         .reduce(f64::max);
+    summary.step_beyond = (fields.iter().zip(&recovered.step_beyond))
+        .map(|(readings, beyond)| {
+            let norms = Norms {
+                world: &communicator.world,
+                velocities,
+                f: &readings[0],
+            };
+            beyond / norms.square(&readings[0]).sqrt()
+        })
+        .fold(0.0, f64::max);
     Ok(Solution {
         fields,
         plateau: recovered.plateau.iter().map(unweighted).collect(),
@@ -536,9 +546,13 @@ pub fn warnings(case: &Case) -> Vec<String> {
     };
     let idle = (!case.enters() && case.warp.delta != Delta::Planned)
         .then(|| "solver.warp.delta has no effect: nothing enters (inflow.value is 0)".to_owned());
+    let unread = (case.method == Method::Classical && case.plateau.is_some()).then(|| {
+        "output.plateau has no effect: with solver.method = \"classical\" nothing is read at any p".to_owned()
+    });
     (found.edges.iter().map(line))
         .chain(found.empty.iter().map(empty))
         .chain(idle)
+        .chain(unread)
         .collect()
 }
 

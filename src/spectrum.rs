@@ -124,6 +124,7 @@ fn ends(alpha: &[f64], beta: &[f64], last: f64) -> [End; 2] {
 /// Gershgorin's bounds on the spectrum of `S`: `min (s_ii − Σ|s_ij|)` and `max (s_ii + Σ|s_ij|)`. Collective over `space`.
 pub fn gershgorin(matrix: &BlockMatrix, space: &Group) -> [f64; 2] {
     let mut bounds = [f64::NEG_INFINITY; 2];
+    let shared = matrix.shared_row();
     for i in 0..matrix.rows() {
         let (mut diagonal, mut radius) = (0.0, 0.0);
         for (j, s, _) in matrix.row(i) {
@@ -132,6 +133,10 @@ pub fn gershgorin(matrix: &BlockMatrix, space: &Group) -> [f64; 2] {
             } else {
                 radius += s.abs();
             }
+        }
+        if shared == Some(i) {
+            // Every rank holds its part of this row.
+            radius = space.sum_terms(&[radius]);
         }
         bounds[0] = bounds[0].max(radius - diagonal);
         bounds[1] = bounds[1].max(radius + diagonal);

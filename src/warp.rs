@@ -31,6 +31,8 @@ pub struct Recovered {
     /// Leading term of the error that the time step leaves in each field by the first reading, like `fields`; empty where
     /// the method meets its tolerance by itself.
     pub step_errors: Vec<Vec<f64>>,
+    /// By field, the norm of what modes may add to it whose step is too long for the leading term.
+    pub step_beyond: Vec<f64>,
     /// Applications done by this rank's mode group.
     pub applications: usize,
     /// Linear systems solved by this rank's mode group.
@@ -85,6 +87,7 @@ pub fn streamed(
                 .map(|field| sum(field, &warp.readings[0], size)),
         );
     }
+    let mut beyond = vec![0.0; initial.len()];
     let mut defect: Option<f64> = None;
     let mut kept = f64::INFINITY;
     let (mut applications, mut solves) = (0, 0);
@@ -111,16 +114,27 @@ pub fn streamed(
                     break 'batches;
                 }
             }
-            let add = |sum: &mut Sum, state: &[Lanes]| {
+            let add = |sum: &mut Sum, state: &[Lanes], parts: &[f64; LANES]| {
                 let mut weights = [Complex64::ZERO; LANES];
                 for (l, weight) in weights.iter_mut().enumerate().take(batch.modes) {
-                    *weight = warp.weight(batch.first + l, &sum.reading) * report.phases[l];
+                    let factor = parts[l] * report.phases[l];
+                    *weight = warp.weight(batch.first + l, &sum.reading) * factor;
                 }
                 accumulate(&mut sum.parts, &sum.fixed, &weights, &state[..cells]);
             };
-            sums.iter_mut().for_each(|sum| add(sum, state));
+            sums.iter_mut()
+                .for_each(|sum| add(sum, state, &[1.0; LANES]));
             if let Some(error) = propagator.step_error() {
-                add(&mut step_sums[k], error);
+                // No mode is further off than its two states are long: where the leading term is, it is cut to that.
+                let most = 2.0 * field.norm;
+                let size = propagator.largest_step_error(system, spec.wavenumbers[batch.modes - 1]);
+                let sizes = sizes(system, error, size * field.norm);
+                let parts = sizes.map(|s| if s > most { most / s } else { 1.0 });
+                for l in (0..batch.modes).filter(|l| parts[*l] < 1.0) {
+                    let weight = warp.weight(batch.first + l, &warp.readings[0]);
+                    beyond[k] += most * weight.norm();
+                }
+                add(&mut step_sums[k], error, &parts);
             }
             applications += report.applications;
             solves += report.solves;
@@ -148,12 +162,24 @@ pub fn streamed(
     Ok(Recovered {
         fields,
         plateau,
+        step_beyond: (beyond.iter())
+            .map(|b| communicator.modes.sum_terms(&[*b]))
+            .collect(),
         step_errors: step_sums.into_iter().map(share).collect(),
         unitarity_defect: Some(largest).filter(|d| *d >= 0.0),
         norm_kept: Some(smallest).filter(|r| r.is_finite()),
         applications,
         solves,
     })
+}
+
+/// Norms of the lanes of a batch, each at most `bound`. Collective over the space group.
+fn sizes(system: &Evolution<'_>, lanes: &[Lanes], bound: f64) -> [f64; LANES] {
+    let square = |i: usize| {
+        let w = &lanes[i].0;
+        std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
+    };
+    (system.lane_sums(&[bound * bound; LANES], square)).map(f64::sqrt)
 }
 
 /// Smallest ratio of a lane's norm to what it was, infinite where that was zero; and, where the method keeps norms, the

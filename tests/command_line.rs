@@ -1178,7 +1178,8 @@ fn slopes_are_of_second_order() {
 #[test]
 fn slopes_keep_the_bounds() {
     let mut rows = Vec::new();
-    for name in cases() {
+    // Slopes do not go with an inflow that varies.
+    for name in (cases().into_iter()).filter(|name| name != "pulsed_inflow.toml") {
         for (limiter, integrator) in [
             ("minmod", "forward-euler"),
             ("van-leer", "forward-euler"),
@@ -1541,7 +1542,7 @@ fn tolerances_are_met_with_every_embedding() {
                 rows.push((grid, vec![embedding, delta.to_owned()]));
             }
         }
-        for shift in ["growth", "0.4", "-0.3"] {
+        for shift in ["growth", "0.4", "-0.3", "-4"] {
             rows.push((grid, vec![format!("solver.warp.shift={shift}")]));
         }
     }

@@ -98,8 +98,6 @@ impl Case {
         let (data, fields) = read_data(&root, n)?;
         let end = read_end(&root)?;
         let exact = read_exact(&root, n, &data)?;
-        let read = read_warp(&warp)?;
-        embeddable(&warp, &read, &fields)?;
         let method = solver.choice(
             "method",
             &[
@@ -107,6 +105,12 @@ impl Case {
                 ("classical", Method::Classical),
             ],
         )?;
+        let mut read = read_warp(&warp)?;
+        if method == Method::Classical {
+            // What is embedded how is nothing to it.
+            (read.inflow, read.delta) = (Embedding::Boundary, Delta::Planned);
+        }
+        embeddable(&warp, &read, &fields)?;
         let case = Case {
             name: name.to_owned(),
             title: root.text("title")?.unwrap_or_default(),
@@ -495,7 +499,8 @@ fn steppable(case: &Case, scheme: &Table<'_>, propagator: &Table<'_>) -> Result<
             "takes the inflow at time 0; with t in inflow.value only \"none\"",
         ));
     }
-    if case.propagator.method != PropagatorMethod::Chebyshev {
+    let modes = case.method == Method::Schrodingerized;
+    if modes && case.propagator.method != PropagatorMethod::Chebyshev {
         return Err(propagator.error(
             "method",
             "with t in inflow.value the generator depends on time; only \"chebyshev\" is stepped",

@@ -75,6 +75,12 @@ pub struct Summary {
     pub error_estimate: Option<f64>,
     /// Leading term of the error that an implicit propagator's step leaves in the field, relative l2; part of the estimate.
     pub step_error: Option<f64>,
+    /// What modes may add to the field whose step is too long for the leading term of its error, beside the field.
+    #[serde(skip)]
+    pub step_beyond: f64,
+    /// Why the estimate is not reliable.
+    #[serde(skip)]
+    pub doubt: Option<String>,
     /// Whether the estimate can tell: false where round-off hides the difference, where there is one point only, or where a
     /// step is too long for its error to be told.
     pub error_estimate_reliable: bool,

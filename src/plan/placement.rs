@@ -117,7 +117,7 @@ fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
     let shift = warp.shift.of(bounds.growth) * time;
     let growth = (bounds.growth * time - shift).max(0.0);
     let decay = bounds.decay * time + shift;
-    let tolerance = case.tolerance / ratio * (-shift).exp();
+    let tolerance = case.tolerance / ratio * (-shift.max(0.0)).exp();
     let width = width(warp);
     let second = if case.recovery_points > 1 {
         SECOND_POINT
