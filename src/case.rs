@@ -158,6 +158,7 @@ pub enum Delta {
     /// From the growth it may add.
     Planned,
     /// `max |b|` (the paper's).
+    #[serde(rename = "max")]
     Largest,
     /// This number.
     Given(f64),

@@ -2,7 +2,7 @@
 
 mod spectrum;
 
-use crate::case::{self, Case, Data};
+use crate::case::{self, Case, Data, Method};
 use crate::cli::{CaseArgs, Cli, Command};
 use crate::communicator::World;
 use crate::error::Result;
@@ -188,15 +188,39 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
         };
     }
     text += &format!(
-        "T = {}, interface {:?}, method {:?}, tolerance {:e}\n",
-        case.end, case.interface, case.method, case.tolerance
-    )
-    .to_lowercase();
+        "T = {}, interface {}, method {}, tolerance {:e}\n",
+        case.end,
+        word(&case.interface),
+        word(&case.method),
+        case.tolerance
+    );
+    text += &match case.method {
+        Method::Classical => format!(
+            "integrator {}, cfl {}, limiter {}\n",
+            word(&case.integrator),
+            case.cfl,
+            word(&case.limiter)
+        ),
+        Method::Schrodingerized => format!(
+            "profile {}, coefficients {}, recovery by {}, inflow {}, delta {}, shift {}, propagator {}\n",
+            word(&case.warp.profile),
+            word(&case.warp.coefficients),
+            word(&case.warp.recovery_method),
+            word(&case.warp.inflow),
+            word(&case.warp.delta),
+            word(&case.warp.shift),
+            word(&case.propagator)
+        ),
+    };
+    let growth = if bounds.growth.is_finite() {
+        format!("at most {:.4}", bounds.growth)
+    } else {
+        "known once it is assembled".to_owned()
+    };
     text += &format!(
-        "{} cells; largest rate {:.4}; growth of S at most {:.4}{}\n",
+        "{} cells; largest rate {:.4}; growth of S {growth}{}\n",
         case.space.cells(),
         bounds.rate,
-        bounds.growth,
         if bounds.weighted {
             " with dissipative weights"
         } else {
@@ -204,4 +228,27 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
         }
     );
     text
+}
+
+/// A choice as the case file writes it, its parameters behind it.
+fn word(choice: &impl serde::Serialize) -> String {
+    fn text(value: &serde_json::Value) -> Option<String> {
+        match value {
+            serde_json::Value::Null => None,
+            serde_json::Value::String(text) => Some(text.clone()),
+            serde_json::Value::Object(map) => {
+                let names = |key: &str| ["kind", "method", "given"].contains(&key);
+                let first = map.iter().find(|(key, _)| names(key.as_str()));
+                let mut parts: Vec<String> = first.and_then(|(_, v)| text(v)).into_iter().collect();
+                let others = map.iter().filter(|(key, _)| !names(key.as_str()));
+                parts.extend(others.filter_map(|(k, v)| Some(format!("({k} {})", text(v)?))));
+                Some(parts.join(" "))
+            }
+            other => Some(other.to_string()),
+        }
+    }
+    serde_json::to_value(choice)
+        .ok()
+        .and_then(|value| text(&value))
+        .unwrap_or_default()
 }

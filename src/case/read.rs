@@ -111,6 +111,17 @@ impl Case {
             (read.inflow, read.delta) = (Embedding::Boundary, Delta::Planned);
         }
         embeddable(&warp, &read, &fields)?;
+        if let Shift::Given(shift) = read.shift
+            && (shift * end).abs() > LARGEST_SHIFT
+        {
+            return Err(warp.error(
+                "shift",
+                &format!(
+                    "times time.end is {:.1}; at most {LARGEST_SHIFT} either way, e^{{shift T}} leaves no digits beyond",
+                    shift * end
+                ),
+            ));
+        }
         let case = Case {
             name: name.to_owned(),
             title: root.text("title")?.unwrap_or_default(),
@@ -478,6 +489,9 @@ fn read_delta(table: &Table<'_>) -> Result<Delta> {
         )),
     }
 }
+
+/// Largest `|σT|`.
+const LARGEST_SHIFT: f64 = 25.0;
 
 /// `shift`: a number or `"growth"`.
 fn read_shift(table: &Table<'_>) -> Result<Shift> {
