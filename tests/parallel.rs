@@ -35,6 +35,7 @@ use phasewarp::warp;
 use phasewarp::weights::Weights;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
+use std::ops::Range;
 use std::process::{Child, Command, ExitCode, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use support::dense::{
@@ -1915,6 +1916,16 @@ const RECOVERIES: [Recovery; 11] = {
     ]
 };
 
+/// What each mode group keeps of a block's cells: a piece of its first axis.
+fn shares(block: &Block, groups: usize) -> Vec<Range<usize>> {
+    let leading = block.ranges[0].len();
+    let layer = block.cells() / leading;
+    (0..groups)
+        .map(|group| split(&(0..leading), groups, group))
+        .map(|piece| piece.start * layer..piece.end * layer)
+        .collect()
+}
+
 /// What the streamed run recovers on this mesh, whole and without weights, by each reading; and its plan.
 fn stream(
     world: &World,
@@ -1951,14 +1962,7 @@ fn stream(
         time: case.end,
         terms: problem.terms,
     };
-    // A mode group keeps a piece of the block's first axis.
-    let leading = problem.matrix.block.ranges[0].len();
-    let layer = problem.matrix.block.cells() / leading;
-    let share = |group: usize| {
-        let piece = split(&(0..leading), mesh.groups, group);
-        piece.start * layer..piece.end * layer
-    };
-    let shares: Vec<_> = (0..mesh.groups).map(share).collect();
+    let shares = shares(&problem.matrix.block, mesh.groups);
     let group = weighted.communicator.modes.rank();
     let recovered = warp::streamed(
         &weighted.communicator,
@@ -1977,8 +1981,9 @@ fn stream(
         .sum_count(recovered.applications);
     assert_eq!(all, warp_plan.applications);
     let fields = recovered.fields[0].iter().map(|field| {
-        assert_eq!(field.len(), share(group).len());
-        let entries = share(group)
+        assert_eq!(field.len(), shares[group].clone().len());
+        let entries = shares[group]
+            .clone()
             .zip(field)
             .map(|(i, u)| (weighted.number[i], u / problem.weights.pi[i].sqrt()));
         gather(&world.group(), case.space.cells(), entries)
@@ -2051,14 +2056,7 @@ fn recovered_field(world: &World) {
                     time,
                     terms: problem.terms,
                 };
-                // A mode group keeps a piece of the block's first axis.
-                let leading = problem.matrix.block.ranges[0].len();
-                let layer = problem.matrix.block.cells() / leading;
-                let share = |group: usize| {
-                    let piece = split(&(0..leading), mesh.groups, group);
-                    piece.start * layer..piece.end * layer
-                };
-                let shares: Vec<_> = (0..mesh.groups).map(share).collect();
+                let shares = shares(&problem.matrix.block, mesh.groups);
                 let group = weighted.communicator.modes.rank();
                 let batches = &plan.layout.groups[group];
                 let recovered = warp::streamed(
@@ -2093,8 +2091,8 @@ fn recovered_field(world: &World) {
 
                 assert_eq!(recovered.fields[0].len(), 2);
                 let all = |field: &Vec<f64>| {
-                    assert_eq!(field.len(), share(group).len());
-                    let entries = share(group).zip(field).map(|(i, u)| {
+                    assert_eq!(field.len(), shares[group].clone().len());
+                    let entries = shares[group].clone().zip(field).map(|(i, u)| {
                         let number = weighted.number[i];
                         (number, u / weighted.pi[number].sqrt())
                     });
@@ -2174,13 +2172,7 @@ fn fields_in_one_pass(world: &World) {
                 norm: problem.norm(&communicator, state, false),
             })
             .collect();
-        let leading = problem.matrix.block.ranges[0].len();
-        let layer = problem.matrix.block.cells() / leading;
-        let share = |group: usize| {
-            let piece = split(&(0..leading), mesh.groups, group);
-            piece.start * layer..piece.end * layer
-        };
-        let shares: Vec<_> = (0..mesh.groups).map(share).collect();
+        let shares = shares(&problem.matrix.block, mesh.groups);
         let mut system = Evolution {
             matrix: &problem.matrix,
             exchange: &mut problem.exchange,

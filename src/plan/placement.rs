@@ -36,7 +36,7 @@ pub(super) struct Placement {
 /// [`Error::Tolerance`], [`Error::Growth`], [`Error::Recovery`] when round-off forbids it, [`Error::Interval`] when the interval given by
 /// hand is too short, [`Error::Modes`] when there are too many.
 pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placement> {
-    let (warp, time) = (&case.warp, case.end);
+    let warp = &case.warp;
     let mut warnings = Vec::new();
     let demand = demand(case, bounds, ratio);
     let (profile, window) = match Profile::plan(warp.profile, &demand) {
@@ -92,7 +92,7 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     }
     let readings = readings(case, &window, interval);
     // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p = p◇ + σT.
-    let shift = warp.shift.of(bounds.growth) * time;
+    let shift = shift(case, bounds);
     let apart = readings.last().map_or(0.0, |r| r.point - window.point);
     Ok(Placement {
         seen: if apart > 0.0 {
@@ -109,12 +109,17 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     })
 }
 
+/// `σT` of the spectral shift.
+fn shift(case: &Case, bounds: &Bounds) -> f64 {
+    case.warp.shift.of(bounds.growth) * case.end
+}
+
 /// What is asked of the profile: everything shares the tolerance, unless the interval is given by hand. Then any one
 /// effect may take all of it, and the second reading may be worse.
 fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
     let (warp, time) = (&case.warp, case.end);
     // Spectral shift: u = e^{σt} ũ, ũ' = (A − σ) ũ, planned for.
-    let shift = warp.shift.of(bounds.growth) * time;
+    let shift = shift(case, bounds);
     let growth = (bounds.growth * time - shift).max(0.0);
     let decay = bounds.decay * time + shift;
     let tolerance = case.tolerance / ratio * (-shift.max(0.0)).exp();
@@ -155,7 +160,7 @@ fn relaxed(
     demand: &Demand,
     warnings: &mut Vec<String>,
 ) -> Result<(Profile, Window)> {
-    let (warp, choice) = (&case.warp, case.warp.profile);
+    let choice = case.warp.profile;
     let growth = demand.growth;
     let open = Demand {
         interval: None,
@@ -182,7 +187,7 @@ fn relaxed(
         });
     };
     let transport = Demand {
-        decay: 2.0 * bounds.rate * case.end + warp.shift.of(bounds.growth) * case.end,
+        decay: 2.0 * bounds.rate * case.end + shift(case, bounds),
         ..*demand
     };
     if let Some(planned) = Profile::plan(choice, &transport) {
