@@ -69,15 +69,8 @@ fn step_rows<const FMA: bool, const SUM: bool>(
         // Re and Im of S x and K x.
         let (mut sr, mut si) = ([0.0; LANES], [0.0; LANES]);
         let (mut kr, mut ki) = ([0.0; LANES], [0.0; LANES]);
-        for e in matrix.offsets[i]..matrix.offsets[i + 1] {
-            // SAFETY: `e` is below the number of entries and every column below the length of `x`, which `step` asserts.
-            let (column, s, k) = unsafe {
-                (
-                    *matrix.columns.get_unchecked(e) as usize,
-                    *matrix.s.get_unchecked(e),
-                    *matrix.k.get_unchecked(e),
-                )
-            };
+        for (column, s, k) in matrix.rows.row(i) {
+            // SAFETY: every column is below the length of the matrix, see `BlockMatrix::new`, which `step` asserts `x` has.
             let value = unsafe { &x.get_unchecked(column).0 };
             for l in 0..LANES {
                 sr[l] = multiply_add::<FMA>(s, value[l], sr[l]);
@@ -169,10 +162,7 @@ pub fn step<const SUM: bool>(
     x: &[Lanes],
     sum: &mut [Lanes],
 ) {
-    assert!(
-        x.len() == matrix.length() && matrix.columns.len() == matrix.offsets[matrix.rows()],
-        "vector and matrix do not fit"
-    );
+    assert!(x.len() == matrix.length(), "vector and matrix do not fit");
     for rows in runs.iter().cloned() {
         #[cfg(target_arch = "x86_64")]
         match instruction_set() {
