@@ -260,11 +260,12 @@ impl WarpPlan {
         let mut each = |b: &Batch| match bounds.stages {
             0 => b.work,
             stages => {
-                let wavenumbers: Vec<f64> = (b.first..b.first + b.modes)
-                    .map(|l| series.wavenumber(l))
-                    .collect();
                 let span = (bounds.rate, bounds.growth, time);
-                stages * stage_degree(&mut scratch, &wavenumbers, b.work, span, stages)
+                let degree = |l: usize| {
+                    let mu = series.wavenumber(l);
+                    stage_degree(&mut scratch, mu, work[l], span, stages)
+                };
+                stages * (b.first..b.first + b.modes).map(degree).max().unwrap_or(0)
             }
         };
         let total = batches.iter().map(|b| b.modes * each(b)).sum();

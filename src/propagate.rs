@@ -244,8 +244,12 @@ pub fn arrays(case: &Case, bounds: &Bounds, mesh: &Mesh, sizes: &Sizes) -> Vec<(
     let batch = format!("batch of {LANES} modes");
     match case.propagator.method {
         PropagatorMethod::Chebyshev => {
-            let bytes = chebyshev::Chebyshev::BYTES_PER_ROW as u64;
-            vec![(batch, bytes * sizes.length)]
+            let bytes = if case.varies() {
+                commutator_free::CommutatorFree::BYTES_PER_ROW
+            } else {
+                chebyshev::Chebyshev::BYTES_PER_ROW
+            };
+            vec![(batch, bytes as u64 * sizes.length)]
         }
         PropagatorMethod::Krylov => {
             let vectors = krylov::DIMENSION as u64 + 1;

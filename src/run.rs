@@ -9,7 +9,8 @@ use crate::command::report;
 use crate::communicator::{Communicator, GhostExchange, Group, World};
 use crate::compare::{Norms, estimate, include_step_error, moment_errors};
 use crate::error::{Error, Result};
-use crate::matrix::{Lanes, instruction_set, sample, sample_with};
+use crate::matrix::kernel::InstructionSet;
+use crate::matrix::{Lanes, sample, sample_with};
 use crate::observables::{integral, moments};
 use crate::output::summary::{FieldSummary, Summary};
 use crate::output::{self, hdf5::ExactSolution, hdf5::PlateauPoint};
@@ -618,7 +619,7 @@ impl Summary {
         self.ranks = world.size();
         self.space_blocks = plan.layout.mesh.space.clone();
         self.mode_groups = plan.layout.mesh.groups;
-        self.instruction_set = instruction_set().to_owned();
+        self.instruction_set = InstructionSet::here().name().to_owned();
         self.cells = plan.cells;
         self.inflow_unknowns = problem.terms - case.space.space_cells();
         self.modes = plan.warp.as_ref().map_or(0, |w| w.modes);

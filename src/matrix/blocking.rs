@@ -1,0 +1,328 @@
+//! Several steps in one trip through memory, where the vectors do not fit into the cache of a core.
+//!
+//! Rows are gathered into tiles: the velocities at a cell of space, or a range of them, with their auxiliary unknowns. A tile
+//! at level `m` holds its rows of the vectors of steps `m` and `m − 1`. It may go on to `m + 1`, written over `m − 1`, once every
+//! tile that it is coupled to is at `m` or `m + 1`: those at `m` hold what it reads, those at `m + 1` still do, and none of them needs
+//! its `m − 1` any more. Every order that keeps this rule does the same operations on the same numbers: the same bits as
+//! step after step.
+//!
+//! The order taken here is a wavefront (as in Wellein et al. 2009 for stencils, Alappat et al. 2023 for powers of sparse
+//! matrices): tiles are opened range by range of velocities, strip by strip of the second and third x-axis, along the first;
+//! whenever one is opened, every tile that may go on does, up to level [`Shape::depth`]. So behind the front follow the later
+//! levels, each a cell behind, and a tile is read from memory about once for all of them:
+//!
+//! ```text
+//! level 3   x x x . . . .
+//! level 2   x x x x . . .
+//! level 1   x x x x x . .      next: the sixth cell to 1, the fifth to 2, the fourth to 3
+//! ```
+//!
+//! Along a strip's edge every level begins a cell earlier, and what is left open there waits for the next strip.
+
+use super::{BlockMatrix, Lanes, StartRow, StepConstants, kernel};
+use crate::communicator::GhostExchange;
+use crate::system::cache_per_core;
+use std::ops::Range;
+
+/// Most steps in one trip.
+pub const MOST_LEVELS: usize = 16;
+/// Bytes a row: two vectors, the start, and what its share of the matrix takes.
+const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0 + 16.0;
+/// Part of the cache that what is in use may fill.
+const SHARE: f64 = 0.75;
+/// Fewest rows of a tile that is not a whole cell.
+const FEWEST_ROWS: usize = 32;
+
+/// How rows are gathered and in what order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shape {
+    /// Steps in one trip, at most [`MOST_LEVELS`].
+    pub depth: usize,
+    /// Cells of a strip along each x-axis but the first.
+    pub width: usize,
+    /// Ranges of velocities.
+    pub parts: usize,
+}
+
+/// Tiles, and the order in which they take several steps.
+#[derive(Clone, Debug)]
+pub struct Blocking {
+    shape: Shape,
+    /// Rows of cells, and the auxiliary unknowns of those, by number among the auxiliary ones.
+    tiles: Vec<(Range<u32>, Range<u32>)>,
+    /// Which tile goes on, and from which level.
+    order: Vec<(u32, u32)>,
+}
+
+impl Blocking {
+    /// The blocking that is modelled to move the fewest bytes, for the cache of this machine; `None` where step after step is
+    /// as good or there is a neighbour to exchange with.
+    pub fn planned(matrix: &BlockMatrix) -> Option<Self> {
+        if !Self::possible(matrix) {
+            return None;
+        }
+        let shape = Shape::planned(matrix, SHARE * cache_per_core() as f64)?;
+        Some(Self::new(matrix, &shape))
+    }
+
+    /// Whether steps can be blocked: not where ghosts are exchanged or a row is a sum over all ranks.
+    pub fn possible(matrix: &BlockMatrix) -> bool {
+        matrix.block.ghosts() == 0 && !matrix.shared
+    }
+
+    /// The blocking of `shape`; of a matrix for which it is [`possible`](Self::possible).
+    pub fn new(matrix: &BlockMatrix, shape: &Shape) -> Self {
+        assert!(Self::possible(matrix) && (1..=MOST_LEVELS).contains(&shape.depth));
+        let tiling = Tiling::new(matrix, shape.parts);
+        let neighbours = tiling.neighbours(matrix);
+        let mut this = Self {
+            shape: *shape,
+            order: Vec::with_capacity(tiling.tiles.len() * shape.depth),
+            tiles: Vec::new(),
+        };
+        let mut levels = vec![0u32; tiling.tiles.len()];
+        let mut waiting = Vec::new();
+        // Tiles beyond the front are at level 0 and not open, so only `tile` itself can be the first to go on.
+        let mut open = |tile: usize| {
+            waiting.push(tile);
+            while let Some(t) = waiting.pop() {
+                let (level, around) = (levels[t], neighbours.of(t));
+                let closed = level == 0 && t != tile;
+                let behind = |n: &u32| levels[*n as usize] < level;
+                if closed || level as usize == shape.depth || around.iter().any(behind) {
+                    continue;
+                }
+                this.order.push((t as u32, level));
+                levels[t] += 1;
+                waiting.extend(around.iter().map(|n| *n as usize));
+                waiting.push(t);
+            }
+        };
+        for part in 0..tiling.parts {
+            for_each_in_strips(&matrix.block.ranges, shape.width, |cell| {
+                open(cell * tiling.parts + part);
+            });
+        }
+        debug_assert!(levels.iter().all(|l| *l as usize == shape.depth));
+        this.tiles = tiling.tiles;
+        this
+    }
+
+    /// Most steps in one trip.
+    pub fn depth(&self) -> usize {
+        self.shape.depth
+    }
+
+    /// How it was made.
+    pub fn shape(&self) -> Shape {
+        self.shape
+    }
+}
+
+impl Shape {
+    /// The shape of least modelled traffic whose tiles in use fit into `cache` bytes, if that is less than step after step.
+    fn planned(matrix: &BlockMatrix, cache: f64) -> Option<Self> {
+        if BYTES_PER_ROW * matrix.rows() as f64 <= cache {
+            return None;
+        }
+        let nv = matrix.block.velocity_cells;
+        let across = &matrix.block.ranges[1..];
+        let widest = across.iter().map(Range::len).max().unwrap_or(1);
+        let most_parts = if matrix.velocities_are_coupled() {
+            1
+        } else {
+            (nv / FEWEST_ROWS).max(1)
+        };
+        let mut best: Option<(f64, Self)> = None;
+        for parts in (0..).map(|k| 1 << k).take_while(|p| *p <= most_parts) {
+            let tile = BYTES_PER_ROW * nv.div_ceil(parts) as f64;
+            for width in (0..).map(|k| 1 << k).take_while(|w| *w < 2 * widest) {
+                for depth in 2..=MOST_LEVELS.min(matrix.block.ranges[0].len()) {
+                    // Along a strip's edge, `depth` cells are read once more.
+                    let (mut section, mut edges) = (1.0, 1.0);
+                    for axis in across {
+                        let (cells, open) = (width.min(axis.len()) as f64, depth as f64);
+                        let cut = width < axis.len();
+                        section *= if cut { cells + 0.5 * open } else { cells };
+                        edges *= if cut { 1.0 + open / cells } else { 1.0 };
+                    }
+                    let traffic = edges / depth as f64;
+                    let fits = tile * section * (depth + 2) as f64 <= cache;
+                    if fits && best.is_none_or(|(least, _)| traffic < 0.98 * least) {
+                        let shape = Self {
+                            depth,
+                            width,
+                            parts,
+                        };
+                        best = Some((traffic, shape));
+                    }
+                }
+            }
+        }
+        best.filter(|(traffic, _)| *traffic < 0.9).map(|b| b.1)
+    }
+}
+
+/// Calls `visit` with every cell of a box, by its row-major number: strip by strip of all axes but the first, along the first.
+fn for_each_in_strips(ranges: &[Range<usize>], width: usize, mut visit: impl FnMut(usize)) {
+    let sizes: Vec<usize> = ranges[1..].iter().map(Range::len).collect();
+    let section: usize = sizes.iter().product();
+    // The cells of a section by the strip they are in.
+    let mut order: Vec<(Vec<usize>, usize)> = (0..section)
+        .map(|cell| {
+            let mut rest = cell;
+            let mut strip = vec![0; sizes.len()];
+            for (a, size) in sizes.iter().enumerate().rev() {
+                strip[a] = rest % size / width;
+                rest /= size;
+            }
+            (strip, cell)
+        })
+        .collect();
+    order.sort();
+    for strip in order.chunk_by(|a, b| a.0 == b.0) {
+        for i in 0..ranges[0].len() {
+            strip.iter().for_each(|(_, cell)| visit(i * section + cell));
+        }
+    }
+}
+
+/// The tiles: `parts` nearly equal ranges of velocities at each cell.
+struct Tiling {
+    parts: usize,
+    velocities: usize,
+    tiles: Vec<(Range<u32>, Range<u32>)>,
+}
+
+impl Tiling {
+    fn new(matrix: &BlockMatrix, parts: usize) -> Self {
+        let velocities = matrix.block.velocity_cells;
+        let parts = parts.clamp(1, velocities);
+        let mut tiles = Vec::with_capacity(matrix.block.space_cells() * parts);
+        let mut next = 0;
+        for cell in 0..matrix.block.space_cells() {
+            for part in 0..parts {
+                let range = crate::partition::split(&(0..velocities), parts, part);
+                let rows = (cell * velocities + range.start) as u32
+                    ..(cell * velocities + range.end) as u32;
+                let first = next;
+                while (next as usize) < matrix.inflow.len()
+                    && matrix.inflow[next as usize].row < rows.end
+                {
+                    next += 1;
+                }
+                tiles.push((rows, first..next));
+            }
+        }
+        Self {
+            parts,
+            velocities,
+            tiles,
+        }
+    }
+
+    /// The tile of a row of cells.
+    fn tile_of(&self, row: usize) -> usize {
+        let (cell, v) = (row / self.velocities, row % self.velocities);
+        // The ranges of `split`.
+        cell * self.parts + ((v + 1) * self.parts - 1) / self.velocities
+    }
+
+    /// The tiles that each is coupled to by an entry.
+    fn neighbours(&self, matrix: &BlockMatrix) -> Neighbours {
+        let cells = matrix.block.cells();
+        let mut found = Neighbours {
+            ends: Vec::with_capacity(self.tiles.len()),
+            tiles: Vec::new(),
+        };
+        let mut seen = vec![u32::MAX; self.tiles.len()];
+        for (t, (rows, _)) in self.tiles.iter().enumerate() {
+            seen[t] = t as u32;
+            // An auxiliary unknown is coupled to its own row only, in the same tile.
+            for i in rows.start as usize..rows.end as usize {
+                for (column, _, _) in matrix.row(i).filter(|e| e.0 < cells) {
+                    let other = self.tile_of(column);
+                    if seen[other] != t as u32 {
+                        seen[other] = t as u32;
+                        found.tiles.push(other as u32);
+                    }
+                }
+            }
+            found.ends.push(found.tiles.len());
+        }
+        found
+    }
+}
+
+struct Neighbours {
+    ends: Vec<usize>,
+    tiles: Vec<u32>,
+}
+
+impl Neighbours {
+    fn of(&self, tile: usize) -> &[u32] {
+        let start = tile.checked_sub(1).map_or(0, |before| self.ends[before]);
+        &self.tiles[start..self.ends[tile]]
+    }
+}
+
+impl BlockMatrix {
+    /// Whether more than a few cells couple their velocities with each other, as forces do and jumps do not.
+    fn velocities_are_coupled(&self) -> bool {
+        let nv = self.block.velocity_cells;
+        let coupled = |cell: &usize| {
+            let rows = cell * nv..(cell + 1) * nv;
+            let within = |i: usize| self.row(i).any(|(j, _, _)| j != i && rows.contains(&j));
+            rows.clone().any(within)
+        };
+        let count = self.block.space_cells();
+        8 * (0..count).filter(coupled).count() > count
+    }
+
+    /// One step for each of `levels`, as many [`step`](Self::step)s would: from `x` and the vector before it, `y`, to the last
+    /// two, which come out in the same places. Collective over the space group.
+    pub fn steps<R: StartRow>(
+        &self,
+        exchange: &mut GhostExchange,
+        blocking: Option<&Blocking>,
+        levels: &[StepConstants],
+        couplings: Option<&[f64]>,
+        (y, x): (&mut Vec<Lanes>, &mut Vec<Lanes>),
+        start: &[R],
+    ) {
+        let Some(blocking) = blocking.filter(|_| levels.len() > 1) else {
+            for constants in levels {
+                self.step(exchange, constants, couplings, y, x, start);
+                std::mem::swap(y, x);
+            }
+            return;
+        };
+        let cells = self.block.cells();
+        assert!(levels.len() <= blocking.depth() && x.len() == y.len());
+        let step = kernel::stepper::<R>(self, x);
+        for &(tile, level) in &blocking.order {
+            let Some(constants) = levels.get(level as usize) else {
+                continue;
+            };
+            let (y, x) = if level % 2 == 0 {
+                (&mut *y, &*x)
+            } else {
+                (&mut *x, &*y)
+            };
+            let (rows, auxiliaries) = &blocking.tiles[tile as usize];
+            let rows = rows.start as usize..rows.end as usize;
+            let own = auxiliaries.start as usize..auxiliaries.end as usize;
+            step(self, rows, constants, y, x, start);
+            if !own.is_empty() {
+                let rows = cells + own.start..cells + own.end;
+                step(self, rows, constants, y, x, start);
+                if let Some(couplings) = couplings {
+                    self.step_couplings(constants, (own.clone(), &couplings[own]), y, x);
+                }
+            }
+        }
+        if levels.len() % 2 == 1 {
+            std::mem::swap(y, x);
+        }
+    }
+}
