@@ -161,12 +161,12 @@ impl Chebyshev {
         batch: &BatchSpec,
         (rate, growth, time): (f64, f64, f64),
     ) -> (StepConstants, BatchReport) {
-        let degree = batch.work;
+        let degree = batch.largest_work();
         let mut report = BatchReport {
             phases: [Complex64::ZERO; LANES],
             tails: [0.0; LANES],
             unitary: true,
-            applications: batch.modes * degree,
+            applications: batch.work[..batch.modes].iter().sum(),
             solves: 0,
         };
         let mut constants = StepConstants {
@@ -187,10 +187,11 @@ impl Chebyshev {
             constants.shift[l] = interval.centre;
             report.phases[l] = Complex64::new(0.0, -interval.centre * time).exp();
             let rest = bessel_series(&mut self.series, interval.half_width * time, 0.0);
-            let cut = self.series.len().min(degree + 1);
+            // A lane ends at its own degree: its bits do not depend on what else is in the batch.
+            let cut = self.series.len().min(batch.work[l] + 1);
             report.tails[l] = rest + 2.0 * self.series[cut..].iter().map(|j| j.abs()).sum::<f64>();
             for k in 0..=degree {
-                let j = self.series.get(k).copied().unwrap_or(0.0);
+                let j = self.series[..cut].get(k).copied().unwrap_or(0.0);
                 self.coefficients[k * LANES + l] = if k == 0 { j } else { 2.0 * j };
             }
         }
@@ -263,7 +264,7 @@ impl Propagator for Chebyshev {
         let (constants, report) = self.prepare(batch, span);
         self.load(initial.state);
         let (matrix, exchange) = (system.matrix, &mut *system.exchange);
-        self.series(matrix, exchange, &constants, batch.work, None);
+        self.series(matrix, exchange, &constants, batch.largest_work(), None);
         Ok(report)
     }
 

@@ -18,25 +18,21 @@ pub struct CommutatorFree<'a> {
     series: Vec<f64>,
 }
 
-/// Degree of the series of one of `stages` equal parts of a run, for modes `wavenumbers` whose series of the whole run is
-/// cut at `whole_degree`: each part may leave its share of what that leaves.
+/// Degree of the series of one of `stages` equal parts of a run, for the mode of wavenumber `mu` whose series of the whole run
+/// is cut at `whole_degree`: each part may leave its share of what that leaves.
 pub fn stage_degree(
     scratch: &mut Vec<f64>,
-    wavenumbers: &[f64],
+    mu: f64,
     whole_degree: usize,
     (rate, growth, time): (f64, f64, f64),
     stages: usize,
 ) -> usize {
-    let mut longest = 1;
-    for &mu in wavenumbers {
-        let tau = Interval::new(mu, rate, growth).half_width * time;
-        let rest = bessel_series(scratch, tau, 0.0);
-        let cut = scratch.len().min(whole_degree + 1);
-        let tail = rest + 2.0 * scratch[cut..].iter().map(|j| j.abs()).sum::<f64>();
-        let share = tail.max(ROUND_OFF) / stages as f64;
-        longest = longest.max(degree(scratch, tau / stages as f64, share));
-    }
-    longest
+    let tau = Interval::new(mu, rate, growth).half_width * time;
+    let rest = bessel_series(scratch, tau, 0.0);
+    let cut = scratch.len().min(whole_degree + 1);
+    let tail = rest + 2.0 * scratch[cut..].iter().map(|j| j.abs()).sum::<f64>();
+    let share = tail.max(ROUND_OFF) / stages as f64;
+    degree(scratch, tau / stages as f64, share)
 }
 
 impl<'a> CommutatorFree<'a> {
@@ -63,17 +59,15 @@ impl Propagator for CommutatorFree<'_> {
         let time = system.time / stages as f64;
         let span = (system.rate, system.growth, time);
         let whole = (system.rate, system.growth, system.time);
-        let longest = stage_degree(
-            &mut self.series,
-            &batch.wavenumbers,
-            batch.work,
-            whole,
-            stages,
-        );
+        let most = self.chebyshev.largest_degree();
         let stage = BatchSpec {
-            work: longest.min(self.chebyshev.largest_degree()),
+            work: std::array::from_fn(|l| {
+                let (series, mu) = (&mut self.series, batch.wavenumbers[l]);
+                stage_degree(series, mu, batch.work[l], whole, stages).min(most)
+            }),
             ..batch.clone()
         };
+        let longest = stage.largest_work();
         let (constants, mut report) = self.chebyshev.prepare(&stage, span);
         self.chebyshev.load(initial.state);
         for k in 0..stages {
@@ -83,9 +77,9 @@ impl Propagator for CommutatorFree<'_> {
             let couplings = Some(self.schedule.stage(k));
             let (matrix, exchange) = (system.matrix, &mut *system.exchange);
             self.chebyshev
-                .series(matrix, exchange, &constants, stage.work, couplings);
+                .series(matrix, exchange, &constants, longest, couplings);
         }
-        report.applications = batch.modes * stages * stage.work;
+        report.applications *= stages;
         for l in 0..LANES {
             report.tails[l] *= stages as f64;
             report.phases[l] = report.phases[l].powu(stages as u32);
