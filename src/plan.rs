@@ -11,9 +11,11 @@
 use crate::case::{
     Case, Delta, Integrator, Interface, Limiter, Method, Propagation, PropagatorMethod,
 };
+mod balance;
 mod layout;
 mod placement;
 
+pub use balance::{Batch, cost};
 pub use layout::{Layout, Resources, bytes_text, refuse_hopeless};
 pub use placement::MOST_MODES;
 
@@ -25,6 +27,7 @@ use crate::partition::Block;
 use crate::potential::Potential;
 use crate::profile::{Profile, Series};
 use crate::propagate;
+use crate::propagate::Company;
 use crate::propagate::commutator_free::stage_degree;
 use crate::recover::Reading;
 use crate::scheme::transport_rate;
@@ -69,18 +72,6 @@ pub struct Bounds {
     pub stages: usize,
 }
 
-/// A batch of neighbouring modes that take as much work.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Batch {
-    /// First mode.
-    pub first: usize,
-    /// Number of modes, at most [`LANES`].
-    pub modes: usize,
-    /// What each mode takes: applications (Chebyshev: the degree of the series; Krylov: at most), or solves of an
-    /// implicit method.
-    pub work: usize,
-}
-
 /// What a Schrödingerized run computes, for any ranks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WarpPlan {
@@ -102,10 +93,11 @@ pub struct WarpPlan {
     pub seen: f64,
     /// The readings of `output.plateau`, of the first field.
     pub plateau: Vec<Reading>,
-    /// The modes in batches, of rising wavenumber.
-    pub batches: Vec<Batch>,
+    /// What each mode takes: applications (Chebyshev: the degree of its series; Krylov: at most), or solves of an implicit
+    /// method. Who computes it with which others is the layout's.
+    pub work: Vec<usize>,
     /// Applications, over the modes and fields, all stages of an inflow that depends on time included; 0 where systems are
-    /// solved instead.
+    /// solved instead. A mode counts with its own degree, on any ranks: where others of its batch go on, its lane is idle.
     pub applications: usize,
     /// Solves of an implicit method, over the modes.
     pub solves: usize,
@@ -237,38 +229,28 @@ impl WarpPlan {
         let modes = series.modes();
         let weight = |l: usize| weight(&series, &readings[0], l).norm();
         let mut scratch = Vec::new();
-        let work: Vec<usize> = (0..modes)
+        let mut work: Vec<usize> = (0..modes)
             .map(|l| {
                 let tolerance = mode_tolerance(state_tolerance, modes, weight(l));
                 propagate::work(case, bounds, series.wavenumber(l), tolerance, &mut scratch)
             })
             .collect();
-        // Cut from the top, so that the batch that is not full is the cheapest.
-        let mut batches = Vec::new();
-        let mut end = modes;
-        while end > 0 {
-            let first = end.saturating_sub(LANES);
-            batches.push(Batch {
-                first,
-                modes: end - first,
-                work: work[first..end].iter().copied().max().unwrap_or(0),
-            });
-            end = first;
+        if propagate::company(case.propagator.method) == Company::Coupled {
+            // Each takes what the longest of its block takes.
+            for block in work.rchunks_mut(LANES) {
+                let most = block.iter().copied().max().unwrap_or(0);
+                block.fill(most);
+            }
         }
-        batches.reverse();
-        let mut scratch = Vec::new();
-        let mut each = |b: &Batch| match bounds.stages {
-            0 => b.work,
+        let mut each = |(l, work): (usize, &usize)| match bounds.stages {
+            0 => *work,
             stages => {
                 let span = (bounds.rate, bounds.growth, time);
-                let degree = |l: usize| {
-                    let mu = series.wavenumber(l);
-                    stage_degree(&mut scratch, mu, work[l], span, stages)
-                };
-                stages * (b.first..b.first + b.modes).map(degree).max().unwrap_or(0)
+                let mu = series.wavenumber(l);
+                stages * stage_degree(&mut scratch, mu, *work, span, stages)
             }
         };
-        let total = batches.iter().map(|b| b.modes * each(b)).sum();
+        let total = work.iter().enumerate().map(&mut each).sum();
         let (applications, solves) = match propagate::order(case.propagator.method) {
             0 => (total, 0),
             _ => (0, total),
@@ -284,7 +266,7 @@ impl WarpPlan {
             readings,
             plateau,
             interval,
-            batches,
+            work,
             profile,
             series,
             warnings,
@@ -309,9 +291,9 @@ impl WarpPlan {
         mode_tolerance(self.state_tolerance, self.modes, weight)
     }
 
-    /// Most work of a batch.
+    /// Most work of a mode.
     pub fn largest_work(&self) -> usize {
-        self.batches.iter().map(|b| b.work).max().unwrap_or(0)
+        self.work.iter().copied().max().unwrap_or(0)
     }
 }
 
@@ -412,7 +394,7 @@ impl Plan {
     }
 
     fn propagator_text(&self, warp: &WarpPlan) -> String {
-        let least = warp.batches.iter().map(|b| b.work).min().unwrap_or(0);
+        let least = warp.work.iter().copied().min().unwrap_or(0);
         let most = warp.largest_work();
         let step = self.propagation.step;
         let steps = |name: &str| {
@@ -501,7 +483,7 @@ impl fmt::Display for Plan {
                 f,
                 "modes           {} (l >= 0) in {} batches of at most {LANES}",
                 w.modes,
-                w.batches.len()
+                self.layout.groups.iter().map(Vec::len).sum::<usize>()
             )?;
             writeln!(f, "propagator      {}", self.propagator_text(w))?;
             match w.solves {

@@ -16,7 +16,7 @@ use crate::output::summary::{FieldSummary, Summary};
 use crate::output::{self, hdf5::ExactSolution, hdf5::PlateauPoint};
 use crate::partition::{Block, split};
 use crate::plan::{
-    ASSUMED_RATIO, Bounds, Plan, Resources, WarpPlan, classical_steps, refuse_hopeless,
+    ASSUMED_RATIO, Bounds, Plan, Resources, WarpPlan, classical_steps, cost, refuse_hopeless,
 };
 use crate::potential::{StrayEdge, overlooked};
 use crate::problem::Problem;
@@ -405,8 +405,8 @@ fn solve(
         });
     };
     let batches = &plan.layout.groups[communicator.modes.rank()];
-    let work = batches.iter().map(|&b| warp_plan.batches[b].work).sum();
-    let mut progress = Progress::new(speaks, "modes", work);
+    let cost = problem.states.len() * cost(batches);
+    let mut progress = Progress::new(speaks, "modes", cost);
     let rows = problem.matrix.rows();
     let initial: Vec<Initial<'_>> = (problem.states.iter())
         .map(|state| Initial {
@@ -446,6 +446,8 @@ fn solve(
     summary.norm_kept = recovered.norm_kept;
     summary.matvecs = communicator.modes.sum_count(recovered.applications);
     summary.solves = communicator.modes.sum_count(recovered.solves);
+    let busy = recovered.busy_seconds;
+    summary.group_seconds = Some([-communicator.world.max(-busy), communicator.world.max(busy)]);
     let unweighted = |u: &Vec<f64>| problem.unweighted(&place.mine, u);
     let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.iter())
         .map(|readings| readings.iter().map(unweighted).collect())
@@ -619,6 +621,7 @@ impl Summary {
         self.ranks = world.size();
         self.space_blocks = plan.layout.mesh.space.clone();
         self.mode_groups = plan.layout.mesh.groups;
+        self.imbalance = plan.warp.as_ref().map(|_| plan.layout.imbalance);
         self.instruction_set = InstructionSet::here().name().to_owned();
         self.cells = plan.cells;
         self.inflow_unknowns = problem.terms - case.space.space_cells();

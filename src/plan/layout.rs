@@ -1,5 +1,6 @@
 //! Who computes what, and in how much memory: the process mesh of least modelled cost that fits.
 
+use super::balance::{self, Batch};
 use super::{Bounds, WarpPlan};
 use crate::case::{Case, Data, Embedding, Exact, Limiter, Method};
 use crate::characteristics::sheet::curve_points;
@@ -18,8 +19,8 @@ const PROGRAM_BYTES: u64 = 28 << 20;
 pub struct Layout {
     /// The process mesh.
     pub mesh: Mesh,
-    /// Mode batches by group: `groups[g]` lists indices of batches.
-    pub groups: Vec<Vec<usize>>,
+    /// The batches of each mode group, longest first.
+    pub groups: Vec<Vec<Batch>>,
     /// Largest and mean modelled cost of a group, as a ratio.
     pub imbalance: f64,
     /// Bytes by array, on the fullest rank.
@@ -114,20 +115,11 @@ impl Layout {
     }
 
     fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: Mesh) -> Self {
-        // Longest batch first, each to the group with least to do.
-        let costs: Vec<usize> =
-            warp.map_or(Vec::new(), |w| w.batches.iter().map(|b| b.work).collect());
-        let mut order: Vec<usize> = (0..costs.len()).collect();
-        order.sort_by_key(|&b| (std::cmp::Reverse(costs[b]), b));
-        let mut groups = vec![Vec::new(); mesh.groups];
-        let mut load = vec![0usize; mesh.groups];
-        for b in order {
-            let lightest = (0..load.len()).min_by_key(|&g| (load[g], g)).unwrap_or(0);
-            load[lightest] += costs[b];
-            groups[lightest].push(b);
-        }
-        let (most, sum): (usize, usize) =
-            (load.iter().copied().max().unwrap_or(0), load.iter().sum());
+        let work = warp.map_or(&[][..], |w| &w.work);
+        let company = propagate::company(case.propagator.method);
+        let groups = balance::share_out(work, company, mesh.groups);
+        let costs = groups.iter().map(|group| balance::cost(group));
+        let (most, sum) = (costs.clone().max().unwrap_or(0), costs.sum::<usize>());
         let imbalance = if sum == 0 {
             1.0
         } else {
@@ -142,13 +134,12 @@ impl Layout {
         }
     }
 
-    /// Modelled time, in applications of a batch on the whole grid.
+    /// Modelled time of the slowest group, in applications of a mode on the whole grid.
     fn cost(&self, case: &Case, warp: Option<&WarpPlan>) -> f64 {
-        let total: f64 = warp.map_or(1.0, |w| w.batches.iter().map(|b| b.work as f64).sum());
-        let group = if warp.is_some() {
-            total * self.imbalance / self.mesh.groups as f64
-        } else {
-            total
+        let costs = self.groups.iter().map(|group| balance::cost(group));
+        let group = match warp {
+            Some(_) => costs.max().unwrap_or(0) as f64,
+            None => 1.0,
         };
         let fullest = Block::new(&case.space, &self.mesh, 0);
         // Ghost rows are packed, sent and unpacked: about the work of two rows each, and a round of latency.

@@ -183,14 +183,14 @@ impl Chebyshev {
     pub(super) fn prepare(
         &mut self,
         batch: &BatchSpec,
-        degrees: &[usize; LANES],
         (rate, growth, time): (f64, f64, f64),
     ) -> (StepConstants, BatchReport) {
+        let degree = batch.largest_work();
         let mut report = BatchReport {
             phases: [Complex64::ZERO; LANES],
             tails: [0.0; LANES],
             unitary: true,
-            applications: batch.modes * batch.work,
+            applications: batch.work[..batch.modes].iter().sum(),
             solves: 0,
         };
         let mut constants = StepConstants {
@@ -211,10 +211,11 @@ impl Chebyshev {
             constants.shift[l] = interval.centre;
             report.phases[l] = Complex64::new(0.0, -interval.centre * time).exp();
             let rest = bessel_series(&mut self.series, interval.half_width * time, 0.0);
-            let cut = self.series.len().min(degrees[l].min(batch.work) + 1);
+            // A lane ends at its own degree: its bits do not depend on what else is in the batch.
+            let cut = self.series.len().min(batch.work[l] + 1);
             report.tails[l] = rest + 2.0 * self.series[cut..].iter().map(|j| j.abs()).sum::<f64>();
             self.series.truncate(cut);
-            for k in 0..=batch.work {
+            for k in 0..=degree {
                 let j = self.series.get(k).copied().unwrap_or(0.0);
                 self.coefficients[k * LANES + l] = if k == 0 { j } else { 2.0 * j };
             }
@@ -274,25 +275,10 @@ impl Propagator for Chebyshev {
         initial: &Initial<'_>,
     ) -> Result<BatchReport> {
         let span = (system.rate, system.growth, system.time);
-        let series = &mut self.series;
-        let degrees = std::array::from_fn(|l| {
-            let interval = Interval::new(batch.wavenumbers[l], system.rate, system.growth);
-            degree(
-                series,
-                interval.half_width * system.time,
-                batch.tolerances[l],
-            )
-        });
-        let (constants, report) = self.prepare(batch, &degrees, span);
+        let (constants, report) = self.prepare(batch, span);
         let (matrix, exchange) = (system.matrix, &mut *system.exchange);
-        self.series(
-            matrix,
-            exchange,
-            &constants,
-            batch.work,
-            None,
-            initial.state,
-        );
+        let degree = batch.largest_work();
+        self.series(matrix, exchange, &constants, degree, None, initial.state);
         Ok(report)
     }
 

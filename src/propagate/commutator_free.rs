@@ -20,8 +20,8 @@ pub struct CommutatorFree<'a> {
     series: Vec<f64>,
 }
 
-/// Degree of the series of one of `stages` equal parts of a run for mode `mu`, whose series of the whole run is cut at
-/// `whole_degree`: each part may leave its share of what that leaves.
+/// Degree of the series of one of `stages` equal parts of a run, for the mode of wavenumber `mu` whose series of the whole run
+/// is cut at `whole_degree`: each part may leave its share of what that leaves.
 pub fn stage_degree(
     scratch: &mut Vec<f64>,
     mu: f64,
@@ -65,19 +65,16 @@ impl Propagator for CommutatorFree<'_> {
         let time = system.time / stages as f64;
         let span = (system.rate, system.growth, time);
         let whole = (system.rate, system.growth, system.time);
-        let series = &mut self.series;
-        let degrees = std::array::from_fn(|l| {
-            let (mu, tolerance) = (batch.wavenumbers[l], batch.tolerances[l]);
-            let tau = Interval::new(mu, system.rate, system.growth).half_width * system.time;
-            let whole_degree = degree(series, tau, tolerance);
-            let found = stage_degree(series, mu, whole_degree, whole, stages);
-            found.min(self.chebyshev.largest_degree())
-        });
+        let most = self.chebyshev.largest_degree();
         let stage = BatchSpec {
-            work: degrees.into_iter().max().unwrap_or(0),
+            work: std::array::from_fn(|l| {
+                let (series, mu) = (&mut self.series, batch.wavenumbers[l]);
+                stage_degree(series, mu, batch.work[l], whole, stages).min(most)
+            }),
             ..batch.clone()
         };
-        let (constants, mut report) = self.chebyshev.prepare(&stage, &degrees, span);
+        let longest = stage.largest_work();
+        let (constants, mut report) = self.chebyshev.prepare(&stage, span);
         for (row, &value) in self.start.iter_mut().zip(initial.state) {
             *row = Lanes::ZERO;
             row.0[..LANES].fill(value);
@@ -89,10 +86,10 @@ impl Propagator for CommutatorFree<'_> {
             }
             let (couplings, start) = (Some(self.schedule.stage(k)), &self.start);
             let (matrix, exchange) = (system.matrix, &mut *system.exchange);
-            let (chebyshev, degree) = (&mut self.chebyshev, stage.work);
-            chebyshev.series(matrix, exchange, &constants, degree, couplings, start);
+            self.chebyshev
+                .series(matrix, exchange, &constants, longest, couplings, start);
         }
-        report.applications = batch.modes * stages * stage.work;
+        report.applications *= stages;
         for l in 0..LANES {
             report.tails[l] *= stages as f64;
             report.phases[l] = report.phases[l].powu(stages as u32);
