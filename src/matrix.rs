@@ -6,20 +6,21 @@
 //!
 //! Unknowns of a rank: its cells, then its auxiliary unknowns (see [`embedding`]), then its ghosts.
 
+mod assembly;
 pub mod blocking;
 pub mod embedding;
 pub mod kernel;
+mod rows;
 
 pub use embedding::{Entering, Inflow};
 pub use kernel::{LANES, Lanes, StartRow, StepConstants};
 
-use crate::case::{Case, Embedding};
 use crate::communicator::{GhostExchange, Group};
 use crate::error::Result;
 use crate::grid::{PhaseSpace, describe_point};
-use crate::partition::{Block, Place};
-use crate::scheme::{Row, Scheme};
+use crate::partition::Block;
 use num_complex::Complex64;
+use rows::Rows;
 use std::ops::Range;
 
 /// Which matrix is applied to a real vector.
@@ -51,195 +52,19 @@ pub struct BlockMatrix {
     inflow_rows: usize,
     /// Value of an auxiliary unknown that is coupled to nothing.
     uncoupled: f64,
-    offsets: Vec<usize>,
-    columns: Vec<u32>,
-    s: Vec<f64>,
-    k: Vec<f64>,
+    rows: Rows,
     /// Runs of rows without ghost columns, and the others.
     interior: Vec<Range<usize>>,
     border: Vec<Range<usize>>,
 }
 
 impl BlockMatrix {
-    /// Assembles this rank's rows; couplings to auxiliary unknowns are zero until [`couple`](Self::couple).
-    ///
-    /// # Errors
-    /// [`crate::error::Error::Formula`] where `V` or the inflow is not finite. Not collective.
-    pub fn assemble(case: &Case, block: Block) -> Result<Self> {
-        let scheme = Scheme::new(case, &block.wide_ranges())?;
-        let nv = block.velocity_cells;
-        let cells = block.cells();
-        let mut row = Row::default();
-
-        // First pass: how many entries each local row gets from A and from Aᵀ, and which rows have inflow.
-        let mut counts = vec![0u32; cells + 1];
-        let mut inflow = Vec::new();
-        let mut entering = Entering::default();
-        let (embedding, enters, varies) = (case.warp.inflow, case.enters(), case.varies());
-        let shared = enters && embedding == Embedding::Scalar;
-        // Couplings that vary with time are no entries of the matrix.
-        let coupled = |row: &Row| !varies && row.inflow.iter().any(|&b| b != 0.0);
-        let listed = |row: &Row| match embedding {
-            Embedding::Full => enters,
-            Embedding::Boundary | Embedding::Scalar if varies => !row.ghosts.is_empty(),
-            Embedding::Boundary | Embedding::Scalar => coupled(row),
-        };
-        let mut count = |row: &Row, own: Option<usize>| {
-            for &(column, _) in &row.entries {
-                if let Some(Place::Own(j)) = block.place(column)
-                    && Some(j) != own
-                {
-                    counts[j] += 1;
-                }
-            }
-            if let Some(i) = own {
-                counts[i] += row.entries.len() as u32 + u32::from(coupled(row));
-            }
-        };
-        block.for_each_own(|global, local| {
-            for v in 0..nv {
-                scheme.row(&mut row, global + v);
-                count(&row, Some(local + v));
-                if listed(&row) {
-                    inflow.push(Inflow {
-                        row: (local + v) as u32,
-                        values: row.inflow,
-                        draw: row.draw,
-                        coupling: 0.0,
-                    });
-                    if varies {
-                        entering.push(&row);
-                    }
-                }
-            }
-        });
-        block.for_each_ghost(|global, _| {
-            for v in 0..nv {
-                scheme.row(&mut row, global + v);
-                count(&row, None);
-            }
-        });
-        scheme.inflow_is_finite(&row)?;
-
-        let auxiliaries = if shared { 1 } else { inflow.len() };
-        let rows = cells + auxiliaries;
-        let mut offsets = Vec::with_capacity(rows + 1);
-        let mut total = 0;
-        for &count in &counts[..cells] {
-            offsets.push(total);
-            total += count as usize;
-        }
-        let (mut columns, mut s, mut k) = (vec![0u32; total], vec![0.0; total], vec![0.0; total]);
-
-        // Second pass: the entries, unsorted.
-        let mut next = offsets.clone();
-        let local = |place: Place| match place {
-            Place::Own(j) => j,
-            Place::Ghost(g) => rows + g,
-        } as u32;
-        let mut put = |i: usize, column: u32, half: f64, sign: f64| {
-            let at = next[i];
-            columns[at] = column;
-            s[at] = half;
-            k[at] = sign * half;
-            next[i] += 1;
-        };
-        block.for_each_own(|global, first| {
-            for v in 0..nv {
-                let i = first + v;
-                scheme.row(&mut row, global + v);
-                for &(column, value) in &row.entries {
-                    let Some(place) = block.place(column) else {
-                        continue;
-                    };
-                    if place == Place::Own(i) {
-                        // Diagonal: s = a, k = 0.
-                        put(i, i as u32, value, 0.0);
-                        continue;
-                    }
-                    put(i, local(place), 0.5 * value, 1.0);
-                    if let Place::Own(j) = place {
-                        put(j, i as u32, 0.5 * value, -1.0);
-                    }
-                }
-            }
-        });
-        block.for_each_ghost(|global, first| {
-            for v in 0..nv {
-                scheme.row(&mut row, global + v);
-                for &(column, value) in &row.entries {
-                    if let Some(Place::Own(j)) = block.place(column) {
-                        put(j, (rows + first + v) as u32, 0.5 * value, -1.0);
-                    }
-                }
-            }
-        });
-        let enters_at = |aux: &Inflow| !varies && aux.enters();
-        for (m, aux) in inflow.iter().enumerate().filter(|(_, aux)| enters_at(aux)) {
-            let column = if shared { cells } else { cells + m };
-            put(aux.row as usize, column as u32, 0.0, 1.0);
-        }
-
-        // Sort each row by global column, add up entries of the same column, close the gaps.
-        let mut global = vec![0usize; block.ghosts()];
-        block.for_each_ghost(|first, ghost| {
-            for v in 0..nv {
-                global[ghost + v] = first + v;
-            }
-        });
-        let ghost_global = global;
-        let all = case.space.cells();
-        let mut entries: Vec<(usize, u32, f64, f64)> = Vec::new();
-        let mut kept = 0;
-        let mut own_first = Vec::with_capacity(block.space_cells());
-        block.for_each_own(|first, _| own_first.push(first));
-        for i in 0..cells {
-            entries.clear();
-            let end = if i + 1 < cells { offsets[i + 1] } else { total };
-            for at in offsets[i]..end {
-                let column = columns[at] as usize;
-                let key = if column < cells {
-                    own_first[column / nv] + column % nv
-                } else if column < rows {
-                    all + own_first[i / nv] + i % nv
-                } else {
-                    ghost_global[column - rows]
-                };
-                entries.push((key, columns[at], s[at], k[at]));
-            }
-            entries.sort_by_key(|e| e.0);
-            entries.dedup_by(|next, kept| {
-                let same = next.0 == kept.0;
-                if same {
-                    kept.2 += next.2;
-                    kept.3 += next.3;
-                }
-                same
-            });
-            offsets[i] = kept;
-            for &(_, column, es, ek) in &entries {
-                (columns[kept], s[kept], k[kept]) = (column, es, ek);
-                kept += 1;
-            }
-        }
-        columns.truncate(kept);
-        s.truncate(kept);
-        k.truncate(kept);
-        if shared {
-            // Its row is a sum over all ranks, see `embedding`.
-            offsets.push(columns.len());
-        } else {
-            for aux in &inflow {
-                offsets.push(columns.len());
-                if enters_at(aux) {
-                    columns.push(aux.row);
-                    s.push(0.0);
-                    k.push(0.0);
-                }
-            }
-        }
-        offsets.push(columns.len());
-
+    /// The matrix of `rows`, and what enters: the rows listed, where from, and whether they share an unknown.
+    fn new(
+        block: Block,
+        rows: Rows,
+        (inflow, entering, shared): (Vec<Inflow>, Entering, bool),
+    ) -> Self {
         let mut this = Self {
             counts_shared: block.ranges.iter().all(|r| r.start == 0),
             block,
@@ -249,25 +74,19 @@ impl BlockMatrix {
             summed: false,
             inflow_rows: 0,
             uncoupled: 0.0,
-            offsets,
-            columns,
-            s,
-            k,
+            rows,
             interior: Vec::new(),
             border: Vec::new(),
         };
+        assert!(this.rows.fits(this.length()), "columns are local numbers");
         this.find_border();
-        Ok(this)
+        this
     }
 
     /// Sorts the rows into runs that need ghosts and runs that do not.
     fn find_border(&mut self) {
         let rows = self.rows();
-        let touches = |i: usize| {
-            self.columns[self.offsets[i]..self.offsets[i + 1]]
-                .iter()
-                .any(|&c| c as usize >= rows)
-        };
+        let touches = |i: usize| self.rows.row(i).any(|(column, ..)| column >= rows);
         let (mut interior, mut border): (Vec<Range<usize>>, Vec<Range<usize>>) = Default::default();
         for i in 0..rows {
             let list = if touches(i) {
@@ -310,38 +129,46 @@ impl BlockMatrix {
 
     /// Number of entries.
     pub fn entries(&self) -> usize {
-        self.columns.len()
+        self.rows.entries()
+    }
+
+    /// Rows that are stored: those that repeat, once.
+    pub fn distinct_rows(&self) -> usize {
+        self.rows.templates()
+    }
+
+    /// Bytes that the rows take.
+    pub fn bytes(&self) -> usize {
+        self.rows.bytes()
     }
 
     /// The entries of local row `i`: `(local column, s, k)`, in the order of global columns; of a common auxiliary
     /// unknown's row, those to this rank's cells.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        let range = self.offsets[i]..self.offsets[i + 1];
         let common = if self.shared && i == self.block.cells() {
             &self.inflow[..]
         } else {
             &[]
         };
         let half = |aux: &Inflow| (aux.row as usize, 0.5 * aux.coupling, -0.5 * aux.coupling);
-        let entries = range.map(|e| (self.columns[e] as usize, self.s[e], self.k[e]));
-        entries.chain(common.iter().map(half))
+        self.rows.row(i).chain(common.iter().map(half))
     }
 
     /// Replaces `A` by `D A D⁻¹`, `D = diag(√π)`; `pi` covers rows and ghosts.
     pub fn scale(&mut self, pi: &[f64]) {
-        for i in 0..self.rows() {
-            for e in self.offsets[i]..self.offsets[i + 1] {
-                let j = self.columns[e] as usize;
+        self.rows = self.rows.changed(|i, entries| {
+            for (column, s, k) in entries {
+                let j = *column as usize;
                 if i == j {
                     continue;
                 }
                 let ratio = (pi[i] / pi[j]).sqrt();
-                let forward = (self.s[e] + self.k[e]) * ratio;
-                let back = (self.s[e] - self.k[e]) / ratio;
-                self.s[e] = 0.5 * (forward + back);
-                self.k[e] = 0.5 * (forward - back);
+                let forward = (*s + *k) * ratio;
+                let back = (*s - *k) / ratio;
+                *s = 0.5 * (forward + back);
+                *k = 0.5 * (forward - back);
             }
-        }
+        });
     }
 
     fn apply_rows(&self, rows: &[Range<usize>], part: Part, y: &mut [f64], x: &[f64]) {
@@ -353,8 +180,8 @@ impl BlockMatrix {
         for range in rows {
             for i in range.clone() {
                 let mut sum = 0.0;
-                for e in self.offsets[i]..self.offsets[i + 1] {
-                    sum += (self.s[e] + sign * self.k[e]) * x[self.columns[e] as usize];
+                for (j, s, k) in self.rows.row(i) {
+                    sum += (s + sign * k) * x[j];
                 }
                 y[i] = sum;
             }
@@ -426,8 +253,8 @@ impl BlockMatrix {
         let apply = |runs: &[Range<usize>], y: &mut [Complex64], x: &[Complex64]| {
             for i in runs.iter().cloned().flatten() {
                 let mut sum = Complex64::ZERO;
-                for e in self.offsets[i]..self.offsets[i + 1] {
-                    sum += Complex64::new(self.k[e], -mu * self.s[e]) * x[self.columns[e] as usize];
+                for (j, s, k) in self.rows.row(i) {
+                    sum += Complex64::new(k, -mu * s) * x[j];
                 }
                 y[i] = sum;
             }

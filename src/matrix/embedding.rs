@@ -218,20 +218,16 @@ impl BlockMatrix {
     /// Writes the couplings into their entries: the last of a row, the only one of an auxiliary unknown's.
     fn set_couplings(&mut self) {
         let cells = self.block.cells();
-        for (m, aux) in self
-            .inflow
-            .iter()
-            .enumerate()
-            .filter(|(_, aux)| aux.enters())
-        {
-            let half = 0.5 * aux.coupling;
-            let last = self.offsets[aux.row as usize + 1] - 1;
-            (self.s[last], self.k[last]) = (half, half);
-            if !self.shared {
-                let only = self.offsets[cells + m];
-                (self.s[only], self.k[only]) = (half, -half);
+        let mut coupled = self.inflow.iter().filter(|aux| aux.enters()).peekable();
+        self.rows = self.rows.changed(|i, entries| {
+            let (sign, aux) = match i.checked_sub(cells) {
+                None => (1.0, coupled.next_if(|aux| aux.row as usize == i)),
+                Some(m) => (-1.0, (!self.shared).then(|| &self.inflow[m])),
+            };
+            if let (Some(aux), Some((_, s, k))) = (aux, entries.last_mut()) {
+                (*s, *k) = (0.5 * aux.coupling, 0.5 * sign * aux.coupling);
             }
-        }
+        });
     }
 
     /// The auxiliary unknowns of field number `k` at time zero, not weighted; zero if nothing `enters` of it.

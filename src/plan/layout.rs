@@ -296,9 +296,19 @@ fn arrays(
     let length = rows + ghosts;
     let force = u64::from(bounds.rate > transport_rate(&case.space));
     let entries = rows * (1 + 2 * n + 2 * n * force);
+    // Rows that repeat are stored once. Where nothing but a cell's velocity and the ends tell rows apart, it is known how many.
+    let differs = force > 0 || bounds.jumps;
+    let distinct = if differs {
+        rows
+    } else {
+        rows.min(velocities * 3u64.pow(n as u32) + 2 * inflow)
+    };
     let mut list = vec![
         ("program and libraries".to_owned(), PROGRAM_BYTES),
-        ("matrix (S, K)".to_owned(), 20 * entries + 24 * rows),
+        (
+            "matrix (S, K)".to_owned(),
+            4 * rows + (20 * entries + 8 * rows) / rows * distinct,
+        ),
         (
             "fields, weights, probe".to_owned(),
             8 * (3 + 3 * case.fields.len() as u64) * length,
