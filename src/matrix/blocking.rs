@@ -26,10 +26,10 @@ use std::ops::Range;
 
 /// Most steps in one trip.
 pub const MOST_LEVELS: usize = 16;
-/// Bytes a row: two vectors, the start, and what its share of the matrix takes.
-const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0 + 16.0;
-/// Part of the cache that what is in use may fill.
-const SHARE: f64 = 0.75;
+/// Bytes of the vectors, a row: two batches and the start.
+const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0;
+/// Part of the cache that what is in use may fill: lines that share a place in it push each other out before it is full.
+const SHARE: f64 = 0.55;
 /// Fewest rows of a tile that is not a whole cell.
 const FEWEST_ROWS: usize = 32;
 
@@ -122,40 +122,35 @@ impl Blocking {
 impl Shape {
     /// The shape of least modelled traffic whose tiles in use fit into `cache` bytes, if that is less than step after step.
     fn planned(matrix: &BlockMatrix, cache: f64) -> Option<Self> {
-        if BYTES_PER_ROW * matrix.rows() as f64 <= cache {
+        let rows = matrix.rows() as f64;
+        let bytes = BYTES_PER_ROW + matrix.bytes() as f64 / rows;
+        if bytes * rows <= cache {
             return None;
         }
-        let nv = matrix.block.velocity_cells;
         let across = &matrix.block.ranges[1..];
         let widest = across.iter().map(Range::len).max().unwrap_or(1);
-        let most_parts = if matrix.velocities_are_coupled() {
-            1
-        } else {
-            (nv / FEWEST_ROWS).max(1)
-        };
+        let parts = matrix.independent_velocities();
+        let tile = bytes * matrix.block.velocity_cells.div_ceil(parts) as f64;
         let mut best: Option<(f64, Self)> = None;
-        for parts in (0..).map(|k| 1 << k).take_while(|p| *p <= most_parts) {
-            let tile = BYTES_PER_ROW * nv.div_ceil(parts) as f64;
-            for width in (0..).map(|k| 1 << k).take_while(|w| *w < 2 * widest) {
-                for depth in 2..=MOST_LEVELS.min(matrix.block.ranges[0].len()) {
-                    // Along a strip's edge, `depth` cells are read once more.
-                    let (mut section, mut edges) = (1.0, 1.0);
-                    for axis in across {
-                        let (cells, open) = (width.min(axis.len()) as f64, depth as f64);
-                        let cut = width < axis.len();
-                        section *= if cut { cells + 0.5 * open } else { cells };
-                        edges *= if cut { 1.0 + open / cells } else { 1.0 };
-                    }
-                    let traffic = edges / depth as f64;
-                    let fits = tile * section * (depth + 2) as f64 <= cache;
-                    if fits && best.is_none_or(|(least, _)| traffic < 0.98 * least) {
-                        let shape = Self {
-                            depth,
-                            width,
-                            parts,
-                        };
-                        best = Some((traffic, shape));
-                    }
+        for width in (0..).map(|k| 1 << k).take_while(|w| *w < 2 * widest) {
+            for depth in 2..=MOST_LEVELS.min(matrix.block.ranges[0].len()) {
+                // Along a strip's edge, `depth` cells are read once more.
+                let (mut section, mut edges) = (1.0, 1.0);
+                for axis in across {
+                    let (cells, open) = (width.min(axis.len()) as f64, depth as f64);
+                    let cut = width < axis.len();
+                    section *= if cut { cells + 0.5 * open } else { cells };
+                    edges *= if cut { 1.0 + open / cells } else { 1.0 };
+                }
+                let traffic = edges / depth as f64;
+                let fits = tile * section * (depth + 2) as f64 <= cache;
+                if fits && best.is_none_or(|(least, _)| traffic < least) {
+                    let shape = Self {
+                        depth,
+                        width,
+                        parts,
+                    };
+                    best = Some((traffic, shape));
                 }
             }
         }
@@ -267,16 +262,24 @@ impl Neighbours {
 }
 
 impl BlockMatrix {
-    /// Whether more than a few cells couple their velocities with each other, as forces do and jumps do not.
-    fn velocities_are_coupled(&self) -> bool {
-        let nv = self.block.velocity_cells;
+    /// Ranges of velocities that go through space by themselves but for a few cells, as small as is worth a tile: whole lines
+    /// of the last axis in more than one dimension, for a jump in `x` couples the velocities along `x` only. One where a force acts.
+    fn independent_velocities(&self) -> usize {
+        let (nv, count) = (self.block.velocity_cells, self.block.space_cells());
         let coupled = |cell: &usize| {
             let rows = cell * nv..(cell + 1) * nv;
             let within = |i: usize| self.row(i).any(|(j, _, _)| j != i && rows.contains(&j));
             rows.clone().any(within)
         };
-        let count = self.block.space_cells();
-        8 * (0..count).filter(coupled).count() > count
+        if 8 * (0..count).filter(coupled).count() > count {
+            return 1;
+        }
+        let line = if self.block.ranges.len() == 1 {
+            1
+        } else {
+            self.block.velocity_line
+        };
+        (nv / (line * FEWEST_ROWS.div_ceil(line))).max(1)
     }
 
     /// One step for each of `levels`, as many [`step`](Self::step)s would: from `x` and the vector before it, `y`, to the last

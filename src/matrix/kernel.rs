@@ -54,22 +54,32 @@ pub struct StepConstants {
 /// A row of the vector that a series is of.
 pub trait StartRow: Copy {
     /// Adds `coefficient` times row `i` of `start` to `out`.
-    fn add<const FMA: bool>(start: &[Self], i: usize, coefficient: &[f64; LANES], out: &mut Lanes);
+    fn add<const FMA: bool>(
+        start: &[Self],
+        i: usize,
+        coefficient: &[f64; LANES],
+        out: &mut [f64; 2 * LANES],
+    );
 }
 
 /// Nothing is added.
 impl StartRow for () {
     #[inline(always)]
-    fn add<const FMA: bool>(_: &[Self], _: usize, _: &[f64; LANES], _: &mut Lanes) {}
+    fn add<const FMA: bool>(_: &[Self], _: usize, _: &[f64; LANES], _: &mut [f64; 2 * LANES]) {}
 }
 
 /// A real vector, the same in every lane.
 impl StartRow for f64 {
     #[inline(always)]
-    fn add<const FMA: bool>(start: &[Self], i: usize, coefficient: &[f64; LANES], out: &mut Lanes) {
+    fn add<const FMA: bool>(
+        start: &[Self],
+        i: usize,
+        coefficient: &[f64; LANES],
+        out: &mut [f64; 2 * LANES],
+    ) {
         let value = start[i];
         for l in 0..LANES {
-            out.0[l] = multiply_add::<FMA>(coefficient[l], value, out.0[l]);
+            out[l] = multiply_add::<FMA>(coefficient[l], value, out[l]);
         }
     }
 }
@@ -77,10 +87,15 @@ impl StartRow for f64 {
 /// A complex vector a lane.
 impl StartRow for Lanes {
     #[inline(always)]
-    fn add<const FMA: bool>(start: &[Self], i: usize, coefficient: &[f64; LANES], out: &mut Lanes) {
+    fn add<const FMA: bool>(
+        start: &[Self],
+        i: usize,
+        coefficient: &[f64; LANES],
+        out: &mut [f64; 2 * LANES],
+    ) {
         let Lanes(value) = &start[i];
         for part in 0..2 * LANES {
-            out.0[part] = multiply_add::<FMA>(coefficient[part % LANES], value[part], out.0[part]);
+            out[part] = multiply_add::<FMA>(coefficient[part % LANES], value[part], out[part]);
         }
     }
 }
@@ -100,22 +115,19 @@ fn step_rows<const FMA: bool, R: StartRow>(
     x: &[Lanes],
     start: &[R],
 ) {
-    for i in rows {
-        // Re and Im of S x and K x.
-        let (mut sr, mut si) = ([0.0; LANES], [0.0; LANES]);
-        let (mut kr, mut ki) = ([0.0; LANES], [0.0; LANES]);
+    let vectors = y[rows.clone()].iter_mut().zip(&x[rows.clone()]);
+    for (i, (Lanes(out), Lanes(own))) in rows.zip(vectors) {
+        // S x and K x.
+        let (mut sx, mut kx) = ([0.0; 2 * LANES], [0.0; 2 * LANES]);
         for (column, s, k) in matrix.rows.row(i) {
-            // SAFETY: every column is below the length of the matrix, see `BlockMatrix::new`, which `step` asserts `x` has.
-            let value = unsafe { &x.get_unchecked(column).0 };
-            for l in 0..LANES {
-                sr[l] = multiply_add::<FMA>(s, value[l], sr[l]);
-                si[l] = multiply_add::<FMA>(s, value[LANES + l], si[l]);
-                kr[l] = multiply_add::<FMA>(k, value[l], kr[l]);
-                ki[l] = multiply_add::<FMA>(k, value[LANES + l], ki[l]);
+            // SAFETY: every column is below the length of the matrix, see `BlockMatrix::new`, which `stepper` asserts `x` has.
+            let Lanes(value) = unsafe { x.get_unchecked(column) };
+            for part in 0..2 * LANES {
+                sx[part] = multiply_add::<FMA>(s, value[part], sx[part]);
+                kx[part] = multiply_add::<FMA>(k, value[part], kx[part]);
             }
         }
-        let own = &x[i].0;
-        let out = &mut y[i];
+        let mut new = *out;
         for l in 0..LANES {
             let (a, c, mu) = (
                 constants.scale[l],
@@ -123,14 +135,15 @@ fn step_rows<const FMA: bool, R: StartRow>(
                 constants.wavenumber[l],
             );
             // (−iμ S + K + ic)(re + i im) = (μ S im + K re − c im) + i(−μ S re + K im + c re)
-            let re = multiply_add::<FMA>(mu, si[l], kr[l]);
-            let im = multiply_add::<FMA>(-mu, sr[l], ki[l]);
+            let re = multiply_add::<FMA>(mu, sx[LANES + l], kx[l]);
+            let im = multiply_add::<FMA>(-mu, sx[l], kx[LANES + l]);
             let re = multiply_add::<FMA>(-c, own[LANES + l], re);
             let im = multiply_add::<FMA>(c, own[l], im);
-            out.0[l] = multiply_add::<FMA>(a, re, out.0[l]);
-            out.0[LANES + l] = multiply_add::<FMA>(a, im, out.0[LANES + l]);
+            new[l] = multiply_add::<FMA>(a, re, new[l]);
+            new[LANES + l] = multiply_add::<FMA>(a, im, new[LANES + l]);
         }
-        R::add::<FMA>(start, i, &constants.coefficient, out);
+        R::add::<FMA>(start, i, &constants.coefficient, &mut new);
+        *out = new;
     }
 }
 
@@ -180,8 +193,13 @@ impl InstructionSet {
 
     /// All that this processor has, the best first.
     pub fn all() -> impl Iterator<Item = Self> {
-        let list = [Self::Avx512, Self::Avx2, Self::Generic];
-        list.into_iter().filter(|set| match set {
+        [Self::Avx512, Self::Avx2, Self::Generic]
+            .into_iter()
+            .filter(|set| set.is_here())
+    }
+
+    fn is_here(self) -> bool {
+        match self {
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => std::is_x86_feature_detected!("avx512f"),
             #[cfg(target_arch = "x86_64")]
@@ -191,7 +209,7 @@ impl InstructionSet {
             Self::Generic => true,
             #[cfg(not(target_arch = "x86_64"))]
             _ => false,
-        })
+        }
     }
 
     /// Its name.
@@ -213,15 +231,19 @@ pub fn stepper<R: StartRow>(matrix: &BlockMatrix, x: &[Lanes]) -> Stepper<R> {
     stepper_for(InstructionSet::here(), matrix, x)
 }
 
-/// The loop for a given instruction set, which the processor must have.
+/// The loop for a given instruction set.
+///
+/// # Panics
+/// Where the processor does not have it.
 pub fn stepper_for<R: StartRow>(
     set: InstructionSet,
     matrix: &BlockMatrix,
     x: &[Lanes],
 ) -> Stepper<R> {
     assert!(x.len() == matrix.length(), "vector and matrix do not fit");
+    assert!(set.is_here(), "{set:?} is not there");
     match set {
-        // SAFETY: the caller asked the processor.
+        // SAFETY: the processor was asked.
         #[cfg(target_arch = "x86_64")]
         InstructionSet::Avx512 => |matrix, rows, constants, y, x, start| unsafe {
             step_avx512(matrix, rows, constants, y, x, start)

@@ -248,7 +248,7 @@ impl Chebyshev {
         let first = constants(degree).coefficient;
         for (i, current) in self.current[..matrix.rows()].iter_mut().enumerate() {
             // Zeros are added to: the same on any processor.
-            R::add::<false>(start, i, &first, current);
+            R::add::<false>(start, i, &first, &mut current.0);
         }
         let most = self.blocking.as_ref().map_or(1, Blocking::depth);
         let mut left = degree;
