@@ -11,6 +11,7 @@ use crate::plan::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
 use crate::varying::{self, Schedule, TIME_SHARE};
 use crate::weights::Weights;
 use std::ops::Range;
+use std::time::Instant;
 
 /// Margin for what the probe leaves out.
 const PROBE_SAFETY: f64 = 1.01;
@@ -33,6 +34,8 @@ pub struct Problem {
     pub coupled_growth: f64,
     /// Exchange of ghosts.
     pub exchange: GhostExchange,
+    /// Seconds that the weights took.
+    pub weight_seconds: f64,
 }
 
 /// Refuses data whose squares overflow or vanish. Collective.
@@ -67,6 +70,7 @@ impl Problem {
         let assembled = BlockMatrix::assemble(case, block);
         let mut matrix = communicator.world.agree(assembled)?;
         let mut exchange = GhostExchange::new(space, &matrix.block, width);
+        let started = Instant::now();
         let mut weights = if bounds.weighted {
             let target = (WEIGHT_SHIFT / case.end, WEIGHT_GROWTH / case.end);
             // No path is worth following much longer than the grid is wide.
@@ -83,6 +87,7 @@ impl Problem {
         } else {
             Weights::none(&matrix, &mut exchange, space)
         };
+        let weight_seconds = started.elapsed().as_secs_f64();
         matrix.couple(space, case, &mut weights.pi);
         let cells = matrix.block.cells();
         let (mut states, mut initial) = (Vec::new(), Vec::new());
@@ -142,6 +147,7 @@ impl Problem {
             schedule,
             coupled_growth,
             exchange,
+            weight_seconds,
         })
     }
 

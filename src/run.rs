@@ -29,7 +29,7 @@ use crate::warp;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Seconds by step.
 struct Stopwatch {
@@ -46,6 +46,12 @@ impl Stopwatch {
             started: now,
             last: now,
         }
+    }
+
+    /// `seconds` of what the next lap is about to count were `name`'s.
+    fn part(&mut self, name: &str, seconds: f64) {
+        *self.seconds.entry(name.to_owned()).or_default() += seconds;
+        self.last += Duration::from_secs_f64(seconds);
     }
 
     /// What was done since the last lap took the time since then.
@@ -119,6 +125,9 @@ pub struct Options {
 /// The first error of any rank, the same on all.
 pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> Result<Summary> {
     let mut watch = Stopwatch::start();
+    watch
+        .seconds
+        .insert("start".to_owned(), world.start_seconds);
     let all = world.group();
     let speaks = all.rank() == 0;
 
@@ -148,6 +157,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     let sizes = (width, plan.patience());
     let mut problem = Problem::new(case, &bounds, &communicator, place.block.clone(), sizes)?;
     let bounds = problem.bounds(case, &bounds);
+    watch.part("weights", problem.weight_seconds);
     watch.lap("assemble");
 
     // 3. The exact solution, where one is named: before the run, so that a mistake in it costs no run.
@@ -159,8 +169,9 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     // 4. How far the norm will fall, and the modes that takes.
     if plan.warp.is_some() {
         let ratio = problem.probe(&communicator, bounds.rate, case.end);
-        plan = Plan::with_bounds(case, bounds.clone(), &resources, ratio)?;
         watch.lap("probe");
+        plan = Plan::with_bounds(case, bounds.clone(), &resources, ratio)?;
+        watch.lap("design");
     }
     let planned = plan.warp.as_ref().map_or(&[][..], |w| &w.warnings);
     if speaks {

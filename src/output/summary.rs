@@ -37,7 +37,8 @@ pub struct Summary {
     pub wall_seconds: f64,
     /// Seconds of propagation and recovery.
     pub solve_seconds: f64,
-    /// Seconds by step of the run.
+    /// Seconds by step of the run: `start` (of MPI, before the program's work), `plan`, `assemble`, `weights`, `exact`, `probe`,
+    /// `design` (of the profile), `solve`, `verify`, `observables` (the error estimate included), `write`.
     pub seconds: BTreeMap<String, f64>,
     /// Number of ranks.
     pub ranks: usize,

@@ -14,6 +14,11 @@ use serde::Serialize;
 /// Resident memory of the program and its libraries, HDF5's buffers included.
 const PROGRAM_BYTES: u64 = 28 << 20;
 
+/// What an exchange takes, in rows of a step: a round of messages, and a ghost that is packed, sent and unpacked. Measured
+/// within a node (docs/performance.md): 4 µs and 40 ns beside 7 to 20 ns a row.
+const ROWS_A_ROUND: f64 = 300.0;
+const ROWS_A_GHOST: f64 = 3.0;
+
 /// Who computes it, and in how much memory.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Layout {
@@ -142,13 +147,13 @@ impl Layout {
             None => 1.0,
         };
         let fullest = Block::new(&case.space, &self.mesh, 0);
-        // Ghost rows are packed, sent and unpacked: about the work of two rows each, and a round of latency.
-        let rows = fullest.cells() as f64 + 2.0 * fullest.ghosts() as f64;
-        let splitting = match self.mesh.blocks() {
-            1 => 1.0,
-            _ if warp.is_some() => 1.02 * cost_of_splitting(case.propagator.method),
-            _ => 1.02,
-        };
+        let (mut rows, mut splitting) = (fullest.cells() as f64, 1.0);
+        if self.mesh.blocks() > 1 {
+            rows += ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts() as f64;
+            if warp.is_some() {
+                splitting = cost_of_splitting(case.propagator.method);
+            }
+        }
         group * splitting * rows / case.space.cells() as f64
     }
 
