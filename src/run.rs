@@ -182,8 +182,15 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     warnings.extend_from_slice(planned);
     let told = warnings.len();
 
-    // 5. Solve.
+    // 5. Solve; of the fields at the start only the mass is kept.
     let mut summary = Summary::default();
+    let total = |moment: &[f64]| integral(&communicator.world, &case.space, moment);
+    summary.mass_initial = {
+        let initial = std::mem::take(&mut problem.initial);
+        let mine: Vec<&[f64]> = initial.iter().map(|f| &f[place.mine.clone()]).collect();
+        total(&moments(&communicator.world, case, &mine).density)
+    };
+    watch.lap("observables");
     let Solution { fields, plateau } = solve(
         case,
         &plan,
@@ -249,7 +256,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
                 terms,
                 &mut state,
             );
-            let reference = problem.unweighted(&place.mine, &state[place.mine.clone()]);
+            let reference = problem.unweighted(&place.mine, state[place.mine.clone()].to_vec());
             let error = norms(&readings[0]).distance(&reference);
             if error.is_finite() {
                 summary.fields[k].error_semidiscrete = Some(error);
@@ -273,13 +280,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     // 7. Moments and sums.
     let results: Vec<&[f64]> = fields.iter().map(|readings| &readings[0][..]).collect();
     let found = moments(&communicator.world, case, &results);
-    let before: Vec<&[f64]> = (problem.initial.iter())
-        .map(|f| &f[place.mine.clone()])
-        .collect();
-    let before = moments(&communicator.world, case, &before);
-    let total = |moment: &[f64]| integral(&communicator.world, &case.space, moment);
     summary.mass = total(&found.density);
-    summary.mass_initial = total(&before.density);
     summary.kinetic_energy = total(&found.kinetic);
     summary.minimum = summary.fields[0].minimum;
     summary.maximum = summary.fields[0].maximum;
@@ -405,7 +406,7 @@ fn solve(
                 &mut state,
             );
             fields.push(vec![
-                problem.unweighted(&place.mine, &state[place.mine.clone()]),
+                problem.unweighted(&place.mine, state[place.mine.clone()].to_vec()),
             ]);
         }
         summary.matvecs = stages * steps * problem.states.len();
@@ -458,11 +459,11 @@ fn solve(
     summary.solves = communicator.modes.sum_count(recovered.solves);
     let busy = recovered.busy_seconds;
     summary.group_seconds = Some([-communicator.world.max(-busy), communicator.world.max(busy)]);
-    let unweighted = |u: &Vec<f64>| problem.unweighted(&place.mine, u);
-    let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.iter())
-        .map(|readings| readings.iter().map(unweighted).collect())
+    let unweighted = |u: Vec<f64>| problem.unweighted(&place.mine, u);
+    let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.into_iter())
+        .map(|readings| readings.into_iter().map(unweighted).collect())
         .collect();
-    let step_errors = recovered.step_errors.iter().map(unweighted);
+    let step_errors = recovered.step_errors.into_iter().map(unweighted);
     let velocities = case.space.velocity_cells();
     summary.step_error = (fields.iter().zip(step_errors))
         .map(|(readings, error)| {
@@ -489,7 +490,7 @@ fn solve(
         .fold(0.0, f64::max);
     Ok(Solution {
         fields,
-        plateau: recovered.plateau.iter().map(unweighted).collect(),
+        plateau: recovered.plateau.into_iter().map(unweighted).collect(),
     })
 }
 

@@ -296,8 +296,8 @@ fn arrays(
         ("program and libraries".to_owned(), PROGRAM_BYTES),
         ("matrix (S, K)".to_owned(), 20 * entries + 24 * rows),
         (
-            "fields, weights, probe".to_owned(),
-            8 * (3 + 3 * case.fields.len() as u64) * length,
+            "states, weights".to_owned(),
+            8 * (1 + case.fields.len() as u64) * length,
         ),
     ];
     if listed > 0 {
@@ -314,14 +314,21 @@ fn arrays(
             entries,
         };
         list.extend(propagate::arrays(case, bounds, mesh, &sizes));
-        let points = (warp.readings.len() * case.fields.len() + warp.plateau.len()) as u64;
-        list.push(("recovery sums".to_owned(), (16 + 8) * points * cells));
-        if propagate::order(case.propagator.method) > 0 {
-            let bytes = (16 + 8) * case.fields.len() as u64 * cells;
-            list.push(("sums of the step's error".to_owned(), bytes));
-        }
+        // Sums of one field at a time, on the block; fields, on a rank's share of it.
+        let fields = case.fields.len() as u64;
+        let (readings, plateau) = (warp.readings.len() as u64, warp.plateau.len() as u64);
+        let steps = u64::from(propagate::order(case.propagator.method) > 0);
+        let layers = case.space.x[0].cells.div_ceil(mesh.space[0]);
+        let share = cells / layers as u64 * layers.div_ceil(mesh.groups) as u64;
+        let sums = 16 * (readings + plateau + steps) * cells;
+        list.push(("recovery sums".to_owned(), sums));
+        let recovered = 8 * ((readings + steps) * fields + plateau) * share;
+        list.push(("recovered fields".to_owned(), recovered));
         list.push(("ghost exchange".to_owned(), 2 * 128 * ghosts));
     } else {
+        // Initial values and results beside the vectors of the integrator.
+        let fields = case.fields.len() as u64;
+        list.push(("fields".to_owned(), 8 * 2 * fields * cells));
         list.push(("integrator".to_owned(), 8 * 4 * length));
         if case.limiter != Limiter::None {
             // One slope an unknown, two neighbours a space cell and axis; faces at the box's ends and at about as many jumps.
