@@ -370,3 +370,43 @@ pub fn bytes_text(bytes: u64) -> String {
         format!("{value:.1} {}", UNITS[unit])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::Plan;
+
+    #[test]
+    fn ranks_are_kept_busy_whatever_the_number_of_modes() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/example1.toml");
+        let case = Case::load(&path, &[]).expect("a case of the repository");
+        let one = Resources {
+            ranks: 1,
+            ..Resources::default()
+        };
+        let plan = Plan::new(&case, &one, 1.15).expect("a plan");
+        let planned = plan.warp.as_ref().expect("a schrodingerized run");
+        for modes in [13, 17, 19, 28, 43, 47, 60, 77] {
+            let mut warp = planned.clone();
+            warp.work.truncate(modes);
+            let layout = |ranks: usize| {
+                let resources = Resources {
+                    ranks,
+                    ..Resources::default()
+                };
+                let layout = Layout::new(&case, &plan.bounds, Some(&warp), &resources);
+                layout.expect("a layout")
+            };
+            let alone = layout(1).cost(&case, Some(&warp));
+            // By the model of batches and ghosts: whole batches, or blocks of space, whatever is faster.
+            for (ranks, least) in [(2, 0.91), (3, 0.84), (4, 0.78)] {
+                let found = layout(ranks);
+                let efficiency = alone / found.cost(&case, Some(&warp)) / ranks as f64;
+                let at = format!("{modes} modes, {:?}: {efficiency}", found.mesh);
+                assert!((least..=1.0).contains(&efficiency), "{at}");
+                let even = modes < 28 || ranks == 3 || found.imbalance <= 1.05;
+                assert!(even, "{at}, imbalance {}", found.imbalance);
+            }
+        }
+    }
+}
