@@ -24,7 +24,7 @@ pub struct Problem {
     pub weights: Weights,
     /// `ũ(0)` of each field: weighted cells, then auxiliary unknowns, then room for ghosts.
     pub states: Vec<Vec<f64>>,
-    /// Each field at time zero on this rank's cells.
+    /// Each field at time zero on this rank's cells; a run drops them once it has their mass.
     pub initial: Vec<Vec<f64>>,
     /// Unknowns that count as terms of a norm: space cells and auxiliary ones, over the space group.
     pub terms: usize,
@@ -189,15 +189,16 @@ impl Problem {
             .sqrt()
     }
 
-    /// `ũ` to `f`: undoes the weights on the cells `range`.
-    pub fn unweighted(&self, range: &Range<usize>, state: &[f64]) -> Vec<f64> {
-        (range.clone().zip(state))
-            .map(|(i, u)| u / self.weights.pi[i].sqrt())
-            .collect()
+    /// `ũ` to `f`, in place: undoes the weights on the cells `range`.
+    pub fn unweighted(&self, range: &Range<usize>, mut state: Vec<f64>) -> Vec<f64> {
+        for (u, pi) in state.iter_mut().zip(&self.weights.pi[range.clone()]) {
+            *u /= pi.sqrt();
+        }
+        state
     }
 
     /// Largest `‖ũ(0)‖/‖f(T)‖` of the fields, with `f(T)` from the classical exponential to three digits: one real vector, little more than
-    /// `rate·time` applications of a quarter of a mode's.
+    /// `rate·time` applications of a quarter of a mode's. The mode groups share the fields. Collective.
     pub fn probe(&mut self, communicator: &Communicator, rate: f64, time: f64) -> f64 {
         let mut largest: f64 = 1.0;
         if let Some(schedule) = &self.schedule {
@@ -210,7 +211,8 @@ impl Problem {
             };
             return ratio.max(1.0) / (1.0 - TIME_SHARE);
         }
-        for start in &self.states {
+        let (group, groups) = (communicator.modes.rank(), communicator.modes.size());
+        for start in self.states.iter().skip(group).step_by(groups) {
             let mut state = start.clone();
             Classical::new(&self.matrix).exponential(
                 &mut self.exchange,
@@ -224,6 +226,6 @@ impl Problem {
                 largest = largest.max(PROBE_SAFETY * start / end);
             }
         }
-        largest
+        communicator.modes.max(largest)
     }
 }

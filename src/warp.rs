@@ -52,7 +52,7 @@ struct Sum {
 }
 
 impl Sum {
-    /// Room for `cells` sums of the modes of `warp`, each at most `size` times as long as the field's state.
+    /// Room for `cells` sums over the modes of `warp`, whose vectors are at most `size` long.
     fn new(warp: &WarpPlan, reading: &Reading, size: f64, cells: usize) -> Self {
         Self {
             reading: *reading,

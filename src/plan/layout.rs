@@ -306,8 +306,8 @@ fn arrays(
             4 * rows + (20 * entries + 8 * rows) / rows * distinct,
         ),
         (
-            "fields, weights, probe".to_owned(),
-            8 * (3 + 3 * case.fields.len() as u64) * length,
+            "states, weights".to_owned(),
+            8 * (1 + case.fields.len() as u64) * length,
         ),
     ];
     if listed > 0 {
@@ -324,14 +324,21 @@ fn arrays(
             entries,
         };
         list.extend(propagate::arrays(case, bounds, mesh, &sizes));
-        let points = (warp.readings.len() * case.fields.len() + warp.plateau.len()) as u64;
-        list.push(("recovery sums".to_owned(), (16 + 8) * points * cells));
-        if propagate::order(case.propagator.method) > 0 {
-            let bytes = (16 + 8) * case.fields.len() as u64 * cells;
-            list.push(("sums of the step's error".to_owned(), bytes));
-        }
+        // Sums of one field at a time, on the block; fields, on a rank's share of it.
+        let fields = case.fields.len() as u64;
+        let (readings, plateau) = (warp.readings.len() as u64, warp.plateau.len() as u64);
+        let steps = u64::from(propagate::order(case.propagator.method) > 0);
+        let layers = case.space.x[0].cells.div_ceil(mesh.space[0]);
+        let share = cells / layers as u64 * layers.div_ceil(mesh.groups) as u64;
+        let sums = 16 * (readings + plateau + steps) * cells;
+        list.push(("recovery sums".to_owned(), sums));
+        let recovered = 8 * ((readings + steps) * fields + plateau) * share;
+        list.push(("recovered fields".to_owned(), recovered));
         list.push(("ghost exchange".to_owned(), 2 * 128 * ghosts));
     } else {
+        // Initial values and results beside the vectors of the integrator.
+        let fields = case.fields.len() as u64;
+        list.push(("fields".to_owned(), 8 * 2 * fields * cells));
         list.push(("integrator".to_owned(), 8 * 4 * length));
         if case.limiter != Limiter::None {
             // One slope an unknown, two neighbours a space cell and axis; faces at the box's ends and at about as many jumps.
@@ -371,5 +378,45 @@ pub fn bytes_text(bytes: u64) -> String {
         format!("{bytes} B")
     } else {
         format!("{value:.1} {}", UNITS[unit])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::Plan;
+
+    #[test]
+    fn ranks_are_kept_busy_whatever_the_number_of_modes() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/example1.toml");
+        let case = Case::load(&path, &[]).expect("a case of the repository");
+        let one = Resources {
+            ranks: 1,
+            ..Resources::default()
+        };
+        let plan = Plan::new(&case, &one, 1.15).expect("a plan");
+        let planned = plan.warp.as_ref().expect("a schrodingerized run");
+        for modes in [13, 17, 19, 28, 43, 47, 60, 77] {
+            let mut warp = planned.clone();
+            warp.work.truncate(modes);
+            let layout = |ranks: usize| {
+                let resources = Resources {
+                    ranks,
+                    ..Resources::default()
+                };
+                let layout = Layout::new(&case, &plan.bounds, Some(&warp), &resources);
+                layout.expect("a layout")
+            };
+            let alone = layout(1).cost(&case, Some(&warp));
+            // By the model of batches and ghosts: whole batches, or blocks of space, whatever is faster.
+            for (ranks, least) in [(2, 0.91), (3, 0.84), (4, 0.78)] {
+                let found = layout(ranks);
+                let efficiency = alone / found.cost(&case, Some(&warp)) / ranks as f64;
+                let at = format!("{modes} modes, {:?}: {efficiency}", found.mesh);
+                assert!((least..=1.0).contains(&efficiency), "{at}");
+                let even = modes < 28 || ranks == 3 || found.imbalance <= 1.05;
+                assert!(even, "{at}, imbalance {}", found.imbalance);
+            }
+        }
     }
 }
