@@ -3,7 +3,7 @@
 use super::Bounds;
 use crate::case::{Case, Coefficients, LARGEST_TOLERANCE, RecoveryMethod, Warp};
 use crate::error::{Error, Result};
-use crate::profile::{Demand, Profile, Series, Shape, Window};
+use crate::profile::{Demand, Form, Profile, Series, Shape, Window};
 use crate::recover::Reading;
 use std::f64::consts::PI;
 
@@ -39,14 +39,56 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     let warp = &case.warp;
     let mut warnings = Vec::new();
     let demand = demand(case, bounds, ratio);
-    let (profile, window) = match Profile::plan(warp.profile, &demand) {
+    let (profile, window) = match Profile::plan(warp.choice(), &demand) {
         Some(planned) => planned,
         None => relaxed(case, bounds, ratio, &demand, &mut warnings)?,
     };
-    let shape = profile.shape();
+    let (series, interval) = match profile.form() {
+        Form::Series(g) => (g.series.clone(), profile.ends(&demand, &window)),
+        Form::Transform(shape) => {
+            let planned = (&profile, shape, &window);
+            transformed(case, &demand, planned, &mut warnings)?
+        }
+    };
+    if window.distance < -1e-9 && warp.recovery.is_some() {
+        warnings.push(format!(
+            "solver.warp.recovery = {} is below {:.4}, which growth x time = {:.4} asks for: \
+             where S grows that much, what is read there comes from where the profile is not exp(-p)",
+            window.point,
+            window.point - window.distance,
+            demand.growth
+        ));
+    }
+    let readings = readings(case, &window, interval);
+    // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p = p◇ + σT.
+    let shift = shift(case, bounds);
+    let apart = readings.last().map_or(0.0, |r| r.point - window.point);
+    Ok(Placement {
+        seen: if apart > 0.0 {
+            profile.seen(window.point, apart)
+        } else {
+            1.0
+        },
+        plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
+        profile,
+        series,
+        interval,
+        readings: moved(readings, shift),
+        warnings,
+    })
+}
+
+/// The series of a profile that is known on the line, and its interval: planned, but for what is given by hand.
+fn transformed(
+    case: &Case,
+    demand: &Demand,
+    (profile, shape, window): (&Profile, &dyn Shape, &Window),
+    warnings: &mut Vec<String>,
+) -> Result<(Series, [f64; 2])> {
+    let warp = &case.warp;
     let interval = match warp.interval {
         Some(interval) => interval,
-        None => demand.ends(shape, &window),
+        None => demand.ends(shape, window),
     };
     let fixed = warp.interval.is_some() || demand.sampled;
     let period = if fixed {
@@ -79,34 +121,9 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
         }
     };
     if let Some(points) = warp.points {
-        warnings.extend(too_few(&demand, shape, &window, period, points));
+        warnings.extend(too_few(demand, shape, window, period, points));
     }
-    if window.distance < -1e-9 && warp.recovery.is_some() {
-        warnings.push(format!(
-            "solver.warp.recovery = {} is below {:.4}, which growth x time = {:.4} asks for: \
-             where S grows that much, what is read there comes from where the profile is not exp(-p)",
-            window.point,
-            window.point - window.distance,
-            demand.growth
-        ));
-    }
-    let readings = readings(case, &window, interval);
-    // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p = p◇ + σT.
-    let shift = shift(case, bounds);
-    let apart = readings.last().map_or(0.0, |r| r.point - window.point);
-    Ok(Placement {
-        seen: if apart > 0.0 {
-            profile.seen(window.point, apart)
-        } else {
-            1.0
-        },
-        plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
-        profile,
-        series,
-        interval,
-        readings: moved(readings, shift),
-        warnings,
-    })
+    Ok((series, interval))
 }
 
 /// `σT` of the spectral shift.
@@ -122,7 +139,7 @@ fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
     let shift = shift(case, bounds);
     let growth = (bounds.growth * time - shift).max(0.0);
     let decay = bounds.decay * time + shift;
-    let tolerance = case.tolerance / ratio * (-shift.max(0.0)).exp();
+    let tolerance = case.tolerance / ratio * libm::exp(-shift.max(0.0));
     let width = width(warp);
     let second = if case.recovery_points > 1 {
         SECOND_POINT
@@ -160,7 +177,7 @@ fn relaxed(
     demand: &Demand,
     warnings: &mut Vec<String>,
 ) -> Result<(Profile, Window)> {
-    let choice = case.warp.profile;
+    let choice = case.warp.choice();
     let growth = demand.growth;
     let open = Demand {
         interval: None,
@@ -222,7 +239,7 @@ fn relaxed(
         ..open
     };
     let (profile, window) = Profile::plan(choice, &open).unwrap_or((profile, window));
-    let [lower, upper] = open.ends(profile.shape(), &window);
+    let [lower, upper] = profile.ends(&open, &window);
     Err(Error::Interval {
         place: case.interval_place.clone(),
         given: demand.interval.unwrap_or_default(),
