@@ -173,7 +173,6 @@ impl Profile {
     pub fn seen(&self, point: f64, apart: f64) -> f64 {
         match self {
             Self::Gaussian(g) => g.seen_by(point, point + apart),
-            Self::Designed(g) => g.seen_by(apart),
             _ => 1f64.hypot(apart.exp()).sqrt(),
         }
     }

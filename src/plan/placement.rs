@@ -4,7 +4,7 @@ use super::Bounds;
 use crate::case::{Case, Coefficients, LARGEST_TOLERANCE, RecoveryMethod, Warp};
 use crate::error::{Error, Result};
 use crate::profile::{Demand, Form, Profile, Series, Shape, Window};
-use crate::recover::Reading;
+use crate::recover::{Reading, shown};
 use std::f64::consts::PI;
 
 /// Distance in `p` of the second recovery point from the first.
@@ -59,16 +59,23 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
             demand.growth
         ));
     }
-    let readings = readings(case, &window, interval);
+    let (readings, seen) = match profile.form() {
+        _ if case.recovery_points < 2 => (readings(case, &window, interval, 0.0), 1.0),
+        Form::Transform(_) => {
+            let readings = readings(case, &window, interval, SECOND_POINT);
+            let apart = readings[1].point - window.point;
+            let seen = profile.seen(window.point, apart);
+            (readings, seen)
+        }
+        Form::Series(_) => {
+            let at = |apart| readings(case, &window, interval, apart);
+            most_alike(&series, demand.decay, at)
+        }
+    };
     // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p = p◇ + σT.
     let shift = shift(case, bounds);
-    let apart = readings.last().map_or(0.0, |r| r.point - window.point);
     Ok(Placement {
-        seen: if apart > 0.0 {
-            profile.seen(window.point, apart)
-        } else {
-            1.0
-        },
+        seen,
         plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
         profile,
         series,
@@ -287,14 +294,14 @@ fn too_few(
 }
 
 /// The reading at `p◇`, and the one further on for the error estimate; within an interval given by hand.
-fn readings(case: &Case, window: &Window, interval: [f64; 2]) -> Vec<Reading> {
+fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec<Reading> {
     let room = if case.warp.interval.is_some() {
         interval[1] - window.point
     } else {
         f64::INFINITY
     };
     let width = width(&case.warp).min(0.5 * room);
-    let second = SECOND_POINT.min(0.5 * room);
+    let second = apart.min(0.5 * room);
     (0..case.recovery_points)
         .map(|k| Reading {
             method: case.warp.recovery_method,
@@ -302,6 +309,27 @@ fn readings(case: &Case, window: &Window, interval: [f64; 2]) -> Vec<Reading> {
             width,
         })
         .collect()
+}
+
+/// The readings of a designed series, whose error oscillates: the second where their distance shows about the same part of the error
+/// whatever the state is made of; and that part.
+fn most_alike(
+    series: &Series,
+    decay: f64,
+    at: impl Fn(f64) -> Vec<Reading>,
+) -> (Vec<Reading>, f64) {
+    /// Points tried: the last is [`SECOND_POINT`] further on, the first a quarter of that.
+    const TRIED: u32 = 16;
+    let candidates = (TRIED / 4..=TRIED).map(|i| {
+        let readings = at(SECOND_POINT * f64::from(i) / f64::from(TRIED));
+        let [least, largest] = shown(series, [&readings[0], &readings[1]], decay);
+        (readings, least, largest)
+    });
+    let ratio = |(_, least, largest): &(Vec<Reading>, f64, f64)| largest / least;
+    let best = candidates.min_by(|a, b| ratio(a).total_cmp(&ratio(b)));
+    best.map_or_else(|| (at(SECOND_POINT), 1.0), |(readings, least, largest)| {
+        (readings, (least * largest).sqrt())
+    })
 }
 
 /// The readings moved by `distance`.

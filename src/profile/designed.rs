@@ -39,8 +39,8 @@ const ROOM: f64 = 33.05;
 const SMALLEST: f64 = 1e-13;
 /// Part of `ε` that the error may take on the domain; the rest is for the propagator and round-off.
 const SHARE: f64 = 0.7;
-/// The same of a design that is then continued, and its part of the largest `Σ|c_l|`.
-const CONTINUED_SHARES: [f64; 2] = [0.5, 0.9];
+/// The same of a design that is then continued (the cut may double its error), and its part of the largest `Σ|c_l|`.
+const CONTINUED_SHARES: [f64; 2] = [0.35, 0.9];
 /// Most modes of a design, about; one with more is that of a shorter domain continued.
 const LARGEST: f64 = 160.0;
 /// Up to so many modes several gaps are tried.
@@ -101,12 +101,6 @@ impl Designed {
             series,
         };
         Some((designed, window))
-    }
-
-    /// What part of the error the distance to the field read `apart` further on shows: the errors at both are equally large
-    /// and oscillate.
-    pub fn seen_by(&self, apart: f64) -> f64 {
-        1f64.hypot(apart.exp())
     }
 
     /// Whether there is one: `ε e^{−Λ⁺}` is not too small, and no interval and no samples are asked for. Beyond its domain it
