@@ -211,7 +211,9 @@ impl Warp {
             ("interval", self.interval.is_some()),
             ("points", self.points.is_some()),
         ];
-        keys.into_iter().find(|(_, given)| *given).map(|(key, _)| key)
+        keys.into_iter()
+            .find(|(_, given)| *given)
+            .map(|(key, _)| key)
     }
 }
 

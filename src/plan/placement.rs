@@ -327,9 +327,10 @@ fn most_alike(
     });
     let ratio = |(_, least, largest): &(Vec<Reading>, f64, f64)| largest / least;
     let best = candidates.min_by(|a, b| ratio(a).total_cmp(&ratio(b)));
-    best.map_or_else(|| (at(SECOND_POINT), 1.0), |(readings, least, largest)| {
-        (readings, (least * largest).sqrt())
-    })
+    best.map_or_else(
+        || (at(SECOND_POINT), 1.0),
+        |(readings, least, largest)| (readings, (least * largest).sqrt()),
+    )
 }
 
 /// The readings moved by `distance`.
