@@ -56,9 +56,9 @@ impl Reading {
 }
 
 /// What parts of the error of `first` its distance to `second` shows, the least and the largest: of the series' own error, for
-/// states whose spectrum of `−ST` is spread over `[0, s]`, for some `s` up to `decay`. A component there is read as the functional of `g(p + s)`,
-/// and should be `e^{−s}`.
-pub fn shown(series: &Series, [first, second]: [&Reading; 2], decay: f64) -> [f64; 2] {
+/// states whose spectrum of `−ST` is spread over `[from, from + s]`, for some `s` up to `to − from`. A component there is read as the functional
+/// of `g(p + s)`, and should be `e^{−s}`.
+pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 2]) -> [f64; 2] {
     /// The longest `s`, its parts, and samples in each.
     const LONGEST: f64 = 20.0;
     const PARTS: [f64; 4] = [0.003, 0.03, 0.3, 1.0];
@@ -80,7 +80,7 @@ pub fn shown(series: &Series, [first, second]: [&Reading; 2], decay: f64) -> [f6
         let (mut seen, mut all) = (0.0, 0.0);
         for i in 0..SAMPLES {
             let place = part * (f64::from(i) + 0.5) / f64::from(SAMPLES);
-            let [a, b] = errors(place * decay.min(LONGEST));
+            let [a, b] = errors(from + place * (to - from).min(LONGEST));
             seen += (a - b) * (a - b);
             all += a * a;
         }

@@ -158,8 +158,9 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     // 4. How far the norm will fall, and the modes that takes.
     if plan.warp.is_some() {
         let ratio = problem.probe(&communicator, bounds.rate, case.end);
-        plan = Plan::with_bounds(case, bounds.clone(), &resources, ratio)?;
         watch.lap("probe");
+        plan = Plan::with_bounds(case, bounds.clone(), &resources, ratio)?;
+        watch.lap("plan");
     }
     let planned = plan.warp.as_ref().map_or(&[][..], |w| &w.warnings);
     if speaks {

@@ -59,6 +59,8 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
             demand.growth
         ));
     }
+    // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p = p◇ + σT.
+    let shift = shift(case, bounds);
     let (readings, seen) = match profile.form() {
         _ if case.recovery_points < 2 => (readings(case, &window, interval, 0.0), 1.0),
         Form::Transform(_) => {
@@ -69,11 +71,9 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
         }
         Form::Series(_) => {
             let at = |apart| readings(case, &window, interval, apart);
-            most_alike(&series, demand.decay, at)
+            most_alike(&series, [shift, demand.decay], at)
         }
     };
-    // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p = p◇ + σT.
-    let shift = shift(case, bounds);
     Ok(Placement {
         seen,
         plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
@@ -312,24 +312,24 @@ fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec
 }
 
 /// The readings of a designed series, whose error oscillates: the second where their distance shows about the same part of the error
-/// whatever the state is made of; and that part.
+/// whatever the state is made of; and that part, rather too large than too small.
 fn most_alike(
     series: &Series,
-    decay: f64,
+    spectrum: [f64; 2],
     at: impl Fn(f64) -> Vec<Reading>,
 ) -> (Vec<Reading>, f64) {
     /// Points tried: the last is [`SECOND_POINT`] further on, the first a quarter of that.
     const TRIED: u32 = 16;
     let candidates = (TRIED / 4..=TRIED).map(|i| {
         let readings = at(SECOND_POINT * f64::from(i) / f64::from(TRIED));
-        let [least, largest] = shown(series, [&readings[0], &readings[1]], decay);
+        let [least, largest] = shown(series, [&readings[0], &readings[1]], spectrum);
         (readings, least, largest)
     });
     let ratio = |(_, least, largest): &(Vec<Reading>, f64, f64)| largest / least;
     let best = candidates.min_by(|a, b| ratio(a).total_cmp(&ratio(b)));
     best.map_or_else(
         || (at(SECOND_POINT), 1.0),
-        |(readings, least, largest)| (readings, (least * largest).sqrt()),
+        |(readings, least, largest)| (readings, (least * largest * largest).cbrt()),
     )
 }
 

@@ -37,6 +37,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI, SQRT_2, TAU};
 const ROOM: f64 = 33.05;
 /// Least `ε e^{−Λ⁺}` that is designed for. A tenth of it takes twice the modes.
 const SMALLEST: f64 = 1e-13;
+/// Longest domain that is designed for: units of a millionth of the period resolve `e^{−p}`, and a design takes seconds.
+const LONGEST: f64 = 2e4;
 /// Part of `ε` that the error may take on the domain; the rest is for the propagator and round-off.
 const SHARE: f64 = 0.7;
 /// The same of a design that is then continued (the cut may double its error), and its part of the largest `Σ|c_l|`.
@@ -103,12 +105,16 @@ impl Designed {
         Some((designed, window))
     }
 
-    /// Whether there is one: `ε e^{−Λ⁺}` is not too small, and no interval and no samples are asked for. Beyond its domain it
+    /// Whether there is one: `ε e^{−Λ⁺}` is not too small, the domain not too long, and no interval and no samples are asked for. Beyond its domain it
     /// is no function to take samples of.
     pub fn possible(demand: &Demand) -> bool {
         // False where the growth is not known, too.
         let least = demand.tolerance * libm::exp(-demand.growth);
-        least >= SMALLEST && demand.interval.is_none() && !demand.sampled
+        let [lower, upper] = domain(demand);
+        least >= SMALLEST
+            && upper - lower <= LONGEST
+            && demand.interval.is_none()
+            && !demand.sampled
     }
 }
 
@@ -259,11 +265,12 @@ impl Polynomial {
         2.0 * sum <= tolerance / (20.0 * f64::EPSILON)
     }
 
-    /// `|g − e^{−p}|` at points as close as a sixth of the shortest wave's half, and closer to the ends.
+    /// `|g − e^{−p}|` at points as close as a sixth of the shortest wave's half, and closer to the ends; of very many modes as far
+    /// apart as such a wave.
     fn errors(&self, circle: &Circle, [lower, upper]: [f64; 2]) -> impl Iterator<Item = f64> {
         let unit = self.period / TURN as f64;
         let (middle, half) = (0.5 * (lower + upper), 0.5 * (upper - lower));
-        let count = 50 + 6 * self.modes();
+        let count = 50 + 6 * self.modes().min(1500);
         (0..=count)
             .map(move |i| middle - half * libm::cos(PI * i as f64 / count as f64))
             .map(move |p| (p / unit).round() as i64)
