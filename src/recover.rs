@@ -1,6 +1,7 @@
 //! Reading `u(T)` from the warped field `v(T, p) = e^{−p} u(T)`.
 
 use crate::case::RecoveryMethod;
+use crate::profile::Series;
 use num_complex::Complex64;
 use serde::Serialize;
 
@@ -52,6 +53,43 @@ impl Reading {
         };
         at_point * window
     }
+}
+
+/// What parts of the error of `first` its distance to `second` shows, the least and the largest: of the series' own error, for
+/// states whose spectrum of `−ST` is spread over `[from, from + s]`, for some `s` up to `to − from`. A component there is read as the functional
+/// of `g(p + s)`, and should be `e^{−s}`.
+pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 2]) -> [f64; 2] {
+    /// The longest `s`, its parts, and samples in each.
+    const LONGEST: f64 = 20.0;
+    const PARTS: [f64; 4] = [0.003, 0.03, 0.3, 1.0];
+    const SAMPLES: u32 = 12;
+    let weights: Vec<[Complex64; 2]> = (0..series.modes())
+        .map(|l| [first, second].map(|r| series.factor(l) * r.of_wave(series.wavenumber(l))))
+        .collect();
+    let errors = |s: f64| {
+        let mut read = [-libm::exp(-s); 2];
+        for (l, weight) in weights.iter().enumerate() {
+            let (sin, cos) = libm::sincos(series.wavenumber(l) * s);
+            for (read, weight) in read.iter_mut().zip(weight) {
+                *read += weight.re * cos - weight.im * sin;
+            }
+        }
+        read
+    };
+    let ratios = PARTS.map(|part| {
+        let (mut seen, mut all) = (0.0, 0.0);
+        for i in 0..SAMPLES {
+            let place = part * (f64::from(i) + 0.5) / f64::from(SAMPLES);
+            let [a, b] = errors(from + place * (to - from).min(LONGEST));
+            seen += (a - b) * (a - b);
+            all += a * a;
+        }
+        (seen / all).sqrt()
+    });
+    [
+        ratios.into_iter().fold(f64::INFINITY, f64::min),
+        ratios.into_iter().fold(0.0, f64::max),
+    ]
 }
 
 #[cfg(test)]
