@@ -15,6 +15,7 @@ mod shifted;
 use crate::case::{Case, Propagation, PropagatorMethod};
 use crate::communicator::{GhostExchange, Group};
 use crate::error::Result;
+use crate::matrix::blocking::Blocking;
 use crate::matrix::{BlockMatrix, LANES, Lanes};
 use crate::partition::Mesh;
 use crate::plan::{Bounds, Plan, WarpPlan};
@@ -278,7 +279,11 @@ pub fn arrays(case: &Case, bounds: &Bounds, mesh: &Mesh, sizes: &Sizes) -> Vec<(
             } else {
                 chebyshev::Chebyshev::BYTES_PER_ROW
             };
-            vec![(batch, bytes as u64 * sizes.length)]
+            let order = Blocking::BYTES_PER_ROW as u64;
+            vec![
+                (batch, bytes as u64 * sizes.length),
+                ("order of the blocking".to_owned(), order * sizes.rows),
+            ]
         }
         PropagatorMethod::Krylov => {
             let vectors = krylov::DIMENSION as u64 + 1;

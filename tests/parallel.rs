@@ -18,6 +18,7 @@ use phasewarp::classical::{Classical, EXACT, duhamel_panels};
 use phasewarp::communicator::{Communicator, GhostExchange, Group, World};
 use phasewarp::error::Error;
 use phasewarp::matrix::blocking::{Blocking, Shape};
+use phasewarp::matrix::kernel::{self, InstructionSet};
 use phasewarp::matrix::{BlockMatrix, LANES, Lanes, Part, StepConstants};
 use phasewarp::partition::{Block, Mesh, Place, split};
 use phasewarp::plan::{Batch, Bounds, INFLOW_GROWTH, Plan, Resources, WarpPlan};
@@ -1176,6 +1177,18 @@ fn one_step(world: &World) {
         );
         let (s, k) = (twin.generator.symmetric(), twin.generator.skew());
         let scale = twin.generator.largest() * 10.0;
+        // The same to round-off by every instruction set, but for the row that is a sum over all ranks.
+        for set in InstructionSet::all() {
+            let mut other = local(20);
+            let step = kernel::stepper_for(set, matrix, &x);
+            step(matrix, 0..rows, &constants, &mut other, &x, &start);
+            for i in (0..rows).filter(|&i| Some(i) != matrix.shared_row()) {
+                for (a, b) in other[i].0.iter().zip(&from_complex[i].0) {
+                    let near = (a - b).abs() <= 1e-14 * scale;
+                    assert!(near, "{} {mesh:?} {set:?} row {i}: {a} {b}", twin.name);
+                }
+            }
+        }
         for l in 0..LANES {
             let [a, c, mu, coefficient] = [
                 constants.scale[l],
@@ -1232,13 +1245,15 @@ fn blocked_steps(world: &World) {
     let mut blocked = 0;
     for_every_piece(world, |twin, mesh, piece| {
         if !Blocking::possible(&piece.matrix) {
-            assert!(mesh.blocks() > 1 || piece.matrix.shared_row().is_some());
+            assert!(piece.matrix.shared_row().is_some());
             return;
         }
         let rows = piece.matrix.rows();
         let vector = |seed: usize| -> Vec<Lanes> {
             let row = |i| Lanes(std::array::from_fn(|l| noise(i, (100 * seed + l) as u64)));
-            (0..rows).map(row).collect()
+            let mut list: Vec<Lanes> = piece.number[..rows].iter().copied().map(row).collect();
+            list.resize(piece.matrix.length(), Lanes([f64::NAN; 2 * LANES]));
+            list
         };
         let start: Vec<f64> = (0..rows).map(|i| noise(i, 5)).collect();
         let couplings: Vec<f64> = (0..piece.matrix.inflow.len())
@@ -1251,8 +1266,9 @@ fn blocked_steps(world: &World) {
                 let vectors = (&mut y, &mut x);
                 let levels = &levels[..steps];
                 matrix.steps(exchange, blocking, levels, couplings, vectors, &start);
-                let bits =
-                    |v: &[Lanes]| v.iter().map(|r| r.0.map(f64::to_bits)).collect::<Vec<_>>();
+                let bits = |v: &[Lanes]| -> Vec<_> {
+                    v[..rows].iter().map(|r| r.0.map(f64::to_bits)).collect()
+                };
                 (bits(&y), bits(&x))
             };
             for (depth, width, parts) in shapes {
@@ -1264,7 +1280,7 @@ fn blocked_steps(world: &World) {
                 let blocking = Blocking::new(&piece.matrix, &shape);
                 for steps in [depth, depth - 1] {
                     let same = run(Some(&blocking), steps) == run(None, steps);
-                    assert!(same, "{} {shape:?}, {steps} steps", twin.name);
+                    assert!(same, "{} {mesh:?} {shape:?}, {steps} steps", twin.name);
                     blocked += 1;
                 }
             }
@@ -1375,7 +1391,15 @@ fn chebyshev_propagation(world: &World) {
                 })
             };
             let whole = degrees(1e-16).into_iter().max().unwrap_or(0);
-            let mut chebyshev = Chebyshev::new(&weighted.problem.matrix, whole);
+            let matrix = &weighted.problem.matrix;
+            let shape = Shape {
+                depth: 5,
+                width: 2,
+                parts: 2,
+            };
+            let blocking = Blocking::possible(matrix).then(|| Blocking::new(matrix, &shape));
+            let mut chebyshev = Chebyshev::blocked(matrix, whole, None);
+            let mut blocked = Chebyshev::blocked(matrix, whole, blocking);
             for tolerance in [1e-16, 1e-6] {
                 let work = degrees(tolerance);
                 let batch = BatchSpec {
@@ -1387,6 +1411,8 @@ fn chebyshev_propagation(world: &World) {
                 let (report, found, errors) = weighted.propagate(&mut chebyshev, &batch, time);
                 assert!(errors.is_empty() && report.solves == 0);
                 assert_eq!(report.applications, work.iter().sum::<usize>());
+                let (_, same, _) = weighted.propagate(&mut blocked, &batch, time);
+                assert!(same == found, "{}, {mesh:?}: blocked", twin.name);
                 let full = norm(&weighted.state);
                 for l in 0..LANES {
                     let error = apart(&found[l], &reference[l]) / full;

@@ -18,6 +18,10 @@
 //! ```
 //!
 //! Along a strip's edge every level begins a cell earlier, and what is left open there waits for the next strip.
+//!
+//! Ghosts are like a tile that goes on by an exchange: towards them the levels fall off cell by cell, and each exchange lets all
+//! of those go on by one. So there is one message a step as without blocking, whatever the neighbour's depth, nothing is computed
+//! twice, and all but a margin of [`Shape::depth`] cells is done while the first message is under way.
 
 use super::{BlockMatrix, Lanes, StartRow, StepConstants, kernel};
 use crate::communicator::GhostExchange;
@@ -52,11 +56,16 @@ pub struct Blocking {
     tiles: Vec<(Range<u32>, Range<u32>)>,
     /// Which tile goes on, and from which level.
     order: Vec<(u32, u32)>,
+    /// Where in `order` the ghosts of a level must have come, level by level.
+    exchanges: Vec<usize>,
 }
 
 impl Blocking {
+    /// Bytes a row that it takes, while it is made.
+    pub const BYTES_PER_ROW: usize = 200 / FEWEST_ROWS;
+
     /// The blocking that is modelled to move the fewest bytes, for the cache of this machine; `None` where step after step is
-    /// as good or there is a neighbour to exchange with.
+    /// as good or a row is a sum over all ranks.
     pub fn planned(matrix: &BlockMatrix) -> Option<Self> {
         if !Self::possible(matrix) {
             return None;
@@ -65,9 +74,9 @@ impl Blocking {
         Some(Self::new(matrix, &shape))
     }
 
-    /// Whether steps can be blocked: not where ghosts are exchanged or a row is a sum over all ranks.
+    /// Whether steps can be blocked: not where a row is a sum over all ranks.
     pub fn possible(matrix: &BlockMatrix) -> bool {
-        matrix.block.ghosts() == 0 && !matrix.shared
+        !matrix.shared
     }
 
     /// The blocking of `shape`; of a matrix for which it is [`possible`](Self::possible).
@@ -79,29 +88,45 @@ impl Blocking {
             shape: *shape,
             order: Vec::with_capacity(tiling.tiles.len() * shape.depth),
             tiles: Vec::new(),
+            exchanges: Vec::new(),
         };
         let mut levels = vec![0u32; tiling.tiles.len()];
         let mut waiting = Vec::new();
-        // Tiles beyond the front are at level 0 and not open, so only `tile` itself can be the first to go on.
-        let mut open = |tile: usize| {
+        // Lets `tile` go on, and then all that can, while the ghosts of `ghosts` levels are there. Tiles beyond the front are at
+        // level 0 and not open, so only `tile` itself can be the first to go on.
+        let mut open = |tile: usize, ghosts: u32, order: &mut Vec<(u32, u32)>| {
             waiting.push(tile);
             while let Some(t) = waiting.pop() {
                 let (level, around) = (levels[t], neighbours.of(t));
                 let closed = level == 0 && t != tile;
+                let lacks = neighbours.border[t] && level >= ghosts;
                 let behind = |n: &u32| levels[*n as usize] < level;
-                if closed || level as usize == shape.depth || around.iter().any(behind) {
+                let done = level as usize == shape.depth;
+                if done || closed || lacks || around.iter().any(behind) {
                     continue;
                 }
-                this.order.push((t as u32, level));
+                order.push((t as u32, level));
                 levels[t] += 1;
                 waiting.extend(around.iter().map(|n| *n as usize));
                 waiting.push(t);
             }
         };
+        let mut sequence = Vec::with_capacity(tiling.tiles.len());
         for part in 0..tiling.parts {
             for_each_in_strips(&matrix.block.ranges, shape.width, |cell| {
-                open(cell * tiling.parts + part);
+                sequence.push(cell * tiling.parts + part);
             });
+        }
+        sequence.iter().for_each(|t| open(*t, 0, &mut this.order));
+        if matrix.block.ghosts() > 0 {
+            sequence.retain(|t| neighbours.border[*t]);
+            for level in 0..shape.depth {
+                this.exchanges.push(this.order.len());
+                let ghosts = level as u32 + 1;
+                sequence
+                    .iter()
+                    .for_each(|t| open(*t, ghosts, &mut this.order));
+            }
         }
         debug_assert!(levels.iter().all(|l| *l as usize == shape.depth));
         this.tiles = tiling.tiles;
@@ -129,6 +154,7 @@ impl Shape {
         }
         let across = &matrix.block.ranges[1..];
         let widest = across.iter().map(Range::len).max().unwrap_or(1);
+        let wide = matrix.block.wide_ranges();
         let parts = matrix.independent_velocities();
         let tile = bytes * matrix.block.velocity_cells.div_ceil(parts) as f64;
         let mut best: Option<(f64, Self)> = None;
@@ -142,7 +168,14 @@ impl Shape {
                     section *= if cut { cells + 0.5 * open } else { cells };
                     edges *= if cut { 1.0 + open / cells } else { 1.0 };
                 }
-                let traffic = edges / depth as f64;
+                // Towards ghosts, `depth` cells wait for them level by level.
+                let waiting: f64 = (matrix.block.ranges.iter().zip(&wide))
+                    .map(|(own, wide)| {
+                        let sides = (wide.len() - own.len()) as f64;
+                        0.5 * sides * depth as f64 / own.len() as f64
+                    })
+                    .sum();
+                let traffic = edges / depth as f64 + waiting;
                 let fits = tile * section * (depth + 2) as f64 <= cache;
                 if fits && best.is_none_or(|(least, _)| traffic < least) {
                     let shape = Self {
@@ -193,13 +226,14 @@ impl Tiling {
     fn new(matrix: &BlockMatrix, parts: usize) -> Self {
         let velocities = matrix.block.velocity_cells;
         let parts = parts.clamp(1, velocities);
+        let number = |i: usize| i as u32;
         let mut tiles = Vec::with_capacity(matrix.block.space_cells() * parts);
         let mut next = 0;
         for cell in 0..matrix.block.space_cells() {
             for part in 0..parts {
                 let range = crate::partition::split(&(0..velocities), parts, part);
-                let rows = (cell * velocities + range.start) as u32
-                    ..(cell * velocities + range.end) as u32;
+                let rows =
+                    number(cell * velocities + range.start)..number(cell * velocities + range.end);
                 let first = next;
                 while (next as usize) < matrix.inflow.len()
                     && matrix.inflow[next as usize].row < rows.end
@@ -226,16 +260,22 @@ impl Tiling {
     /// The tiles that each is coupled to by an entry.
     fn neighbours(&self, matrix: &BlockMatrix) -> Neighbours {
         let cells = matrix.block.cells();
+        let ghosts = matrix.rows();
         let mut found = Neighbours {
             ends: Vec::with_capacity(self.tiles.len()),
             tiles: Vec::new(),
+            border: vec![false; self.tiles.len()],
         };
         let mut seen = vec![u32::MAX; self.tiles.len()];
         for (t, (rows, _)) in self.tiles.iter().enumerate() {
             seen[t] = t as u32;
             // An auxiliary unknown is coupled to its own row only, in the same tile.
             for i in rows.start as usize..rows.end as usize {
-                for (column, _, _) in matrix.row(i).filter(|e| e.0 < cells) {
+                for (column, _, _) in matrix.row(i) {
+                    if column >= cells {
+                        found.border[t] |= column >= ghosts;
+                        continue;
+                    }
                     let other = self.tile_of(column);
                     if seen[other] != t as u32 {
                         seen[other] = t as u32;
@@ -252,6 +292,8 @@ impl Tiling {
 struct Neighbours {
     ends: Vec<usize>,
     tiles: Vec<u32>,
+    /// Whether a tile is coupled to ghosts.
+    border: Vec<bool>,
 }
 
 impl Neighbours {
@@ -300,22 +342,71 @@ impl BlockMatrix {
             }
             return;
         };
-        let cells = self.block.cells();
         assert!(levels.len() <= blocking.depth() && x.len() == y.len());
-        let step = kernel::stepper::<R>(self, x);
-        for &(tile, level) in &blocking.order {
+        let rows = self.rows();
+        // Level `m` is in `vectors[m % 2]`.
+        let mut vectors: [&mut [Lanes]; 2] = [x, y];
+        let ends = blocking.exchanges.iter().skip(1).copied();
+        let mut ends = ends.chain([blocking.order.len()]);
+        let mut from = match blocking.exchanges.first() {
+            None => 0,
+            Some(&first) => {
+                exchange.start(&vectors[0][..rows]);
+                let order = &blocking.order[..first];
+                self.advance((blocking, order), levels, couplings, &mut vectors, start);
+                exchange.finish(&mut vectors[0][rows..]);
+                first
+            }
+        };
+        for level in 0..levels.len() {
+            let Some(to) = ends.next() else {
+                break;
+            };
+            if level > 0 {
+                let vector = &mut *vectors[level % 2];
+                exchange.start(&vector[..rows]);
+                exchange.finish(&mut vector[rows..]);
+            }
+            let order = &blocking.order[from..to];
+            self.advance((blocking, order), levels, couplings, &mut vectors, start);
+            from = to;
+        }
+        if levels.len() % 2 == 1 {
+            std::mem::swap(y, x);
+        }
+    }
+
+    /// Lets the tiles of `order` go on.
+    fn advance<R: StartRow>(
+        &self,
+        (blocking, order): (&Blocking, &[(u32, u32)]),
+        levels: &[StepConstants],
+        couplings: Option<&[f64]>,
+        vectors: &mut [&mut [Lanes]; 2],
+        start: &[R],
+    ) {
+        let cells = self.block.cells();
+        let step = kernel::stepper::<R>(self, vectors[0]);
+        let [even, odd] = vectors;
+        for &(tile, level) in order {
             let Some(constants) = levels.get(level as usize) else {
                 continue;
             };
             let (y, x) = if level % 2 == 0 {
-                (&mut *y, &*x)
+                (&mut **odd, &**even)
             } else {
-                (&mut *x, &*y)
+                (&mut **even, &**odd)
             };
             let (rows, auxiliaries) = &blocking.tiles[tile as usize];
-            let rows = rows.start as usize..rows.end as usize;
+            step(
+                self,
+                rows.start as usize..rows.end as usize,
+                constants,
+                y,
+                x,
+                start,
+            );
             let own = auxiliaries.start as usize..auxiliaries.end as usize;
-            step(self, rows, constants, y, x, start);
             if !own.is_empty() {
                 let rows = cells + own.start..cells + own.end;
                 step(self, rows, constants, y, x, start);
@@ -323,9 +414,6 @@ impl BlockMatrix {
                     self.step_couplings(constants, (own.clone(), &couplings[own]), y, x);
                 }
             }
-        }
-        if levels.len() % 2 == 1 {
-            std::mem::swap(y, x);
         }
     }
 }
