@@ -512,6 +512,48 @@ fn applications_stay_near_the_prototype() {
     });
 }
 
+/// The plan tells the whole profile: its coefficients sum up to e^{-p} where the spectrum of ST lies, to within the tolerance.
+#[test]
+fn the_plan_holds_the_profile() {
+    let rows = [
+        ("example1.toml", "1e-3"),
+        ("example1.toml", "1e-9"),
+        ("well.toml", "1e-6"),
+    ];
+    check_all(&rows, |(name, tolerance)| {
+        let job = plan(name, 2).set(&[&format!("solver.tolerance={tolerance}")]);
+        let finished = job.with(["--json"]).succeed()?;
+        let value: serde_json::Value =
+            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let number = |path: &str| {
+            (value.pointer(path).and_then(serde_json::Value::as_f64))
+                .ok_or_else(|| finished.report(&format!("no number at {path}")))
+        };
+        let series = &value["warp"]["series"];
+        let pairs: Vec<[f64; 2]> = serde_json::from_value(series["coefficients"].clone())
+            .map_err(|e| finished.report(&format!("warp.series.coefficients: {e}")))?;
+        let modes = number("/warp/modes")?;
+        require(pairs.len() as f64 == modes, &finished, || {
+            format!("{} coefficients, {modes} modes", pairs.len())
+        })?;
+        let wave = std::f64::consts::TAU / number("/warp/series/period")?;
+        let reach = number("/bounds/decay")? * number("/time")?;
+        let point = number("/warp/readings/0/point")?;
+        for k in 0..=1000 {
+            let p = point + reach * (f64::from(k) / 1000.0).powi(2);
+            let terms = pairs.iter().enumerate().map(|(l, [re, im])| {
+                let (sin, cos) = (wave * l as f64 * p).sin_cos();
+                (if l == 0 { 1.0 } else { 2.0 }) * (re * cos - im * sin)
+            });
+            let off = (terms.sum::<f64>() - (-p).exp()).abs() * point.exp();
+            let limit = 2.0 * number("/warp/state_tolerance")?;
+            at_most(&format!("distance of g({p}) to e^-p"), off, limit)
+                .map_err(|e| finished.report(&e))?;
+        }
+        Ok(())
+    });
+}
+
 /// However short the time and however small the tolerance: met, with an estimate that is right or says that it cannot
 /// tell.
 #[test]
