@@ -312,15 +312,15 @@ fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec
 }
 
 /// The readings of a designed series, whose error oscillates: the second where their distance shows about the same part of the error
-/// whatever the state is made of; and that part, rather too large than too small.
+/// whatever the state is made of; and that part.
 fn most_alike(
     series: &Series,
     spectrum: [f64; 2],
     at: impl Fn(f64) -> Vec<Reading>,
 ) -> (Vec<Reading>, f64) {
-    /// Points tried: the last is [`SECOND_POINT`] further on, the first a quarter of that.
+    /// Points tried: the last is [`SECOND_POINT`] further on, the first half of that (closer ones share too much).
     const TRIED: u32 = 16;
-    let candidates = (TRIED / 4..=TRIED).map(|i| {
+    let candidates = (TRIED / 2..=TRIED).map(|i| {
         let readings = at(SECOND_POINT * f64::from(i) / f64::from(TRIED));
         let [least, largest] = shown(series, [&readings[0], &readings[1]], spectrum);
         (readings, least, largest)
@@ -329,7 +329,7 @@ fn most_alike(
     let best = candidates.min_by(|a, b| ratio(a).total_cmp(&ratio(b)));
     best.map_or_else(
         || (at(SECOND_POINT), 1.0),
-        |(readings, least, largest)| (readings, (least * largest * largest).cbrt()),
+        |(readings, least, largest)| (readings, (least * largest).sqrt()),
     )
 }
 
