@@ -60,7 +60,7 @@ pub fn refuse_hopeless(case: &Case, resources: &Resources) -> Result<()> {
         0.0
     };
     let bytes_per_cell = match case.method {
-        Method::Schrodingerized => 500.0,
+        Method::Schrodingerized => 320.0,
         Method::Classical => 120.0,
     };
     let needed = bytes_per_cell * case.space.cells() as f64 / ranks as f64
