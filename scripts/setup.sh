@@ -3,6 +3,7 @@
 #
 #   scripts/setup.sh                 check; on Debian and Ubuntu install what is missing (root, or sudo without password)
 #   scripts/setup.sh --check         check only
+#   scripts/setup.sh --readers       a Python with what tests/readers.py reads results with, in target/readers (half a minute)
 #   scripts/setup.sh --environment   print what cargo needs set to find parallel HDF5: "HDF5_DIR=…", mostly nothing
 #
 # Exit code 0 when everything is there, 1 when something is missing. Silent and instant when there is nothing to do.
@@ -174,10 +175,35 @@ TEXT
     fi
 }
 
+# --- Python with h5py, xarray and VTK, in a place of its own; nothing to do where it is there ---
+
+set_up_readers() {
+    local root readers
+    root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+    readers=${CARGO_TARGET_DIR:-$root/target}/readers
+    if "$readers/bin/python" "$root/tests/readers.py" --packages 2>/dev/null; then
+        return 0
+    fi
+    if ! python3 -c 'import ensurepip' 2>/dev/null && can_install; then
+        say "installing python3-venv"
+        install_packages python3-venv
+    fi
+    say "installing h5py, h5netcdf, xarray and vtk into $readers"
+    python3 -m venv "$readers" &&
+        "$readers/bin/pip" --quiet --disable-pip-version-check install -r "$root/tests/readers.txt" &&
+        # Its own requirements are for plots.
+        "$readers/bin/pip" --quiet --disable-pip-version-check install --no-deps vtk &&
+        "$readers/bin/python" "$root/tests/readers.py" --packages
+}
+
 # --- what was asked for ---
 
 case ${1:-} in
 "" | --check) ;;
+--readers)
+    set_up_readers
+    exit
+    ;;
 --environment)
     if ! cargo_finds_hdf5 && [ -z "${HDF5_DIR:-}" ] && root=$(hdf5_elsewhere); then
         printf 'HDF5_DIR=%q\n' "$root"
@@ -185,7 +211,7 @@ case ${1:-} in
     exit 0
     ;;
 *)
-    say "unknown option $1; known: --check, --environment"
+    say "unknown option $1; known: --check, --readers, --environment"
     exit 1
     ;;
 esac

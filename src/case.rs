@@ -338,6 +338,17 @@ pub enum Exact {
     Formula(Expression),
 }
 
+/// How the fields are stored in `result.h5`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Storage {
+    /// `output.compression`: level of deflate, 0 for none.
+    pub compression: u8,
+    /// `output.chunks`: cells of a chunk along each axis, in storage order; planned where there is compression.
+    pub chunks: Option<Vec<usize>>,
+    /// `output.xdmf`: whether to write `fields.xdmf`, and what it shows.
+    pub xdmf: bool,
+}
+
 /// A problem and how to solve it, as read from a case file.
 #[derive(Clone, Debug)]
 pub struct Case {
@@ -387,6 +398,8 @@ pub struct Case {
     pub plateau: Option<Plateau>,
     /// `output.delta_width`, for measure-valued data.
     pub delta_width: DeltaWidth,
+    /// How the fields are stored.
+    pub storage: Storage,
     /// The case file as read.
     pub text: String,
     /// The `--set` options applied to it.

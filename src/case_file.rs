@@ -437,6 +437,23 @@ impl<'a> Table<'a> {
         }
     }
 
+    /// A list of `length` whole numbers from 1 on, if given.
+    pub fn counts(&self, key: &str, length: usize) -> Result<Option<Vec<usize>>> {
+        let Some(node) = self.get(key) else {
+            return Ok(None);
+        };
+        let count = |node: &Node| match &node.value {
+            Value::Integer(i) if *i >= 1 => usize::try_from(*i).ok(),
+            _ => None,
+        };
+        let list: Option<Vec<usize>> = match &node.value {
+            Value::List(list) if list.len() == length => list.iter().map(count).collect(),
+            _ => None,
+        };
+        list.map(Some)
+            .ok_or_else(|| self.wrong(key, &format!("a list of {length} whole numbers above 0")))
+    }
+
     /// A yes or no, if given.
     pub fn boolean(&self, key: &str) -> Result<Option<bool>> {
         match self.get(key).map(|n| &n.value) {

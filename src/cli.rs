@@ -1,11 +1,12 @@
 //! The command line.
 
+use crate::output::provenance::VERSION;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
 
 /// Emulates a quantum algorithm for the Liouville equation with potential barriers.
 #[derive(Debug, Parser)]
-#[command(name = "phasewarp", version, about, arg_required_else_help = true)]
+#[command(name = "phasewarp", version = VERSION, about, arg_required_else_help = true)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -25,7 +26,7 @@ pub struct CaseArgs {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Solve a case; writes DIR/result.h5 and DIR/summary.json
+    /// Solve a case; writes DIR/result.h5, DIR/fields.xdmf and DIR/summary.json
     Run {
         /// The case.
         #[command(flatten)]
@@ -63,6 +64,12 @@ pub enum Command {
         /// The case.
         #[command(flatten)]
         case: CaseArgs,
+    },
+    /// Read DIR/result.h5 and compare every dataset with its checksum
+    CheckResult {
+        /// Directory of the results
+        #[arg(value_name = "DIR")]
+        directory: PathBuf,
     },
     /// Growth and decay of the symmetric part, with and without weights
     Spectrum {

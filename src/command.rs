@@ -6,6 +6,7 @@ use crate::case::{self, Case, Data, Method};
 use crate::cli::{CaseArgs, Cli, Command};
 use crate::communicator::World;
 use crate::error::Result;
+use crate::output::readback;
 use crate::output::summary::Summary;
 use crate::plan::{Bounds, Resources};
 use crate::run::{self, Options};
@@ -85,6 +86,16 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 let planned = plan.warp.map_or(Vec::new(), |w| w.warnings);
                 (run::warnings(&case).iter().chain(&planned))
                     .for_each(|w| say(&format!("warning: {w}")));
+            }
+        }
+        Command::CheckResult { directory } => {
+            let datasets = readback::check_result(&world.group(), directory)?;
+            if speaks {
+                let path = directory.join("result.h5");
+                say(&format!(
+                    "{}: {datasets} datasets as written",
+                    path.display()
+                ));
             }
         }
         Command::Spectrum {

@@ -160,6 +160,14 @@ impl Group {
         }
     }
 
+    /// Sum over the ranks, modulo 2^64.
+    pub fn sum_modulo(&self, value: u64) -> u64 {
+        let mut sum = 0u64;
+        self.communicator
+            .all_reduce_into(&value, &mut sum, SystemOperation::sum());
+        sum
+    }
+
     /// Adds integers over the ranks to rank `root`; elsewhere `values` are left as they are. Collective.
     pub fn sum_integers_to(&self, root: usize, values: &mut [i64]) {
         if self.size() == 1 {

@@ -1,7 +1,13 @@
-//! What a run leaves behind: `result.h5`, written by all ranks, and `summary.json`.
+//! What a run leaves behind: `result.h5`, written by all ranks, `fields.xdmf` and `summary.json`.
 
+pub mod checksum;
 pub mod hdf5;
+pub mod provenance;
+pub mod readback;
 pub mod summary;
+pub mod views;
+pub mod writer;
+pub mod xdmf;
 
 use crate::case::Case;
 use crate::communicator::Group;
@@ -15,7 +21,7 @@ use std::path::Path;
 pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<()> {
     let attempt = || -> std::io::Result<()> {
         std::fs::create_dir_all(directory)?;
-        for name in ["result.h5", "summary.json"] {
+        for name in ["result.h5", xdmf::NAME, "summary.json"] {
             if directory.join(name).is_dir() {
                 return Err(std::io::Error::other(format!(
                     "{name} in it is a directory"

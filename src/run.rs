@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::matrix::kernel::InstructionSet;
 use crate::matrix::{Lanes, sample, sample_with};
 use crate::observables::{integral, moments};
+use crate::output::provenance::{self, provenance};
 use crate::output::summary::{FieldSummary, Summary};
 use crate::output::{self, hdf5::ExactSolution, hdf5::PlateauPoint};
 use crate::partition::{Block, split};
@@ -311,9 +312,15 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         moments: &found,
         plateau: &plateau,
         seconds: &watch.seconds.clone(),
-        provenance: &provenance(world, case, all.size()),
+        provenance: &provenance(world, case),
     };
-    output::hdf5::write(&communicator.world, directory, &results)?;
+    let grids = output::hdf5::write(&communicator.world, directory, &results)?;
+    let written = if speaks {
+        output::xdmf::write(directory, case.end, &grids)
+    } else {
+        Ok(())
+    };
+    all.agree(written)?;
     watch.lap("write");
     summary.warnings = warnings;
     summary.told = told;
@@ -446,22 +453,6 @@ fn opening_line(plan: &Plan) -> String {
     )
 }
 
-/// What produced the results.
-fn provenance(world: &World, case: &Case, ranks: usize) -> [(&'static str, String); 6] {
-    let (major, minor, micro) = hdf5::library_version();
-    [
-        (
-            "program",
-            format!("phasewarp {}", env!("CARGO_PKG_VERSION")),
-        ),
-        ("command", std::env::args().collect::<Vec<_>>().join(" ")),
-        ("case_file", case.name.clone()),
-        ("ranks", ranks.to_string()),
-        ("mpi", world.library()),
-        ("hdf5", format!("{major}.{minor}.{micro}")),
-    ]
-}
-
 impl Summary {
     /// What the plan and the problem say. Collective.
     fn fill(
@@ -475,6 +466,7 @@ impl Summary {
         let world = &communicator.world;
         self.title = case.title.clone();
         self.version = env!("CARGO_PKG_VERSION").to_owned();
+        self.git = provenance::GIT.to_owned();
         self.method = Some(case.method);
         self.interface = Some(case.interface);
         self.ranks = world.size();

@@ -1,6 +1,7 @@
 //! What the operating system says about memory and disks.
 
 use std::ffi::CString;
+use std::os::fd::AsRawFd;
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 
@@ -85,6 +86,37 @@ pub fn room_for_file(directory: &Path) -> u64 {
         }
     }
     room
+}
+
+/// Reserves space on disk for a file that is to grow to `bytes`; its size stays. Does nothing where the file system cannot.
+///
+/// # Errors
+/// What the system says: that the disk is full, or the user's share of it.
+pub fn reserve(path: &Path, bytes: u64) -> std::io::Result<()> {
+    let file = std::fs::File::options().write(true).open(path)?;
+    // SAFETY: a plain call on an open file.
+    let status = unsafe {
+        libc::fallocate(
+            file.as_raw_fd(),
+            libc::FALLOC_FL_KEEP_SIZE,
+            0,
+            bytes as libc::off_t,
+        )
+    };
+    let error = std::io::Error::last_os_error();
+    match error.raw_os_error() {
+        Some(libc::ENOSPC | libc::EDQUOT | libc::EFBIG) if status != 0 => Err(error),
+        _ => Ok(()),
+    }
+}
+
+/// Gives back what [`reserve`] took beyond the file's size.
+///
+/// # Errors
+/// What the system says.
+pub fn give_back(path: &Path) -> std::io::Result<()> {
+    let file = std::fs::File::options().write(true).open(path)?;
+    file.set_len(file.metadata()?.len())
 }
 
 /// A file that grows beyond the process's limit shall give an error, not end the process.

@@ -1388,6 +1388,8 @@ const LINE: &[&str] = &[
     "/momentum",
     "/plan",
     "/velocity",
+    "/xdmf/plane_x/exact",
+    "/xdmf/plane_x/f",
 ];
 const PLANE: &[&str] = &[
     "/axis/component",
@@ -1402,6 +1404,10 @@ const PLANE: &[&str] = &[
     "/momentum",
     "/plan",
     "/velocity",
+    "/xdmf/plane_x/f",
+    "/xdmf/plane_y/exact",
+    "/xdmf/space/density",
+    "/xdmf/space/velocity",
 ];
 const SPACE: &[&str] = &[
     "/axis/component",
@@ -1418,6 +1424,9 @@ const SPACE: &[&str] = &[
     "/momentum",
     "/plan",
     "/velocity",
+    "/xdmf/plane_z/f",
+    "/xdmf/space/density",
+    "/xdmf/space/momentum",
 ];
 
 const MEASURE_LINE: &[&str] = &[
@@ -1436,6 +1445,8 @@ const MEASURE_LINE: &[&str] = &[
     "/psi",
     "/velocity",
     "/velocity_exact",
+    "/xdmf/plane_x/phi",
+    "/xdmf/plane_x/psi_x",
 ];
 const MEASURE_PLANE: &[&str] = &[
     "/axis/vy",
@@ -2368,6 +2379,31 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             "recovery_points = 2\nplateau = { from = 2, to = 1 }",
             &["output.plateau.to", "above from = 2"],
         ),
+        (
+            "recovery_points = 2",
+            "recovery_points = 2\ncompression = 10",
+            &["output.compression", "10", "0 (none) to 9"],
+        ),
+        (
+            "recovery_points = 2",
+            "recovery_points = 2\ncompression = \"gzip\"",
+            &["output.compression", "gzip", "whole number"],
+        ),
+        (
+            "recovery_points = 2",
+            "recovery_points = 2\nchunks = [8]",
+            &["output.chunks", "list of 2 whole numbers"],
+        ),
+        (
+            "recovery_points = 2",
+            "recovery_points = 2\nchunks = [8, 0]",
+            &["output.chunks", "whole numbers above 0"],
+        ),
+        (
+            "recovery_points = 2",
+            "recovery_points = 2\nxdmf = 1",
+            &["output.xdmf", "true or false"],
+        ),
         // No TOML.
         ("end = 1.0", "end = = 1.0", &[]),
         ("end = 1.0", "end = 1.0 2.0", &[]),
@@ -3074,7 +3110,7 @@ fn refused_runs_leave_older_results() {
     let before = contents();
     assert_eq!(
         before.keys().collect::<Vec<_>>(),
-        ["result.h5", "summary.json"]
+        ["fields.xdmf", "result.h5", "summary.json"]
     );
     for bad in [
         "solver.tolerance=1e-15",
@@ -3099,6 +3135,189 @@ fn refused_runs_leave_older_results() {
         after["result.h5"] != before["result.h5"],
         "result.h5 was not replaced"
     );
+}
+
+/// However the fields are stored, they are the same, on any ranks; also where a rank has none of them.
+#[test]
+fn same_bits_compressed_and_in_chunks() {
+    const ODD: [&str; 2] = ["axis.0.x.cells=23", "axis.0.v.cells=17"];
+    const FEW: [&str; 2] = ["axis.0.x.cells=3", "axis.0.v.cells=6"];
+    let scenes: [(&str, &[&str], &[&str]); 4] = [
+        ("example1.toml", &ODD, &["[5,4]", "[100,1]"]),
+        ("example1.toml", &FEW, &["[2,5]"]),
+        ("example2.toml", &ODD, &["[7,17]"]),
+        ("barrier2d.toml", &[], &["[5,3,4,6]"]),
+    ];
+    for (name, settings, shapes) in scenes {
+        let plain = directory();
+        run(name).set(settings).solve(plain.path()).unwrap();
+        let reference = datasets(plain.path()).unwrap();
+        let mut rows = Vec::new();
+        for ranks in [1, 2, 3, 4, 7] {
+            rows.push((ranks, vec!["output.compression=6".to_owned()]));
+            for shape in shapes {
+                let chunks = format!("output.chunks={shape}");
+                rows.push((ranks, vec![chunks.clone()]));
+                rows.push((ranks, vec![chunks, "output.compression=1".to_owned()]));
+            }
+        }
+        check_all(&rows, |(ranks, storage)| {
+            let place = directory();
+            let storage: Vec<&str> = storage.iter().map(String::as_str).collect();
+            let job = run(name).set(settings).set(&storage).on(*ranks);
+            let summary = job.solve(place.path())?;
+            let mut differ = differences(&datasets(place.path())?, &reference);
+            // The text of the case does not hold what is set, but the plan is the same.
+            differ.retain(|name| name != "/case");
+            summary.require(differ.is_empty(), || {
+                format!("other bits than plain in {}", differ.join(", "))
+            })?;
+            // It really is stored so.
+            let file =
+                hdf5::File::open(place.path().join("result.h5")).map_err(|e| e.to_string())?;
+            let density = file.dataset("density").map_err(|e| e.to_string())?;
+            let filters = usize::from(storage.iter().any(|s| s.contains("compression"))) * 2;
+            let found = (density.is_chunked(), density.filters().len());
+            summary.require(found == (true, filters), || format!("stored as {found:?}"))
+        });
+    }
+    // Control: what compresses takes less room.
+    let size = |settings: &[&str]| {
+        let place = directory();
+        let job = run("example1.toml").set(&["initial.f=0.5"]).set(settings);
+        job.solve(place.path()).unwrap();
+        std::fs::metadata(place.path().join("result.h5"))
+            .unwrap()
+            .len()
+    };
+    let (plain, compressed) = (size(&[]), size(&["output.compression=1"]));
+    assert!(
+        2 * compressed < plain,
+        "{compressed} bytes, {plain} without"
+    );
+}
+
+/// What is said about a run in its file is true; what is not wanted is not written.
+#[test]
+fn results_say_what_made_them() {
+    let place = directory();
+    let settings = ["time.end=0.5", "axis.0.x.cells=24", "axis.0.v.cells=16"];
+    let job = run("example1.toml").set(&settings).on(3);
+    let summary = job.solve(place.path()).unwrap();
+    let attribute = |name: &str| {
+        let file = hdf5::File::open(place.path().join("result.h5")).unwrap();
+        let text = file
+            .attr(name)
+            .unwrap()
+            .read_scalar::<hdf5::types::VarLenUnicode>();
+        text.unwrap_or_else(|e| panic!("{name}: {e}")).to_string()
+    };
+    let file = hdf5::File::open(place.path().join("result.h5")).unwrap();
+    assert_eq!(file.attr("ranks").unwrap().read_scalar::<u64>().unwrap(), 3);
+    assert_eq!(
+        file.attr("time").unwrap().read_scalar::<f64>().unwrap(),
+        0.5
+    );
+    drop(file);
+    assert!(attribute("command").ends_with(&format!("-o {}", place.path().display())));
+    assert!(attribute("case_file").ends_with("cases/example1.toml"));
+    assert!(
+        attribute("rustc").starts_with("rustc 1."),
+        "{}",
+        attribute("rustc")
+    );
+    assert!(attribute("mpi").contains(" v") && attribute("hdf5").starts_with("1."));
+    assert_eq!(summary.value["git"].as_str(), Some(&attribute("git")[..]));
+    let version = Job::new(["--version"]).succeed().unwrap().output;
+    assert!(version.contains(&attribute("git")), "{version}");
+    // Now, to a minute or so, in whatever time zone this is.
+    let now = std::process::Command::new("date")
+        .args(["-u", "+%FT%H"])
+        .output()
+        .unwrap();
+    let (now, date) = (String::from_utf8(now.stdout).unwrap(), attribute("date"));
+    let turned = date.contains(":59:");
+    assert!(date.starts_with(now.trim()) || turned, "{date}, not {now}");
+    let stored = datasets(place.path()).unwrap();
+    let case_text = std::fs::read(case("example1.toml")).unwrap();
+    assert_eq!(stored["/case"].bytes, case_text);
+
+    // Without what is shown by ParaView, and what an earlier run left of it.
+    assert!(place.path().join("fields.xdmf").is_file());
+    assert!(stored.contains_key("/xdmf/plane_x/f"));
+    job.set(&["output.xdmf=false"]).solve(place.path()).unwrap();
+    assert!(!place.path().join("fields.xdmf").exists());
+    let names: Vec<String> = datasets(place.path()).unwrap().into_keys().collect();
+    assert!(!names.iter().any(|name| name.contains("xdmf")), "{names:?}");
+}
+
+/// A file that is not as it was written is told, on any ranks, with the dataset that differs.
+#[test]
+fn damaged_results_are_found() {
+    let place = directory();
+    run("example2.toml")
+        .set(&["axis.0.x.cells=23", "axis.0.v.cells=17", "time.end=0.3"])
+        .on(2)
+        .solve(place.path())
+        .unwrap();
+    let path = place.path().join("result.h5");
+    let whole = std::fs::read(&path).unwrap();
+    let look = |ranks: usize| {
+        let directory = place.path().display().to_string();
+        Job::new(["check-result", &directory]).on(ranks).within(20)
+    };
+    for ranks in 1..=4 {
+        let finished = look(ranks).succeed().unwrap();
+        assert!(
+            finished.output.contains("datasets as written"),
+            "{}",
+            finished.output
+        );
+    }
+    let found = |bytes: &[u8], ranks: usize, says: &str| {
+        std::fs::write(&path, bytes).unwrap();
+        let finished = look(ranks).run().unwrap();
+        let told = finished.code == Some(1) && finished.errors.contains(says);
+        assert!(
+            told && finished.others.is_empty(),
+            "{}",
+            finished.report(says)
+        );
+    };
+    for name in [
+        "/psi",
+        "/density",
+        "/axis/x",
+        "/multivalued/v",
+        "/xdmf/plane_x/phi",
+    ] {
+        let file = hdf5::File::open(&path).unwrap();
+        let dataset = file.dataset(name).unwrap();
+        let last = dataset.offset().unwrap() as usize + 8 * dataset.size() - 1;
+        drop((dataset, file));
+        let mut bytes = whole.clone();
+        bytes[last] ^= 0x40;
+        for ranks in [1, 3] {
+            found(
+                &bytes,
+                ranks,
+                &format!("dataset {name} is not as it was written"),
+            );
+        }
+        std::fs::write(&path, &whole).unwrap();
+    }
+    // A letter of the case.
+    let title = whole.windows(8).position(|w| w == b"[[axis]]").unwrap();
+    let mut bytes = whole.clone();
+    bytes[title + 3] = b'A';
+    found(&bytes, 2, "dataset /case");
+    found(&whole[..whole.len() / 2], 2, "truncated file");
+    found(&[], 2, "result.h5");
+    found(b"no HDF5 at all", 2, "result.h5");
+    std::fs::remove_file(&path).unwrap();
+    refused(&look(2).run().unwrap(), &["result.h5"]).unwrap();
+    std::fs::create_dir(&path).unwrap();
+    refused(&look(2).run().unwrap(), &["result.h5", "no file"]).unwrap();
 }
 
 /// Without `-o`, results go to `results/<name of the case>`.

@@ -142,6 +142,10 @@ const WORDS: &[&str] = &[
     "recovery_points",
     "delta_width",
     "\"gradient\"",
+    "compression",
+    "chunks",
+    "[4,4]",
+    "xdmf",
     "title",
     "reference",
 ];
@@ -294,6 +298,12 @@ fn sound(text: &str, overrides: &[String]) -> Result<bool, String> {
         ("tolerance", case.tolerance > 0.0 && case.tolerance <= 0.1),
         ("cfl", case.cfl > 0.0 && case.cfl <= 1.0),
         ("recovery_points", (1..=2).contains(&case.recovery_points)),
+        ("compression", case.storage.compression <= 9),
+        (
+            "chunks",
+            (case.storage.chunks.iter())
+                .all(|c| c.len() == 2 * case.space.x.len() && c.iter().all(|&cells| cells > 0)),
+        ),
         ("cells", case.space.axes().all(|a| a.cells >= 1)),
         (
             "bounds",
@@ -464,6 +474,9 @@ fn settings() -> impl Strategy<Value = (usize, Vec<String>)> {
         "exact.f",
         "exact",
         "output.recovery_points",
+        "output.compression",
+        "output.chunks",
+        "output.xdmf",
         "title",
         "",
         ".",

@@ -68,6 +68,9 @@ impl Case {
             "warped_field",
             "plateau",
             "delta_width",
+            "compression",
+            "chunks",
+            "xdmf",
         ])?;
         let solver = root.table("solver")?.knowing(&[
             "method",
@@ -171,6 +174,7 @@ impl Case {
                     ("gradient", DeltaWidth::Gradient),
                 ],
             )?,
+            storage: read_storage(&output, &space)?,
             text: file.text().to_owned(),
             overrides: overrides.to_vec(),
             space,
@@ -781,9 +785,80 @@ fn read_plateau(output: &Table<'_>) -> Result<Option<Plateau>> {
     }
 }
 
+/// How the fields are stored.
+fn read_storage(output: &Table<'_>, space: &PhaseSpace) -> Result<Storage> {
+    /// HDF5 takes chunks of less than 4 GiB, and every rank holds the chunks it writes.
+    const MOST_IN_A_CHUNK: f64 = (1 << 30) as f64 / 8.0;
+    /// Every rank keeps about 100 bytes a chunk while it writes them.
+    const MOST_CHUNKS: f64 = 1e6;
+    let compression = match output.count("compression", 0)?.unwrap_or(0) {
+        level @ 0..=9 => level as u8,
+        _ => return Err(output.error("compression", "must be from 0 (none) to 9")),
+    };
+    if compression > 0
+        && let Some(reason) = compression_refused(hdf5::library_version(), deflate_available())
+    {
+        return Err(output.error("compression", &reason));
+    }
+    let chunks = output.counts("chunks", 2 * space.dimension())?;
+    if let Some(chunks) = &chunks {
+        let cut = || chunks.iter().zip(space.axes());
+        let size: f64 = cut().map(|(&c, a)| c.min(a.cells) as f64).product();
+        let count: f64 = cut().map(|(&c, a)| a.cells.div_ceil(c) as f64).product();
+        if size > MOST_IN_A_CHUNK {
+            let message = format!(
+                "{size:e} cells in a chunk; at most {MOST_IN_A_CHUNK:e} (1 GiB) are written"
+            );
+            return Err(output.error("chunks", &message));
+        }
+        if count > MOST_CHUNKS {
+            let message = format!("makes {count:.3e} chunks; at most {MOST_CHUNKS:e} are written");
+            return Err(output.error("chunks", &message));
+        }
+    }
+    Ok(Storage {
+        compression,
+        chunks,
+        xdmf: output.boolean("xdmf")?.unwrap_or(true),
+    })
+}
+
+/// Why this HDF5 library cannot compress what several ranks write together, if so.
+fn compression_refused((major, minor, micro): (u8, u8, u8), deflate: bool) -> Option<String> {
+    if (major, minor, micro) < (1, 10, 2) {
+        return Some(format!(
+            "HDF5 {major}.{minor}.{micro} cannot compress what several ranks write; 1.10.2 and later can. Leave it out or 0"
+        ));
+    }
+    (!deflate)
+        .then(|| "this HDF5 library was built without deflate (zlib); leave it out or 0".to_owned())
+}
+
+/// Whether the HDF5 library knows deflate.
+fn deflate_available() -> bool {
+    use hdf5_sys::h5z::{H5Z_FILTER_DEFLATE, H5Zfilter_avail};
+    // SAFETY: a plain question.
+    hdf5::sync::sync(|| unsafe { H5Zfilter_avail(H5Z_FILTER_DEFLATE) > 0 })
+}
+
 fn read_recovery_points(output: &Table<'_>) -> Result<usize> {
     match output.count("recovery_points", 1)?.unwrap_or(2) {
         points @ 1..=2 => Ok(points),
         _ => Err(output.error("recovery_points", "must be 1, or 2 for the error estimate")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn old_libraries_do_not_compress() {
+        let refused = |version, deflate| compression_refused(version, deflate);
+        assert!(refused((1, 8, 20), true).is_some_and(|m| m.contains("1.8.20")));
+        assert!(refused((1, 10, 1), true).is_some());
+        assert_eq!(refused((1, 10, 2), true), None);
+        assert_eq!(refused((2, 0, 0), true), None);
+        assert!(refused((1, 14, 3), false).is_some_and(|m| m.contains("deflate")));
     }
 }

@@ -13,26 +13,22 @@
 //! | `/case`, `/plan` | text | the case file; the plan as JSON, as far as it does not depend on ranks |
 //! | `/plateau/p`, `/plateau/distance`, `/plateau/norm` | (K) | `f` read at other points `p`: relative l2 distance to `/f`, l2 norm |
 //! | `/timings` | group | seconds by step, as attributes: datasets are the same bits for any ranks |
+//! | `/xdmf/…` | axes reversed | what `fields.xdmf` shows, see [`super::views`] |
 //!
-//! Metadata are written by all ranks together; after each dataset the ranks agree whether it worked, so that none waits
-//! for one that failed.
+//! Every dataset has its [`super::checksum`] as an attribute; the file is read back before it gets its name.
 
-use super::failure;
+use super::checksum::Slab;
+use super::views::{self, Grid};
+use super::writer::{CHUNK, Outcome, Writer, attribute, text};
+use super::{failure, readback};
 use crate::case::{Case, Data, Exact};
 use crate::characteristics::sheet::{Curve, ExactMoments, curve_points};
 use crate::communicator::Group;
 use crate::error::{Error, Result};
-use crate::grid::Axis;
 use crate::observables::Moments;
 use crate::plan::{Plan, bytes_text};
 use crate::system;
-use hdf5::types::{VarLenArray, VarLenUnicode};
-use hdf5::{Dataset, File, H5Type, Hyperslab, Location, ObjectReference1, SliceOrIndex};
-use ndarray::{ArrayViewD, IxDyn};
-use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::ffi::{CStr, CString};
-use std::mem::ManuallyDrop;
 use std::ops::Range;
 use std::path::Path;
 
@@ -63,7 +59,7 @@ pub struct Results<'a> {
     /// Seconds by step.
     pub seconds: &'a BTreeMap<String, f64>,
     /// Attributes of the file: what produced it.
-    pub provenance: &'a [(&'a str, String)],
+    pub provenance: &'a [(&'static str, String)],
 }
 
 /// The field read at `p` instead of `p◇`.
@@ -87,11 +83,11 @@ pub fn axis_names(dimension: usize) -> Vec<&'static str> {
         .collect()
 }
 
-/// Writes `directory/result.h5`. Collective over `world`.
+/// Writes `directory/result.h5`; gives what `fields.xdmf` is to show of it. Collective over `world`.
 ///
 /// # Errors
 /// [`crate::error::Error::Output`], the same on all ranks.
-pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<()> {
+pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<Vec<Grid>> {
     let path = directory.join("result.h5");
     world.agree(if world.rank() == 0 {
         enough_room(directory, results.case)
@@ -103,11 +99,12 @@ pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<(
     unsafe { hdf5_sys::h5::H5dont_atexit() };
     // Under another name until it is complete: an older file stays whole, and no half a file is taken for a result.
     let partial = directory.join("result.h5.partial");
-    let written = write_all(world, &partial, results);
+    let written = write_all(world, &partial, results)
+        .and_then(|grids| readback::check(world, &partial).map(|_| grids));
     let renamed = match written {
-        Ok(()) if world.rank() == 0 => {
-            std::fs::rename(&partial, &path).map_err(|e| failure(&path, &e))
-        }
+        Ok(grids) if world.rank() == 0 => std::fs::rename(&partial, &path)
+            .map(|()| grids)
+            .map_err(|e| failure(&path, &e)),
         Err(_) if world.rank() == 0 => {
             let _ = std::fs::remove_file(&partial);
             written
@@ -118,72 +115,83 @@ pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<(
 }
 
 /// Writes the whole file. Collective over `world`.
-fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<()> {
-    let mut writer = Writer::create(world, path)?;
-    writer.attributes(results)?;
-    writer.axes(results)?;
+fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Grid>> {
+    let mut writer = Writer::create(world, path, bytes(results.case), &results.case.storage)?;
+    writer.agree(attributes(&writer, world.size(), results))?;
+    let outcome = axes(&mut writer, results);
+    writer.agree(outcome)?;
     let space = &results.case.space;
     let names = axis_names(space.dimension());
-    let (x_names, all) = (&names[..space.dimension()], &names[..]);
+    let (in_space, all) = (&names[..space.dimension()], &names[..]);
     let velocities: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.cells).collect();
-    let phase: Vec<Range<usize>> = results.share.iter().cloned().chain(velocities).collect();
+    let share = results.share;
+    let phase: Vec<Range<usize>> = share.iter().cloned().chain(velocities).collect();
+    let scalar = |name: &str, axes, share: &[Range<usize>], values, what| {
+        writer.field(name, axes, &[(Slab::of(share), values)], what)
+    };
+    let vector = |name: &str, axes: &[&str], share: &[Range<usize>], values: &[&[f64]], what| {
+        let axes: Vec<&str> = [COMPONENT].iter().chain(axes).copied().collect();
+        let slabs: Vec<(Slab, &[f64])> = (values.iter().enumerate())
+            .map(|(component, &values)| {
+                let component = component..component + 1;
+                let ranges: Vec<Range<usize>> = [component]
+                    .into_iter()
+                    .chain(share.iter().cloned())
+                    .collect();
+                (Slab::of(&ranges), values)
+            })
+            .collect();
+        writer.field(name, &axes, &slabs, what)
+    };
     let (first, others) = (results.fields[0], &results.fields[1..]);
     match results.case.data {
         Data::Density => {
             let what = "cell average of the phase-space density";
-            writer.field("f", all, &phase, first, what)?;
+            scalar("f", all, &phase, first, what)?;
         }
         Data::Measure { .. } => {
             let what = "density phi of f = phi delta(psi)";
-            writer.field("phi", all, &phase, first, what)?;
+            scalar("phi", all, &phase, first, what)?;
             let what = "level sets psi of f = phi delta(psi), one a velocity axis";
-            writer.vector("psi", all, &phase, others, what)?;
+            vector("psi", all, &phase, others, what)?;
         }
     }
     match results.exact {
         None => {}
         Some(ExactSolution::Field(exact)) => {
             let what = "exact solution at cell centres";
-            writer.field("exact", all, &phase, exact, what)?;
+            scalar("exact", all, &phase, exact, what)?;
         }
         Some(ExactSolution::Moments(exact)) => {
             let (density, velocity) = (&exact.density, slices(&exact.velocity));
             let what = "exact density, average over the cell";
-            writer.field("density_exact", x_names, results.share, density, what)?;
+            scalar("density_exact", in_space, share, density, what)?;
             let what = "exact mean velocity of the cell";
-            writer.vector("velocity_exact", x_names, results.share, &velocity, what)?;
+            vector("velocity_exact", in_space, share, &velocity, what)?;
             if let Some(curve) = &exact.curve {
-                writer.curve(curve)?;
+                multivalued(&writer, world.rank() == 0, curve)?;
             }
         }
     }
     let moments = results.moments;
-    writer.field(
-        "density",
-        x_names,
-        results.share,
-        &moments.density,
-        "integral of f over v",
-    )?;
-    writer.vector(
-        "momentum",
-        x_names,
-        results.share,
-        &slices(&moments.momentum),
-        "integral of v f over v",
-    )?;
-    writer.vector(
-        "velocity",
-        x_names,
-        results.share,
-        &slices(&moments.velocity),
-        "momentum / density",
-    )?;
-    writer.plateau(results.plateau)?;
-    writer.close()
+    let what = "integral of f over v";
+    scalar("density", in_space, share, &moments.density, what)?;
+    let (momentum, velocity) = (slices(&moments.momentum), slices(&moments.velocity));
+    let what = "integral of v f over v";
+    vector("momentum", in_space, share, &momentum, what)?;
+    vector("velocity", in_space, share, &velocity, "momentum / density")?;
+    writer.agree(plateau(&writer, results.plateau))?;
+    let grids = if results.case.storage.xdmf {
+        views::write(&writer, results)?
+    } else {
+        Vec::new()
+    };
+    writer.close()?;
+    Ok(grids)
 }
 
-fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
+/// Vectors as slices.
+pub fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
     vectors.iter().map(Vec::as_slice).collect()
 }
 
@@ -192,21 +200,7 @@ fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
 /// # Errors
 /// [`Error::Directory`].
 pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
-    /// Metadata, texts and the summary.
-    const MARGIN: usize = 256 << 10;
-    let space = &case.space;
-    let n = space.dimension();
-    let (mut fields, mut moments, mut points) = (case.fields.len(), 1 + 2 * n, 0);
-    match (&case.exact, &case.data) {
-        (None, _) => {}
-        (Some(Exact::Characteristics), Data::Measure { .. }) => {
-            moments += 1 + n;
-            points = 5 * curve_points(case);
-        }
-        (Some(_), _) => fields += 1,
-    }
-    let numbers = fields * space.cells() + moments * space.space_cells() + points;
-    let needed = (8 * numbers + MARGIN + 2 * case.text.len()) as u64;
+    let needed = bytes(case);
     let room = system::room_for_file(directory);
     if needed <= room {
         return Ok(());
@@ -221,263 +215,137 @@ pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
     })
 }
 
+/// The most that the results may take.
+fn bytes(case: &Case) -> u64 {
+    /// Metadata, texts and the summary.
+    const MARGIN: usize = 256 << 10;
+    /// What HDF5 keeps about a chunk, with nodes of its index half full.
+    const CHUNK_ENTRY: usize = 160;
+    let (space, storage) = (&case.space, &case.storage);
+    let n = space.dimension();
+    // As many datasets over phase space, planes in it, and space, as many points.
+    let (mut fields, mut moments, mut points) = (case.fields.len(), 1 + 2 * n, 0);
+    match (&case.exact, &case.data) {
+        (None, _) => {}
+        (Some(Exact::Characteristics), Data::Measure { .. }) => {
+            moments += 1 + n;
+            points = 5 * curve_points(case);
+        }
+        (Some(_), _) => fields += 1,
+    }
+    let planes = if storage.xdmf { fields } else { 0 };
+    if storage.xdmf && n > 1 {
+        moments += 11;
+    }
+    let all = |sizes: &[usize]| {
+        let planes = planes * (0..n).map(|a| sizes[a] * sizes[n + a]).sum::<usize>();
+        fields * sizes.iter().product::<usize>()
+            + planes
+            + moments * sizes[..n].iter().product::<usize>()
+    };
+    let cells: Vec<usize> = space.axes().map(|a| a.cells).collect();
+    let (mut numbers, mut chunks) = (all(&cells), 0);
+    if let Some(given) = &storage.chunks {
+        let each = || cells.iter().zip(given);
+        chunks = all(&each().map(|(n, c)| n.div_ceil(*c)).collect::<Vec<_>>());
+        if storage.compression == 0 {
+            // Chunks at the upper ends of the axes are stored whole; compressed, what they lack takes nothing.
+            numbers = all(&each()
+                .map(|(&n, &c)| n.next_multiple_of(c.min(n)))
+                .collect::<Vec<_>>());
+        }
+    } else if storage.compression > 0 {
+        // Planned chunks are half full at least.
+        chunks = 2 * numbers / CHUNK;
+    }
+    (8 * (numbers + points) + CHUNK_ENTRY * chunks + MARGIN + 2 * case.text.len()) as u64
+}
+
 /// Name of the axis of vector components.
 const COMPONENT: &str = "component";
 /// Name of the axis of the points of a curve.
 const POINT: &str = "point";
+/// Name of the axis of vector components in `/xdmf`, of which there are always three.
+pub const DIRECTION: &str = "direction";
 
-struct Writer<'a> {
-    world: &'a Group,
-    path: &'a Path,
-    /// Not closed when an error is on the way: closing waits for all ranks, and one may never come.
-    file: ManuallyDrop<File>,
-    /// The first failure of what rank 0 writes alone, while the others go on to the next step of all.
-    trouble: RefCell<Option<hdf5::Error>>,
-    shape: BTreeMap<&'static str, usize>,
+/// What is said about the file as a whole. To be agreed on.
+fn attributes(writer: &Writer<'_>, ranks: usize, results: &Results<'_>) -> Outcome<()> {
+    let (file, case) = (writer.file(), results.case);
+    for (name, value) in results.provenance {
+        attribute(file, name, &text(value))?;
+    }
+    attribute(file, "ranks", &(ranks as u64))?;
+    attribute(file, "title", &text(&case.title))?;
+    attribute(file, "reference", &text(&case.reference))?;
+    attribute(file, "time", &case.end)?;
+    let dataset = writer.text("case", &case.text)?;
+    attribute(&dataset, "overrides", &text(&case.overrides.join("\n")))?;
+    let dataset = writer.text("plan", &plan_text(results.plan))?;
+    let layout = serde_json::to_string(&results.plan.layout).unwrap_or_default();
+    attribute(&dataset, "layout", &text(&layout))?;
+    let timings = file.create_group("timings")?;
+    for (name, seconds) in results.seconds {
+        attribute(&timings, name, seconds)?;
+    }
+    Ok(())
 }
 
-type Outcome<T> = std::result::Result<T, hdf5::Error>;
-
-fn text(s: &str) -> VarLenUnicode {
-    // A text with a zero byte cannot be stored; such bytes are left out.
-    s.replace('\0', "").parse().unwrap_or_default()
+/// The dimension scales. To be agreed on.
+fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Outcome<()> {
+    let (space, chunks) = (&results.case.space, &results.case.storage.chunks);
+    let n = space.dimension();
+    writer.file().create_group("axis")?;
+    let chunk = |axis: usize| chunks.as_ref().map(|chunks| chunks[axis]);
+    for (axis, (name, a)) in axis_names(n).into_iter().zip(space.axes()).enumerate() {
+        writer.scale(name, &a.centres(), chunk(axis))?;
+    }
+    let numbers = |count: usize| -> Vec<f64> { (0..count).map(|c| c as f64).collect() };
+    writer.scale(COMPONENT, &numbers(n), None)?;
+    if results.case.storage.xdmf && n > 1 {
+        writer.scale(DIRECTION, &numbers(3), None)?;
+    }
+    if let Some(ExactSolution::Moments(exact)) = results.exact
+        && let Some(curve) = &exact.curve
+    {
+        writer.scale(POINT, &numbers(curve.x.len()), None)?;
+    }
+    Ok(())
 }
 
-fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Outcome<()> {
-    at.new_attr::<T>().create(name)?.write_scalar(value)
+/// The plateau, which is the same on all ranks. To be agreed on.
+fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Outcome<()> {
+    if points.is_empty() {
+        return Ok(());
+    }
+    let column = |of: fn(&PlateauPoint) -> f64| points.iter().map(of).collect::<Vec<_>>();
+    writer.file().create_group("plateau")?;
+    let (p, distance, norm) = (column(|k| k.p), column(|k| k.distance), column(|k| k.norm));
+    writer.list("plateau/p", &p, Some("recovery point"))?;
+    let what = "relative l2 distance of f read at p to f";
+    writer.list("plateau/distance", &distance, Some(what))?;
+    writer.list("plateau/norm", &norm, Some("l2 norm of f read at p"))?;
+    Ok(())
 }
 
-impl<'a> Writer<'a> {
-    fn create(world: &'a Group, path: &'a Path) -> Result<Self> {
-        let file = File::with_options()
-            .with_fapl(|p| {
-                p.mpio(world.raw(), None)
-                    .all_coll_metadata_ops(true)
-                    .coll_metadata_write(true)
-            })
-            .create(path)
-            .map_err(|e| failure(path, &e));
-        let file = world.agree(file)?;
-        Ok(Self {
-            world,
-            path,
-            file: ManuallyDrop::new(file),
-            trouble: RefCell::new(None),
-            shape: BTreeMap::new(),
-        })
+/// The multivalued velocity, the same on all ranks and written by the first.
+fn multivalued(writer: &Writer<'_>, first: bool, curve: &Curve) -> Result<()> {
+    writer.agree(writer.file().create_group("multivalued").map(drop))?;
+    let count = if first { curve.x.len() } else { 0 };
+    let slab = Slab::of(std::slice::from_ref(&(0..count)));
+    for (name, values, what) in [
+        ("x", &curve.x, "position on a branch"),
+        ("v", &curve.v, "velocity on a branch"),
+        (
+            "density",
+            &curve.density,
+            "the branch's part of the density",
+        ),
+        ("branch", &curve.branch, "number of the branch"),
+    ] {
+        let name = format!("multivalued/{name}");
+        writer.field(&name, &[POINT], &[(slab.clone(), &values[..count])], what)?;
     }
-
-    /// Agrees on the outcome of operations that all ranks did, and of those rank 0 did alone.
-    fn agree<T>(&self, outcome: Outcome<T>) -> Result<T> {
-        let outcome = match self.trouble.take() {
-            Some(trouble) => Err(trouble),
-            None => outcome,
-        };
-        self.world
-            .agree(outcome.map_err(|e| failure(self.path, &e)))
-    }
-
-    /// Something that rank 0 writes alone.
-    fn alone(&self, write: impl FnOnce() -> Outcome<()>) {
-        if self.world.rank() == 0
-            && let Err(error) = write()
-        {
-            self.trouble.borrow_mut().get_or_insert(error);
-        }
-    }
-
-    fn attributes(&self, results: &Results<'_>) -> Result<()> {
-        let outcome = (|| {
-            for (name, value) in results.provenance {
-                attribute(&self.file, name, &text(value))?;
-            }
-            attribute(&self.file, "title", &text(&results.case.title))?;
-            attribute(&self.file, "reference", &text(&results.case.reference))?;
-            attribute(&self.file, "time", &results.case.end)?;
-            let case = self.text("case", &results.case.text)?;
-            attribute(
-                &case,
-                "overrides",
-                &text(&results.case.overrides.join("\n")),
-            )?;
-            let plan = self.text("plan", &plan_text(results.plan))?;
-            let layout = serde_json::to_string(&results.plan.layout).unwrap_or_default();
-            attribute(&plan, "layout", &text(&layout))?;
-            let timings = self.file.create_group("timings")?;
-            for (name, seconds) in results.seconds {
-                attribute(&timings, name, seconds)?;
-            }
-            Ok(())
-        })();
-        self.agree(outcome)
-    }
-
-    /// A scalar text dataset, of fixed length: parallel HDF5 does not write texts of variable length.
-    fn text(&self, name: &str, value: &str) -> Outcome<Dataset> {
-        let bytes = value.as_bytes();
-        let dataset = self
-            .file
-            .new_dataset_builder()
-            .empty_as(hdf5::types::TypeDescriptor::FixedUnicode(
-                bytes.len().max(1),
-            ))
-            .create(name)?;
-        if !bytes.is_empty() {
-            self.alone(|| write_bytes(&dataset, bytes));
-        }
-        Ok(dataset)
-    }
-
-    fn axes(&mut self, results: &Results<'_>) -> Result<()> {
-        let space = &results.case.space;
-        let outcome = (|| {
-            // In the root, where netCDF readers look for the scales of its variables, and linked from /axis.
-            self.file.create_group("axis")?;
-            let names = axis_names(space.dimension());
-            let count = |n: usize| (0..n).map(|c| c as f64).collect();
-            let mut numbered = vec![(COMPONENT, count(space.dimension()))];
-            if let Some(ExactSolution::Moments(exact)) = results.exact
-                && let Some(curve) = &exact.curve
-            {
-                numbered.push((POINT, count(curve.x.len())));
-            }
-            let axes = names.into_iter().zip(space.axes().map(Axis::centres));
-            for (name, centres) in axes.chain(numbered) {
-                let dataset = self
-                    .file
-                    .new_dataset::<f64>()
-                    .shape(centres.len())
-                    .create(name)?;
-                self.alone(|| dataset.write(&centres));
-                terminated_text(&dataset, "CLASS", c"DIMENSION_SCALE")?;
-                terminated_text(&dataset, "NAME", &CString::new(name).unwrap_or_default())?;
-                attribute(&dataset, "units", &text("1"))?;
-                self.file
-                    .link_hard(&format!("/{name}"), &format!("/axis/{name}"))?;
-                self.shape.insert(name, centres.len());
-            }
-            Ok(())
-        })();
-        self.agree(outcome)
-    }
-
-    fn create_field(&self, name: &str, axes: &[&str], what: &str) -> Outcome<Dataset> {
-        let shape: Vec<usize> = axes.iter().map(|a| self.shape[a]).collect();
-        let dataset = self.file.new_dataset::<f64>().shape(shape).create(name)?;
-        attribute(&dataset, "long_name", &text(what))?;
-        attribute(&dataset, "units", &text("1"))?;
-        // Dimension scales, as the HDF5 specification lays them down: one list of references a dimension.
-        let scale = |axis: &&str| {
-            let path = format!("/{axis}");
-            let reference = self.file.reference::<ObjectReference1>(&path)?;
-            Ok(VarLenArray::from_slice(&[reference]))
-        };
-        let list = axes.iter().map(scale).collect::<Outcome<Vec<_>>>()?;
-        dataset
-            .new_attr::<VarLenArray<ObjectReference1>>()
-            .shape(list.len())
-            .create("DIMENSION_LIST")?
-            .write(&list)?;
-        Ok(dataset)
-    }
-
-    fn field(
-        &self,
-        name: &str,
-        axes: &[&str],
-        share: &[Range<usize>],
-        values: &[f64],
-        what: &str,
-    ) -> Result<()> {
-        let dataset = ManuallyDrop::new(self.agree(self.create_field(name, axes, what))?);
-        self.agree(write_slab(&dataset, None, share, values))?;
-        drop(ManuallyDrop::into_inner(dataset));
-        Ok(())
-    }
-
-    /// A vector of fields: the component is the first index.
-    fn vector(
-        &self,
-        name: &str,
-        axes: &[&str],
-        share: &[Range<usize>],
-        values: &[&[f64]],
-        what: &str,
-    ) -> Result<()> {
-        let axes: Vec<&str> = [COMPONENT].iter().chain(axes).copied().collect();
-        let dataset = ManuallyDrop::new(self.agree(self.create_field(name, &axes, what))?);
-        let outcome = (values.iter().enumerate()).try_for_each(|(component, values)| {
-            write_slab(&dataset, Some(component), share, values)
-        });
-        self.agree(outcome)?;
-        drop(ManuallyDrop::into_inner(dataset));
-        Ok(())
-    }
-
-    /// The plateau, which is the same on all ranks: rank 0 writes it.
-    fn plateau(&self, points: &[PlateauPoint]) -> Result<()> {
-        let column = |of: fn(&PlateauPoint) -> f64| points.iter().map(of).collect();
-        let columns: [(&str, &str, Vec<f64>); 3] = [
-            ("p", "recovery point", column(|point| point.p)),
-            (
-                "distance",
-                "relative l2 distance of f read at p to f",
-                column(|point| point.distance),
-            ),
-            ("norm", "l2 norm of f read at p", column(|point| point.norm)),
-        ];
-        if points.is_empty() {
-            return Ok(());
-        }
-        let outcome = (|| {
-            self.file.create_group("plateau")?;
-            for (name, what, values) in &columns {
-                let dataset = self
-                    .file
-                    .new_dataset::<f64>()
-                    .shape(values.len())
-                    .create(format!("plateau/{name}").as_str())?;
-                attribute(&dataset, "long_name", &text(what))?;
-                attribute(&dataset, "units", &text("1"))?;
-                self.alone(|| dataset.write(values));
-            }
-            Ok(())
-        })();
-        self.agree(outcome)
-    }
-
-    /// The multivalued velocity, the same on all ranks and written by rank 0.
-    fn curve(&self, curve: &Curve) -> Result<()> {
-        self.agree(self.file.create_group("multivalued").map(drop))?;
-        let count = if self.world.rank() == 0 {
-            curve.x.len()
-        } else {
-            0
-        };
-        let mine = 0..count;
-        let share = std::slice::from_ref(&mine);
-        for (name, values, what) in [
-            ("x", &curve.x, "position on a branch"),
-            ("v", &curve.v, "velocity on a branch"),
-            (
-                "density",
-                &curve.density,
-                "the branch's part of the density",
-            ),
-            ("branch", &curve.branch, "number of the branch"),
-        ] {
-            let name = format!("multivalued/{name}");
-            self.field(&name, &[POINT], share, &values[..count], what)?;
-        }
-        Ok(())
-    }
-
-    fn close(self) -> Result<()> {
-        self.agree(self.file.flush())?;
-        let closed = ManuallyDrop::into_inner(self.file).close();
-        let closed = closed.map_err(|e| failure(self.path, &e));
-        self.world.agree(closed)
-    }
+    Ok(())
 }
 
 /// The part of the plan that is the same for any ranks.
@@ -487,86 +355,4 @@ fn plan_text(plan: &Plan) -> String {
         object.remove("layout");
     }
     serde_json::to_string_pretty(&value).unwrap_or_default()
-}
-
-/// An attribute that is a zero-terminated text, the only kind that the dimension-scale interface of HDF5 takes and one
-/// that the safe interface does not make.
-fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Outcome<()> {
-    use hdf5_sys::{h5a, h5p::H5P_DEFAULT, h5s, h5t};
-    let name = CString::new(name).unwrap_or_default();
-    // SAFETY: plain calls on handles that are alive; each handle made here is closed here.
-    let written = unsafe {
-        let kind = h5t::H5Tcopy(*h5t::H5T_C_S1);
-        let sized = h5t::H5Tset_size(kind, value.to_bytes_with_nul().len());
-        let scalar = h5s::H5Screate(h5s::H5S_class_t::H5S_SCALAR);
-        let attribute = h5a::H5Acreate2(
-            at.id(),
-            name.as_ptr(),
-            kind,
-            scalar,
-            H5P_DEFAULT,
-            H5P_DEFAULT,
-        );
-        let written = h5a::H5Awrite(attribute, kind, value.as_ptr().cast());
-        let closed = [
-            h5a::H5Aclose(attribute),
-            h5s::H5Sclose(scalar),
-            h5t::H5Tclose(kind),
-        ];
-        sized
-            .min(written)
-            .min(closed.into_iter().min().unwrap_or(0))
-    };
-    if written < 0 {
-        return Err(hdf5::Error::from("an attribute could not be written"));
-    }
-    Ok(())
-}
-
-/// Writes a text whose length is known at run time only, which the safe interface has no type for.
-fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Outcome<()> {
-    let kind = dataset.dtype()?;
-    // SAFETY: the dataset is scalar and of the type `kind`, a string of `bytes.len()` bytes, and the handles are alive.
-    let status = unsafe {
-        hdf5_sys::h5d::H5Dwrite(
-            dataset.id(),
-            kind.id(),
-            hdf5_sys::h5s::H5S_ALL,
-            hdf5_sys::h5s::H5S_ALL,
-            hdf5_sys::h5p::H5P_DEFAULT,
-            bytes.as_ptr().cast(),
-        )
-    };
-    if status < 0 {
-        return Err(hdf5::Error::from("a text could not be written"));
-    }
-    Ok(())
-}
-
-fn write_slab(
-    dataset: &Dataset,
-    component: Option<usize>,
-    share: &[Range<usize>],
-    values: &[f64],
-) -> Outcome<()> {
-    if values.is_empty() {
-        return Ok(());
-    }
-    let mut selection: Vec<SliceOrIndex> = Vec::new();
-    let mut shape = Vec::new();
-    if let Some(component) = component {
-        selection.push(SliceOrIndex::Index(component));
-    }
-    for range in share {
-        selection.push(SliceOrIndex::SliceTo {
-            start: range.start,
-            step: 1,
-            end: range.end,
-            block: 1,
-        });
-        shape.push(range.len());
-    }
-    let view = ArrayViewD::from_shape(IxDyn(&shape), values)
-        .map_err(|e| hdf5::Error::from(e.to_string()))?;
-    dataset.write_slice(view, Hyperslab::from(selection))
 }

@@ -29,6 +29,8 @@ pub struct Summary {
     pub title: String,
     /// Version of the program.
     pub version: String,
+    /// The commit it was built from.
+    pub git: String,
     /// The method.
     pub method: Option<Method>,
     /// Interface rows.

@@ -1,0 +1,183 @@
+//! A sum over a dataset that tells whether it is what was written, by any ranks in any order.
+//!
+//! With `b_i` the bits of element `i` (row-major, from 0) as an unsigned number — a byte of a text —
+//!
+//! ```text
+//! checksum = Σ_i mix(b_i + (i + 1) 0x9e3779b97f4a7c15)   mod 2^64
+//! mix(z):  z ← (z ⊕ z≫30) 0xbf58476d1ce4e5b9,  z ← (z ⊕ z≫27) 0x94d049bb133111eb,  z ⊕ z≫31
+//! ```
+//!
+//! `mix` is a permutation of the 64-bit numbers (that of SplitMix64: Steele, Lea, Flood 2014), so that any single changed
+//! element changes the sum, and other changes go unseen once in 2^64.
+
+/// The term of the element at `index`.
+fn term(index: u64, bits: u64) -> u64 {
+    let z = bits.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    let z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ z >> 31
+}
+
+/// The sum over elements that follow each other from `first` on.
+fn of_run(first: u64, elements: impl Iterator<Item = u64>) -> u64 {
+    (first..)
+        .zip(elements)
+        .fold(0, |sum, (index, bits)| sum.wrapping_add(term(index, bits)))
+}
+
+/// The checksum of a text.
+pub fn of_text(bytes: &[u8]) -> u64 {
+    of_run(0, bytes.iter().copied().map(u64::from))
+}
+
+/// The part of a slab in the checksum of a dataset of this shape.
+pub fn of_slab(shape: &[usize], slab: &Slab, values: &[f64]) -> u64 {
+    let Some(&run) = slab.count.last() else {
+        return 0;
+    };
+    let mut sum: u64 = 0;
+    let mut place = slab.start.clone();
+    for values in values.chunks_exact(run.max(1)) {
+        let first = (shape.iter().zip(&place)).fold(0, |index, (n, at)| index * n + at);
+        sum = sum.wrapping_add(of_run(first as u64, values.iter().map(|x| x.to_bits())));
+        // The next run: all axes but the last, row-major.
+        for axis in (0..place.len() - 1).rev() {
+            place[axis] += 1;
+            if place[axis] < slab.start[axis] + slab.count[axis] {
+                break;
+            }
+            place[axis] = slab.start[axis];
+        }
+    }
+    sum
+}
+
+/// A box of a dataset.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Slab {
+    /// First element along each axis.
+    pub start: Vec<usize>,
+    /// Elements along each axis.
+    pub count: Vec<usize>,
+}
+
+impl Slab {
+    /// One range an axis.
+    pub fn of(ranges: &[std::ops::Range<usize>]) -> Self {
+        Self {
+            start: ranges.iter().map(|r| r.start).collect(),
+            count: ranges.iter().map(|r| r.len()).collect(),
+        }
+    }
+
+    /// Number of elements.
+    pub fn size(&self) -> usize {
+        self.count.iter().product()
+    }
+
+    /// Boxes of about `most` elements that make up a dataset of this shape, in its order.
+    pub fn pieces(shape: &[usize], most: usize) -> impl Iterator<Item = Self> {
+        // Whole beyond `axis`, so many along it, one by one before it.
+        let mut axis = shape.len().saturating_sub(1);
+        let mut beyond = 1;
+        while axis > 0 && beyond * shape[axis] <= most {
+            beyond *= shape[axis];
+            axis -= 1;
+        }
+        let along = shape.get(axis).copied().unwrap_or(1);
+        let step = (most / beyond.max(1)).clamp(1, along.max(1));
+        let parts = along.div_ceil(step);
+        let before: usize = shape.iter().take(axis).product();
+        let shape = shape.to_vec();
+        (0..before * parts).map(move |piece| {
+            let (mut rest, part) = (piece / parts, piece % parts);
+            let mut slab = Self {
+                start: vec![0; shape.len()],
+                count: shape.clone(),
+            };
+            for a in (0..axis).rev() {
+                (slab.start[a], slab.count[a]) = (rest % shape[a], 1);
+                rest /= shape[a];
+            }
+            if let Some(n) = shape.get(axis) {
+                slab.start[axis] = part * step;
+                slab.count[axis] = step.min(n - part * step);
+            }
+            slab
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn values(count: usize) -> Vec<f64> {
+        (0..count).map(|i| (i as f64 * 0.7).sin()).collect()
+    }
+
+    fn whole(shape: &[usize], values: &[f64]) -> u64 {
+        let ranges: Vec<_> = shape.iter().map(|&n| 0..n).collect();
+        of_slab(shape, &Slab::of(&ranges), values)
+    }
+
+    /// SplitMix64 seeded with 0 gives these: the terms of elements that are 0.
+    #[test]
+    fn terms_are_those_of_the_generator() {
+        assert_eq!(term(0, 0), 0xe220_a839_7b1d_cdaf);
+        assert_eq!(term(1, 0), 0x6e78_9e6a_a1b9_65f4);
+        assert_eq!(term(2, 0), 0x06c4_5d18_8009_454f);
+    }
+
+    #[test]
+    fn pieces_make_up_the_whole() {
+        for shape in [&[5, 7, 3][..], &[1, 1], &[13], &[2, 9, 1, 4]] {
+            let size: usize = shape.iter().product();
+            let all = values(size);
+            let expected = whole(shape, &all);
+            assert_eq!(expected, of_run(0, all.iter().map(|x| x.to_bits())));
+            for most in 1..=size + 1 {
+                let (mut sum, mut seen) = (0u64, vec![0; size]);
+                for slab in Slab::pieces(shape, most) {
+                    let mut part = Vec::new();
+                    for (i, &value) in all.iter().enumerate() {
+                        let (mut rest, mut inside) = (i, true);
+                        for a in (0..shape.len()).rev() {
+                            let at = rest % shape[a];
+                            rest /= shape[a];
+                            inside &= (slab.start[a]..slab.start[a] + slab.count[a]).contains(&at);
+                        }
+                        if inside {
+                            part.push(value);
+                            seen[i] += 1;
+                        }
+                    }
+                    assert_eq!(part.len(), slab.size(), "{shape:?} {slab:?}");
+                    assert!(part.len() <= most, "{shape:?} {slab:?}");
+                    sum = sum.wrapping_add(of_slab(shape, &slab, &part));
+                }
+                assert!(
+                    seen.iter().all(|&n| n == 1),
+                    "{shape:?} by {most}: {seen:?}"
+                );
+                assert_eq!(sum, expected, "{shape:?} by {most}");
+            }
+        }
+    }
+
+    #[test]
+    fn changes_are_seen() {
+        let shape = [4, 6];
+        let all = values(24);
+        let expected = whole(&shape, &all);
+        for i in 0..24 {
+            let mut changed = all.clone();
+            changed[i] = f64::from_bits(all[i].to_bits() ^ 1 << (2 * i));
+            assert_ne!(whole(&shape, &changed), expected);
+            let mut swapped = all.clone();
+            swapped.swap(i, (i + 1) % 24);
+            assert_ne!(whole(&shape, &swapped), expected);
+        }
+        assert_ne!(whole(&shape, &[0.0; 24]), whole(&shape, &[-0.0; 24]));
+    }
+}

@@ -1,0 +1,167 @@
+"""Opens the results of a run as a user would, and checks values, not only that files open.
+
+    python tests/readers.py DIR [DIR...]    what went wrong as an exception, otherwise one line a directory
+    python tests/readers.py --packages      nothing, if every package is there
+
+The directories hold runs of cases with the exact solution f = 1 + x + 10 v in one dimension, 1 + x + 10 y + 100 vx +
+1000 vy in two and so on, or with measure-valued data.
+"""
+
+import pathlib
+import sys
+
+import h5netcdf  # noqa: F401  (the engine of xarray below)
+import h5py
+import numpy as np
+import xarray
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+from vtkmodules.vtkIOXdmf2 import vtkXdmfReader
+
+SPACE, VELOCITY = ["x", "y", "z"], ["vx", "vy", "vz"]
+
+
+def checksum(data):
+    """The checksum of docs/usage.md, once more."""
+    if data.dtype.kind == "S":
+        bits = np.frombuffer(data.tobytes(), dtype=np.uint8).astype(np.uint64)
+    else:
+        bits = np.ascontiguousarray(data, dtype="<f8").reshape(-1).view(np.uint64)
+    with np.errstate(over="ignore"):
+        index = np.arange(1, bits.size + 1, dtype=np.uint64)
+        z = bits + index * np.uint64(0x9E3779B97F4A7C15)
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        return (z ^ (z >> np.uint64(31))).sum(dtype=np.uint64)
+
+
+def same(found, expected, what, by=0.0):
+    found, expected = np.asarray(found), np.asarray(expected)
+    assert found.shape == expected.shape, f"{what}: shape {found.shape}, {expected.shape} expected"
+    both = np.isnan(found) & np.isnan(expected)
+    worst = np.max(np.where(both, 0.0, np.abs(found - expected)), initial=0.0)
+    assert worst <= by, f"{what}: differs by {worst}, {by} allowed"
+
+
+def with_h5py(path):
+    """Attributes, checksums, dimension scales, and the moments from f."""
+    with h5py.File(path) as file:
+        for name, kind in [("program", str), ("git", str), ("rustc", str), ("mpi", str), ("hdf5", str),
+                           ("command", str), ("date", str), ("ranks", np.integer), ("time", float)]:
+            assert isinstance(file.attrs[name], kind), f"{name}: {file.attrs[name]!r}"
+        assert file.attrs["date"].endswith("Z") and file.attrs["program"].startswith("phasewarp ")
+        assert "[[axis]]" in file["case"][()].decode() and file["plan"][()].decode().startswith("{")
+        numbers = []
+
+        def visit(name, item):
+            if isinstance(item, h5py.Dataset):
+                assert item.attrs["checksum"] == checksum(item[()]), f"checksum of {name}"
+                numbers.append(name)
+
+        file.visititems(visit)
+        assert len(numbers) >= 10, numbers
+        n = sum(name in file for name in SPACE)
+        names = SPACE[:n] + VELOCITY[:n]
+        main = file["f" if "f" in file else "phi"]
+        assert main.shape == tuple(len(file[name]) for name in names)
+        assert [d[0].name for d in main.dims] == [f"/axis/{a}" for a in names] or \
+            [d[0].name for d in main.dims] == [f"/{a}" for a in names]
+        if "f" in file:
+            widths = np.prod([file[v][1] - file[v][0] for v in VELOCITY[:n]])
+            density = main[()].sum(axis=tuple(range(n, 2 * n))) * widths
+            same(file["density"], density, "density from f", 1e-11 * np.abs(density).max())
+        return n, "f" in file
+
+
+def with_xarray(path, n, density):
+    """Coordinates by name, with units, and the exact solution at known places."""
+    with xarray.open_dataset(path, engine="h5netcdf") as data:
+        names = SPACE[:n] + VELOCITY[:n]
+        main = data["f" if density else "phi"]
+        assert main.dims == tuple(names), main.dims
+        for name in names:
+            assert data[name].attrs["units"] == "1" and name in main.coords, name
+        assert main.attrs["units"] == "1" and main.attrs["long_name"]
+        assert data["density"].dims == tuple(SPACE[:n])
+        assert data["velocity"].dims == ("component", *SPACE[:n])
+        if density:
+            weights = {name: 10.0**k for k, name in enumerate(names)}
+            expected = 1.0 + sum(w * data[name] for name, w in weights.items())
+            same(data["exact"], expected, "exact", 1e-12 * 10.0 ** (2 * n))
+            place = {name: float(data[name][(k + 1) % data.sizes[name]]) for k, name in enumerate(names)}
+            value = float(data["exact"].sel(place))
+            same(value, 1.0 + sum(weights[name] * place[name] for name in names), "exact at one cell", 1e-12 * 10.0 ** (2 * n))
+
+
+def blocks(block):
+    if hasattr(block, "GetNumberOfBlocks"):
+        for k in range(block.GetNumberOfBlocks()):
+            yield from blocks(block.GetBlock(k))
+    else:
+        yield block
+
+
+def with_vtk(directory, n, density):
+    """Every field of fields.xdmf at every cell, placed by VTK, against result.h5 at the cell with that centre."""
+    reader = vtkXdmfReader()
+    reader.SetFileName(str((directory / "fields.xdmf").absolute()))
+    reader.Update()
+    steps = reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+    shown = set()
+    with h5py.File(directory / "result.h5") as file:
+        same(steps, [file.attrs["time"]], "time")
+        centres = {name: file[name][()] for name in SPACE[:n] + VELOCITY[:n]}
+        middle = {name: len(c) // 2 for name, c in centres.items()}
+        for image in blocks(reader.GetOutputDataObject(0)):
+            cells = [m - 1 for m in image.GetDimensions()]
+            where = [image.GetOrigin()[a] + image.GetSpacing()[a] * (np.arange(cells[a]) + 0.5) for a in range(3)]
+            arrays = image.GetCellData()
+            values = {arrays.GetArrayName(k): vtk_to_numpy(arrays.GetArray(k)) for k in range(arrays.GetNumberOfArrays())}
+            names = set(values)
+            if names & {"density"}:
+                grid, axes = "space", SPACE[:n]
+            else:
+                # A plane (x_a, v_a), told by its axes: those of the tests differ.
+                fits = [a for a in range(n) if cells[:2] == [len(centres[SPACE[a]]), len(centres[VELOCITY[a]])]]
+                assert len(fits) == 1, (cells, fits)
+                grid, axes = f"plane_{SPACE[fits[0]]}", [SPACE[fits[0]], VELOCITY[fits[0]]]
+            for a, axis in enumerate(axes):
+                same(where[a], centres[axis], f"{grid}: centres along {axis}", 1e-12)
+            for a in range(len(axes), 3):
+                assert cells[a] == 1, f"{grid}: {cells}"
+            if len(axes) < 3:
+                same(where[2], [0.0], f"{grid}: place along the third axis", 1e-12)
+            for name, found in values.items():
+                shown.add(f"{grid}/{name}")
+                # VTK counts along x first.
+                found = found.reshape(*cells[::-1], -1)
+                stored = file[name.split("_")[0] if name.startswith("psi_") else name]
+                if grid != "space":
+                    if name.startswith("psi_"):
+                        stored = stored[SPACE.index(name[-1])]
+                    stored = stored[tuple(slice(None) if a in axes else middle[a] for a in centres)][..., None]
+                elif stored.ndim == n:
+                    stored = stored[()][..., None]
+                else:
+                    stored = np.moveaxis(stored[()], 0, -1)
+                    if n > 1:
+                        pad = np.zeros((*stored.shape[:-1], 3 - n))
+                        stored = np.concatenate([stored, pad], axis=-1)
+                found = np.moveaxis(found.reshape([*[m for m in cells[::-1]][3 - len(axes):], -1]), -1, 0)
+                found = np.moveaxis(found.transpose(0, *range(len(axes), 0, -1)), 0, -1)
+                same(found, stored, f"{grid}/{name}")
+    expected = {f"space/{m}" for m in ["density", "momentum", "velocity"]}
+    fields = ["f", "exact"] if density else ["phi", *[f"psi_{a}" for a in SPACE[:n]]]
+    expected |= {f"plane_{a}/{f}" for a in SPACE[:n] for f in fields}
+    if not density:
+        expected |= {"space/density_exact", "space/velocity_exact"}
+    assert shown == expected, shown ^ expected
+
+
+for place in sys.argv[1:]:
+    if place != "--packages":
+        directory = pathlib.Path(place)
+        dimension, is_density = with_h5py(directory / "result.h5")
+        with_xarray(directory / "result.h5", dimension, is_density)
+        with_vtk(directory, dimension, is_density)
+        print(f"{place}: read by h5py {h5py.__version__}, xarray {xarray.__version__}, VTK")

@@ -1,0 +1,101 @@
+//! Results as other programs see them: h5py, xarray and VTK's XDMF reader, by `tests/readers.py`.
+//!
+//! Skipped, and said so, where there is no Python with these packages; `make readers` installs them. A failure where CI=true.
+
+#[path = "support/launch.rs"]
+#[allow(dead_code)]
+mod launch;
+
+use launch::{Job, case, check_all, directory};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/readers.py");
+
+/// Runs the script; what it says, as an error where it fails.
+fn read(python: &Path, arguments: &[&str]) -> Result<String, String> {
+    let output = Command::new(python).arg(SCRIPT).args(arguments).output();
+    let output = output.map_err(|e| format!("{}: {e}", python.display()))?;
+    let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    if output.status.success() {
+        Ok(said(&output.stdout))
+    } else {
+        Err(said(&output.stderr))
+    }
+}
+
+/// A Python with the packages: that of `make readers`, or the one on the path.
+fn python() -> Option<PathBuf> {
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
+    let found = [target.join("readers/bin/python"), "python3".into()];
+    found.into_iter().find(|p| read(p, &["--packages"]).is_ok())
+}
+
+#[test]
+fn results_open_in_other_programs() {
+    let Some(python) = python() else {
+        let why = "no Python with h5py, h5netcdf, xarray and vtk; `make readers` installs them";
+        assert!(std::env::var("CI").is_err(), "{why}");
+        // Not through the test's own output, which is shown of failures only.
+        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/readers.rs: {why}");
+        return;
+    };
+    const ODD: &[&str] = &["axis.0.x.cells=23", "axis.0.v.cells=17"];
+    const LINE: &str = "exact={ f = \"1 + x + 10*v\" }";
+    const PLANE: &str = "exact={ f = \"1 + x + 10*y + 100*vx + 1000*vy\" }";
+    const SPACE: &str = "exact={ f = \"1 + x + 10*y + 100*z + 1e3*vx + 1e4*vy + 1e5*vz\" }";
+    const PACKED: &[&str] = &["output.compression=4"];
+    const CHUNKS: &[&str] = &["output.chunks=[5,3,4,6]"];
+    let rows: &[(&str, usize, &[&[&str]])] = &[
+        ("example1.toml", 2, &[ODD, &[LINE]]),
+        ("example1.toml", 3, &[ODD, &[LINE], PACKED]),
+        ("barrier2d.toml", 3, &[&[PLANE]]),
+        ("barrier2d.toml", 4, &[&[PLANE], PACKED, CHUNKS]),
+        ("step3d.toml", 4, &[&[SPACE]]),
+        ("example2.toml", 2, &[ODD]),
+        (
+            "example3.toml",
+            2,
+            &[&[
+                "axis.0.x.cells=8",
+                "axis.1.x.cells=6",
+                "axis.0.v.cells=7",
+                "axis.1.v.cells=5",
+            ]],
+        ),
+    ];
+    check_all(rows, |(name, ranks, settings)| {
+        let place = directory();
+        let job = Job::new(["run", &case(name)])
+            .set(&settings.concat())
+            .on(*ranks);
+        let summary = job.solve(place.path())?;
+        let path = place.path().display().to_string();
+        let said = read(&python, &[&path]);
+        let fails = |why: String| format!("{why}\n  command: {}", summary.command);
+        let said = said.map_err(fails)?;
+        summary.require(said.starts_with(&path), || {
+            format!("the script said: {said}")
+        })?;
+        // Controls: a field shown as another, and one shown elsewhere, are noticed.
+        if *name != "barrier2d.toml" {
+            return Ok(());
+        }
+        let xdmf = place.path().join("fields.xdmf");
+        let text = std::fs::read_to_string(&xdmf).map_err(|e| e.to_string())?;
+        for (old, new) in [("density</", "velocity</"), ("ORIGIN_DXDYDZ\">\n", "")] {
+            let (before, after) = text.split_once(old).ok_or("no such text in fields.xdmf")?;
+            let after = match new {
+                // The first number of the origin.
+                "" => format!("{old}{}", after.replacen("\"XML\">-", "\"XML\">-1", 1)),
+                _ => format!("{new}{after}"),
+            };
+            std::fs::write(&xdmf, format!("{before}{after}")).map_err(|e| e.to_string())?;
+            summary.require(read(&python, &[&path]).is_err(), || {
+                format!("not noticed: {old}")
+            })?;
+        }
+        Ok(())
+    });
+}
