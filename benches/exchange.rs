@@ -23,7 +23,8 @@ struct Split {
     exchange: GhostExchange,
     /// Of a block that has no neighbours: with it a step exchanges nothing.
     nothing: GhostExchange,
-    vectors: [Vec<Lanes>; 3],
+    vectors: [Vec<Lanes>; 2],
+    start: Vec<f64>,
     constants: StepConstants,
 }
 
@@ -45,7 +46,8 @@ impl Split {
         let whole = Block::new(&case.space, &mesh(1), 0);
         let vector = || vec![Lanes([0.5; 2 * LANES]); matrix.length()];
         Self {
-            vectors: [vector(), vector(), vector()],
+            vectors: [vector(), vector()],
+            start: vec![0.5; matrix.rows()],
             exchange: GhostExchange::new(&communicator.space, &matrix.block, 2 * LANES),
             nothing: GhostExchange::new(&communicator.space, &whole, 2 * LANES),
             constants: StepConstants {
@@ -59,12 +61,12 @@ impl Split {
     }
 
     fn step(&mut self, exchanged: bool) {
-        let [y, x, sum] = &mut self.vectors;
+        let [y, x] = &mut self.vectors;
         let exchange = match exchanged {
             true => &mut self.exchange,
             false => &mut self.nothing,
         };
-        self.matrix.step(exchange, &self.constants, y, x, sum);
+        (self.matrix).step(exchange, &self.constants, None, y, x, &self.start);
         std::mem::swap(y, x);
     }
 
