@@ -72,7 +72,7 @@ pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 
         let k = (s / series.period * TURN as f64).round() as i64;
         let mut read = [-libm::exp(-(k as f64 / TURN as f64 * series.period)); 2];
         for (l, weight) in (0i64..).zip(&weights) {
-            let turns = (l * k & (TURN - 1)) as f64 / TURN as f64;
+            let turns = ((l * k) & (TURN - 1)) as f64 / TURN as f64;
             let (sin, cos) = libm::sincos(TAU * turns);
             for (read, weight) in read.iter_mut().zip(weight) {
                 *read += weight.re * cos - weight.im * sin;
