@@ -92,7 +92,8 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
         for (j, growth) in GROWTHS.into_iter().enumerate() {
             for digits in 2..=12 {
                 // A third of them, each row and column and, of the long ones, few digits.
-                if !(i + j + digits as usize).is_multiple_of(3) || (decay > 600.0 && digits > 9) {
+                let chosen = (i + j + digits as usize).is_multiple_of(3);
+                if !chosen || (decay > 600.0 && digits > 9) {
                     continue;
                 }
                 let demand = Demand::new(10f64.powi(-digits), growth, decay, 1.0);
