@@ -34,6 +34,7 @@ use crate::scheme::transport_rate;
 use num_complex::Complex64;
 use placement::Placement;
 use serde::Serialize;
+use std::collections::HashSet;
 use std::fmt;
 
 /// `‖ũ(0)‖/‖f(T)‖` before it is known.
@@ -53,6 +54,9 @@ pub const INFLOW_GROWTH: f64 = 0.375;
 /// Largest `rate·T`: such a run has some hundred thousand modes of some million applications each.
 const LONGEST_SPAN: f64 = 1e6;
 
+/// More kinds of cells than this are not counted.
+pub const MOST_KINDS: usize = 4096;
+
 /// Bounds on the generator that hold without computing it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Bounds {
@@ -64,6 +68,8 @@ pub struct Bounds {
     pub decay: f64,
     /// Whether `V` jumps.
     pub jumps: bool,
+    /// Kinds of space cells by slopes and jumps of `V`, up to [`MOST_KINDS`]: rows of the matrix repeat where a kind does.
+    pub kinds: usize,
     /// Whether the hat interface needs weights to keep `γ`.
     pub weighted: bool,
     /// Whether anything may enter.
@@ -153,11 +159,13 @@ impl Bounds {
         // Layer by layer, so that the whole potential is never kept.
         let mut ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
         let (mut force, mut jumps) = (0.0f64, false);
+        let mut kinds = HashSet::new();
         for i in 0..case.space.x[0].cells {
             ranges[0] = i..i + 1;
             let layer = Potential::new(case, &ranges)?;
             force = force.max(layer.force_rate(&case.space));
             jumps |= layer.has_jump();
+            layer.collect_kinds(&mut kinds, MOST_KINDS);
         }
         let rate = transport_rate(&case.space) + force;
         let inflow = case.enters();
@@ -178,6 +186,7 @@ impl Bounds {
             growth,
             decay: 2.0 * rate + growth,
             jumps,
+            kinds: kinds.len(),
             stages: 0,
             weighted: hat && case.warp.weights && case.method == Method::Schrodingerized,
             inflow,

@@ -3473,6 +3473,11 @@ fn memory_is_what_was_planned() {
         "time.end=0.05",
         "solver.tolerance=0.01",
     ];
+    let large = [
+        "axis.0.x.cells=1024",
+        "axis.0.v.cells=1024",
+        "time.end=0.05",
+    ];
     let plane = [
         "axis.0.x.cells=30",
         "axis.1.x.cells=30",
@@ -3490,7 +3495,7 @@ fn memory_is_what_was_planned() {
             &["scheme.interface=conservative"],
             2,
         ),
-        ("example1.toml", &grid, &["solver.method=classical"], 1),
+        ("example1.toml", &large, &["solver.method=classical"], 1),
         ("example1.toml", &grid, &["solver.verify=true"], 1),
         ("slope_jump.toml", &grid, &slopes, 1),
         ("inflow_barrier.toml", &grid, &[], 1),

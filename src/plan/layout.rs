@@ -292,12 +292,11 @@ fn arrays(
     let length = rows + ghosts;
     let force = u64::from(bounds.rate > transport_rate(&case.space));
     let entries = rows * (1 + 2 * n + 2 * n * force);
-    // Rows that repeat are stored once. Where nothing but a cell's velocity and the ends tell rows apart, it is known how many.
-    let differs = force > 0 || bounds.jumps;
-    let distinct = if differs {
-        rows
-    } else {
-        rows.min(velocities * 3u64.pow(n as u32) + 2 * inflow)
+    // Rows that repeat are stored once: those of cells of a kind whose neighbours are of a kind. Weights differ from cell to cell.
+    let around = bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32);
+    let distinct = match bounds.weighted {
+        true => rows,
+        false => rows.min(velocities * around + 2 * inflow),
     };
     let mut list = vec![
         ("program and libraries".to_owned(), PROGRAM_BYTES),
