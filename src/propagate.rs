@@ -279,10 +279,13 @@ pub fn arrays(case: &Case, bounds: &Bounds, mesh: &Mesh, sizes: &Sizes) -> Vec<(
             } else {
                 chebyshev::Chebyshev::BYTES_PER_ROW
             };
-            let order = Blocking::BYTES_PER_ROW as u64;
+            let order = Blocking::bytes_per_row(case.space.velocity_cells());
             vec![
                 (batch, bytes as u64 * sizes.length),
-                ("order of the blocking".to_owned(), order * sizes.rows),
+                (
+                    "order of the blocking".to_owned(),
+                    (order * sizes.rows as f64) as u64,
+                ),
             ]
         }
         PropagatorMethod::Krylov => {

@@ -1180,7 +1180,7 @@ fn one_step(world: &World) {
         // The same to round-off by every instruction set, but for the row that is a sum over all ranks.
         for set in InstructionSet::all() {
             let mut other = local(20);
-            let step = kernel::stepper_for(set, matrix, &x);
+            let step = kernel::stepper_for(set);
             step(matrix, 0..rows, &constants, &mut other, &x, &start);
             for i in (0..rows).filter(|&i| Some(i) != matrix.shared_row()) {
                 for (a, b) in other[i].0.iter().zip(&from_complex[i].0) {

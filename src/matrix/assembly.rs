@@ -146,16 +146,14 @@ impl BlockMatrix {
         let shared = case.enters() && case.warp.inflow == Embedding::Scalar;
         let rows = cells + if shared { 1 } else { inflow.len() };
 
-        // The space cells of each layer, ghosts among them: global and local number of their first unknown.
+        // The space cells layer by layer, ghosts among them: global and local number of their first unknown.
         let range = block.ranges[0].clone();
-        let first = block.wide_ranges()[0].start;
         let layer_cells = cells / range.len();
         let global_layer = case.space.cells() / case.space.x[0].cells;
-        let mut layers: Vec<Vec<(usize, usize)>> = vec![Vec::new(); block.wide_ranges()[0].len()];
-        let mut list =
-            |global: usize, local| layers[global / global_layer - first].push((global, local));
-        block.for_each_own(&mut list);
-        block.for_each_ghost(|global, ghost| list(global, rows + ghost));
+        let mut layers = Vec::with_capacity(block.space_cells() + block.ghosts() / nv);
+        block.for_each_own(|global, local| layers.push((global, local)));
+        block.for_each_ghost(|global, ghost| layers.push((global, rows + ghost)));
+        layers.sort_by_key(|(global, _)| global / global_layer);
 
         let local = |place: Place| match place {
             Place::Own(j) => j,
@@ -182,11 +180,10 @@ impl BlockMatrix {
                 done += 1;
             });
         };
-        for (a, layer) in layers
-            .iter()
-            .enumerate()
-            .map(|(a, layer)| (first + a, layer))
-        {
+        let mut next = range.start;
+        for layer in layers.chunk_by(|a, b| a.0 / global_layer == b.0 / global_layer) {
+            let a = layer[0].0 / global_layer;
+            next = a + 1;
             for (global, i) in layer
                 .iter()
                 .flat_map(|&(g, l)| (0..nv).map(move |v| (g + v, l + v)))
@@ -225,7 +222,7 @@ impl BlockMatrix {
             }
             collected.rotate_left(1);
         }
-        if first + layers.len() == range.end {
+        if next == range.end {
             finish(&mut collected[0], &mut builder);
         }
         scheme.inflow_is_finite(&row)?;

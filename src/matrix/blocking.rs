@@ -61,8 +61,10 @@ pub struct Blocking {
 }
 
 impl Blocking {
-    /// Bytes a row that it takes, while it is made.
-    pub const BYTES_PER_ROW: usize = 200 / FEWEST_ROWS;
+    /// Bytes a row that it takes, while it is made, with so many velocities at a cell: a tile is that, or more rows.
+    pub fn bytes_per_row(velocities: usize) -> f64 {
+        200.0 / velocities.clamp(1, FEWEST_ROWS) as f64
+    }
 
     /// The blocking that is modelled to move the fewest bytes, for the cache of this machine; `None` where step after step is
     /// as good or a row is a sum over all ranks.
@@ -128,7 +130,7 @@ impl Blocking {
                     .for_each(|t| open(*t, ghosts, &mut this.order));
             }
         }
-        debug_assert!(levels.iter().all(|l| *l as usize == shape.depth));
+        assert!(levels.iter().all(|l| *l as usize == shape.depth));
         this.tiles = tiling.tiles;
         this
     }
@@ -386,7 +388,7 @@ impl BlockMatrix {
         start: &[R],
     ) {
         let cells = self.block.cells();
-        let step = kernel::stepper::<R>(self, vectors[0]);
+        let step = kernel::stepper::<R>();
         let [even, odd] = vectors;
         for &(tile, level) in order {
             let Some(constants) = levels.get(level as usize) else {

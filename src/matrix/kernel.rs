@@ -120,7 +120,7 @@ fn step_rows<const FMA: bool, R: StartRow>(
         // S x and K x.
         let (mut sx, mut kx) = ([0.0; 2 * LANES], [0.0; 2 * LANES]);
         for (column, s, k) in matrix.rows.row(i) {
-            // SAFETY: every column is below the length of the matrix, see `BlockMatrix::new`, which `stepper` asserts `x` has.
+            // SAFETY: every column is below the reach of the rows, which `x` has, as was asserted.
             let Lanes(value) = unsafe { x.get_unchecked(column) };
             for part in 0..2 * LANES {
                 sx[part] = multiply_add::<FMA>(s, value[part], sx[part]);
@@ -226,21 +226,16 @@ impl InstructionSet {
 /// The loop over some rows: matrix, rows, constants, `y`, `x`, start.
 pub type Stepper<R> = fn(&BlockMatrix, Range<usize>, &StepConstants, &mut [Lanes], &[Lanes], &[R]);
 
-/// The loop for `matrix` and vectors as long as `x`, for this processor.
-pub fn stepper<R: StartRow>(matrix: &BlockMatrix, x: &[Lanes]) -> Stepper<R> {
-    stepper_for(InstructionSet::here(), matrix, x)
+/// The loop for this processor.
+pub fn stepper<R: StartRow>() -> Stepper<R> {
+    stepper_for(InstructionSet::here())
 }
 
 /// The loop for a given instruction set.
 ///
 /// # Panics
 /// Where the processor does not have it.
-pub fn stepper_for<R: StartRow>(
-    set: InstructionSet,
-    matrix: &BlockMatrix,
-    x: &[Lanes],
-) -> Stepper<R> {
-    assert!(x.len() == matrix.length(), "vector and matrix do not fit");
+pub fn stepper_for<R: StartRow>(set: InstructionSet) -> Stepper<R> {
     assert!(set.is_here(), "{set:?} is not there");
     match set {
         // SAFETY: the processor was asked.

@@ -23,6 +23,8 @@ pub struct Rows {
     values: Vec<[f64; 2]>,
     /// Entries over all rows.
     entries: usize,
+    /// Every column is below this.
+    reach: usize,
 }
 
 impl Rows {
@@ -66,9 +68,9 @@ impl Rows {
         })
     }
 
-    /// Whether every column is below `length`.
-    pub fn fits(&self, length: usize) -> bool {
-        (0..self.len()).all(|i| self.row(i).all(|(column, ..)| column < length))
+    /// One more than the largest column: a vector that long can be multiplied.
+    pub fn reach(&self) -> usize {
+        self.reach
     }
 
     /// The same rows with entries changed by `change(row, entries)`.
@@ -119,6 +121,7 @@ impl Builder {
                 distances: Vec::new(),
                 values: Vec::new(),
                 entries: 0,
+                reach: 0,
             },
             seen: HashMap::default(),
         }
@@ -129,6 +132,9 @@ impl Builder {
         let rows = &mut self.rows;
         let i = rows.template.len() as u32;
         rows.entries += entries.len();
+        for &(column, ..) in entries {
+            rows.reach = rows.reach.max(column as usize + 1);
+        }
         let words =
             |&(column, s, k): &Entry| [u64::from(column.wrapping_sub(i)), s.to_bits(), k.to_bits()];
         // Multiply and fold (as wyhash does): all bits of a word reach all bits of the hash.
@@ -202,7 +208,7 @@ mod tests {
                 .collect()
         };
         assert_eq!(back(&rows), list);
-        assert!(rows.fits(7) && !rows.fits(6));
+        assert_eq!(rows.reach(), 7);
         let doubled = rows.changed(|_, entries| entries.iter_mut().for_each(|e| e.1 *= 2.0));
         assert_eq!(doubled.templates(), 4);
         assert_eq!(back(&doubled)[3], vec![(1, 1.0, 0.5), (3, -2.0, 0.0)]);

@@ -5,7 +5,7 @@ use super::{Bounds, WarpPlan};
 use crate::case::{Case, Data, Embedding, Exact, Limiter, Method};
 use crate::characteristics::sheet::curve_points;
 use crate::error::{Error, Result};
-use crate::matrix::Inflow;
+use crate::matrix::{Inflow, Lanes};
 use crate::partition::{Block, Mesh};
 use crate::propagate::{self, Sizes, cost_of_splitting};
 use crate::scheme::transport_rate;
@@ -59,9 +59,10 @@ pub fn refuse_hopeless(case: &Case, resources: &Resources) -> Result<()> {
     } else {
         0.0
     };
+    // Less than any layout takes: two batch vectors, a state and the sums of a reading; four real vectors and the field.
     let bytes_per_cell = match case.method {
-        Method::Schrodingerized => 320.0,
-        Method::Classical => 120.0,
+        Method::Schrodingerized => 2.0 * size_of::<Lanes>() as f64 + 32.0,
+        Method::Classical => 48.0,
     };
     let needed = bytes_per_cell * case.space.cells() as f64 / ranks as f64
         + tracer * case.space.space_cells() as f64;
@@ -302,7 +303,7 @@ fn arrays(
         ("program and libraries".to_owned(), PROGRAM_BYTES),
         (
             "matrix (S, K)".to_owned(),
-            4 * rows + (20 * entries + 8 * rows) / rows * distinct,
+            4 * rows + (20 * entries + 8 * rows) / rows * distinct + 16 * space_block,
         ),
         (
             "states, weights".to_owned(),
