@@ -255,8 +255,8 @@ fn bytes(case: &Case) -> u64 {
                 .collect::<Vec<_>>());
         }
     } else if storage.compression > 0 {
-        // Planned chunks are half full at least.
-        chunks = 2 * numbers / CHUNK;
+        // As in `Storage::most_chunks`.
+        chunks = 4 * numbers / CHUNK;
     }
     (8 * (numbers + points) + CHUNK_ENTRY * chunks + MARGIN + 2 * case.text.len()) as u64
 }

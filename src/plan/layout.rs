@@ -13,6 +13,9 @@ use serde::Serialize;
 /// Resident memory of the program and its libraries, HDF5's buffers included.
 const PROGRAM_BYTES: u64 = 28 << 20;
 
+/// What HDF5 takes for each chunk of a dataset while it is written, whatever is in it.
+const CHUNK_BYTES: u64 = 5 << 10;
+
 /// Who computes it, and in how much memory.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Layout {
@@ -314,6 +317,10 @@ fn arrays(
             8 * (3 + 3 * case.fields.len() as u64) * length,
         ),
     ];
+    let chunks = case.storage.most_chunks(&case.space) as u64;
+    if chunks > 0 {
+        list.push(("chunks being written".to_owned(), CHUNK_BYTES * chunks));
+    }
     if listed > 0 {
         let each = size_of::<Inflow>() as u64;
         list.push((
