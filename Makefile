@@ -19,7 +19,7 @@ CARGO   = $(shell scripts/setup.sh --environment) cargo
 PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 
 .DEFAULT_GOAL := build
-.PHONY: run build test bench check check-fmt check-clippy check-doc readers setup clean help
+.PHONY: run build test bench example3 check check-fmt check-clippy check-doc readers setup clean help
 
 run: build ## build, then solve example 1 of the paper on two ranks (CASE=, RANKS=, RESULTS= for another)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
@@ -31,8 +31,15 @@ build: setup ## build the program in release mode
 test: setup ## run every test, those that start mpirun included (ARGS= is passed to cargo test)
 	$(CARGO) test --release $(ARGS)
 
-bench: setup ## rates of the inner loop beside a triad
-	$(CARGO) bench --bench application
+bench: setup ## rates, whole-program runs and peers, into docs/performance.md (ARGS=--quick: the short form)
+	CARGO="$(CARGO)" scripts/bench/bench.sh $(ARGS)
+
+example3: $(foreach n,8 16 32,example3-$(n)) ## example 3 on 8, 16 and 32 cells an axis, into docs/performance.md
+
+example3-%: build ## example 3 on so many cells an axis: make example3-64 takes minutes
+	mpirun -np $(RANKS) $(PROGRAM) run cases/example3.toml -o results/$@ --set solver.tolerance=1e-6 \
+	    $(foreach key,axis.0.x axis.0.v axis.1.x axis.1.v,--set $(key).cells=$*)
+	@if command -v python3 >/dev/null; then scripts/bench/report.py --only example3; fi
 
 check: check-fmt check-clippy check-doc ## formatting, lints and documentation, warnings as errors
 
@@ -55,4 +62,4 @@ clean: ## remove what was built; results stay
 	$(CARGO) clean
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z0-9%-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))

@@ -1,51 +1,72 @@
-//! Rate of the fused Chebyshev step beside a triad measured in the same run.
+//! Rate of the fused Chebyshev step, step after step and blocked, beside a triad and the bandwidth in the cache of a core,
+//! measured in the same run.
 //!
-//! Each figure is microseconds per mode and application, and the share of the triad's bandwidth that the 80-byte model
-//! (read v_k; read and write v_{k−1} and the sum) accounts for: above 1 where the vectors stay in cache.
+//! A step reads `b_{k+1}` and reads and writes `b_{k+2}`, 48 bytes a row and mode, and the start, which the modes of a batch share:
+//! 49 bytes. (Summed forwards it was 80: read `φ_k`; read and write `φ_{k−1}` and the sum.) The share of the triad's bandwidth that
+//! 49 bytes account for is 1 where every step goes through memory, and above 1 in cache or blocked.
 
 use criterion::{Criterion, Throughput};
 use phasewarp::case::Case;
 use phasewarp::communicator::{Communicator, GhostExchange, World};
+use phasewarp::matrix::blocking::Blocking;
+use phasewarp::matrix::kernel::InstructionSet;
 use phasewarp::matrix::{BlockMatrix, LANES, Lanes, StepConstants};
 use phasewarp::partition::{Block, Mesh};
+use phasewarp::system::cache_per_core;
 use std::hint::black_box;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Bytes a row, mode and step in the model.
-const MODEL_BYTES: f64 = 80.0;
+const MODEL_BYTES: f64 = 48.0 + 8.0 / LANES as f64;
+/// The same of a series summed forwards, for comparison.
+const FORWARD_BYTES: f64 = 80.0;
 /// Repetitions of which the median is quoted.
 const REPEATS: usize = 7;
+
+/// Seconds of a processor that this process has had: what else runs on the machine takes none of them, though it does take cache
+/// and bandwidth.
+fn processor_seconds() -> f64 {
+    // SAFETY: the call fills the structure.
+    unsafe {
+        let mut time: libc::timespec = std::mem::zeroed();
+        libc::clock_gettime(libc::CLOCK_PROCESS_CPUTIME_ID, &mut time);
+        time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
+    }
+}
 
 fn median(mut run: impl FnMut()) -> f64 {
     run();
     let mut seconds: Vec<f64> = (0..REPEATS)
         .map(|_| {
-            let start = Instant::now();
+            let start = processor_seconds();
             run();
-            start.elapsed().as_secs_f64()
+            processor_seconds() - start
         })
         .collect();
     seconds.sort_by(f64::total_cmp);
     seconds[REPEATS / 2]
 }
 
-/// Bytes per second of `a ← b + s c` on arrays far larger than the caches.
-fn triad() -> f64 {
-    let n = 8 << 20;
+/// Bytes per second of `a ← b + s c` on three arrays of `n` numbers.
+fn triad(n: usize) -> f64 {
     let (mut a, b, c) = (vec![0.0; n], vec![1.0; n], vec![2.0; n]);
+    let times = (8 << 20) / n + 1;
     let seconds = median(|| {
-        for i in 0..n {
-            a[i] = b[i] + 3.0 * c[i];
+        for _ in 0..times {
+            for ((a, b), c) in a.iter_mut().zip(&b).zip(&c) {
+                *a = b + 3.0 * c;
+            }
+            black_box(&mut a);
         }
-        black_box(&mut a);
     });
-    24.0 * n as f64 / seconds
+    24.0 * (n * times) as f64 / seconds
 }
 
 struct Steps {
     matrix: BlockMatrix,
     exchange: GhostExchange,
-    vectors: [Vec<Lanes>; 3],
+    vectors: [Vec<Lanes>; 2],
+    start: Vec<f64>,
     constants: StepConstants,
 }
 
@@ -65,7 +86,8 @@ impl Steps {
         let exchange = GhostExchange::new(&communicator.space, &matrix.block, 2 * LANES);
         let vector = || vec![Lanes([0.5; 2 * LANES]); matrix.length()];
         Self {
-            vectors: [vector(), vector(), vector()],
+            vectors: [vector(), vector()],
+            start: vec![0.5; matrix.rows()],
             exchange,
             constants: StepConstants {
                 scale: [1e-3; LANES],
@@ -77,23 +99,25 @@ impl Steps {
         }
     }
 
-    fn run(&mut self, steps: usize) {
-        let [y, x, sum] = &mut self.vectors;
-        for _ in 0..steps {
-            self.matrix
-                .step(&mut self.exchange, &self.constants, y, x, sum);
-            std::mem::swap(y, x);
+    fn run(&mut self, blocking: Option<&Blocking>, trips: usize) {
+        let levels = vec![self.constants.clone(); blocking.map_or(1, Blocking::depth)];
+        let [y, x] = &mut self.vectors;
+        for _ in 0..trips {
+            let (vectors, start) = ((&mut *y, &mut *x), &self.start);
+            (self.matrix).steps(&mut self.exchange, blocking, &levels, None, vectors, start);
         }
     }
 }
 
 fn main() {
     let world = World::start().expect("MPI starts");
-    let triad = triad();
+    let (memory, cache) = (triad(8 << 20), triad(cache_per_core() as usize / 48));
     println!(
-        "triad: {:.1} GB/s; {}",
-        triad / 1e9,
-        phasewarp::matrix::instruction_set()
+        "triad: {:.1} GB/s, in half of the {} KiB of a core {:.1} GB/s; {}, {LANES} modes in a batch",
+        memory / 1e9,
+        cache_per_core() >> 10,
+        cache / 1e9,
+        InstructionSet::here().name()
     );
     let square = |n: usize| ["x", "v"].map(|a| format!("axis.0.{a}.cells={n}")).to_vec();
     let four = |n: usize| {
@@ -110,22 +134,53 @@ fn main() {
         ("32x32", "example1.toml", square(32)),
         ("64x64", "example1.toml", square(64)),
         ("128x128", "example1.toml", square(128)),
+        ("256x256", "example1.toml", square(256)),
+        ("512x512", "example1.toml", square(512)),
         ("16^4", "barrier2d.toml", four(16)),
+        ("24^4", "barrier2d.toml", four(24)),
+        ("example 3, 16^4", "example3.toml", four(16)),
+        ("example 3, 24^4", "example3.toml", four(24)),
+        ("example 3, 32^4", "example3.toml", four(32)),
     ] {
         let mut steps = Steps::new(&world, case, &set);
         let rows = steps.matrix.rows();
-        let count = (1 << 20) / rows + 1;
-        let seconds = median(|| steps.run(count)) / count as f64;
-        let per_mode = seconds / LANES as f64;
-        println!(
-            "{name}: {:.2} us per mode and application; {:.2} of the triad in the {MODEL_BYTES}-byte model",
-            1e6 * per_mode,
-            MODEL_BYTES * rows as f64 / per_mode / triad
-        );
-        let mut group = criterion.benchmark_group("step");
-        group.throughput(Throughput::Elements((rows * LANES) as u64));
-        group.bench_function(name, |b| b.iter(|| steps.run(1)));
-        group.finish();
+        let planned = Blocking::planned(&steps.matrix);
+        let mut before = None;
+        for blocking in [None, planned.as_ref()] {
+            if before.is_some() && blocking.is_none() {
+                println!("{name}: in cache, not blocked");
+                continue;
+            }
+            let depth = blocking.map_or(1, Blocking::depth);
+            let trips = (1 << 20) / rows / depth + 1;
+            let seconds = median(|| steps.run(blocking, trips)) / (trips * depth) as f64;
+            let each = seconds / (rows * LANES) as f64;
+            let how = blocking.map_or("step after step".to_owned(), |b| {
+                let shape = b.shape();
+                format!(
+                    "{} steps, strips of {}, {} ranges of velocities",
+                    shape.depth, shape.width, shape.parts
+                )
+            });
+            println!(
+                "{name}, {how}: {:.2} ns a row, mode and step, {:.1} us a mode; {:.2} of the triad at {MODEL_BYTES} bytes, \
+                 {:.1} GB/s at {FORWARD_BYTES}{}",
+                1e9 * each,
+                1e6 * seconds / LANES as f64,
+                MODEL_BYTES / each / memory,
+                1e-9 * FORWARD_BYTES / each,
+                before.map_or(String::new(), |b: f64| format!(
+                    "; {:.2} times as fast",
+                    b / each
+                ))
+            );
+            before = Some(each);
+            let mut group = criterion.benchmark_group("step");
+            group.throughput(Throughput::Elements((rows * LANES * depth) as u64));
+            let label = format!("{name}{}", blocking.map_or("", |_| " blocked"));
+            group.bench_function(&label, |b| b.iter(|| steps.run(blocking, 1)));
+            group.finish();
+        }
     }
     criterion.final_summary();
 }

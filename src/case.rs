@@ -94,6 +94,10 @@ pub enum Method {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum ProfileChoice {
+    /// `Designed` or `Gaussian`, whichever takes less work.
+    Planned,
+    /// A trigonometric polynomial that is `e^{−p}` where it must be, by least squares.
+    Designed,
     /// `e^{−p}` cut off by a normal distribution function.
     Gaussian,
     /// `e^{−p}` for `p ≥ 0`, `e^{αp}` for `p < 0` (the paper's).
@@ -188,6 +192,30 @@ pub struct Warp {
     pub delta: Delta,
     /// `shift`: `u = e^{σt} ũ`.
     pub shift: Shift,
+}
+
+impl Warp {
+    /// The profile to be planned: `Planned` is the Gaussian where samples, an interval or points are given by hand, as a
+    /// designed one is no function on the line.
+    pub fn choice(&self) -> ProfileChoice {
+        match (self.profile, self.by_hand()) {
+            (ProfileChoice::Planned, Some(_)) => ProfileChoice::Gaussian,
+            (given, _) => given,
+        }
+    }
+
+    /// A key that a designed profile does not take, where one is given.
+    pub fn by_hand(&self) -> Option<&'static str> {
+        let sampled = self.coefficients == Coefficients::Sampled;
+        let keys = [
+            ("coefficients", sampled),
+            ("interval", self.interval.is_some()),
+            ("points", self.points.is_some()),
+        ];
+        keys.into_iter()
+            .find(|(_, given)| *given)
+            .map(|(key, _)| key)
+    }
 }
 
 /// `σ` of the spectral shift `u = e^{σt} ũ`, `ũ' = (A − σ) ũ`.

@@ -12,10 +12,13 @@ use mpi::topology::{Color, SimpleCommunicator};
 use mpi::traits::{AsRaw, Communicator as _, CommunicatorCollectives, Root};
 use num_complex::Complex64;
 use std::ops::Range;
+use std::time::Instant;
 
 /// MPI, from initialisation to the end of the process.
 pub struct World {
     universe: mpi::environment::Universe,
+    /// Seconds that MPI took to start.
+    pub start_seconds: f64,
 }
 
 impl World {
@@ -23,7 +26,9 @@ impl World {
     ///
     /// Returns `None` when MPI was started before.
     pub fn start() -> Option<Self> {
+        let started = Instant::now();
         let universe = mpi::initialize()?;
+        let start_seconds = started.elapsed().as_secs_f64();
         let hook = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |info| {
             hook(info);
@@ -34,7 +39,10 @@ impl World {
                 world.abort(1);
             }
         }));
-        Some(Self { universe })
+        Some(Self {
+            universe,
+            start_seconds,
+        })
     }
 
     /// All ranks, as one group.

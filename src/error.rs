@@ -100,7 +100,7 @@ pub enum Error {
     /// More modes than any machine can propagate.
     #[error(
         "solver.warp.profile ({profile}): solver.tolerance = {tolerance:e} takes {modes:.3e} modes, at most {limit} are planned; \
-         a smoother profile (gaussian, low-somma, smooth of higher order) or a larger tolerance"
+         a smoother profile (designed, gaussian, low-somma, smooth of higher order) or a larger tolerance"
     )]
     Modes {
         /// The profile.

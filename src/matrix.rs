@@ -7,12 +7,13 @@
 //! Unknowns of a rank: its cells, then its auxiliary unknowns (see [`embedding`]), then its ghosts.
 
 mod assembly;
+pub mod blocking;
 pub mod embedding;
-mod kernel;
+pub mod kernel;
 mod rows;
 
 pub use embedding::{Entering, Inflow};
-pub use kernel::{LANES, Lanes, StepConstants, instruction_set};
+pub use kernel::{LANES, Lanes, StartRow, StepConstants};
 
 use crate::communicator::{GhostExchange, Group};
 use crate::error::Result;
@@ -206,57 +207,38 @@ impl BlockMatrix {
         }
     }
 
-    /// One fused step for a batch of modes, `x`'s ghosts being refreshed: `y ← a((−iμS + K)x + icx) + y`, then
-    /// `sum ← sum + coefficient · y`. Collective over the space group.
-    pub fn step(
-        &self,
-        exchange: &mut GhostExchange,
-        constants: &StepConstants,
-        y: &mut [Lanes],
-        x: &mut [Lanes],
-        sum: &mut [Lanes],
-    ) {
-        self.step_with(exchange, constants, None, y, x, sum);
-    }
-
-    /// As [`step`](Self::step), with couplings to the auxiliary unknowns that are no entries of the matrix: those of a stage
-    /// where the inflow varies, row by row of [`inflow`](Self::inflow).
-    pub fn step_with(
+    /// One fused step for a batch of modes, `x`'s ghosts being refreshed: `y ← a((−iμS + K)x + icx) + y + coefficient · start`,
+    /// with `couplings` to the auxiliary unknowns that are no entries of the matrix: those of a stage where the inflow varies,
+    /// row by row of [`inflow`](Self::inflow). Collective over the space group.
+    pub fn step<R: StartRow>(
         &self,
         exchange: &mut GhostExchange,
         constants: &StepConstants,
         couplings: Option<&[f64]>,
         y: &mut [Lanes],
         x: &mut [Lanes],
-        sum: &mut [Lanes],
+        start: &[R],
     ) {
         let rows = self.rows();
+        let step = kernel::stepper(self, x);
         exchange.start(&x[..rows]);
-        kernel::step::<true>(self, &self.interior, constants, y, x, sum);
+        for run in &self.interior {
+            step(self, run.clone(), constants, y, x, start);
+        }
         exchange.finish(&mut x[rows..]);
-        kernel::step::<true>(self, &self.border, constants, y, x, sum);
+        for run in &self.border {
+            step(self, run.clone(), constants, y, x, start);
+        }
         if self.summed {
             let couplings = self.inflow.iter().map(|aux| aux.coupling);
-            self.step_shared(exchange, constants, couplings, y, x, sum);
+            self.step_shared(exchange, constants, couplings, y, x);
         }
         if let Some(couplings) = couplings {
-            self.step_couplings(exchange, constants, couplings, y, x, sum);
+            self.step_couplings(constants, (0..self.inflow.len(), couplings), y, x);
+            if self.shared {
+                self.step_shared(exchange, constants, couplings.iter().copied(), y, x);
+            }
         }
-    }
-
-    /// As [`step`](Self::step) without the sum: `y ← a((−iμS + K)x + icx) + y`.
-    pub fn advance(
-        &self,
-        exchange: &mut GhostExchange,
-        constants: &StepConstants,
-        y: &mut [Lanes],
-        x: &mut [Lanes],
-    ) {
-        let rows = self.rows();
-        exchange.start(&x[..rows]);
-        kernel::step::<false>(self, &self.interior, constants, y, x, &mut []);
-        exchange.finish(&mut x[rows..]);
-        kernel::step::<false>(self, &self.border, constants, y, x, &mut []);
     }
 
     /// `y ← (−iμS + K)x` for one mode, `x`'s ghosts being refreshed. Collective over the space group.

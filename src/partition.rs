@@ -99,6 +99,8 @@ pub struct Block {
     pub ranges: Vec<Range<usize>>,
     /// Velocity cells at a point of space.
     pub velocity_cells: usize,
+    /// Velocity cells along the last axis.
+    pub velocity_line: usize,
     slabs: Vec<Slab>,
     shape: Vec<usize>,
 }
@@ -169,6 +171,7 @@ impl Block {
         Self {
             ranges,
             velocity_cells,
+            velocity_line: space.v.last().map_or(1, |axis| axis.cells),
             slabs,
             shape: space.x.iter().map(|a| a.cells).collect(),
         }

@@ -11,9 +11,11 @@
 use crate::case::{
     Case, Delta, Integrator, Interface, Limiter, Method, Propagation, PropagatorMethod,
 };
+mod balance;
 mod layout;
 mod placement;
 
+pub use balance::{Batch, cost};
 pub use layout::{Layout, Resources, bytes_text, refuse_hopeless};
 pub use placement::MOST_MODES;
 
@@ -25,12 +27,14 @@ use crate::partition::Block;
 use crate::potential::Potential;
 use crate::profile::{Profile, Series};
 use crate::propagate;
+use crate::propagate::Company;
 use crate::propagate::commutator_free::stage_degree;
 use crate::recover::Reading;
 use crate::scheme::transport_rate;
 use num_complex::Complex64;
 use placement::Placement;
 use serde::Serialize;
+use std::collections::HashSet;
 use std::fmt;
 
 /// `‖ũ(0)‖/‖f(T)‖` before it is known.
@@ -50,6 +54,9 @@ pub const INFLOW_GROWTH: f64 = 0.375;
 /// Largest `rate·T`: such a run has some hundred thousand modes of some million applications each.
 const LONGEST_SPAN: f64 = 1e6;
 
+/// More kinds of cells than this are not counted.
+pub const MOST_KINDS: usize = 4096;
+
 /// Bounds on the generator that hold without computing it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Bounds {
@@ -61,24 +68,14 @@ pub struct Bounds {
     pub decay: f64,
     /// Whether `V` jumps.
     pub jumps: bool,
+    /// Kinds of space cells by slopes and jumps of `V`, up to [`MOST_KINDS`]: rows of the matrix repeat where a kind does.
+    pub kinds: usize,
     /// Whether the hat interface needs weights to keep `γ`.
     pub weighted: bool,
     /// Whether anything may enter.
     pub inflow: bool,
     /// Exponentials in a row that an inflow takes that depends on time; 0 where there is none, or before it is known.
     pub stages: usize,
-}
-
-/// A batch of neighbouring modes that take as much work.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Batch {
-    /// First mode.
-    pub first: usize,
-    /// Number of modes, at most [`LANES`].
-    pub modes: usize,
-    /// What each mode takes: applications (Chebyshev: the degree of the series; Krylov: at most), or solves of an
-    /// implicit method.
-    pub work: usize,
 }
 
 /// What a Schrödingerized run computes, for any ranks.
@@ -102,10 +99,11 @@ pub struct WarpPlan {
     pub seen: f64,
     /// The readings of `output.plateau`, of the first field.
     pub plateau: Vec<Reading>,
-    /// The modes in batches, of rising wavenumber.
-    pub batches: Vec<Batch>,
+    /// What each mode takes: applications (Chebyshev: the degree of its series; Krylov: at most), or solves of an implicit
+    /// method. Who computes it with which others is the layout's.
+    pub work: Vec<usize>,
     /// Applications, over the modes and fields, all stages of an inflow that depends on time included; 0 where systems are
-    /// solved instead.
+    /// solved instead. A mode counts with its own degree, on any ranks: where others of its batch go on, its lane is idle.
     pub applications: usize,
     /// Solves of an implicit method, over the modes.
     pub solves: usize,
@@ -161,11 +159,13 @@ impl Bounds {
         // Layer by layer, so that the whole potential is never kept.
         let mut ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
         let (mut force, mut jumps) = (0.0f64, false);
+        let mut kinds = HashSet::new();
         for i in 0..case.space.x[0].cells {
             ranges[0] = i..i + 1;
             let layer = Potential::new(case, &ranges)?;
             force = force.max(layer.force_rate(&case.space));
             jumps |= layer.has_jump();
+            layer.collect_kinds(&mut kinds, MOST_KINDS);
         }
         let rate = transport_rate(&case.space) + force;
         let inflow = case.enters();
@@ -186,6 +186,7 @@ impl Bounds {
             growth,
             decay: 2.0 * rate + growth,
             jumps,
+            kinds: kinds.len(),
             stages: 0,
             weighted: hat && case.warp.weights && case.method == Method::Schrodingerized,
             inflow,
@@ -237,37 +238,28 @@ impl WarpPlan {
         let modes = series.modes();
         let weight = |l: usize| weight(&series, &readings[0], l).norm();
         let mut scratch = Vec::new();
-        let work: Vec<usize> = (0..modes)
+        let mut work: Vec<usize> = (0..modes)
             .map(|l| {
                 let tolerance = mode_tolerance(state_tolerance, modes, weight(l));
                 propagate::work(case, bounds, series.wavenumber(l), tolerance, &mut scratch)
             })
             .collect();
-        // Cut from the top, so that the batch that is not full is the cheapest.
-        let mut batches = Vec::new();
-        let mut end = modes;
-        while end > 0 {
-            let first = end.saturating_sub(LANES);
-            batches.push(Batch {
-                first,
-                modes: end - first,
-                work: work[first..end].iter().copied().max().unwrap_or(0),
-            });
-            end = first;
+        if propagate::company(case.propagator.method) == Company::Coupled {
+            // Each takes what the longest of its block takes.
+            for block in work.rchunks_mut(LANES) {
+                let most = block.iter().copied().max().unwrap_or(0);
+                block.fill(most);
+            }
         }
-        batches.reverse();
-        let mut scratch = Vec::new();
-        let mut each = |b: &Batch| match bounds.stages {
-            0 => b.work,
+        let mut each = |(l, work): (usize, &usize)| match bounds.stages {
+            0 => *work,
             stages => {
-                let wavenumbers: Vec<f64> = (b.first..b.first + b.modes)
-                    .map(|l| series.wavenumber(l))
-                    .collect();
                 let span = (bounds.rate, bounds.growth, time);
-                stages * stage_degree(&mut scratch, &wavenumbers, b.work, span, stages)
+                let mu = series.wavenumber(l);
+                stages * stage_degree(&mut scratch, mu, *work, span, stages)
             }
         };
-        let total = batches.iter().map(|b| b.modes * each(b)).sum();
+        let total = work.iter().enumerate().map(&mut each).sum();
         let (applications, solves) = match propagate::order(case.propagator.method) {
             0 => (total, 0),
             _ => (0, total),
@@ -283,7 +275,7 @@ impl WarpPlan {
             readings,
             plateau,
             interval,
-            batches,
+            work,
             profile,
             series,
             warnings,
@@ -308,9 +300,9 @@ impl WarpPlan {
         mode_tolerance(self.state_tolerance, self.modes, weight)
     }
 
-    /// Most work of a batch.
+    /// Most work of a mode.
     pub fn largest_work(&self) -> usize {
-        self.batches.iter().map(|b| b.work).max().unwrap_or(0)
+        self.work.iter().copied().max().unwrap_or(0)
     }
 }
 
@@ -411,7 +403,7 @@ impl Plan {
     }
 
     fn propagator_text(&self, warp: &WarpPlan) -> String {
-        let least = warp.batches.iter().map(|b| b.work).min().unwrap_or(0);
+        let least = warp.work.iter().copied().min().unwrap_or(0);
         let most = warp.largest_work();
         let step = self.propagation.step;
         let steps = |name: &str| {
@@ -500,7 +492,7 @@ impl fmt::Display for Plan {
                 f,
                 "modes           {} (l >= 0) in {} batches of at most {LANES}",
                 w.modes,
-                w.batches.len()
+                self.layout.groups.iter().map(Vec::len).sum::<usize>()
             )?;
             writeln!(f, "propagator      {}", self.propagator_text(w))?;
             match w.solves {

@@ -8,6 +8,7 @@ use crate::case::{Case, Region};
 use crate::error::Result;
 use crate::expression::Expression;
 use crate::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point};
+use std::collections::HashSet;
 use std::ops::Range;
 
 /// Jumps below this fraction of `V` are round-off of formulas that meet at a face.
@@ -203,6 +204,19 @@ impl Potential {
     /// Whether `V` jumps anywhere.
     pub fn has_jump(&self) -> bool {
         self.jump.iter().flatten().any(|&j| j != 0.0)
+    }
+
+    /// Adds the kinds of cells that there are, by their slopes and the jumps at their lower faces, to `kinds`, up to so `many`.
+    pub fn collect_kinds(&self, kinds: &mut HashSet<[u64; 2 * MAX_DIMENSION]>, many: usize) {
+        for (jump, slope) in self.jump.iter().zip(&self.slope) {
+            if kinds.len() >= many {
+                return;
+            }
+            let mut values = jump.iter().chain(slope);
+            kinds.insert(std::array::from_fn(|_| {
+                values.next().map_or(0, |v| v.to_bits())
+            }));
+        }
     }
 
     /// Largest `Σ_a |slope_a| / Δv_a` over the cells: the force's part of the diagonal of `A`.

@@ -11,6 +11,7 @@ use crate::plan::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
 use crate::varying::{self, Schedule, TIME_SHARE};
 use crate::weights::Weights;
 use std::ops::Range;
+use std::time::Instant;
 
 /// Margin for what the probe leaves out.
 const PROBE_SAFETY: f64 = 1.01;
@@ -23,7 +24,7 @@ pub struct Problem {
     pub weights: Weights,
     /// `ũ(0)` of each field: weighted cells, then auxiliary unknowns, then room for ghosts.
     pub states: Vec<Vec<f64>>,
-    /// Each field at time zero on this rank's cells.
+    /// Each field at time zero on this rank's cells; a run drops them once it has their mass.
     pub initial: Vec<Vec<f64>>,
     /// Unknowns that count as terms of a norm: space cells and auxiliary ones, over the space group.
     pub terms: usize,
@@ -33,6 +34,8 @@ pub struct Problem {
     pub coupled_growth: f64,
     /// Exchange of ghosts.
     pub exchange: GhostExchange,
+    /// Seconds that the weights took.
+    pub weight_seconds: f64,
 }
 
 /// Refuses data whose squares overflow or vanish. Collective.
@@ -67,6 +70,7 @@ impl Problem {
         let assembled = BlockMatrix::assemble(case, block);
         let mut matrix = communicator.world.agree(assembled)?;
         let mut exchange = GhostExchange::new(space, &matrix.block, width);
+        let started = Instant::now();
         let mut weights = if bounds.weighted {
             let target = (WEIGHT_SHIFT / case.end, WEIGHT_GROWTH / case.end);
             // No path is worth following much longer than the grid is wide.
@@ -83,6 +87,7 @@ impl Problem {
         } else {
             Weights::none(&matrix, &mut exchange, space)
         };
+        let weight_seconds = started.elapsed().as_secs_f64();
         matrix.couple(space, case, &mut weights.pi);
         let cells = matrix.block.cells();
         let (mut states, mut initial) = (Vec::new(), Vec::new());
@@ -142,6 +147,7 @@ impl Problem {
             schedule,
             coupled_growth,
             exchange,
+            weight_seconds,
         })
     }
 
@@ -183,15 +189,16 @@ impl Problem {
             .sqrt()
     }
 
-    /// `ũ` to `f`: undoes the weights on the cells `range`.
-    pub fn unweighted(&self, range: &Range<usize>, state: &[f64]) -> Vec<f64> {
-        (range.clone().zip(state))
-            .map(|(i, u)| u / self.weights.pi[i].sqrt())
-            .collect()
+    /// `ũ` to `f`, in place: undoes the weights on the cells `range`.
+    pub fn unweighted(&self, range: &Range<usize>, mut state: Vec<f64>) -> Vec<f64> {
+        for (u, pi) in state.iter_mut().zip(&self.weights.pi[range.clone()]) {
+            *u /= pi.sqrt();
+        }
+        state
     }
 
     /// Largest `‖ũ(0)‖/‖f(T)‖` of the fields, with `f(T)` from the classical exponential to three digits: one real vector, little more than
-    /// `rate·time` applications of a quarter of a mode's.
+    /// `rate·time` applications of a quarter of a mode's. The mode groups share the fields. Collective.
     pub fn probe(&mut self, communicator: &Communicator, rate: f64, time: f64) -> f64 {
         let mut largest: f64 = 1.0;
         if let Some(schedule) = &self.schedule {
@@ -204,7 +211,8 @@ impl Problem {
             };
             return ratio.max(1.0) / (1.0 - TIME_SHARE);
         }
-        for start in &self.states {
+        let (group, groups) = (communicator.modes.rank(), communicator.modes.size());
+        for start in self.states.iter().skip(group).step_by(groups) {
             let mut state = start.clone();
             Classical::new(&self.matrix).exponential(
                 &mut self.exchange,
@@ -218,6 +226,6 @@ impl Problem {
                 largest = largest.max(PROBE_SAFETY * start / end);
             }
         }
-        largest
+        communicator.modes.max(largest)
     }
 }

@@ -14,6 +14,7 @@
 //! from an edge on, [`place`] finds recovery point, period and cut-off.
 
 pub mod acl;
+pub mod designed;
 pub mod exponential;
 pub mod gaussian;
 pub mod low_somma;
@@ -26,6 +27,7 @@ pub use series::Series;
 
 use crate::case::ProfileChoice;
 use acl::Acl;
+use designed::Designed;
 use exponential::Exponential;
 use gaussian::Gaussian;
 use low_somma::LowSomma;
@@ -50,10 +52,20 @@ pub trait Shape {
     fn tail(&self, mu: f64, distance: f64) -> f64;
 }
 
+/// How a profile is known.
+pub enum Form<'a> {
+    /// As a function on the line.
+    Transform(&'a dyn Shape),
+    /// As a periodic series only.
+    Series(&'a Designed),
+}
+
 /// A profile with its planned parameters.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Profile {
+    /// A trigonometric polynomial by least squares.
+    Designed(Designed),
     /// `e^{−p}` cut off by a normal distribution function.
     Gaussian(Gaussian),
     /// `e^{−p}` and `e^{αp}`.
@@ -70,6 +82,15 @@ impl Profile {
     /// The profile of `choice` that meets `demand` at least cost, and where it is read; `None` if there is none.
     pub fn plan(choice: ProfileChoice, demand: &Demand) -> Option<(Self, Window)> {
         match choice {
+            ProfileChoice::Planned => {
+                let both = [ProfileChoice::Designed, ProfileChoice::Gaussian];
+                let found = both.iter().filter_map(|c| Self::plan(*c, demand));
+                let work = |w: &Window| demand.work(w.period, w.modes(w.period) as usize);
+                found.min_by(|(_, a), (_, b)| work(a).total_cmp(&work(b)))
+            }
+            ProfileChoice::Designed => {
+                Designed::meeting(demand).map(|(g, w)| (Self::Designed(g), w))
+            }
             ProfileChoice::Gaussian => {
                 Gaussian::meeting(demand).map(|(g, w)| (Self::Gaussian(g), w))
             }
@@ -98,7 +119,14 @@ impl Profile {
                 tolerance,
                 ..*demand
             };
-            Self::plan(choice, &demand).is_some()
+            match choice {
+                // Without a design for each.
+                ProfileChoice::Designed => Designed::possible(&demand),
+                ProfileChoice::Planned => {
+                    Designed::possible(&demand) || Gaussian::meeting(&demand).is_some()
+                }
+                _ => Self::plan(choice, &demand).is_some(),
+            }
         };
         let (mut low, mut high) = (1e-16f64.ln(), 0.1f64.ln());
         if !met(high.exp()) {
@@ -115,14 +143,26 @@ impl Profile {
         Some(high.exp())
     }
 
-    /// What every profile knows.
-    pub fn shape(&self) -> &dyn Shape {
+    /// What is known of it.
+    pub fn form(&self) -> Form<'_> {
         match self {
-            Self::Gaussian(g) => g,
-            Self::Exponential(g) => g,
-            Self::Smooth(g) => g,
-            Self::LowSomma(g) => g,
-            Self::Acl(g) => g,
+            Self::Designed(g) => Form::Series(g),
+            Self::Gaussian(g) => Form::Transform(g),
+            Self::Exponential(g) => Form::Transform(g),
+            Self::Smooth(g) => Form::Transform(g),
+            Self::LowSomma(g) => Form::Transform(g),
+            Self::Acl(g) => Form::Transform(g),
+        }
+    }
+
+    /// The interval that a window asks for; a designed series ends with its domain.
+    pub fn ends(&self, demand: &Demand, window: &Window) -> [f64; 2] {
+        match self.form() {
+            Form::Transform(shape) => demand.ends(shape, window),
+            Form::Series(_) => {
+                let upper = window.point + demand.reach + demand.decay;
+                [upper - window.period, upper]
+            }
         }
     }
 
@@ -141,6 +181,7 @@ impl Profile {
 impl fmt::Display for Profile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Designed(g) => write!(f, "designed: error {:.1e}", g.error),
             Self::Gaussian(g) => {
                 write!(f, "gaussian: sigma {:.4}, offset {:.4}", g.sigma, g.offset)
             }

@@ -15,6 +15,7 @@ mod shifted;
 use crate::case::{Case, Propagation, PropagatorMethod};
 use crate::communicator::{GhostExchange, Group};
 use crate::error::Result;
+use crate::matrix::blocking::Blocking;
 use crate::matrix::{BlockMatrix, LANES, Lanes};
 use crate::partition::Mesh;
 use crate::plan::{Bounds, Plan, WarpPlan};
@@ -97,8 +98,16 @@ pub struct BatchSpec {
     pub wavenumbers: [f64; LANES],
     /// Relative error that each lane is allowed.
     pub tolerances: [f64; LANES],
-    /// What the plan says a mode takes: applications, or solves of an implicit method; common to the lanes.
-    pub work: usize,
+    /// What the plan says each lane's mode takes: applications (Chebyshev: its degree), or solves of an implicit method; unused
+    /// lanes repeat the last.
+    pub work: [usize; LANES],
+}
+
+impl BatchSpec {
+    /// Most work of a lane.
+    pub fn largest_work(&self) -> usize {
+        self.work.iter().copied().max().unwrap_or(0)
+    }
 }
 
 /// What is known of a propagated batch.
@@ -111,7 +120,8 @@ pub struct BatchReport {
     pub tails: [f64; LANES],
     /// Whether the method keeps the norm.
     pub unitary: bool,
-    /// Applications of `(−iμS + K)`, over the modes of the batch.
+    /// Applications of `(−iμS + K)`, over the modes of the batch: for a Chebyshev series the terms of each mode's own, whatever
+    /// the others take.
     pub applications: usize,
     /// Linear systems solved, over the modes of the batch.
     pub solves: usize,
@@ -168,6 +178,26 @@ pub fn propagator(
     })
 }
 
+/// How the modes of a batch go together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Company {
+    /// Side by side in the lanes, each with the bits it would have alone: a batch takes as long as its longest mode.
+    Independent,
+    /// Side by side, and what one takes is seen in the bits of the others: batches are fixed blocks of neighbours.
+    Coupled,
+    /// One after the other, each with the bits it would have alone: a batch takes as long as its modes together.
+    Sequential,
+}
+
+/// How the modes of a batch go together.
+pub fn company(method: PropagatorMethod) -> Company {
+    match method {
+        PropagatorMethod::Chebyshev => Company::Independent,
+        PropagatorMethod::Krylov => Company::Coupled,
+        PropagatorMethod::CrankNicolson | PropagatorMethod::BackwardEuler => Company::Sequential,
+    }
+}
+
 /// Order in the time step; 0 where the method meets a tolerance by itself.
 pub fn order(method: PropagatorMethod) -> usize {
     match method {
@@ -189,7 +219,7 @@ pub fn steps(propagation: &Propagation, time: f64) -> usize {
     }
 }
 
-/// What a mode takes: applications, or solves of an implicit method.
+/// What a mode takes by itself: applications, or solves of an implicit method.
 pub fn work(
     case: &Case,
     bounds: &Bounds,
@@ -244,8 +274,16 @@ pub fn arrays(case: &Case, bounds: &Bounds, mesh: &Mesh, sizes: &Sizes) -> Vec<(
     let batch = format!("batch of {LANES} modes");
     match case.propagator.method {
         PropagatorMethod::Chebyshev => {
-            let bytes = chebyshev::Chebyshev::BYTES_PER_ROW as u64;
-            vec![(batch, bytes * sizes.length)]
+            let bytes = if case.varies() {
+                commutator_free::CommutatorFree::BYTES_PER_ROW
+            } else {
+                chebyshev::Chebyshev::BYTES_PER_ROW
+            };
+            let order = Blocking::BYTES_PER_ROW as u64;
+            vec![
+                (batch, bytes as u64 * sizes.length),
+                ("order of the blocking".to_owned(), order * sizes.rows),
+            ]
         }
         PropagatorMethod::Krylov => {
             let vectors = krylov::DIMENSION as u64 + 1;

@@ -1,8 +1,10 @@
 //! Reading `u(T)` from the warped field `v(T, p) = e^{−p} u(T)`.
 
 use crate::case::RecoveryMethod;
+use crate::profile::Series;
 use num_complex::Complex64;
 use serde::Serialize;
+use std::f64::consts::TAU;
 
 /// Points of the least-squares reading.
 const POINTS: usize = 9;
@@ -52,6 +54,47 @@ impl Reading {
         };
         at_point * window
     }
+}
+
+/// What parts of the error of `first` its distance to `second` shows, the least and the largest: of the series' own error, for
+/// states whose spectrum of `−ST` is spread over `[from, from + s]`, for some `s` up to `to − from`. A component there is read as the functional
+/// of `g(p + s)`, and should be `e^{−s}`.
+pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 2]) -> [f64; 2] {
+    /// The `s`, besides all, and samples in each.
+    const SPREADS: [f64; 4] = [0.06, 0.6, 6.0, 20.0];
+    const SAMPLES: u32 = 24;
+    /// Angles are whole multiples of this part of a turn, so that long ones keep their digits.
+    const TURN: i64 = 1 << 20;
+    let weights: Vec<[Complex64; 2]> = (0..series.modes())
+        .map(|l| [first, second].map(|r| series.factor(l) * r.of_wave(series.wavenumber(l))))
+        .collect();
+    let errors = |s: f64| {
+        let k = (s / series.period * TURN as f64).round() as i64;
+        let mut read = [-libm::exp(-(k as f64 / TURN as f64 * series.period)); 2];
+        for (l, weight) in (0i64..).zip(&weights) {
+            let turns = ((l * k) & (TURN - 1)) as f64 / TURN as f64;
+            let (sin, cos) = libm::sincos(TAU * turns);
+            for (read, weight) in read.iter_mut().zip(weight) {
+                *read += weight.re * cos - weight.im * sin;
+            }
+        }
+        read
+    };
+    let [a, b, c, d] = SPREADS.map(|spread| spread.min(to - from));
+    let ratios = [a, b, c, d, to - from].map(|spread| {
+        let (mut seen, mut all) = (0.0, 0.0);
+        for i in 0..SAMPLES {
+            let place = (f64::from(i) + 0.5) / f64::from(SAMPLES);
+            let [a, b] = errors(from + place * spread);
+            seen += (a - b) * (a - b);
+            all += a * a;
+        }
+        (seen / all).sqrt()
+    });
+    [
+        ratios.into_iter().fold(f64::INFINITY, f64::min),
+        ratios.into_iter().fold(0.0, f64::max),
+    ]
 }
 
 #[cfg(test)]

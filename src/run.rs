@@ -1,15 +1,17 @@
 //! The driver: a flat list of named, timed steps.
 
+mod solve;
+
 use crate::case::{Case, Delta, Exact, Integrator, Method};
 use crate::characteristics::Tracer;
 use crate::characteristics::sheet::exact_moments;
-use crate::classical::limiter::Reconstruction;
-use crate::classical::{Classical, EXACT, duhamel_panels};
+use crate::classical::Classical;
 use crate::command::report;
-use crate::communicator::{Communicator, GhostExchange, Group, World};
+use crate::communicator::{Communicator, Group, World};
 use crate::compare::{Norms, estimate, include_step_error, moment_errors};
 use crate::error::{Error, Result};
-use crate::matrix::{Lanes, instruction_set, sample, sample_with};
+use crate::matrix::kernel::InstructionSet;
+use crate::matrix::{Lanes, sample, sample_with};
 use crate::observables::{integral, moments};
 use crate::output::provenance::{self, provenance};
 use crate::output::summary::{FieldSummary, Summary};
@@ -21,15 +23,13 @@ use crate::plan::{
 use crate::potential::{StrayEdge, overlooked};
 use crate::problem::Problem;
 use crate::progress::Progress;
-use crate::propagate::commutator_free::CommutatorFree;
-use crate::propagate::{Evolution, Initial, Propagator, propagator};
 use crate::recover::Reading;
 use crate::system;
-use crate::warp;
+use solve::{Solution, integrate, solve};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Seconds by step.
 struct Stopwatch {
@@ -46,6 +46,12 @@ impl Stopwatch {
             started: now,
             last: now,
         }
+    }
+
+    /// `seconds` of what the next lap is about to count were `name`'s.
+    fn part(&mut self, name: &str, seconds: f64) {
+        *self.seconds.entry(name.to_owned()).or_default() += seconds;
+        self.last += Duration::from_secs_f64(seconds);
     }
 
     /// What was done since the last lap took the time since then.
@@ -119,6 +125,9 @@ pub struct Options {
 /// The first error of any rank, the same on all.
 pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> Result<Summary> {
     let mut watch = Stopwatch::start();
+    watch
+        .seconds
+        .insert("start".to_owned(), world.start_seconds);
     let all = world.group();
     let speaks = all.rank() == 0;
 
@@ -148,6 +157,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     let sizes = (width, plan.patience());
     let mut problem = Problem::new(case, &bounds, &communicator, place.block.clone(), sizes)?;
     let bounds = problem.bounds(case, &bounds);
+    watch.part("weights", problem.weight_seconds);
     watch.lap("assemble");
 
     // 3. The exact solution, where one is named: before the run, so that a mistake in it costs no run.
@@ -159,8 +169,9 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     // 4. How far the norm will fall, and the modes that takes.
     if plan.warp.is_some() {
         let ratio = problem.probe(&communicator, bounds.rate, case.end);
-        plan = Plan::with_bounds(case, bounds.clone(), &resources, ratio)?;
         watch.lap("probe");
+        plan = Plan::with_bounds(case, bounds.clone(), &resources, ratio)?;
+        watch.lap("design");
     }
     let planned = plan.warp.as_ref().map_or(&[][..], |w| &w.warnings);
     if speaks {
@@ -172,8 +183,15 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     warnings.extend_from_slice(planned);
     let told = warnings.len();
 
-    // 5. Solve.
+    // 5. Solve; of the fields at the start only the mass is kept.
     let mut summary = Summary::default();
+    let total = |moment: &[f64]| integral(&communicator.world, &case.space, moment);
+    summary.mass_initial = {
+        let initial = std::mem::take(&mut problem.initial);
+        let mine: Vec<&[f64]> = initial.iter().map(|f| &f[place.mine.clone()]).collect();
+        total(&moments(&communicator.world, case, &mine).density)
+    };
+    watch.lap("observables");
     let Solution { fields, plateau } = solve(
         case,
         &plan,
@@ -239,7 +257,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
                 terms,
                 &mut state,
             );
-            let reference = problem.unweighted(&place.mine, &state[place.mine.clone()]);
+            let reference = problem.unweighted(&place.mine, state[place.mine.clone()].to_vec());
             let error = norms(&readings[0]).distance(&reference);
             if error.is_finite() {
                 summary.fields[k].error_semidiscrete = Some(error);
@@ -263,13 +281,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     // 7. Moments and sums.
     let results: Vec<&[f64]> = fields.iter().map(|readings| &readings[0][..]).collect();
     let found = moments(&communicator.world, case, &results);
-    let before: Vec<&[f64]> = (problem.initial.iter())
-        .map(|f| &f[place.mine.clone()])
-        .collect();
-    let before = moments(&communicator.world, case, &before);
-    let total = |moment: &[f64]| integral(&communicator.world, &case.space, moment);
     summary.mass = total(&found.density);
-    summary.mass_initial = total(&before.density);
     summary.kinetic_energy = total(&found.kinetic);
     summary.minimum = summary.fields[0].minimum;
     summary.maximum = summary.fields[0].maximum;
@@ -353,156 +365,6 @@ impl Place {
             ranges,
             block,
         }
-    }
-}
-
-/// What was solved for, on this rank's share.
-struct Solution {
-    /// Every field at `T` by each reading: `[field][reading]`.
-    fields: Vec<Vec<Vec<f64>>>,
-    /// The first field by each reading of the plateau.
-    plateau: Vec<Vec<f64>>,
-}
-
-/// Every field at `T`. Collective.
-fn solve(
-    case: &Case,
-    plan: &Plan,
-    communicator: &Communicator,
-    place: &Place,
-    problem: &mut Problem,
-    summary: &mut Summary,
-) -> Result<Solution> {
-    let speaks = communicator.world.rank() == 0;
-    let Some(warp_plan) = &plan.warp else {
-        let steps = plan.classical_steps;
-        let stages = if case.integrator == Integrator::SspRk3 {
-            3
-        } else {
-            1
-        };
-        let mut fields = Vec::new();
-        for (k, start) in problem.states.iter().enumerate() {
-            let slopes = Reconstruction::new(case, &problem.matrix, k);
-            let slopes = communicator.world.agree(slopes)?;
-            let progress = Progress::new(speaks, "steps", steps);
-            let classical = Classical::of(case, &problem.matrix, &problem.weights.pi)
-                .with_progress(progress)
-                .with_slopes(slopes);
-            let mut state = start.clone();
-            let span = (plan.bounds.rate, case.end);
-            let exchange = &mut problem.exchange;
-            integrate(
-                classical,
-                exchange,
-                case.integrator,
-                span,
-                steps,
-                &mut state,
-            );
-            fields.push(vec![
-                problem.unweighted(&place.mine, &state[place.mine.clone()]),
-            ]);
-        }
-        summary.matvecs = stages * steps * problem.states.len();
-        return Ok(Solution {
-            fields,
-            plateau: Vec::new(),
-        });
-    };
-    let batches = &plan.layout.groups[communicator.modes.rank()];
-    let work = batches.iter().map(|&b| warp_plan.batches[b].work).sum();
-    let mut progress = Progress::new(speaks, "modes", work);
-    let rows = problem.matrix.rows();
-    let initial: Vec<Initial<'_>> = (problem.states.iter())
-        .map(|state| Initial {
-            state: &state[..rows],
-            norm: problem.norm(communicator, state, false),
-        })
-        .collect();
-    let made: Result<Box<dyn Propagator>> = match &problem.schedule {
-        Some(schedule) => Ok(Box::new(CommutatorFree::new(
-            &problem.matrix,
-            warp_plan,
-            schedule,
-        ))),
-        None => propagator(plan, warp_plan, &problem.matrix),
-    };
-    let mut propagator = communicator.world.agree(made)?;
-    let mut system = Evolution {
-        matrix: &problem.matrix,
-        exchange: &mut problem.exchange,
-        space: &communicator.space,
-        rate: plan.bounds.rate,
-        growth: plan.bounds.growth,
-        time: case.end,
-        terms: problem.terms,
-    };
-    let recovered = warp::streamed(
-        communicator,
-        &mut system,
-        (warp_plan, &mut *propagator),
-        batches,
-        &initial,
-        &place.ranges,
-        &mut progress,
-    )?;
-    progress.finish();
-    summary.unitarity_defect = recovered.unitarity_defect;
-    summary.norm_kept = recovered.norm_kept;
-    summary.matvecs = communicator.modes.sum_count(recovered.applications);
-    summary.solves = communicator.modes.sum_count(recovered.solves);
-    let unweighted = |u: &Vec<f64>| problem.unweighted(&place.mine, u);
-    let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.iter())
-        .map(|readings| readings.iter().map(unweighted).collect())
-        .collect();
-    let step_errors = recovered.step_errors.iter().map(unweighted);
-    let velocities = case.space.velocity_cells();
-    summary.step_error = (fields.iter().zip(step_errors))
-        .map(|(readings, error)| {
-            let f = &readings[0];
-            let world = &communicator.world;
-            let norms = Norms {
-                world,
-                velocities,
-                f,
-            };
-            (norms.square(&error) / norms.square(f)).sqrt()
-        })
-        .filter(|e| e.is_finite())
-        .reduce(f64::max);
-    summary.step_beyond = (fields.iter().zip(&recovered.step_beyond))
-        .map(|(readings, beyond)| {
-            let norms = Norms {
-                world: &communicator.world,
-                velocities,
-                f: &readings[0],
-            };
-            beyond / norms.square(&readings[0]).sqrt()
-        })
-        .fold(0.0, f64::max);
-    Ok(Solution {
-        fields,
-        plateau: recovered.plateau.iter().map(unweighted).collect(),
-    })
-}
-
-/// `state ← state(time)` by the classical method. Collective over the space group.
-fn integrate(
-    mut classical: Classical<'_>,
-    exchange: &mut GhostExchange,
-    integrator: Integrator,
-    (rate, time): (f64, f64),
-    steps: usize,
-    state: &mut [f64],
-) {
-    match integrator {
-        Integrator::Exponential if classical.varies() => {
-            let panels = duhamel_panels(rate * time);
-            classical.duhamel(exchange, state, (rate, time), panels);
-        }
-        Integrator::Exponential => classical.exponential(exchange, state, (rate, time), EXACT),
-        _ => classical.steps(exchange, state, integrator, time, steps),
     }
 }
 
@@ -610,7 +472,8 @@ impl Summary {
         self.ranks = world.size();
         self.space_blocks = plan.layout.mesh.space.clone();
         self.mode_groups = plan.layout.mesh.groups;
-        self.instruction_set = instruction_set().to_owned();
+        self.imbalance = plan.warp.as_ref().map(|_| plan.layout.imbalance);
+        self.instruction_set = InstructionSet::here().name().to_owned();
         self.cells = plan.cells;
         self.inflow_unknowns = problem.terms - case.space.space_cells();
         self.modes = plan.warp.as_ref().map_or(0, |w| w.modes);

@@ -41,6 +41,31 @@ pub fn available_memory() -> u64 {
         .fold(free, u64::min)
 }
 
+/// Bytes of the largest cache that a core has to itself: its share of the second level; 1 MiB where the system does not
+/// say.
+pub fn cache_per_core() -> u64 {
+    const USUAL: u64 = 1 << 20;
+    let read = |index: usize, name: &str| {
+        let path = format!("/sys/devices/system/cpu/cpu0/cache/index{index}/{name}");
+        std::fs::read_to_string(path).map_or(String::new(), |text| text.trim().to_owned())
+    };
+    let Some(index) = (0..8).find(|&i| read(i, "level") == "2") else {
+        return USUAL;
+    };
+    let size = read(index, "size");
+    let Some(Ok(kilobytes)) = size.strip_suffix('K').map(str::parse::<u64>) else {
+        return USUAL;
+    };
+    // "0-3,8": the processors that share it.
+    let count = |range: &str| {
+        let mut ends = range.split('-').map(|end| end.parse::<u64>().ok());
+        let first = ends.next().flatten()?;
+        Some(ends.next().flatten().unwrap_or(first).saturating_sub(first) + 1)
+    };
+    let sharing: u64 = (read(index, "shared_cpu_list").split(',').filter_map(count)).sum();
+    kilobytes * 1024 / sharing.max(1)
+}
+
 /// Bytes that a file in `directory` may grow to: what the file system has free and the process's file-size limit allows.
 pub fn room_for_file(directory: &Path) -> u64 {
     let mut room = u64::MAX;

@@ -8,11 +8,13 @@ use phasewarp::matrix::LANES;
 use phasewarp::partition::{Block, Mesh};
 use phasewarp::plan::{Bounds, Plan, Resources};
 use phasewarp::problem::Problem;
+use phasewarp::progress::Progress;
 use phasewarp::propagate::chebyshev::Chebyshev;
 use phasewarp::propagate::commutator_free::CommutatorFree;
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::{BatchSpec, Evolution, Initial, Propagator, propagator};
+use phasewarp::warp;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -60,7 +62,7 @@ fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
     };
     let initial = Initial {
         state: &problem.states[0][..problem.matrix.rows()],
-        norm: 1.0,
+        norm: problem.norm(communicator, &problem.states[0], false),
     };
     let mut system = Evolution {
         matrix: &problem.matrix,
@@ -76,7 +78,7 @@ fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
             modes: LANES,
             wavenumbers: std::array::from_fn(|l| 0.2 * l as f64),
             tolerances: [1e-8; LANES],
-            work,
+            work: [work; LANES],
         };
         let count = allocations(|| {
             let report = propagator.propagate(&mut system, &batch, &initial);
@@ -84,6 +86,28 @@ fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
         });
         assert_eq!(count, 0, "{name}: allocations at degree {work}");
     }
+    // The whole of a run, readings and sums included: as many for one batch as for all.
+    let cells = problem.matrix.block.cells();
+    let batches = &plan.layout.groups[0];
+    assert!(batches.len() > 1, "{name}");
+    let few = [1, batches.len()].map(|count| {
+        allocations(|| {
+            let recovered = warp::streamed(
+                communicator,
+                &mut system,
+                (warp, &mut *propagator),
+                &batches[..count],
+                &[initial],
+                std::slice::from_ref(&(0..cells)),
+                &mut Progress::silent(),
+            );
+            drop(recovered.expect("a unitary run"));
+        })
+    });
+    assert_eq!(
+        few[0], few[1],
+        "{name}: allocations of one batch and of all"
+    );
 }
 
 fn main() {
@@ -119,7 +143,7 @@ fn main() {
             modes: LANES,
             wavenumbers: std::array::from_fn(|l| 0.2 * l as f64),
             tolerances: [1e-8; LANES],
-            work,
+            work: [work; LANES],
         };
         allocations(|| {
             let report = propagator.propagate(&mut system, &batch, &initial);
@@ -170,6 +194,7 @@ fn main() {
     for (name, more) in [
         ("inflow_barrier", "solver.warp.inflow=scalar"),
         ("pulsed_inflow", "solver.tolerance=1e-2"),
+        ("example1", "solver.tolerance=1e-6"),
     ] {
         let path = path.with_file_name(format!("{name}.toml"));
         let set = ["axis.0.x.cells=24", "axis.0.v.cells=17", more].map(str::to_owned);

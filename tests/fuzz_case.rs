@@ -97,6 +97,8 @@ const WORDS: &[&str] = &[
     "verify",
     "[solver.warp]",
     "profile",
+    "\"planned\"",
+    "\"designed\"",
     "\"exponential\"",
     "\"smooth\"",
     "\"low-somma\"",

@@ -17,9 +17,11 @@ use phasewarp::classical::limiter::{Reconstruction, longest_step};
 use phasewarp::classical::{Classical, EXACT, duhamel_panels};
 use phasewarp::communicator::{Communicator, GhostExchange, Group, World};
 use phasewarp::error::Error;
+use phasewarp::matrix::blocking::{Blocking, Shape};
+use phasewarp::matrix::kernel::{self, InstructionSet};
 use phasewarp::matrix::{BlockMatrix, LANES, Lanes, Part, StepConstants};
 use phasewarp::partition::{Block, Mesh, Place, split};
-use phasewarp::plan::{Bounds, INFLOW_GROWTH, Plan, Resources, WarpPlan};
+use phasewarp::plan::{Batch, Bounds, INFLOW_GROWTH, Plan, Resources, WarpPlan};
 use phasewarp::problem::Problem;
 use phasewarp::progress::Progress;
 use phasewarp::propagate::chebyshev::{Chebyshev, Interval, bessel_series};
@@ -27,7 +29,7 @@ use phasewarp::propagate::commutator_free::CommutatorFree;
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::{
-    BatchReport, BatchSpec, Evolution, Initial, Propagator, propagator, work,
+    BatchReport, BatchSpec, Company, Evolution, Initial, Propagator, company, propagator, work,
 };
 use phasewarp::spectrum::{extremes, gershgorin};
 use phasewarp::varying;
@@ -53,7 +55,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 type Check = fn(&World);
 
 /// The checks, by name.
-const CHECKS: [(&str, Check); 24] = [
+const CHECKS: [(&str, Check); 26] = [
     ("number_of_ranks", number_of_ranks),
     ("reductions", reductions),
     ("agreement_on_errors", agreement_on_errors),
@@ -63,6 +65,7 @@ const CHECKS: [(&str, Check); 24] = [
     ("application_of_all_parts", application_of_all_parts),
     ("adjoint", adjoint),
     ("one_step", one_step),
+    ("blocked_steps", blocked_steps),
     ("chebyshev_propagation", chebyshev_propagation),
     ("krylov_propagation", krylov_propagation),
     (
@@ -77,6 +80,7 @@ const CHECKS: [(&str, Check); 24] = [
     ("limited_slopes", limited_slopes),
     ("extreme_eigenvalues", extreme_eigenvalues),
     ("recovered_field", recovered_field),
+    ("modes_in_any_company", modes_in_any_company),
     ("fields_in_one_pass", fields_in_one_pass),
     ("shifted_field", shifted_field),
     ("varying_inflow_directly", varying_inflow_directly),
@@ -1128,7 +1132,7 @@ fn adjoint(world: &World) {
     });
 }
 
-/// `y ← a ((−iμS + K) x + i c x) + y`, `sum ← sum + coefficient · y`.
+/// `y ← a ((−iμS + K) x + i c x) + y + coefficient · start`, the start being real, complex or nothing.
 fn one_step(world: &World) {
     let lane = |l: usize, seed| std::array::from_fn::<f64, LANES, _>(|m| noise(m * 8 + l, seed));
     let constants = StepConstants {
@@ -1153,12 +1157,38 @@ fn one_step(world: &World) {
             list.resize(piece.matrix.length(), Lanes([f64::NAN; 2 * LANES]));
             list
         };
-        let (mut y, mut x, mut sum) = (local(20), local(21), local(22));
-        piece
-            .matrix
-            .step(&mut piece.exchange, &constants, &mut y, &mut x, &mut sum);
+        let (y, mut x, start) = (local(20), local(21), local(22));
+        let rows = piece.matrix.rows();
+        let real: Vec<f64> = (piece.number[..rows].iter())
+            .map(|&i| noise(i, 23))
+            .collect();
+        let nothing: &[()] = &[];
+        let (mut plain, mut from_real, mut from_complex) = (y.clone(), y.clone(), y);
+        let (matrix, exchange) = (&piece.matrix, &mut piece.exchange);
+        matrix.step(exchange, &constants, None, &mut plain, &mut x, nothing);
+        matrix.step(exchange, &constants, None, &mut from_real, &mut x, &real);
+        matrix.step(
+            exchange,
+            &constants,
+            None,
+            &mut from_complex,
+            &mut x,
+            &start,
+        );
         let (s, k) = (twin.generator.symmetric(), twin.generator.skew());
         let scale = twin.generator.largest() * 10.0;
+        // The same to round-off by every instruction set, but for the row that is a sum over all ranks.
+        for set in InstructionSet::all() {
+            let mut other = local(20);
+            let step = kernel::stepper_for(set, matrix, &x);
+            step(matrix, 0..rows, &constants, &mut other, &x, &start);
+            for i in (0..rows).filter(|&i| Some(i) != matrix.shared_row()) {
+                for (a, b) in other[i].0.iter().zip(&from_complex[i].0) {
+                    let near = (a - b).abs() <= 1e-14 * scale;
+                    assert!(near, "{} {mesh:?} {set:?} row {i}: {a} {b}", twin.name);
+                }
+            }
+        }
         for l in 0..LANES {
             let [a, c, mu, coefficient] = [
                 constants.scale[l],
@@ -1171,9 +1201,12 @@ fn one_step(world: &World) {
                 for j in 0..twin.size() {
                     hx += Complex64::new(k.at(i, j), -mu * s.at(i, j)) * complex(j, l, 21);
                 }
-                let expected_y = a * hx + complex(i, l, 20);
-                let expected_sum = coefficient * expected_y + complex(i, l, 22);
-                for (found, expected) in [(&y, expected_y), (&sum, expected_sum)] {
+                let expected = a * hx + complex(i, l, 20);
+                for (found, expected) in [
+                    (&plain, expected),
+                    (&from_real, expected + coefficient * noise(i, 23)),
+                    (&from_complex, expected + coefficient * complex(i, l, 22)),
+                ] {
                     let Lanes(row) = found[local];
                     let found = Complex64::new(row[l], row[LANES + l]);
                     assert!(
@@ -1185,6 +1218,77 @@ fn one_step(world: &World) {
             }
         }
     });
+}
+
+/// Several steps in one trip through memory have the bits of step after step, whatever the shape: strips and ranges that do
+/// not divide, more levels than cells, trips of fewer steps than the blocking is made for; with the inflow of a stage too.
+fn blocked_steps(world: &World) {
+    const LEVELS: usize = 7;
+    let shapes = [
+        (2, 1, 1),
+        (3, 2, 1),
+        (LEVELS, 1, 3),
+        (LEVELS, 3, 2),
+        (LEVELS, 100, 1000),
+    ];
+    let levels: Vec<StepConstants> = (0..LEVELS as u64)
+        .map(|k| {
+            let lane = |seed| std::array::from_fn::<f64, LANES, _>(|l| noise(l, 10 * k + seed));
+            StepConstants {
+                scale: lane(1).map(|a| 0.01 * a),
+                shift: lane(2),
+                wavenumber: lane(3),
+                coefficient: lane(4),
+            }
+        })
+        .collect();
+    let mut blocked = 0;
+    for_every_piece(world, |twin, mesh, piece| {
+        if !Blocking::possible(&piece.matrix) {
+            assert!(piece.matrix.shared_row().is_some());
+            return;
+        }
+        let rows = piece.matrix.rows();
+        let vector = |seed: usize| -> Vec<Lanes> {
+            let row = |i| Lanes(std::array::from_fn(|l| noise(i, (100 * seed + l) as u64)));
+            let mut list: Vec<Lanes> = piece.number[..rows].iter().copied().map(row).collect();
+            list.resize(piece.matrix.length(), Lanes([f64::NAN; 2 * LANES]));
+            list
+        };
+        let start: Vec<f64> = (0..rows).map(|i| noise(i, 5)).collect();
+        let couplings: Vec<f64> = (0..piece.matrix.inflow.len())
+            .map(|m| noise(m, 6))
+            .collect();
+        for couplings in [None, Some(&couplings[..])] {
+            let mut run = |blocking: Option<&Blocking>, steps: usize| {
+                let (mut y, mut x) = (vector(1), vector(2));
+                let (matrix, exchange) = (&piece.matrix, &mut piece.exchange);
+                let vectors = (&mut y, &mut x);
+                let levels = &levels[..steps];
+                matrix.steps(exchange, blocking, levels, couplings, vectors, &start);
+                let bits = |v: &[Lanes]| -> Vec<_> {
+                    v[..rows].iter().map(|r| r.0.map(f64::to_bits)).collect()
+                };
+                (bits(&y), bits(&x))
+            };
+            for (depth, width, parts) in shapes {
+                let shape = Shape {
+                    depth,
+                    width,
+                    parts,
+                };
+                let blocking = Blocking::new(&piece.matrix, &shape);
+                for steps in [depth, depth - 1] {
+                    let same = run(Some(&blocking), steps) == run(None, steps);
+                    assert!(same, "{} {mesh:?} {shape:?}, {steps} steps", twin.name);
+                    blocked += 1;
+                }
+            }
+            // A step fewer is another result, or the test would see nothing.
+            assert!(run(None, LEVELS) != run(None, LEVELS - 2));
+        }
+    });
+    assert!(blocked > 0);
 }
 
 /// Wavenumbers of a batch, from none to more than plans ask for.
@@ -1278,45 +1382,53 @@ fn chebyshev_propagation(world: &World) {
             let reference =
                 reference.get_or_insert_with(|| references(world, &weighted, &WAVENUMBERS, time));
             let Bounds { rate, growth, .. } = weighted.bounds;
-            let degree = |tail: f64| {
+            let degrees = |tail: f64| {
                 let mut series = Vec::new();
-                let degrees = WAVENUMBERS.map(|mu| {
+                WAVENUMBERS.map(|mu| {
                     let tau = Interval::new(mu, rate, growth).half_width * time;
                     bessel_series(&mut series, tau, tail);
                     series.len() - 1
-                });
-                degrees.into_iter().max().unwrap_or(0)
+                })
             };
-            let (whole, cut) = (degree(1e-16), degree(1e-6));
-            let mut chebyshev = Chebyshev::new(&weighted.problem.matrix, whole);
-            for degree in [whole, cut] {
+            let whole = degrees(1e-16).into_iter().max().unwrap_or(0);
+            let matrix = &weighted.problem.matrix;
+            let shape = Shape {
+                depth: 5,
+                width: 2,
+                parts: 2,
+            };
+            let blocking = Blocking::possible(matrix).then(|| Blocking::new(matrix, &shape));
+            let mut chebyshev = Chebyshev::blocked(matrix, whole, None);
+            let mut blocked = Chebyshev::blocked(matrix, whole, blocking);
+            for tolerance in [1e-16, 1e-6] {
+                let work = degrees(tolerance);
                 let batch = BatchSpec {
                     modes: LANES,
                     wavenumbers: WAVENUMBERS,
-                    tolerances: [1e-6; LANES],
-                    work: degree,
+                    tolerances: [tolerance; LANES],
+                    work,
                 };
                 let (report, found, errors) = weighted.propagate(&mut chebyshev, &batch, time);
                 assert!(errors.is_empty() && report.solves == 0);
-                assert_eq!(report.applications, LANES * degree);
+                assert_eq!(report.applications, work.iter().sum::<usize>());
+                let (_, same, _) = weighted.propagate(&mut blocked, &batch, time);
+                assert!(same == found, "{}, {mesh:?}: blocked", twin.name);
                 let full = norm(&weighted.state);
                 for l in 0..LANES {
                     let error = apart(&found[l], &reference[l]) / full;
                     let change = size(&found[l]) / full - 1.0;
                     let tail = report.tails[l];
                     let at = format!(
-                        "{}, {mesh:?}, mu = {}, degree {degree}: error {error:e}, tail {tail:e}, norm {change:e}",
-                        twin.name, WAVENUMBERS[l]
+                        "{}, {mesh:?}, mu = {}, degree {}: error {error:e}, tail {tail:e}, norm {change:e}",
+                        twin.name, WAVENUMBERS[l], work[l]
                     );
                     assert!(
                         error <= 1e-12 + tail && change.abs() <= 1e-12 + tail,
                         "{at}"
                     );
-                    // The series is long enough for all, or just too short for the last.
-                    let long_enough = degree == whole || l + 1 < LANES;
-                    assert!(tail < if long_enough { 1e-7 } else { 1e-6 }, "{at}");
-                    assert!(degree == whole || long_enough || tail > 1e-8, "{at}");
-                    assert!(degree == cut || tail < 1e-14, "{at}");
+                    // Each series is long enough for its lane, and no longer.
+                    assert!(tail <= tolerance * (1.0 + 1e-9) + 1e-15, "{at}");
+                    assert!(tolerance < 1e-9 || tail > 1e-9, "{at}");
                 }
             }
         }
@@ -1346,7 +1458,7 @@ fn krylov_propagation(world: &World) {
                     modes: LANES,
                     wavenumbers: WAVENUMBERS,
                     tolerances: [tolerance; LANES],
-                    work: 0,
+                    work: [0; LANES],
                 };
                 let (report, found, errors) = weighted.propagate(&mut krylov, &batch, time);
                 assert!(errors.is_empty() && report.solves == 0 && report.unitary);
@@ -1393,7 +1505,7 @@ fn orders_of_the_implicit_methods(world: &World) {
                 modes: SLOW.len(),
                 wavenumbers,
                 tolerances: [1e-6; LANES],
-                work: 0,
+                work: [0; LANES],
             };
             for (order, coarse) in [(2, 8), (1, 32)] {
                 let mut runs = Vec::new();
@@ -1443,7 +1555,7 @@ fn long_implicit_steps(world: &World) {
         modes: 3,
         wavenumbers,
         tolerances: [1e-6; LANES],
-        work: 0,
+        work: [0; LANES],
     };
     for twin in Twin::unshared() {
         let mut expected: BTreeMap<(usize, usize), Vec<Complex64>> = BTreeMap::new();
@@ -1875,12 +1987,16 @@ type Recovery = (
 );
 
 /// Profiles, readings and coefficients, with tolerances that each can afford here; propagators.
-const RECOVERIES: [Recovery; 11] = {
+const RECOVERIES: [Recovery; 15] = {
     use Coefficients::{Analytic, Sampled};
-    use ProfileChoice::{Acl, Exponential, Gaussian, LowSomma, Smooth};
+    use ProfileChoice::{Acl, Designed, Exponential, Gaussian, LowSomma, Planned, Smooth};
     use PropagatorMethod::{BackwardEuler, Chebyshev, CrankNicolson, Krylov};
     use RecoveryMethod::{Integral, LeastSquares, Point};
     [
+        (Designed, Point, Analytic, 1e-9, Chebyshev, None),
+        (Designed, Integral, Analytic, 1e-7, Chebyshev, None),
+        (Planned, LeastSquares, Analytic, 1e-6, Chebyshev, None),
+        (Designed, Point, Analytic, 1e-9, Krylov, None),
         (Gaussian, Point, Analytic, 1e-4, Chebyshev, None),
         (Gaussian, Point, Analytic, 1e-9, Chebyshev, None),
         (Gaussian, LeastSquares, Sampled, 1e-6, Chebyshev, None),
@@ -1935,6 +2051,21 @@ fn stream(
     ratio: f64,
     norm: f64,
 ) -> (WarpPlan, Vec<Vec<f64>>) {
+    let own = |plan: &Plan, group: usize| plan.layout.groups[group].clone();
+    let (plan, fields, applications) = stream_in(world, case, mesh, weighted, (ratio, norm), own);
+    assert_eq!(applications, plan.applications);
+    (plan, fields)
+}
+
+/// The same with the batches that `batches` gives each mode group; and the applications it took.
+fn stream_in(
+    world: &World,
+    case: &Case,
+    mesh: &Mesh,
+    weighted: &mut Weighted,
+    (ratio, norm): (f64, f64),
+    batches: impl Fn(&Plan, usize) -> Vec<Batch>,
+) -> (WarpPlan, Vec<Vec<f64>>, usize) {
     let problem = &mut weighted.problem;
     let resources = Resources {
         ranks: world.group().size(),
@@ -1968,18 +2099,17 @@ fn stream(
         &weighted.communicator,
         &mut system,
         (warp_plan, &mut *propagator),
-        &plan.layout.groups[group],
+        &batches(&plan, group),
         &[initial],
         &shares,
         &mut Progress::silent(),
     )
     .expect("a unitary run");
     assert!(recovered.unitarity_defect.unwrap_or(0.0) <= 1.0);
-    let all = weighted
+    let applications = weighted
         .communicator
         .modes
         .sum_count(recovered.applications);
-    assert_eq!(all, warp_plan.applications);
     let fields = recovered.fields[0].iter().map(|field| {
         assert_eq!(field.len(), shares[group].clone().len());
         let entries = shares[group]
@@ -1988,7 +2118,7 @@ fn stream(
             .map(|(i, u)| (weighted.number[i], u / problem.weights.pi[i].sqrt()));
         gather(&world.group(), case.space.cells(), entries)
     });
-    (warp_plan.clone(), fields.collect())
+    (warp_plan.clone(), fields.collect(), applications)
 }
 
 /// The streamed run by every profile and propagator: within its tolerance of `exp(AT) f0`, or as far from it as the
@@ -2069,8 +2199,8 @@ fn recovered_field(world: &World) {
                     &mut Progress::silent(),
                 )
                 .expect("a unitary run");
-                let planned = batches.iter().map(|&b| &warp_plan.batches[b]);
-                let planned: usize = planned.map(|b| b.modes * b.work).sum();
+                let planned = batches.iter().flat_map(|b| &b.modes);
+                let planned: usize = planned.map(|&l| warp_plan.work[l]).sum();
                 let (applications, solves) = (recovered.applications, recovered.solves);
                 match method {
                     Chebyshev => assert_eq!((applications, solves), (planned, 0), "{name}"),
@@ -2136,6 +2266,78 @@ fn recovered_field(world: &World) {
                 let name = format!("the field of {} by {what}", twin.name);
                 report_bits(world, &name, &fields.concat());
             }
+        }
+    }
+}
+
+/// Modes dealt to the groups one by one, in batches of 1 to 8 of no order.
+fn mixed(plan: &Plan, group: usize) -> Vec<Batch> {
+    let (modes, groups) = (
+        plan.warp.as_ref().map_or(0, |w| w.modes),
+        plan.layout.groups.len(),
+    );
+    let mut mine: Vec<usize> = (0..modes).filter(|l| l % groups == group).collect();
+    // Far ones side by side.
+    mine.sort_by_key(|l| (7 * l) % 11);
+    let mut batches = Vec::new();
+    while !mine.is_empty() {
+        let count = (batches.len() % LANES + 1).min(mine.len());
+        let modes: Vec<usize> = mine.drain(..count).collect();
+        batches.push(Batch { modes, cost: 0 });
+    }
+    batches
+}
+
+/// Where the modes of a batch are independent, or go one after the other, the field has the same bits and takes as many
+/// applications whatever modes are together; a Krylov basis, whose dimension is that of the longest, is seen to have others.
+fn modes_in_any_company(world: &World) {
+    let methods = [
+        (PropagatorMethod::Chebyshev, None),
+        (PropagatorMethod::CrankNicolson, Some(5.0)),
+        (PropagatorMethod::Krylov, None),
+    ];
+    for (method, steps) in methods {
+        let mut alike = true;
+        for mut twin in Twin::unshared() {
+            let time = twin.case.end;
+            twin.case.tolerance = 1e-4;
+            twin.case.propagator = Propagation {
+                method,
+                step: steps.map(|n| time / n),
+            };
+            for mesh in meshes(world, &twin.case) {
+                let mut weighted = Weighted::new(world, &twin, &mesh);
+                let size = norm(&weighted.state);
+                let mut run = |batches: fn(&Plan, usize) -> Vec<Batch>| {
+                    let case = &twin.case;
+                    let found = stream_in(world, case, &mesh, &mut weighted, (2.0, size), batches);
+                    let bits = found.1.concat().into_iter().map(f64::to_bits);
+                    (bits.collect::<Vec<u64>>(), found.2)
+                };
+                let planned = run(|plan, group| plan.layout.groups[group].clone());
+                let mixed = run(mixed);
+                let same = planned == mixed;
+                alike &= same;
+                let name = format!("{}, {mesh:?}, {method:?}", twin.name);
+                assert!(same || company(method) == Company::Coupled, "{name}");
+            }
+        }
+        assert_eq!(alike, company(method) != Company::Coupled, "{method:?}");
+    }
+    for scene in Varying::all() {
+        let mut case = scene.twin.case.clone();
+        case.tolerance = 1e-4;
+        for mesh in meshes(world, &case) {
+            let mut weighted = scene.weighted(world, &case, &mesh);
+            let size =
+                (weighted.problem).norm(&weighted.communicator, &weighted.problem.states[0], false);
+            let mut run = |batches: fn(&Plan, usize) -> Vec<Batch>| {
+                let found = stream_in(world, &case, &mesh, &mut weighted, (2.0, size), batches);
+                let bits = found.1.concat().into_iter().map(f64::to_bits);
+                (bits.collect::<Vec<u64>>(), found.2)
+            };
+            let planned = run(|plan, group| plan.layout.groups[group].clone());
+            assert!(run(mixed) == planned, "{}, {mesh:?}", scene.name);
         }
     }
 }
@@ -2261,6 +2463,25 @@ struct Varying {
 }
 
 impl Varying {
+    /// The problem of `case`, one like this scene's, on `mesh`; without a dense twin.
+    fn weighted(&self, world: &World, case: &Case, mesh: &Mesh) -> Weighted {
+        let communicator = Communicator::new(world, mesh);
+        let block = Block::new(&case.space, mesh, communicator.space.rank());
+        let allowed = Bounds::new(case).expect("V is finite");
+        let sizes = (2 * LANES, 100);
+        let problem = Problem::new(case, &allowed, &communicator, block, sizes)
+            .expect("weights and steps are found");
+        Weighted {
+            number: numbers(&self.twin, &problem.matrix),
+            bounds: problem.bounds(case, &allowed),
+            communicator,
+            problem,
+            pi: Vec::new(),
+            generator: Dense::zero(0),
+            state: Vec::new(),
+        }
+    }
+
     fn all() -> Vec<Self> {
         let omega = 3.0;
         let scene = |name, file: &str, formula: &str, overrides: &[&str]| {
@@ -2424,27 +2645,14 @@ fn varying_inflow_by_modes(world: &World) {
             for mesh in meshes(world, &scene.twin.case) {
                 let name = format!("{}, {mesh:?}, {tolerance:e}", scene.name);
                 let twin = &scene.twin;
-                let communicator = Communicator::new(world, &mesh);
-                let block = Block::new(&twin.case.space, &mesh, communicator.space.rank());
-                let allowed = Bounds::new(&twin.case).expect("V is finite");
-                let sizes = (2 * LANES, 100);
-                let mut problem = Problem::new(&twin.case, &allowed, &communicator, block, sizes)
-                    .expect("weights and steps are found");
-                let bounds = problem.bounds(&twin.case, &allowed);
+                let mut weighted = scene.weighted(world, &twin.case, &mesh);
+                let (problem, bounds) = (&mut weighted.problem, &weighted.bounds);
                 let schedule = problem.schedule.as_ref().expect("steps");
                 assert!(schedule.error <= varying::TIME_SHARE * tolerance, "{name}");
                 assert_eq!(bounds.stages, 2 * schedule.steps);
-                let ratio = problem.probe(&communicator, bounds.rate, twin.case.end);
-                let size = problem.norm(&communicator, &problem.states[0], false);
-                let mut weighted = Weighted {
-                    number: numbers(twin, &problem.matrix),
-                    communicator,
-                    problem,
-                    bounds,
-                    pi: Vec::new(),
-                    generator: Dense::zero(0),
-                    state: Vec::new(),
-                };
+                let communicator = &weighted.communicator;
+                let ratio = problem.probe(communicator, bounds.rate, twin.case.end);
+                let size = problem.norm(communicator, &problem.states[0], false);
                 let (_, fields) = stream(world, &twin.case, &mesh, &mut weighted, ratio, size);
                 let error = distance(&fields[0], &scene.expected);
                 assert!(error <= tolerance, "{name}: error {error:e}");

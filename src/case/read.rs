@@ -444,7 +444,7 @@ fn read_inflow(root: &Table<'_>, n: usize, default: &str) -> Result<Inflow> {
 
 /// `[solver.warp]`.
 fn read_warp(table: &Table<'_>) -> Result<Warp> {
-    Ok(Warp {
+    let warp = Warp {
         profile: read_profile(table)?,
         coefficients: table.choice(
             "coefficients",
@@ -475,7 +475,15 @@ fn read_warp(table: &Table<'_>) -> Result<Warp> {
         )?,
         delta: read_delta(table)?,
         shift: read_shift(table)?,
-    })
+    };
+    match warp.by_hand() {
+        Some(key) if warp.profile == ProfileChoice::Designed => Err(table.error(
+            key,
+            "is of profiles that are functions on the line; solver.warp.profile = \"designed\" is a series, known on its domain only: \
+             \"gaussian\", or another, or the key left out",
+        )),
+        _ => Ok(warp),
+    }
 }
 
 /// `delta`: absent, `"max"` or a number.
@@ -553,6 +561,8 @@ fn read_profile(table: &Table<'_>) -> Result<ProfileChoice> {
     /// Largest `alpha` and largest `c`: beyond, the profile is as good as a jump, or read where nothing is left of it.
     const LARGEST: [f64; 2] = [100.0, 16.0];
     let choices = [
+        ("planned", "", ProfileChoice::Planned),
+        ("designed", "", ProfileChoice::Designed),
         ("gaussian", "", ProfileChoice::Gaussian),
         (
             "exponential",
@@ -586,7 +596,7 @@ fn read_profile(table: &Table<'_>) -> Result<ProfileChoice> {
         given => Ok(given),
     };
     Ok(match profile {
-        ProfileChoice::Gaussian => profile,
+        ProfileChoice::Planned | ProfileChoice::Designed | ProfileChoice::Gaussian => profile,
         ProfileChoice::Exponential { alpha } => ProfileChoice::Exponential {
             alpha: number("alpha", 0.01, LARGEST[0])?.unwrap_or(alpha),
         },

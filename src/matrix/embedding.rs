@@ -33,6 +33,7 @@ use crate::case::{Case, Delta, Field, MOST_FIELDS};
 use crate::communicator::{GhostExchange, Group};
 use crate::plan::INFLOW_GROWTH;
 use crate::scheme::Row;
+use std::ops::Range;
 
 /// A row with an auxiliary unknown, its own or the common one.
 #[derive(Clone, Copy, Debug)]
@@ -244,32 +245,28 @@ impl BlockMatrix {
         list.iter().map(own).chain(common)
     }
 
-    /// What `couplings` add to a step. Collective over the space group.
+    /// What couplings that are no entries of the matrix add to a step of the rows `range` of [`inflow`](Self::inflow) and of
+    /// their auxiliary unknowns, but for a common one.
     pub(super) fn step_couplings(
         &self,
-        exchange: &GhostExchange,
         constants: &StepConstants,
-        couplings: &[f64],
+        (range, couplings): (Range<usize>, &[f64]),
         y: &mut [Lanes],
         x: &[Lanes],
-        sum: &mut [Lanes],
     ) {
         let cells = self.block.cells();
-        for (m, (aux, coupling)) in self.inflow.iter().zip(couplings).enumerate() {
-            let (i, half) = (aux.row as usize, 0.5 * coupling);
+        for (m, coupling) in range.zip(couplings) {
+            let (i, half) = (self.inflow[m].row as usize, 0.5 * coupling);
             let r = if self.shared { cells } else { cells + m };
-            add_coupled(constants, 1.0, half, &x[r].0, &mut y[i].0, &mut sum[i].0);
+            add_coupled(constants, 1.0, half, &x[r].0, &mut y[i].0);
             if !self.shared {
-                add_coupled(constants, -1.0, half, &x[i].0, &mut y[r].0, &mut sum[r].0);
+                add_coupled(constants, -1.0, half, &x[i].0, &mut y[r].0);
             }
-        }
-        if self.shared {
-            self.step_shared(exchange, constants, couplings.iter().copied(), y, x, sum);
         }
     }
 
     /// The common auxiliary unknown's part of a step: `y_r ← a(−iμ − 1) ½ Σ κ_i x_i + y_r`, the rest of its row being
-    /// done; `sum` accordingly. Collective over the space group.
+    /// done. Collective over the space group.
     pub(super) fn step_shared(
         &self,
         exchange: &GhostExchange,
@@ -277,17 +274,16 @@ impl BlockMatrix {
         couplings: impl Iterator<Item = f64> + Clone,
         y: &mut [Lanes],
         x: &[Lanes],
-        sum: &mut [Lanes],
     ) {
         let share = |(aux, coupling): (&Inflow, f64)| x[aux.row as usize].0.map(|x| coupling * x);
         let terms = self.inflow.iter().zip(couplings).map(share);
         let total: [f64; 2 * LANES] = exchange.group().sum_lanes(self.inflow_rows, terms);
         let row = self.block.cells();
-        add_coupled(constants, -1.0, 0.5, &total, &mut y[row].0, &mut sum[row].0);
+        add_coupled(constants, -1.0, 0.5, &total, &mut y[row].0);
     }
 }
 
-/// `y ← a(−iμ + sign) half x + y`, `sum ← sum + coefficient · (what was added)`: an entry `s = half`, `k = sign · half`.
+/// `y ← a(−iμ + sign) half x + y`: an entry `s = half`, `k = sign · half`.
 #[inline(always)]
 fn add_coupled(
     constants: &StepConstants,
@@ -295,15 +291,11 @@ fn add_coupled(
     half: f64,
     x: &[f64; 2 * LANES],
     y: &mut [f64; 2 * LANES],
-    sum: &mut [f64; 2 * LANES],
 ) {
     for l in 0..LANES {
         let (mu, a) = (constants.wavenumber[l], half * constants.scale[l]);
         let (re, im) = (x[l], x[LANES + l]);
-        let added = [a * (mu * im + sign * re), a * (sign * im - mu * re)];
-        for (part, added) in [(l, added[0]), (LANES + l, added[1])] {
-            y[part] += added;
-            sum[part] += constants.coefficient[l] * added;
-        }
+        y[l] += a * (mu * im + sign * re);
+        y[LANES + l] += a * (sign * im - mu * re);
     }
 }

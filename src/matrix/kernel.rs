@@ -1,9 +1,10 @@
 //! The inner loop: one step of a Chebyshev or Lanczos recurrence for a batch of modes, in one pass over the matrix.
 //!
 //! ```text
-//! y   ← a ((−iμ S + K) x + i c x) + y        per lane: a = scale, c = shift, μ = wavenumber
-//! sum ← sum + coefficient · y               where the step adds up a series
+//! y ← a ((−iμ S + K) x + i c x) + y + coefficient · start        per lane: a = scale, c = shift, μ = wavenumber
 //! ```
+//!
+//! where `start` is what a series is of: a real vector that the lanes share, a vector for each lane, or nothing.
 //!
 //! Vectors are `[row][re: B lanes][im: B lanes]`: every operation is vertical over modes. The same loop is compiled
 //! three times, for AVX-512, for AVX2 with FMA and for any processor; which one runs is decided once at start.
@@ -11,6 +12,7 @@
 use super::BlockMatrix;
 use crate::communicator::VectorRow;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 /// Modes in a batch, `B`.
 pub const LANES: usize = 8;
@@ -45,8 +47,57 @@ pub struct StepConstants {
     pub shift: [f64; LANES],
     /// `μ`.
     pub wavenumber: [f64; LANES],
-    /// What of the new vector is added to the sum.
+    /// What of the start is added.
     pub coefficient: [f64; LANES],
+}
+
+/// A row of the vector that a series is of.
+pub trait StartRow: Copy {
+    /// Adds `coefficient` times row `i` of `start` to `out`.
+    fn add<const FMA: bool>(
+        start: &[Self],
+        i: usize,
+        coefficient: &[f64; LANES],
+        out: &mut [f64; 2 * LANES],
+    );
+}
+
+/// Nothing is added.
+impl StartRow for () {
+    #[inline(always)]
+    fn add<const FMA: bool>(_: &[Self], _: usize, _: &[f64; LANES], _: &mut [f64; 2 * LANES]) {}
+}
+
+/// A real vector, the same in every lane.
+impl StartRow for f64 {
+    #[inline(always)]
+    fn add<const FMA: bool>(
+        start: &[Self],
+        i: usize,
+        coefficient: &[f64; LANES],
+        out: &mut [f64; 2 * LANES],
+    ) {
+        let value = start[i];
+        for l in 0..LANES {
+            out[l] = multiply_add::<FMA>(coefficient[l], value, out[l]);
+        }
+    }
+}
+
+/// A complex vector a lane.
+impl StartRow for Lanes {
+    #[inline(always)]
+    fn add<const FMA: bool>(
+        start: &[Self],
+        i: usize,
+        coefficient: &[f64; LANES],
+        out: &mut [f64; 2 * LANES],
+    ) {
+        let Lanes(value) = &start[i];
+        for part in 0..2 * LANES {
+            out[part] = multiply_add::<FMA>(coefficient[part % LANES], value[part], out[part]);
+        }
+    }
 }
 
 #[inline(always)]
@@ -54,33 +105,29 @@ fn multiply_add<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
     if FMA { a.mul_add(b, c) } else { a * b + c }
 }
 
-/// The loop over rows. `FMA` only where the processor has it: elsewhere `mul_add` is a slow library call. Without `SUM`
-/// nothing is added up, and `sum` may be empty.
+/// The loop over rows. `FMA` only where the processor has it: elsewhere `mul_add` is a slow library call.
 #[inline(always)]
-fn step_rows<const FMA: bool, const SUM: bool>(
+fn step_rows<const FMA: bool, R: StartRow>(
     matrix: &BlockMatrix,
     rows: Range<usize>,
     constants: &StepConstants,
     y: &mut [Lanes],
     x: &[Lanes],
-    sum: &mut [Lanes],
+    start: &[R],
 ) {
-    for i in rows {
-        // Re and Im of S x and K x.
-        let (mut sr, mut si) = ([0.0; LANES], [0.0; LANES]);
-        let (mut kr, mut ki) = ([0.0; LANES], [0.0; LANES]);
+    let vectors = y[rows.clone()].iter_mut().zip(&x[rows.clone()]);
+    for (i, (Lanes(out), Lanes(own))) in rows.zip(vectors) {
+        // S x and K x.
+        let (mut sx, mut kx) = ([0.0; 2 * LANES], [0.0; 2 * LANES]);
         for (column, s, k) in matrix.rows.row(i) {
-            // SAFETY: every column is below the length of the matrix, see `BlockMatrix::new`, which `step` asserts `x` has.
-            let value = unsafe { &x.get_unchecked(column).0 };
-            for l in 0..LANES {
-                sr[l] = multiply_add::<FMA>(s, value[l], sr[l]);
-                si[l] = multiply_add::<FMA>(s, value[LANES + l], si[l]);
-                kr[l] = multiply_add::<FMA>(k, value[l], kr[l]);
-                ki[l] = multiply_add::<FMA>(k, value[LANES + l], ki[l]);
+            // SAFETY: every column is below the length of the matrix, see `BlockMatrix::new`, which `stepper` asserts `x` has.
+            let Lanes(value) = unsafe { x.get_unchecked(column) };
+            for part in 0..2 * LANES {
+                sx[part] = multiply_add::<FMA>(s, value[part], sx[part]);
+                kx[part] = multiply_add::<FMA>(k, value[part], kx[part]);
             }
         }
-        let own = &x[i].0;
-        let out = &mut y[i].0;
+        let mut new = *out;
         for l in 0..LANES {
             let (a, c, mu) = (
                 constants.scale[l],
@@ -88,91 +135,124 @@ fn step_rows<const FMA: bool, const SUM: bool>(
                 constants.wavenumber[l],
             );
             // (−iμ S + K + ic)(re + i im) = (μ S im + K re − c im) + i(−μ S re + K im + c re)
-            let re = multiply_add::<FMA>(mu, si[l], kr[l]);
-            let im = multiply_add::<FMA>(-mu, sr[l], ki[l]);
+            let re = multiply_add::<FMA>(mu, sx[LANES + l], kx[l]);
+            let im = multiply_add::<FMA>(-mu, sx[l], kx[LANES + l]);
             let re = multiply_add::<FMA>(-c, own[LANES + l], re);
             let im = multiply_add::<FMA>(c, own[l], im);
-            let re = multiply_add::<FMA>(a, re, out[l]);
-            let im = multiply_add::<FMA>(a, im, out[LANES + l]);
-            out[l] = re;
-            out[LANES + l] = im;
+            new[l] = multiply_add::<FMA>(a, re, new[l]);
+            new[LANES + l] = multiply_add::<FMA>(a, im, new[LANES + l]);
         }
-        if SUM {
-            let total = &mut sum[i].0;
-            for l in 0..LANES {
-                let coefficient = constants.coefficient[l];
-                total[l] = multiply_add::<FMA>(coefficient, out[l], total[l]);
-                total[LANES + l] =
-                    multiply_add::<FMA>(coefficient, out[LANES + l], total[LANES + l]);
-            }
-        }
+        R::add::<FMA>(start, i, &constants.coefficient, &mut new);
+        *out = new;
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
-fn step_avx512<const SUM: bool>(
+fn step_avx512<R: StartRow>(
     matrix: &BlockMatrix,
     rows: Range<usize>,
     constants: &StepConstants,
     y: &mut [Lanes],
     x: &[Lanes],
-    sum: &mut [Lanes],
+    start: &[R],
 ) {
-    step_rows::<true, SUM>(matrix, rows, constants, y, x, sum);
+    step_rows::<true, R>(matrix, rows, constants, y, x, start);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn step_avx2<const SUM: bool>(
+fn step_avx2<R: StartRow>(
     matrix: &BlockMatrix,
     rows: Range<usize>,
     constants: &StepConstants,
     y: &mut [Lanes],
     x: &[Lanes],
-    sum: &mut [Lanes],
+    start: &[R],
 ) {
-    step_rows::<true, SUM>(matrix, rows, constants, y, x, sum);
+    step_rows::<true, R>(matrix, rows, constants, y, x, start);
 }
 
-/// Name of the instruction set the loop runs with here.
-pub fn instruction_set() -> &'static str {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if std::is_x86_feature_detected!("avx512f") {
-            return "avx512";
-        }
-        if std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma") {
-            return "avx2";
+/// What the loop is compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InstructionSet {
+    /// AVX-512.
+    Avx512,
+    /// AVX2 with fused multiply-add.
+    Avx2,
+    /// What every processor of the architecture has.
+    Generic,
+}
+
+impl InstructionSet {
+    /// The best that this processor has; asked once.
+    pub fn here() -> Self {
+        static HERE: OnceLock<InstructionSet> = OnceLock::new();
+        *HERE.get_or_init(|| Self::all().next().unwrap_or(Self::Generic))
+    }
+
+    /// All that this processor has, the best first.
+    pub fn all() -> impl Iterator<Item = Self> {
+        [Self::Avx512, Self::Avx2, Self::Generic]
+            .into_iter()
+            .filter(|set| set.is_here())
+    }
+
+    fn is_here(self) -> bool {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => std::is_x86_feature_detected!("avx512f"),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => {
+                std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma")
+            }
+            Self::Generic => true,
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => false,
         }
     }
-    if cfg!(target_arch = "aarch64") {
-        "neon"
-    } else {
-        "generic"
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Avx512 => "avx512",
+            Self::Avx2 => "avx2",
+            Self::Generic if cfg!(target_arch = "aarch64") => "neon",
+            Self::Generic => "generic",
+        }
     }
 }
 
-/// Steps the rows of `runs`; without `SUM` nothing is added to `sum`, which may be empty.
-pub fn step<const SUM: bool>(
+/// The loop over some rows: matrix, rows, constants, `y`, `x`, start.
+pub type Stepper<R> = fn(&BlockMatrix, Range<usize>, &StepConstants, &mut [Lanes], &[Lanes], &[R]);
+
+/// The loop for `matrix` and vectors as long as `x`, for this processor.
+pub fn stepper<R: StartRow>(matrix: &BlockMatrix, x: &[Lanes]) -> Stepper<R> {
+    stepper_for(InstructionSet::here(), matrix, x)
+}
+
+/// The loop for a given instruction set.
+///
+/// # Panics
+/// Where the processor does not have it.
+pub fn stepper_for<R: StartRow>(
+    set: InstructionSet,
     matrix: &BlockMatrix,
-    runs: &[Range<usize>],
-    constants: &StepConstants,
-    y: &mut [Lanes],
     x: &[Lanes],
-    sum: &mut [Lanes],
-) {
+) -> Stepper<R> {
     assert!(x.len() == matrix.length(), "vector and matrix do not fit");
-    for rows in runs.iter().cloned() {
+    assert!(set.is_here(), "{set:?} is not there");
+    match set {
+        // SAFETY: the processor was asked.
         #[cfg(target_arch = "x86_64")]
-        match instruction_set() {
-            // SAFETY: the processor was asked.
-            "avx512" => unsafe { step_avx512::<SUM>(matrix, rows, constants, y, x, sum) },
-            "avx2" => unsafe { step_avx2::<SUM>(matrix, rows, constants, y, x, sum) },
-            _ => step_rows::<false, SUM>(matrix, rows, constants, y, x, sum),
-        }
+        InstructionSet::Avx512 => |matrix, rows, constants, y, x, start| unsafe {
+            step_avx512(matrix, rows, constants, y, x, start)
+        },
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx2 => |matrix, rows, constants, y, x, start| unsafe {
+            step_avx2(matrix, rows, constants, y, x, start)
+        },
         // Every aarch64 processor has fused multiply-add.
-        #[cfg(not(target_arch = "x86_64"))]
-        step_rows::<{ cfg!(target_arch = "aarch64") }, SUM>(matrix, rows, constants, y, x, sum);
+        _ => step_rows::<{ cfg!(target_arch = "aarch64") }, R>,
     }
 }

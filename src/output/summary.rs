@@ -39,7 +39,8 @@ pub struct Summary {
     pub wall_seconds: f64,
     /// Seconds of propagation and recovery.
     pub solve_seconds: f64,
-    /// Seconds by step of the run.
+    /// Seconds by step of the run: `start` (of MPI, before the program's work), `plan`, `assemble`, `weights`, `exact`, `probe`,
+    /// `design` (of the profile), `solve`, `verify`, `observables` (the error estimate included), `write`.
     pub seconds: BTreeMap<String, f64>,
     /// Number of ranks.
     pub ranks: usize,
@@ -47,6 +48,10 @@ pub struct Summary {
     pub space_blocks: Vec<usize>,
     /// Process mesh: mode groups.
     pub mode_groups: usize,
+    /// Largest and mean modelled cost of a mode group, as a ratio.
+    pub imbalance: Option<f64>,
+    /// Seconds that the ranks took for their modes, the fewest and the most: how even the groups were.
+    pub group_seconds: Option<[f64; 2]>,
     /// Instruction set of the inner loop.
     pub instruction_set: String,
     /// Unknowns.
@@ -55,7 +60,7 @@ pub struct Summary {
     pub inflow_unknowns: usize,
     /// Modes propagated (l ≥ 0).
     pub modes: usize,
-    /// Applications of `(−iμS + K)`, over all modes; for the classical method, of `A`.
+    /// Applications of `(−iμS + K)`, over all modes, each with those of its own series; for the classical method, of `A`.
     pub matvecs: usize,
     /// Linear systems solved by an implicit propagator, over all modes.
     pub solves: usize,

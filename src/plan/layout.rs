@@ -1,5 +1,6 @@
 //! Who computes what, and in how much memory: the process mesh of least modelled cost that fits.
 
+use super::balance::{self, Batch};
 use super::{Bounds, WarpPlan};
 use crate::case::{Case, Data, Embedding, Exact, Limiter, Method};
 use crate::characteristics::sheet::curve_points;
@@ -16,13 +17,18 @@ const PROGRAM_BYTES: u64 = 28 << 20;
 /// What HDF5 takes for each chunk of a dataset while it is written, whatever is in it.
 const CHUNK_BYTES: u64 = 5 << 10;
 
+/// What an exchange takes, in rows of a step: a round of messages, and a ghost that is packed, sent and unpacked. Measured
+/// within a node (docs/performance.md): 4 µs and 40 ns beside 7 to 20 ns a row.
+const ROWS_A_ROUND: f64 = 300.0;
+const ROWS_A_GHOST: f64 = 3.0;
+
 /// Who computes it, and in how much memory.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Layout {
     /// The process mesh.
     pub mesh: Mesh,
-    /// Mode batches by group: `groups[g]` lists indices of batches.
-    pub groups: Vec<Vec<usize>>,
+    /// The batches of each mode group, longest first.
+    pub groups: Vec<Vec<Batch>>,
     /// Largest and mean modelled cost of a group, as a ratio.
     pub imbalance: f64,
     /// Bytes by array, on the fullest rank.
@@ -57,7 +63,7 @@ pub fn refuse_hopeless(case: &Case, resources: &Resources) -> Result<()> {
         0.0
     };
     let bytes_per_cell = match case.method {
-        Method::Schrodingerized => 500.0,
+        Method::Schrodingerized => 320.0,
         Method::Classical => 120.0,
     };
     let needed = bytes_per_cell * case.space.cells() as f64 / ranks as f64
@@ -117,20 +123,11 @@ impl Layout {
     }
 
     fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: Mesh) -> Self {
-        // Longest batch first, each to the group with least to do.
-        let costs: Vec<usize> =
-            warp.map_or(Vec::new(), |w| w.batches.iter().map(|b| b.work).collect());
-        let mut order: Vec<usize> = (0..costs.len()).collect();
-        order.sort_by_key(|&b| (std::cmp::Reverse(costs[b]), b));
-        let mut groups = vec![Vec::new(); mesh.groups];
-        let mut load = vec![0usize; mesh.groups];
-        for b in order {
-            let lightest = (0..load.len()).min_by_key(|&g| (load[g], g)).unwrap_or(0);
-            load[lightest] += costs[b];
-            groups[lightest].push(b);
-        }
-        let (most, sum): (usize, usize) =
-            (load.iter().copied().max().unwrap_or(0), load.iter().sum());
+        let work = warp.map_or(&[][..], |w| &w.work);
+        let company = propagate::company(case.propagator.method);
+        let groups = balance::share_out(work, company, mesh.groups);
+        let costs = groups.iter().map(|group| balance::cost(group));
+        let (most, sum) = (costs.clone().max().unwrap_or(0), costs.sum::<usize>());
         let imbalance = if sum == 0 {
             1.0
         } else {
@@ -145,22 +142,21 @@ impl Layout {
         }
     }
 
-    /// Modelled time, in applications of a batch on the whole grid.
+    /// Modelled time of the slowest group, in applications of a mode on the whole grid.
     fn cost(&self, case: &Case, warp: Option<&WarpPlan>) -> f64 {
-        let total: f64 = warp.map_or(1.0, |w| w.batches.iter().map(|b| b.work as f64).sum());
-        let group = if warp.is_some() {
-            total * self.imbalance / self.mesh.groups as f64
-        } else {
-            total
+        let costs = self.groups.iter().map(|group| balance::cost(group));
+        let group = match warp {
+            Some(_) => costs.max().unwrap_or(0) as f64,
+            None => 1.0,
         };
         let fullest = Block::new(&case.space, &self.mesh, 0);
-        // Ghost rows are packed, sent and unpacked: about the work of two rows each, and a round of latency.
-        let rows = fullest.cells() as f64 + 2.0 * fullest.ghosts() as f64;
-        let splitting = match self.mesh.blocks() {
-            1 => 1.0,
-            _ if warp.is_some() => 1.02 * cost_of_splitting(case.propagator.method),
-            _ => 1.02,
-        };
+        let (mut rows, mut splitting) = (fullest.cells() as f64, 1.0);
+        if self.mesh.blocks() > 1 {
+            rows += ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts() as f64;
+            if warp.is_some() {
+                splitting = cost_of_splitting(case.propagator.method);
+            }
+        }
         group * splitting * rows / case.space.cells() as f64
     }
 
@@ -299,12 +295,11 @@ fn arrays(
     let length = rows + ghosts;
     let force = u64::from(bounds.rate > transport_rate(&case.space));
     let entries = rows * (1 + 2 * n + 2 * n * force);
-    // Rows that repeat are stored once. Where nothing but a cell's velocity and the ends tell rows apart, it is known how many.
-    let differs = force > 0 || bounds.jumps;
-    let distinct = if differs {
-        rows
-    } else {
-        rows.min(velocities * 3u64.pow(n as u32) + 2 * inflow)
+    // Rows that repeat are stored once: those of cells of a kind whose neighbours are of a kind. Weights differ from cell to cell.
+    let around = bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32);
+    let distinct = match bounds.weighted {
+        true => rows,
+        false => rows.min(velocities * around + 2 * inflow),
     };
     let mut list = vec![
         ("program and libraries".to_owned(), PROGRAM_BYTES),
@@ -313,8 +308,8 @@ fn arrays(
             4 * rows + (20 * entries + 8 * rows) / rows * distinct,
         ),
         (
-            "fields, weights, probe".to_owned(),
-            8 * (3 + 3 * case.fields.len() as u64) * length,
+            "states, weights".to_owned(),
+            8 * (1 + case.fields.len() as u64) * length,
         ),
     ];
     let chunks = case.storage.most_chunks(&case.space) as u64;
@@ -335,14 +330,21 @@ fn arrays(
             entries,
         };
         list.extend(propagate::arrays(case, bounds, mesh, &sizes));
-        let points = (warp.readings.len() * case.fields.len() + warp.plateau.len()) as u64;
-        list.push(("recovery sums".to_owned(), (16 + 8) * points * cells));
-        if propagate::order(case.propagator.method) > 0 {
-            let bytes = (16 + 8) * case.fields.len() as u64 * cells;
-            list.push(("sums of the step's error".to_owned(), bytes));
-        }
+        // Sums of one field at a time, on the block; fields, on a rank's share of it.
+        let fields = case.fields.len() as u64;
+        let (readings, plateau) = (warp.readings.len() as u64, warp.plateau.len() as u64);
+        let steps = u64::from(propagate::order(case.propagator.method) > 0);
+        let layers = case.space.x[0].cells.div_ceil(mesh.space[0]);
+        let share = cells / layers as u64 * layers.div_ceil(mesh.groups) as u64;
+        let sums = 16 * (readings + plateau + steps) * cells;
+        list.push(("recovery sums".to_owned(), sums));
+        let recovered = 8 * ((readings + steps) * fields + plateau) * share;
+        list.push(("recovered fields".to_owned(), recovered));
         list.push(("ghost exchange".to_owned(), 2 * 128 * ghosts));
     } else {
+        // Initial values and results beside the vectors of the integrator.
+        let fields = case.fields.len() as u64;
+        list.push(("fields".to_owned(), 8 * 2 * fields * cells));
         list.push(("integrator".to_owned(), 8 * 4 * length));
         if case.limiter != Limiter::None {
             // One slope an unknown, two neighbours a space cell and axis; faces at the box's ends and at about as many jumps.
@@ -382,5 +384,45 @@ pub fn bytes_text(bytes: u64) -> String {
         format!("{bytes} B")
     } else {
         format!("{value:.1} {}", UNITS[unit])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::Plan;
+
+    #[test]
+    fn ranks_are_kept_busy_whatever_the_number_of_modes() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/example1.toml");
+        let case = Case::load(&path, &[]).expect("a case of the repository");
+        let one = Resources {
+            ranks: 1,
+            ..Resources::default()
+        };
+        let plan = Plan::new(&case, &one, 1.15).expect("a plan");
+        let planned = plan.warp.as_ref().expect("a schrodingerized run");
+        for modes in [13, 17, 19, 28, 43, 47, 60, 77] {
+            let mut warp = planned.clone();
+            warp.work.truncate(modes);
+            let layout = |ranks: usize| {
+                let resources = Resources {
+                    ranks,
+                    ..Resources::default()
+                };
+                let layout = Layout::new(&case, &plan.bounds, Some(&warp), &resources);
+                layout.expect("a layout")
+            };
+            let alone = layout(1).cost(&case, Some(&warp));
+            // By the model of batches and ghosts: whole batches, or blocks of space, whatever is faster.
+            for (ranks, least) in [(2, 0.91), (3, 0.84), (4, 0.78)] {
+                let found = layout(ranks);
+                let efficiency = alone / found.cost(&case, Some(&warp)) / ranks as f64;
+                let at = format!("{modes} modes, {:?}: {efficiency}", found.mesh);
+                assert!((least..=1.0).contains(&efficiency), "{at}");
+                let even = modes < 28 || ranks == 3 || found.imbalance <= 1.05;
+                assert!(even, "{at}, imbalance {}", found.imbalance);
+            }
+        }
     }
 }

@@ -3,8 +3,8 @@
 use super::Bounds;
 use crate::case::{Case, Coefficients, LARGEST_TOLERANCE, RecoveryMethod, Warp};
 use crate::error::{Error, Result};
-use crate::profile::{Demand, Profile, Series, Shape, Window};
-use crate::recover::Reading;
+use crate::profile::{Demand, Form, Profile, Series, Shape, Window};
+use crate::recover::{Reading, shown};
 use std::f64::consts::PI;
 
 /// Distance in `p` of the second recovery point from the first.
@@ -39,14 +39,63 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     let warp = &case.warp;
     let mut warnings = Vec::new();
     let demand = demand(case, bounds, ratio);
-    let (profile, window) = match Profile::plan(warp.profile, &demand) {
+    let (profile, window) = match Profile::plan(warp.choice(), &demand) {
         Some(planned) => planned,
         None => relaxed(case, bounds, ratio, &demand, &mut warnings)?,
     };
-    let shape = profile.shape();
+    let (series, interval) = match profile.form() {
+        Form::Series(g) => (g.series.clone(), profile.ends(&demand, &window)),
+        Form::Transform(shape) => {
+            let planned = (&profile, shape, &window);
+            transformed(case, &demand, planned, &mut warnings)?
+        }
+    };
+    if window.distance < -1e-9 && warp.recovery.is_some() {
+        warnings.push(format!(
+            "solver.warp.recovery = {} is below {:.4}, which growth x time = {:.4} asks for: \
+             where S grows that much, what is read there comes from where the profile is not exp(-p)",
+            window.point,
+            window.point - window.distance,
+            demand.growth
+        ));
+    }
+    // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p = p◇ + σT.
+    let shift = shift(case, bounds);
+    let (readings, seen) = match profile.form() {
+        _ if case.recovery_points < 2 => (readings(case, &window, interval, 0.0), 1.0),
+        Form::Transform(_) => {
+            let readings = readings(case, &window, interval, SECOND_POINT);
+            let apart = readings[1].point - window.point;
+            let seen = profile.seen(window.point, apart);
+            (readings, seen)
+        }
+        Form::Series(_) => {
+            let at = |apart| readings(case, &window, interval, apart);
+            most_alike(&series, [shift, demand.decay], at)
+        }
+    };
+    Ok(Placement {
+        seen,
+        plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
+        profile,
+        series,
+        interval,
+        readings: moved(readings, shift),
+        warnings,
+    })
+}
+
+/// The series of a profile that is known on the line, and its interval: planned, but for what is given by hand.
+fn transformed(
+    case: &Case,
+    demand: &Demand,
+    (profile, shape, window): (&Profile, &dyn Shape, &Window),
+    warnings: &mut Vec<String>,
+) -> Result<(Series, [f64; 2])> {
+    let warp = &case.warp;
     let interval = match warp.interval {
         Some(interval) => interval,
-        None => demand.ends(shape, &window),
+        None => demand.ends(shape, window),
     };
     let fixed = warp.interval.is_some() || demand.sampled;
     let period = if fixed {
@@ -79,34 +128,9 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
         }
     };
     if let Some(points) = warp.points {
-        warnings.extend(too_few(&demand, shape, &window, period, points));
+        warnings.extend(too_few(demand, shape, window, period, points));
     }
-    if window.distance < -1e-9 && warp.recovery.is_some() {
-        warnings.push(format!(
-            "solver.warp.recovery = {} is below {:.4}, which growth x time = {:.4} asks for: \
-             where S grows that much, what is read there comes from where the profile is not exp(-p)",
-            window.point,
-            window.point - window.distance,
-            demand.growth
-        ));
-    }
-    let readings = readings(case, &window, interval);
-    // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p = p◇ + σT.
-    let shift = shift(case, bounds);
-    let apart = readings.last().map_or(0.0, |r| r.point - window.point);
-    Ok(Placement {
-        seen: if apart > 0.0 {
-            profile.seen(window.point, apart)
-        } else {
-            1.0
-        },
-        plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
-        profile,
-        series,
-        interval,
-        readings: moved(readings, shift),
-        warnings,
-    })
+    Ok((series, interval))
 }
 
 /// `σT` of the spectral shift.
@@ -122,7 +146,7 @@ fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
     let shift = shift(case, bounds);
     let growth = (bounds.growth * time - shift).max(0.0);
     let decay = bounds.decay * time + shift;
-    let tolerance = case.tolerance / ratio * (-shift.max(0.0)).exp();
+    let tolerance = case.tolerance / ratio * libm::exp(-shift.max(0.0));
     let width = width(warp);
     let second = if case.recovery_points > 1 {
         SECOND_POINT
@@ -160,7 +184,7 @@ fn relaxed(
     demand: &Demand,
     warnings: &mut Vec<String>,
 ) -> Result<(Profile, Window)> {
-    let choice = case.warp.profile;
+    let choice = case.warp.choice();
     let growth = demand.growth;
     let open = Demand {
         interval: None,
@@ -222,7 +246,7 @@ fn relaxed(
         ..open
     };
     let (profile, window) = Profile::plan(choice, &open).unwrap_or((profile, window));
-    let [lower, upper] = open.ends(profile.shape(), &window);
+    let [lower, upper] = profile.ends(&open, &window);
     Err(Error::Interval {
         place: case.interval_place.clone(),
         given: demand.interval.unwrap_or_default(),
@@ -270,14 +294,14 @@ fn too_few(
 }
 
 /// The reading at `p◇`, and the one further on for the error estimate; within an interval given by hand.
-fn readings(case: &Case, window: &Window, interval: [f64; 2]) -> Vec<Reading> {
+fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec<Reading> {
     let room = if case.warp.interval.is_some() {
         interval[1] - window.point
     } else {
         f64::INFINITY
     };
     let width = width(&case.warp).min(0.5 * room);
-    let second = SECOND_POINT.min(0.5 * room);
+    let second = apart.min(0.5 * room);
     (0..case.recovery_points)
         .map(|k| Reading {
             method: case.warp.recovery_method,
@@ -285,6 +309,28 @@ fn readings(case: &Case, window: &Window, interval: [f64; 2]) -> Vec<Reading> {
             width,
         })
         .collect()
+}
+
+/// The readings of a designed series, whose error oscillates: the second where their distance shows about the same part of the error
+/// whatever the state is made of; and that part.
+fn most_alike(
+    series: &Series,
+    spectrum: [f64; 2],
+    at: impl Fn(f64) -> Vec<Reading>,
+) -> (Vec<Reading>, f64) {
+    /// Points tried: the last is [`SECOND_POINT`] further on, the first half of that (closer ones share too much).
+    const TRIED: u32 = 16;
+    let candidates = (TRIED / 2..=TRIED).map(|i| {
+        let readings = at(SECOND_POINT * f64::from(i) / f64::from(TRIED));
+        let [least, largest] = shown(series, [&readings[0], &readings[1]], spectrum);
+        (readings, least, largest)
+    });
+    let ratio = |(_, least, largest): &(Vec<Reading>, f64, f64)| largest / least;
+    let best = candidates.min_by(|a, b| ratio(a).total_cmp(&ratio(b)));
+    best.map_or_else(
+        || (at(SECOND_POINT), 1.0),
+        |(readings, least, largest)| (readings, (least * largest).sqrt()),
+    )
 }
 
 /// The readings moved by `distance`.

@@ -2,7 +2,7 @@
 
 use super::Shape;
 use num_complex::Complex64;
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 /// What is asked of a profile. The spectrum of `S·T` lies in `[−decay, growth]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,6 +53,22 @@ impl Demand {
         } else {
             period * cutoff * (cutoff + 1.0)
         }
+    }
+
+    /// About how many applications of `H` the modes take: with `τ = ½Λ⁻√(1+μ²)` a Chebyshev series of `ln 1/tail = d` digits has
+    /// the degree `τ + ½(3d)^{2/3} τ^{1/3}` (from `J_k(k sech α) ~ e^{−kα³/3}`).
+    pub fn work(&self, period: f64, modes: usize) -> f64 {
+        const SAMPLES: u32 = 100;
+        let digits = 3.0 * libm::log(10.0 * modes as f64 / self.tolerance);
+        let transition = 0.5 * libm::cbrt(digits * digits);
+        let largest = TAU * modes as f64 / period;
+        let degree = |mu: f64| {
+            let tau = 0.5 * self.decay * (1.0 + mu * mu).sqrt();
+            tau + transition * libm::cbrt(tau)
+        };
+        let places = (0..SAMPLES).map(|i| (f64::from(i) + 0.5) / f64::from(SAMPLES));
+        let sum: f64 = places.map(|part| degree(part * largest)).sum();
+        modes as f64 * sum / f64::from(SAMPLES)
     }
 
     /// What a neighbouring period may add to `g`.
@@ -119,7 +135,7 @@ pub struct Window {
 impl Window {
     /// Modes `l ≥ 0` up to the cut-off with this period; as a float, since there may be too many to count.
     pub fn modes(&self, period: f64) -> f64 {
-        (self.cutoff * period / std::f64::consts::TAU).ceil() + 1.0
+        (self.cutoff * period / TAU).ceil() + 1.0
     }
 }
 

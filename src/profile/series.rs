@@ -10,8 +10,7 @@ use std::f64::consts::TAU;
 pub struct Series {
     /// `P`.
     pub period: f64,
-    /// `c_l`, `l = 0, 1, …`.
-    #[serde(skip)]
+    /// `c_l`, `l = 0, 1, …`; in JSON pairs of real and imaginary part.
     pub coefficients: Vec<Complex64>,
     /// Whether the last mode stands for itself only: of an even number `N_p` of modes, `−N_p/2` has no partner.
     pub alone: bool,

@@ -21,6 +21,13 @@ fn planned(choice: Choice, demand: &Demand) -> (Profile, Window) {
     Profile::plan(choice, demand).unwrap_or_else(|| panic!("{choice:?} {demand:?}"))
 }
 
+fn shape(profile: &Profile) -> &dyn Shape {
+    match profile.form() {
+        Form::Transform(shape) => shape,
+        Form::Series(_) => panic!("{profile} is no function on the line"),
+    }
+}
+
 /// Points and `g` times the weights of Simpson's rule, on pieces that end where profiles have corners.
 fn samples(g: &dyn Shape) -> Vec<[f64; 2]> {
     let pieces = [
@@ -49,7 +56,7 @@ fn samples(g: &dyn Shape) -> Vec<[f64; 2]> {
 fn coefficients_are_the_transform_of_the_values() {
     for (choice, _) in PROFILES {
         let (profile, _) = planned(choice, &Demand::new(1e-2, 0.1, 5.0, 0.0));
-        let g = profile.shape();
+        let g = shape(&profile);
         let samples = samples(g);
         for mu in [0.0, 0.4, 1.7, 6.3, 20.0] {
             let found = g.coefficient(mu);
@@ -93,7 +100,7 @@ fn periodic(g: &dyn Shape, period: f64, p: f64) -> f64 {
 fn tails_bound_what_is_left_out() {
     for (choice, _) in PROFILES {
         let (profile, window) = planned(choice, &Demand::new(1e-2, 0.1, 30.0, 0.0));
-        let (g, period) = (profile.shape(), window.period);
+        let (g, period) = (shape(&profile), window.period);
         for mu in [2.0, 5.0, 17.0] {
             let modes = (mu * period / (2.0 * PI)) as usize + 1;
             let series = Series::analytic(period, modes, |mu| g.coefficient(mu));
@@ -129,7 +136,7 @@ fn rounding_is_amplified_as_planned() {
         }
         let (profile, window) = planned(choice, &Demand::new(1e-2, 0.1, 30.0, 0.0));
         let modes = window.modes(window.period) as usize;
-        let series = Series::analytic(window.period, modes, |mu| profile.shape().coefficient(mu));
+        let series = Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
         let sum: f64 = (0..modes).map(|l| series.factor(l).norm()).sum();
         assert!(sum < 2.0, "{profile}: {sum}");
     }
@@ -160,7 +167,7 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
                 let (profile, window) = planned(choice, &demand);
                 let modes = window.modes(window.period) as usize;
                 let series =
-                    Series::analytic(window.period, modes, |mu| profile.shape().coefficient(mu));
+                    Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
                 let error = worst(&series, &demand, &window);
                 let limit = if choice == Choice::Gaussian {
                     3.0 * growth.exp()
@@ -175,13 +182,13 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
                 demand.sampled = true;
                 demand.truncation = 0.2;
                 let (profile, window) = planned(choice, &demand);
-                let interval = demand.ends(profile.shape(), &window);
+                let interval = demand.ends(shape(&profile), &window);
                 let modes = window.modes(interval[1] - interval[0]) as usize;
                 if modes > 20_000 {
                     continue;
                 }
                 let series =
-                    Series::sampled(interval, 2 * (modes - 1), |p| profile.shape().value(p));
+                    Series::sampled(interval, 2 * (modes - 1), |p| shape(&profile).value(p));
                 let error = worst(&series, &demand, &window);
                 assert!(
                     error < limit,
@@ -197,7 +204,7 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
 fn samples_alias() {
     for (choice, _) in PROFILES {
         let (profile, _) = planned(choice, &Demand::new(1e-2, 0.0, 5.0, 0.0));
-        let g = profile.shape();
+        let g = shape(&profile);
         let interval: [f64; 2] = [-45.0, 40.0];
         let (period, points) = (interval[1] - interval[0], 340);
         let sampled = Series::sampled(interval, points, |p| g.value(p));
@@ -283,7 +290,7 @@ fn orders_in_the_number_of_points() {
         for sampled in [true, false] {
             // Cells that divide 1. On the grid, and a third of a cell off the coarse and the fine one.
             for phase in [0.0, 80.0 / 3.0 / points[0] as f64] {
-                let g = profile.shape();
+                let g = shape(&profile);
                 let at = order(g, 0.0, phase, points, sampled);
                 assert!(
                     (at - expected).abs() < 0.25,
@@ -304,7 +311,7 @@ fn orders_in_the_number_of_points() {
         (Choice::Acl { beta: 0.75 }, 80),
     ] {
         let (profile, _) = planned(choice, &Demand::new(1e-9, 0.0, 5.0, 0.0));
-        let g = profile.shape();
+        let g = shape(&profile);
         let found = [1, 2].map(|k| order(g, 1.0, 0.0, [k * points, 2 * k * points], false));
         assert!(
             found[0] > 1.0 && found[1] > found[0] + 0.7,

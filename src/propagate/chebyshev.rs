@@ -8,6 +8,16 @@
 //!
 //! (Tal-Ezer and Kosloff 1984). Since `‖φ_k‖ ≤ ‖x‖`, cutting the series at `K` costs at most `2 Σ_{k>K} |J_k(τ)|`.
 //!
+//! It is summed backwards (Clenshaw 1955), with `G = (1/h)(−iμS + K + ic)`, `a_0 = J_0` and `a_k = 2J_k`:
+//!
+//! ```text
+//! b_k = a_k x + 2G b_{k+1} + b_{k+2},   k = K … 1,     b_{K+1} = b_{K+2} = 0
+//! Σ a_k φ_k = a_0 x + G b_1 + b_2
+//! ```
+//!
+//! as many applications as forwards, but two vectors a mode and none for the sum: the start `x` is real and common to the
+//! modes of a batch. Each lane has a degree of its own, with zeros above it, so its bits do not depend on the others'.
+//!
 //! **The interval is guaranteed, not estimated.** Let `A = B − diag(d)`, `B ≥ 0`, in weighted unknowns with growth bound
 //! `γ` (see [`crate::weights`]). For a unit vector, `x*(D A D⁻¹)x = −δ + β` with `δ = Σ d_i |x_i|²` in `[0, d]` and
 //! `|β| ≤ δ + γ`; and `x*Hx = μ Re(β − δ) − Im β`, so
@@ -21,7 +31,8 @@
 
 use crate::communicator::GhostExchange;
 use crate::error::Result;
-use crate::matrix::{BlockMatrix, LANES, Lanes, StepConstants};
+use crate::matrix::blocking::Blocking;
+use crate::matrix::{BlockMatrix, LANES, Lanes, StartRow, StepConstants};
 use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
 use num_complex::Complex64;
 
@@ -125,48 +136,61 @@ pub fn degree(scratch: &mut Vec<f64>, tau: f64, tail: f64) -> usize {
 
 /// Scratch of the Chebyshev propagator for one rank; made once, used for every batch.
 pub struct Chebyshev {
+    /// `b_k`; in the end `w(T)` of the batch, but for the lanes' phases.
+    pub(super) current: Vec<Lanes>,
+    /// `b_{k+1}`.
     previous: Vec<Lanes>,
-    current: Vec<Lanes>,
-    /// `w(T)` of the batch, but for the lanes' phases.
-    pub sum: Vec<Lanes>,
-    /// `J_k(τ)` by lane, `LANES` to a degree.
+    /// `a_k` by lane, `LANES` to a degree.
     coefficients: Vec<f64>,
     series: Vec<f64>,
+    blocking: Option<Blocking>,
+    /// What the steps of one trip through memory need.
+    levels: Vec<StepConstants>,
 }
 
 impl Chebyshev {
-    /// Scratch for vectors of `matrix` and degrees up to `largest_degree`.
+    /// Scratch for vectors of `matrix` and degrees up to `largest_degree`, steps blocked as planned.
     pub fn new(matrix: &BlockMatrix, largest_degree: usize) -> Self {
+        Self::blocked(matrix, largest_degree, Blocking::planned(matrix))
+    }
+
+    /// As [`new`](Self::new), steps blocked as given.
+    pub fn blocked(
+        matrix: &BlockMatrix,
+        largest_degree: usize,
+        blocking: Option<Blocking>,
+    ) -> Self {
         let vector = || vec![Lanes::ZERO; matrix.length()];
         Self {
-            previous: vector(),
             current: vector(),
-            sum: vec![Lanes::ZERO; matrix.rows()],
+            previous: vector(),
             coefficients: vec![0.0; (largest_degree + 1) * LANES],
             series: Vec::with_capacity(2 * largest_degree + 200),
+            levels: Vec::with_capacity(blocking.as_ref().map_or(1, Blocking::depth)),
+            blocking,
         }
     }
 
     /// Bytes a row takes.
-    pub const BYTES_PER_ROW: usize = 3 * size_of::<Lanes>();
+    pub const BYTES_PER_ROW: usize = 2 * size_of::<Lanes>();
 
     /// Largest degree there is room for.
     pub fn largest_degree(&self) -> usize {
         self.coefficients.len() / LANES - 1
     }
 
-    /// The coefficients of `exp(−iHt)`, `t = time`, and what the steps need.
+    /// The coefficients of `exp(−iHt)`, `t = time`, up to the degree of each lane, and what the steps need.
     pub(super) fn prepare(
         &mut self,
         batch: &BatchSpec,
         (rate, growth, time): (f64, f64, f64),
     ) -> (StepConstants, BatchReport) {
-        let degree = batch.work;
+        let degree = batch.largest_work();
         let mut report = BatchReport {
             phases: [Complex64::ZERO; LANES],
             tails: [0.0; LANES],
             unitary: true,
-            applications: batch.modes * degree,
+            applications: batch.work[..batch.modes].iter().sum(),
             solves: 0,
         };
         let mut constants = StepConstants {
@@ -187,8 +211,10 @@ impl Chebyshev {
             constants.shift[l] = interval.centre;
             report.phases[l] = Complex64::new(0.0, -interval.centre * time).exp();
             let rest = bessel_series(&mut self.series, interval.half_width * time, 0.0);
-            let cut = self.series.len().min(degree + 1);
+            // A lane ends at its own degree: its bits do not depend on what else is in the batch.
+            let cut = self.series.len().min(batch.work[l] + 1);
             report.tails[l] = rest + 2.0 * self.series[cut..].iter().map(|j| j.abs()).sum::<f64>();
+            self.series.truncate(cut);
             for k in 0..=degree {
                 let j = self.series.get(k).copied().unwrap_or(0.0);
                 self.coefficients[k * LANES + l] = if k == 0 { j } else { 2.0 * j };
@@ -197,57 +223,46 @@ impl Chebyshev {
         (constants, report)
     }
 
-    /// Starts from a real vector, the same in every lane.
-    pub(super) fn load(&mut self, initial: &[f64]) {
-        for (current, &value) in self.current.iter_mut().zip(initial) {
-            *current = Lanes::ZERO;
-            current.0[..LANES].fill(value);
-        }
-    }
-
-    /// Starts from what came out last, but for the lanes' phases.
-    pub(super) fn reload(&mut self) {
-        self.current[..self.sum.len()].copy_from_slice(&self.sum);
-    }
-
-    /// The series from [`prepare`](Self::prepare) of what was loaded, into `sum`; with the `couplings` of a stage, if the
-    /// inflow varies. Collective over the space group.
-    pub(super) fn series(
+    /// The series of degree `degree` from [`prepare`](Self::prepare) of `start`, into `current`; with the `couplings` of a
+    /// stage, if the inflow varies. Collective over the space group.
+    pub(super) fn series<R: StartRow>(
         &mut self,
         matrix: &BlockMatrix,
         exchange: &mut GhostExchange,
         constants: &StepConstants,
         degree: usize,
         couplings: Option<&[f64]>,
+        start: &[R],
     ) {
-        let mut constants = constants.clone();
-        let coefficient = |k: usize, table: &[f64]| {
-            let mut lanes = [0.0; LANES];
-            lanes.copy_from_slice(&table[k * LANES..(k + 1) * LANES]);
-            lanes
-        };
-        let first = coefficient(0, &self.coefficients);
-        for (i, sum) in self.sum.iter_mut().enumerate() {
-            self.previous[i] = Lanes::ZERO;
-            for l in 0..2 * LANES {
-                sum.0[l] = first[l % LANES] * self.current[i].0[l];
-            }
-        }
-        for k in 1..=degree {
-            constants.coefficient = coefficient(k, &self.coefficients);
-            matrix.step_with(
-                exchange,
-                &constants,
-                couplings,
-                &mut self.previous,
-                &mut self.current,
-                &mut self.sum,
-            );
-            std::mem::swap(&mut self.previous, &mut self.current);
-            if k == 1 {
-                // φ_1 = H̃ φ_0; from here on twice that.
+        let constants = |k: usize| {
+            let mut constants = constants.clone();
+            let row = &self.coefficients[k * LANES..(k + 1) * LANES];
+            constants.coefficient.copy_from_slice(row);
+            if k > 0 {
                 constants.scale.iter_mut().for_each(|a| *a *= 2.0);
             }
+            constants
+        };
+        self.previous.fill(Lanes::ZERO);
+        self.current.fill(Lanes::ZERO);
+        let first = constants(degree).coefficient;
+        for (i, current) in self.current[..matrix.rows()].iter_mut().enumerate() {
+            // Zeros are added to: the same on any processor.
+            R::add::<false>(start, i, &first, &mut current.0);
+        }
+        let most = self.blocking.as_ref().map_or(1, Blocking::depth);
+        let mut left = degree;
+        while left > 0 {
+            self.levels.clear();
+            let levels = left.min(most);
+            self.levels
+                .extend((left - levels..left).rev().map(constants));
+            let (vectors, blocking) = (
+                (&mut self.previous, &mut self.current),
+                self.blocking.as_ref(),
+            );
+            matrix.steps(exchange, blocking, &self.levels, couplings, vectors, start);
+            left -= levels;
         }
     }
 }
@@ -261,14 +276,14 @@ impl Propagator for Chebyshev {
     ) -> Result<BatchReport> {
         let span = (system.rate, system.growth, system.time);
         let (constants, report) = self.prepare(batch, span);
-        self.load(initial.state);
         let (matrix, exchange) = (system.matrix, &mut *system.exchange);
-        self.series(matrix, exchange, &constants, batch.work, None);
+        let degree = batch.largest_work();
+        self.series(matrix, exchange, &constants, degree, None, initial.state);
         Ok(report)
     }
 
     fn state(&self) -> &[Lanes] {
-        &self.sum
+        &self.current
     }
 }
 

@@ -14,29 +14,27 @@ const ROUND_OFF: f64 = 1e-15;
 /// A Chebyshev series a stage; made once, used for every batch.
 pub struct CommutatorFree<'a> {
     chebyshev: Chebyshev,
+    /// What a stage starts from, but for the lanes' phases.
+    start: Vec<Lanes>,
     schedule: &'a Schedule,
     series: Vec<f64>,
 }
 
-/// Degree of the series of one of `stages` equal parts of a run, for modes `wavenumbers` whose series of the whole run is
-/// cut at `whole_degree`: each part may leave its share of what that leaves.
+/// Degree of the series of one of `stages` equal parts of a run, for the mode of wavenumber `mu` whose series of the whole run
+/// is cut at `whole_degree`: each part may leave its share of what that leaves.
 pub fn stage_degree(
     scratch: &mut Vec<f64>,
-    wavenumbers: &[f64],
+    mu: f64,
     whole_degree: usize,
     (rate, growth, time): (f64, f64, f64),
     stages: usize,
 ) -> usize {
-    let mut longest = 1;
-    for &mu in wavenumbers {
-        let tau = Interval::new(mu, rate, growth).half_width * time;
-        let rest = bessel_series(scratch, tau, 0.0);
-        let cut = scratch.len().min(whole_degree + 1);
-        let tail = rest + 2.0 * scratch[cut..].iter().map(|j| j.abs()).sum::<f64>();
-        let share = tail.max(ROUND_OFF) / stages as f64;
-        longest = longest.max(degree(scratch, tau / stages as f64, share));
-    }
-    longest
+    let tau = Interval::new(mu, rate, growth).half_width * time;
+    let rest = bessel_series(scratch, tau, 0.0);
+    let cut = scratch.len().min(whole_degree + 1);
+    let tail = rest + 2.0 * scratch[cut..].iter().map(|j| j.abs()).sum::<f64>();
+    let share = tail.max(ROUND_OFF) / stages as f64;
+    degree(scratch, tau / stages as f64, share).max(1)
 }
 
 impl<'a> CommutatorFree<'a> {
@@ -46,10 +44,14 @@ impl<'a> CommutatorFree<'a> {
         let largest = warp.largest_work() + 60;
         Self {
             chebyshev: Chebyshev::new(matrix, largest),
+            start: vec![Lanes::ZERO; matrix.rows()],
             schedule,
             series: Vec::with_capacity(2 * largest + 200),
         }
     }
+
+    /// Bytes a row takes.
+    pub const BYTES_PER_ROW: usize = Chebyshev::BYTES_PER_ROW + size_of::<Lanes>();
 }
 
 impl Propagator for CommutatorFree<'_> {
@@ -63,29 +65,31 @@ impl Propagator for CommutatorFree<'_> {
         let time = system.time / stages as f64;
         let span = (system.rate, system.growth, time);
         let whole = (system.rate, system.growth, system.time);
-        let longest = stage_degree(
-            &mut self.series,
-            &batch.wavenumbers,
-            batch.work,
-            whole,
-            stages,
-        );
+        let most = self.chebyshev.largest_degree();
         let stage = BatchSpec {
-            work: longest.min(self.chebyshev.largest_degree()),
+            work: std::array::from_fn(|l| {
+                let (series, mu) = (&mut self.series, batch.wavenumbers[l]);
+                stage_degree(series, mu, batch.work[l], whole, stages).min(most)
+            }),
             ..batch.clone()
         };
+        let longest = stage.largest_work();
         let (constants, mut report) = self.chebyshev.prepare(&stage, span);
-        self.chebyshev.load(initial.state);
+        for (row, &value) in self.start.iter_mut().zip(initial.state) {
+            *row = Lanes::ZERO;
+            row.0[..LANES].fill(value);
+        }
         for k in 0..stages {
             if k > 0 {
-                self.chebyshev.reload();
+                let rows = self.start.len();
+                self.start.copy_from_slice(&self.chebyshev.current[..rows]);
             }
-            let couplings = Some(self.schedule.stage(k));
+            let (couplings, start) = (Some(self.schedule.stage(k)), &self.start);
             let (matrix, exchange) = (system.matrix, &mut *system.exchange);
             self.chebyshev
-                .series(matrix, exchange, &constants, stage.work, couplings);
+                .series(matrix, exchange, &constants, longest, couplings, start);
         }
-        report.applications = batch.modes * stages * stage.work;
+        report.applications *= stages;
         for l in 0..LANES {
             report.tails[l] *= stages as f64;
             report.phases[l] = report.phases[l].powu(stages as u32);
@@ -95,6 +99,6 @@ impl Propagator for CommutatorFree<'_> {
     }
 
     fn state(&self) -> &[Lanes] {
-        &self.chebyshev.sum
+        self.chebyshev.state()
     }
 }

@@ -282,7 +282,9 @@ impl Krylov {
                     *y = scaled(u, &self.beta[j - 1]);
                 }
             }
-            system.matrix.advance(system.exchange, constants, y, x);
+            let nothing: &[()] = &[];
+            let exchange = &mut *system.exchange;
+            system.matrix.step(exchange, constants, None, y, x, nothing);
             // α = ⟨u, iy⟩.
             let alpha = system.lane_sums(sizes, |i| {
                 let (Lanes(u), Lanes(y)) = (&x[i], &y[i]);

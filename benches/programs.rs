@@ -1,0 +1,439 @@
+//! Whole-program runs: what a user waits for, counted and timed.
+//!
+//! `cargo bench --bench programs [-- --quick] [-- --output FILE]` starts the program under mpirun as a user would, on the cases
+//! of `cases/`, and writes one JSON file with every figure; `scripts/bench/report.py` makes the tables of docs/performance.md
+//! from it. A timed run is repeated, with a triad right before it; errors, which are the same bits each time, come from one
+//! run more with `solver.verify`.
+
+use serde_json::{Map, Value, json};
+use std::hint::black_box;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+use std::time::{Duration, Instant};
+
+/// Ranks of a run unless the row says otherwise.
+const RANKS: usize = 2;
+/// Seconds after which a row is not run again.
+const ENOUGH: Duration = Duration::from_secs(8);
+const TOLERANCES: [&str; 4] = ["1e-3", "1e-6", "1e-9", "1e-11"];
+
+type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
+
+/// A row of a table: a case with changes, and what is measured of it.
+#[derive(Clone)]
+struct Row {
+    table: &'static str,
+    case: &'static str,
+    set: Vec<String>,
+    ranks: usize,
+    /// What the row stands for, by name: cells, time, tolerance, …
+    labels: Map<String, Value>,
+    measure: Measure,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Measure {
+    /// `phasewarp plan --json`: nothing is solved.
+    Plan,
+    /// Timed.
+    Time,
+    /// Timed, and one run more that measures the distance to exp(AT).
+    TimeAndError,
+}
+
+impl Row {
+    fn new(table: &'static str, case: &'static str, measure: Measure) -> Self {
+        Self {
+            table,
+            case,
+            set: Vec::new(),
+            ranks: RANKS,
+            labels: Map::new(),
+            measure,
+        }
+    }
+
+    fn set(mut self, key: &str, value: &str) -> Self {
+        self.set.push(format!("{key}={value}"));
+        self
+    }
+
+    fn label(mut self, name: &str, value: impl Into<Value>) -> Self {
+        self.labels.insert(name.into(), value.into());
+        self
+    }
+
+    fn on(mut self, ranks: usize) -> Self {
+        self.ranks = ranks;
+        self.label("ranks", ranks)
+    }
+
+    fn tolerance(self, tolerance: &str) -> Self {
+        let value: f64 = tolerance.parse().unwrap_or(f64::NAN);
+        self.set("solver.tolerance", tolerance)
+            .label("tolerance", value)
+    }
+
+    /// `n` cells on every axis.
+    fn cells(mut self, n: usize) -> Self {
+        let axes = if self.case == "example3" { 2 } else { 1 };
+        for axis in 0..axes {
+            for kind in ["x", "v"] {
+                self = self.set(&format!("axis.{axis}.{kind}.cells"), &n.to_string());
+            }
+        }
+        self.label("cells", n)
+    }
+
+    fn arguments(&self, verb: &str, extra: &[String]) -> Vec<String> {
+        let case = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("cases/{}.toml", self.case));
+        let mut words = vec![verb.to_owned(), case.display().to_string()];
+        for setting in &self.set {
+            words.extend(["--set".to_owned(), setting.clone()]);
+        }
+        words.extend_from_slice(extra);
+        words
+    }
+
+    /// What to paste into a shell.
+    fn command(&self) -> String {
+        let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
+        let mut text = match self.measure {
+            Measure::Plan => format!("phasewarp plan cases/{}.toml", self.case),
+            _ => format!(
+                "mpirun -np {} phasewarp run cases/{}.toml",
+                self.ranks, self.case
+            ),
+        };
+        for setting in &self.set {
+            text += &if setting.chars().all(plain) {
+                format!(" --set {setting}")
+            } else {
+                format!(" --set '{setting}'")
+            };
+        }
+        text
+    }
+
+    fn plan(&self) -> Outcome<Value> {
+        let words = self.arguments("plan", &["--json".into(), "--ranks".into(), "2".into()]);
+        let finished = Command::new(env!("CARGO_BIN_EXE_phasewarp"))
+            .args(&words)
+            .output()?;
+        if !finished.status.success() {
+            return Err(self.failure(&finished.stderr));
+        }
+        Ok(serde_json::from_slice(&finished.stdout)?)
+    }
+
+    /// One run: seconds from outside, and its summary.
+    fn run(&self, directory: &Path, extra: &[&str]) -> Outcome<(f64, Value)> {
+        let mut more = vec!["-o".to_owned(), directory.display().to_string()];
+        for setting in extra {
+            more.extend(["--set".to_owned(), (*setting).to_owned()]);
+        }
+        let mut command = Command::new("mpirun");
+        command
+            .args(["-np", &self.ranks.to_string()])
+            .arg(env!("CARGO_BIN_EXE_phasewarp"))
+            .args(self.arguments("run", &more));
+        let start = Instant::now();
+        let finished = command.output()?;
+        let seconds = start.elapsed().as_secs_f64();
+        if !finished.status.success() {
+            return Err(self.failure(&finished.stderr));
+        }
+        let summary = std::fs::read_to_string(directory.join("summary.json"))?;
+        Ok((seconds, serde_json::from_str(&summary)?))
+    }
+
+    fn failure(&self, errors: &[u8]) -> Box<dyn std::error::Error> {
+        format!(
+            "{}\n  failed: {}",
+            self.command(),
+            String::from_utf8_lossy(errors).trim()
+        )
+        .into()
+    }
+
+    /// Timed runs: more where it is the seconds that are looked at, not how they grow.
+    fn repeats(&self) -> usize {
+        match self.table {
+            "tolerance" | "ranks" => 5,
+            _ => 3,
+        }
+    }
+
+    /// Everything about the row as JSON.
+    fn measured(&self, directory: &Path, repeats: usize) -> Outcome<Value> {
+        let plan = self.plan()?;
+        let mut found = json!({
+            "table": self.table, "case": self.case, "command": self.command(), "labels": self.labels,
+            "plan": {
+                "rate": plan["bounds"]["rate"], "decay": plan["bounds"]["decay"],
+                "growth": plan["bounds"]["growth"], "time": plan["time"], "cells": plan["cells"],
+                "fields": plan["fields"], "profile": plan["warp"]["profile"]["kind"],
+                "period": plan["warp"]["series"]["period"], "modes": plan["warp"]["modes"],
+                "applications": plan["warp"]["applications"],
+            },
+        });
+        if self.measure == Measure::Plan {
+            return Ok(found);
+        }
+        if self.measure == Measure::TimeAndError {
+            let (_, summary) = self.run(directory, &["solver.verify=true"])?;
+            found["error_semidiscrete"] = summary["error_semidiscrete"].clone();
+        }
+        let (mut wall, mut solve, mut triads, mut summaries) = (vec![], vec![], vec![], vec![]);
+        let start = Instant::now();
+        while wall.len() < repeats && (wall.is_empty() || start.elapsed() < ENOUGH) {
+            triads.push(triad());
+            let (seconds, summary) = self.run(directory, &[])?;
+            wall.push(seconds);
+            solve.push(
+                summary["solve_seconds"]
+                    .as_f64()
+                    .ok_or("no solve_seconds")?,
+            );
+            summaries.push(summary);
+        }
+        found["wall_seconds"] = json!(wall);
+        found["solve_seconds"] = json!(solve);
+        found["triad"] = json!(triads);
+        // Parts of the run whose whole took the median.
+        found["summary"] = summaries.swap_remove(middle(&solve));
+        Ok(found)
+    }
+}
+
+/// Bytes per second of `a ← b + 3 c` by one core on arrays far larger than the caches of a core, the best of three.
+fn triad() -> f64 {
+    let n = 4 << 20;
+    let (mut a, b, c) = (vec![0.0; n], vec![1.0; n], vec![2.0; n]);
+    let mut best = f64::INFINITY;
+    for _ in 0..4 {
+        let start = Instant::now();
+        for i in 0..n {
+            a[i] = b[i] + 3.0 * c[i];
+        }
+        black_box(&mut a);
+        best = best.min(start.elapsed().as_secs_f64());
+    }
+    24.0 * n as f64 / best
+}
+
+/// Index of the (lower) median.
+fn middle(values: &[f64]) -> usize {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
+    order[(order.len() - 1) / 2]
+}
+
+fn rows(quick: bool) -> Vec<Row> {
+    use Measure::{Plan, Time, TimeAndError};
+    let mut rows = Vec::new();
+    let pick = |all: &[usize], few: usize| -> Vec<usize> {
+        all.iter()
+            .copied()
+            .take(if quick { few } else { all.len() })
+            .collect()
+    };
+
+    // Examples at several tolerances.
+    for case in ["example1", "example2", "example3"] {
+        for tolerance in TOLERANCES.into_iter().take(if quick { 2 } else { 4 }) {
+            let row = Row::new("tolerance", case, TimeAndError).tolerance(tolerance);
+            rows.push(if quick && case == "example2" {
+                row.cells(64)
+            } else {
+                row
+            });
+        }
+    }
+    // One rank and two.
+    for (case, tolerance) in [("example1", "1e-6"), ("example1", "1e-9")] {
+        for ranks in [1, 2] {
+            rows.push(Row::new("ranks", case, Time).tolerance(tolerance).on(ranks));
+        }
+    }
+    // Growth with cells, time and points in p.
+    for n in pick(&[32, 64, 128, 256, 512], 3) {
+        rows.push(Row::new("cells", "example1", Time).cells(n));
+    }
+    for n in pick(&[6, 8, 12, 16], 3) {
+        rows.push(Row::new("cells4", "example3", Time).cells(n));
+    }
+    for end in ["0.25", "0.5", "1", "2", "4"]
+        .into_iter()
+        .take(if quick { 3 } else { 5 })
+    {
+        let value: f64 = end.parse().unwrap_or(f64::NAN);
+        rows.push(
+            Row::new("time", "example1", Time)
+                .set("time.end", end)
+                .label("time", value),
+        );
+    }
+    for points in pick(&[64, 128, 256, 512, 1024], 3) {
+        let row = Row::new("points", "example1", TimeAndError)
+            .cells(32)
+            .set("solver.warp.profile", "exponential");
+        rows.push(
+            row.set("solver.warp.points", &points.to_string())
+                .label("points", points),
+        );
+    }
+    // Applications as planned, over Λ and over the tolerance.
+    let spans: &[usize] = &[8, 16, 32, 64, 128, 256, 512, 1024, 2048];
+    for tolerance in ["1e-3", "1e-6", "1e-9"] {
+        for n in pick(spans, 5) {
+            rows.push(
+                Row::new("span", "example1", Plan)
+                    .tolerance(tolerance)
+                    .cells(n),
+            );
+        }
+    }
+    for exponent in 2..=12 {
+        rows.push(Row::new("digits", "example1", Plan).tolerance(&format!("1e-{exponent}")));
+    }
+    // Accuracy against speed: to exp(AT) at one grid, and to the exact solution over grids.
+    let n = if quick { 64 } else { 128 };
+    let speed = |method: &str| {
+        Row::new("methods", "example1", TimeAndError)
+            .cells(n)
+            .label("method", method)
+    };
+    for profile in ["", "gaussian", "low-somma"] {
+        for tolerance in [
+            "1e-2", "1e-3", "1e-4", "1e-6", "1e-8", "1e-9", "1e-10", "1e-11",
+        ] {
+            // Of the other profiles fewer.
+            let some = TOLERANCES.contains(&tolerance);
+            if (quick && !TOLERANCES[..2].contains(&tolerance)) || (!profile.is_empty() && !some) {
+                continue;
+            }
+            rows.push(match profile {
+                "" => speed("schrodingerized").tolerance(tolerance),
+                _ => speed(profile)
+                    .set("solver.warp.profile", profile)
+                    .tolerance(tolerance),
+            });
+        }
+    }
+    let classical = |row: Row, integrator: &str| {
+        row.set("solver.method", "classical")
+            .set("solver.classical.integrator", integrator)
+    };
+    rows.push(classical(speed("classical, exponential"), "exponential"));
+    for integrator in ["forward-euler", "ssp-rk3"] {
+        for courant in ["0.9", "0.3", "0.1", "0.03"]
+            .into_iter()
+            .take(if quick { 2 } else { 4 })
+        {
+            rows.push(
+                classical(speed(&format!("classical, {integrator}")), integrator)
+                    .set("solver.classical.cfl", courant),
+            );
+        }
+    }
+    for n in pick(&[32, 64, 128, 256], 2) {
+        let exact = |method: &str| {
+            Row::new("exact", "example1", Time)
+                .cells(n)
+                .label("method", method)
+        };
+        rows.push(exact("schrodingerized, 1e-3").tolerance("1e-3"));
+        rows.push(classical(exact("classical, exponential"), "exponential"));
+        for limiter in ["none", "minmod", "van-leer"] {
+            let row = exact(&format!("classical, ssp-rk3, slopes: {limiter}"));
+            rows.push(classical(row, "ssp-rk3").set("scheme.limiter", limiter));
+        }
+    }
+    rows
+}
+
+/// First words of a command's output, or "unknown".
+fn said(program: &str, arguments: &[&str]) -> String {
+    let output = Command::new(program)
+        .args(arguments)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output();
+    match output {
+        Ok(o) if o.status.success() => String::from_utf8_lossy(&o.stdout).trim().to_owned(),
+        _ => "unknown".to_owned(),
+    }
+}
+
+fn machine() -> Value {
+    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
+    let (processor, memory) = (read("/proc/cpuinfo"), read("/proc/meminfo"));
+    let value = |text: &str, key: &str| {
+        text.lines()
+            .find_map(|l| l.strip_prefix(key)?.split_once(':'))
+            .map_or("unknown".to_owned(), |(_, v)| v.trim().to_owned())
+    };
+    let cache = |index: usize| {
+        let folder = format!("/sys/devices/system/cpu/cpu0/cache/index{index}");
+        read(&format!("{folder}/size")).trim().to_owned()
+    };
+    json!({
+        "processor": value(&processor, "model name"),
+        "cores": std::thread::available_parallelism().map_or(0, usize::from),
+        "l1": cache(0), "l2": cache(2), "l3": cache(3),
+        "memory": value(&memory, "MemTotal"),
+        "rustc": said("rustc", &["--version"]),
+        "mpi": said("mpirun", &["--version"]).lines().next().unwrap_or_default(),
+        "commit": said("git", &["describe", "--always", "--dirty"]),
+        "version": env!("CARGO_PKG_VERSION"),
+        "load": load(),
+    })
+}
+
+/// Processes at work in the last minute, this one not counted: what else the machine does.
+fn load() -> f64 {
+    let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    (text.split_whitespace().next())
+        .and_then(|word| word.parse().ok())
+        .unwrap_or(-1.0)
+}
+
+fn all(quick: bool, output: &Path) -> Outcome<()> {
+    let place = tempfile::tempdir()?;
+    let mut found = json!({ "quick": quick, "machine": machine(), "rows": [] });
+    let rows = rows(quick);
+    let start = Instant::now();
+    for (number, row) in rows.iter().enumerate() {
+        let value = row.measured(place.path(), if quick { 1 } else { row.repeats() })?;
+        let shown = match value["summary"]["solve_seconds"].as_f64() {
+            Some(seconds) => format!("solve {seconds:.4} s"),
+            None => format!("{} applications", value["plan"]["applications"]),
+        };
+        println!("{}/{} {}: {shown}", number + 1, rows.len(), row.command());
+        if let Some(list) = found["rows"].as_array_mut() {
+            list.push(value);
+        }
+    }
+    found["seconds"] = json!(start.elapsed().as_secs_f64());
+    if let Some(parent) = output.parent() {
+        std::fs::create_dir_all(parent)?;
+    }
+    std::fs::write(output, serde_json::to_string_pretty(&found)? + "\n")?;
+    println!("{}", output.display());
+    Ok(())
+}
+
+fn main() -> ExitCode {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let quick = words.iter().any(|w| w == "--quick");
+    let place = words.iter().position(|w| w == "--output");
+    let output = place.and_then(|at| words.get(at + 1)).map(PathBuf::from);
+    let standard = Path::new(env!("CARGO_MANIFEST_DIR")).join("results/bench/programs.json");
+    match all(quick, &output.unwrap_or(standard)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("programs: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,54 @@
+#!/usr/bin/env bash
+# What `make bench` runs: rates of the inner loop, whole-program runs, peers, then the tables and charts of docs/performance.md.
+#
+#   scripts/bench/bench.sh [--quick] [--no-peers]
+#
+# --quick: fewer and smaller runs, tables into results/bench-quick/ instead of docs/; to see that all of it works.
+# Raw figures go to results/bench/. Without Python the first two are run, and the document is left as it is. CARGO names the
+# cargo command with its environment.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+
+quick=() peers=yes place=$PWD/results/bench documents=$PWD/docs
+for option in "$@"; do
+    case $option in
+    --quick) quick=(--quick) place=$PWD/results/bench-quick documents=$place ;;
+    --no-peers) peers=no ;;
+    *)
+        echo "bench: unknown option $option; known: --quick, --no-peers" >&2
+        exit 1
+        ;;
+    esac
+done
+mkdir -p "$place"
+if [ "${#quick[@]}" -gt 0 ]; then
+    cp docs/performance.md "$place/"
+fi
+if [ -z "${CARGO:-}" ]; then
+    CARGO="$(scripts/setup.sh --environment) cargo"
+fi
+run_cargo() {
+    # The words of CARGO: assignments, then the command.
+    local words
+    read -ra words <<<"$CARGO"
+    env "${words[@]}" "$@"
+}
+
+# Built before, so that nothing is compiled while something is timed.
+run_cargo bench --no-run
+run_cargo bench --bench application | tee "$place/application.txt"
+run_cargo bench --bench programs -- "${quick[@]}" --output "$place/programs.json"
+
+if ! command -v python3 >/dev/null 2>&1; then
+    echo "bench: no python3: no peers, no tables; raw figures are in $place"
+    exit 0
+fi
+python=python3
+if [ "$peers" = yes ] && python=$(scripts/bench/setup.sh); then
+    "$python" scripts/bench/peers.py "${CARGO_TARGET_DIR:-target}/release/phasewarp" "$place/peers.json" "${quick[@]}"
+else
+    python=python3
+    echo "bench: peers skipped"
+fi
+"$python" scripts/bench/chart.py --results "$place" --documents "$documents"
+"$python" scripts/bench/report.py --results "$place" --document "$documents/performance.md"

@@ -1,0 +1,508 @@
+#!/usr/bin/env python3
+"""Writes the tables of docs/performance.md from what `make bench` and `make example3` measured. Standard library only.
+
+Usage: report.py [--results DIR] [--document FILE] [--example3 DIR] [--only NAME]
+
+A table stands between `<!-- begin NAME -->` and `<!-- end NAME -->` and is replaced; what was not measured is kept, and said. Bad
+input (a file that is no JSON, a key or a marker that is missing, a number that is none) ends with exit code 1 and its place.
+"""
+
+import argparse
+import json
+import math
+import os
+import re
+import sys
+
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+MODEL_BYTES = 80  # a row, mode and step: read v_k; read and write v_{k-1} and the sum
+
+
+class Bad(Exception):
+    """What is wrong with the input, and where."""
+
+
+# --- reading ------------------------------------------------------------------------------------------------------------
+
+
+def load(path):
+    """The JSON in `path`, None where there is no such file."""
+    try:
+        with open(path, encoding="utf-8") as file:
+            return Node(json.load(file), path)
+    except FileNotFoundError:
+        return None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise Bad(f"{path}: {error}") from None
+
+
+class Node:
+    """A value of a JSON file that knows where it stands."""
+
+    def __init__(self, value, place):
+        self.value, self.place = value, place
+
+    def __getitem__(self, key):
+        place = f"{self.place}: {key}"
+        if not isinstance(self.value, dict) or key not in self.value:
+            raise Bad(f"{place}: missing")
+        return Node(self.value[key], place)
+
+    def __iter__(self):
+        if not isinstance(self.value, list):
+            raise Bad(f"{self.place}: a list expected")
+        return (Node(v, f"{self.place}[{k}]") for k, v in enumerate(self.value))
+
+    def has(self, key):
+        return isinstance(self.value, dict) and self.value.get(key) is not None
+
+    def number(self, key):
+        node = self[key]
+        if isinstance(node.value, bool) or not isinstance(node.value, (int, float)) or not math.isfinite(node.value):
+            raise Bad(f"{node.place}: {node.value!r} is not a finite number")
+        return node.value
+
+    def positive(self, key):
+        value = self.number(key)
+        if value <= 0:
+            raise Bad(f"{self.place}: {key}: {value!r} is not above 0")
+        return value
+
+    def text(self, key):
+        node = self[key]
+        if not isinstance(node.value, str):
+            raise Bad(f"{node.place}: {node.value!r} is not a text")
+        return node.value
+
+    def times(self, key):
+        """Seconds of repeated runs: positive, at least one."""
+        values = [Node({"seconds": n.value}, n.place).positive("seconds") for n in self[key]]
+        if not values:
+            raise Bad(f"{self.place}: {key}: empty")
+        return values
+
+
+# --- numbers ------------------------------------------------------------------------------------------------------------
+
+
+def median(values):
+    values = sorted(values)
+    n = len(values)
+    return (values[(n - 1) // 2] + values[n // 2]) / 2
+
+
+def short(value):
+    """Three digits."""
+    if value == 0:
+        return "0"
+    if value >= 1000:
+        return f"{value:.0f}"
+    return f"{value:.{max(0, 2 - math.floor(math.log10(value)))}f}"
+
+
+def spread(values):
+    """Median, and where there are several the range."""
+    if len(values) == 1:
+        return short(values[0])
+    return f"{short(median(values))} ({short(min(values))}–{short(max(values))})"
+
+
+def power(value):
+    """1e-6 as one writes it."""
+    mantissa, exponent = f"{value:e}".split("e")
+    return f"1e{int(exponent)}" if float(mantissa) == 1 else f"{value:g}"
+
+
+def fit(x, y):
+    """Exponent of y ~ x^a by least squares of the logarithms, its standard error, and the points."""
+    if len(x) < 3 or min(*x, *y) <= 0:
+        return None
+    X, Y = [math.log(v) for v in x], [math.log(v) for v in y]
+    n = len(X)
+    mx, my = sum(X) / n, sum(Y) / n
+    square = sum((a - mx) ** 2 for a in X)
+    if square == 0:
+        return None
+    slope = sum((a - mx) * (b - my) for a, b in zip(X, Y)) / square
+    rest = sum((b - my - slope * (a - mx)) ** 2 for a, b in zip(X, Y))
+    return slope, math.sqrt(rest / (n - 2) / square), n
+
+
+def fitted(x, y):
+    found = fit(x, y)
+    return "–" if found is None else f"{found[0]:.2f} ± {found[1]:.2f}"
+
+
+def table(header, rows):
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    return "\n".join(lines + ["| " + " | ".join(str(c) for c in row) + " |" for row in rows])
+
+
+# --- whole-program runs -------------------------------------------------------------------------------------------------
+
+
+class Run:
+    """A row of programs.json."""
+
+    def __init__(self, node):
+        self.node = node
+        self.labels, self.plan = node["labels"], node["plan"]
+        self.case, self.table = node.text("case"), node.text("table")
+        self.timed = node.has("summary")
+        if self.timed:
+            self.wall, self.solve = node.times("wall_seconds"), node.times("solve_seconds")
+            self.triad = median(node.times("triad"))
+            self.summary = node["summary"]
+
+    def label(self, name):
+        return self.labels.number(name)
+
+    @property
+    def method(self):
+        """Its name; of the default one with the profile that this is."""
+        name = self.labels.text("method")
+        return f"{name} ({self.plan.text('profile')})" if name == "schrodingerized" else name
+
+    @property
+    def seconds(self):
+        return median(self.solve)
+
+    @property
+    def cells(self):
+        return self.plan.positive("cells")
+
+    @property
+    def span(self):
+        """Λ: length of the spectrum of S, guaranteed, times T."""
+        p = self.plan
+        return (p.positive("decay") + p.number("growth")) * p.positive("time")
+
+    @property
+    def phases(self):
+        """Σ τ_l, τ_l half the length of H_l's spectrum times T: what Chebyshev series take at least."""
+        p = self.plan
+        rate, time, period = (p.positive(k) for k in ("rate", "time", "period"))
+        wave = 2 * math.pi / period
+        modes = int(p.positive("modes"))
+        tau = sum(rate * time * math.hypot(1, wave * l) for l in range(modes))
+        return tau * p.positive("fields")
+
+    @property
+    def applications(self):
+        """Done, or where nothing was solved, planned."""
+        return self.summary.positive("matvecs") if self.timed else self.plan.positive("applications")
+
+    @property
+    def work(self):
+        """Rows times applications."""
+        return self.cells * self.applications
+
+    @property
+    def nanoseconds(self):
+        """Wall clock a row and application."""
+        return 1e9 * self.seconds / self.work
+
+    @property
+    def share(self):
+        """The bandwidth that the model accounts for, over the triad's."""
+        return MODEL_BYTES * self.work / self.seconds / self.triad
+
+    @property
+    def reached(self):
+        error = self.node.number("error_semidiscrete")
+        return f"{error:.1e}" if error else "is exp(AT)"
+
+    @property
+    def mebibytes(self):
+        return f"{self.summary.positive('memory_peak_bytes_per_rank') / 2**20:.0f}"
+
+
+def of(runs, name):
+    found = [run for run in runs if run.table == name]
+    if not found:
+        raise Bad(f"programs.json: no rows of table {name!r}")
+    return found
+
+
+def machine(programs):
+    m = programs["machine"]
+    load = m.number("load")
+    lines = [
+        f"{m.text('processor')}, {m['cores'].value} cores, {m.text('l1')} L1 and {m.text('l2')} L2 a core, {m.text('l3')} L3, "
+        f"{m.text('memory')} of memory; {m.text('rustc')}; {m.text('mpi')}; phasewarp {m.text('version')}, commit {m.text('commit')}.",
+        f"Load of the machine when the runs began: {load:.1f}"
+        + (". **Others were at work: times are too long and ratios noisy.**" if load > 0.5 else "."),
+    ]
+    triads = [value for row in programs["rows"] if row.has("triad") for value in row.times("triad")]
+    lines.append(f"Triad before each timed run, one core: {spread([t / 1e9 for t in triads])} GB/s.")
+    return "\n".join(lines)
+
+
+def by_tolerance(runs):
+    rows = []
+    for run in of(runs, "tolerance"):
+        s = run.summary
+        exact = [f"{s.number(k):.4f}" for k in ("error_l1", "error_density_l1", "error_velocity_l1") if s.has(k)]
+        rows.append([
+            run.case, "×".join(["8"] * 4) if run.case == "example3" else f"{math.isqrt(int(run.cells))}²",
+            power(run.label("tolerance")), s.number("modes"), s.number("matvecs"), spread(run.solve), spread(run.wall),
+            run.reached, ", ".join(exact), run.mebibytes, f"{run.share:.2f}",
+        ])
+    header = ["case", "cells", "tolerance", "modes", "applications", "solve, s", "whole job, s", "distance to exp(AT)", "L1 to exact",
+              "MiB a rank", "80-byte model / triad"]
+    return table(header, rows)
+
+
+def parts(runs):
+    names, rows = [], []
+    chosen = [r for r in of(runs, "tolerance") if r.label("tolerance") in (1e-6, 1e-9)]
+    for run in chosen:
+        names += [n for n in run.summary["seconds"].value if n not in names]
+    for run in chosen:
+        seconds = run.summary["seconds"]
+        each = [f"{1e3 * seconds.number(n):.1f}" if seconds.has(n) else "–" for n in names]
+        wall = 1e3 * run.summary.positive("wall_seconds")
+        rows.append([run.case, power(run.label("tolerance")), *each, f"{wall:.0f}", f"{1e3 * median(run.wall):.0f}"])
+    return table(["case", "tolerance", *names, "all", "whole job"], rows)
+
+
+def by_ranks(runs):
+    rows = []
+    found = of(runs, "ranks")
+    for run in found:
+        alone = next(
+            (r for r in found if r.label("tolerance") == run.label("tolerance") and r.label("ranks") == 1), None
+        )
+        if alone is None:
+            raise Bad(f"{run.node.place}: no row of one rank to compare with")
+        rows.append([
+            run.case, power(run.label("tolerance")), f"{run.label('ranks'):.0f}", spread(run.solve), spread(run.wall),
+            f"{alone.seconds / run.seconds:.2f}",
+        ])
+    return table(["case", "tolerance", "ranks", "solve, s", "whole job, s", "speed-up of the solve"], rows)
+
+
+def growth(runs, name, what, value, unknown):
+    """A table of timed runs over `value`, and the exponents."""
+    found = of(runs, name)
+    x = [value(r) for r in found]
+    rows = [
+        [what(r), f"{r.span:.1f}", f"{r.plan.positive('modes'):.0f}", f"{r.applications:.0f}", f"{r.applications / r.phases:.2f}",
+         spread(r.solve), f"{r.nanoseconds:.3f}", f"{r.share:.2f}", r.mebibytes]
+        for r in found
+    ]
+    header = [unknown, "Λ", "modes", "applications", "/ Σ τ", "solve, s", "ns a row and application", "80-byte model / triad",
+              "MiB a rank"]
+    exponents = [
+        ["applications", fitted(x, [r.applications for r in found]), "Σ τ", fitted(x, [r.phases for r in found])],
+        ["solve, s", fitted(x, [r.seconds for r in found]), "rows × applications", fitted(x, [r.work for r in found])],
+    ]
+    return table(header, rows) + f"\n\nExponents in {unknown}:\n\n" + table(["measured", "", "model", ""], exponents)
+
+
+def by_points(runs):
+    found = of(runs, "points")
+    x = [r.label("points") for r in found]
+    rows = [
+        [f"{p:.0f}", f"{r.plan.positive('modes'):.0f}", f"{r.applications:.0f}", spread(r.solve), r.reached, r.mebibytes]
+        for p, r in zip(x, found)
+    ]
+    exponents = [
+        ["applications", fitted(x, [r.applications for r in found]), "Σ τ", fitted(x, [r.phases for r in found])],
+        ["solve, s", fitted(x, [r.seconds for r in found]), "rows × applications", fitted(x, [r.work for r in found])],
+        ["distance to exp(AT)", fitted(x, [r.node.number("error_semidiscrete") for r in found]), "order of the corner", "-1 to -2"],
+    ]
+    header = ["N_p", "modes", "applications", "solve, s", "distance to exp(AT)", "MiB a rank"]
+    return table(header, rows) + "\n\nExponents in N_p:\n\n" + table(["measured", "", "model", ""], exponents)
+
+
+def by_span(runs):
+    found = of(runs, "span")
+    tolerances = list(dict.fromkeys(r.label("tolerance") for r in found))
+    spans = list(dict.fromkeys(r.span for r in found))
+    at = {(r.label("tolerance"), round(r.span, 6)): r for r in found}
+    rows = []
+    for tolerance in tolerances:
+        mine = [r for r in found if r.label("tolerance") == tolerance]
+        cells = [
+            f"{r.plan.number('modes'):.0f} / {r.applications:.0f}" if (r := at.get((tolerance, round(s, 6)))) else "–"
+            for s in spans
+        ]
+        upper = [r for r in mine if r.span > 100]
+        exponent = fitted([r.span for r in upper], [r.applications for r in upper])
+        rows.append([power(tolerance), *cells, exponent])
+    header = ["tolerance", *(f"Λ = {s:.0f}" for s in spans), "exponent of the applications, Λ > 100"]
+    return f"Profile `{found[0].plan.text('profile')}`; modes / applications.\n\n" + table(header, rows)
+
+
+def by_digits(runs):
+    found = of(runs, "digits")
+    rows = [[power(r.label("tolerance")), f"{r.plan.number('modes'):.0f}", f"{r.applications:.0f}"] for r in found]
+    loose = [r for r in found if r.label("tolerance") > 0.5e-9]
+    digits = [math.log(1 / r.label("tolerance")) for r in loose]
+    return (
+        table(["tolerance", "modes", "applications"], rows)
+        + f"\n\nFrom 1e-2 to 1e-9, exponent in ln 1/ε: modes {fitted(digits, [r.plan.number('modes') for r in loose])}, "
+        + f"applications {fitted(digits, [r.applications for r in loose])}."
+    )
+
+
+def by_method(runs):
+    rows = []
+    for run in of(runs, "methods"):
+        setting = f"tolerance {power(run.label('tolerance'))}" if run.labels.has("tolerance") else ""
+        found = re.search(r"cfl=([\d.e-]+)", run.node.text("command"))
+        setting = f"cfl {found[1]}" if found else setting
+        rows.append([run.method, setting, f"{run.applications:.0f}", spread(run.solve), run.reached,
+                     f"{run.summary.number('error_l1'):.4f}"])
+    return table(["method", "", "applications", "solve, s", "distance to exp(AT)", "L1 to exact"], rows)
+
+
+def by_exact(runs):
+    rows = [
+        [r.method, f"{r.label('cells'):.0f}²", spread(r.solve), f"{r.summary.number('error_l1'):.4f}"]
+        for r in of(runs, "exact")
+    ]
+    return table(["method", "cells", "solve, s", "L1 to exact"], rows)
+
+
+# --- peers --------------------------------------------------------------------------------------------------------------
+
+
+def over(peer, mine):
+    """Ratio of the medians, and the range that both spreads allow."""
+    ratio = short(median(peer) / median(mine))
+    if len(peer) == len(mine) == 1:
+        return ratio
+    return f"{ratio} ({short(min(peer) / max(mine))}–{short(max(peer) / min(mine))})"
+
+
+def by_peer(peers):
+    mine = peers["phasewarp"]
+    solve, wall, alone = mine.times("solve2"), mine.times("wall2"), mine.times("solve1")
+    count = peers.positive("modes")
+    rows, best = [], None
+    for peer in peers["peers"]:
+        seconds = peer.times("seconds")
+        if best is None or median(seconds) < median(best[1]):
+            best = (peer, seconds)
+        modes = peer.positive("modes")
+        how = f"{peer.number('processes')} × {peer.number('threads')}"
+        checked = f"{peer.number('field_error'):.1e}" if peer.has("field_error") else "by mode"
+        rows.append([peer.text("name"), how, f"{modes:.0f}" + ("" if modes == count else f" of {count:.0f}, scaled"), spread(seconds),
+                     checked, over(seconds, solve), over(seconds, wall)])
+    if best is None:
+        raise Bad(f"{peers.place}: no peers")
+    versions = ", ".join(f"{k} {v}" for k, v in peers["versions"].value.items())
+    cells = peers.number("cells")
+    text = [
+        f"Example 1, {cells}², tolerance {power(peers.positive('tolerance'))}, {count:.0f} modes, {peers.number('applications'):.0f} "
+        f"applications (the Chebyshev peers, by their own count: {peers.number('peer_applications'):.0f}); "
+        f"rounds: {peers.number('rounds')}; commit {peers.text('commit')}, load {peers.number('load'):.1f}; {versions}.",
+    ]
+    text += [f"Skipped: {line.value}." for line in peers["skipped"]]
+    text += ["", table(["", "solve, s", "whole job, s", "distance to exp(AT)"], [
+        ["phasewarp, 2 ranks", spread(solve), spread(wall), f"{peers.number('error'):.1e}"],
+        ["phasewarp, 1 rank", spread(alone), spread(mine.times("wall1")), "the same bits"],
+    ]), "", table(["peer", "processes × threads", "modes", "seconds", "distance to exp(AT)", "/ solve", "/ whole job"], rows), ""]
+    classical, ours = peers.times("classical"), mine.times("classical_solve1")
+    text.append(table(["goal", "ratio", ""], [
+        [f"best peer ({best[0].text('name')}, {best[0].number('processes')} × {best[0].number('threads')}) / phasewarp's solve: at least 20",
+         over(best[1], solve), "met" if median(best[1]) >= 20 * median(solve) else "not met"],
+        [f"SciPy's classical `expm_multiply(A)`, {spread(classical)} s / phasewarp's solve: at least 1",
+         over(classical, solve), "met" if median(classical) >= median(solve) else "not met"],
+        ["the same / the whole job of phasewarp", over(classical, wall), "no goal"],
+        [f"the same / phasewarp's own classical exponential, 1 rank, {spread(ours)} s", over(classical, ours), "no goal"],
+    ]))
+    return "\n".join(text)
+
+
+# --- example 3 ----------------------------------------------------------------------------------------------------------
+
+
+def by_example3(folder):
+    rows = []
+    for n in (8, 16, 32, 64):
+        s = load(os.path.join(folder, f"example3-{n}", "summary.json"))
+        if s is None:
+            rows.append([f"{n}⁴", *["not measured"] + ["–"] * 8])
+            continue
+        if s.number("cells") != n**4:
+            raise Bad(f"{s.place}: {s.number('cells')} cells, {n**4} expected")
+        planned, peak, ranks = (s.positive(k) for k in
+                                ("memory_planned_bytes_per_rank", "memory_peak_bytes_per_rank", "ranks"))
+        estimate = f"{s.number('error_estimate'):.1e}" if s.has("error_estimate") else "–"
+        rows.append([
+            f"{n}⁴", s.number("modes"), s.number("matvecs"), short(s.positive("solve_seconds")), short(s.positive("wall_seconds")),
+            f"{ranks * peak / 2**30:.2f}, {ranks * planned / 2**30:.2f}", estimate, f"{s.number('error_density_l1'):.4f}",
+            f"{s.number('error_velocity_l1'):.4f}", f"{s.number('mass'):.5f}",
+        ])
+    return table(["cells", "modes", "applications", "solve, s", "all, s", "GiB in all: measured, planned", "error estimate",
+                  "density, L1 to exact", "mean velocity, L1 to exact", "mass"], rows)
+
+
+# --- the document -------------------------------------------------------------------------------------------------------
+
+
+def replaced(text, name, content, path):
+    pattern = re.compile(rf"(<!-- begin {name} -->\n).*?(<!-- end {name} -->)", re.DOTALL)
+    if len(pattern.findall(text)) != 1:
+        raise Bad(f"{path}: one pair of markers 'begin {name}', 'end {name}' expected")
+    return pattern.sub(lambda m: f"{m[1]}\n{content}\n\n{m[2]}", text)
+
+
+def rates(path):
+    """What the bench of the inner loop printed itself: its lines before and between criterion's."""
+    with open(path, encoding="utf-8") as file:
+        lines = [line.rstrip() for line in file]
+    # Criterion's reports: a name with its times, and indented lines that follow.
+    kept = [l for l in lines if l and not re.match(r"\s|Benchmarking|Found \d+ outliers|Gnuplot|\S+/\S+$|\S+/\S+\s+time:", l)]
+    if not any("triad" in line for line in kept):
+        raise Bad(f"{path}: no line about the triad")
+    return "```\n" + "\n".join(kept) + "\n```"
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--results", default=os.path.join(ROOT, "results/bench"))
+    parser.add_argument("--example3", default=os.path.join(ROOT, "results"))
+    parser.add_argument("--document", default=os.path.join(ROOT, "docs/performance.md"))
+    parser.add_argument("--only", choices=["example3"], help="leave out what make bench measured")
+    options = parser.parse_args()
+    content = {}
+    programs = None if options.only else load(os.path.join(options.results, "programs.json"))
+    if programs is not None:
+        runs = [Run(node) for node in programs["rows"]]
+        number = lambda name: lambda run: run.label(name)
+        content |= {
+            "machine": machine(programs), "tolerance": by_tolerance(runs), "parts": parts(runs), "ranks": by_ranks(runs),
+            "cells": growth(runs, "cells", lambda r: f"{r.label('cells'):.0f}² = {r.cells:.0f}", lambda r: r.cells, "cells"),
+            "cells4": growth(runs, "cells4", lambda r: f"{r.label('cells'):.0f}⁴ = {r.cells:.0f}", lambda r: r.cells, "cells"),
+            "time": growth(runs, "time", lambda r: f"{r.label('time'):g}", number("time"), "T"),
+            "points": by_points(runs), "span": by_span(runs), "digits": by_digits(runs), "methods": by_method(runs),
+            "exact": by_exact(runs),
+        }
+    if not options.only and os.path.exists(path := os.path.join(options.results, "application.txt")):
+        content["rates"] = rates(path)
+    peers = None if options.only else load(os.path.join(options.results, "peers.json"))
+    if peers is not None:
+        content["peers"] = by_peer(peers)
+    if any(os.path.exists(os.path.join(options.example3, f"example3-{n}", "summary.json")) for n in (8, 16, 32, 64)):
+        content["example3"] = by_example3(options.example3)
+    with open(options.document, encoding="utf-8") as file:
+        text = file.read()
+    for name in re.findall(r"<!-- begin (\S+) -->", text):
+        if name not in content and not options.only:
+            print(f"report: {name}: not measured, kept as it is")
+    for name, table_text in content.items():
+        text = replaced(text, name, table_text, options.document)
+    with open(options.document, "w", encoding="utf-8") as file:
+        file.write(text)
+    print(f"report: {', '.join(content) or 'nothing'} written into {options.document}")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except (Bad, OSError) as error:
+        sys.exit(f"report: {error}")

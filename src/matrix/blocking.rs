@@ -1,0 +1,419 @@
+//! Several steps in one trip through memory, where the vectors do not fit into the cache of a core.
+//!
+//! Rows are gathered into tiles: the velocities at a cell of space, or a range of them, with their auxiliary unknowns. A tile
+//! at level `m` holds its rows of the vectors of steps `m` and `m − 1`. It may go on to `m + 1`, written over `m − 1`, once every
+//! tile that it is coupled to is at `m` or `m + 1`: those at `m` hold what it reads, those at `m + 1` still do, and none of them needs
+//! its `m − 1` any more. Every order that keeps this rule does the same operations on the same numbers: the same bits as
+//! step after step.
+//!
+//! The order taken here is a wavefront (as in Wellein et al. 2009 for stencils, Alappat et al. 2023 for powers of sparse
+//! matrices): tiles are opened range by range of velocities, strip by strip of the second and third x-axis, along the first;
+//! whenever one is opened, every tile that may go on does, up to level [`Shape::depth`]. So behind the front follow the later
+//! levels, each a cell behind, and a tile is read from memory about once for all of them:
+//!
+//! ```text
+//! level 3   x x x . . . .
+//! level 2   x x x x . . .
+//! level 1   x x x x x . .      next: the sixth cell to 1, the fifth to 2, the fourth to 3
+//! ```
+//!
+//! Along a strip's edge every level begins a cell earlier, and what is left open there waits for the next strip.
+//!
+//! Ghosts are like a tile that goes on by an exchange: towards them the levels fall off cell by cell, and each exchange lets all
+//! of those go on by one. So there is one message a step as without blocking, whatever the neighbour's depth, nothing is computed
+//! twice, and all but a margin of [`Shape::depth`] cells is done while the first message is under way.
+
+use super::{BlockMatrix, Lanes, StartRow, StepConstants, kernel};
+use crate::communicator::GhostExchange;
+use crate::system::cache_per_core;
+use std::ops::Range;
+
+/// Most steps in one trip.
+pub const MOST_LEVELS: usize = 16;
+/// Bytes of the vectors, a row: two batches and the start.
+const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0;
+/// Part of the cache that what is in use may fill: lines that share a place in it push each other out before it is full.
+const SHARE: f64 = 0.55;
+/// Fewest rows of a tile that is not a whole cell.
+const FEWEST_ROWS: usize = 32;
+
+/// How rows are gathered and in what order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shape {
+    /// Steps in one trip, at most [`MOST_LEVELS`].
+    pub depth: usize,
+    /// Cells of a strip along each x-axis but the first.
+    pub width: usize,
+    /// Ranges of velocities.
+    pub parts: usize,
+}
+
+/// Tiles, and the order in which they take several steps.
+#[derive(Clone, Debug)]
+pub struct Blocking {
+    shape: Shape,
+    /// Rows of cells, and the auxiliary unknowns of those, by number among the auxiliary ones.
+    tiles: Vec<(Range<u32>, Range<u32>)>,
+    /// Which tile goes on, and from which level.
+    order: Vec<(u32, u32)>,
+    /// Where in `order` the ghosts of a level must have come, level by level.
+    exchanges: Vec<usize>,
+}
+
+impl Blocking {
+    /// Bytes a row that it takes, while it is made.
+    pub const BYTES_PER_ROW: usize = 200 / FEWEST_ROWS;
+
+    /// The blocking that is modelled to move the fewest bytes, for the cache of this machine; `None` where step after step is
+    /// as good or a row is a sum over all ranks.
+    pub fn planned(matrix: &BlockMatrix) -> Option<Self> {
+        if !Self::possible(matrix) {
+            return None;
+        }
+        let shape = Shape::planned(matrix, SHARE * cache_per_core() as f64)?;
+        Some(Self::new(matrix, &shape))
+    }
+
+    /// Whether steps can be blocked: not where a row is a sum over all ranks.
+    pub fn possible(matrix: &BlockMatrix) -> bool {
+        !matrix.shared
+    }
+
+    /// The blocking of `shape`; of a matrix for which it is [`possible`](Self::possible).
+    pub fn new(matrix: &BlockMatrix, shape: &Shape) -> Self {
+        assert!(Self::possible(matrix) && (1..=MOST_LEVELS).contains(&shape.depth));
+        let tiling = Tiling::new(matrix, shape.parts);
+        let neighbours = tiling.neighbours(matrix);
+        let mut this = Self {
+            shape: *shape,
+            order: Vec::with_capacity(tiling.tiles.len() * shape.depth),
+            tiles: Vec::new(),
+            exchanges: Vec::new(),
+        };
+        let mut levels = vec![0u32; tiling.tiles.len()];
+        let mut waiting = Vec::new();
+        // Lets `tile` go on, and then all that can, while the ghosts of `ghosts` levels are there. Tiles beyond the front are at
+        // level 0 and not open, so only `tile` itself can be the first to go on.
+        let mut open = |tile: usize, ghosts: u32, order: &mut Vec<(u32, u32)>| {
+            waiting.push(tile);
+            while let Some(t) = waiting.pop() {
+                let (level, around) = (levels[t], neighbours.of(t));
+                let closed = level == 0 && t != tile;
+                let lacks = neighbours.border[t] && level >= ghosts;
+                let behind = |n: &u32| levels[*n as usize] < level;
+                let done = level as usize == shape.depth;
+                if done || closed || lacks || around.iter().any(behind) {
+                    continue;
+                }
+                order.push((t as u32, level));
+                levels[t] += 1;
+                waiting.extend(around.iter().map(|n| *n as usize));
+                waiting.push(t);
+            }
+        };
+        let mut sequence = Vec::with_capacity(tiling.tiles.len());
+        for part in 0..tiling.parts {
+            for_each_in_strips(&matrix.block.ranges, shape.width, |cell| {
+                sequence.push(cell * tiling.parts + part);
+            });
+        }
+        sequence.iter().for_each(|t| open(*t, 0, &mut this.order));
+        if matrix.block.ghosts() > 0 {
+            sequence.retain(|t| neighbours.border[*t]);
+            for level in 0..shape.depth {
+                this.exchanges.push(this.order.len());
+                let ghosts = level as u32 + 1;
+                sequence
+                    .iter()
+                    .for_each(|t| open(*t, ghosts, &mut this.order));
+            }
+        }
+        debug_assert!(levels.iter().all(|l| *l as usize == shape.depth));
+        this.tiles = tiling.tiles;
+        this
+    }
+
+    /// Most steps in one trip.
+    pub fn depth(&self) -> usize {
+        self.shape.depth
+    }
+
+    /// How it was made.
+    pub fn shape(&self) -> Shape {
+        self.shape
+    }
+}
+
+impl Shape {
+    /// The shape of least modelled traffic whose tiles in use fit into `cache` bytes, if that is less than step after step.
+    fn planned(matrix: &BlockMatrix, cache: f64) -> Option<Self> {
+        let rows = matrix.rows() as f64;
+        let bytes = BYTES_PER_ROW + matrix.bytes() as f64 / rows;
+        if bytes * rows <= cache {
+            return None;
+        }
+        let across = &matrix.block.ranges[1..];
+        let widest = across.iter().map(Range::len).max().unwrap_or(1);
+        let wide = matrix.block.wide_ranges();
+        let parts = matrix.independent_velocities();
+        let tile = bytes * matrix.block.velocity_cells.div_ceil(parts) as f64;
+        let mut best: Option<(f64, Self)> = None;
+        for width in (0..).map(|k| 1 << k).take_while(|w| *w < 2 * widest) {
+            for depth in 2..=MOST_LEVELS.min(matrix.block.ranges[0].len()) {
+                // Along a strip's edge, `depth` cells are read once more.
+                let (mut section, mut edges) = (1.0, 1.0);
+                for axis in across {
+                    let (cells, open) = (width.min(axis.len()) as f64, depth as f64);
+                    let cut = width < axis.len();
+                    section *= if cut { cells + 0.5 * open } else { cells };
+                    edges *= if cut { 1.0 + open / cells } else { 1.0 };
+                }
+                // Towards ghosts, `depth` cells wait for them level by level.
+                let waiting: f64 = (matrix.block.ranges.iter().zip(&wide))
+                    .map(|(own, wide)| {
+                        let sides = (wide.len() - own.len()) as f64;
+                        0.5 * sides * depth as f64 / own.len() as f64
+                    })
+                    .sum();
+                let traffic = edges / depth as f64 + waiting;
+                let fits = tile * section * (depth + 2) as f64 <= cache;
+                if fits && best.is_none_or(|(least, _)| traffic < least) {
+                    let shape = Self {
+                        depth,
+                        width,
+                        parts,
+                    };
+                    best = Some((traffic, shape));
+                }
+            }
+        }
+        best.filter(|(traffic, _)| *traffic < 0.9).map(|b| b.1)
+    }
+}
+
+/// Calls `visit` with every cell of a box, by its row-major number: strip by strip of all axes but the first, along the first.
+fn for_each_in_strips(ranges: &[Range<usize>], width: usize, mut visit: impl FnMut(usize)) {
+    let sizes: Vec<usize> = ranges[1..].iter().map(Range::len).collect();
+    let section: usize = sizes.iter().product();
+    // The cells of a section by the strip they are in.
+    let mut order: Vec<(Vec<usize>, usize)> = (0..section)
+        .map(|cell| {
+            let mut rest = cell;
+            let mut strip = vec![0; sizes.len()];
+            for (a, size) in sizes.iter().enumerate().rev() {
+                strip[a] = rest % size / width;
+                rest /= size;
+            }
+            (strip, cell)
+        })
+        .collect();
+    order.sort();
+    for strip in order.chunk_by(|a, b| a.0 == b.0) {
+        for i in 0..ranges[0].len() {
+            strip.iter().for_each(|(_, cell)| visit(i * section + cell));
+        }
+    }
+}
+
+/// The tiles: `parts` nearly equal ranges of velocities at each cell.
+struct Tiling {
+    parts: usize,
+    velocities: usize,
+    tiles: Vec<(Range<u32>, Range<u32>)>,
+}
+
+impl Tiling {
+    fn new(matrix: &BlockMatrix, parts: usize) -> Self {
+        let velocities = matrix.block.velocity_cells;
+        let parts = parts.clamp(1, velocities);
+        let number = |i: usize| i as u32;
+        let mut tiles = Vec::with_capacity(matrix.block.space_cells() * parts);
+        let mut next = 0;
+        for cell in 0..matrix.block.space_cells() {
+            for part in 0..parts {
+                let range = crate::partition::split(&(0..velocities), parts, part);
+                let rows =
+                    number(cell * velocities + range.start)..number(cell * velocities + range.end);
+                let first = next;
+                while (next as usize) < matrix.inflow.len()
+                    && matrix.inflow[next as usize].row < rows.end
+                {
+                    next += 1;
+                }
+                tiles.push((rows, first..next));
+            }
+        }
+        Self {
+            parts,
+            velocities,
+            tiles,
+        }
+    }
+
+    /// The tile of a row of cells.
+    fn tile_of(&self, row: usize) -> usize {
+        let (cell, v) = (row / self.velocities, row % self.velocities);
+        // The ranges of `split`.
+        cell * self.parts + ((v + 1) * self.parts - 1) / self.velocities
+    }
+
+    /// The tiles that each is coupled to by an entry.
+    fn neighbours(&self, matrix: &BlockMatrix) -> Neighbours {
+        let cells = matrix.block.cells();
+        let ghosts = matrix.rows();
+        let mut found = Neighbours {
+            ends: Vec::with_capacity(self.tiles.len()),
+            tiles: Vec::new(),
+            border: vec![false; self.tiles.len()],
+        };
+        let mut seen = vec![u32::MAX; self.tiles.len()];
+        for (t, (rows, _)) in self.tiles.iter().enumerate() {
+            seen[t] = t as u32;
+            // An auxiliary unknown is coupled to its own row only, in the same tile.
+            for i in rows.start as usize..rows.end as usize {
+                for (column, _, _) in matrix.row(i) {
+                    if column >= cells {
+                        found.border[t] |= column >= ghosts;
+                        continue;
+                    }
+                    let other = self.tile_of(column);
+                    if seen[other] != t as u32 {
+                        seen[other] = t as u32;
+                        found.tiles.push(other as u32);
+                    }
+                }
+            }
+            found.ends.push(found.tiles.len());
+        }
+        found
+    }
+}
+
+struct Neighbours {
+    ends: Vec<usize>,
+    tiles: Vec<u32>,
+    /// Whether a tile is coupled to ghosts.
+    border: Vec<bool>,
+}
+
+impl Neighbours {
+    fn of(&self, tile: usize) -> &[u32] {
+        let start = tile.checked_sub(1).map_or(0, |before| self.ends[before]);
+        &self.tiles[start..self.ends[tile]]
+    }
+}
+
+impl BlockMatrix {
+    /// Ranges of velocities that go through space by themselves but for a few cells, as small as is worth a tile: whole lines
+    /// of the last axis in more than one dimension, for a jump in `x` couples the velocities along `x` only. One where a force acts.
+    fn independent_velocities(&self) -> usize {
+        let (nv, count) = (self.block.velocity_cells, self.block.space_cells());
+        let coupled = |cell: &usize| {
+            let rows = cell * nv..(cell + 1) * nv;
+            let within = |i: usize| self.row(i).any(|(j, _, _)| j != i && rows.contains(&j));
+            rows.clone().any(within)
+        };
+        if 8 * (0..count).filter(coupled).count() > count {
+            return 1;
+        }
+        let line = if self.block.ranges.len() == 1 {
+            1
+        } else {
+            self.block.velocity_line
+        };
+        (nv / (line * FEWEST_ROWS.div_ceil(line))).max(1)
+    }
+
+    /// One step for each of `levels`, as many [`step`](Self::step)s would: from `x` and the vector before it, `y`, to the last
+    /// two, which come out in the same places. Collective over the space group.
+    pub fn steps<R: StartRow>(
+        &self,
+        exchange: &mut GhostExchange,
+        blocking: Option<&Blocking>,
+        levels: &[StepConstants],
+        couplings: Option<&[f64]>,
+        (y, x): (&mut Vec<Lanes>, &mut Vec<Lanes>),
+        start: &[R],
+    ) {
+        let Some(blocking) = blocking.filter(|_| levels.len() > 1) else {
+            for constants in levels {
+                self.step(exchange, constants, couplings, y, x, start);
+                std::mem::swap(y, x);
+            }
+            return;
+        };
+        assert!(levels.len() <= blocking.depth() && x.len() == y.len());
+        let rows = self.rows();
+        // Level `m` is in `vectors[m % 2]`.
+        let mut vectors: [&mut [Lanes]; 2] = [x, y];
+        let ends = blocking.exchanges.iter().skip(1).copied();
+        let mut ends = ends.chain([blocking.order.len()]);
+        let mut from = match blocking.exchanges.first() {
+            None => 0,
+            Some(&first) => {
+                exchange.start(&vectors[0][..rows]);
+                let order = &blocking.order[..first];
+                self.advance((blocking, order), levels, couplings, &mut vectors, start);
+                exchange.finish(&mut vectors[0][rows..]);
+                first
+            }
+        };
+        for level in 0..levels.len() {
+            let Some(to) = ends.next() else {
+                break;
+            };
+            if level > 0 {
+                let vector = &mut *vectors[level % 2];
+                exchange.start(&vector[..rows]);
+                exchange.finish(&mut vector[rows..]);
+            }
+            let order = &blocking.order[from..to];
+            self.advance((blocking, order), levels, couplings, &mut vectors, start);
+            from = to;
+        }
+        if levels.len() % 2 == 1 {
+            std::mem::swap(y, x);
+        }
+    }
+
+    /// Lets the tiles of `order` go on.
+    fn advance<R: StartRow>(
+        &self,
+        (blocking, order): (&Blocking, &[(u32, u32)]),
+        levels: &[StepConstants],
+        couplings: Option<&[f64]>,
+        vectors: &mut [&mut [Lanes]; 2],
+        start: &[R],
+    ) {
+        let cells = self.block.cells();
+        let step = kernel::stepper::<R>(self, vectors[0]);
+        let [even, odd] = vectors;
+        for &(tile, level) in order {
+            let Some(constants) = levels.get(level as usize) else {
+                continue;
+            };
+            let (y, x) = if level % 2 == 0 {
+                (&mut **odd, &**even)
+            } else {
+                (&mut **even, &**odd)
+            };
+            let (rows, auxiliaries) = &blocking.tiles[tile as usize];
+            step(
+                self,
+                rows.start as usize..rows.end as usize,
+                constants,
+                y,
+                x,
+                start,
+            );
+            let own = auxiliaries.start as usize..auxiliaries.end as usize;
+            if !own.is_empty() {
+                let rows = cells + own.start..cells + own.end;
+                step(self, rows, constants, y, x, start);
+                if let Some(couplings) = couplings {
+                    self.step_couplings(constants, (own.clone(), &couplings[own]), y, x);
+                }
+            }
+        }
+    }
+}

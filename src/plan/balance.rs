@@ -1,0 +1,251 @@
+//! Modes into batches, and batches to mode groups, so that the group with most to do has as little as can be.
+//!
+//! Where the lanes of a batch are independent, batches are cut from the modes in the order of falling work, each full but
+//! the last. No other choice has a cheaper batch anywhere: the `b − 1` costliest hold at most `(b − 1) B` modes, so the
+//! `b`-th of any choice costs at least as much as mode `(b − 1) B + 1` of that order. What is left is to deal whole batches.
+
+use crate::matrix::LANES;
+use crate::propagate::Company;
+use serde::Serialize;
+use std::cmp::Reverse;
+
+/// Up to so many pieces are dealt by search, ...
+const SEARCHED: usize = 24;
+/// ... which gives up after so many steps.
+const MOST_STEPS: usize = 100_000;
+
+/// Modes that are propagated together.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Batch {
+    /// The modes, at most [`LANES`].
+    pub modes: Vec<usize>,
+    /// Modelled cost: so many applications (or solves) of one mode, idle lanes included.
+    pub cost: usize,
+}
+
+impl Batch {
+    fn new(modes: Vec<usize>, work: &[usize], company: Company) -> Self {
+        let works = modes.iter().map(|&l| work[l]);
+        let cost = match company {
+            Company::Independent | Company::Coupled => LANES * works.max().unwrap_or(0),
+            Company::Sequential => works.sum(),
+        };
+        Self { modes, cost }
+    }
+}
+
+/// Modelled cost of a group.
+pub fn cost(group: &[Batch]) -> usize {
+    group.iter().map(|b| b.cost).sum()
+}
+
+/// The batches of each of `groups` mode groups, longest first, for modes that take `work`.
+pub fn share_out(work: &[usize], company: Company, groups: usize) -> Vec<Vec<Batch>> {
+    let mut falling: Vec<usize> = (0..work.len()).collect();
+    falling.sort_by_key(|&l| (Reverse(work[l]), l));
+    let neighbours: Vec<usize> = (0..work.len()).collect();
+    // What is dealt as a whole.
+    let pieces: Vec<&[usize]> = match company {
+        Company::Independent => falling.chunks(LANES).collect(),
+        // From the top, so that the block that is not full is the cheapest.
+        Company::Coupled => neighbours.rchunks(LANES).collect(),
+        Company::Sequential => falling.chunks(1).collect(),
+    };
+    let batch = |modes: &[usize]| Batch::new(modes.to_vec(), work, company);
+    let costs: Vec<usize> = pieces.iter().map(|piece| batch(piece).cost).collect();
+    let mut shares: Vec<Vec<Batch>> = vec![Vec::new(); groups];
+    for (piece, group) in pieces.iter().zip(deal(&costs, groups)) {
+        let share = &mut shares[group];
+        match share.last_mut() {
+            Some(last) if company == Company::Sequential && last.modes.len() < LANES => {
+                last.modes.extend_from_slice(piece);
+                *last = batch(&last.modes);
+            }
+            _ => share.push(batch(piece)),
+        }
+    }
+    shares
+        .iter_mut()
+        .for_each(|share| share.sort_by_key(|b| Reverse(b.cost)));
+    shares
+}
+
+/// The group of each piece: the longest first, each to the group with least to do; of few pieces, the best of all ways.
+fn deal(costs: &[usize], groups: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..costs.len()).collect();
+    order.sort_by_key(|&k| (Reverse(costs[k]), k));
+    let sorted: Vec<usize> = order.iter().map(|&k| costs[k]).collect();
+    let mut loads = vec![0; groups];
+    let choice: Vec<usize> = (sorted.iter())
+        .map(|cost| {
+            let lightest = (0..groups).min_by_key(|&g| (loads[g], g)).unwrap_or(0);
+            loads[lightest] += cost;
+            lightest
+        })
+        .collect();
+    let mut search = Search {
+        costs: &sorted,
+        least: sorted.iter().sum::<usize>().div_ceil(groups),
+        most: loads.iter().copied().max().unwrap_or(0),
+        best: choice,
+        steps: MOST_STEPS,
+    };
+    if sorted.len() <= SEARCHED {
+        search.place(&mut Vec::new(), &mut vec![0; groups]);
+    }
+    let mut dealt = vec![0; costs.len()];
+    order
+        .iter()
+        .zip(search.best)
+        .for_each(|(&k, group)| dealt[k] = group);
+    dealt
+}
+
+/// The search for the least load of the group with most to do, piece by piece.
+struct Search<'a> {
+    /// Falling.
+    costs: &'a [usize],
+    /// No choice is better than this.
+    least: usize,
+    /// The best so far, and what it puts on one group.
+    most: usize,
+    best: Vec<usize>,
+    /// Steps that are left.
+    steps: usize,
+}
+
+impl Search<'_> {
+    fn place(&mut self, choice: &mut Vec<usize>, loads: &mut [usize]) {
+        let Some(cost) = self.costs.get(choice.len()) else {
+            // Everything fits below the best so far.
+            self.most = loads.iter().copied().max().unwrap_or(0);
+            self.best.clone_from(choice);
+            return;
+        };
+        for g in 0..loads.len() {
+            // Groups that have as much are alike.
+            let seen = loads[..g].contains(&loads[g]);
+            if seen || loads[g] + cost >= self.most || self.most <= self.least || self.steps == 0 {
+                continue;
+            }
+            self.steps -= 1;
+            loads[g] += cost;
+            choice.push(g);
+            self.place(choice, loads);
+            choice.pop();
+            loads[g] -= cost;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Degrees of so many modes, as Chebyshev series of a designed profile have them.
+    fn degrees(modes: usize) -> Vec<usize> {
+        (0..modes).map(|l| 85 + 85 * l / modes).collect()
+    }
+
+    fn imbalance(shares: &[Vec<Batch>]) -> f64 {
+        let most = shares.iter().map(|s| cost(s)).max().unwrap_or(0);
+        let sum: usize = shares.iter().map(|s| cost(s)).sum();
+        (most * shares.len()) as f64 / sum as f64
+    }
+
+    #[test]
+    fn groups_are_as_even_as_whole_batches_can_be() {
+        // Modes, groups, largest imbalance. With fewer than two batches a group, or not a multiple of their number, whole
+        // batches cannot be even: there the layout splits space.
+        for (modes, groups, most) in [
+            (13, 2, 1.20),
+            (19, 2, 1.15),
+            (19, 4, 1.71),
+            (28, 2, 1.005),
+            (28, 4, 1.28),
+            (47, 2, 1.02),
+            (47, 3, 1.005),
+            (47, 4, 1.19),
+            (60, 2, 1.005),
+            (60, 4, 1.005),
+            (84, 2, 1.005),
+            (84, 4, 1.03),
+            (90, 4, 1.01),
+            (500, 4, 1.05),
+        ] {
+            let work = degrees(modes);
+            let shares = share_out(&work, Company::Independent, groups);
+            let found = imbalance(&shares);
+            assert!(found <= most, "{modes} modes on {groups} groups: {found}");
+            // Modes one by one are even wherever there are enough of them.
+            let found = imbalance(&share_out(&work, Company::Sequential, groups));
+            assert!(
+                found <= 1.2,
+                "{modes} modes on {groups} groups one by one: {found}"
+            );
+        }
+    }
+
+    #[test]
+    fn blocks_of_coupled_modes_are_the_same_for_any_groups() {
+        let work = degrees(29);
+        let blocks = |groups: usize| {
+            let shares = share_out(&work, Company::Coupled, groups);
+            let mut blocks: Vec<Vec<usize>> =
+                shares.into_iter().flatten().map(|b| b.modes).collect();
+            blocks.sort();
+            blocks
+        };
+        for groups in 2..7 {
+            assert_eq!(blocks(groups), blocks(1));
+        }
+        assert_eq!(blocks(1)[0], [0, 1, 2, 3, 4]);
+    }
+
+    /// Every way to put modes into groups, and in a group into batches of two kinds of cost, by brute force.
+    fn least_by_force(costs: &[usize], groups: usize) -> usize {
+        let ways = groups.pow(costs.len() as u32);
+        let most = |way: usize| {
+            let mut loads = vec![0; groups];
+            let mut rest = way;
+            for cost in costs {
+                loads[rest % groups] += cost;
+                rest /= groups;
+            }
+            loads.into_iter().max().unwrap_or(0)
+        };
+        (0..ways).map(most).min().unwrap_or(0)
+    }
+
+    proptest! {
+        #[test]
+        fn every_mode_is_somewhere_once(
+            work in prop::collection::vec(1usize..500, 1..200),
+            groups in 1usize..9,
+            kind in 0usize..3,
+        ) {
+            let company = [Company::Independent, Company::Coupled, Company::Sequential][kind];
+            let shares = share_out(&work, company, groups);
+            prop_assert_eq!(shares.len(), groups);
+            let batches: Vec<&Batch> = shares.iter().flatten().collect();
+            let mut modes: Vec<usize> = batches.iter().flat_map(|b| b.modes.clone()).collect();
+            modes.sort_unstable();
+            prop_assert_eq!(modes, (0..work.len()).collect::<Vec<_>>());
+            prop_assert!(batches.iter().all(|b| (1..=LANES).contains(&b.modes.len())));
+        }
+
+        #[test]
+        fn few_pieces_are_dealt_as_well_as_can_be(
+            costs in prop::collection::vec(1usize..100, 1..9),
+            groups in 1usize..4,
+        ) {
+            let dealt = deal(&costs, groups);
+            let load = |g: usize| -> usize {
+                costs.iter().zip(&dealt).filter(|(_, d)| **d == g).map(|(c, _)| c).sum()
+            };
+            let most = (0..groups).map(load).max().unwrap_or(0);
+            prop_assert_eq!(most, least_by_force(&costs, groups));
+        }
+    }
+}
