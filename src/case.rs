@@ -6,6 +6,7 @@ pub use read::read_text;
 
 use crate::expression::Expression;
 use crate::grid::PhaseSpace;
+use crate::output::writer::{CHUNK, MOST_CHUNKS};
 use serde::Serialize;
 
 /// Default of `solver.tolerance`.
@@ -347,6 +348,20 @@ pub struct Storage {
     pub chunks: Option<Vec<usize>>,
     /// `output.xdmf`: whether to write `fields.xdmf`, and what it shows.
     pub xdmf: bool,
+}
+
+impl Storage {
+    /// At most so many chunks has a dataset; 0 where there are none.
+    pub fn most_chunks(&self, space: &PhaseSpace) -> usize {
+        match &self.chunks {
+            Some(chunks) => (chunks.iter().zip(space.axes()))
+                .map(|(c, axis)| axis.cells.div_ceil(*c))
+                .product(),
+            // Planned chunks are of CHUNK/2 cells at least, and not more than half of them at the ends of an axis.
+            None if self.compression > 0 => (1 + 4 * space.cells() / CHUNK).min(MOST_CHUNKS),
+            None => 0,
+        }
+    }
 }
 
 /// A problem and how to solve it, as read from a case file.

@@ -4,6 +4,7 @@ use super::*;
 use crate::case_file::{CaseFile, Table};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, MAX_DIMENSION};
+use crate::output::writer::MOST_CHUNKS;
 use crate::plan::MOST_MODES;
 use crate::profile::{acl::BETAS, smooth::MOST_ORDER};
 use crate::propagate::order;
@@ -789,8 +790,6 @@ fn read_plateau(output: &Table<'_>) -> Result<Option<Plateau>> {
 fn read_storage(output: &Table<'_>, space: &PhaseSpace) -> Result<Storage> {
     /// HDF5 takes chunks of less than 4 GiB, and every rank holds the chunks it writes.
     const MOST_IN_A_CHUNK: f64 = (1 << 30) as f64 / 8.0;
-    /// Every rank keeps about 100 bytes a chunk while it writes them.
-    const MOST_CHUNKS: f64 = 1e6;
     let compression = match output.count("compression", 0)?.unwrap_or(0) {
         level @ 0..=9 => level as u8,
         _ => return Err(output.error("compression", "must be from 0 (none) to 9")),
@@ -811,8 +810,8 @@ fn read_storage(output: &Table<'_>, space: &PhaseSpace) -> Result<Storage> {
             );
             return Err(output.error("chunks", &message));
         }
-        if count > MOST_CHUNKS {
-            let message = format!("makes {count:.3e} chunks; at most {MOST_CHUNKS:e} are written");
+        if count > MOST_CHUNKS as f64 {
+            let message = format!("makes {count:.3e} chunks; at most {MOST_CHUNKS} are written");
             return Err(output.error("chunks", &message));
         }
     }

@@ -116,8 +116,10 @@ pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<V
 
 /// Writes the whole file. Collective over `world`.
 fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Grid>> {
-    let mut writer = Writer::create(world, path, bytes(results.case), &results.case.storage)?;
-    writer.agree(attributes(&writer, world.size(), results))?;
+    let plan = plan_text(results.plan);
+    let most = bytes(results.case) + plan.len() as u64;
+    let mut writer = Writer::create(world, path, most, &results.case.storage)?;
+    writer.agree(attributes(&writer, world.size(), results, &plan))?;
     let outcome = axes(&mut writer, results);
     writer.agree(outcome)?;
     let space = &results.case.space;
@@ -255,8 +257,8 @@ fn bytes(case: &Case) -> u64 {
                 .collect::<Vec<_>>());
         }
     } else if storage.compression > 0 {
-        // Planned chunks are half full at least.
-        chunks = 2 * numbers / CHUNK;
+        // As in `Storage::most_chunks`.
+        chunks = 4 * numbers / CHUNK;
     }
     (8 * (numbers + points) + CHUNK_ENTRY * chunks + MARGIN + 2 * case.text.len()) as u64
 }
@@ -269,7 +271,7 @@ const POINT: &str = "point";
 pub const DIRECTION: &str = "direction";
 
 /// What is said about the file as a whole. To be agreed on.
-fn attributes(writer: &Writer<'_>, ranks: usize, results: &Results<'_>) -> Outcome<()> {
+fn attributes(writer: &Writer<'_>, ranks: usize, results: &Results<'_>, plan: &str) -> Outcome<()> {
     let (file, case) = (writer.file(), results.case);
     for (name, value) in results.provenance {
         attribute(file, name, &text(value))?;
@@ -280,7 +282,7 @@ fn attributes(writer: &Writer<'_>, ranks: usize, results: &Results<'_>) -> Outco
     attribute(file, "time", &case.end)?;
     let dataset = writer.text("case", &case.text)?;
     attribute(&dataset, "overrides", &text(&case.overrides.join("\n")))?;
-    let dataset = writer.text("plan", &plan_text(results.plan))?;
+    let dataset = writer.text("plan", plan)?;
     let layout = serde_json::to_string(&results.plan.layout).unwrap_or_default();
     attribute(&dataset, "layout", &text(&layout))?;
     let timings = file.create_group("timings")?;

@@ -18,8 +18,11 @@ use std::ffi::{CStr, CString};
 use std::mem::ManuallyDrop;
 use std::path::Path;
 
-/// Elements of a planned chunk: 256 KiB, of which HDF5's default cache holds four.
+/// Elements of a planned chunk at least: 256 KiB, of which HDF5's default cache holds four.
 pub const CHUNK: usize = 1 << 15;
+
+/// Most chunks of a dataset: HDF5 takes up to 5 kB for each while they are written.
+pub const MOST_CHUNKS: usize = 1 << 14;
 
 /// What HDF5 says.
 pub type Outcome<T> = std::result::Result<T, hdf5::Error>;
@@ -252,12 +255,14 @@ impl<'a> Writer<'a> {
 }
 
 /// Chunks of a dataset over `scales`, if it is to have any: along each axis what the user says; where that is nothing,
-/// whole axes from the last on, as many as make up [`CHUNK`].
+/// whole axes from the last on, as many as make up [`CHUNK`], or more where that were too many chunks.
 fn chunks(scales: &[&Scale], storage: &Storage) -> Option<Vec<usize>> {
     if storage.compression == 0 && storage.chunks.is_none() {
         return None;
     }
-    let mut room = CHUNK;
+    let size: usize = scales.iter().map(|s| s.length).product();
+    // A chunk is half of this at least, and half of them may be cut by the end of an axis.
+    let mut room = CHUNK.max(size / (MOST_CHUNKS / 4));
     let mut chunk: Vec<usize> = (scales.iter().rev())
         .map(|scale| {
             let cells = scale.chunk.unwrap_or(room).min(scale.length).max(1);
@@ -341,14 +346,10 @@ fn write_slab(dataset: &Dataset, slab: &Slab, values: &[f64], together: bool) ->
         if together {
             status = [
                 h5p::H5Pset_dxpl_mpio(transfer, h5p::H5FD_mpio_xfer_t::H5FD_MPIO_COLLECTIVE),
-                // All chunks in one go, written last and by each rank on its own: a rank whose disk is full is not waited for.
+                // All chunks in one go, written last: in between, one rank's failure would keep the others waiting.
                 h5p::H5Pset_dxpl_mpio_chunk_opt(
                     transfer,
                     h5p::H5FD_mpio_chunk_opt_t::H5FD_MPIO_CHUNK_ONE_IO,
-                ),
-                h5p::H5Pset_dxpl_mpio_collective_opt(
-                    transfer,
-                    h5p::H5FD_mpio_collective_opt_t::H5FD_MPIO_INDIVIDUAL_IO,
                 ),
             ]
             .into_iter()
@@ -416,6 +417,9 @@ mod tests {
             of(&[(500, None), (1 << 16, None)], 9),
             Some(vec![1, 1 << 15])
         );
+        // Not more than can be written.
+        let many = of(&[(1 << 20, None), (1 << 12, None)], 9);
+        assert_eq!(many, Some(vec![1 << 8, 1 << 12]));
         // What the user says holds, with or without compression, cut to the axis.
         assert_eq!(of(&[(9, Some(4)), (11, Some(40))], 0), Some(vec![4, 11]));
     }

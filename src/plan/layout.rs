@@ -14,6 +14,9 @@ use serde::Serialize;
 /// Resident memory of the program and its libraries, HDF5's buffers included.
 const PROGRAM_BYTES: u64 = 28 << 20;
 
+/// What HDF5 takes for each chunk of a dataset while it is written, whatever is in it.
+const CHUNK_BYTES: u64 = 5 << 10;
+
 /// What an exchange takes, in rows of a step: a round of messages, and a ghost that is packed, sent and unpacked. Measured
 /// within a node (docs/performance.md): 4 µs and 40 ns beside 7 to 20 ns a row.
 const ROWS_A_ROUND: f64 = 300.0;
@@ -310,6 +313,10 @@ fn arrays(
             8 * (1 + case.fields.len() as u64) * length,
         ),
     ];
+    let chunks = case.storage.most_chunks(&case.space) as u64;
+    if chunks > 0 {
+        list.push(("chunks being written".to_owned(), CHUNK_BYTES * chunks));
+    }
     if listed > 0 {
         let each = size_of::<Inflow>() as u64;
         list.push((
