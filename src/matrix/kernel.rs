@@ -115,6 +115,10 @@ fn step_rows<const FMA: bool, R: StartRow>(
     x: &[Lanes],
     start: &[R],
 ) {
+    assert!(
+        x.len() >= matrix.rows.reach(),
+        "vector and matrix do not fit"
+    );
     let vectors = y[rows.clone()].iter_mut().zip(&x[rows.clone()]);
     for (i, (Lanes(out), Lanes(own))) in rows.zip(vectors) {
         // S x and K x.
