@@ -253,7 +253,11 @@ impl Node {
             Value::Integer(i) => i.to_string(),
             Value::Number(_, text) | Value::Other(text) => shortened(text),
             Value::Boolean(b) => b.to_string(),
-            Value::List(_) => "a list".into(),
+            Value::List(list) => {
+                let items: Vec<String> = list.iter().take(8).map(Node::describe).collect();
+                let more = if list.len() > 8 { ", …" } else { "" };
+                shortened(&format!("[{}{more}]", items.join(", ")))
+            }
             Value::Table(_) => "a table".into(),
         }
     }

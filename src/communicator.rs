@@ -149,6 +149,14 @@ impl Group {
         max as usize
     }
 
+    /// Whether all ranks give the same number.
+    pub fn same(&self, value: u64) -> bool {
+        let mut largest = [0u64; 2];
+        self.communicator
+            .all_reduce_into(&[value, !value], &mut largest, SystemOperation::max());
+        largest[0] == !largest[1]
+    }
+
     /// Adds a few integers over the ranks, elementwise, in place; allocates nothing.
     pub fn sum_integers(&self, values: &mut [i64]) {
         let mut result = [0i64; 32];

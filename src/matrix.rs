@@ -171,18 +171,29 @@ impl BlockMatrix {
     }
 
     fn apply_rows(&self, rows: &[Range<usize>], part: Part, y: &mut [f64], x: &[f64]) {
-        let sign = match part {
-            Part::Generator => 1.0,
-            Part::Transpose => -1.0,
-            Part::Symmetric => 0.0,
-        };
-        for range in rows {
-            for i in range.clone() {
-                let mut sum = 0.0;
-                for (j, s, k) in self.rows.row(i) {
-                    sum += (s + sign * k) * x[j];
-                }
-                y[i] = sum;
+        // A loop each, so that the choice is made once.
+        match part {
+            Part::Generator => self.sum_entries(rows, |s, k| s + k, y, x),
+            Part::Transpose => self.sum_entries(rows, |s, k| s - k, y, x),
+            Part::Symmetric => self.sum_entries(rows, |s, _| s, y, x),
+        }
+    }
+
+    #[inline(always)]
+    fn sum_entries(
+        &self,
+        runs: &[Range<usize>],
+        entry: impl Fn(f64, f64) -> f64,
+        y: &mut [f64],
+        x: &[f64],
+    ) {
+        assert!(x.len() >= self.rows.reach(), "vector and matrix do not fit");
+        for run in runs {
+            for (i, y) in run.clone().zip(&mut y[run.clone()]) {
+                *y = (self.rows.row(i))
+                    // SAFETY: every column is below the reach of the rows.
+                    .map(|(j, s, k)| entry(s, k) * unsafe { x.get_unchecked(j) })
+                    .fold(0.0, |sum, term| sum + term);
             }
         }
     }

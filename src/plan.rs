@@ -36,6 +36,7 @@ use placement::Placement;
 use serde::Serialize;
 use std::collections::HashSet;
 use std::fmt;
+use std::hash::{Hash, Hasher};
 
 /// `‖ũ(0)‖/‖f(T)‖` before it is known.
 pub const ASSUMED_RATIO: f64 = 1.5;
@@ -280,6 +281,16 @@ impl WarpPlan {
             series,
             warnings,
         })
+    }
+
+    /// A number that plans share which are the same to the last bit.
+    pub fn fingerprint(&self) -> u64 {
+        let mut hasher = std::hash::DefaultHasher::new();
+        self.work.hash(&mut hasher);
+        for c in &self.series.coefficients {
+            [c.re.to_bits(), c.im.to_bits()].hash(&mut hasher);
+        }
+        hasher.finish()
     }
 
     /// Factor of `w_l(T)` in `reading`.

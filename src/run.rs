@@ -171,6 +171,12 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         let ratio = problem.probe(&communicator, bounds.rate, case.end);
         watch.lap("probe");
         plan = Plan::with_bounds(case, bounds.clone(), &resources, ratio)?;
+        // Processors of different kinds might round differently, and ranks that count differently wait for each other for ever.
+        let same = (plan.warp.as_ref()).is_none_or(|w| all.same(w.fingerprint()));
+        if !same {
+            let why = "ranks planned different series, being on processors of different kinds; start them on one kind";
+            return Err(Error::Ranks(why.to_owned()));
+        }
         watch.lap("design");
     }
     let planned = plan.warp.as_ref().map_or(&[][..], |w| &w.warnings);
@@ -475,6 +481,7 @@ impl Summary {
         self.imbalance = plan.warp.as_ref().map(|_| plan.layout.imbalance);
         self.instruction_set = InstructionSet::here().name().to_owned();
         self.cells = plan.cells;
+        self.distinct_rows = communicator.space.sum_count(problem.matrix.distinct_rows());
         self.inflow_unknowns = problem.terms - case.space.space_cells();
         self.modes = plan.warp.as_ref().map_or(0, |w| w.modes);
         self.tolerance = case.tolerance;

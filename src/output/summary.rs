@@ -56,6 +56,8 @@ pub struct Summary {
     pub instruction_set: String,
     /// Unknowns.
     pub cells: usize,
+    /// Rows of the matrix that are stored, over the ranks that split space: those that repeat once a rank.
+    pub distinct_rows: usize,
     /// Auxiliary unknowns of the inflow.
     pub inflow_unknowns: usize,
     /// Modes propagated (l ≥ 0).
