@@ -36,11 +36,8 @@ bench: setup ## rates, whole-program runs and peers, into docs/performance.md (A
 
 example3: $(foreach n,8 16 32,example3-$(n)) ## example 3 on 8, 16 and 32 cells an axis, into docs/performance.md
 
-# Mode groups would each hold the whole grid: 15 GiB in all; blocks of space share it, 8 GiB.
-example3-64: OPTIONS = --ranks-x $(RANKS)
-
 example3-%: build ## example 3 on so many cells an axis: make example3-64 takes a quarter of an hour
-	mpirun -np $(RANKS) $(PROGRAM) run cases/example3.toml $(OPTIONS) -o results/$@ --set solver.tolerance=1e-6 \
+	mpirun -np $(RANKS) $(PROGRAM) run cases/example3.toml -o results/$@ --set solver.tolerance=1e-6 \
 	    $(foreach key,axis.0.x axis.0.v axis.1.x axis.1.v,--set $(key).cells=$*)
 	@if command -v python3 >/dev/null; then scripts/bench/report.py --only example3; fi
 

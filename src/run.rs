@@ -409,8 +409,8 @@ pub fn warnings(case: &Case) -> Vec<String> {
         format!(
             "potential: a region's edge at {} = {:.6} misses the faces of the grid; it is moved to {:.6}, by {:.2e}",
             names[edge.axis],
-            edge.at,
-            edge.face,
+            edge.at + 0.0,
+            edge.face + 0.0,
             (edge.at - edge.face).abs()
         )
     };
