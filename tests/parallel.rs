@@ -882,6 +882,8 @@ fn number_of_ranks(world: &World) {
 fn reductions(world: &World) {
     let group = world.group();
     let (rank, size) = (group.rank(), group.size());
+    assert!(group.same(u64::MAX) && group.same(0));
+    assert_eq!(group.same(7 + u64::from(rank + 1 == size)), size == 1);
     // A sum that plain addition would get wrong, dealt out to the ranks.
     let terms: Vec<f64> = (0..3000)
         .map(|i| noise(i, 1) * 10f64.powi(i as i32 % 7 * 4 - 12))
