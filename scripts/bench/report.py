@@ -319,19 +319,20 @@ def by_points(runs):
 def by_span(runs):
     found = of(runs, "span")
     tolerances = list(dict.fromkeys(r.label("tolerance") for r in found))
-    spans = list(dict.fromkeys(r.span for r in found))
-    at = {(r.label("tolerance"), round(r.span, 6)): r for r in found}
+    # The growth allowed for differs a little with the tolerance.
+    spans = sorted({round(r.span) for r in found})
+    at = {(r.label("tolerance"), round(r.span)): r for r in found}
     rows = []
     for tolerance in tolerances:
         mine = [r for r in found if r.label("tolerance") == tolerance]
         cells = [
-            f"{r.plan.number('modes'):.0f} / {r.applications:.0f}" if (r := at.get((tolerance, round(s, 6)))) else "–"
+            f"{r.plan.number('modes'):.0f} / {r.applications:.0f}" if (r := at.get((tolerance, s))) else "–"
             for s in spans
         ]
         upper = [r for r in mine if r.span > 100]
         exponent = fitted([r.span for r in upper], [r.applications for r in upper])
         rows.append([power(tolerance), *cells, exponent])
-    header = ["tolerance", *(f"Λ = {s:.0f}" for s in spans), "exponent of the applications, Λ > 100"]
+    header = ["tolerance", *(f"Λ = {s}" for s in spans), "exponent of the applications, Λ > 100"]
     return f"Profile `{found[0].plan.text('profile')}`; modes / applications.\n\n" + table(header, rows)
 
 
