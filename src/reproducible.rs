@@ -1,7 +1,7 @@
 //! Sums that do not depend on order, hence neither on the number of ranks nor on the process mesh.
 //!
 //! Every term is cut into two fixed-point integers relative to a bound known beforehand; integers add exactly in any
-//! order. Each of the two keeps [`BITS`] bits of a term, fewer where there are so many terms that their sum would not fit:
+//! order. Each of the two keeps `BITS` bits of a term, fewer where there are so many terms that their sum would not fit:
 //! the sum of up to a thousand terms is exact but for `2^-100` of the bound a term.
 
 /// Most bits of a part: below the place where a double has no fraction left, so that one addition rounds and converts.

@@ -21,7 +21,7 @@
 //!
 //! whatever the gap; a long one comes close to it, and below it where the domain itself is short. The search starts there.
 //!
-//! **Long domains.** Beyond [`LARGEST`] modes the design is made for a shorter domain, cut at its end, where `g` is below `ε`, and
+//! **Long domains.** Beyond `LARGEST` modes the design is made for a shorter domain, cut at its end, where `g` is below `ε`, and
 //! continued by zero to the period wanted, which takes some percent of modes more.
 
 mod circle;
