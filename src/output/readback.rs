@@ -97,8 +97,11 @@ fn sum_of(world: &Group, dataset: &Dataset) -> Outcome<u64> {
 /// Reads a text whose length is known at run time only, which the safe interface has no type for.
 fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
     let kind = dataset.dtype()?;
+    if !dataset.is_scalar() || kind.size() != length {
+        return Err(hdf5::Error::from("a text could not be read"));
+    }
     let mut bytes = vec![0u8; length];
-    // SAFETY: the dataset is scalar and of the type `kind`, a string of `length` bytes, and the handles are alive.
+    // SAFETY: the dataset is scalar and of the type `kind`, which takes `length` bytes, and the handles are alive.
     let status = unsafe {
         hdf5_sys::h5d::H5Dread(
             dataset.id(),
@@ -109,7 +112,7 @@ fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
             bytes.as_mut_ptr().cast(),
         )
     };
-    if dataset.is_scalar() && status >= 0 {
+    if status >= 0 {
         Ok(bytes)
     } else {
         Err(hdf5::Error::from("a text could not be read"))
