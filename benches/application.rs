@@ -6,7 +6,8 @@
 //! 49 bytes account for is 1 where every step goes through memory, and above 1 in cache or blocked.
 
 use criterion::{Criterion, Throughput};
-use phasewarp::case::Case;
+mod support;
+
 use phasewarp::communicator::{Communicator, GhostExchange, World};
 use phasewarp::matrix::blocking::Blocking;
 use phasewarp::matrix::kernel::InstructionSet;
@@ -15,6 +16,7 @@ use phasewarp::partition::{Block, Mesh};
 use phasewarp::system::cache_per_core;
 use std::hint::black_box;
 use std::time::Duration;
+use support::{constants, load};
 
 /// Bytes a row, mode and step in the model.
 const MODEL_BYTES: f64 = 48.0 + 8.0 / LANES as f64;
@@ -72,10 +74,7 @@ struct Steps {
 
 impl Steps {
     fn new(world: &World, case: &str, set: &[String]) -> Self {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("cases")
-            .join(case);
-        let case = Case::load(&path, set).expect("a case of the repository");
+        let case = load(case, set);
         let mesh = Mesh {
             space: vec![1; case.space.dimension()],
             groups: 1,
@@ -89,12 +88,7 @@ impl Steps {
             vectors: [vector(), vector()],
             start: vec![0.5; matrix.rows()],
             exchange,
-            constants: StepConstants {
-                scale: [1e-3; LANES],
-                shift: [0.1; LANES],
-                wavenumber: std::array::from_fn(|l| 0.1 * l as f64),
-                coefficient: [1e-3; LANES],
-            },
+            constants: constants(),
             matrix,
         }
     }

@@ -4,12 +4,14 @@
 //! the exchange finished before the rows start; and the step as runs do it, the inner rows between start and finish. Starts
 //! itself under `mpirun -np 2`.
 
-use phasewarp::case::Case;
+mod support;
+
 use phasewarp::communicator::{Communicator, GhostExchange, World};
 use phasewarp::matrix::{BlockMatrix, LANES, Lanes, StepConstants};
 use phasewarp::partition::{Block, Mesh};
 use std::process::Command;
 use std::time::Instant;
+use support::{constants, load};
 
 /// Set for the ranks that measure.
 const CHILD: &str = "PHASEWARP_BENCH_CHILD";
@@ -30,10 +32,7 @@ struct Split {
 
 impl Split {
     fn new(world: &World, case: &str, set: &[String]) -> Self {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("cases")
-            .join(case);
-        let case = Case::load(&path, set).expect("a case of the repository");
+        let case = load(case, set);
         let mesh = |blocks: usize| {
             let mut space = vec![1; case.space.dimension()];
             space[0] = blocks;
@@ -50,12 +49,7 @@ impl Split {
             start: vec![0.5; matrix.rows()],
             exchange: GhostExchange::new(&communicator.space, &matrix.block, 2 * LANES),
             nothing: GhostExchange::new(&communicator.space, &whole, 2 * LANES),
-            constants: StepConstants {
-                scale: [1e-3; LANES],
-                shift: [0.1; LANES],
-                wavenumber: std::array::from_fn(|l| 0.1 * l as f64),
-                coefficient: [1e-3; LANES],
-            },
+            constants: constants(),
             matrix,
         }
     }
