@@ -330,6 +330,15 @@ impl Field {
 /// Position of `t` among the coordinates `[x, y, z, vx, vy, vz, t]` of a formula.
 pub const TIME: usize = 6;
 
+/// A time before the end at which results are written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OutputTime {
+    /// The time.
+    pub time: f64,
+    /// Whether the fields are, and not their moments only.
+    pub fields: bool,
+}
+
 /// The exact solution results are compared with.
 #[derive(Clone, Debug)]
 pub enum Exact {
@@ -411,6 +420,8 @@ pub struct Case {
     pub recovery_points: usize,
     /// `output.plateau`.
     pub plateau: Option<Plateau>,
+    /// `output.moments_every`, `moment_times` and `field_times`, ascending.
+    pub times: Vec<OutputTime>,
     /// `output.delta_width`, for measure-valued data.
     pub delta_width: DeltaWidth,
     /// How the fields are stored.
@@ -434,6 +445,14 @@ impl Case {
             field.inflow = Inflow::Formula(field.entering().vanishing());
         }
         case
+    }
+
+    /// How long each leg of the run takes: from one output time to the next, the last to the end.
+    pub fn legs(&self) -> Vec<f64> {
+        let ends = (self.times.iter().map(|t| t.time)).chain([self.end]);
+        let mut now = 0.0;
+        ends.map(|end| end - std::mem::replace(&mut now, end))
+            .collect()
     }
 
     /// Whether what enters depends on time, of any field.

@@ -409,6 +409,19 @@ impl<'a> Table<'a> {
     /// Two finite numbers, if given.
     pub fn pair(&self, key: &str) -> Result<Option<[f64; 2]>> {
         let expected = "a list of two numbers, [L, R],";
+        match self.list_of_numbers(key, expected)?.as_deref() {
+            None => Ok(None),
+            Some(&[first, second]) => Ok(Some([first, second])),
+            Some(_) => Err(self.wrong(key, expected)),
+        }
+    }
+
+    /// A list of finite numbers, if given.
+    pub fn numbers(&self, key: &str) -> Result<Option<Vec<f64>>> {
+        self.list_of_numbers(key, "a list of numbers")
+    }
+
+    fn list_of_numbers(&self, key: &str, expected: &str) -> Result<Option<Vec<f64>>> {
         let list = match self.get(key).map(|n| &n.value) {
             None => return Ok(None),
             Some(Value::List(list)) => list,
@@ -419,10 +432,8 @@ impl<'a> Table<'a> {
             Value::Number(x, _) if x.is_finite() => Some(*x),
             _ => None,
         };
-        match &list.iter().map(number).collect::<Vec<_>>()[..] {
-            [Some(first), Some(second)] => Ok(Some([*first, *second])),
-            _ => Err(self.wrong(key, expected)),
-        }
+        let numbers: Option<Vec<f64>> = list.iter().map(number).collect();
+        numbers.map(Some).ok_or_else(|| self.wrong(key, expected))
     }
 
     /// A finite number that must be given.

@@ -2,6 +2,7 @@
 
 pub mod checksum;
 pub mod hdf5;
+pub mod history;
 pub mod provenance;
 pub mod readback;
 pub mod summary;

@@ -100,9 +100,12 @@ pub struct WarpPlan {
     pub seen: f64,
     /// The readings of `output.plateau`, of the first field.
     pub plateau: Vec<Reading>,
-    /// What each mode takes: applications (Chebyshev: the degree of its series; Krylov: at most), or solves of an implicit
+    /// What each mode takes: applications (Chebyshev: the degrees of its series; Krylov: at most), or solves of an implicit
     /// method. Who computes it with which others is the layout's.
     pub work: Vec<usize>,
+    /// The same by leg, from one output time to the next, then by mode.
+    #[serde(skip)]
+    pub leg_work: Vec<Vec<usize>>,
     /// Applications, over the modes and fields, all stages of an inflow that depends on time included; 0 where systems are
     /// solved instead. A mode counts with its own degree, on any ranks: where others of its batch go on, its lane is idle.
     pub applications: usize,
@@ -239,19 +242,28 @@ impl WarpPlan {
         let modes = series.modes();
         let weight = |l: usize| weight(&series, &readings[0], l).norm();
         let mut scratch = Vec::new();
-        let mut work: Vec<usize> = (0..modes)
-            .map(|l| {
-                let tolerance = mode_tolerance(state_tolerance, modes, weight(l));
-                propagate::work(case, bounds, series.wavenumber(l), tolerance, &mut scratch)
-            })
-            .collect();
-        if propagate::company(case.propagator.method) == Company::Coupled {
-            // Each takes what the longest of its block takes.
-            for block in work.rchunks_mut(LANES) {
-                let most = block.iter().copied().max().unwrap_or(0);
-                block.fill(most);
+        let legs = case.legs();
+        let mut leg_work = |&time: &f64| -> Vec<usize> {
+            let mut work: Vec<usize> = (0..modes)
+                .map(|l| {
+                    let whole = mode_tolerance(state_tolerance, modes, weight(l));
+                    let (mu, leg) = (series.wavenumber(l), (time, whole / legs.len() as f64));
+                    propagate::work(case, bounds, mu, leg, &mut scratch)
+                })
+                .collect();
+            if propagate::company(case.propagator.method) == Company::Coupled {
+                // Each takes what the longest of its block takes.
+                for block in work.rchunks_mut(LANES) {
+                    let most = block.iter().copied().max().unwrap_or(0);
+                    block.fill(most);
+                }
             }
-        }
+            work
+        };
+        let leg_work: Vec<Vec<usize>> = legs.iter().map(&mut leg_work).collect();
+        let work: Vec<usize> = (0..modes)
+            .map(|l| leg_work.iter().map(|work| work[l]).sum())
+            .collect();
         let mut each = |(l, work): (usize, &usize)| match bounds.stages {
             0 => *work,
             stages => {
@@ -277,6 +289,7 @@ impl WarpPlan {
             plateau,
             interval,
             work,
+            leg_work,
             profile,
             series,
             warnings,
@@ -286,7 +299,7 @@ impl WarpPlan {
     /// A number that plans share which are the same to the last bit.
     pub fn fingerprint(&self) -> u64 {
         let mut hasher = std::hash::DefaultHasher::new();
-        self.work.hash(&mut hasher);
+        self.leg_work.hash(&mut hasher);
         for c in &self.series.coefficients {
             [c.re.to_bits(), c.im.to_bits()].hash(&mut hasher);
         }
@@ -305,15 +318,15 @@ impl WarpPlan {
             .sum()
     }
 
-    /// Relative error that mode `l` is allowed.
-    pub fn mode_tolerance(&self, l: usize) -> f64 {
+    /// Relative error that mode `l` is allowed in a leg.
+    pub fn leg_tolerance(&self, l: usize) -> f64 {
         let weight = self.weight(l, &self.readings[0]).norm();
-        mode_tolerance(self.state_tolerance, self.modes, weight)
+        mode_tolerance(self.state_tolerance, self.modes, weight) / self.leg_work.len() as f64
     }
 
-    /// Most work of a mode.
+    /// Most work of a mode in a leg.
     pub fn largest_work(&self) -> usize {
-        self.work.iter().copied().max().unwrap_or(0)
+        self.leg_work.iter().flatten().copied().max().unwrap_or(0)
     }
 }
 
@@ -358,7 +371,13 @@ impl Plan {
             }
             Method::Classical => None,
         };
-        let steps = propagate::steps(&case.propagator, case.end);
+        let steps: Vec<usize> = (case.legs().iter())
+            .map(|&leg| propagate::steps(&case.propagator, leg))
+            .collect();
+        let longest = (case.legs().iter().zip(&steps))
+            .map(|(leg, &steps)| leg / steps as f64)
+            .fold(0.0, f64::max);
+        let steps = steps.iter().sum();
         let layout = Layout::new(case, &bounds, warp.as_ref(), resources)?;
         let largest = Block::new(&case.space, &layout.mesh, 0);
         if 2 * largest.cells() + largest.ghosts() > u32::MAX as usize {
@@ -379,7 +398,7 @@ impl Plan {
             propagation: match steps {
                 0 => case.propagator,
                 _ => Propagation {
-                    step: Some(case.end / steps as f64),
+                    step: Some(longest),
                     ..case.propagator
                 },
             },
@@ -387,7 +406,7 @@ impl Plan {
             limiter: case.limiter,
             fields: case.fields.len(),
             tolerance: case.tolerance,
-            classical_steps: classical_steps(case, &bounds),
+            classical_steps: classical_steps(case, &bounds).iter().sum(),
             bounds,
             warp,
             layout,
@@ -442,9 +461,13 @@ impl Plan {
     }
 }
 
-/// Steps of the classical method.
-pub fn classical_steps(case: &Case, bounds: &Bounds) -> usize {
-    let courant = bounds.rate * case.end;
+/// Steps of the classical method, leg by leg.
+pub fn classical_steps(case: &Case, bounds: &Bounds) -> Vec<usize> {
+    let steps = |&time: &f64| classical_steps_of(case, bounds.rate * time);
+    case.legs().iter().map(steps).collect()
+}
+
+fn classical_steps_of(case: &Case, courant: f64) -> usize {
     match case.integrator {
         Integrator::Exponential if case.varies() => {
             duhamel_applications(courant, duhamel_panels(courant))

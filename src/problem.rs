@@ -197,9 +197,10 @@ impl Problem {
         state
     }
 
-    /// Largest `‖ũ(0)‖/‖f(T)‖` of the fields, with `f(T)` from the classical exponential to three digits: one real vector, little more than
-    /// `rate·time` applications of a quarter of a mode's. The mode groups share the fields. Collective.
-    pub fn probe(&mut self, communicator: &Communicator, rate: f64, time: f64) -> f64 {
+    /// Largest `‖ũ(0)‖/‖f(t)‖` of the fields over the ends `t` of `legs`, with `f(t)` from the classical exponential to three
+    /// digits: one real vector, little more than `rate·time` applications of a quarter of a mode's. The mode groups share the
+    /// fields. Collective.
+    pub fn probe(&mut self, communicator: &Communicator, rate: f64, legs: &[f64]) -> f64 {
         let mut largest: f64 = 1.0;
         if let Some(schedule) = &self.schedule {
             // The pilot has run to the end; the rest of the tolerance is the profile's.
@@ -214,16 +215,14 @@ impl Problem {
         let (group, groups) = (communicator.modes.rank(), communicator.modes.size());
         for start in self.states.iter().skip(group).step_by(groups) {
             let mut state = start.clone();
-            Classical::new(&self.matrix).exponential(
-                &mut self.exchange,
-                &mut state,
-                (rate, time),
-                ROUGH,
-            );
+            let mut classical = Classical::new(&self.matrix);
             let start = self.norm(communicator, start, false);
-            let end = self.norm(communicator, &state, true);
-            if start != 0.0 {
-                largest = largest.max(PROBE_SAFETY * start / end);
+            for &time in legs {
+                classical.exponential(&mut self.exchange, &mut state, (rate, time), ROUGH);
+                let now = self.norm(communicator, &state, true);
+                if start != 0.0 {
+                    largest = largest.max(PROBE_SAFETY * start / now);
+                }
             }
         }
         communicator.modes.max(largest)

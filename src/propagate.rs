@@ -80,13 +80,46 @@ fn pieces(matrix: &BlockMatrix) -> impl Iterator<Item = Range<usize>> {
     points.chain((cells..matrix.counted_rows()).map(|i| i..i + 1))
 }
 
-/// A state to propagate and its norm.
+/// This rank's rows of what is propagated.
+#[derive(Clone, Copy)]
+pub enum Start<'a> {
+    /// A real vector, the same in every mode.
+    Real(&'a [f64]),
+    /// A complex vector a mode.
+    Lanes(&'a [Lanes]),
+}
+
+impl Start<'_> {
+    /// Row `i` of every lane.
+    pub fn row(&self, i: usize) -> Lanes {
+        match self {
+            Start::Real(state) => {
+                let mut row = Lanes::ZERO;
+                row.0[..LANES].fill(state[i]);
+                row
+            }
+            Start::Lanes(state) => state[i],
+        }
+    }
+}
+
+/// A state to propagate and the norms of its lanes.
 #[derive(Clone, Copy)]
 pub struct Initial<'a> {
-    /// `ũ(0)`, this rank's rows; real.
-    pub state: &'a [f64],
-    /// `‖ũ(0)‖` over all ranks of the space group.
-    pub norm: f64,
+    /// The state.
+    pub state: Start<'a>,
+    /// By lane, its norm over all ranks of the space group, or a bound on it.
+    pub norms: [f64; LANES],
+}
+
+impl<'a> Initial<'a> {
+    /// The real vector `state` of norm `norm` in every mode.
+    pub fn real(state: &'a [f64], norm: f64) -> Self {
+        Self {
+            state: Start::Real(state),
+            norms: [norm; LANES],
+        }
+    }
 }
 
 /// A batch to propagate.
@@ -98,8 +131,8 @@ pub struct BatchSpec {
     pub wavenumbers: [f64; LANES],
     /// Relative error that each lane is allowed.
     pub tolerances: [f64; LANES],
-    /// What the plan says each lane's mode takes: applications (Chebyshev: its degree), or solves of an implicit method; unused
-    /// lanes repeat the last.
+    /// What the plan says each lane's mode takes: applications (Chebyshev: its degree), or steps of an implicit method, which are
+    /// as many in every lane; unused lanes repeat the last.
     pub work: [usize; LANES],
 }
 
@@ -150,8 +183,9 @@ pub trait Propagator {
         None
     }
 
-    /// Bound on the norm of [`step_error`](Self::step_error) for wavenumbers up to `mu`, beside that of the initial state.
-    fn largest_step_error(&self, _system: &Evolution<'_>, _mu: f64) -> f64 {
+    /// Bound on the norm of [`step_error`](Self::step_error) for wavenumbers up to `mu` and so many steps, beside that of the
+    /// initial state.
+    fn largest_step_error(&self, _system: &Evolution<'_>, _mu: f64, _steps: usize) -> f64 {
         0.0
     }
 }
@@ -173,7 +207,7 @@ pub fn propagator(
         PropagatorMethod::CrankNicolson | PropagatorMethod::BackwardEuler => {
             let order = order(plan.propagation.method);
             let split = plan.layout.mesh.blocks() > 1;
-            Box::new(implicit::Implicit::new(matrix, order, plan.steps, split)?)
+            Box::new(implicit::Implicit::new(matrix, order, split)?)
         }
     })
 }
@@ -219,23 +253,23 @@ pub fn steps(propagation: &Propagation, time: f64) -> usize {
     }
 }
 
-/// What a mode takes by itself: applications, or solves of an implicit method.
+/// What a mode takes by itself over `time` to a relative error `tolerance`: applications, or solves of an implicit method.
 pub fn work(
     case: &Case,
     bounds: &Bounds,
     mu: f64,
-    tolerance: f64,
+    (time, tolerance): (f64, f64),
     scratch: &mut Vec<f64>,
 ) -> usize {
     let half_width = Interval::new(mu, bounds.rate, bounds.growth).half_width;
     match case.propagator.method {
-        PropagatorMethod::Chebyshev => chebyshev::degree(scratch, half_width * case.end, tolerance),
+        PropagatorMethod::Chebyshev => chebyshev::degree(scratch, half_width * time, tolerance),
         PropagatorMethod::Krylov => {
-            let longest = case.propagator.step.unwrap_or(case.end).min(case.end);
-            krylov::applications(scratch, half_width, (case.end, longest), tolerance)
+            let longest = case.propagator.step.unwrap_or(time).min(time);
+            krylov::applications(scratch, half_width, (time, longest), tolerance)
         }
         PropagatorMethod::CrankNicolson | PropagatorMethod::BackwardEuler => {
-            steps(&case.propagator, case.end)
+            steps(&case.propagator, time)
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::compare::{Norms, estimate, include_step_error, moment_errors};
 use crate::error::{Error, Result};
 use crate::matrix::kernel::InstructionSet;
 use crate::matrix::{Lanes, sample, sample_with};
-use crate::observables::{integral, moments};
+use crate::observables::{integral, moments, totals};
 use crate::output::provenance::{self, provenance};
 use crate::output::summary::{FieldSummary, Summary};
 use crate::output::{self, hdf5::ExactSolution, hdf5::PlateauPoint};
@@ -108,7 +108,7 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
     let block = Block::new(&case.space, mesh, communicator.space.rank());
     let mut problem = Problem::new(case, &bounds, &communicator, block, (1, patience))?;
     let bounds = problem.bounds(case, &bounds);
-    let ratio = problem.probe(&communicator, bounds.rate, case.end);
+    let ratio = problem.probe(&communicator, bounds.rate, &case.legs());
     Plan::with_bounds(case, bounds, resources, ratio)
 }
 
@@ -168,7 +168,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
 
     // 4. How far the norm will fall, and the modes that takes.
     if plan.warp.is_some() {
-        let ratio = problem.probe(&communicator, bounds.rate, case.end);
+        let ratio = problem.probe(&communicator, bounds.rate, &case.legs());
         watch.lap("probe");
         plan = Plan::with_bounds(case, bounds.clone(), &resources, ratio)?;
         // Processors of different kinds might round differently, and ranks that count differently wait for each other for ever.
@@ -198,7 +198,11 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         total(&moments(&communicator.world, case, &mine).density)
     };
     watch.lap("observables");
-    let Solution { fields, plateau } = solve(
+    let Solution {
+        fields,
+        plateau,
+        early,
+    } = solve(
         case,
         &plan,
         &communicator,
@@ -209,7 +213,13 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     watch.lap("solve");
 
     // 6. Compare: with the field at the second point, the exact semi-discrete solution, the exact solution.
-    let values = fields.iter().flatten().chain(&plateau).flatten();
+    let before = early.iter().flat_map(|e| &e.fields);
+    let values = fields
+        .iter()
+        .flatten()
+        .chain(before)
+        .chain(&plateau)
+        .flatten();
     let finite = values.copied().all(f64::is_finite);
     let checked = if finite {
         Ok(())
@@ -251,24 +261,27 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
                 ..case.clone()
             };
             let terms = classical_steps(&reference, &bounds);
-            let progress = Progress::new(speaks, "verify", terms);
-            let (exact, span) = (Integrator::Exponential, (bounds.rate, case.end));
+            let progress = Progress::new(speaks, "verify", terms.iter().sum());
             let pi = &problem.weights.pi;
-            let classical = Classical::of(case, &problem.matrix, pi).with_progress(progress);
-            integrate(
-                classical,
-                &mut problem.exchange,
-                exact,
-                span,
-                terms,
-                &mut state,
-            );
-            let reference = problem.unweighted(&place.mine, state[place.mine.clone()].to_vec());
-            let error = norms(&readings[0]).distance(&reference);
-            if error.is_finite() {
-                summary.fields[k].error_semidiscrete = Some(error);
-                let before = summary.error_semidiscrete.unwrap_or(0.0);
-                summary.error_semidiscrete = Some(before.max(error));
+            let mut classical = Classical::of(case, &problem.matrix, pi).with_progress(progress);
+            let before = early.iter().map(|e| e.fields.get(k));
+            let ends = before.chain([Some(&readings[0])]);
+            for ((time, &terms), field) in case.legs().into_iter().zip(&terms).zip(ends) {
+                let (exact, span) = (Integrator::Exponential, (bounds.rate, time));
+                let exchange = &mut problem.exchange;
+                integrate(&mut classical, exchange, exact, span, terms, &mut state);
+                let Some(field) = field else { continue };
+                let reference = problem.unweighted(&place.mine, state[place.mine.clone()].to_vec());
+                let error = norms(field).distance(&reference);
+                if error.is_finite() {
+                    // The worst of all times at which the field is written.
+                    for worst in [
+                        &mut summary.fields[k].error_semidiscrete,
+                        &mut summary.error_semidiscrete,
+                    ] {
+                        *worst = Some(worst.unwrap_or(0.0).max(error));
+                    }
+                }
             }
         }
         watch.lap("verify");
@@ -287,8 +300,8 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     // 7. Moments and sums.
     let results: Vec<&[f64]> = fields.iter().map(|readings| &readings[0][..]).collect();
     let found = moments(&communicator.world, case, &results);
-    summary.mass = total(&found.density);
-    summary.kinetic_energy = total(&found.kinetic);
+    let totals = totals(&communicator.world, &case.space, &found);
+    [summary.mass, summary.kinetic_energy] = totals;
     summary.minimum = summary.fields[0].minimum;
     summary.maximum = summary.fields[0].maximum;
     match &exact {
@@ -316,6 +329,8 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         fields: &results,
         exact: exact.as_ref(),
         moments: &found,
+        totals,
+        early: &early,
         plateau: &plateau,
         seconds: &watch.seconds.clone(),
         provenance: &provenance(world, case),

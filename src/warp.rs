@@ -1,31 +1,79 @@
-//! The streamed Schrödingerized run: batches of modes are propagated, added to the recovered field, and dropped.
+//! The Schrödingerized run: modes are propagated batch by batch, added to what is recovered, and dropped.
 //!
 //! Memory is a few phase-space vectors, whatever the number of modes, and the sums of one field at a time. Contributions of modes
-//! are added in fixed point (see [`crate::reproducible`]), so the field has the same bits for any mode groups, any batches
+//! are added in fixed point (see [`crate::reproducible`]), so the result has the same bits for any mode groups, any batches
 //! of independent modes and any order.
+//!
+//! A run has *legs*, from one output time to the next. It goes in *stages*, each a pass over all modes of a field, in which a
+//! batch takes all legs one after the other.
 
-use crate::communicator::{Communicator, Group};
+mod sum;
+
+pub use sum::{MomentsOf, Sum};
+
+use crate::case::{Case, Data};
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::matrix::{LANES, Lanes};
 use crate::plan::{Batch, WarpPlan};
 use crate::progress::Progress;
-use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
-use crate::recover::Reading;
-use crate::reproducible::FixedPoint;
+use crate::propagate::{BatchSpec, Evolution, Initial, Propagator, Start};
 use num_complex::Complex64;
 use std::ops::Range;
 use std::time::Instant;
 
-/// What round-off may add to the change of a mode's norm.
+/// What round-off may add to the change of a mode's norm, each leg.
 const UNITARITY_ROUND_OFF: f64 = 1e-12;
 
-/// The recovered fields.
+/// What a run is to do on this rank.
+#[derive(Clone, Copy)]
+pub struct Task<'a> {
+    /// The process mesh.
+    pub communicator: &'a Communicator,
+    /// Profile, modes, readings.
+    pub warp: &'a WarpPlan,
+    /// How long each leg takes, and what is read at its end; at that of the last all readings are.
+    pub legs: &'a [Leg],
+    /// The batches of this rank's mode group.
+    pub batches: &'a [Batch],
+    /// The fields at time zero.
+    pub initial: &'a [Initial<'a>],
+    /// `shares[g]`: the block's cells that rank `g` of the mode groups keeps of the results.
+    pub shares: &'a [Range<usize>],
+    /// How moments follow, where a leg wants no more than them.
+    pub moments: Option<&'a MomentsOf<'a>>,
+}
+
+/// A leg of the run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leg {
+    /// How long it takes.
+    pub time: f64,
+    /// Whether the moments at its end are all that is wanted.
+    pub moments_only: bool,
+}
+
+impl Leg {
+    /// Those of a case. Moments of measure-valued data are not linear in the fields, and take them.
+    pub fn all(case: &Case) -> Vec<Self> {
+        let linear = matches!(case.data, Data::Density);
+        let wants = case.times.iter().map(|t| linear && !t.fields);
+        (case.legs().into_iter().zip(wants.chain([false])))
+            .map(|(time, moments_only)| Self { time, moments_only })
+            .collect()
+    }
+}
+
+/// What was recovered, on this rank's share of the block's cells.
 #[derive(Clone, Debug, Default)]
 pub struct Recovered {
-    /// `fields[k][r]`: `ũ(T)` of field `k` by reading `r`, on this rank's share of the block's cells.
+    /// `fields[k][r]`: `ũ(T)` of field `k` by reading `r`.
     pub fields: Vec<Vec<Vec<f64>>>,
-    /// `plateau[r]`: `ũ(T)` of the first field by the plateau's reading `r`, likewise.
+    /// `plateau[r]`: `ũ(T)` of the first field by the plateau's reading `r`.
     pub plateau: Vec<Vec<f64>>,
+    /// `early[k][leg]`: `ũ` of field `k` by the first reading at the end of each leg but the last; or, where they are all that is
+    /// wanted, sums over the velocities for the moments of `f`, point by point.
+    pub early: Vec<Vec<Vec<f64>>>,
     /// Largest over the modes of (change of the norm) / (what its method allows plus 1e-12); at most 1. None where the
     /// method does not keep the norm.
     pub unitarity_defect: Option<f64>,
@@ -44,49 +92,6 @@ pub struct Recovered {
     pub busy_seconds: f64,
 }
 
-/// A field read as the fixed-point sums of its modes.
-struct Sum {
-    reading: Reading,
-    fixed: FixedPoint,
-    parts: Vec<i64>,
-}
-
-impl Sum {
-    /// Room for `cells` sums over the modes of `warp`, whose vectors are at most `size` long.
-    fn new(warp: &WarpPlan, reading: &Reading, size: f64, cells: usize) -> Self {
-        Self {
-            reading: *reading,
-            fixed: FixedPoint::new(1.01 * size * warp.amplification(reading), warp.modes),
-            parts: vec![0; 2 * cells],
-        }
-    }
-
-    /// Adds `Re Σ_l weight_l w_l`, lane by lane, so that it does not matter which modes are together.
-    fn add(&mut self, weights: &[Complex64; LANES], state: &[Lanes]) {
-        let re: [f64; LANES] = weights.map(|w| w.re);
-        let im: [f64; LANES] = weights.map(|w| w.im);
-        for (sum, Lanes(w)) in self.parts.chunks_exact_mut(2).zip(state) {
-            let (mut coarse, mut fine) = ([0; LANES], [0; LANES]);
-            for l in 0..LANES {
-                [coarse[l], fine[l]] = self.fixed.split(re[l] * w[l] - im[l] * w[LANES + l]);
-            }
-            sum[0] += coarse.iter().sum::<i64>();
-            sum[1] += fine.iter().sum::<i64>();
-        }
-    }
-
-    /// The field on this rank's share of the cells. Collective over `modes`.
-    fn share(mut self, modes: &Group, shares: &[Range<usize>]) -> Vec<f64> {
-        for (group, range) in shares.iter().enumerate() {
-            let piece = &mut self.parts[2 * range.start..2 * range.end];
-            modes.sum_integers_to(group, piece);
-        }
-        let range = &shares[modes.rank()];
-        let parts = self.parts[2 * range.start..2 * range.end].chunks_exact(2);
-        parts.map(|p| self.fixed.join([p[0], p[1]])).collect()
-    }
-}
-
 /// What the batches of a rank tell besides the fields.
 struct Told {
     /// Largest change of a norm, as a fraction of what is allowed.
@@ -97,65 +102,127 @@ struct Told {
     solves: usize,
 }
 
-/// Runs the batches `mine` of `warp` for every field of `initial`, one field after the other, and recovers the fields.
-/// `shares[g]` are the block's cells that rank `g` of the mode groups keeps. Collective.
+/// A pass over the modes of a field.
+struct Stage<'a> {
+    field: usize,
+    /// By leg, what is added up at its end.
+    sums: Vec<Vec<Sum<'a>>>,
+    /// The leading term of the time step's error, and by mode what is beyond that.
+    step_sum: Option<Sum<'a>>,
+    beyond: Vec<f64>,
+}
+
+impl<'a> Stage<'a> {
+    /// Empty sums for field `k`.
+    fn new(
+        task: &Task<'a>,
+        system: &mut Evolution<'_>,
+        propagator: &dyn Propagator,
+        k: usize,
+    ) -> Self {
+        let warp = task.warp;
+        let norm = task.initial[k].norms.into_iter().fold(0.0, f64::max);
+        let velocities = system.matrix.block.velocity_cells;
+        let points = system.matrix.block.space_cells();
+        let field = |reading, size| Sum::of_field(warp, reading, size * norm, (points, velocities));
+        let last = task.legs.len() - 1;
+        let sums = (task.legs.iter().enumerate())
+            .map(|(leg, &Leg { moments_only, .. })| match task.moments {
+                _ if leg == last => {
+                    let plateau = if k == 0 { &warp.plateau[..] } else { &[] };
+                    let readings = warp.readings.iter().chain(plateau);
+                    readings.map(|r| field(r, 1.0)).collect()
+                }
+                Some(moments) if moments_only => {
+                    vec![Sum::of_moments(
+                        warp,
+                        &warp.readings[0],
+                        norm,
+                        points,
+                        moments,
+                    )]
+                }
+                _ => vec![field(&warp.readings[0], 1.0)],
+            })
+            .collect();
+        let step_sum = propagator.step_error().is_some().then(|| {
+            // T Δt^q c G^(q+1) w, G at most as large as H of the last mode.
+            let mode = warp.modes.saturating_sub(1);
+            let (mu, steps) = (warp.series.wavenumber(mode), warp.leg_work[last][mode]);
+            let whole = whole_over_leg(task.legs, last);
+            system.time = task.legs[last].time;
+            let size = whole * propagator.largest_step_error(system, mu, steps);
+            field(&warp.readings[0], size)
+        });
+        Self {
+            field: k,
+            sums,
+            step_sum,
+            beyond: Vec::with_capacity(warp.modes),
+        }
+    }
+
+    /// What is recovered, onto `recovered`. Collective.
+    fn finish(self, task: &Task<'_>, velocities: usize, recovered: &mut Recovered) {
+        let modes = &task.communicator.modes;
+        let share = |sum: Sum<'_>| sum.share(modes, velocities, task.shares);
+        let mut legs: Vec<Vec<Vec<f64>>> = (self.sums.into_iter())
+            .map(|sums| sums.into_iter().map(share).collect())
+            .collect();
+        let mut end = legs.pop().unwrap_or_default();
+        if self.field == 0 {
+            recovered.plateau = end.split_off(task.warp.readings.len());
+        }
+        recovered.fields.push(end);
+        recovered.early.push(legs.into_iter().flatten().collect());
+        recovered.step_errors.extend(self.step_sum.map(share));
+        recovered.step_beyond.push(modes.sum_terms(&self.beyond));
+    }
+}
+
+/// How much longer the run up to the end of a leg is than the leg: so much larger is what equal steps leave of an error.
+fn whole_over_leg(legs: &[Leg], leg: usize) -> f64 {
+    legs[..=leg].iter().map(|leg| leg.time).sum::<f64>() / legs[leg].time
+}
+
+/// Does the task, field after field. Collective.
 ///
 /// # Errors
 /// [`Error::Unitarity`] when a mode's norm changed by more than its method allows.
-pub fn streamed(
-    communicator: &Communicator,
+pub fn run(
+    task: &Task<'_>,
     system: &mut Evolution<'_>,
-    (warp, propagator): (&WarpPlan, &mut dyn Propagator),
-    mine: &[Batch],
-    initial: &[Initial<'_>],
-    shares: &[Range<usize>],
+    propagator: &mut dyn Propagator,
     progress: &mut Progress,
 ) -> Result<Recovered> {
-    let cells = system.matrix.block.cells();
-    let (world, modes) = (&communicator.world, &communicator.modes);
+    let world = &task.communicator.world;
+    let velocities = system.matrix.block.velocity_cells;
     let mut told = Told {
         defect: None,
         kept: f64::INFINITY,
         applications: 0,
         solves: 0,
     };
+    // What the second leg of a batch and those after it start from.
+    let between = if task.legs.len() > 1 {
+        system.matrix.rows()
+    } else {
+        0
+    };
+    let mut between = vec![Lanes::ZERO; between];
     let mut recovered = Recovered::default();
-    for (k, field) in initial.iter().enumerate() {
-        let plateau = if k == 0 { &warp.plateau[..] } else { &[] };
-        let sum = |reading, size| Sum::new(warp, reading, size * field.norm, cells);
-        let readings = warp.readings.iter().chain(plateau);
-        let mut sums: Vec<Sum> = readings.map(|r| sum(r, 1.0)).collect();
-        let mut step_sum = propagator.step_error().is_some().then(|| {
-            // T Δt^q c G^(q+1) w, G at most as large as H of the last mode.
-            let last = warp.series.wavenumber(warp.modes.saturating_sub(1));
-            let size = propagator.largest_step_error(system, last);
-            sum(&warp.readings[0], size)
-        });
-        let mut beyond = Vec::with_capacity(warp.modes);
+    for k in 0..task.initial.len() {
+        let mut stage = Stage::new(task, system, propagator, k);
         let started = Instant::now();
-        let outcome = mine.iter().try_for_each(|batch| {
-            let into = (&mut sums[..], step_sum.as_mut(), &mut beyond);
-            add_batch(
-                system,
-                (warp, &mut *propagator),
-                batch,
-                field,
-                into,
-                &mut told,
-            )?;
+        let outcome = task.batches.iter().try_for_each(|batch| {
+            let into = (&mut stage, &mut between[..]);
+            add_batch(task, system, propagator, batch, into, &mut told)?;
             progress.advance(batch.cost);
             Ok(())
         });
         recovered.busy_seconds += started.elapsed().as_secs_f64();
         world.agree(outcome)?;
-        let share = |sum: Sum| sum.share(modes, shares);
-        let mut found: Vec<Vec<f64>> = sums.into_iter().map(share).collect();
-        if k == 0 {
-            recovered.plateau = found.split_off(warp.readings.len());
-        }
-        recovered.fields.push(found);
-        recovered.step_errors.extend(step_sum.map(share));
-        recovered.step_beyond.push(modes.sum_terms(&beyond));
+        stage.finish(task, velocities, &mut recovered);
     }
     // A rank without batches knows of no defect and no norm.
     let smallest = -world.max(-told.kept);
@@ -167,54 +234,92 @@ pub fn streamed(
     Ok(recovered)
 }
 
-/// Propagates `field` in the modes of a batch and adds them to its sums, to that of its step's error, and to what is beyond
-/// that. Collective over the space group; allocates nothing.
+/// Propagates the modes of a batch through all legs and adds them to the stage's sums. Collective over the space group;
+/// allocates nothing.
 fn add_batch(
+    task: &Task<'_>,
     system: &mut Evolution<'_>,
-    (warp, propagator): (&WarpPlan, &mut dyn Propagator),
+    propagator: &mut dyn Propagator,
     batch: &Batch,
-    field: &Initial<'_>,
-    (sums, step_sum, beyond): (&mut [Sum], Option<&mut Sum>, &mut Vec<f64>),
+    (stage, between): (&mut Stage<'_>, &mut [Lanes]),
     told: &mut Told,
 ) -> Result<()> {
+    let (warp, initial) = (task.warp, &task.initial[stage.field]);
     let cells = system.matrix.block.cells();
-    let spec = specification(warp, batch);
-    let report = propagator.propagate(system, &spec, field)?;
-    let state = propagator.state();
-    let (ratio, found) = norms_kept(system, state, (batch, &spec), &report, field)?;
-    told.kept = told.kept.min(ratio);
-    told.defect = found.map_or(told.defect, |d| Some(told.defect.unwrap_or(0.0).max(d)));
-    told.applications += report.applications;
-    told.solves += report.solves;
-    let weights = |reading: &Reading, parts: &[f64; LANES]| {
-        let mut weights = [Complex64::ZERO; LANES];
-        for (l, &mode) in batch.modes.iter().enumerate() {
-            weights[l] = warp.weight(mode, reading) * (parts[l] * report.phases[l]);
+    let mut phases = [Complex64::ONE; LANES];
+    let mut allowed = [0.0; LANES];
+    for (leg, &Leg { time, .. }) in task.legs.iter().enumerate() {
+        system.time = time;
+        let spec = specification(warp, leg, batch);
+        let start = match leg {
+            0 => *initial,
+            _ => Initial {
+                state: Start::Lanes(between),
+                norms: initial.norms,
+            },
+        };
+        let report = propagator.propagate(system, &spec, &start)?;
+        for l in 0..LANES {
+            phases[l] = if leg == 0 {
+                report.phases[l]
+            } else {
+                phases[l] * report.phases[l]
+            };
+            allowed[l] += report.tails[l] + UNITARITY_ROUND_OFF;
         }
-        weights
-    };
-    for sum in sums {
-        let weights = weights(&sum.reading, &[1.0; LANES]);
-        sum.add(&weights, &state[..cells]);
-    }
-    if let (Some(sum), Some(error)) = (step_sum, propagator.step_error()) {
-        // No mode is further off than its two states are long: where the leading term is, it is cut to that.
-        let most = 2.0 * field.norm;
-        let bounds = (spec.wavenumbers).map(|mu| propagator.largest_step_error(system, mu));
-        let sizes = sizes(system, error, bounds.map(|b| b * field.norm));
-        let parts = sizes.map(|s| if s > most { most / s } else { 1.0 });
-        for (mode, _) in batch
-            .modes
-            .iter()
-            .zip(&parts)
-            .filter(|(_, part)| **part < 1.0)
-        {
-            beyond.push(most * warp.weight(*mode, &warp.readings[0]).norm());
+        let state = propagator.state();
+        let limits = report.unitary.then_some(&allowed);
+        let (ratio, found) = norms_kept(system, state, (batch, &spec), limits, initial)?;
+        told.kept = told.kept.min(ratio);
+        told.defect = found.map_or(told.defect, |d| Some(told.defect.unwrap_or(0.0).max(d)));
+        told.applications += report.applications;
+        told.solves += report.solves;
+        for sum in &mut stage.sums[leg] {
+            let weights = weights(warp, batch, (&sum.reading, &phases), &[1.0; LANES]);
+            sum.add(&weights, &state[..cells]);
         }
-        let weights = weights(&sum.reading, &parts);
-        sum.add(&weights, &error[..cells]);
+        if leg + 1 < task.legs.len() {
+            between.copy_from_slice(&state[..between.len()]);
+            continue;
+        }
+        if let (Some(sum), Some(error)) = (&mut stage.step_sum, propagator.step_error()) {
+            let whole = whole_over_leg(task.legs, leg);
+            let steps = spec.largest_work();
+            let bound = |l: usize| {
+                let largest = propagator.largest_step_error(system, spec.wavenumbers[l], steps);
+                largest * initial.norms[l]
+            };
+            let sizes = sizes(system, error, std::array::from_fn(bound));
+            // No mode is further off than its two states are long: where the leading term is, it is cut to that.
+            let most = initial.norms.map(|norm| 2.0 * norm);
+            let parts = std::array::from_fn(|l| {
+                let size = whole * sizes[l];
+                whole * if size > most[l] { most[l] / size } else { 1.0 }
+            });
+            let cut = |l: &usize| parts[*l] < whole;
+            for l in (0..batch.modes.len()).filter(cut) {
+                let weight = warp.weight(batch.modes[l], &warp.readings[0]).norm();
+                stage.beyond.push(most[l] * weight);
+            }
+            let weights = weights(warp, batch, (&sum.reading, &phases), &parts);
+            sum.add(&weights, &error[..cells]);
+        }
     }
     Ok(())
+}
+
+/// What each lane is multiplied by in a reading; `parts` of it.
+fn weights(
+    warp: &WarpPlan,
+    batch: &Batch,
+    (reading, phases): (&crate::recover::Reading, &[Complex64; LANES]),
+    parts: &[f64; LANES],
+) -> [Complex64; LANES] {
+    let mut weights = [Complex64::ZERO; LANES];
+    for (l, &mode) in batch.modes.iter().enumerate() {
+        weights[l] = warp.weight(mode, reading) * (parts[l] * phases[l]);
+    }
+    weights
 }
 
 /// Norms of the lanes of a batch, each at most its bound. Collective over the space group.
@@ -227,7 +332,7 @@ fn sizes(system: &Evolution<'_>, lanes: &[Lanes], bounds: [f64; LANES]) -> [f64;
 }
 
 /// Smallest ratio of a lane's norm to what it was, infinite where that was zero; and, where the method keeps norms, the
-/// largest change as a fraction of what is allowed. Collective over the space group.
+/// largest change as a fraction of what is `allowed`. Collective over the space group.
 ///
 /// # Errors
 /// [`Error::Unitarity`] where it is more.
@@ -235,41 +340,43 @@ fn norms_kept(
     system: &Evolution<'_>,
     state: &[Lanes],
     (batch, spec): (&Batch, &BatchSpec),
-    report: &BatchReport,
+    allowed: Option<&[f64; LANES]>,
     initial: &Initial<'_>,
 ) -> Result<(f64, Option<f64>)> {
-    if initial.norm == 0.0 {
-        return Ok((f64::INFINITY, report.unitary.then_some(0.0)));
-    }
-    let squares = system.lane_sums(&[initial.norm * initial.norm; LANES], |i| {
+    let squares = system.lane_sums(&initial.norms.map(|norm| norm * norm), |i| {
         let Lanes(w) = &state[i];
         std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
     });
     let (mut kept, mut defect) = (f64::INFINITY, 0.0f64);
     for (l, &mode) in batch.modes.iter().enumerate() {
-        let ratio = squares[l].sqrt() / initial.norm;
+        if initial.norms[l] == 0.0 {
+            continue;
+        }
+        let ratio = squares[l].sqrt() / initial.norms[l];
         kept = kept.min(ratio);
+        let Some(allowed) = allowed else {
+            continue;
+        };
         let change = (ratio - 1.0).abs();
-        let allowed = report.tails[l] + UNITARITY_ROUND_OFF;
-        if report.unitary && (change.is_nan() || change > allowed) {
+        if change.is_nan() || change > allowed[l] {
             return Err(Error::Unitarity {
                 mode,
                 wavenumber: spec.wavenumbers[l],
                 defect: change,
-                allowed,
+                allowed: allowed[l],
             });
         }
-        defect = defect.max(change / allowed);
+        defect = defect.max(change / allowed[l]);
     }
-    Ok((kept, report.unitary.then_some(defect)))
+    Ok((kept, allowed.map(|_| defect)))
 }
 
-fn specification(warp: &WarpPlan, batch: &Batch) -> BatchSpec {
+fn specification(warp: &WarpPlan, leg: usize, batch: &Batch) -> BatchSpec {
     let mode = |l: usize| batch.modes[l.min(batch.modes.len() - 1)];
     BatchSpec {
         modes: batch.modes.len(),
         wavenumbers: std::array::from_fn(|l| warp.series.wavenumber(mode(l))),
-        tolerances: std::array::from_fn(|l| warp.mode_tolerance(mode(l))),
-        work: std::array::from_fn(|l| warp.work[mode(l)]),
+        tolerances: std::array::from_fn(|l| warp.leg_tolerance(mode(l))),
+        work: std::array::from_fn(|l| warp.leg_work[leg][mode(l)]),
     }
 }

@@ -14,7 +14,7 @@ use phasewarp::propagate::commutator_free::CommutatorFree;
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::{BatchSpec, Evolution, Initial, Propagator, propagator};
-use phasewarp::warp;
+use phasewarp::warp::{self, Leg, Task};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -60,10 +60,9 @@ fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
         Some(schedule) => Box::new(CommutatorFree::new(&problem.matrix, warp, schedule)),
         None => propagator(&plan, warp, &problem.matrix).expect("a propagator"),
     };
-    let initial = Initial {
-        state: &problem.states[0][..problem.matrix.rows()],
-        norm: problem.norm(communicator, &problem.states[0], false),
-    };
+    let state = &problem.states[0];
+    let rows = problem.matrix.rows();
+    let initial = Initial::real(&state[..rows], problem.norm(communicator, state, false));
     let mut system = Evolution {
         matrix: &problem.matrix,
         exchange: &mut problem.exchange,
@@ -92,13 +91,21 @@ fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
     assert!(batches.len() > 1, "{name}");
     let few = [1, batches.len()].map(|count| {
         allocations(|| {
-            let recovered = warp::streamed(
-                communicator,
+            let recovered = warp::run(
+                &Task {
+                    communicator,
+                    warp,
+                    legs: &[Leg {
+                        time: system.time,
+                        moments_only: false,
+                    }],
+                    batches: &batches[..count],
+                    initial: &[initial],
+                    shares: std::slice::from_ref(&(0..cells)),
+                    moments: None,
+                },
                 &mut system,
-                (warp, &mut *propagator),
-                &batches[..count],
-                &[initial],
-                std::slice::from_ref(&(0..cells)),
+                &mut *propagator,
                 &mut Progress::silent(),
             );
             drop(recovered.expect("a unitary run"));
@@ -125,10 +132,8 @@ fn main() {
     let sizes = (2 * LANES, 100);
     let mut problem = Problem::new(&case, &bounds, &communicator, block, sizes).expect("a problem");
     let rows = problem.matrix.rows();
-    let initial = Initial {
-        state: &problem.states[0][..rows],
-        norm: problem.norm(&communicator, &problem.states[0], false),
-    };
+    let norm = problem.norm(&communicator, &problem.states[0], false);
+    let initial = Initial::real(&problem.states[0][..rows], norm);
     let mut system = Evolution {
         matrix: &problem.matrix,
         exchange: &mut problem.exchange,
@@ -160,11 +165,11 @@ fn main() {
     // Implicit methods allocate where they factorise, once for each mode, and never in the time loop.
     for order in [1, 2] {
         let few = [1, 2, 50].map(|steps| {
-            let made = Implicit::new(&problem.matrix, order, steps, false);
+            let made = Implicit::new(&problem.matrix, order, false);
             let mut implicit = made.expect("the pattern is analysed");
             // The factors' room grows with the first modes.
-            count(&mut implicit, 0);
-            count(&mut implicit, 0)
+            count(&mut implicit, steps);
+            count(&mut implicit, steps)
         });
         assert_eq!(few, [few[0]; 3], "allocations of 1, 2 and 50 steps");
     }

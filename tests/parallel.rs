@@ -10,8 +10,8 @@ use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use num_complex::Complex64;
 use phasewarp::case::{
-    Case, Coefficients, Delta, Embedding, Integrator, Limiter, Method, ProfileChoice, Propagation,
-    PropagatorMethod, RecoveryMethod, Shift,
+    Case, Coefficients, Delta, Embedding, Integrator, Limiter, Method, OutputTime, ProfileChoice,
+    Propagation, PropagatorMethod, RecoveryMethod, Shift,
 };
 use phasewarp::classical::limiter::{Reconstruction, longest_step};
 use phasewarp::classical::{Classical, EXACT, duhamel_panels};
@@ -20,6 +20,7 @@ use phasewarp::error::Error;
 use phasewarp::matrix::blocking::{Blocking, Shape};
 use phasewarp::matrix::kernel::{self, InstructionSet};
 use phasewarp::matrix::{BlockMatrix, LANES, Lanes, Part, StepConstants};
+use phasewarp::observables::{MOMENTS, VelocityFactors};
 use phasewarp::partition::{Block, Mesh, Place, split};
 use phasewarp::plan::{Batch, Bounds, INFLOW_GROWTH, Plan, Resources, WarpPlan};
 use phasewarp::problem::Problem;
@@ -33,7 +34,7 @@ use phasewarp::propagate::{
 };
 use phasewarp::spectrum::{extremes, gershgorin};
 use phasewarp::varying;
-use phasewarp::warp;
+use phasewarp::warp::{self, Leg, MomentsOf, Task};
 use phasewarp::weights::Weights;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -55,7 +56,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 type Check = fn(&World);
 
 /// The checks, by name.
-const CHECKS: [(&str, Check); 26] = [
+const CHECKS: [(&str, Check); 27] = [
     ("number_of_ranks", number_of_ranks),
     ("reductions", reductions),
     ("agreement_on_errors", agreement_on_errors),
@@ -80,6 +81,7 @@ const CHECKS: [(&str, Check); 26] = [
     ("limited_slopes", limited_slopes),
     ("extreme_eigenvalues", extreme_eigenvalues),
     ("recovered_field", recovered_field),
+    ("results_before_the_end", results_before_the_end),
     ("modes_in_any_company", modes_in_any_company),
     ("fields_in_one_pass", fields_in_one_pass),
     ("shifted_field", shifted_field),
@@ -1348,10 +1350,7 @@ impl Weighted {
             time,
             terms: self.problem.terms,
         };
-        let initial = Initial {
-            state: &self.problem.states[0][..rows],
-            norm: norm(&self.state),
-        };
+        let initial = Initial::real(&self.problem.states[0][..rows], norm(&self.state));
         let report = (propagator.propagate(&mut system, batch, &initial)).expect("it converges");
         let all = |lanes: &[Lanes], l: usize, phase: Complex64| -> Vec<Complex64> {
             let part = |part: usize| {
@@ -1454,8 +1453,15 @@ fn krylov_propagation(world: &World) {
                 };
                 let mut krylov = Krylov::new(&weighted.problem.matrix, step);
                 let mut scratch = Vec::new();
-                let planned = WAVENUMBERS
-                    .map(|mu| work(&twin.case, &weighted.bounds, mu, tolerance, &mut scratch));
+                let planned = WAVENUMBERS.map(|mu| {
+                    work(
+                        &twin.case,
+                        &weighted.bounds,
+                        mu,
+                        (time, tolerance),
+                        &mut scratch,
+                    )
+                });
                 let batch = BatchSpec {
                     modes: LANES,
                     wavenumbers: WAVENUMBERS,
@@ -1503,18 +1509,18 @@ fn orders_of_the_implicit_methods(world: &World) {
             let reference =
                 reference.get_or_insert_with(|| references(world, &weighted, &SLOW, time));
             let full = norm(&weighted.state);
-            let batch = BatchSpec {
-                modes: SLOW.len(),
-                wavenumbers,
-                tolerances: [1e-6; LANES],
-                work: [0; LANES],
-            };
             for (order, coarse) in [(2, 8), (1, 32)] {
                 let mut runs = Vec::new();
                 for steps in [coarse, 2 * coarse] {
                     let matrix = &weighted.problem.matrix;
-                    let mut implicit = Implicit::new(matrix, order, steps, mesh.blocks() > 1)
+                    let mut implicit = Implicit::new(matrix, order, mesh.blocks() > 1)
                         .expect("the pattern is analysed");
+                    let batch = BatchSpec {
+                        modes: SLOW.len(),
+                        wavenumbers,
+                        tolerances: [1e-6; LANES],
+                        work: [steps; LANES],
+                    };
                     let (report, found, errors) = weighted.propagate(&mut implicit, &batch, time);
                     assert_eq!(report.solves, SLOW.len() * steps);
                     assert!(report.applications >= report.solves);
@@ -1557,7 +1563,7 @@ fn long_implicit_steps(world: &World) {
         modes: 3,
         wavenumbers,
         tolerances: [1e-6; LANES],
-        work: [0; LANES],
+        work: [STEPS; LANES],
     };
     for twin in Twin::unshared() {
         let mut expected: BTreeMap<(usize, usize), Vec<Complex64>> = BTreeMap::new();
@@ -1567,7 +1573,7 @@ fn long_implicit_steps(world: &World) {
             let (s, k) = (weighted.generator.symmetric(), weighted.generator.skew());
             for order in [2, 1] {
                 let matrix = &weighted.problem.matrix;
-                let mut implicit = Implicit::new(matrix, order, STEPS, mesh.blocks() > 1)
+                let mut implicit = Implicit::new(matrix, order, mesh.blocks() > 1)
                     .expect("the pattern is analysed");
                 let time = STEPS as f64 * step;
                 let (_, found, _) = weighted.propagate(&mut implicit, &batch, time);
@@ -2078,10 +2084,7 @@ fn stream_in(
     assert_eq!(plan.layout.mesh, *mesh);
     let warp_plan = plan.warp.as_ref().expect("a schrodingerized run");
     let rows = problem.matrix.rows();
-    let initial = Initial {
-        state: &problem.states[0][..rows],
-        norm,
-    };
+    let initial = Initial::real(&problem.states[0][..rows], norm);
     let mut propagator: Box<dyn Propagator> = match &problem.schedule {
         Some(schedule) => Box::new(CommutatorFree::new(&problem.matrix, warp_plan, schedule)),
         None => propagator(&plan, warp_plan, &problem.matrix).expect("a propagator"),
@@ -2097,13 +2100,21 @@ fn stream_in(
     };
     let shares = shares(&problem.matrix.block, mesh.groups);
     let group = weighted.communicator.modes.rank();
-    let recovered = warp::streamed(
-        &weighted.communicator,
+    let recovered = warp::run(
+        &Task {
+            communicator: &weighted.communicator,
+            warp: warp_plan,
+            legs: &[Leg {
+                time: system.time,
+                moments_only: false,
+            }],
+            batches: &batches(&plan, group),
+            initial: &[initial],
+            shares: &shares,
+            moments: None,
+        },
         &mut system,
-        (warp_plan, &mut *propagator),
-        &batches(&plan, group),
-        &[initial],
-        &shares,
+        &mut *propagator,
         &mut Progress::silent(),
     )
     .expect("a unitary run");
@@ -2155,7 +2166,7 @@ fn recovered_field(world: &World) {
                 let name = format!("{}, {mesh:?}, {what}", twin.name);
                 let mut weighted = Weighted::new(world, &twin, &mesh);
                 let problem = &mut weighted.problem;
-                let ratio = problem.probe(&weighted.communicator, weighted.bounds.rate, time);
+                let ratio = problem.probe(&weighted.communicator, weighted.bounds.rate, &[time]);
                 let truth = norm(&weighted.state) / norm(expected);
                 assert!(
                     (truth..1.5 * truth).contains(&ratio),
@@ -2173,10 +2184,7 @@ fn recovered_field(world: &World) {
                 let warp_plan = plan.warp.as_ref().expect("a schrodingerized run");
 
                 let rows = problem.matrix.rows();
-                let initial = Initial {
-                    state: &problem.states[0][..rows],
-                    norm: norm(&weighted.state),
-                };
+                let initial = Initial::real(&problem.states[0][..rows], norm(&weighted.state));
                 let mut propagator =
                     propagator(&plan, warp_plan, &problem.matrix).expect("a propagator");
                 let mut system = Evolution {
@@ -2191,13 +2199,21 @@ fn recovered_field(world: &World) {
                 let shares = shares(&problem.matrix.block, mesh.groups);
                 let group = weighted.communicator.modes.rank();
                 let batches = &plan.layout.groups[group];
-                let recovered = warp::streamed(
-                    &weighted.communicator,
+                let recovered = warp::run(
+                    &Task {
+                        communicator: &weighted.communicator,
+                        warp: warp_plan,
+                        legs: &[Leg {
+                            time: system.time,
+                            moments_only: false,
+                        }],
+                        batches,
+                        initial: &[initial],
+                        shares: &shares,
+                        moments: None,
+                    },
                     &mut system,
-                    (warp_plan, &mut *propagator),
-                    batches,
-                    &[initial],
-                    &shares,
+                    &mut *propagator,
                     &mut Progress::silent(),
                 )
                 .expect("a unitary run");
@@ -2290,6 +2306,173 @@ fn mixed(plan: &Plan, group: usize) -> Vec<Batch> {
     batches
 }
 
+/// What is read at output times, fields and moments alone, is within the tolerance of `exp(At) f0` there, by every propagator,
+/// with the same bits on every mesh that may have them; and the moments are those of the field.
+fn results_before_the_end(world: &World) {
+    use PropagatorMethod::{Chebyshev, CrankNicolson, Krylov};
+    const PARTS: [(f64, bool); 3] = [(0.23, true), (0.4, false), (0.71, true)];
+    let ranks = world.group().size();
+    for mut twin in Twin::all() {
+        let time = twin.case.end;
+        twin.case.times = PARTS
+            .map(|(part, fields)| OutputTime {
+                time: part * time,
+                fields,
+            })
+            .to_vec();
+        let legs = Leg::all(&twin.case);
+        assert_eq!(
+            legs.iter().map(|l| l.moments_only).collect::<Vec<_>>(),
+            [false, true, false, false]
+        );
+        let exact = [0.23, 0.4, 0.71, 1.0].map(|part| {
+            twin.field(&exponential(&twin.generator, &twin.state, part * time))
+                .to_vec()
+        });
+        let factors = VelocityFactors::new(&twin.case.space);
+        for (method, tolerance) in [(Chebyshev, 1e-9), (Krylov, 1e-5), (CrankNicolson, 1e-3)] {
+            if twin.case.warp.inflow == Embedding::Scalar && method != Chebyshev {
+                continue;
+            }
+            twin.case.tolerance = tolerance;
+            twin.case.propagator = Propagation {
+                method,
+                step: (method == CrankNicolson).then_some(time / 90.0),
+            };
+            for mesh in meshes(world, &twin.case) {
+                if method == CrankNicolson && mesh.blocks() > 1 {
+                    continue;
+                }
+                let name = format!("{}, {mesh:?}, {method:?}", twin.name);
+                let mut weighted = Weighted::new(world, &twin, &mesh);
+                let problem = &mut weighted.problem;
+                let ratio = problem.probe(
+                    &weighted.communicator,
+                    weighted.bounds.rate,
+                    &twin.case.legs(),
+                );
+                let largest = exact
+                    .iter()
+                    .map(|f| norm(&weighted.state) / norm(f))
+                    .fold(1.0, f64::max);
+                assert!(
+                    (largest..1.5 * largest).contains(&ratio),
+                    "{name}: {ratio} {largest}"
+                );
+                let resources = Resources {
+                    ranks,
+                    ranks_x: Some(mesh.space.clone()),
+                    memory_per_rank: None,
+                };
+                let plan =
+                    Plan::with_bounds(&twin.case, weighted.bounds.clone(), &resources, ratio)
+                        .expect("a plan");
+                let warp_plan = plan.warp.as_ref().expect("a schrodingerized run");
+                let rows = problem.matrix.rows();
+                let initial = Initial::real(&problem.states[0][..rows], norm(&weighted.state));
+                let mut propagator =
+                    propagator(&plan, warp_plan, &problem.matrix).expect("a propagator");
+                let shares = shares(&problem.matrix.block, mesh.groups);
+                let group = weighted.communicator.modes.rank();
+                let mut system = Evolution {
+                    matrix: &problem.matrix,
+                    exchange: &mut problem.exchange,
+                    space: &weighted.communicator.space,
+                    rate: weighted.bounds.rate,
+                    growth: weighted.bounds.growth,
+                    time,
+                    terms: problem.terms,
+                };
+                let moments = MomentsOf {
+                    factors: &factors,
+                    pi: &problem.weights.pi[..problem.matrix.block.cells()],
+                };
+                let recovered = warp::run(
+                    &Task {
+                        communicator: &weighted.communicator,
+                        warp: warp_plan,
+                        legs: &legs,
+                        batches: &plan.layout.groups[group],
+                        initial: &[initial],
+                        shares: &shares,
+                        moments: Some(&moments),
+                    },
+                    &mut system,
+                    &mut *propagator,
+                    &mut Progress::silent(),
+                )
+                .expect("a unitary run");
+                let planned: usize = plan.layout.groups[group]
+                    .iter()
+                    .flat_map(|b| &b.modes)
+                    .map(|&l| warp_plan.work[l])
+                    .sum();
+                match method {
+                    Chebyshev => assert_eq!(recovered.applications, planned, "{name}"),
+                    Krylov => assert!(recovered.applications <= planned, "{name}"),
+                    _ => assert_eq!(recovered.solves, planned, "{name}"),
+                }
+                let all = |u: &[f64]| {
+                    let entries = shares[group].clone().zip(u).map(|(i, u)| {
+                        let number = weighted.number[i];
+                        (number, u / weighted.pi[number].sqrt())
+                    });
+                    gather(&world.group(), twin.cells, entries)
+                };
+                let early = &recovered.early[0];
+                let mut bits = Vec::new();
+                for (found, exact) in [
+                    (&early[0], &exact[0]),
+                    (&early[2], &exact[2]),
+                    (&recovered.fields[0][0], &exact[3]),
+                ] {
+                    let found = all(found);
+                    let error = distance(&found, exact);
+                    assert!(error <= tolerance, "{name}: {error:e}");
+                    // The tolerance is not met by standing still.
+                    assert!(
+                        distance(twin.field(&twin.state), exact) > 10.0 * tolerance,
+                        "{name}"
+                    );
+                    bits.extend(found);
+                }
+                // Sums over the velocities at each point, gathered as if they were the first cells there.
+                let nv = factors.cells();
+                let (sums, _) = early[1].as_chunks::<MOMENTS>();
+                assert_eq!(sums.len() * nv, shares[group].len(), "{name}");
+                let exact: Vec<[f64; MOMENTS]> = factors.at_points(&exact[1]).collect();
+                for m in 0..MOMENTS {
+                    let entries = shares[group]
+                        .clone()
+                        .step_by(nv)
+                        .zip(sums)
+                        .map(|(i, sums)| (weighted.number[i] / nv, sums[m]));
+                    let found = gather(&world.group(), twin.cells / nv, entries);
+                    let exact: Vec<f64> = exact.iter().map(|sums| sums[m]).collect();
+                    let apart: Vec<f64> = found.iter().zip(&exact).map(|(a, b)| a - b).collect();
+                    // A sum of so many velocities, each in its own direction off.
+                    let allowed = tolerance * factors.norms()[m] * norm(twin.field(&twin.state));
+                    assert!(
+                        norm(&apart) <= allowed,
+                        "{name}, moment {m}: {:e} {allowed:e}",
+                        norm(&apart)
+                    );
+                    assert!(
+                        m > 0 || norm(&exact) > 100.0 * allowed,
+                        "{name}, moment {m}"
+                    );
+                    bits.extend(found);
+                }
+                report_bits(
+                    world,
+                    &format!("results before the end of {} by {method:?}", twin.name),
+                    &bits,
+                );
+            }
+        }
+    }
+}
+
 /// Where the modes of a batch are independent, or go one after the other, the field has the same bits and takes as many
 /// applications whatever modes are together; a Krylov basis, whose dimension is that of the longest, is seen to have others.
 fn modes_in_any_company(world: &World) {
@@ -2371,10 +2554,7 @@ fn fields_in_one_pass(world: &World) {
         let warp_plan = plan.warp.as_ref().expect("a schrodingerized run");
         let rows = problem.matrix.rows();
         let initial: Vec<Initial<'_>> = (problem.states.iter())
-            .map(|state| Initial {
-                state: &state[..rows],
-                norm: problem.norm(&communicator, state, false),
-            })
+            .map(|state| Initial::real(&state[..rows], problem.norm(&communicator, state, false)))
             .collect();
         let shares = shares(&problem.matrix.block, mesh.groups);
         let mut system = Evolution {
@@ -2388,13 +2568,21 @@ fn fields_in_one_pass(world: &World) {
         };
         let mut recover = |initial: &[Initial<'_>]| {
             let mut propagator = propagator(&plan, warp_plan, system.matrix).expect("a propagator");
-            let recovered = warp::streamed(
-                &communicator,
+            let recovered = warp::run(
+                &Task {
+                    communicator: &communicator,
+                    warp: warp_plan,
+                    legs: &[Leg {
+                        time: system.time,
+                        moments_only: false,
+                    }],
+                    batches: &plan.layout.groups[communicator.modes.rank()],
+                    initial,
+                    shares: &shares,
+                    moments: None,
+                },
                 &mut system,
-                (warp_plan, &mut *propagator),
-                &plan.layout.groups[communicator.modes.rank()],
-                initial,
-                &shares,
+                &mut *propagator,
                 &mut Progress::silent(),
             );
             recovered.expect("a unitary run")
@@ -2653,7 +2841,7 @@ fn varying_inflow_by_modes(world: &World) {
                 assert!(schedule.error <= varying::TIME_SHARE * tolerance, "{name}");
                 assert_eq!(bounds.stages, 2 * schedule.steps);
                 let communicator = &weighted.communicator;
-                let ratio = problem.probe(communicator, bounds.rate, twin.case.end);
+                let ratio = problem.probe(communicator, bounds.rate, &[twin.case.end]);
                 let size = problem.norm(communicator, &problem.states[0], false);
                 let (_, fields) = stream(world, &twin.case, &mesh, &mut weighted, ratio, size);
                 let error = distance(&fields[0], &scene.expected);

@@ -1,10 +1,11 @@
 //! Reading a [`Case`] from its file.
 
+mod output;
+
 use super::*;
 use crate::case_file::{CaseFile, Table};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, MAX_DIMENSION};
-use crate::output::writer::MOST_CHUNKS;
 use crate::plan::MOST_MODES;
 use crate::profile::{acl::BETAS, smooth::MOST_ORDER};
 use crate::propagate::order;
@@ -68,6 +69,9 @@ impl Case {
             "recovery_points",
             "warped_field",
             "plateau",
+            "moments_every",
+            "moment_times",
+            "field_times",
             "delta_width",
             "compression",
             "chunks",
@@ -166,8 +170,9 @@ impl Case {
             )?,
             cfl: read_cfl(&classical)?,
             exact,
-            recovery_points: read_recovery_points(&output)?,
-            plateau: read_plateau(&output)?,
+            recovery_points: output::recovery_points(&output)?,
+            plateau: output::plateau(&output)?,
+            times: output::times(&output, end)?,
             delta_width: output.choice(
                 "delta_width",
                 &[
@@ -175,14 +180,14 @@ impl Case {
                     ("gradient", DeltaWidth::Gradient),
                 ],
             )?,
-            storage: read_storage(&output, &space)?,
+            storage: output::storage(&output, &space)?,
             text: file.text().to_owned(),
             overrides: overrides.to_vec(),
             space,
         };
         case.refuse_slopes_where_linear(&scheme)?;
         if case.varies() {
-            steppable(&case, &scheme, &propagator)?;
+            steppable(&case, &scheme, &propagator, &output)?;
         }
         let summed = case.warp.inflow == Embedding::Scalar && case.enters();
         if summed && case.propagator.method != PropagatorMethod::Chebyshev {
@@ -519,7 +524,19 @@ fn read_shift(table: &Table<'_>) -> Result<Shift> {
 }
 
 /// Refuses methods that do not know of an inflow that depends on time.
-fn steppable(case: &Case, scheme: &Table<'_>, propagator: &Table<'_>) -> Result<()> {
+fn steppable(
+    case: &Case,
+    scheme: &Table<'_>,
+    propagator: &Table<'_>,
+    output: &Table<'_>,
+) -> Result<()> {
+    let timed = ["moments_every", "moment_times", "field_times"];
+    if let Some(key) = timed.into_iter().find(|key| output.has(key)) {
+        return Err(output.error(
+            key,
+            "with t in inflow.value results are written at time.end only; leave it out",
+        ));
+    }
     if case.limiter != Limiter::None {
         return Err(scheme.error(
             "limiter",
@@ -750,114 +767,4 @@ fn read_exact(root: &Table<'_>, n: usize, data: &Data) -> Result<Option<Exact>> 
         (true, Some(_)) => return Err(table.error("f", "give either exact.kind or exact.f")),
     };
     Ok(exact)
-}
-
-/// `output.plateau`.
-fn read_plateau(output: &Table<'_>) -> Result<Option<Plateau>> {
-    /// Each takes 24 bytes a cell.
-    const MOST_POINTS: usize = 1000;
-    /// Beyond this distance from 0 `e^p` is no number.
-    const HIGHEST: f64 = 300.0;
-    if !output.has("plateau") {
-        return Ok(None);
-    }
-    let table = output
-        .table("plateau")?
-        .knowing(&["from", "to", "points"])?;
-    let plateau = Plateau {
-        from: table.number("from")?,
-        to: table.number("to")?,
-        points: table.count("points", 2)?.unwrap_or(DEFAULT_PLATEAU),
-    };
-    if plateau.points > MOST_POINTS {
-        return Err(table.error("points", &format!("must be at most {MOST_POINTS}")));
-    }
-    for (key, value) in [("from", plateau.from), ("to", plateau.to)] {
-        if value.is_some_and(|p| p.abs() > HIGHEST) {
-            let message = format!("must be between -{HIGHEST} and {HIGHEST}");
-            return Err(table.error(key, &message));
-        }
-    }
-    match (plateau.from, plateau.to) {
-        (Some(from), Some(to)) if from >= to => {
-            Err(table.error("to", &format!("must be above from = {from}")))
-        }
-        _ => Ok(Some(plateau)),
-    }
-}
-
-/// How the fields are stored.
-fn read_storage(output: &Table<'_>, space: &PhaseSpace) -> Result<Storage> {
-    /// HDF5 takes chunks of less than 4 GiB, and every rank holds the chunks it writes.
-    const MOST_IN_A_CHUNK: f64 = (1 << 30) as f64 / 8.0;
-    let compression = match output.count("compression", 0)?.unwrap_or(0) {
-        level @ 0..=9 => level as u8,
-        _ => return Err(output.error("compression", "must be from 0 (none) to 9")),
-    };
-    if compression > 0
-        && let Some(reason) = compression_refused(hdf5::library_version(), deflate_available())
-    {
-        return Err(output.error("compression", &reason));
-    }
-    let chunks = output.counts("chunks", 2 * space.dimension())?;
-    if let Some(chunks) = &chunks {
-        let cut = || chunks.iter().zip(space.axes());
-        let size: f64 = cut().map(|(&c, a)| c.min(a.cells) as f64).product();
-        let count: f64 = cut().map(|(&c, a)| a.cells.div_ceil(c) as f64).product();
-        if size > MOST_IN_A_CHUNK {
-            let message = format!(
-                "{size:e} cells in a chunk; at most {MOST_IN_A_CHUNK:e} (1 GiB) are written"
-            );
-            return Err(output.error("chunks", &message));
-        }
-        if count > MOST_CHUNKS as f64 {
-            let message = format!("makes {count:.3e} chunks; at most {MOST_CHUNKS} are written");
-            return Err(output.error("chunks", &message));
-        }
-    }
-    Ok(Storage {
-        compression,
-        chunks,
-        xdmf: output.boolean("xdmf")?.unwrap_or(true),
-    })
-}
-
-/// Why this HDF5 library cannot compress what several ranks write together, if so.
-fn compression_refused((major, minor, micro): (u8, u8, u8), deflate: bool) -> Option<String> {
-    if (major, minor, micro) < (1, 10, 2) {
-        return Some(format!(
-            "HDF5 {major}.{minor}.{micro} cannot compress what several ranks write; 1.10.2 and later can. Leave it out or 0"
-        ));
-    }
-    (!deflate)
-        .then(|| "this HDF5 library was built without deflate (zlib); leave it out or 0".to_owned())
-}
-
-/// Whether the HDF5 library knows deflate.
-fn deflate_available() -> bool {
-    use hdf5_sys::h5z::{H5Z_FILTER_DEFLATE, H5Zfilter_avail};
-    // SAFETY: a plain question.
-    hdf5::sync::sync(|| unsafe { H5Zfilter_avail(H5Z_FILTER_DEFLATE) > 0 })
-}
-
-fn read_recovery_points(output: &Table<'_>) -> Result<usize> {
-    match output.count("recovery_points", 1)?.unwrap_or(2) {
-        points @ 1..=2 => Ok(points),
-        _ => Err(output.error("recovery_points", "must be 1, or 2 for the error estimate")),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn old_libraries_do_not_compress() {
-        let refused = |version, deflate| compression_refused(version, deflate);
-        assert!(refused((1, 8, 20), true).is_some_and(|m| m.contains("1.8.20")));
-        assert!(refused((1, 10, 1), true).is_some());
-        assert_eq!(refused((1, 10, 2), true), None);
-        assert_eq!(refused((2, 0, 0), true), None);
-        assert!(refused((1, 14, 3), false).is_some_and(|m| m.contains("deflate")));
-    }
 }

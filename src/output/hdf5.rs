@@ -13,11 +13,13 @@
 //! | `/case`, `/plan` | text | the case file; the plan as JSON, as far as it does not depend on ranks |
 //! | `/plateau/p`, `/plateau/distance`, `/plateau/norm` | (K) | `f` read at other points `p`: relative l2 distance to `/f`, l2 norm |
 //! | `/timings` | group | seconds by step, as attributes: datasets are the same bits for any ranks |
+//! | `/history/…` | a time first | moments and fields at earlier times, see [`super::history`] |
 //! | `/xdmf/…` | axes reversed | what `fields.xdmf` shows, see [`super::views`] |
 //!
 //! Every dataset has its [`super::checksum`] as an attribute; the file is read back before it gets its name.
 
 use super::checksum::Slab;
+use super::history::{self, Early};
 use super::views::{self, Grid};
 use super::writer::{CHUNK, Outcome, Writer, attribute, text};
 use super::{failure, readback};
@@ -54,6 +56,10 @@ pub struct Results<'a> {
     pub exact: Option<&'a ExactSolution>,
     /// Moments there.
     pub moments: &'a Moments,
+    /// Mass and kinetic energy in all of space.
+    pub totals: [f64; 2],
+    /// What was found at earlier times, ascending.
+    pub early: &'a [Early],
     /// The plateau; the same on all ranks.
     pub plateau: &'a [PlateauPoint],
     /// Seconds by step.
@@ -182,6 +188,7 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Gr
     let what = "integral of v f over v";
     vector("momentum", in_space, share, &momentum, what)?;
     vector("velocity", in_space, share, &velocity, "momentum / density")?;
+    history::write(&writer, results, results.totals, (all, COMPONENT))?;
     writer.agree(plateau(&writer, results.plateau))?;
     let grids = if results.case.storage.xdmf {
         views::write(&writer, results)?
@@ -239,11 +246,12 @@ fn bytes(case: &Case) -> u64 {
     if storage.xdmf && n > 1 {
         moments += 11;
     }
+    let [early_fields, early_moments] = history::datasets(case);
     let all = |sizes: &[usize]| {
         let planes = planes * (0..n).map(|a| sizes[a] * sizes[n + a]).sum::<usize>();
-        fields * sizes.iter().product::<usize>()
+        (fields + early_fields) * sizes.iter().product::<usize>()
             + planes
-            + moments * sizes[..n].iter().product::<usize>()
+            + (moments + early_moments) * sizes[..n].iter().product::<usize>()
     };
     let cells: Vec<usize> = space.axes().map(|a| a.cells).collect();
     let (mut numbers, mut chunks) = (all(&cells), 0);
@@ -260,7 +268,10 @@ fn bytes(case: &Case) -> u64 {
         // As in `Storage::most_chunks`.
         chunks = 4 * numbers / CHUNK;
     }
-    (8 * (numbers + points) + CHUNK_ENTRY * chunks + MARGIN + 2 * case.text.len()) as u64
+    (8 * (numbers + points + 4 * case.times.len())
+        + CHUNK_ENTRY * chunks
+        + MARGIN
+        + 2 * case.text.len()) as u64
 }
 
 /// Name of the axis of vector components.
@@ -311,7 +322,7 @@ fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Outcome<()> {
     {
         writer.scale(POINT, &numbers(curve.x.len()), None)?;
     }
-    Ok(())
+    history::axes(writer, results)
 }
 
 /// The plateau, which is the same on all ranks. To be agreed on.

@@ -108,6 +108,11 @@ impl<'a> Writer<'a> {
         &self.file
     }
 
+    /// Whether this rank is the first.
+    pub fn first(&self) -> bool {
+        self.world.rank() == 0
+    }
+
     /// Agrees on the outcome of operations that all ranks did, and of those rank 0 did alone.
     pub fn agree<T>(&self, outcome: Outcome<T>) -> Result<T> {
         let outcome = match self.trouble.take() {

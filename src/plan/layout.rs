@@ -6,6 +6,7 @@ use crate::case::{Case, Data, Embedding, Exact, Limiter, Method};
 use crate::characteristics::sheet::curve_points;
 use crate::error::{Error, Result};
 use crate::matrix::{Inflow, Lanes};
+use crate::observables::MOMENTS;
 use crate::partition::{Block, Mesh};
 use crate::propagate::{self, Sizes, cost_of_splitting};
 use crate::scheme::transport_rate;
@@ -339,6 +340,14 @@ fn arrays(
         let share = cells / layers as u64 * layers.div_ceil(mesh.groups) as u64;
         let sums = 16 * (readings + plateau + steps) * cells;
         list.push(("recovery sums".to_owned(), sums));
+        if !case.times.is_empty() {
+            // Where a batch stands between two legs; sums and results at the output times.
+            list.push(("between legs".to_owned(), size_of::<Lanes>() as u64 * rows));
+            list.push((
+                "output times".to_owned(),
+                early_bytes(case, space_block, share),
+            ));
+        }
         let recovered = 8 * ((readings + steps) * fields + plateau) * share;
         list.push(("recovered fields".to_owned(), recovered));
         list.push(("ghost exchange".to_owned(), 2 * 128 * ghosts));
@@ -347,6 +356,9 @@ fn arrays(
         let fields = case.fields.len() as u64;
         list.push(("fields".to_owned(), 8 * 2 * fields * cells));
         list.push(("integrator".to_owned(), 8 * 4 * length));
+        if !case.times.is_empty() {
+            list.push(("output times".to_owned(), early_bytes(case, 0, cells)));
+        }
         if case.limiter != Limiter::None {
             // One slope an unknown, two neighbours a space cell and axis; faces at the box's ends and at about as many jumps.
             let ends: u64 = case
@@ -370,6 +382,21 @@ fn arrays(
         list.push(("exact solution".to_owned(), values + 80 * points));
     }
     list
+}
+
+/// Sums, of one field at a time, and results at the output times, on a rank with so many points of space in its block (none
+/// where nothing is added up) and so many cells of the results.
+fn early_bytes(case: &Case, points: u64, share: u64) -> u64 {
+    let velocities = case.space.velocity_cells() as u64;
+    let numbers = |fields: bool| match (fields, &case.data) {
+        (false, Data::Density) => MOMENTS as u64,
+        _ => velocities,
+    };
+    let each = |fields: bool| {
+        let results = case.fields.len() as u64 * numbers(fields) + 2 * MOMENTS as u64;
+        16 * points * numbers(fields) + 8 * share / velocities * results
+    };
+    case.times.iter().map(|t| each(t.fields)).sum()
 }
 
 /// Bytes for people.

@@ -15,8 +15,8 @@
 //! Σ a_k φ_k = a_0 x + G b_1 + b_2
 //! ```
 //!
-//! as many applications as forwards, but two vectors a mode and none for the sum: the start `x` is real and common to the
-//! modes of a batch. Each lane has a degree of its own, with zeros above it, so its bits do not depend on the others'.
+//! as many applications as forwards, but two vectors a mode and none for the sum: the start `x` is mostly real and common to
+//! the modes of a batch. Each lane has a degree of its own, with zeros above it, so its bits do not depend on the others'.
 //!
 //! **The interval is guaranteed, not estimated.** Let `A = B − diag(d)`, `B ≥ 0`, in weighted unknowns with growth bound
 //! `γ` (see [`crate::weights`]). For a unit vector, `x*(D A D⁻¹)x = −δ + β` with `δ = Σ d_i |x_i|²` in `[0, d]` and
@@ -33,7 +33,7 @@ use crate::communicator::GhostExchange;
 use crate::error::Result;
 use crate::matrix::blocking::Blocking;
 use crate::matrix::{BlockMatrix, LANES, Lanes, StartRow, StepConstants};
-use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
+use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator, Start};
 use num_complex::Complex64;
 
 /// Interval that holds the spectrum of `H = μS + iK`.
@@ -278,7 +278,10 @@ impl Propagator for Chebyshev {
         let (constants, report) = self.prepare(batch, span);
         let (matrix, exchange) = (system.matrix, &mut *system.exchange);
         let degree = batch.largest_work();
-        self.series(matrix, exchange, &constants, degree, None, initial.state);
+        match initial.state {
+            Start::Real(start) => self.series(matrix, exchange, &constants, degree, None, start),
+            Start::Lanes(start) => self.series(matrix, exchange, &constants, degree, None, start),
+        }
         Ok(report)
     }
 

@@ -75,9 +75,8 @@ impl Propagator for CommutatorFree<'_> {
         };
         let longest = stage.largest_work();
         let (constants, mut report) = self.chebyshev.prepare(&stage, span);
-        for (row, &value) in self.start.iter_mut().zip(initial.state) {
-            *row = Lanes::ZERO;
-            row.0[..LANES].fill(value);
+        for (i, row) in self.start.iter_mut().enumerate() {
+            *row = initial.state.row(i);
         }
         for k in 0..stages {
             if k > 0 {

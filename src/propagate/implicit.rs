@@ -27,7 +27,6 @@ use num_complex::Complex64;
 /// Crank–Nicolson (order 2) or backward Euler (order 1), with the scratch of one rank.
 pub struct Implicit {
     order: usize,
-    steps: usize,
     system: Shifted,
     /// `w`, `z` and a vector beside them, of one mode.
     mode: Vec<Complex64>,
@@ -45,14 +44,13 @@ pub fn vectors(split: bool) -> usize {
 }
 
 impl Implicit {
-    /// `steps` steps of the method of `order` 1 or 2; `split` says that space is split over ranks.
+    /// The method of `order` 1 or 2; `split` says that space is split over ranks.
     ///
     /// # Errors
     /// [`crate::error::Error::Factors`]. Not collective.
-    pub fn new(matrix: &BlockMatrix, order: usize, steps: usize, split: bool) -> Result<Self> {
+    pub fn new(matrix: &BlockMatrix, order: usize, split: bool) -> Result<Self> {
         Ok(Self {
             order,
-            steps,
             system: Shifted::new(matrix, split)?,
             mode: vec![Complex64::ZERO; matrix.length()],
             solved: vec![Complex64::ZERO; matrix.length()],
@@ -61,9 +59,9 @@ impl Implicit {
         })
     }
 
-    /// What `G^(order + 1) w` is multiplied by in the leading term of the error at `time`.
-    fn leading(&self, time: f64) -> f64 {
-        let dt = time / self.steps as f64;
+    /// What `G^(order + 1) w` is multiplied by in the leading term of the error after `steps` steps that take `time`.
+    fn leading(&self, time: f64, steps: usize) -> f64 {
+        let dt = time / steps as f64;
         match self.order {
             2 => time * dt * dt / 12.0,
             _ => 0.5 * time * dt,
@@ -84,10 +82,11 @@ impl Propagator for Implicit {
         batch: &BatchSpec,
         initial: &Initial<'_>,
     ) -> Result<BatchReport> {
-        let dt = system.time / self.steps as f64;
+        let steps = batch.largest_work();
+        let dt = system.time / steps as f64;
         // The part of the step that is implicit.
         let a = if self.order == 2 { 0.5 * dt } else { dt };
-        let leading = self.leading(system.time);
+        let leading = self.leading(system.time, steps);
         let mut report = BatchReport {
             phases: [Complex64::ONE; LANES],
             tails: [0.0; LANES],
@@ -97,19 +96,17 @@ impl Propagator for Implicit {
         };
         self.state.fill(Lanes::ZERO);
         self.error.fill(Lanes::ZERO);
-        if initial.norm == 0.0 {
-            return Ok(report);
-        }
         let rows = system.matrix.rows();
-        for l in 0..batch.modes {
+        for l in (0..batch.modes).filter(|&l| initial.norms[l] > 0.0) {
             let mu = batch.wavenumbers[l];
             self.system.factorise(system, a, mu)?;
-            for (w, &u) in self.mode.iter_mut().zip(initial.state) {
-                *w = u.into();
+            for (i, w) in self.mode[..rows].iter_mut().enumerate() {
+                let Lanes(row) = initial.state.row(i);
+                *w = Complex64::new(row[l], row[LANES + l]);
             }
-            for _ in 0..self.steps {
+            for _ in 0..steps {
                 // No step makes the norm larger, round-off aside.
-                let norm = 1.001 * initial.norm;
+                let norm = 1.001 * initial.norms[l];
                 let found = self
                     .system
                     .solve(system, &mut self.solved, &self.mode, norm)?;
@@ -144,9 +141,9 @@ impl Propagator for Implicit {
         Some(&self.error)
     }
 
-    fn largest_step_error(&self, system: &Evolution<'_>, mu: f64) -> f64 {
+    fn largest_step_error(&self, system: &Evolution<'_>, mu: f64, steps: usize) -> f64 {
         let interval = Interval::new(mu, system.rate, system.growth);
         let size = interval.centre.abs() + interval.half_width;
-        self.leading(system.time) * size.powi(self.order as i32 + 1)
+        self.leading(system.time, steps) * size.powi(self.order as i32 + 1)
     }
 }

@@ -367,12 +367,12 @@ impl Propagator for Krylov {
                 1.0
             }
         });
-        for (w, &u) in self.state.iter_mut().zip(initial.state) {
-            *w = Lanes::ZERO;
-            w.0[..LANES].fill(u);
+        for (i, w) in self.state.iter_mut().enumerate() {
+            *w = initial.state.row(i);
         }
+        let largest = initial.norms.into_iter().fold(0.0, f64::max);
         let mut left = [time; LANES];
-        while left.iter().any(|&t| t > 0.0) && initial.norm > 0.0 {
+        while left.iter().any(|&t| t > 0.0) && largest > 0.0 {
             // What is guaranteed beforehand: the step, or the dimension that takes the lane to its end.
             let mut steps = [0.0; LANES];
             let mut m = 1;
@@ -390,8 +390,8 @@ impl Propagator for Krylov {
                 }
                 m = m.max(dimension(series, h * steps[l], slope * steps[l]));
             }
-            let square = 2.0 * initial.norm * initial.norm;
-            let norms = system.lane_sums(&[square; LANES], |i| {
+            let squares = initial.norms.map(|norm| 2.0 * norm * norm);
+            let norms = system.lane_sums(&squares, |i| {
                 let Lanes(w) = &self.state[i];
                 std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
             });

@@ -7,13 +7,16 @@ use crate::classical::{Classical, EXACT, duhamel_panels};
 use crate::communicator::{Communicator, GhostExchange};
 use crate::compare::Norms;
 use crate::error::Result;
+use crate::observables::{MOMENTS, Moments, VelocityFactors, moments, totals};
+use crate::output::hdf5::slices;
+use crate::output::history::Early;
 use crate::output::summary::Summary;
-use crate::plan::{Plan, cost};
+use crate::plan::{Plan, WarpPlan, classical_steps, cost};
 use crate::problem::Problem;
 use crate::progress::Progress;
 use crate::propagate::commutator_free::CommutatorFree;
 use crate::propagate::{Evolution, Initial, Propagator, propagator};
-use crate::warp;
+use crate::warp::{self, Leg, MomentsOf, Task};
 
 /// What was solved for, on this rank's share.
 pub(super) struct Solution {
@@ -21,9 +24,19 @@ pub(super) struct Solution {
     pub fields: Vec<Vec<Vec<f64>>>,
     /// The first field by each reading of the plateau.
     pub plateau: Vec<Vec<f64>>,
+    /// What was found at earlier times.
+    pub early: Vec<Early>,
 }
 
-/// Every field at `T`. Collective.
+/// What either method finds, on this rank's share.
+struct Found {
+    fields: Vec<Vec<Vec<f64>>>,
+    plateau: Vec<Vec<f64>>,
+    /// `ũ`, or sums for the moments, at the end of each leg but the last: `[field][leg]`.
+    early: Vec<Vec<Vec<f64>>>,
+}
+
+/// Every field at `T`, and what is wanted before. Collective.
 pub(super) fn solve(
     case: &Case,
     plan: &Plan,
@@ -32,52 +45,132 @@ pub(super) fn solve(
     problem: &mut Problem,
     summary: &mut Summary,
 ) -> Result<Solution> {
+    let found = match &plan.warp {
+        None => classically(case, plan, communicator, place, problem, summary),
+        Some(warp) => by_modes(case, (plan, warp), communicator, place, problem, summary),
+    }?;
+    Ok(Solution {
+        early: history(case, communicator, (place, problem), found.early),
+        fields: found.fields,
+        plateau: found.plateau,
+    })
+}
+
+/// Moments and fields at the output times, from what was recovered there: `[field][leg]`.
+fn history(
+    case: &Case,
+    communicator: &Communicator,
+    (place, problem): (&Place, &Problem),
+    mut recovered: Vec<Vec<Vec<f64>>>,
+) -> Vec<Early> {
+    let world = &communicator.world;
+    let factors = VelocityFactors::new(&case.space);
+    let legs = Leg::all(case);
+    let early = case
+        .times
+        .iter()
+        .zip(&legs)
+        .enumerate()
+        .map(|(leg, (at, wanted))| {
+            let found = recovered
+                .iter_mut()
+                .map(|legs| std::mem::take(&mut legs[leg]));
+            let (moments, fields) = if wanted.moments_only {
+                let sums: Vec<f64> = found.flatten().collect();
+                let (sums, _) = sums.as_chunks::<MOMENTS>();
+                let dimension = case.space.dimension();
+                (
+                    Moments::of_sums(world, dimension, &factors, sums.iter().copied()),
+                    Vec::new(),
+                )
+            } else {
+                let fields: Vec<Vec<f64>> =
+                    found.map(|u| problem.unweighted(&place.mine, u)).collect();
+                let moments = moments(world, case, &slices(&fields));
+                (moments, if at.fields { fields } else { Vec::new() })
+            };
+            Early {
+                time: at.time,
+                totals: totals(world, &case.space, &moments),
+                moments,
+                fields,
+            }
+        });
+    early.collect()
+}
+
+/// The run without modes. Collective.
+fn classically(
+    case: &Case,
+    plan: &Plan,
+    communicator: &Communicator,
+    place: &Place,
+    problem: &mut Problem,
+    summary: &mut Summary,
+) -> Result<Found> {
     let speaks = communicator.world.rank() == 0;
-    let Some(warp_plan) = &plan.warp else {
-        let steps = plan.classical_steps;
-        let stages = if case.integrator == Integrator::SspRk3 {
-            3
-        } else {
-            1
-        };
-        let mut fields = Vec::new();
-        for (k, start) in problem.states.iter().enumerate() {
-            let slopes = Reconstruction::new(case, &problem.matrix, k);
-            let slopes = communicator.world.agree(slopes)?;
-            let progress = Progress::new(speaks, "steps", steps);
-            let classical = Classical::of(case, &problem.matrix, &problem.weights.pi)
-                .with_progress(progress)
-                .with_slopes(slopes);
-            let mut state = start.clone();
-            let span = (plan.bounds.rate, case.end);
-            let exchange = &mut problem.exchange;
+    let steps = classical_steps(case, &plan.bounds);
+    let stages = if case.integrator == Integrator::SspRk3 {
+        3
+    } else {
+        1
+    };
+    let factors = VelocityFactors::new(&case.space);
+    let (mut fields, mut early) = (Vec::new(), Vec::new());
+    for (k, start) in problem.states.iter().enumerate() {
+        let slopes = Reconstruction::new(case, &problem.matrix, k);
+        let slopes = communicator.world.agree(slopes)?;
+        let progress = Progress::new(speaks, "steps", plan.classical_steps);
+        let mut classical = Classical::of(case, &problem.matrix, &problem.weights.pi)
+            .with_progress(progress)
+            .with_slopes(slopes);
+        let mut state = start.clone();
+        let mut before = Vec::new();
+        for (&Leg { time, moments_only }, &steps) in Leg::all(case).iter().zip(&steps) {
+            let (span, exchange) = ((plan.bounds.rate, time), &mut problem.exchange);
             integrate(
-                classical,
+                &mut classical,
                 exchange,
                 case.integrator,
                 span,
                 steps,
                 &mut state,
             );
-            fields.push(vec![
-                problem.unweighted(&place.mine, state[place.mine.clone()].to_vec()),
-            ]);
+            if moments_only {
+                let f = problem.unweighted(&place.mine, state[place.mine.clone()].to_vec());
+                before.push(factors.at_points(&f).flatten().collect());
+            } else {
+                before.push(state[place.mine.clone()].to_vec());
+            }
         }
-        summary.matvecs = stages * steps * problem.states.len();
-        return Ok(Solution {
-            fields,
-            plateau: Vec::new(),
-        });
-    };
+        let end = before.pop().unwrap_or_default();
+        fields.push(vec![problem.unweighted(&place.mine, end)]);
+        early.push(before);
+    }
+    summary.matvecs = stages * plan.classical_steps * problem.states.len();
+    Ok(Found {
+        fields,
+        plateau: Vec::new(),
+        early,
+    })
+}
+
+/// The run by modes. Collective.
+fn by_modes(
+    case: &Case,
+    (plan, warp_plan): (&Plan, &WarpPlan),
+    communicator: &Communicator,
+    place: &Place,
+    problem: &mut Problem,
+    summary: &mut Summary,
+) -> Result<Found> {
+    let speaks = communicator.world.rank() == 0;
     let batches = &plan.layout.groups[communicator.modes.rank()];
     let cost = problem.states.len() * cost(batches);
     let mut progress = Progress::new(speaks, "modes", cost);
     let rows = problem.matrix.rows();
     let initial: Vec<Initial<'_>> = (problem.states.iter())
-        .map(|state| Initial {
-            state: &state[..rows],
-            norm: problem.norm(communicator, state, false),
-        })
+        .map(|state| Initial::real(&state[..rows], problem.norm(communicator, state, false)))
         .collect();
     let made: Result<Box<dyn Propagator>> = match &problem.schedule {
         Some(schedule) => Ok(Box::new(CommutatorFree::new(
@@ -97,15 +190,22 @@ pub(super) fn solve(
         time: case.end,
         terms: problem.terms,
     };
-    let recovered = warp::streamed(
+    let factors = VelocityFactors::new(&case.space);
+    let pi = &problem.weights.pi[..problem.matrix.block.cells()];
+    let moments = MomentsOf {
+        factors: &factors,
+        pi,
+    };
+    let task = Task {
         communicator,
-        &mut system,
-        (warp_plan, &mut *propagator),
+        warp: warp_plan,
+        legs: &Leg::all(case),
         batches,
-        &initial,
-        &place.ranges,
-        &mut progress,
-    )?;
+        initial: &initial,
+        shares: &place.ranges,
+        moments: Some(&moments),
+    };
+    let recovered = warp::run(&task, &mut system, &mut *propagator, &mut progress)?;
     progress.finish();
     summary.unitarity_defect = recovered.unitarity_defect;
     summary.norm_kept = recovered.norm_kept;
@@ -142,15 +242,16 @@ pub(super) fn solve(
             beyond / norms.square(&readings[0]).sqrt()
         })
         .fold(0.0, f64::max);
-    Ok(Solution {
+    Ok(Found {
         fields,
         plateau: recovered.plateau.into_iter().map(unweighted).collect(),
+        early: recovered.early,
     })
 }
 
 /// `state ← state(time)` by the classical method. Collective over the space group.
 pub(super) fn integrate(
-    mut classical: Classical<'_>,
+    classical: &mut Classical<'_>,
     exchange: &mut GhostExchange,
     integrator: Integrator,
     (rate, time): (f64, f64),
