@@ -2440,6 +2440,7 @@ fn results_before_the_end(world: &World) {
                 let nv = factors.cells();
                 let (sums, _) = early[1].as_chunks::<MOMENTS>();
                 assert_eq!(sums.len() * nv, shares[group].len(), "{name}");
+                let size = norm(&exact[1]);
                 let exact: Vec<[f64; MOMENTS]> = factors.at_points(&exact[1]).collect();
                 for m in 0..MOMENTS {
                     let entries = shares[group]
@@ -2451,7 +2452,7 @@ fn results_before_the_end(world: &World) {
                     let exact: Vec<f64> = exact.iter().map(|sums| sums[m]).collect();
                     let apart: Vec<f64> = found.iter().zip(&exact).map(|(a, b)| a - b).collect();
                     // A sum of so many velocities, each in its own direction off.
-                    let allowed = tolerance * factors.norms()[m] * norm(twin.field(&twin.state));
+                    let allowed = tolerance * factors.norms()[m] * size;
                     assert!(
                         norm(&apart) <= allowed,
                         "{name}, moment {m}: {:e} {allowed:e}",
