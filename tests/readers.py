@@ -93,6 +93,30 @@ def with_xarray(path, n, density):
             same(value, 1.0 + sum(weights[name] * place[name] for name in names), "exact at one cell", 1e-12 * 10.0 ** (2 * n))
 
 
+def history(path, n, density):
+    """Moments and fields over time by name, where there are some, the last moments being those of the end."""
+    with h5py.File(path) as file:
+        if "history" not in file:
+            return False
+    with xarray.open_datatree(path, engine="h5netcdf") as tree:
+        end, data = tree.to_dataset(), tree["history"].to_dataset()
+        assert data["density"].dims == ("time", *SPACE[:n]), data["density"].dims
+        assert data["velocity"].dims == ("time", "component", *SPACE[:n]), data["velocity"].dims
+        field = data["f" if density else "phi"]
+        assert field.dims == ("field_time", *SPACE[:n], *VELOCITY[:n]), field.dims
+        times = data["density"].coords["time"].values
+        assert np.all(np.diff(times) > 0) and times[-1] == end.attrs["time"], times
+        assert set(field.coords["field_time"].values) < set(times)
+        same(data["density"].sel(time=times[-1]), end["density"], "density at the end")
+        widths = np.prod([float(end[a][1] - end[a][0]) for a in SPACE[:n]])
+        same(data["mass"], data["density"].sum(SPACE[:n]) * widths, "mass", 1e-12)
+        if density:
+            widths = np.prod([float(end[v][1] - end[v][0]) for v in VELOCITY[:n]])
+            at = data["density"].sel(time=field.coords["field_time"].values)
+            same(at, field.sum(VELOCITY[:n]) * widths, "density from f", 1e-11 * float(at.max()))
+    return True
+
+
 def blocks(block):
     if hasattr(block, "GetNumberOfBlocks"):
         for k in range(block.GetNumberOfBlocks()):
@@ -163,5 +187,6 @@ for place in sys.argv[1:]:
         directory = pathlib.Path(place)
         dimension, is_density = with_h5py(directory / "result.h5")
         with_xarray(directory / "result.h5", dimension, is_density)
+        early = ", history" if history(directory / "result.h5", dimension, is_density) else ""
         with_vtk(directory, dimension, is_density)
-        print(f"{place}: read by h5py {h5py.__version__}, xarray {xarray.__version__}, VTK")
+        print(f"{place}: read by h5py {h5py.__version__}, xarray {xarray.__version__}, VTK{early}")
