@@ -3,6 +3,10 @@
 //! Serial is one rank. Nothing here depends on timing; reductions are of integers, maxima and minima only, so results
 //! are the same bits on any number of ranks.
 
+mod transpose;
+
+pub use transpose::Transpose;
+
 use crate::error::{Error, Result};
 use crate::partition::{Block, Mesh};
 use crate::reproducible::FixedPoint;

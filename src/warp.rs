@@ -7,8 +7,12 @@
 //! A run has *legs*, from one output time to the next. It goes in *stages*, each a pass over all modes of a field, in which a
 //! batch takes all legs one after the other.
 
+pub mod fourier;
+pub mod kept;
 mod sum;
 
+pub use fourier::Transform;
+pub use kept::KeptModes;
 pub use sum::{MomentsOf, Sum};
 
 use crate::case::{Case, Data};

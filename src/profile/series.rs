@@ -72,10 +72,14 @@ impl Series {
         TAU * l as f64 / self.period
     }
 
+    /// Whether mode `l` stands for itself only, and not for `−l` too.
+    pub fn is_alone(&self, l: usize) -> bool {
+        l == 0 || (self.alone && l + 1 == self.modes())
+    }
+
     /// Factor of `w_l` in a real sum over all modes: twice the coefficient where it stands for `−l` too.
     pub fn factor(&self, l: usize) -> Complex64 {
-        let alone = l == 0 || (self.alone && l + 1 == self.modes());
-        self.coefficients[l] * if alone { 1.0 } else { 2.0 }
+        self.coefficients[l] * if self.is_alone(l) { 1.0 } else { 2.0 }
     }
 
     /// The series at `p`.
