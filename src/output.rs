@@ -7,6 +7,7 @@ pub mod provenance;
 pub mod readback;
 pub mod summary;
 pub mod views;
+pub mod warped;
 pub mod writer;
 pub mod xdmf;
 

@@ -68,6 +68,32 @@ pub struct Results<'a> {
     pub provenance: &'a [(&'static str, String)],
 }
 
+/// What is said about a file as a whole.
+pub struct About<'a> {
+    /// The case.
+    pub case: &'a Case,
+    /// The plan it ran with.
+    pub plan: &'a Plan,
+    /// The time of its fields.
+    pub time: f64,
+    /// Seconds by step.
+    pub seconds: &'a BTreeMap<String, f64>,
+    /// Attributes of the file: what produced it.
+    pub provenance: &'a [(&'static str, String)],
+}
+
+impl<'a> Results<'a> {
+    fn about(&self) -> About<'a> {
+        About {
+            case: self.case,
+            plan: self.plan,
+            time: self.case.end,
+            seconds: self.seconds,
+            provenance: self.provenance,
+        }
+    }
+}
+
 /// The field read at `p` instead of `p◇`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlateauPoint {
@@ -100,17 +126,32 @@ pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<V
     } else {
         Ok(())
     })?;
+    put_in_place(world, &path, |partial| {
+        let grids = write_all(world, partial, results)?;
+        readback::check(world, partial)?;
+        Ok(grids)
+    })
+}
+
+/// Makes the file `path` by `write`, under another name until it is complete: an older file stays whole, and no half a file is taken for a
+/// result. Collective over `world`.
+///
+/// # Errors
+/// As `write`; [`crate::error::Error::Output`] where it cannot be renamed.
+pub fn put_in_place<T>(
+    world: &Group,
+    path: &Path,
+    write: impl FnOnce(&Path) -> Result<T>,
+) -> Result<T> {
     // Files that are given up after an error stay open to the end; the library must not close them then.
     // SAFETY: a plain call before the library is used.
     unsafe { hdf5_sys::h5::H5dont_atexit() };
-    // Under another name until it is complete: an older file stays whole, and no half a file is taken for a result.
-    let partial = directory.join("result.h5.partial");
-    let written = write_all(world, &partial, results)
-        .and_then(|grids| readback::check(world, &partial).map(|_| grids));
+    let partial = path.with_extension("h5.partial");
+    let written = write(&partial);
     let renamed = match written {
-        Ok(grids) if world.rank() == 0 => std::fs::rename(&partial, &path)
-            .map(|()| grids)
-            .map_err(|e| failure(&path, &e)),
+        Ok(found) if world.rank() == 0 => std::fs::rename(&partial, path)
+            .map(|()| found)
+            .map_err(|e| failure(path, &e)),
         Err(_) if world.rank() == 0 => {
             let _ = std::fs::remove_file(&partial);
             written
@@ -125,7 +166,7 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Gr
     let plan = plan_text(results.plan);
     let most = bytes(results.case) + plan.len() as u64;
     let mut writer = Writer::create(world, path, most, &results.case.storage)?;
-    writer.agree(attributes(&writer, world.size(), results, &plan))?;
+    writer.agree(attributes(&writer, world.size(), &results.about(), &plan))?;
     let outcome = axes(&mut writer, results);
     writer.agree(outcome)?;
     let space = &results.case.space;
@@ -282,36 +323,48 @@ const POINT: &str = "point";
 pub const DIRECTION: &str = "direction";
 
 /// What is said about the file as a whole. To be agreed on.
-fn attributes(writer: &Writer<'_>, ranks: usize, results: &Results<'_>, plan: &str) -> Outcome<()> {
-    let (file, case) = (writer.file(), results.case);
-    for (name, value) in results.provenance {
+pub(super) fn attributes(
+    writer: &Writer<'_>,
+    ranks: usize,
+    about: &About<'_>,
+    plan: &str,
+) -> Outcome<()> {
+    let (file, case) = (writer.file(), about.case);
+    for (name, value) in about.provenance {
         attribute(file, name, &text(value))?;
     }
     attribute(file, "ranks", &(ranks as u64))?;
     attribute(file, "title", &text(&case.title))?;
     attribute(file, "reference", &text(&case.reference))?;
-    attribute(file, "time", &case.end)?;
+    attribute(file, "time", &about.time)?;
     let dataset = writer.text("case", &case.text)?;
     attribute(&dataset, "overrides", &text(&case.overrides.join("\n")))?;
     let dataset = writer.text("plan", plan)?;
-    let layout = serde_json::to_string(&results.plan.layout).unwrap_or_default();
+    let layout = serde_json::to_string(&about.plan.layout).unwrap_or_default();
     attribute(&dataset, "layout", &text(&layout))?;
     let timings = file.create_group("timings")?;
-    for (name, seconds) in results.seconds {
+    for (name, seconds) in about.seconds {
         attribute(&timings, name, seconds)?;
+    }
+    Ok(())
+}
+
+/// The dimension scales of phase space. To be agreed on.
+pub(super) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Outcome<()> {
+    let chunks = &case.storage.chunks;
+    writer.file().create_group("axis")?;
+    let chunk = |axis: usize| chunks.as_ref().map(|chunks| chunks[axis]);
+    let names = axis_names(case.space.dimension());
+    for (axis, (name, a)) in names.into_iter().zip(case.space.axes()).enumerate() {
+        writer.scale(name, &a.centres(), chunk(axis))?;
     }
     Ok(())
 }
 
 /// The dimension scales. To be agreed on.
 fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Outcome<()> {
-    let (space, chunks) = (&results.case.space, &results.case.storage.chunks);
-    let n = space.dimension();
-    writer.file().create_group("axis")?;
-    let chunk = |axis: usize| chunks.as_ref().map(|chunks| chunks[axis]);
-    for (axis, (name, a)) in axis_names(n).into_iter().zip(space.axes()).enumerate() {
-        writer.scale(name, &a.centres(), chunk(axis))?;
-    }
+    phase_axes(writer, results.case)?;
+    let n = results.case.space.dimension();
     let numbers = |count: usize| -> Vec<f64> { (0..count).map(|c| c as f64).collect() };
     writer.scale(COMPONENT, &numbers(n), None)?;
     if results.case.storage.xdmf && n > 1 {
@@ -362,7 +415,7 @@ fn multivalued(writer: &Writer<'_>, first: bool, curve: &Curve) -> Result<()> {
 }
 
 /// The part of the plan that is the same for any ranks.
-fn plan_text(plan: &Plan) -> String {
+pub(super) fn plan_text(plan: &Plan) -> String {
     let mut value = serde_json::to_value(plan).unwrap_or_default();
     if let Some(object) = value.as_object_mut() {
         object.remove("layout");

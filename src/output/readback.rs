@@ -79,19 +79,24 @@ fn sum_of(world: &Group, dataset: &Dataset) -> Outcome<u64> {
         if (k + 1) % ranks != rank {
             continue;
         }
-        let selection: Vec<SliceOrIndex> = (slab.start.iter().zip(&slab.count))
-            .map(|(&start, &count)| SliceOrIndex::SliceTo {
-                start,
-                step: 1,
-                end: start + count,
-                block: 1,
-            })
-            .collect();
-        let values = dataset.read_slice::<f64, _, IxDyn>(Hyperslab::from(selection))?;
-        let values = values.as_slice().unwrap_or_default();
-        sum = sum.wrapping_add(checksum::of_slab(&shape, &slab, values));
+        let values = read_slab(dataset, &slab)?;
+        sum = sum.wrapping_add(checksum::of_slab(&shape, &slab, &values));
     }
     Ok(sum)
+}
+
+/// The numbers of a slab, row-major, read by this rank on its own.
+pub(super) fn read_slab(dataset: &Dataset, slab: &Slab) -> Outcome<Vec<f64>> {
+    let selection: Vec<SliceOrIndex> = (slab.start.iter().zip(&slab.count))
+        .map(|(&start, &count)| SliceOrIndex::SliceTo {
+            start,
+            step: 1,
+            end: start + count,
+            block: 1,
+        })
+        .collect();
+    let values = dataset.read_slice::<f64, _, IxDyn>(Hyperslab::from(selection))?;
+    Ok(values.into_raw_vec_and_offset().0)
 }
 
 /// Reads a text whose length is known at run time only, which the safe interface has no type for.

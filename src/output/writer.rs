@@ -225,20 +225,24 @@ impl<'a> Writer<'a> {
         slabs: &[(Slab, &[f64])],
         what: &str,
     ) -> Result<()> {
-        let dataset = ManuallyDrop::new(self.agree(self.create_field(name, axes, what))?);
-        let shape = dataset.shape();
-        let mine = (slabs.iter()).fold(0u64, |sum, (slab, values)| {
-            sum.wrapping_add(checksum::of_slab(&shape, slab, values))
-        });
-        let sum = self.world.sum_modulo(mine);
-        self.agree(attribute(&dataset, CHECKSUM, &sum))?;
-        let together = dataset.is_chunked();
+        let mut field = self.slabs(name, axes, what)?;
         for (slab, values) in slabs {
             // Each on its own: nobody begins with the next before all are through with this one.
-            self.agree(write_slab(&dataset, slab, values, together))?;
+            field.write(slab, values)?;
         }
-        drop(ManuallyDrop::into_inner(dataset));
-        Ok(())
+        field.finish()
+    }
+
+    /// A dataset over `axes` that is to be written slab after slab.
+    pub fn slabs(&self, name: &str, axes: &[&str], what: &str) -> Result<Slabs<'_>> {
+        let dataset = ManuallyDrop::new(self.agree(self.create_field(name, axes, what))?);
+        Ok(Slabs {
+            writer: self,
+            shape: dataset.shape(),
+            together: dataset.is_chunked(),
+            dataset,
+            sum: 0,
+        })
     }
 
     /// Closes the file.
@@ -256,6 +260,37 @@ impl<'a> Writer<'a> {
             Ok(())
         };
         self.world.agree(given_back)
+    }
+}
+
+/// A dataset while it is written.
+pub struct Slabs<'a> {
+    writer: &'a Writer<'a>,
+    /// Not closed when an error is on the way, as the file.
+    dataset: ManuallyDrop<Dataset>,
+    shape: Vec<usize>,
+    /// Whether all ranks write together.
+    together: bool,
+    /// This rank's part of the checksum.
+    sum: u64,
+}
+
+impl Slabs<'_> {
+    /// Writes this rank's next slab; every rank writes as many, some of them empty, and none of any rank overlap.
+    pub fn write(&mut self, slab: &Slab, values: &[f64]) -> Result<()> {
+        let part = checksum::of_slab(&self.shape, slab, values);
+        self.sum = self.sum.wrapping_add(part);
+        self.writer
+            .agree(write_slab(&self.dataset, slab, values, self.together))
+    }
+
+    /// The dataset is whole: it gets its checksum.
+    pub fn finish(self) -> Result<()> {
+        let sum = self.writer.world.sum_modulo(self.sum);
+        self.writer
+            .agree(attribute(&self.dataset, CHECKSUM, &sum))?;
+        drop(ManuallyDrop::into_inner(self.dataset));
+        Ok(())
     }
 }
 

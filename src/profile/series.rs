@@ -39,6 +39,15 @@ impl Series {
         }
     }
 
+    /// `c_l = 1` for the modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even: of a field whose modes have values of their own.
+    pub fn ones(period: f64, points: usize) -> Self {
+        Self {
+            period,
+            coefficients: vec![Complex64::ONE; points / 2 + 1],
+            alone: true,
+        }
+    }
+
     /// `c_l = (1/N_p) Σ_k g(p_k) e^{−iμ_l p_k}`, `p_k = L + kP/N_p`, for the modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even: the
     /// trigonometric interpolant. Of the analytic coefficients of the periodic continuation of `g` from `[L, R)` it holds
     /// `Σ_m c_{l+mN_p}`.
