@@ -12,7 +12,7 @@ pub mod kept;
 mod sum;
 
 pub use fourier::Transform;
-pub use kept::KeptModes;
+pub use kept::{KeptModes, Passage};
 pub use sum::{MomentsOf, Sum};
 
 use crate::case::{Case, Data};

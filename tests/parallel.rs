@@ -5,6 +5,8 @@
 //! controls show that a wrong expectation and a job that hangs are noticed.
 
 mod support;
+#[path = "parallel/warped.rs"]
+mod warped;
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
@@ -56,12 +58,15 @@ const PATIENCE: Duration = Duration::from_secs(120);
 type Check = fn(&World);
 
 /// The checks, by name.
-const CHECKS: [(&str, Check); 27] = [
+const CHECKS: [(&str, Check); 30] = [
     ("number_of_ranks", number_of_ranks),
     ("reductions", reductions),
     ("agreement_on_errors", agreement_on_errors),
     ("ghost_exchange", ghost_exchange),
     ("long_messages", long_messages),
+    ("transpose_and_back", warped::transpose_and_back),
+    ("warped_file", warped::warped_file),
+    ("warped_files_refused", warped::warped_files_refused),
     ("matrix_entry_for_entry", matrix_entry_for_entry),
     ("application_of_all_parts", application_of_all_parts),
     ("adjoint", adjoint),

@@ -37,12 +37,7 @@ impl<'a> Transpose<'a> {
     }
 
     /// The same with messages of at most `most` elements.
-    pub fn in_pieces(
-        group: &'a Group,
-        modes: Vec<Vec<usize>>,
-        cells: usize,
-        most: usize,
-    ) -> Self {
+    pub fn in_pieces(group: &'a Group, modes: Vec<Vec<usize>>, cells: usize, most: usize) -> Self {
         assert_eq!(modes.len(), group.size(), "a list of modes for each rank");
         let buffer = vec![Complex64::ZERO; buffer(&modes, cells)];
         Self {

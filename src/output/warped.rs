@@ -12,8 +12,8 @@
 
 use super::checksum::{self, Slab};
 use super::hdf5::{About, attributes, axis_names, phase_axes, plan_text, put_in_place};
-use super::readback::read_slab;
 use super::readback;
+use super::readback::read_slab;
 use super::writer::{CHECKSUM, Writer};
 use crate::case::{Case, Storage};
 use crate::communicator::{Communicator, Group, Transpose};
@@ -54,25 +54,14 @@ pub struct Spread<'a> {
     pub modes: &'a [Vec<usize>],
     /// `π` of the block's cells: kept are the modes of `√π w`.
     pub pi: &'a [f64],
+    /// Bytes of a rank's buffers, if those of one cell are not more: [`BUFFERS`].
+    pub buffers: u64,
 }
 
 /// Bytes of the buffers of a rank that one cell takes: all its modes, its values, and what is sent and received.
 fn cell_bytes(modes: u64, points: u64, most: u64, groups: u64) -> u64 {
     let messages = if groups > 1 { 2 * most } else { 0 };
     16 * (modes + messages) + 8 * points
-}
-
-/// Cells of a rank in a round.
-fn cells_at_once(modes: &[Vec<usize>], points: usize) -> usize {
-    let all = modes.iter().map(Vec::len);
-    let (count, most) = (all.clone().sum::<usize>(), all.max().unwrap_or(0));
-    let bytes = cell_bytes(
-        count as u64,
-        points as u64,
-        most as u64,
-        modes.len() as u64,
-    );
-    (BUFFERS / bytes).max(1) as usize
 }
 
 /// Bytes of a rank's buffers for so many modes, at most `most` of them on one of `groups` ranks.
@@ -83,6 +72,14 @@ pub fn buffer_bytes(modes: u64, points: u64, (most, groups): (u64, u64)) -> u64 
 }
 
 impl Spread<'_> {
+    /// Cells of a rank in a round.
+    fn cells_at_once(&self, points: usize) -> usize {
+        let all = self.modes.iter().map(|modes| modes.len() as u64);
+        let (count, most) = (all.clone().sum(), all.max().unwrap_or(0));
+        let bytes = cell_bytes(count, points as u64, most, self.modes.len() as u64);
+        (self.buffers / bytes).max(1) as usize
+    }
+
     /// Calls `visit` with the cells that each rank of the mode groups has in a round and this rank's slab of them in the grid, round after
     /// round, until all ranks of the world are through; those that are through before have no cells. Collective if `visit` is.
     fn rounds(
@@ -90,7 +87,10 @@ impl Spread<'_> {
         most: usize,
         mut visit: impl FnMut(&[Range<usize>], &Slab) -> Result<()>,
     ) -> Result<()> {
-        let (rank, ranks) = (self.communicator.modes.rank(), self.communicator.modes.size());
+        let (rank, ranks) = (
+            self.communicator.modes.rank(),
+            self.communicator.modes.size(),
+        );
         let shape: Vec<usize> = (self.block.ranges.iter().map(Range::len))
             .chain(self.space.v.iter().map(|axis| axis.cells))
             .collect();
@@ -123,12 +123,27 @@ impl Spread<'_> {
 
     /// The buffers of this rank: all modes of some cells, and their values.
     fn buffers(&self, transform: &Transform) -> (Transpose<'_>, Vec<Complex64>, Vec<f64>) {
-        let most = cells_at_once(self.modes, transform.points());
+        let most = self.cells_at_once(transform.points());
         (
             Transpose::new(&self.communicator.modes, self.modes.to_vec(), most),
             vec![Complex64::ZERO; most * transform.modes()],
             vec![0.0; most * transform.points()],
         )
+    }
+
+    /// The phases of all modes. Collective over the mode groups.
+    fn phases(&self, kept: &KeptModes) -> Vec<Complex64> {
+        let count: usize = self.modes.iter().map(Vec::len).sum();
+        let mut parts = vec![f64::NEG_INFINITY; 2 * count];
+        for (&l, passage) in kept.modes().iter().zip(kept.passages()) {
+            (parts[2 * l], parts[2 * l + 1]) = (passage.phase.re, passage.phase.im);
+        }
+        self.communicator.modes.max_into(&mut parts);
+        let (pairs, _) = parts.as_chunks();
+        pairs
+            .iter()
+            .map(|&[re, im]| Complex64::new(re, im))
+            .collect()
     }
 
     /// Checks that these are the modes of `kept` and of `transform`.
@@ -198,7 +213,8 @@ pub fn write(
 ) -> Result<()> {
     let world = &spread.communicator.world;
     put_in_place(world, &directory.join(name), |partial| {
-        write_all(partial, about, spread, Transform::new(series, lower), kept)?;
+        let transform = Transform::new(series, lower).with_phases(&spread.phases(kept));
+        write_all(partial, about, spread, transform, kept)?;
         readback::check(world, partial)
     })?;
     Ok(())
@@ -234,8 +250,7 @@ fn write_all(
     let mut field = writer.slabs("w", &names, "warped phase-space density")?;
     let (mut transpose, mut all, mut values) = spread.buffers(&transform);
     let modes = transform.modes();
-    let cells_at_once = cells_at_once(spread.modes, points);
-    spread.rounds(cells_at_once, |cells, slab| {
+    spread.rounds(spread.cells_at_once(points), |cells, slab| {
         transpose.to_cells((kept.values(), kept.rows()), cells, &mut all);
         let own = cells[transpose.rank()].clone();
         let values = &mut values[..own.len() * points];
@@ -291,16 +306,33 @@ impl Given {
     /// [`Error::Input`] where the file cannot be read, is not as it was written, or holds NaN or infinity.
     pub fn read(&self, spread: &Spread<'_>, series: &Series, kept: &mut KeptModes) -> Result<()> {
         let world = &spread.communicator.world;
-        let wrong = |what: &dyn std::fmt::Display| {
-            Error::Input(format!("{}: {what}", self.path.display()))
-        };
+        let wrong =
+            |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
+        // A file that only some ranks can open stays open to the end; the library must not close it then.
+        // SAFETY: a plain call.
+        unsafe { hdf5_sys::h5::H5dont_atexit() };
         let opened = File::with_options()
             .with_fapl(|p| p.mpio(world.raw(), None))
             .open(&self.path);
-        // Not closed after an error: closing waits for all ranks.
         let file = ManuallyDrop::new(world.agree(opened.map_err(|e| wrong(&e)))?);
-        let dataset = file.dataset("w").map_err(|e| wrong(&e));
-        let dataset = ManuallyDrop::new(world.agree(dataset)?);
+        let read = self.read_from(&file, spread, series, kept);
+        // All ranks have the same outcome, so that all close it, as must be.
+        let closed = ManuallyDrop::into_inner(file).close();
+        world.agree(closed.map_err(|e| wrong(&e)))?;
+        read
+    }
+
+    fn read_from(
+        &self,
+        file: &File,
+        spread: &Spread<'_>,
+        series: &Series,
+        kept: &mut KeptModes,
+    ) -> Result<()> {
+        let world = &spread.communicator.world;
+        let wrong =
+            |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
+        let dataset = world.agree(file.dataset("w").map_err(|e| wrong(&e)))?;
         let shape = dataset.shape();
         let mut transform = Transform::new(series, self.interval[0]);
         spread.fits(kept, &transform);
@@ -308,7 +340,7 @@ impl Given {
         let (mut transpose, mut all, _) = spread.buffers(&transform);
         let (modes, points, rows) = (transform.modes(), transform.points(), kept.rows());
         let mut sum = 0u64;
-        spread.rounds(cells_at_once(spread.modes, points), |cells, slab| {
+        spread.rounds(spread.cells_at_once(points), |cells, slab| {
             let own = cells[transpose.rank()].clone();
             let slab = with_points(slab, points);
             let values = if own.is_empty() {
@@ -342,10 +374,7 @@ impl Given {
                 Err(wrong(&"/w is not as it was written (its checksum differs)"))
             }
             _ => Ok(()),
-        })?;
-        drop(ManuallyDrop::into_inner(dataset));
-        let closed = ManuallyDrop::into_inner(file).close();
-        world.agree(closed.map_err(|e| wrong(&e)))
+        })
     }
 }
 
@@ -384,7 +413,9 @@ fn look(path: &Path, space: &PhaseSpace) -> std::result::Result<([f64; 2], usize
         return Err(format!("/axis/p holds {} points, /w {points}", p.len()));
     }
     if points < 2 || !points.is_multiple_of(2) {
-        return Err(format!("/w has {points} points in p; an even number expected"));
+        return Err(format!(
+            "/w has {points} points in p; an even number expected"
+        ));
     }
     let step = (p[points - 1] - p[0]) / (points - 1) as f64;
     let even = |(j, p_j): (usize, &f64)| {

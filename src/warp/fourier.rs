@@ -80,6 +80,17 @@ impl Transform {
         }
     }
 
+    /// The same for modes that are yet to be multiplied by `phases`.
+    pub fn with_phases(mut self, phases: &[Complex64]) -> Self {
+        for ((factor, inverse), phase) in
+            (self.factors.iter_mut().zip(&mut self.inverse)).zip(phases)
+        {
+            *factor *= phase;
+            *inverse /= phase;
+        }
+        self
+    }
+
     /// `N_p`.
     pub fn points(&self) -> usize {
         self.line.len()
@@ -228,6 +239,26 @@ mod tests {
                     *x
                 };
                 assert!((seen - back).norm() < 1e-12, "mode {l}: {seen} {back}");
+            }
+        }
+    }
+
+    #[test]
+    fn phases_are_factors_of_the_modes() {
+        for series in series() {
+            let x = cell(series.modes());
+            let phases: Vec<Complex64> = (0..x.len())
+                .map(|l| Complex64::from_polar(1.0, 0.4 + l as f64))
+                .collect();
+            let product: Vec<Complex64> = x.iter().zip(&phases).map(|(x, p)| x * p).collect();
+            let mut plain = Transform::new(&series, LOWER);
+            let mut expected = vec![0.0; plain.points()];
+            plain.to_values(&product, 1.0, &mut expected);
+            let mut with = Transform::new(&series, LOWER).with_phases(&phases);
+            let mut found = expected.clone();
+            with.to_values(&x, 1.0, &mut found);
+            for (a, b) in found.iter().zip(&expected) {
+                assert!((a - b).abs() < 1e-12, "{a} {b}");
             }
         }
     }

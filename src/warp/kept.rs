@@ -6,19 +6,43 @@ use num_complex::Complex64;
 /// Modes of the whole warped field on a rank, mode by mode, each as long as the block has rows:
 ///
 /// ```text
-/// w(p) = Σ_l Re[ factor_l e^{iμ_l p} x_l ],   l ≥ 0
+/// w(p) = Σ_l Re[ factor_l e^{iμ_l p} phase_l x_l ],   l ≥ 0
 /// ```
 ///
-/// in weighted unknowns; see [`crate::profile::Series::factor`].
+/// in weighted unknowns; see [`crate::profile::Series::factor`]. Phases stand beside the modes, so that a mode that was kept goes on with the
+/// bits of one that was not.
 pub struct KeptModes {
     rows: usize,
     /// Ascending.
     modes: Vec<usize>,
     /// `values[k·rows + i]`: row `i` of mode `modes[k]`.
     values: Vec<Complex64>,
-    /// How many modes were stored, those stored twice once.
-    present: usize,
-    stored: Vec<bool>,
+    passages: Vec<Passage>,
+}
+
+/// How far a mode is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Passage {
+    /// Legs that it has gone.
+    pub legs: usize,
+    /// `phase_l`.
+    pub phase: Complex64,
+    /// Its norm before the first of them, over all ranks of the space group, or a bound on it.
+    pub norm: f64,
+    /// How much of that its norm may have changed since.
+    pub allowed: f64,
+}
+
+impl Passage {
+    /// Of a mode of norm `norm` that has not begun.
+    pub fn start(norm: f64) -> Self {
+        Self {
+            legs: 0,
+            phase: Complex64::ONE,
+            norm,
+            allowed: 0.0,
+        }
+    }
 }
 
 impl KeptModes {
@@ -28,15 +52,14 @@ impl KeptModes {
         Self {
             rows,
             values: vec![Complex64::ZERO; rows * modes.len()],
-            stored: vec![false; modes.len()],
-            present: 0,
+            passages: vec![Passage::start(0.0); modes.len()],
             modes,
         }
     }
 
     /// Bytes that `modes` of `rows` rows each take.
     pub fn bytes(rows: u64, modes: u64) -> u64 {
-        rows * modes * size_of::<Complex64>() as u64
+        modes * (rows * size_of::<Complex64>() as u64 + size_of::<(usize, Passage)>() as u64)
     }
 
     /// Rows of a mode.
@@ -54,25 +77,33 @@ impl KeptModes {
         &self.values
     }
 
-    /// The same, to be written; all modes count as stored.
+    /// The same, to be written.
     pub fn values_mut(&mut self) -> &mut [Complex64] {
-        self.stored.fill(true);
-        self.present = self.modes.len();
         &mut self.values
     }
 
-    /// How many modes were stored so far.
-    pub fn present(&self) -> usize {
-        self.present
+    /// How far each is, in the order of [`modes`](Self::modes).
+    pub fn passages(&self) -> &[Passage] {
+        &self.passages
     }
 
-    /// Whether `mode` is one of them.
-    pub fn has(&self, mode: usize) -> bool {
-        self.place(mode).is_some_and(|k| self.stored[k])
+    /// The same, to be written.
+    pub fn passages_mut(&mut self) -> &mut [Passage] {
+        &mut self.passages
+    }
+
+    /// How many of them have gone so many legs.
+    pub fn present(&self, legs: usize) -> usize {
+        self.passages.iter().filter(|p| p.legs == legs).count()
     }
 
     fn place(&self, mode: usize) -> Option<usize> {
         self.modes.binary_search(&mode).ok()
+    }
+
+    /// How far `mode` is; `None` where this rank does not keep it.
+    pub fn passage(&self, mode: usize) -> Option<Passage> {
+        self.place(mode).map(|k| self.passages[k])
     }
 
     /// Row by row, `mode`; `None` where this rank does not keep it.
@@ -81,21 +112,16 @@ impl KeptModes {
         Some(&self.values[first..first + self.rows])
     }
 
-    /// Row by row, `mode`, to be written, which then counts as stored; `None` where this rank does not keep it.
-    pub fn mode_mut(&mut self, mode: usize) -> Option<&mut [Complex64]> {
-        let k = self.place(mode)?;
-        self.present += usize::from(!std::mem::replace(&mut self.stored[k], true));
-        Some(&mut self.values[k * self.rows..(k + 1) * self.rows])
-    }
-
-    /// Stores lane `l` of `state` for `modes[l]`, times `phases[l]`; modes of other ranks are left out.
-    pub fn store(&mut self, modes: &[usize], phases: &[Complex64; LANES], state: &[Lanes]) {
+    /// Stores lane `l` of `state` for `modes[l]`, which is as far as `passages[l]`; modes of other ranks are left out.
+    pub fn store(&mut self, modes: &[usize], passages: &[Passage; LANES], state: &[Lanes]) {
         for (l, &mode) in modes.iter().enumerate() {
-            let Some(kept) = self.mode_mut(mode) else {
+            let Some(k) = self.place(mode) else {
                 continue;
             };
+            self.passages[k] = passages[l];
+            let kept = &mut self.values[k * self.rows..(k + 1) * self.rows];
             for (x, Lanes(w)) in kept.iter_mut().zip(state) {
-                *x = phases[l] * Complex64::new(w[l], w[LANES + l]);
+                *x = Complex64::new(w[l], w[LANES + l]);
             }
         }
     }
@@ -119,15 +145,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lanes_come_back_with_their_phases() {
+    fn lanes_come_back() {
         let (rows, all) = (5, [7, 2, 11, 4, 0, 9, 3, 8, 21, 1]);
         let mut kept = KeptModes::new(rows, all.to_vec());
         assert_eq!(kept.modes(), [0, 1, 2, 3, 4, 7, 8, 9, 11, 21]);
+        assert_eq!((kept.present(0), kept.present(1)), (10, 0));
         let value = |mode: usize, i: usize| Complex64::new(mode as f64 + 0.5, i as f64 - 3.0);
+        let passage = |mode: usize| Passage {
+            legs: 1,
+            phase: Complex64::new(0.0, mode as f64),
+            ..Passage::start(2.0)
+        };
         // A full batch, one that is not, and a mode of another rank.
         let batches: [&[usize]; 3] = [&[7, 2, 11, 4, 0, 9, 3, 8], &[21, 1], &[6]];
         for (stored, batch) in [0, 8, 10].into_iter().zip(batches) {
-            assert_eq!(kept.present(), stored);
+            assert_eq!(kept.present(1), stored);
             let mut state = vec![Lanes::ZERO; rows];
             for (i, Lanes(w)) in state.iter_mut().enumerate() {
                 for (l, &mode) in batch.iter().enumerate() {
@@ -135,22 +167,19 @@ mod tests {
                     (w[l], w[LANES + l]) = (x.re, x.im);
                 }
             }
-            let phases = std::array::from_fn(|l| Complex64::new(0.0, l as f64 + 1.0));
-            assert!(batch.iter().all(|mode| !kept.has(*mode)));
-            kept.store(batch, &phases, &state);
-            // Again: counted once.
-            kept.store(batch, &phases, &state);
+            let passages = std::array::from_fn(|l| passage(batch[l.min(batch.len() - 1)]));
+            kept.store(batch, &passages, &state);
         }
-        assert_eq!(kept.present(), 10);
-        assert!(kept.mode(6).is_none() && !kept.has(6));
+        assert!(kept.mode(6).is_none() && kept.passage(6).is_none());
         for batch in &batches[..2] {
             let mut state = vec![Lanes::ZERO; rows];
             kept.load(batch, &mut state);
             for (i, Lanes(w)) in state.iter().enumerate() {
                 for l in 0..LANES {
-                    let (k, mode) = (l.min(batch.len() - 1), batch[l.min(batch.len() - 1)]);
-                    let expected = Complex64::new(0.0, k as f64 + 1.0) * value(mode, i);
-                    assert_eq!(Complex64::new(w[l], w[LANES + l]), expected);
+                    let mode = batch[l.min(batch.len() - 1)];
+                    assert_eq!(Complex64::new(w[l], w[LANES + l]), value(mode, i));
+                    assert_eq!(kept.passage(mode), Some(passage(mode)));
+                    assert_eq!(kept.mode(mode).map(|x| x[i]), Some(value(mode, i)));
                 }
             }
         }
