@@ -422,6 +422,8 @@ pub struct Case {
     pub plateau: Option<Plateau>,
     /// `output.moments_every`, `moment_times` and `field_times`, ascending.
     pub times: Vec<OutputTime>,
+    /// `output.warped_field`: whether all modes are kept, and `w(t, x, v, p)` is written.
+    pub warped_field: bool,
     /// `output.delta_width`, for measure-valued data.
     pub delta_width: DeltaWidth,
     /// How the fields are stored.

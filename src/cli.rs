@@ -1,7 +1,7 @@
 //! The command line.
 
 use crate::output::provenance::VERSION;
-use clap::{Parser, Subcommand};
+use clap::{Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
 /// Emulates a quantum algorithm for the Liouville equation with potential barriers.
@@ -14,7 +14,7 @@ pub struct Cli {
 }
 
 /// The case file and changes to it.
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 pub struct CaseArgs {
     /// Case file (TOML).
     pub case: PathBuf,
@@ -34,9 +34,9 @@ pub enum Command {
         /// Directory of the results; by default results/NAME of the case file
         #[arg(short, long, value_name = "DIR")]
         output: Option<PathBuf>,
-        /// Keep the modes one batch at a time
-        #[arg(long, value_parser = ["streamed"], default_value = "streamed")]
-        mode: String,
+        /// Drop the modes batch by batch, or keep all and write w(t, x, v, p); as output.warped_field
+        #[arg(long, value_enum)]
+        mode: Option<Mode>,
         /// Blocks along each x-axis; the other ranks split the modes
         #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
         ranks_x: Option<Vec<usize>>,
@@ -86,6 +86,15 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+}
+
+/// What becomes of the modes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Mode {
+    /// They are added to the field and dropped, batch by batch.
+    Streamed,
+    /// All are kept.
+    Full,
 }
 
 /// A whole number from 1 to 64.

@@ -3,7 +3,7 @@
 mod spectrum;
 
 use crate::case::{self, Case, Data, Method};
-use crate::cli::{CaseArgs, Cli, Command};
+use crate::cli::{CaseArgs, Cli, Command, Mode};
 use crate::communicator::World;
 use crate::error::Result;
 use crate::output::readback;
@@ -33,10 +33,15 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         Command::Run {
             case,
             output,
+            mode,
             ranks_x,
-            ..
         } => {
-            let case = load(world, case)?;
+            let mut arguments = case.clone();
+            if let Some(mode) = mode {
+                let full = *mode == Mode::Full;
+                arguments.set.push(format!("output.warped_field={full}"));
+            }
+            let case = load(world, &arguments)?;
             let directory = output
                 .clone()
                 .unwrap_or_else(|| default_directory(&case.name));

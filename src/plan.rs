@@ -31,6 +31,7 @@ use crate::propagate::Company;
 use crate::propagate::commutator_free::stage_degree;
 use crate::recover::Reading;
 use crate::scheme::transport_rate;
+use crate::warp::fourier;
 use num_complex::Complex64;
 use placement::Placement;
 use serde::Serialize;
@@ -94,6 +95,8 @@ pub struct WarpPlan {
     pub interval: [f64; 2],
     /// Number of modes `l ≥ 0`; the others are their conjugates.
     pub modes: usize,
+    /// Points `N_p` of the whole warped field, where all modes are kept.
+    pub points: Option<usize>,
     /// How `u` is read; a second reading gives the error estimate.
     pub readings: Vec<Reading>,
     /// What part of the error the distance of the two readings shows; more than 1 where it overstates it.
@@ -288,6 +291,7 @@ impl WarpPlan {
             readings,
             plateau,
             interval,
+            points: case.warped_field.then(|| fourier::points(&series)),
             work,
             leg_work,
             profile,
@@ -528,6 +532,12 @@ impl fmt::Display for Plan {
                 w.modes,
                 self.layout.groups.iter().map(Vec::len).sum::<usize>()
             )?;
+            if let Some(points) = w.points {
+                writeln!(
+                    f,
+                    "kept            all of them: w(T, x, v, p) at {points} points in p"
+                )?;
+            }
             writeln!(f, "propagator      {}", self.propagator_text(w))?;
             match w.solves {
                 0 => writeln!(f, "applications    {}", w.applications)?,

@@ -25,7 +25,7 @@ use crate::problem::Problem;
 use crate::progress::Progress;
 use crate::recover::Reading;
 use crate::system;
-use solve::{Solution, integrate, solve};
+use solve::{Solution, Warped, integrate, solve};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
@@ -177,6 +177,14 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
             let why = "ranks planned different series, being on processors of different kinds; start them on one kind";
             return Err(Error::Ranks(why.to_owned()));
         }
+        if let Some(points) = plan.warp.as_ref().and_then(|w| w.points) {
+            let room = if speaks {
+                output::warped::enough_room(directory, case, points)
+            } else {
+                Ok(())
+            };
+            all.agree(room)?;
+        }
         watch.lap("design");
     }
     let planned = plan.warp.as_ref().map_or(&[][..], |w| &w.warnings);
@@ -198,10 +206,16 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         total(&moments(&communicator.world, case, &mine).density)
     };
     watch.lap("observables");
+    let warped = Warped {
+        directory,
+        seconds: &watch.seconds.clone(),
+        provenance: &provenance(world, case),
+    };
     let Solution {
         fields,
         plateau,
         early,
+        warped_seconds,
     } = solve(
         case,
         &plan,
@@ -209,7 +223,9 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         &place,
         &mut problem,
         &mut summary,
+        &warped,
     )?;
+    watch.part("write", warped_seconds);
     watch.lap("solve");
 
     // 6. Compare: with the field at the second point, the exact semi-discrete solution, the exact solution.
@@ -499,6 +515,7 @@ impl Summary {
         self.distinct_rows = communicator.space.sum_count(problem.matrix.distinct_rows());
         self.inflow_unknowns = problem.terms - case.space.space_cells();
         self.modes = plan.warp.as_ref().map_or(0, |w| w.modes);
+        self.points = plan.warp.as_ref().and_then(|w| w.points);
         self.tolerance = case.tolerance;
         self.memory_planned_bytes_per_rank = plan.memory();
         self.memory_peak_bytes_per_rank = world.max_count(system::peak_memory() as usize) as u64;

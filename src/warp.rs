@@ -4,8 +4,9 @@
 //! are added in fixed point (see [`crate::reproducible`]), so the result has the same bits for any mode groups, any batches
 //! of independent modes and any order.
 //!
-//! A run has *legs*, from one output time to the next. It goes in *stages*, each a pass over all modes of a field, in which a
-//! batch takes all legs one after the other.
+//! A run has *legs*, from one output time to the next. It goes in *stages*, each a pass over all modes of a field: of a streamed
+//! run, in which a batch takes all legs one after the other; of a full one, which keeps the modes, in which it takes one. Both do the same
+//! with a mode, so that their results have the same bits.
 
 pub mod fourier;
 pub mod kept;
@@ -106,10 +107,21 @@ struct Told {
     solves: usize,
 }
 
+/// What a full run does besides.
+pub struct Keeping<'a> {
+    /// The modes of this rank, of one field after the other.
+    pub kept: &'a mut KeptModes,
+    /// Whether they are those that the run starts from, instead of the fields at time zero.
+    pub begun: bool,
+    /// What is to be done with a field at the end of a leg, on all ranks together: `(field, leg, modes)`.
+    pub after: &'a mut dyn FnMut(usize, usize, &KeptModes) -> Result<()>,
+}
+
 /// A pass over the modes of a field.
 struct Stage<'a> {
     field: usize,
-    /// By leg, what is added up at its end.
+    legs: Range<usize>,
+    /// By leg of the stage, what is added up at its end.
     sums: Vec<Vec<Sum<'a>>>,
     /// The leading term of the time step's error, and by mode what is beyond that.
     step_sum: Option<Sum<'a>>,
@@ -117,12 +129,12 @@ struct Stage<'a> {
 }
 
 impl<'a> Stage<'a> {
-    /// Empty sums for field `k`.
+    /// Empty sums for `legs` of field `k`.
     fn new(
         task: &Task<'a>,
         system: &mut Evolution<'_>,
         propagator: &dyn Propagator,
-        k: usize,
+        (k, legs): (usize, Range<usize>),
     ) -> Self {
         let warp = task.warp;
         let norm = task.initial[k].norms.into_iter().fold(0.0, f64::max);
@@ -130,14 +142,15 @@ impl<'a> Stage<'a> {
         let points = system.matrix.block.space_cells();
         let field = |reading, size| Sum::of_field(warp, reading, size * norm, (points, velocities));
         let last = task.legs.len() - 1;
-        let sums = (task.legs.iter().enumerate())
-            .map(|(leg, &Leg { moments_only, .. })| match task.moments {
+        let sums = legs
+            .clone()
+            .map(|leg| match task.moments {
                 _ if leg == last => {
                     let plateau = if k == 0 { &warp.plateau[..] } else { &[] };
                     let readings = warp.readings.iter().chain(plateau);
                     readings.map(|r| field(r, 1.0)).collect()
                 }
-                Some(moments) if moments_only => {
+                Some(moments) if task.legs[leg].moments_only => {
                     vec![Sum::of_moments(
                         warp,
                         &warp.readings[0],
@@ -149,7 +162,8 @@ impl<'a> Stage<'a> {
                 _ => vec![field(&warp.readings[0], 1.0)],
             })
             .collect();
-        let step_sum = propagator.step_error().is_some().then(|| {
+        let steps = legs.end > last && propagator.step_error().is_some();
+        let step_sum = steps.then(|| {
             // T Δt^q c G^(q+1) w, G at most as large as H of the last mode.
             let mode = warp.modes.saturating_sub(1);
             let (mu, steps) = (warp.series.wavenumber(mode), warp.leg_work[last][mode]);
@@ -160,6 +174,7 @@ impl<'a> Stage<'a> {
         });
         Self {
             field: k,
+            legs,
             sums,
             step_sum,
             beyond: Vec::with_capacity(warp.modes),
@@ -173,12 +188,18 @@ impl<'a> Stage<'a> {
         let mut legs: Vec<Vec<Vec<f64>>> = (self.sums.into_iter())
             .map(|sums| sums.into_iter().map(share).collect())
             .collect();
-        let mut end = legs.pop().unwrap_or_default();
+        let end = (self.legs.end == task.legs.len()).then(|| legs.pop().unwrap_or_default());
+        if self.legs.start == 0 {
+            recovered.early.push(Vec::new());
+        }
+        if let Some(early) = recovered.early.last_mut() {
+            early.extend(legs.into_iter().flatten());
+        }
+        let Some(mut end) = end else { return };
         if self.field == 0 {
             recovered.plateau = end.split_off(task.warp.readings.len());
         }
         recovered.fields.push(end);
-        recovered.early.push(legs.into_iter().flatten().collect());
         recovered.step_errors.extend(self.step_sum.map(share));
         recovered.step_beyond.push(modes.sum_terms(&self.beyond));
     }
@@ -189,7 +210,7 @@ fn whole_over_leg(legs: &[Leg], leg: usize) -> f64 {
     legs[..=leg].iter().map(|leg| leg.time).sum::<f64>() / legs[leg].time
 }
 
-/// Does the task, field after field. Collective.
+/// Does the task, field after field, and drops the modes. Collective.
 ///
 /// # Errors
 /// [`Error::Unitarity`] when a mode's norm changed by more than its method allows.
@@ -197,6 +218,19 @@ pub fn run(
     task: &Task<'_>,
     system: &mut Evolution<'_>,
     propagator: &mut dyn Propagator,
+    progress: &mut Progress,
+) -> Result<Recovered> {
+    run_keeping(task, system, (propagator, None), progress)
+}
+
+/// Does the task, field after field, and keeps the modes of one field at a time. Collective.
+///
+/// # Errors
+/// As [`run`]; what is done with the modes in between.
+pub fn run_keeping(
+    task: &Task<'_>,
+    system: &mut Evolution<'_>,
+    (propagator, mut keeping): (&mut dyn Propagator, Option<&mut Keeping<'_>>),
     progress: &mut Progress,
 ) -> Result<Recovered> {
     let world = &task.communicator.world;
@@ -207,26 +241,42 @@ pub fn run(
         applications: 0,
         solves: 0,
     };
-    // What the second leg of a batch and those after it start from.
-    let between = if task.legs.len() > 1 {
+    // What a batch starts from that does not start from a field at time zero.
+    let begun = keeping.as_ref().is_some_and(|keeping| keeping.begun);
+    let between = if begun || task.legs.len() > 1 {
         system.matrix.rows()
     } else {
         0
     };
     let mut between = vec![Lanes::ZERO; between];
     let mut recovered = Recovered::default();
-    for k in 0..task.initial.len() {
-        let mut stage = Stage::new(task, system, propagator, k);
+    let legs = task.legs.len();
+    let at_once = if keeping.is_some() { 1 } else { legs };
+    for (k, first) in (0..task.initial.len())
+        .flat_map(|k| (0..legs).step_by(at_once).map(move |first| (k, first)))
+    {
+        let mut stage = Stage::new(task, system, propagator, (k, first..first + at_once));
+        if let Some(keeping) = keeping.as_deref_mut()
+            && first == 0
+            && !keeping.begun
+        {
+            let start = Passage::start(task.initial[k].norms[0]);
+            keeping.kept.passages_mut().fill(start);
+        }
         let started = Instant::now();
         let outcome = task.batches.iter().try_for_each(|batch| {
-            let into = (&mut stage, &mut between[..]);
+            let into = (&mut stage, &mut between[..], keeping.as_deref_mut());
             add_batch(task, system, propagator, batch, into, &mut told)?;
-            progress.advance(batch.cost);
+            let done = |legs_done: usize| batch.cost * legs_done / legs;
+            progress.advance(done(first + at_once) - done(first));
             Ok(())
         });
         recovered.busy_seconds += started.elapsed().as_secs_f64();
         world.agree(outcome)?;
         stage.finish(task, velocities, &mut recovered);
+        if let Some(keeping) = keeping.as_deref_mut() {
+            (keeping.after)(k, first, keeping.kept)?;
+        }
     }
     // A rank without batches knows of no defect and no norm.
     let smallest = -world.max(-told.kept);
@@ -238,29 +288,42 @@ pub fn run(
     Ok(recovered)
 }
 
-/// Propagates the modes of a batch through all legs and adds them to the stage's sums. Collective over the space group;
-/// allocates nothing.
+/// Propagates the modes of a batch through the legs of the stage and adds them to its sums; from and to what is kept, if
+/// anything is. Collective over the space group; allocates nothing.
 fn add_batch(
     task: &Task<'_>,
     system: &mut Evolution<'_>,
     propagator: &mut dyn Propagator,
     batch: &Batch,
-    (stage, between): (&mut Stage<'_>, &mut [Lanes]),
+    (stage, between, keeping): (&mut Stage<'_>, &mut [Lanes], Option<&mut Keeping<'_>>),
     told: &mut Told,
 ) -> Result<()> {
     let (warp, initial) = (task.warp, &task.initial[stage.field]);
     let cells = system.matrix.block.cells();
     let mut phases = [Complex64::ONE; LANES];
     let mut allowed = [0.0; LANES];
-    for (leg, &Leg { time, .. }) in task.legs.iter().enumerate() {
-        system.time = time;
+    let mut norms = initial.norms;
+    let begun = keeping.as_ref().is_some_and(|keeping| keeping.begun);
+    if let Some(keeping) = &keeping
+        && (begun || stage.legs.start > 0)
+    {
+        keeping.kept.load(&batch.modes, between);
+        for l in 0..LANES {
+            let mode = batch.modes[l.min(batch.modes.len() - 1)];
+            if let Some(passage) = keeping.kept.passage(mode) {
+                (phases[l], allowed[l], norms[l]) = (passage.phase, passage.allowed, passage.norm);
+            }
+        }
+    }
+    for leg in stage.legs.clone() {
+        system.time = task.legs[leg].time;
         let spec = specification(warp, leg, batch);
-        let start = match leg {
-            0 => *initial,
-            _ => Initial {
-                state: Start::Lanes(between),
-                norms: initial.norms,
+        let start = Initial {
+            state: match leg {
+                0 if !begun => initial.state,
+                _ => Start::Lanes(between),
             },
+            norms,
         };
         let report = propagator.propagate(system, &spec, &start)?;
         for l in 0..LANES {
@@ -273,16 +336,16 @@ fn add_batch(
         }
         let state = propagator.state();
         let limits = report.unitary.then_some(&allowed);
-        let (ratio, found) = norms_kept(system, state, (batch, &spec), limits, initial)?;
+        let (ratio, found) = norms_kept(system, state, (batch, &spec), limits, &norms)?;
         told.kept = told.kept.min(ratio);
         told.defect = found.map_or(told.defect, |d| Some(told.defect.unwrap_or(0.0).max(d)));
         told.applications += report.applications;
         told.solves += report.solves;
-        for sum in &mut stage.sums[leg] {
+        for sum in &mut stage.sums[leg - stage.legs.start] {
             let weights = weights(warp, batch, (&sum.reading, &phases), &[1.0; LANES]);
             sum.add(&weights, &state[..cells]);
         }
-        if leg + 1 < task.legs.len() {
+        if leg + 1 < stage.legs.end {
             between.copy_from_slice(&state[..between.len()]);
             continue;
         }
@@ -291,11 +354,11 @@ fn add_batch(
             let steps = spec.largest_work();
             let bound = |l: usize| {
                 let largest = propagator.largest_step_error(system, spec.wavenumbers[l], steps);
-                largest * initial.norms[l]
+                largest * norms[l]
             };
             let sizes = sizes(system, error, std::array::from_fn(bound));
             // No mode is further off than its two states are long: where the leading term is, it is cut to that.
-            let most = initial.norms.map(|norm| 2.0 * norm);
+            let most = norms.map(|norm| 2.0 * norm);
             let parts = std::array::from_fn(|l| {
                 let size = whole * sizes[l];
                 whole * if size > most[l] { most[l] / size } else { 1.0 }
@@ -308,6 +371,16 @@ fn add_batch(
             let weights = weights(warp, batch, (&sum.reading, &phases), &parts);
             sum.add(&weights, &error[..cells]);
         }
+    }
+    if let Some(keeping) = keeping {
+        let passages = std::array::from_fn(|l| Passage {
+            legs: stage.legs.end,
+            phase: phases[l],
+            norm: norms[l],
+            allowed: allowed[l],
+        });
+        let state = propagator.state();
+        keeping.kept.store(&batch.modes, &passages, state);
     }
     Ok(())
 }
@@ -345,18 +418,18 @@ fn norms_kept(
     state: &[Lanes],
     (batch, spec): (&Batch, &BatchSpec),
     allowed: Option<&[f64; LANES]>,
-    initial: &Initial<'_>,
+    norms: &[f64; LANES],
 ) -> Result<(f64, Option<f64>)> {
-    let squares = system.lane_sums(&initial.norms.map(|norm| norm * norm), |i| {
+    let squares = system.lane_sums(&norms.map(|norm| norm * norm), |i| {
         let Lanes(w) = &state[i];
         std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
     });
     let (mut kept, mut defect) = (f64::INFINITY, 0.0f64);
     for (l, &mode) in batch.modes.iter().enumerate() {
-        if initial.norms[l] == 0.0 {
+        if norms[l] == 0.0 {
             continue;
         }
-        let ratio = squares[l].sqrt() / initial.norms[l];
+        let ratio = squares[l].sqrt() / norms[l];
         kept = kept.min(ratio);
         let Some(allowed) = allowed else {
             continue;

@@ -173,6 +173,7 @@ impl Case {
             recovery_points: output::recovery_points(&output)?,
             plateau: output::plateau(&output)?,
             times: output::times(&output, end)?,
+            warped_field: output.boolean("warped_field")?.unwrap_or(false),
             delta_width: output.choice(
                 "delta_width",
                 &[
@@ -197,10 +198,10 @@ impl Case {
                  choose it, or \"boundary\" or \"full\"",
             ));
         }
-        if output.boolean("warped_field")? == Some(true) {
+        if case.warped_field && case.method == Method::Classical {
             return Err(output.error(
                 "warped_field",
-                "only streamed runs are possible so far; leave it out or false",
+                "solver.method = \"classical\" has no modes; leave it out, or choose \"schrodingerized\"",
             ));
         }
         Ok(case)

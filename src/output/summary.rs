@@ -62,6 +62,8 @@ pub struct Summary {
     pub inflow_unknowns: usize,
     /// Modes propagated (l ≥ 0).
     pub modes: usize,
+    /// Points in `p` of the warped field, where all modes are kept.
+    pub points: Option<usize>,
     /// Applications of `(−iμS + K)`, over all modes, each with those of its own series; for the classical method, of `A`.
     pub matvecs: usize,
     /// Linear systems solved by an implicit propagator, over all modes.

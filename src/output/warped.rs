@@ -64,11 +64,16 @@ fn cell_bytes(modes: u64, points: u64, most: u64, groups: u64) -> u64 {
     16 * (modes + messages) + 8 * points
 }
 
-/// Bytes of a rank's buffers for so many modes, at most `most` of them on one of `groups` ranks.
-pub fn buffer_bytes(modes: u64, points: u64, (most, groups): (u64, u64)) -> u64 {
+/// Cells of a rank in a round: of `cells` that `groups` ranks share, as many as fit into `buffers`.
+fn cells_at_once(buffers: u64, cell_bytes: u64, cells: u64, groups: u64) -> u64 {
+    (buffers / cell_bytes).clamp(1, cells.div_ceil(groups))
+}
+
+/// Bytes of a rank's buffers for so many modes of a block of so many cells, at most `most` of them on one of `groups` ranks.
+pub fn buffer_bytes(modes: u64, points: u64, cells: u64, (most, groups): (u64, u64)) -> u64 {
     let cell = cell_bytes(modes, points, most, groups);
     // A line in p and what the transform takes beside it.
-    cell * (BUFFERS / cell).max(1) + 4 * 16 * points
+    cell * cells_at_once(BUFFERS, cell, cells, groups) + 4 * 16 * points
 }
 
 impl Spread<'_> {
@@ -76,8 +81,9 @@ impl Spread<'_> {
     fn cells_at_once(&self, points: usize) -> usize {
         let all = self.modes.iter().map(|modes| modes.len() as u64);
         let (count, most) = (all.clone().sum(), all.max().unwrap_or(0));
-        let bytes = cell_bytes(count, points as u64, most, self.modes.len() as u64);
-        (self.buffers / bytes).max(1) as usize
+        let groups = self.modes.len() as u64;
+        let bytes = cell_bytes(count, points as u64, most, groups);
+        cells_at_once(self.buffers, bytes, self.block.cells() as u64, groups) as usize
     }
 
     /// Calls `visit` with the cells that each rank of the mode groups has in a round and this rank's slab of them in the grid, round after
@@ -178,11 +184,13 @@ fn bytes(case: &Case, points: usize) -> u64 {
     8 * (cells * points as u64 + (axes + points) as u64) + MARGIN + 2 * case.text.len() as u64
 }
 
-/// Refuses to start what the disk cannot hold: `files` warped fields of so many points.
+/// Refuses to start what the disk cannot hold: the warped fields of a run, if it writes them, on so many points.
 ///
 /// # Errors
 /// [`Error::Directory`].
-pub fn enough_room(directory: &Path, case: &Case, files: usize, points: usize) -> Result<()> {
+pub fn enough_room(directory: &Path, case: &Case, points: usize) -> Result<()> {
+    let times = 1 + case.times.iter().filter(|t| t.fields).count();
+    let files = usize::from(case.warped_field) * case.fields.len() * times;
     let needed = files as u64 * bytes(case, points);
     let room = system::room_for_file(directory);
     if needed <= room {
@@ -191,7 +199,7 @@ pub fn enough_room(directory: &Path, case: &Case, files: usize, points: usize) -
     Err(Error::Directory {
         path: directory.to_owned(),
         reason: format!(
-            "output.warped_field takes {} ({points} points in p), there is room for {}",
+            "output.warped_field takes {} ({points} points in p, {files} files), there is room for {}",
             bytes_text(needed),
             bytes_text(room)
         ),

@@ -7,9 +7,11 @@ use crate::characteristics::sheet::curve_points;
 use crate::error::{Error, Result};
 use crate::matrix::{Inflow, Lanes};
 use crate::observables::MOMENTS;
+use crate::output::warped::buffer_bytes;
 use crate::partition::{Block, Mesh};
 use crate::propagate::{self, Sizes, cost_of_splitting};
 use crate::scheme::transport_rate;
+use crate::warp::KeptModes;
 use serde::Serialize;
 
 /// Resident memory of the program and its libraries, HDF5's buffers included.
@@ -135,13 +137,23 @@ impl Layout {
         } else {
             most as f64 * mesh.groups as f64 / sum as f64
         };
-        let arrays = arrays(case, bounds, warp, &mesh);
+        let arrays = arrays(case, bounds, warp, (&mesh, &groups));
         Self {
             mesh,
             groups,
             imbalance,
             arrays,
         }
+    }
+
+    /// The modes of each mode group, ascending.
+    pub fn modes(&self) -> Vec<Vec<usize>> {
+        let of = |group: &Vec<Batch>| {
+            let mut modes: Vec<usize> = group.iter().flat_map(|b| b.modes.clone()).collect();
+            modes.sort_unstable();
+            modes
+        };
+        self.groups.iter().map(of).collect()
     }
 
     /// Modelled time of the slowest group, in applications of a mode on the whole grid.
@@ -265,7 +277,7 @@ fn arrays(
     case: &Case,
     bounds: &Bounds,
     warp: Option<&WarpPlan>,
-    mesh: &Mesh,
+    (mesh, groups): (&Mesh, &[Vec<Batch>]),
 ) -> Vec<(String, u64)> {
     let n = case.space.dimension() as u64;
     let space_block: u64 = case
@@ -332,6 +344,16 @@ fn arrays(
             entries,
         };
         list.extend(propagate::arrays(case, bounds, mesh, &sizes));
+        if let Some(points) = warp.points {
+            let kept = |group: &Vec<Batch>| group.iter().map(|b| b.modes.len()).sum::<usize>();
+            let most = groups.iter().map(kept).max().unwrap_or(0) as u64;
+            let ranks = (most, mesh.groups as u64);
+            list.push(("kept modes".to_owned(), KeptModes::bytes(rows, most)));
+            list.push((
+                "buffers of the transpose".to_owned(),
+                buffer_bytes(warp.modes as u64, points as u64, cells, ranks),
+            ));
+        }
         // Sums of one field at a time, on the block; fields, on a rank's share of it.
         let fields = case.fields.len() as u64;
         let (readings, plateau) = (warp.readings.len() as u64, warp.plateau.len() as u64);

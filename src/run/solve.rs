@@ -8,15 +8,19 @@ use crate::communicator::{Communicator, GhostExchange};
 use crate::compare::Norms;
 use crate::error::Result;
 use crate::observables::{MOMENTS, Moments, VelocityFactors, moments, totals};
-use crate::output::hdf5::slices;
+use crate::output::hdf5::{About, slices};
 use crate::output::history::Early;
 use crate::output::summary::Summary;
+use crate::output::warped::{self, Spread};
 use crate::plan::{Plan, WarpPlan, classical_steps, cost};
 use crate::problem::Problem;
 use crate::progress::Progress;
 use crate::propagate::commutator_free::CommutatorFree;
 use crate::propagate::{Evolution, Initial, Propagator, propagator};
-use crate::warp::{self, Leg, MomentsOf, Task};
+use crate::warp::{self, Keeping, KeptModes, Leg, MomentsOf, Task};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Instant;
 
 /// What was solved for, on this rank's share.
 pub(super) struct Solution {
@@ -24,8 +28,17 @@ pub(super) struct Solution {
     pub fields: Vec<Vec<Vec<f64>>>,
     /// The first field by each reading of the plateau.
     pub plateau: Vec<Vec<f64>>,
+    /// Seconds that went into the files of warped fields.
+    pub warped_seconds: f64,
     /// What was found at earlier times.
     pub early: Vec<Early>,
+}
+
+/// Where warped fields are written, and what is said about them besides case and plan.
+pub(super) struct Warped<'a> {
+    pub directory: &'a Path,
+    pub seconds: &'a BTreeMap<String, f64>,
+    pub provenance: &'a [(&'static str, String)],
 }
 
 /// What either method finds, on this rank's share.
@@ -34,6 +47,7 @@ struct Found {
     plateau: Vec<Vec<f64>>,
     /// `ũ`, or sums for the moments, at the end of each leg but the last: `[field][leg]`.
     early: Vec<Vec<Vec<f64>>>,
+    warped_seconds: f64,
 }
 
 /// Every field at `T`, and what is wanted before. Collective.
@@ -44,15 +58,20 @@ pub(super) fn solve(
     place: &Place,
     problem: &mut Problem,
     summary: &mut Summary,
+    files: &Warped<'_>,
 ) -> Result<Solution> {
     let found = match &plan.warp {
         None => classically(case, plan, communicator, place, problem, summary),
-        Some(warp) => by_modes(case, (plan, warp), communicator, place, problem, summary),
+        Some(warp) => {
+            let plans = (plan, warp);
+            by_modes(case, plans, communicator, place, problem, summary, files)
+        }
     }?;
     Ok(Solution {
         early: history(case, communicator, (place, problem), found.early),
         fields: found.fields,
         plateau: found.plateau,
+        warped_seconds: found.warped_seconds,
     })
 }
 
@@ -152,6 +171,7 @@ fn classically(
         fields,
         plateau: Vec::new(),
         early,
+        warped_seconds: 0.0,
     })
 }
 
@@ -163,6 +183,7 @@ fn by_modes(
     place: &Place,
     problem: &mut Problem,
     summary: &mut Summary,
+    files: &Warped<'_>,
 ) -> Result<Found> {
     let speaks = communicator.world.rank() == 0;
     let batches = &plan.layout.groups[communicator.modes.rank()];
@@ -196,16 +217,66 @@ fn by_modes(
         factors: &factors,
         pi,
     };
+    let legs = Leg::all(case);
     let task = Task {
         communicator,
         warp: warp_plan,
-        legs: &Leg::all(case),
+        legs: &legs,
         batches,
         initial: &initial,
         shares: &place.ranges,
         moments: Some(&moments),
     };
-    let recovered = warp::run(&task, &mut system, &mut *propagator, &mut progress)?;
+    let modes: Vec<Vec<usize>> = plan.layout.modes();
+    let mut warped_seconds = 0.0;
+    let mut write = |k: usize, leg: usize, kept: &KeptModes| {
+        // Of the times before the end those that are to show the fields; they are numbered.
+        let wanted = |leg: &usize| case.times.get(*leg).is_none_or(|t| t.fields);
+        if !case.warped_field || !wanted(&leg) {
+            return Ok(());
+        }
+        let started = Instant::now();
+        let early = case
+            .times
+            .get(leg)
+            .map(|_| (0..=leg).filter(wanted).count());
+        let spread = Spread {
+            communicator,
+            space: &case.space,
+            block: &place.block,
+            modes: &modes,
+            pi,
+            buffers: warped::BUFFERS,
+        };
+        let about = About {
+            case,
+            plan,
+            time: case.times.get(leg).map_or(case.end, |t| t.time),
+            seconds: files.seconds,
+            provenance: files.provenance,
+        };
+        let name = warped::file_name(case.fields[k].name, early);
+        let field = (&warp_plan.series, warp_plan.interval[0]);
+        warped::write(files.directory, &name, &about, &spread, field, kept)?;
+        warped_seconds += started.elapsed().as_secs_f64();
+        Ok(())
+    };
+    let mut kept = warp_plan.points.map(|_| {
+        let mine = &modes[communicator.modes.rank()];
+        KeptModes::new(rows, mine.clone())
+    });
+    let mut keeping = kept.as_mut().map(|kept| Keeping {
+        kept,
+        begun: false,
+        after: &mut write,
+    });
+    let recovered = warp::run_keeping(
+        &task,
+        &mut system,
+        (&mut *propagator, keeping.as_mut()),
+        &mut progress,
+    )?;
+    drop(kept);
     progress.finish();
     summary.unitarity_defect = recovered.unitarity_defect;
     summary.norm_kept = recovered.norm_kept;
@@ -246,6 +317,7 @@ fn by_modes(
         fields,
         plateau: recovered.plateau.into_iter().map(unweighted).collect(),
         early: recovered.early,
+        warped_seconds,
     })
 }
 
