@@ -22,13 +22,22 @@ pub mod watch;
 
 pub use file::{Destination, KeptDestination};
 pub use store::{Generation, Store};
+pub use watch::{Standing, Times};
 
 use crate::case::Case;
+use crate::command::report;
+use crate::communicator::Communicator;
+use crate::error::{Error, Result};
 use crate::output::checksum;
 use crate::output::provenance::VERSION;
-use crate::plan::WarpPlan;
+use crate::partition::Mesh;
+use crate::plan::{Batch, WarpPlan};
+use crate::warp::Told;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use std::time::Instant;
+use watch::{Verdict, Watch};
 
 /// What runs share that may go on where the other was stopped, with the same bits.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -72,32 +81,6 @@ impl Fingerprint {
         }
         (self.plan != other.plan)
             .then(|| "is of another plan, made on a processor of another kind".to_owned())
-    }
-}
-
-/// What the batches of a mode group tell besides the fields.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Told {
-    /// Largest change of a norm, as a fraction of what is allowed.
-    pub defect: Option<f64>,
-    /// Smallest `‖w_l(T)‖/‖w_l(0)‖`.
-    pub kept: Option<f64>,
-    /// Applications.
-    pub applications: usize,
-    /// Linear systems solved.
-    pub solves: usize,
-}
-
-impl Told {
-    /// Adds what others tell.
-    fn add(&mut self, other: &Self) {
-        let join = |a: Option<f64>, b: Option<f64>, choose: fn(f64, f64) -> f64| {
-            a.into_iter().chain(b).reduce(choose)
-        };
-        self.defect = join(self.defect, other.defect, f64::max);
-        self.kept = join(self.kept, other.kept, f64::min);
-        self.applications += other.applications;
-        self.solves += other.solves;
     }
 }
 
@@ -164,4 +147,110 @@ pub struct Kept<'a> {
     pub auxiliary: &'a [u64],
     /// The block's cells and its auxiliary unknowns, mode after mode.
     pub rows: &'a [Complex64],
+}
+
+/// The checkpoint that a run goes on from.
+pub struct Resumed<'a> {
+    /// What is read.
+    pub generation: Generation,
+    /// The batches of this rank's mode group that are left of its stage.
+    pub batches: Vec<Batch>,
+    /// Space cells of this rank's share.
+    pub share: &'a [Range<usize>],
+}
+
+/// The checkpoints that a run makes, and the one it goes on from.
+pub struct Checkpoints<'a> {
+    communicator: &'a Communicator,
+    mesh: &'a Mesh,
+    store: &'a mut Store,
+    watch: Watch,
+    wall_seconds: Option<f64>,
+    /// Modes of a stage, and stages.
+    size: (usize, usize),
+    /// Taken when the run begins.
+    pub resumed: Option<Resumed<'a>>,
+    /// How many were written.
+    pub written: usize,
+}
+
+impl<'a> Checkpoints<'a> {
+    /// Those of a run of `size` modes a stage and stages, kept in `store`. Collective.
+    pub fn new(
+        (communicator, mesh): (&'a Communicator, &'a Mesh),
+        store: &'a mut Store,
+        times: Times,
+        size: (usize, usize),
+        resumed: Option<Resumed<'a>>,
+    ) -> Self {
+        Self {
+            communicator,
+            mesh,
+            store,
+            wall_seconds: times.wall.map(|(_, wall)| wall.as_secs_f64()),
+            watch: Watch::new(communicator, times),
+            size,
+            resumed,
+            written: 0,
+        }
+    }
+
+    /// Whether the batches of stage `stage` are over, on all ranks; asked at its beginning and after each batch. Writes a
+    /// checkpoint of `snapshot` where it is time for one. One by the clock that cannot be written is told by rank 0, and the
+    /// run goes on. Collective at the end of a stage and where a checkpoint is written, otherwise over the space group.
+    ///
+    /// # Errors
+    /// On all ranks: [`Error::Stopped`] when the run is to stop and its checkpoint was written, [`Error::Checkpoint`] when that
+    /// could not be, [`Error::WallTime`] when the wall time is too short for anything.
+    pub fn are_over<'s>(
+        &mut self,
+        standing: Standing,
+        stage: usize,
+        snapshot: impl Fn() -> Snapshot<'s>,
+    ) -> Result<bool> {
+        let world = &self.communicator.world;
+        self.watch.expect(|| snapshot().bytes());
+        loop {
+            let verdict = self.watch.ask(self.communicator, standing);
+            match verdict {
+                Verdict::GoOn => {
+                    self.watch.begin(standing);
+                    return Ok(false);
+                }
+                Verdict::Finished | Verdict::Failed => return Ok(true),
+                Verdict::StopInTime if world.sum_count(self.watch.batches) == 0 => {
+                    return Err(Error::WallTime {
+                        seconds: self.wall_seconds.unwrap_or(0.0),
+                    });
+                }
+                Verdict::Write | Verdict::StopAsTold | Verdict::StopInTime => {}
+            }
+            let started = Instant::now();
+            let written = self.store.write(world, self.mesh, &snapshot());
+            self.watch.wrote(started.elapsed());
+            let why = match (verdict, self.wall_seconds) {
+                (Verdict::StopAsTold, _) => "stopped by SIGUSR1".to_owned(),
+                (Verdict::StopInTime, Some(seconds)) => format!("stopped by --walltime {seconds}"),
+                _ => {
+                    match written {
+                        Ok(_) => self.written += 1,
+                        Err(error) if world.rank() == 0 => {
+                            report(&format!("warning: {error}; the run goes on"));
+                        }
+                        Err(_) => {}
+                    }
+                    continue;
+                }
+            };
+            let (modes, stages) = self.size;
+            return Err(Error::Stopped {
+                why,
+                path: self.store.directory().to_owned(),
+                finished: written?,
+                modes,
+                stage: stage + 1,
+                stages,
+            });
+        }
+    }
 }

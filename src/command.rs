@@ -10,6 +10,7 @@ use crate::output::readback;
 use crate::output::summary::Summary;
 use crate::plan::{Bounds, Resources};
 use crate::run::{self, Options};
+use crate::system;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -34,6 +35,8 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             case,
             output,
             ranks_x,
+            resume,
+            walltime,
             ..
         } => {
             let case = load(world, case)?;
@@ -42,6 +45,9 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 .unwrap_or_else(|| default_directory(&case.name));
             let options = Options {
                 ranks_x: ranks_x.clone(),
+                resume: *resume,
+                walltime: *walltime,
+                stop: system::stop_flag(),
             };
             let summary = run::run(world, &case, &directory, &options)?;
             if speaks {

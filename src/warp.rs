@@ -7,11 +7,15 @@
 //! A run has *legs*, from one output time to the next. It goes in *stages*, each a pass over all modes of a field, in which a
 //! batch takes all legs one after the other.
 
+mod resume;
 mod sum;
+mod told;
 
 pub use sum::{MomentsOf, Sum};
+pub use told::Told;
 
 use crate::case::{Case, Data};
+use crate::checkpoint::{Checkpoints, Standing};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::matrix::{LANES, Lanes};
@@ -84,22 +88,15 @@ pub struct Recovered {
     pub step_errors: Vec<Vec<f64>>,
     /// By field, the norm of what modes may add to it whose step is too long for the leading term.
     pub step_beyond: Vec<f64>,
-    /// Applications done by this rank's mode group.
+    /// Applications done by this rank's mode group; the first group counts those before a checkpoint that the run went on
+    /// from.
     pub applications: usize,
+    /// Those of this process.
+    pub applications_here: usize,
     /// Linear systems solved by this rank's mode group.
     pub solves: usize,
     /// Seconds that this rank took for its batches.
     pub busy_seconds: f64,
-}
-
-/// What the batches of a rank tell besides the fields.
-struct Told {
-    /// Largest change of a norm, as a fraction of what is allowed.
-    defect: Option<f64>,
-    /// Smallest `‖w_l(T)‖/‖w_l(0)‖`.
-    kept: f64,
-    applications: usize,
-    solves: usize,
 }
 
 /// A pass over the modes of a field.
@@ -185,24 +182,21 @@ fn whole_over_leg(legs: &[Leg], leg: usize) -> f64 {
     legs[..=leg].iter().map(|leg| leg.time).sum::<f64>() / legs[leg].time
 }
 
-/// Does the task, field after field. Collective.
+/// Does the task, field after field; with `checkpoints`, goes on from the one they resume, if any. Collective.
 ///
 /// # Errors
-/// [`Error::Unitarity`] when a mode's norm changed by more than its method allows.
+/// [`Error::Unitarity`] when a mode's norm changed by more than its method allows; [`Error::Stopped`] and others as
+/// [`Checkpoints::are_over`].
 pub fn run(
     task: &Task<'_>,
     system: &mut Evolution<'_>,
     propagator: &mut dyn Propagator,
     progress: &mut Progress,
+    mut checkpoints: Option<&mut Checkpoints<'_>>,
 ) -> Result<Recovered> {
     let world = &task.communicator.world;
     let velocities = system.matrix.block.velocity_cells;
-    let mut told = Told {
-        defect: None,
-        kept: f64::INFINITY,
-        applications: 0,
-        solves: 0,
-    };
+    let mut told = Told::default();
     // What the second leg of a batch and those after it start from.
     let between = if task.legs.len() > 1 {
         system.matrix.rows()
@@ -211,25 +205,63 @@ pub fn run(
     };
     let mut between = vec![Lanes::ZERO; between];
     let mut recovered = Recovered::default();
-    for k in 0..task.initial.len() {
+    let resumed = checkpoints.as_mut().and_then(|c| c.resumed.take());
+    let first = resumed.as_ref().map_or(0, |r| r.generation.state.stage);
+    let mut before = Told::default();
+    for k in first..task.initial.len() {
         let mut stage = Stage::new(task, system, propagator, k);
-        let started = Instant::now();
-        let outcome = task.batches.iter().try_for_each(|batch| {
+        let mut finished = Vec::with_capacity(task.warp.modes);
+        let mut batches = task.batches.iter();
+        if let Some(resumed) = resumed.as_ref().filter(|_| k == first) {
+            let block = &system.matrix.block;
+            let from = &resumed.generation;
+            let read = stage.resume(from, task, (block, resumed.share), &mut recovered);
+            world.agree(read)?;
+            if task.communicator.modes.rank() == 0 {
+                before = from.state.told.clone();
+                finished.extend_from_slice(&from.state.finished);
+            }
+            told = before.clone();
+            batches = resumed.batches.iter();
+        }
+        let mut outcome = Ok(());
+        loop {
+            let standing = match (&outcome, batches.len()) {
+                (Err(_), _) => Standing::Failed,
+                (Ok(()), 0) => Standing::Finished,
+                _ => Standing::Working,
+            };
+            let over = match checkpoints.as_mut() {
+                Some(checkpoints) => checkpoints.are_over(standing, k, || {
+                    stage.snapshot((&finished, &told), task, velocities, &recovered)
+                })?,
+                None => standing != Standing::Working,
+            };
+            if over {
+                break;
+            }
+            let Some(batch) = batches.next().filter(|_| outcome.is_ok()) else {
+                continue;
+            };
+            let started = Instant::now();
             let into = (&mut stage, &mut between[..]);
-            add_batch(task, system, propagator, batch, into, &mut told)?;
-            progress.advance(batch.cost);
-            Ok(())
-        });
-        recovered.busy_seconds += started.elapsed().as_secs_f64();
+            outcome = add_batch(task, system, propagator, batch, into, &mut told);
+            recovered.busy_seconds += started.elapsed().as_secs_f64();
+            if outcome.is_ok() {
+                finished.extend_from_slice(&batch.modes);
+                progress.advance(batch.cost);
+            }
+        }
         world.agree(outcome)?;
         stage.finish(task, velocities, &mut recovered);
     }
     // A rank without batches knows of no defect and no norm.
-    let smallest = -world.max(-told.kept);
+    let smallest = -world.max(-told.kept.unwrap_or(f64::INFINITY));
     let largest = world.max(told.defect.unwrap_or(-1.0));
     recovered.unitarity_defect = Some(largest).filter(|d| *d >= 0.0);
     recovered.norm_kept = Some(smallest).filter(|r| r.is_finite());
     recovered.applications = told.applications;
+    recovered.applications_here = told.applications - before.applications;
     recovered.solves = told.solves;
     Ok(recovered)
 }
@@ -270,10 +302,8 @@ fn add_batch(
         let state = propagator.state();
         let limits = report.unitary.then_some(&allowed);
         let (ratio, found) = norms_kept(system, state, (batch, &spec), limits, initial)?;
-        told.kept = told.kept.min(ratio);
-        told.defect = found.map_or(told.defect, |d| Some(told.defect.unwrap_or(0.0).max(d)));
-        told.applications += report.applications;
-        told.solves += report.solves;
+        told.norms(ratio, found);
+        told.took(&report);
         for sum in &mut stage.sums[leg] {
             let weights = weights(warp, batch, (&sum.reading, &phases), &[1.0; LANES]);
             sum.add(&weights, &state[..cells]);

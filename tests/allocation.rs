@@ -107,6 +107,7 @@ fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
                 &mut system,
                 &mut *propagator,
                 &mut Progress::silent(),
+                None,
             );
             drop(recovered.expect("a unitary run"));
         })

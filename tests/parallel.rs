@@ -2116,6 +2116,7 @@ fn stream_in(
         &mut system,
         &mut *propagator,
         &mut Progress::silent(),
+        None,
     )
     .expect("a unitary run");
     assert!(recovered.unitarity_defect.unwrap_or(0.0) <= 1.0);
@@ -2215,6 +2216,7 @@ fn recovered_field(world: &World) {
                     &mut system,
                     &mut *propagator,
                     &mut Progress::silent(),
+                    None,
                 )
                 .expect("a unitary run");
                 let planned = batches.iter().flat_map(|b| &b.modes);
@@ -2400,6 +2402,7 @@ fn results_before_the_end(world: &World) {
                     &mut system,
                     &mut *propagator,
                     &mut Progress::silent(),
+                    None,
                 )
                 .expect("a unitary run");
                 let planned: usize = plan.layout.groups[group]
@@ -2585,6 +2588,7 @@ fn fields_in_one_pass(world: &World) {
                 &mut system,
                 &mut *propagator,
                 &mut Progress::silent(),
+                None,
             );
             recovered.expect("a unitary run")
         };

@@ -85,19 +85,21 @@ pub struct Watch {
     together: bool,
     /// When the last checkpoint was begun or finished, or the run began.
     written: Instant,
-    /// How long one takes to write.
-    writing: Duration,
+    /// How long one takes to write, as soon as there is anything to tell by.
+    writing: Option<Duration>,
     /// When this rank began its batch, and how long the longest took, if there was one.
     begun: Option<Instant>,
     longest: Option<Duration>,
+    /// Batches that this rank ended.
+    pub batches: usize,
     /// When the vote was posted, and how long the longest took until its outcome was seen.
     posted: Instant,
     slowest: Duration,
 }
 
 impl Watch {
-    /// Begins to watch; `bytes` is what a checkpoint of this rank is about to take. Collective.
-    pub fn new(communicator: &Communicator, times: Times, bytes: usize) -> Self {
+    /// Begins to watch. Collective.
+    pub fn new(communicator: &Communicator, times: Times) -> Self {
         let now = Instant::now();
         Self {
             vote: Vote::new(&communicator.world),
@@ -105,17 +107,23 @@ impl Watch {
             times,
             leads: communicator.world.rank() == 0,
             written: now,
-            writing: Duration::from_secs_f64(bytes as f64 / USUAL_RATE),
+            writing: None,
             begun: None,
             longest: None,
+            batches: 0,
             posted: now,
             slowest: Duration::ZERO,
         }
     }
 
-    /// This rank begins a batch.
-    pub fn begin(&mut self) {
-        self.begun = Some(Instant::now());
+    /// How many bytes a checkpoint of this rank takes: tells how long it may take while none was written.
+    pub fn expect(&mut self, bytes: impl FnOnce() -> usize) {
+        (self.writing).get_or_insert_with(|| Duration::from_secs_f64(bytes() as f64 / USUAL_RATE));
+    }
+
+    /// This rank goes on, with a batch if it has one left.
+    pub fn begin(&mut self, standing: Standing) {
+        self.begun = (standing == Standing::Working).then(Instant::now);
     }
 
     /// What all ranks decided, at the beginning of a stage and after each batch (see [`begin`](Self::begin)); after `Write` they ask again. `Finished`,
@@ -194,7 +202,9 @@ impl Watch {
             let batch = self.longest.unwrap_or_default().max(self.slowest);
             let spare = wall.mul_f64(SPARE).min(MOST_SPARE);
             let left = wall.saturating_sub(start.elapsed() + spare);
-            let takes = |batches: u32| (batch * batches + self.writing).mul_f64(CAUTION);
+            let takes = |batches: u32| {
+                (batch * batches + self.writing.unwrap_or_default()).mul_f64(CAUTION)
+            };
             if left < takes(1) {
                 bits |= TIME;
             }
@@ -207,7 +217,7 @@ impl Watch {
 
     /// A checkpoint was tried and took so long.
     pub fn wrote(&mut self, took: Duration) {
-        self.writing = took;
+        self.writing = Some(took);
         self.written = Instant::now();
     }
 }

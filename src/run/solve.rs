@@ -2,6 +2,7 @@
 
 use super::Place;
 use crate::case::{Case, Integrator};
+use crate::checkpoint::{Checkpoints, Generation, Resumed, Store, Times};
 use crate::classical::limiter::Reconstruction;
 use crate::classical::{Classical, EXACT, duhamel_panels};
 use crate::communicator::{Communicator, GhostExchange};
@@ -28,6 +29,16 @@ pub(super) struct Solution {
     pub early: Vec<Early>,
 }
 
+/// How a run by modes makes checkpoints.
+pub(super) struct Checkpointing<'a> {
+    /// Where they are.
+    pub store: &'a mut Store,
+    /// The one to go on from.
+    pub generation: Option<Generation>,
+    /// When they are made.
+    pub times: Times,
+}
+
 /// What either method finds, on this rank's share.
 struct Found {
     fields: Vec<Vec<Vec<f64>>>,
@@ -44,10 +55,19 @@ pub(super) fn solve(
     place: &Place,
     problem: &mut Problem,
     summary: &mut Summary,
+    checkpointing: Option<Checkpointing<'_>>,
 ) -> Result<Solution> {
-    let found = match &plan.warp {
-        None => classically(case, plan, communicator, place, problem, summary),
-        Some(warp) => by_modes(case, (plan, warp), communicator, place, problem, summary),
+    let found = match (&plan.warp, checkpointing) {
+        (Some(warp), Some(checkpointing)) => by_modes(
+            case,
+            (plan, warp),
+            communicator,
+            place,
+            problem,
+            summary,
+            checkpointing,
+        ),
+        _ => classically(case, plan, communicator, place, problem, summary),
     }?;
     Ok(Solution {
         early: history(case, communicator, (place, problem), found.early),
@@ -148,6 +168,7 @@ fn classically(
         early.push(before);
     }
     summary.matvecs = stages * plan.classical_steps * problem.states.len();
+    summary.matvecs_here = summary.matvecs;
     Ok(Found {
         fields,
         plateau: Vec::new(),
@@ -163,11 +184,25 @@ fn by_modes(
     place: &Place,
     problem: &mut Problem,
     summary: &mut Summary,
+    checkpointing: Checkpointing<'_>,
 ) -> Result<Found> {
     let speaks = communicator.world.rank() == 0;
-    let batches = &plan.layout.groups[communicator.modes.rank()];
-    let cost = problem.states.len() * cost(batches);
-    let mut progress = Progress::new(speaks, "modes", cost);
+    let group = communicator.modes.rank();
+    let batches = &plan.layout.groups[group];
+    let resumed = checkpointing.generation.map(|generation| {
+        let finished = generation.state.finished.iter().copied().collect();
+        Resumed {
+            batches: plan.batches_left(&finished).swap_remove(group),
+            share: &place.share,
+            generation,
+        }
+    });
+    // Stages before the one to go on with are finished, of that one some batches.
+    let stages = problem.states.len();
+    let left = resumed.as_ref().map_or(stages * cost(batches), |r| {
+        (stages - 1 - r.generation.state.stage) * cost(batches) + cost(&r.batches)
+    });
+    let mut progress = Progress::new(speaks, "modes", left);
     let rows = problem.matrix.rows();
     let initial: Vec<Initial<'_>> = (problem.states.iter())
         .map(|state| Initial::real(&state[..rows], problem.norm(communicator, state, false)))
@@ -205,11 +240,29 @@ fn by_modes(
         shares: &place.ranges,
         moments: Some(&moments),
     };
-    let recovered = warp::run(&task, &mut system, &mut *propagator, &mut progress)?;
+    let mesh = &plan.layout.mesh;
+    let size = (warp_plan.modes, stages);
+    summary.resumed = resumed.is_some();
+    let mut checkpoints = Checkpoints::new(
+        (communicator, mesh),
+        checkpointing.store,
+        checkpointing.times,
+        size,
+        resumed,
+    );
+    let recovered = warp::run(
+        &task,
+        &mut system,
+        &mut *propagator,
+        &mut progress,
+        Some(&mut checkpoints),
+    )?;
     progress.finish();
+    summary.checkpoints = checkpoints.written;
     summary.unitarity_defect = recovered.unitarity_defect;
     summary.norm_kept = recovered.norm_kept;
     summary.matvecs = communicator.modes.sum_count(recovered.applications);
+    summary.matvecs_here = (communicator.modes).sum_count(recovered.applications_here);
     summary.solves = communicator.modes.sum_count(recovered.solves);
     let busy = recovered.busy_seconds;
     summary.group_seconds = Some([-communicator.world.max(-busy), communicator.world.max(busy)]);
