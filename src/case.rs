@@ -8,6 +8,10 @@ use crate::expression::Expression;
 use crate::grid::PhaseSpace;
 use crate::output::writer::{CHUNK, MOST_CHUNKS};
 use serde::Serialize;
+use std::time::Duration;
+
+/// Default of `checkpoint.minutes`.
+pub const DEFAULT_CHECKPOINT: f64 = 30.0;
 
 /// Default of `solver.tolerance`.
 pub const DEFAULT_TOLERANCE: f64 = 1e-6;
@@ -428,6 +432,8 @@ pub struct Case {
     pub delta_width: DeltaWidth,
     /// How the fields are stored.
     pub storage: Storage,
+    /// `checkpoint.minutes`: how often a checkpoint is made; never by the clock where there is none.
+    pub checkpoint_every: Option<Duration>,
     /// The case file as read.
     pub text: String,
     /// The `--set` options applied to it.

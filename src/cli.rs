@@ -3,6 +3,7 @@
 use crate::output::provenance::VERSION;
 use clap::{Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Emulates a quantum algorithm for the Liouville equation with potential barriers.
 #[derive(Debug, Parser)]
@@ -40,6 +41,12 @@ pub enum Command {
         /// Blocks along each x-axis; the other ranks split the modes
         #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
         ranks_x: Option<Vec<usize>>,
+        /// Go on from the newest checkpoint in DIR/checkpoint, on any ranks
+        #[arg(long)]
+        resume: bool,
+        /// Stop with a checkpoint (exit code 75) before so much time has passed: 3600, 90m, 1:30:00
+        #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+        walltime: Option<Duration>,
     },
     /// What a run will cost; nothing is solved
     Plan {
@@ -105,6 +112,43 @@ fn parse_refinement(text: &str) -> Result<usize, String> {
     }
 }
 
+/// Seconds; `90s`, `90m`, `1.5h`, `2d`; `MM:SS`, `HH:MM:SS`, `D-HH:MM:SS`.
+fn parse_duration(text: &str) -> Result<Duration, String> {
+    let text = text.trim();
+    let number = |text: &str, what: &str| match text.parse::<f64>() {
+        Ok(value) if text.starts_with(|c: char| c.is_ascii_digit() || c == '.') => Ok(value),
+        _ => Err(format!("\"{text}\" is no number of {what}")),
+    };
+    let seconds = if text.contains(':') {
+        let (days, clock) = text.split_once('-').unwrap_or(("0", text));
+        let fields: Vec<&str> = clock.split(':').collect();
+        if fields.len() > 3 || fields.iter().any(|f| f.parse::<u32>().is_err()) {
+            return Err("HH:MM:SS or D-HH:MM:SS expected".into());
+        }
+        let clock = fields.iter().try_fold(0.0, |sum, field| {
+            number(field, "the clock").map(|value| 60.0 * sum + value)
+        })?;
+        86400.0 * number(days, "days")? + clock
+    } else {
+        let units = [
+            ('s', 1.0, "seconds"),
+            ('m', 60.0, "minutes"),
+            ('h', 3600.0, "hours"),
+            ('d', 86400.0, "days"),
+        ];
+        match units.iter().find(|unit| text.ends_with(unit.0)) {
+            Some(&(unit, factor, name)) => {
+                factor * number(text.trim_end_matches(unit).trim(), name)?
+            }
+            None => number(text, "seconds")?,
+        }
+    };
+    if !(seconds.is_finite() && seconds > 0.0) {
+        return Err("must be above 0".into());
+    }
+    Duration::try_from_secs_f64(seconds).map_err(|e| e.to_string())
+}
+
 /// `4GiB`, `500MB`, `1e9`.
 fn parse_bytes(text: &str) -> Result<u64, String> {
     let text = text.trim();
@@ -141,6 +185,29 @@ fn parse_bytes(text: &str) -> Result<u64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn durations() {
+        for (text, seconds) in [
+            ("3600", 3600.0),
+            ("0.5", 0.5),
+            ("90s", 90.0),
+            ("90m", 5400.0),
+            ("1.5 h", 5400.0),
+            ("2d", 172_800.0),
+            ("12:30", 750.0),
+            ("1:30:00", 5400.0),
+            ("2-01:00:05", 176_405.0),
+        ] {
+            assert_eq!(parse_duration(text), Ok(Duration::from_secs_f64(seconds)));
+        }
+        for text in [
+            "", "0", "-5", "m", "1:2:3:4", "1:-2", "nan", "inf", "1e400", "5 weeks", "1-5",
+            "+3:0x1",
+        ] {
+            assert!(parse_duration(text).is_err(), "{text}");
+        }
+    }
 
     #[test]
     fn sizes() {

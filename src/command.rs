@@ -10,6 +10,7 @@ use crate::output::readback;
 use crate::output::summary::Summary;
 use crate::plan::{Bounds, Resources};
 use crate::run::{self, Options};
+use crate::system;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -35,6 +36,8 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             output,
             mode,
             ranks_x,
+            resume,
+            walltime,
         } => {
             let mut arguments = case.clone();
             if let Some(mode) = mode {
@@ -47,6 +50,9 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 .unwrap_or_else(|| default_directory(&case.name));
             let options = Options {
                 ranks_x: ranks_x.clone(),
+                resume: *resume,
+                walltime: *walltime,
+                stop: system::stop_flag(),
             };
             let summary = run::run(world, &case, &directory, &options)?;
             if speaks {

@@ -1,11 +1,13 @@
-//! The only file that knows MPI: start and end, groups of ranks, agreement on errors, exact reductions, ghost exchange.
+//! What knows MPI, here and in the files below: start and end, groups of ranks, agreement on errors, exact reductions, ghost exchange.
 //!
 //! Serial is one rank. Nothing here depends on timing; reductions are of integers, maxima and minima only, so results
 //! are the same bits on any number of ranks.
 
 mod transpose;
+mod vote;
 
 pub use transpose::Transpose;
+pub use vote::Vote;
 
 use crate::error::{Error, Result};
 use crate::partition::{Block, Mesh};
@@ -23,6 +25,8 @@ pub struct World {
     universe: mpi::environment::Universe,
     /// Seconds that MPI took to start.
     pub start_seconds: f64,
+    /// When the program began to start it.
+    pub started: Instant,
 }
 
 impl World {
@@ -46,6 +50,7 @@ impl World {
         Some(Self {
             universe,
             start_seconds,
+            started,
         })
     }
 
@@ -204,6 +209,18 @@ impl Group {
                 process.reduce_into(&*piece, SystemOperation::sum());
             }
         }
+    }
+
+    /// The numbers of all ranks, as many each, rank after rank, on rank 0; nothing elsewhere. Collective.
+    pub fn gather_counts(&self, values: &[u64]) -> Vec<u64> {
+        let root = self.communicator.process_at_rank(0);
+        if self.rank() > 0 {
+            root.gather_into(values);
+            return Vec::new();
+        }
+        let mut all = vec![0; values.len() * self.size()];
+        root.gather_into_root(values, &mut all[..]);
+        all
     }
 
     /// Sum of `count` terms in all, of magnitude at most `bound`, the same bits on any ranks; `terms` are this rank's.

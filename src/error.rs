@@ -197,6 +197,41 @@ pub enum Error {
         /// What the system said.
         reason: String,
     },
+    /// A checkpoint cannot be written, or none can be used.
+    #[error("checkpoint {}: {reason}", path.display())]
+    Checkpoint {
+        /// The file or directory.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The run was stopped before its end, as it was asked to, and can go on.
+    #[error(
+        "{why}; {} holds {finished} of {modes} modes of stage {stage} of {stages}: the same command with --resume goes on from there",
+        path.display()
+    )]
+    Stopped {
+        /// Why.
+        why: String,
+        /// Where the checkpoints are.
+        path: PathBuf,
+        /// Modes finished.
+        finished: usize,
+        /// All modes.
+        modes: usize,
+        /// The stage, from 1.
+        stage: usize,
+        /// All stages.
+        stages: usize,
+    },
+    /// Too short a time for anything to be finished.
+    #[error(
+        "--walltime {seconds}: not one batch of modes was finished; it takes a longer time, or more ranks"
+    )]
+    WallTime {
+        /// The time given, in seconds.
+        seconds: f64,
+    },
     /// A run too long for any machine.
     #[error(
         "time.end = {end:e}: with the grid's largest rate {rate:.3e} the spectrum of S spans {span:.3e} times 1/T, \
@@ -246,7 +281,13 @@ impl Error {
         }
     }
 
-    /// The process's exit code: 2 when the user's input is wrong, 1 otherwise.
+    /// Whether it is no error, but a run that was asked to stop.
+    pub fn is_stop(&self) -> bool {
+        matches!(self, Error::Stopped { .. })
+    }
+
+    /// The process's exit code: 2 when the user's input is wrong, 75 (what sendmail calls a temporary failure) when the same
+    /// command with `--resume` goes on, 1 otherwise.
     pub fn exit_code(&self) -> i32 {
         match self {
             Error::Input(_)
@@ -260,9 +301,12 @@ impl Error {
             | Error::Ranks(_)
             | Error::Directory { .. }
             | Error::TooLong { .. }
+            | Error::WallTime { .. }
             | Error::Magnitude { .. } => 2,
+            Error::Stopped { .. } => 75,
             Error::Remote { code, .. } => *code,
             Error::Output { .. }
+            | Error::Checkpoint { .. }
             | Error::Weights { .. }
             | Error::Negative { .. }
             | Error::Unitarity { .. }

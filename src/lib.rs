@@ -32,6 +32,7 @@
 //! | [`varying`] | inflow that depends on time, in steps |
 //! | [`characteristics`], [`observables`], [`spectrum`] | the exact solution, of measure-valued data too; moments, level sets; eigenvalues of `S` |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
+//! | [`checkpoint`] | what is finished, on disk: a run that was stopped goes on |
 //! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |
 
 #![deny(missing_docs)]
@@ -39,6 +40,7 @@
 pub mod case;
 mod case_file;
 pub mod characteristics;
+pub mod checkpoint;
 pub mod classical;
 pub mod cli;
 pub mod command;

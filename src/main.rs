@@ -8,6 +8,8 @@ use phasewarp::system;
 
 fn main() {
     system::ignore_file_size_signal();
+    // From now on SIGUSR1 asks a run for a checkpoint and its end.
+    system::stop_flag();
     let Some(world) = World::start() else {
         report("phasewarp: MPI could not be started");
         std::process::exit(1);
@@ -18,7 +20,9 @@ fn main() {
         Ok(cli) => match execute(&world, &cli) {
             Ok(()) => 0,
             Err(error) => {
-                if rank == 0 {
+                if rank == 0 && error.is_stop() {
+                    report(&error.to_string());
+                } else if rank == 0 {
                     report(&format!("error: {error}"));
                 }
                 if error.leaves_files_open() {

@@ -9,7 +9,7 @@ use crate::potential::for_each_cell;
 use std::ops::Range;
 
 /// The process mesh.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Mesh {
     /// Number of blocks along each x-axis.
     pub space: Vec<usize>,
@@ -115,6 +115,37 @@ fn position_in(ranges: &[Range<usize>], i: &[usize; MAX_DIMENSION]) -> Option<us
         r.contains(&i[a])
             .then(|| position * r.len() + i[a] - r.start)
     })
+}
+
+/// A run of space cells that two boxes share.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CommonRun {
+    /// Number of its first cell in the one box, row-major.
+    pub from: usize,
+    /// The same in the other.
+    pub to: usize,
+    /// Number of cells.
+    pub length: usize,
+}
+
+/// The space cells that the boxes `from` and `to` share, line by line along the last axis.
+pub fn common_runs(from: &[Range<usize>], to: &[Range<usize>]) -> Vec<CommonRun> {
+    let both = from.iter().zip(to);
+    let mut common: Vec<Range<usize>> = both
+        .map(|(a, b)| a.start.max(b.start)..a.end.min(b.end))
+        .collect();
+    let Some(last) = common.last_mut() else {
+        return Vec::new();
+    };
+    let length = last.len();
+    last.end = last.end.min(last.start + 1);
+    let mut runs = Vec::new();
+    for_each_cell(&common, |i| {
+        if let (Some(from), Some(to)) = (position_in(from, i), position_in(to, i)) {
+            runs.push(CommonRun { from, to, length });
+        }
+    });
+    runs
 }
 
 /// Where an unknown is kept.
@@ -283,6 +314,27 @@ mod tests {
         PhaseSpace {
             x: x.iter().map(axis).collect(),
             v: v.iter().map(axis).collect(),
+        }
+    }
+
+    #[test]
+    fn common_runs_are_the_cells_in_both_boxes() {
+        let boxes: [(&[Range<usize>], &[Range<usize>]); 5] = [
+            (&[2..7], &[4..9]),
+            (&[0..3], &[3..5]),
+            (&[0..4, 1..6], &[2..9, 0..4]),
+            (&[0..4, 1..6], &[2..9, 6..8]),
+            (&[1..3, 0..4, 2..5], &[0..2, 1..4, 0..9]),
+        ];
+        for (a, b) in boxes {
+            let mut expected = Vec::new();
+            for_each_cell(a, |i| {
+                expected.extend(position_in(b, i).map(|to| (position_in(a, i).unwrap(), to)));
+            });
+            let found: Vec<(usize, usize)> = (common_runs(a, b).iter())
+                .flat_map(|run| (0..run.length).map(|k| (run.from + k, run.to + k)))
+                .collect();
+            assert_eq!(found, expected, "{a:?} {b:?}");
         }
     }
 

@@ -35,7 +35,7 @@ use crate::warp::fourier;
 use num_complex::Complex64;
 use placement::Placement;
 use serde::Serialize;
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::fmt;
 use std::hash::{Hash, Hasher};
 
@@ -415,6 +415,13 @@ impl Plan {
             warp,
             layout,
         })
+    }
+
+    /// The batches of each mode group of those modes of a stage that are not `finished`.
+    pub fn batches_left(&self, finished: &BTreeSet<usize>) -> Vec<Vec<Batch>> {
+        let work = self.warp.as_ref().map_or(&[][..], |w| &w.work);
+        let company = propagate::company(self.propagation.method);
+        balance::share_out(work, finished, company, self.layout.mesh.groups)
     }
 
     /// The plan before growth and norms are measured: who computes what, and about how much. A tolerance that may turn out

@@ -5,6 +5,7 @@ mod solve;
 use crate::case::{Case, Delta, Exact, Integrator, Method};
 use crate::characteristics::Tracer;
 use crate::characteristics::sheet::exact_moments;
+use crate::checkpoint::{Fingerprint, Generation, Store, Times};
 use crate::classical::Classical;
 use crate::command::report;
 use crate::communicator::{Communicator, Group, World};
@@ -25,10 +26,12 @@ use crate::problem::Problem;
 use crate::progress::Progress;
 use crate::recover::Reading;
 use crate::system;
-use solve::{Solution, Warped, integrate, solve};
+use solve::{Checkpointing, Solution, Warped, integrate, solve};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 /// Seconds by step.
@@ -117,12 +120,18 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
 pub struct Options {
     /// `--ranks-x`.
     pub ranks_x: Option<Vec<usize>>,
+    /// `--resume`.
+    pub resume: bool,
+    /// `--walltime`, since the program began.
+    pub walltime: Option<Duration>,
+    /// Raised when the run shall stop with a checkpoint.
+    pub stop: Arc<AtomicBool>,
 }
 
 /// Runs a case and writes its results into `directory`. Collective over all ranks.
 ///
 /// # Errors
-/// The first error of any rank, the same on all.
+/// The first error of any rank, the same on all; [`Error::Stopped`] where it stopped early and can go on.
 pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> Result<Summary> {
     let mut watch = Stopwatch::start();
     watch
@@ -195,9 +204,21 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         report(&opening_line(&plan));
     }
     warnings.extend_from_slice(planned);
-    let told = warnings.len();
 
-    // 5. Solve; of the fields at the start only the mass is kept.
+    // 5. What was finished before. Only runs by modes make checkpoints.
+    let mut store = (plan.warp.as_ref()).map(|warp| {
+        let folder = directory.join("checkpoint");
+        Store::new(folder, Fingerprint::new(case, warp), case.space.clone())
+    });
+    let generation = earlier(&all, &plan, options, store.as_mut(), &mut warnings)?;
+    let told = warnings.len();
+    let times = Times {
+        every: case.checkpoint_every,
+        wall: options.walltime.map(|wall| (world.started, wall)),
+        stop: Arc::clone(&options.stop),
+    };
+
+    // 6. Solve; of the fields at the start only the mass is kept.
     let mut summary = Summary::default();
     let total = |moment: &[f64]| integral(&communicator.world, &case.space, moment);
     summary.mass_initial = {
@@ -223,12 +244,19 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         &place,
         &mut problem,
         &mut summary,
-        &warped,
+        (
+            &warped,
+            store.as_mut().map(|store| Checkpointing {
+                store,
+                generation,
+                times,
+            }),
+        ),
     )?;
     watch.part("write", warped_seconds);
     watch.lap("solve");
 
-    // 6. Compare: with the field at the second point, the exact semi-discrete solution, the exact solution.
+    // 7. Compare: with the field at the second point, the exact semi-discrete solution, the exact solution.
     let before = early.iter().flat_map(|e| &e.fields);
     let values = fields
         .iter()
@@ -313,7 +341,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         w.plateau.iter().zip(&plateau).map(of).collect()
     });
 
-    // 7. Moments and sums.
+    // 8. Moments and sums.
     let results: Vec<&[f64]> = fields.iter().map(|readings| &readings[0][..]).collect();
     let found = moments(&communicator.world, case, &results);
     let totals = totals(&communicator.world, &case.space, &found);
@@ -337,7 +365,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     }
     watch.lap("observables");
 
-    // 8. Write.
+    // 9. Write.
     let results = output::hdf5::Results {
         case,
         plan: &plan,
@@ -368,7 +396,66 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         Ok(())
     };
     all.agree(written)?;
+
+    // 10. Nothing is left to go on from.
+    if let Some(store) = store.filter(|_| speaks)
+        && let Err(error) = store.remove()
+    {
+        let path = store.directory().display();
+        report(&format!("warning: {path} could not be removed: {error}"));
+    }
     Ok(summary)
+}
+
+/// The checkpoint to go on from, if that is wanted and there is one. Collective.
+///
+/// # Errors
+/// As [`Store::open`].
+fn earlier(
+    world: &Group,
+    plan: &Plan,
+    options: &Options,
+    store: Option<&mut Store>,
+    warnings: &mut Vec<String>,
+) -> Result<Option<Generation>> {
+    let speaks = world.rank() == 0;
+    let mut warn = |line: String| {
+        if speaks {
+            report(&format!("warning: {line}"));
+        }
+        warnings.push(line);
+    };
+    let Some(store) = store else {
+        if options.resume || options.walltime.is_some() {
+            warn("--resume and --walltime have no effect: solver.method = \"classical\" makes no checkpoints".to_owned());
+        }
+        return Ok(None);
+    };
+    let folder = store.directory().display().to_string();
+    if !options.resume {
+        if !store.is_empty() {
+            warn(format!(
+                "{folder} holds the checkpoint of a run that was not finished; this one replaces it. --resume would go on from it"
+            ));
+        }
+        return Ok(None);
+    }
+    let found = store.open(world, warn)?;
+    if speaks {
+        report(&match &found {
+            None => {
+                format!("--resume: no checkpoint in {folder}; the run starts from its beginning")
+            }
+            Some(generation) => format!(
+                "going on from {}: {} of {} modes of stage {} are finished",
+                generation.path().display(),
+                generation.state.finished.len(),
+                plan.warp.as_ref().map_or(0, |w| w.modes),
+                generation.state.stage + 1,
+            ),
+        });
+    }
+    Ok(found)
 }
 
 /// This rank's part of the grid.

@@ -4,6 +4,8 @@ use std::ffi::CString;
 use std::os::fd::AsRawFd;
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, LazyLock};
 
 /// A value of `/proc/…` in bytes, given in kB there.
 fn kilobytes(path: &str, key: &str) -> Option<u64> {
@@ -125,6 +127,17 @@ pub fn ignore_file_size_signal() {
     unsafe {
         libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
     }
+}
+
+/// What SIGUSR1 raises, from the first call on, instead of ending the process.
+pub fn stop_flag() -> Arc<AtomicBool> {
+    static FLAG: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| {
+        let flag = Arc::new(AtomicBool::new(false));
+        // Fails for signals that cannot be caught only.
+        let _ = signal_hook::flag::register(signal_hook::consts::SIGUSR1, Arc::clone(&flag));
+        flag
+    });
+    Arc::clone(&FLAG)
 }
 
 /// Ends the process at once, without the clean-up that waits for other ranks or open files.

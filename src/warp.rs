@@ -10,13 +10,17 @@
 
 pub mod fourier;
 pub mod kept;
+mod resume;
 mod sum;
+mod told;
 
 pub use fourier::Transform;
 pub use kept::{KeptModes, Passage};
 pub use sum::{MomentsOf, Sum};
+pub use told::Told;
 
 use crate::case::{Case, Data};
+use crate::checkpoint::{Checkpoints, Standing};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::matrix::{LANES, Lanes};
@@ -89,22 +93,15 @@ pub struct Recovered {
     pub step_errors: Vec<Vec<f64>>,
     /// By field, the norm of what modes may add to it whose step is too long for the leading term.
     pub step_beyond: Vec<f64>,
-    /// Applications done by this rank's mode group.
+    /// Applications done by this rank's mode group; the first group counts those before a checkpoint that the run went on
+    /// from.
     pub applications: usize,
+    /// Those of this process.
+    pub applications_here: usize,
     /// Linear systems solved by this rank's mode group.
     pub solves: usize,
     /// Seconds that this rank took for its batches.
     pub busy_seconds: f64,
-}
-
-/// What the batches of a rank tell besides the fields.
-struct Told {
-    /// Largest change of a norm, as a fraction of what is allowed.
-    defect: Option<f64>,
-    /// Smallest `‖w_l(T)‖/‖w_l(0)‖`.
-    kept: f64,
-    applications: usize,
-    solves: usize,
 }
 
 /// What a full run does besides.
@@ -123,7 +120,9 @@ struct Stage<'a> {
     legs: Range<usize>,
     /// By leg of the stage, what is added up at its end.
     sums: Vec<Vec<Sum<'a>>>,
-    /// The leading term of the time step's error, and by mode what is beyond that.
+    /// Whether the method leaves an error of its time step.
+    stepped: bool,
+    /// Where the stage goes to the end, the leading term of that; and by mode what is beyond.
     step_sum: Option<Sum<'a>>,
     beyond: Vec<f64>,
 }
@@ -162,8 +161,8 @@ impl<'a> Stage<'a> {
                 _ => vec![field(&warp.readings[0], 1.0)],
             })
             .collect();
-        let steps = legs.end > last && propagator.step_error().is_some();
-        let step_sum = steps.then(|| {
+        let stepped = propagator.step_error().is_some();
+        let step_sum = (stepped && legs.end > last).then(|| {
             // T Δt^q c G^(q+1) w, G at most as large as H of the last mode.
             let mode = warp.modes.saturating_sub(1);
             let (mu, steps) = (warp.series.wavenumber(mode), warp.leg_work[last][mode]);
@@ -176,6 +175,7 @@ impl<'a> Stage<'a> {
             field: k,
             legs,
             sums,
+            stepped,
             step_sum,
             beyond: Vec::with_capacity(warp.modes),
         }
@@ -210,37 +210,33 @@ fn whole_over_leg(legs: &[Leg], leg: usize) -> f64 {
     legs[..=leg].iter().map(|leg| leg.time).sum::<f64>() / legs[leg].time
 }
 
-/// Does the task, field after field, and drops the modes. Collective.
+/// What a run does besides recovering fields.
+#[derive(Default)]
+pub struct Besides<'r, 'k, 'c> {
+    /// Of a full run: what is kept. A streamed run drops the modes.
+    pub keeping: Option<&'r mut Keeping<'k>>,
+    /// Checkpoints that are made, and the one that the run goes on from.
+    pub checkpoints: Option<&'r mut Checkpoints<'c>>,
+}
+
+/// Does the task, field after field. Collective.
 ///
 /// # Errors
-/// [`Error::Unitarity`] when a mode's norm changed by more than its method allows.
+/// [`Error::Unitarity`] when a mode's norm changed by more than its method allows; [`Error::Stopped`] and others as
+/// [`Checkpoints::are_over`]; what is done with the modes in between.
 pub fn run(
     task: &Task<'_>,
     system: &mut Evolution<'_>,
     propagator: &mut dyn Propagator,
     progress: &mut Progress,
+    besides: Besides<'_, '_, '_>,
 ) -> Result<Recovered> {
-    run_keeping(task, system, (propagator, None), progress)
-}
-
-/// Does the task, field after field, and keeps the modes of one field at a time. Collective.
-///
-/// # Errors
-/// As [`run`]; what is done with the modes in between.
-pub fn run_keeping(
-    task: &Task<'_>,
-    system: &mut Evolution<'_>,
-    (propagator, mut keeping): (&mut dyn Propagator, Option<&mut Keeping<'_>>),
-    progress: &mut Progress,
-) -> Result<Recovered> {
+    let Besides {
+        mut keeping,
+        mut checkpoints,
+    } = besides;
     let world = &task.communicator.world;
     let velocities = system.matrix.block.velocity_cells;
-    let mut told = Told {
-        defect: None,
-        kept: f64::INFINITY,
-        applications: 0,
-        solves: 0,
-    };
     // What a batch starts from that does not start from a field at time zero.
     let begun = keeping.as_ref().is_some_and(|keeping| keeping.begun);
     let between = if begun || task.legs.len() > 1 {
@@ -249,41 +245,81 @@ pub fn run_keeping(
         0
     };
     let mut between = vec![Lanes::ZERO; between];
-    let mut recovered = Recovered::default();
     let legs = task.legs.len();
     let at_once = if keeping.is_some() { 1 } else { legs };
-    for (k, first) in (0..task.initial.len())
-        .flat_map(|k| (0..legs).step_by(at_once).map(move |first| (k, first)))
-    {
-        let mut stage = Stage::new(task, system, propagator, (k, first..first + at_once));
+    let stages: Vec<(usize, usize)> = (0..task.initial.len())
+        .flat_map(|k| (0..legs).step_by(at_once).map(move |leg| (k, leg)))
+        .collect();
+    let resumed = checkpoints.as_mut().and_then(|c| c.resumed.take());
+    let first = resumed.as_ref().map_or(0, |r| r.generation.state.stage);
+    let (mut before, mut told) = (Told::default(), Told::default());
+    let mut recovered = Recovered::default();
+    for (number, &(k, leg)) in stages.iter().enumerate().skip(first) {
+        let mut stage = Stage::new(task, system, propagator, (k, leg..leg + at_once));
         if let Some(keeping) = keeping.as_deref_mut()
-            && first == 0
+            && leg == 0
             && !keeping.begun
         {
             let start = Passage::start(task.initial[k].norms[0]);
             keeping.kept.passages_mut().fill(start);
         }
-        let started = Instant::now();
-        let outcome = task.batches.iter().try_for_each(|batch| {
+        let mut finished = Vec::with_capacity(task.warp.modes);
+        let mut batches = task.batches.iter();
+        if let Some(resumed) = resumed.as_ref().filter(|_| number == first) {
+            let block = &system.matrix.block;
+            let from = &resumed.generation;
+            let read = stage.resume(from, task, (block, resumed.share), &mut recovered);
+            world.agree(read)?;
+            if task.communicator.modes.rank() == 0 {
+                before = from.state.told.clone();
+                finished.extend_from_slice(&from.state.finished);
+            }
+            told = before.clone();
+            batches = resumed.batches.iter();
+        }
+        let mut outcome = Ok(());
+        loop {
+            let standing = match (&outcome, batches.len()) {
+                (Err(_), _) => Standing::Failed,
+                (Ok(()), 0) => Standing::Finished,
+                _ => Standing::Working,
+            };
+            let over = match checkpoints.as_mut() {
+                Some(checkpoints) => checkpoints.are_over(standing, number, || {
+                    let state = (number, &finished[..], &told);
+                    stage.snapshot(state, task, velocities, &recovered)
+                })?,
+                None => standing != Standing::Working,
+            };
+            if over {
+                break;
+            }
+            let Some(batch) = batches.next().filter(|_| outcome.is_ok()) else {
+                continue;
+            };
+            let started = Instant::now();
             let into = (&mut stage, &mut between[..], keeping.as_deref_mut());
-            add_batch(task, system, propagator, batch, into, &mut told)?;
-            let done = |legs_done: usize| batch.cost * legs_done / legs;
-            progress.advance(done(first + at_once) - done(first));
-            Ok(())
-        });
-        recovered.busy_seconds += started.elapsed().as_secs_f64();
+            outcome = add_batch(task, system, propagator, batch, into, &mut told);
+            recovered.busy_seconds += started.elapsed().as_secs_f64();
+            if outcome.is_ok() {
+                finished.extend_from_slice(&batch.modes);
+                let done = |legs_done: usize| batch.cost * legs_done / legs;
+                progress.advance(done(leg + at_once) - done(leg));
+            }
+        }
         world.agree(outcome)?;
         stage.finish(task, velocities, &mut recovered);
         if let Some(keeping) = keeping.as_deref_mut() {
-            (keeping.after)(k, first, keeping.kept)?;
+            (keeping.after)(k, leg, keeping.kept)?;
         }
     }
     // A rank without batches knows of no defect and no norm.
-    let smallest = -world.max(-told.kept);
+    let smallest = -world.max(-told.kept.unwrap_or(f64::INFINITY));
     let largest = world.max(told.defect.unwrap_or(-1.0));
     recovered.unitarity_defect = Some(largest).filter(|d| *d >= 0.0);
     recovered.norm_kept = Some(smallest).filter(|r| r.is_finite());
     recovered.applications = told.applications;
+    recovered.applications_here = told.applications - before.applications;
     recovered.solves = told.solves;
     Ok(recovered)
 }
@@ -337,10 +373,8 @@ fn add_batch(
         let state = propagator.state();
         let limits = report.unitary.then_some(&allowed);
         let (ratio, found) = norms_kept(system, state, (batch, &spec), limits, &norms)?;
-        told.kept = told.kept.min(ratio);
-        told.defect = found.map_or(told.defect, |d| Some(told.defect.unwrap_or(0.0).max(d)));
-        told.applications += report.applications;
-        told.solves += report.solves;
+        told.norms(ratio, found);
+        told.took(&report);
         for sum in &mut stage.sums[leg - stage.legs.start] {
             let weights = weights(warp, batch, (&sum.reading, &phases), &[1.0; LANES]);
             sum.add(&weights, &state[..cells]);

@@ -14,7 +14,7 @@ use phasewarp::propagate::commutator_free::CommutatorFree;
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::{BatchSpec, Evolution, Initial, Propagator, propagator};
-use phasewarp::warp::{self, Leg, Task};
+use phasewarp::warp::{self, Besides, Leg, Task};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -107,6 +107,7 @@ fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
                 &mut system,
                 &mut *propagator,
                 &mut Progress::silent(),
+                Besides::default(),
             );
             drop(recovered.expect("a unitary run"));
         })

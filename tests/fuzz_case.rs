@@ -117,6 +117,8 @@ const WORDS: &[&str] = &[
     "\"integral\"",
     "\"least-squares\"",
     "plateau",
+    "[checkpoint]",
+    "minutes",
     "moments_every",
     "moment_times",
     "field_times",

@@ -36,7 +36,7 @@ use phasewarp::propagate::{
 };
 use phasewarp::spectrum::{extremes, gershgorin};
 use phasewarp::varying;
-use phasewarp::warp::{self, Leg, MomentsOf, Task};
+use phasewarp::warp::{self, Besides, Leg, MomentsOf, Task};
 use phasewarp::weights::Weights;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -2121,6 +2121,7 @@ fn stream_in(
         &mut system,
         &mut *propagator,
         &mut Progress::silent(),
+        Besides::default(),
     )
     .expect("a unitary run");
     assert!(recovered.unitarity_defect.unwrap_or(0.0) <= 1.0);
@@ -2220,6 +2221,7 @@ fn recovered_field(world: &World) {
                     &mut system,
                     &mut *propagator,
                     &mut Progress::silent(),
+                    Besides::default(),
                 )
                 .expect("a unitary run");
                 let planned = batches.iter().flat_map(|b| &b.modes);
@@ -2405,6 +2407,7 @@ fn results_before_the_end(world: &World) {
                     &mut system,
                     &mut *propagator,
                     &mut Progress::silent(),
+                    Besides::default(),
                 )
                 .expect("a unitary run");
                 let planned: usize = plan.layout.groups[group]
@@ -2590,6 +2593,7 @@ fn fields_in_one_pass(world: &World) {
                 &mut system,
                 &mut *propagator,
                 &mut Progress::silent(),
+                Besides::default(),
             );
             recovered.expect("a unitary run")
         };

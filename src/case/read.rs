@@ -11,6 +11,7 @@ use crate::profile::{acl::BETAS, smooth::MOST_ORDER};
 use crate::propagate::order;
 use std::io::Read;
 use std::path::Path;
+use std::time::Duration;
 
 /// Largest number of phase-space cells that is looked at; memory is checked against the machine by the plan.
 const MOST_CELLS: f64 = 1e12;
@@ -61,6 +62,7 @@ impl Case {
             "solver",
             "exact",
             "output",
+            "checkpoint",
         ])?;
         let space = read_axes(&root)?;
         let n = space.dimension();
@@ -182,6 +184,7 @@ impl Case {
                 ],
             )?,
             storage: output::storage(&output, &space)?,
+            checkpoint_every: read_checkpoint(&root)?,
             text: file.text().to_owned(),
             overrides: overrides.to_vec(),
             space,
@@ -745,6 +748,19 @@ fn read_cfl(classical: &Table<'_>) -> Result<f64> {
         ));
     }
     Ok(cfl)
+}
+
+/// `[checkpoint]`.
+fn read_checkpoint(root: &Table<'_>) -> Result<Option<Duration>> {
+    /// A year.
+    const MOST: f64 = 525_600.0;
+    let table = root.table("checkpoint")?.knowing(&["minutes"])?;
+    let minutes = table.number("minutes")?.unwrap_or(DEFAULT_CHECKPOINT);
+    if !(0.0..=MOST).contains(&minutes) {
+        let message = format!("must be from 0 (no checkpoints by the clock) to {MOST}");
+        return Err(table.error("minutes", &message));
+    }
+    Ok((minutes > 0.0).then(|| Duration::from_secs_f64(60.0 * minutes)))
 }
 
 fn read_exact(root: &Table<'_>, n: usize, data: &Data) -> Result<Option<Exact>> {

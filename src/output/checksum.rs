@@ -19,7 +19,7 @@ fn term(index: u64, bits: u64) -> u64 {
 }
 
 /// The sum over elements that follow each other from `first` on.
-fn of_run(first: u64, elements: impl Iterator<Item = u64>) -> u64 {
+pub fn of_run(first: u64, elements: impl Iterator<Item = u64>) -> u64 {
     (first..)
         .zip(elements)
         .fold(0, |sum, (index, bits)| sum.wrapping_add(term(index, bits)))

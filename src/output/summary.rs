@@ -66,6 +66,12 @@ pub struct Summary {
     pub points: Option<usize>,
     /// Applications of `(−iμS + K)`, over all modes, each with those of its own series; for the classical method, of `A`.
     pub matvecs: usize,
+    /// Those that this process did: all, but for what was finished in the checkpoint that it went on from.
+    pub matvecs_here: usize,
+    /// Whether the run went on from a checkpoint.
+    pub resumed: bool,
+    /// Checkpoints written by this process.
+    pub checkpoints: usize,
     /// Linear systems solved by an implicit propagator, over all modes.
     pub solves: usize,
     /// Largest resident memory of a rank, measured.

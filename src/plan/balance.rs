@@ -8,6 +8,7 @@ use crate::matrix::LANES;
 use crate::propagate::Company;
 use serde::Serialize;
 use std::cmp::Reverse;
+use std::collections::BTreeSet;
 
 /// Up to so many pieces are dealt by search, ...
 const SEARCHED: usize = 24;
@@ -39,16 +40,24 @@ pub fn cost(group: &[Batch]) -> usize {
     group.iter().map(|b| b.cost).sum()
 }
 
-/// The batches of each of `groups` mode groups, longest first, for modes that take `work`.
-pub fn share_out(work: &[usize], company: Company, groups: usize) -> Vec<Vec<Batch>> {
-    let mut falling: Vec<usize> = (0..work.len()).collect();
+/// The batches of each of `groups` mode groups, longest first, for modes that take `work`; those that are `finished`, coupled
+/// ones all of a batch, are left out.
+pub fn share_out(
+    work: &[usize],
+    finished: &BTreeSet<usize>,
+    company: Company,
+    groups: usize,
+) -> Vec<Vec<Batch>> {
+    let mut falling: Vec<usize> = (0..work.len()).filter(|l| !finished.contains(l)).collect();
     falling.sort_by_key(|&l| (Reverse(work[l]), l));
     let neighbours: Vec<usize> = (0..work.len()).collect();
     // What is dealt as a whole.
     let pieces: Vec<&[usize]> = match company {
         Company::Independent => falling.chunks(LANES).collect(),
         // From the top, so that the block that is not full is the cheapest.
-        Company::Coupled => neighbours.rchunks(LANES).collect(),
+        Company::Coupled => (neighbours.rchunks(LANES))
+            .filter(|piece| !finished.contains(&piece[0]))
+            .collect(),
         Company::Sequential => falling.chunks(1).collect(),
     };
     let batch = |modes: &[usize]| Batch::new(modes.to_vec(), work, company);
@@ -175,11 +184,16 @@ mod tests {
             (500, 4, 1.05),
         ] {
             let work = degrees(modes);
-            let shares = share_out(&work, Company::Independent, groups);
+            let shares = share_out(&work, &BTreeSet::new(), Company::Independent, groups);
             let found = imbalance(&shares);
             assert!(found <= most, "{modes} modes on {groups} groups: {found}");
             // Modes one by one are even wherever there are enough of them.
-            let found = imbalance(&share_out(&work, Company::Sequential, groups));
+            let found = imbalance(&share_out(
+                &work,
+                &BTreeSet::new(),
+                Company::Sequential,
+                groups,
+            ));
             assert!(
                 found <= 1.2,
                 "{modes} modes on {groups} groups one by one: {found}"
@@ -191,7 +205,7 @@ mod tests {
     fn blocks_of_coupled_modes_are_the_same_for_any_groups() {
         let work = degrees(29);
         let blocks = |groups: usize| {
-            let shares = share_out(&work, Company::Coupled, groups);
+            let shares = share_out(&work, &BTreeSet::new(), Company::Coupled, groups);
             let mut blocks: Vec<Vec<usize>> =
                 shares.into_iter().flatten().map(|b| b.modes).collect();
             blocks.sort();
@@ -226,7 +240,7 @@ mod tests {
             kind in 0usize..3,
         ) {
             let company = [Company::Independent, Company::Coupled, Company::Sequential][kind];
-            let shares = share_out(&work, company, groups);
+            let shares = share_out(&work, &BTreeSet::new(), company, groups);
             prop_assert_eq!(shares.len(), groups);
             let batches: Vec<&Batch> = shares.iter().flatten().collect();
             let mut modes: Vec<usize> = batches.iter().flat_map(|b| b.modes.clone()).collect();

@@ -13,6 +13,7 @@ use crate::propagate::{self, Sizes, cost_of_splitting};
 use crate::scheme::transport_rate;
 use crate::warp::KeptModes;
 use serde::Serialize;
+use std::collections::BTreeSet;
 
 /// Resident memory of the program and its libraries, HDF5's buffers included.
 const PROGRAM_BYTES: u64 = 28 << 20;
@@ -129,7 +130,7 @@ impl Layout {
     fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: Mesh) -> Self {
         let work = warp.map_or(&[][..], |w| &w.work);
         let company = propagate::company(case.propagator.method);
-        let groups = balance::share_out(work, company, mesh.groups);
+        let groups = balance::share_out(work, &BTreeSet::new(), company, mesh.groups);
         let costs = groups.iter().map(|group| balance::cost(group));
         let (most, sum) = (costs.clone().max().unwrap_or(0), costs.sum::<usize>());
         let imbalance = if sum == 0 {

@@ -2,6 +2,7 @@
 
 use super::Place;
 use crate::case::{Case, Integrator};
+use crate::checkpoint::{Checkpoints, Generation, Resumed, Store, Times};
 use crate::classical::limiter::Reconstruction;
 use crate::classical::{Classical, EXACT, duhamel_panels};
 use crate::communicator::{Communicator, GhostExchange};
@@ -17,7 +18,7 @@ use crate::problem::Problem;
 use crate::progress::Progress;
 use crate::propagate::commutator_free::CommutatorFree;
 use crate::propagate::{Evolution, Initial, Propagator, propagator};
-use crate::warp::{self, Keeping, KeptModes, Leg, MomentsOf, Task};
+use crate::warp::{self, Besides, Keeping, KeptModes, Leg, MomentsOf, Task};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
@@ -41,6 +42,16 @@ pub(super) struct Warped<'a> {
     pub provenance: &'a [(&'static str, String)],
 }
 
+/// How a run by modes makes checkpoints.
+pub(super) struct Checkpointing<'a> {
+    /// Where they are.
+    pub store: &'a mut Store,
+    /// The one to go on from.
+    pub generation: Option<Generation>,
+    /// When they are made.
+    pub times: Times,
+}
+
 /// What either method finds, on this rank's share.
 struct Found {
     fields: Vec<Vec<Vec<f64>>>,
@@ -58,14 +69,14 @@ pub(super) fn solve(
     place: &Place,
     problem: &mut Problem,
     summary: &mut Summary,
-    files: &Warped<'_>,
+    (files, checkpointing): (&Warped<'_>, Option<Checkpointing<'_>>),
 ) -> Result<Solution> {
-    let found = match &plan.warp {
-        None => classically(case, plan, communicator, place, problem, summary),
-        Some(warp) => {
-            let plans = (plan, warp);
-            by_modes(case, plans, communicator, place, problem, summary, files)
+    let found = match (&plan.warp, checkpointing) {
+        (Some(warp), Some(checkpointing)) => {
+            let (plans, besides) = ((plan, warp), (files, checkpointing));
+            by_modes(case, plans, communicator, place, problem, summary, besides)
         }
+        _ => classically(case, plan, communicator, place, problem, summary),
     }?;
     Ok(Solution {
         early: history(case, communicator, (place, problem), found.early),
@@ -167,6 +178,7 @@ fn classically(
         early.push(before);
     }
     summary.matvecs = stages * plan.classical_steps * problem.states.len();
+    summary.matvecs_here = summary.matvecs;
     Ok(Found {
         fields,
         plateau: Vec::new(),
@@ -183,12 +195,25 @@ fn by_modes(
     place: &Place,
     problem: &mut Problem,
     summary: &mut Summary,
-    files: &Warped<'_>,
+    (files, checkpointing): (&Warped<'_>, Checkpointing<'_>),
 ) -> Result<Found> {
     let speaks = communicator.world.rank() == 0;
-    let batches = &plan.layout.groups[communicator.modes.rank()];
-    let cost = problem.states.len() * cost(batches);
-    let mut progress = Progress::new(speaks, "modes", cost);
+    let group = communicator.modes.rank();
+    let batches = &plan.layout.groups[group];
+    let resumed = checkpointing.generation.map(|generation| {
+        let finished = generation.state.finished.iter().copied().collect();
+        Resumed {
+            batches: plan.batches_left(&finished).swap_remove(group),
+            share: &place.share,
+            generation,
+        }
+    });
+    // Stages before the one to go on with are finished, of that one some batches.
+    let stages = problem.states.len();
+    let left = resumed.as_ref().map_or(stages * cost(batches), |r| {
+        (stages - 1 - r.generation.state.stage) * cost(batches) + cost(&r.batches)
+    });
+    let mut progress = Progress::new(speaks, "modes", left);
     let rows = problem.matrix.rows();
     let initial: Vec<Initial<'_>> = (problem.states.iter())
         .map(|state| Initial::real(&state[..rows], problem.norm(communicator, state, false)))
@@ -270,17 +295,29 @@ fn by_modes(
         begun: false,
         after: &mut write,
     });
-    let recovered = warp::run_keeping(
-        &task,
-        &mut system,
-        (&mut *propagator, keeping.as_mut()),
-        &mut progress,
-    )?;
+    let mesh = &plan.layout.mesh;
+    let size = (warp_plan.modes, stages);
+    summary.resumed = resumed.is_some();
+    let mut checkpoints = Checkpoints::new(
+        (communicator, mesh),
+        checkpointing.store,
+        checkpointing.times,
+        size,
+        resumed,
+    );
+    let full = keeping.is_some();
+    let besides = Besides {
+        keeping: keeping.as_mut(),
+        checkpoints: (!full).then_some(&mut checkpoints),
+    };
+    let recovered = warp::run(&task, &mut system, &mut *propagator, &mut progress, besides)?;
     drop(kept);
     progress.finish();
+    summary.checkpoints = checkpoints.written;
     summary.unitarity_defect = recovered.unitarity_defect;
     summary.norm_kept = recovered.norm_kept;
     summary.matvecs = communicator.modes.sum_count(recovered.applications);
+    summary.matvecs_here = (communicator.modes).sum_count(recovered.applications_here);
     summary.solves = communicator.modes.sum_count(recovered.solves);
     let busy = recovered.busy_seconds;
     summary.group_seconds = Some([-communicator.world.max(-busy), communicator.world.max(busy)]);

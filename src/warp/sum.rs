@@ -1,5 +1,6 @@
 //! What is read from the modes, added up in fixed point (see [`crate::reproducible`]): the field, or its moments only.
 
+use crate::checkpoint::Numbers;
 use crate::communicator::Group;
 use crate::matrix::{LANES, Lanes};
 use crate::observables::{MOMENTS, VelocityFactors};
@@ -107,6 +108,14 @@ impl<'a> Sum<'a> {
             for (m, sum) in sums.chunks_exact_mut(2).enumerate() {
                 put(&self.fixed[m], sum, moments[m]);
             }
+        }
+    }
+
+    /// The integers, two a number.
+    pub(super) fn numbers(&self) -> Numbers<'_, i64> {
+        Numbers {
+            width: self.width,
+            values: &self.parts,
         }
     }
 
