@@ -20,7 +20,7 @@ pub mod file;
 mod store;
 pub mod watch;
 
-pub use file::{Destination, KeptDestination};
+pub use file::Destination;
 pub use store::{Generation, Store};
 pub use watch::{Standing, Times};
 
@@ -32,7 +32,7 @@ use crate::output::checksum;
 use crate::output::provenance::VERSION;
 use crate::partition::Mesh;
 use crate::plan::{Batch, WarpPlan};
-use crate::warp::Told;
+use crate::warp::{Passage, Told};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -125,7 +125,8 @@ impl Snapshot<'_> {
     pub fn bytes(&self) -> usize {
         let sums: usize = self.sums.iter().map(|s| s.values.len()).sum();
         let results: usize = self.results.iter().map(|r| r.values.len()).sum();
-        8 * (sums + results + self.kept.as_ref().map_or(0, |kept| 2 * kept.rows.len()))
+        let kept = self.kept.iter().flat_map(|kept| &kept.modes);
+        8 * (sums + results + 2 * kept.map(|mode| mode.rows.len()).sum::<usize>())
     }
 }
 
@@ -140,12 +141,20 @@ pub struct Numbers<'a, T> {
 
 /// Modes that are kept.
 pub struct Kept<'a> {
+    /// The global number of the cell to which the auxiliary unknown in each row behind the block's cells belongs; the largest
+    /// there is for the common one.
+    pub auxiliary: Vec<u64>,
     /// The modes.
-    pub modes: &'a [usize],
-    /// The cell, by its global number, whose auxiliary unknown each row behind the cells is; any number that is none of a
-    /// cell for the common one.
-    pub auxiliary: &'a [u64],
-    /// The block's cells and its auxiliary unknowns, mode after mode.
+    pub modes: Vec<KeptMode<'a>>,
+}
+
+/// A mode that is kept.
+pub struct KeptMode<'a> {
+    /// Its number.
+    pub mode: usize,
+    /// How far it is.
+    pub passage: Passage,
+    /// The block's cells and its auxiliary unknowns.
     pub rows: &'a [Complex64],
 }
 
@@ -195,7 +204,7 @@ impl<'a> Checkpoints<'a> {
         }
     }
 
-    /// Whether the batches of stage `stage` are over, on all ranks; asked at its beginning and after each batch. Writes a
+    /// Whether the batches of a stage are over, on all ranks; asked at its beginning and after each batch. Writes a
     /// checkpoint of `snapshot` where it is time for one. One by the clock that cannot be written is told by rank 0, and the
     /// run goes on. Collective at the end of a stage and where a checkpoint is written, otherwise over the space group.
     ///
@@ -205,7 +214,6 @@ impl<'a> Checkpoints<'a> {
     pub fn are_over<'s>(
         &mut self,
         standing: Standing,
-        stage: usize,
         snapshot: impl Fn() -> Snapshot<'s>,
     ) -> Result<bool> {
         let world = &self.communicator.world;
@@ -226,7 +234,8 @@ impl<'a> Checkpoints<'a> {
                 Verdict::Write | Verdict::StopAsTold | Verdict::StopInTime => {}
             }
             let started = Instant::now();
-            let written = self.store.write(world, self.mesh, &snapshot());
+            let snapshot = snapshot();
+            let written = self.store.write(world, self.mesh, &snapshot);
             self.watch.wrote(started.elapsed());
             let why = match (verdict, self.wall_seconds) {
                 (Verdict::StopAsTold, _) => "stopped by SIGUSR1".to_owned(),
@@ -248,9 +257,12 @@ impl<'a> Checkpoints<'a> {
                 path: self.store.directory().to_owned(),
                 finished: written?,
                 modes,
-                stage: stage + 1,
+                stage: snapshot.state.stage + 1,
                 stages,
             });
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

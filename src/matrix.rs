@@ -106,6 +106,22 @@ impl BlockMatrix {
         if self.shared { 1 } else { self.inflow.len() }
     }
 
+    /// The global number of the cell to which each of them belongs; the largest there is for the common one.
+    pub fn auxiliary_cells(&self) -> Vec<u64> {
+        if self.shared {
+            return vec![u64::MAX];
+        }
+        let nv = self.block.velocity_cells;
+        let mut firsts = vec![0; self.block.space_cells()];
+        self.block
+            .for_each_own(|global, local| firsts[local / nv] = global);
+        let cell = |row: usize| (firsts[row / nv] + row % nv) as u64;
+        self.inflow
+            .iter()
+            .map(|aux| cell(aux.row as usize))
+            .collect()
+    }
+
     /// Unknowns of this rank: cells and auxiliary ones.
     pub fn rows(&self) -> usize {
         self.block.cells() + self.auxiliaries()

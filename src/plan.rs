@@ -417,11 +417,21 @@ impl Plan {
         })
     }
 
-    /// The batches of each mode group of those modes of a stage that are not `finished`.
-    pub fn batches_left(&self, finished: &BTreeSet<usize>) -> Vec<Vec<Batch>> {
-        let work = self.warp.as_ref().map_or(&[][..], |w| &w.work);
+    /// The batches of mode group `group` that are left of a stage whose modes `finished` are. Where modes are kept, each
+    /// stays with its group.
+    pub fn batches_left(&self, finished: &BTreeSet<usize>, group: usize) -> Vec<Batch> {
+        let Some(warp) = &self.warp else {
+            return Vec::new();
+        };
         let company = propagate::company(self.propagation.method);
-        balance::share_out(work, finished, company, self.layout.mesh.groups)
+        let groups = self.layout.mesh.groups;
+        if warp.points.is_none() {
+            return balance::share_out(&warp.work, finished, company, groups).swap_remove(group);
+        }
+        let mut others = finished.clone();
+        let kept = self.layout.modes();
+        others.extend((0..groups).filter(|&g| g != group).flat_map(|g| &kept[g]));
+        balance::share_out(&warp.work, &others, company, 1).swap_remove(0)
     }
 
     /// The plan before growth and norms are measured: who computes what, and about how much. A tolerance that may turn out

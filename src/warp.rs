@@ -266,13 +266,14 @@ pub fn run(
         let mut finished = Vec::with_capacity(task.warp.modes);
         let mut batches = task.batches.iter();
         if let Some(resumed) = resumed.as_ref().filter(|_| number == first) {
-            let block = &system.matrix.block;
-            let from = &resumed.generation;
-            let read = stage.resume(from, task, (block, resumed.share), &mut recovered);
+            let from = (&resumed.generation, resumed.share);
+            let kept = keeping.as_deref_mut().map(|keeping| &mut *keeping.kept);
+            let read = stage.resume(from, task, system.matrix, (kept, &mut recovered));
             world.agree(read)?;
             if task.communicator.modes.rank() == 0 {
-                before = from.state.told.clone();
-                finished.extend_from_slice(&from.state.finished);
+                let state = &resumed.generation.state;
+                before = state.told.clone();
+                finished.extend_from_slice(&state.finished);
             }
             told = before.clone();
             batches = resumed.batches.iter();
@@ -285,9 +286,10 @@ pub fn run(
                 _ => Standing::Working,
             };
             let over = match checkpoints.as_mut() {
-                Some(checkpoints) => checkpoints.are_over(standing, number, || {
+                Some(checkpoints) => checkpoints.are_over(standing, || {
                     let state = (number, &finished[..], &told);
-                    stage.snapshot(state, task, velocities, &recovered)
+                    let kept = keeping.as_ref().map(|keeping| &*keeping.kept);
+                    stage.snapshot(state, task, system.matrix, (kept, &recovered))
                 })?,
                 None => standing != Standing::Working,
             };

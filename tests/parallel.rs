@@ -15,9 +15,11 @@ use phasewarp::case::{
     Case, Coefficients, Delta, Embedding, Integrator, Limiter, Method, OutputTime, ProfileChoice,
     Propagation, PropagatorMethod, RecoveryMethod, Shift,
 };
+use phasewarp::checkpoint::watch::{Verdict, Watch};
+use phasewarp::checkpoint::{Standing, Times};
 use phasewarp::classical::limiter::{Reconstruction, longest_step};
 use phasewarp::classical::{Classical, EXACT, duhamel_panels};
-use phasewarp::communicator::{Communicator, GhostExchange, Group, World};
+use phasewarp::communicator::{Communicator, GhostExchange, Group, Vote, World};
 use phasewarp::error::Error;
 use phasewarp::matrix::blocking::{Blocking, Shape};
 use phasewarp::matrix::kernel::{self, InstructionSet};
@@ -58,10 +60,12 @@ const PATIENCE: Duration = Duration::from_secs(120);
 type Check = fn(&World);
 
 /// The checks, by name.
-const CHECKS: [(&str, Check); 30] = [
+const CHECKS: [(&str, Check); 32] = [
     ("number_of_ranks", number_of_ranks),
     ("reductions", reductions),
     ("agreement_on_errors", agreement_on_errors),
+    ("votes", votes),
+    ("verdicts", verdicts),
     ("ghost_exchange", ghost_exchange),
     ("long_messages", long_messages),
     ("transpose_and_back", warped::transpose_and_back),
@@ -976,6 +980,121 @@ fn agreement_on_errors(world: &World) {
         );
         let remote = matches!(error, Error::Remote { rank, .. } if rank == lowest);
         assert_eq!(remote, rank != lowest);
+    }
+}
+
+fn votes(world: &World) {
+    let group = world.group();
+    let (rank, size) = (group.rank(), group.size());
+    let mut vote = Vote::new(&group);
+    for round in 0..20 {
+        // Another rank is late each time, which nobody waits for in `post`.
+        if round % size == rank {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        assert!(!vote.is_posted());
+        vote.post(1 << (rank + round));
+        assert!(vote.is_posted());
+        if round % 2 == 0 {
+            while !vote.is_over() {
+                std::thread::yield_now();
+            }
+        }
+        assert_eq!(vote.take(), ((1 << size) - 1) << round);
+    }
+}
+
+/// What a rank sees of a stage with so many batches, each of which takes a moment: how often it wrote, and how it ended.
+fn stage(
+    communicator: &Communicator,
+    times: &Times,
+    batches: usize,
+    last: Standing,
+) -> (usize, Verdict) {
+    let mut watch = Watch::new(communicator, times.clone());
+    watch.expect(|| 0);
+    let (mut left, mut written) = (batches, 0);
+    loop {
+        let standing = if left > 0 { Standing::Working } else { last };
+        match watch.ask(communicator, standing) {
+            Verdict::GoOn => {
+                watch.begin(standing);
+                std::thread::sleep(Duration::from_millis(u64::from(left > 0)));
+                left = left.saturating_sub(1);
+            }
+            Verdict::Write => {
+                // All ranks are here, or this hangs.
+                communicator.world.barrier();
+                written += 1;
+                watch.wrote(Duration::from_micros(10));
+            }
+            end => return (written, end),
+        }
+    }
+}
+
+fn verdicts(world: &World) {
+    let all = world.group();
+    let size = all.size();
+    for blocks in (1..=size).filter(|blocks| size % blocks == 0) {
+        let mesh = Mesh {
+            space: vec![blocks],
+            groups: size / blocks,
+        };
+        let communicator = Communicator::new(world, &mesh);
+        let group = communicator.modes.rank();
+        let last = group + 1 == mesh.groups;
+        // Ranks of different groups have different numbers of batches, the first none at all.
+        let batches = 7 * group;
+        let same = |(written, end): (usize, Verdict), expected: Verdict| {
+            assert_eq!(end, expected);
+            assert!(all.same(written as u64));
+            written
+        };
+        let never = Times::default();
+        let seen = stage(&communicator, &never, batches, Standing::Finished);
+        assert_eq!(same(seen, Verdict::Finished), 0);
+        // The last group fails, after its batches.
+        let end = if last {
+            Standing::Failed
+        } else {
+            Standing::Finished
+        };
+        same(stage(&communicator, &never, batches, end), Verdict::Failed);
+        // A checkpoint with each vote.
+        let always = Times {
+            every: Some(Duration::ZERO),
+            ..Times::default()
+        };
+        let seen = stage(&communicator, &always, batches + 5, Standing::Finished);
+        assert!(same(seen, Verdict::Finished) > 0);
+        // One rank is told to stop.
+        let stop = Times::default();
+        let told = all.rank() + 1 == size;
+        stop.stop.store(told, std::sync::atomic::Ordering::Relaxed);
+        let seen = stage(&communicator, &stop, batches + 50, Standing::Finished);
+        same(seen, Verdict::StopAsTold);
+        // The time is over; or just long enough for some batches; or for all.
+        for (milliseconds, expected) in [
+            (0, Verdict::StopInTime),
+            (30, Verdict::StopInTime),
+            (1_000_000, Verdict::Finished),
+        ] {
+            let wall = Some((Instant::now(), Duration::from_millis(milliseconds)));
+            let times = Times {
+                wall,
+                ..Times::default()
+            };
+            let many = if expected == Verdict::Finished {
+                batches
+            } else {
+                10_000
+            };
+            same(
+                stage(&communicator, &times, many, Standing::Finished),
+                expected,
+            );
+        }
     }
 }
 

@@ -14,6 +14,7 @@
 use super::{Fingerprint, Snapshot, State};
 use crate::output::checksum::of_run;
 use crate::partition::common_runs;
+use crate::warp::{KeptModes, Passage};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -50,8 +51,8 @@ pub struct Header {
     pub results: Vec<usize>,
     /// Auxiliary unknowns of the block.
     pub auxiliary: usize,
-    /// The modes it keeps.
-    pub kept: Vec<usize>,
+    /// The modes it keeps, and how far each is.
+    pub kept: Vec<(usize, Passage)>,
     /// How far the rank's mode group is.
     pub state: State,
 }
@@ -111,7 +112,9 @@ pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Wr
     }
     if let Some(kept) = &snapshot.kept {
         sink.put(kept.auxiliary.iter().copied())?;
-        sink.put((kept.rows.iter()).flat_map(|w| [w.re.to_bits(), w.im.to_bits()]))?;
+        for mode in &kept.modes {
+            sink.put((mode.rows.iter()).flat_map(|w| [w.re.to_bits(), w.im.to_bits()]))?;
+        }
     }
     let checksum = sink.checksum;
     sink.put(std::iter::once(checksum))?;
@@ -213,18 +216,8 @@ pub struct Destination<'a> {
     pub sums: Vec<&'a mut [i64]>,
     /// The results, likewise.
     pub results: Vec<Vec<f64>>,
-    /// The modes it keeps, if any.
-    pub kept: Option<KeptDestination<'a>>,
-}
-
-/// The modes that a rank keeps, to be filled.
-pub struct KeptDestination<'a> {
-    /// The modes.
-    pub modes: &'a [usize],
-    /// As [`super::Kept::auxiliary`].
-    pub auxiliary: &'a [u64],
-    /// As [`super::Kept::rows`].
-    pub rows: &'a mut [Complex64],
+    /// The modes it keeps, if any, and to which cells their auxiliary unknowns belong ([`super::Kept::auxiliary`]).
+    pub kept: Option<(Vec<u64>, &'a mut KeptModes)>,
 }
 
 impl RankFile {
@@ -288,37 +281,26 @@ impl RankFile {
             }
             first += share * width;
         }
-        let Some(into) = &mut to.kept else {
+        let Some((mine, modes)) = &mut to.kept else {
             return Ok(());
         };
         // Where each of the file's auxiliary unknowns goes.
-        let places: HashMap<u64, usize> = (into.auxiliary.iter().enumerate())
-            .map(|(m, &cell)| (cell, m))
-            .collect();
+        let places: HashMap<u64, usize> = mine.iter().copied().zip(0..).collect();
         let mut moves = Vec::new();
         self.read(auxiliary, header.auxiliary, |at, words| {
-            let found = words
-                .iter()
-                .zip(at..)
-                .filter_map(|(w, m)| Some((m, *places.get(w)?)));
-            moves.extend(found);
+            let found = words.iter().zip(at..);
+            moves.extend(found.filter_map(|(cell, m)| Some((m, *places.get(cell)?))));
         })?;
         let velocities = header.velocity_cells;
         let (from_cells, to_cells) = (block * velocities, points(to.block) * velocities);
-        let to_rows = to_cells + into.auxiliary.len();
-        let mine: HashMap<usize, usize> = (into.modes.iter().enumerate())
-            .map(|(k, &mode)| (mode, k))
-            .collect();
-        for (k, mode) in header.kept.iter().enumerate() {
-            let Some(place) = mine.get(mode) else {
+        for (k, &(mode, passage)) in header.kept.iter().enumerate() {
+            let Some(rows) = modes.replace(mode, passage) else {
                 continue;
             };
             let first = kept + k * 2 * header.rows();
-            let rows = &mut into.rows[place * to_rows..(place + 1) * to_rows];
             for run in &blocks {
                 let cells = run.to * velocities..(run.to + run.length) * velocities;
-                let from = first + 2 * run.from * velocities;
-                self.read_complex(from, &mut rows[cells])?;
+                self.read_complex(first + 2 * run.from * velocities, &mut rows[cells])?;
             }
             for &(from, to) in &moves {
                 let row = &mut rows[to_cells + to..][..1];

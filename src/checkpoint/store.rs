@@ -22,9 +22,10 @@ struct Manifest {
     generation: u64,
     /// The process mesh it was written on.
     mesh: Mesh,
-    /// For people: the stage, and how many of its modes are finished.
+    /// For people: the stage, how many of its modes are finished, and the applications done so far.
     stage: usize,
     finished: usize,
+    matvecs: usize,
     /// The files, rank after rank.
     files: Vec<Written>,
 }
@@ -170,13 +171,10 @@ impl Store {
             .and_then(|written| fs::rename(&unfinished, &path).map(|()| written));
         let written = world.agree(written.map_err(|e| failure(&path, &e)))?;
         let files = world.gather_counts(&[written.bytes, written.checksum]);
-        let finished = header.state.finished.len();
         // Every space block of a mode group has the same.
-        let finished = world.sum_count(if rank.is_multiple_of(mesh.blocks()) {
-            finished
-        } else {
-            0
-        });
+        let once = |count: usize| usize::from(rank.is_multiple_of(mesh.blocks())) * count;
+        let finished = world.sum_count(once(header.state.finished.len()));
+        let matvecs = world.sum_count(once(header.state.told.applications));
         if rank > 0 {
             return world.agree(Ok(finished));
         }
@@ -186,6 +184,7 @@ impl Store {
             mesh: mesh.clone(),
             stage: header.state.stage,
             finished,
+            matvecs,
             files: (files.as_chunks().0.iter())
                 .map(|&[bytes, checksum]| Written { bytes, checksum })
                 .collect(),
@@ -211,7 +210,9 @@ impl Store {
             sums: snapshot.sums.iter().map(|s| s.width).collect(),
             results: snapshot.results.iter().map(|r| r.width).collect(),
             auxiliary: kept.map_or(0, |k| k.auxiliary.len()),
-            kept: kept.map_or(Vec::new(), |k| k.modes.to_vec()),
+            kept: kept.map_or(Vec::new(), |k| {
+                k.modes.iter().map(|m| (m.mode, m.passage)).collect()
+            }),
             state: snapshot.state.clone(),
         }
     }

@@ -200,20 +200,21 @@ fn by_modes(
     let speaks = communicator.world.rank() == 0;
     let group = communicator.modes.rank();
     let batches = &plan.layout.groups[group];
+    let legs = Leg::all(case);
     let resumed = checkpointing.generation.map(|generation| {
         let finished = generation.state.finished.iter().copied().collect();
         Resumed {
-            batches: plan.batches_left(&finished).swap_remove(group),
+            batches: plan.batches_left(&finished, group),
             share: &place.share,
             generation,
         }
     });
     // Stages before the one to go on with are finished, of that one some batches.
-    let stages = problem.states.len();
+    let stages = problem.states.len() * warp_plan.points.map_or(1, |_| legs.len());
     let left = resumed.as_ref().map_or(stages * cost(batches), |r| {
         (stages - 1 - r.generation.state.stage) * cost(batches) + cost(&r.batches)
     });
-    let mut progress = Progress::new(speaks, "modes", left);
+    let mut progress = Progress::new(speaks, "modes", left * problem.states.len() / stages);
     let rows = problem.matrix.rows();
     let initial: Vec<Initial<'_>> = (problem.states.iter())
         .map(|state| Initial::real(&state[..rows], problem.norm(communicator, state, false)))
@@ -242,7 +243,6 @@ fn by_modes(
         factors: &factors,
         pi,
     };
-    let legs = Leg::all(case);
     let task = Task {
         communicator,
         warp: warp_plan,
@@ -287,7 +287,7 @@ fn by_modes(
         Ok(())
     };
     let mut kept = warp_plan.points.map(|_| {
-        let mine = &modes[communicator.modes.rank()];
+        let mine = &modes[group];
         KeptModes::new(rows, mine.clone())
     });
     let mut keeping = kept.as_mut().map(|kept| Keeping {
@@ -305,10 +305,9 @@ fn by_modes(
         size,
         resumed,
     );
-    let full = keeping.is_some();
     let besides = Besides {
         keeping: keeping.as_mut(),
-        checkpoints: (!full).then_some(&mut checkpoints),
+        checkpoints: Some(&mut checkpoints),
     };
     let recovered = warp::run(&task, &mut system, &mut *propagator, &mut progress, besides)?;
     drop(kept);

@@ -2,6 +2,7 @@
 
 use crate::matrix::{LANES, Lanes};
 use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
 
 /// Modes of the whole warped field on a rank, mode by mode, each as long as the block has rows:
 ///
@@ -21,7 +22,7 @@ pub struct KeptModes {
 }
 
 /// How far a mode is.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Passage {
     /// Legs that it has gone.
     pub legs: usize,
@@ -110,6 +111,13 @@ impl KeptModes {
     pub fn mode(&self, mode: usize) -> Option<&[Complex64]> {
         let first = self.place(mode)? * self.rows;
         Some(&self.values[first..first + self.rows])
+    }
+
+    /// Row by row, `mode`, which is now as far as `passage`, to be written; `None` where this rank does not keep it.
+    pub fn replace(&mut self, mode: usize, passage: Passage) -> Option<&mut [Complex64]> {
+        let k = self.place(mode)?;
+        self.passages[k] = passage;
+        Some(&mut self.values[k * self.rows..(k + 1) * self.rows])
     }
 
     /// Stores lane `l` of `state` for `modes[l]`, which is as far as `passages[l]`; modes of other ranks are left out.

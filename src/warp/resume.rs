@@ -1,20 +1,21 @@
 //! What of a run is kept in a checkpoint, and how it goes on from one.
 
-use super::{Recovered, Stage, Task, Told};
-use crate::checkpoint::{Destination, Generation, Numbers, Snapshot, State};
+use super::{KeptModes, Recovered, Stage, Task, Told};
+use crate::checkpoint::{Destination, Generation, Kept, KeptMode, Numbers, Snapshot, State};
 use crate::error::Result;
+use crate::matrix::BlockMatrix;
 use crate::observables::MOMENTS;
-use crate::partition::Block;
 use std::ops::Range;
 
 impl Stage<'_> {
-    /// What is finished: of this stage, number `number`, the modes `finished`, and the stages before.
+    /// What is finished: of this stage, number `number`, the modes `finished`, and the stages before; of the kept modes those
+    /// that have gone a leg, as the others start from the field.
     pub(super) fn snapshot<'b>(
         &'b self,
         (number, finished, told): (usize, &[usize], &Told),
         task: &Task<'_>,
-        velocities: usize,
-        recovered: &'b Recovered,
+        matrix: &BlockMatrix,
+        (kept, recovered): (Option<&'b KeptModes>, &'b Recovered),
     ) -> Snapshot<'b> {
         Snapshot {
             state: State {
@@ -25,8 +26,11 @@ impl Stage<'_> {
                 told: told.clone(),
             },
             sums: self.all().map(|sum| sum.numbers()).collect(),
-            results: recovered.results(task, velocities),
-            kept: None,
+            results: recovered.results(task, matrix.block.velocity_cells),
+            kept: kept.map(|kept| Kept {
+                auxiliary: matrix.auxiliary_cells(),
+                modes: kept.begun().collect(),
+            }),
         }
     }
 
@@ -34,28 +38,29 @@ impl Stage<'_> {
         self.sums.iter().flatten().chain(&self.step_sum)
     }
 
-    /// Takes over what a generation holds of this stage, and of those before into `recovered`. Not collective.
+    /// Takes over what a generation holds of this stage, its modes into `kept`, what was recovered by those before into
+    /// `recovered`. Not collective.
     ///
     /// # Errors
     /// Where it cannot be read.
     pub(super) fn resume(
         &mut self,
-        generation: &Generation,
+        (generation, share): (&Generation, &[Range<usize>]),
         task: &Task<'_>,
-        (block, share): (&Block, &[Range<usize>]),
-        recovered: &mut Recovered,
+        matrix: &BlockMatrix,
+        (kept, recovered): (Option<&mut KeptModes>, &mut Recovered),
     ) -> Result<()> {
         let modes = &task.communicator.modes;
         let points: usize = share.iter().map(Range::len).product();
         let sums = self.sums.iter_mut().flatten().chain(&mut self.step_sum);
         let mut into = Destination {
-            block: &block.ranges,
+            block: &matrix.block.ranges,
             share,
             sums: sums.map(|sum| &mut sum.parts[..]).collect(),
             results: (generation.results.iter())
                 .map(|width| vec![0.0; width * points])
                 .collect(),
-            kept: None,
+            kept: kept.map(|kept| (matrix.auxiliary_cells(), kept)),
         };
         generation.read((modes.rank(), modes.size()), &mut into)?;
         let mut results = into.results.into_iter();
@@ -111,5 +116,21 @@ impl Recovered {
             all.extend(self.step_errors.get(k).map(|e| field(&e[..])));
         }
         all
+    }
+}
+
+impl KeptModes {
+    /// The modes that have gone a leg.
+    fn begun(&self) -> impl Iterator<Item = KeptMode<'_>> {
+        let all = self.modes().iter().zip(self.passages());
+        all.filter(|(_, passage)| passage.legs > 0)
+            .filter_map(|(&mode, &passage)| {
+                let rows = self.mode(mode)?;
+                Some(KeptMode {
+                    mode,
+                    passage,
+                    rows,
+                })
+            })
     }
 }

@@ -1,5 +1,6 @@
 //! Starts the program, alone or under mpirun: with a time limit that ends the job, a cap on its memory, and no more
 //! ranks at work at a time, over all tests, than the machine bears.
+#![allow(dead_code)] // each test program uses its own part
 
 use serde_json::Value;
 use std::io::{Read, Seek};
@@ -48,6 +49,8 @@ pub struct Job {
     directory: Option<String>,
     tells_codes: bool,
     capped: bool,
+    blocks: Option<u64>,
+    pause: u64,
 }
 
 impl Job {
@@ -60,6 +63,8 @@ impl Job {
             directory: None,
             tells_codes: false,
             capped: false,
+            blocks: None,
+            pause: 5,
         }
     }
 
@@ -114,6 +119,18 @@ impl Job {
         self
     }
 
+    /// No file of a rank may grow beyond so many KiB.
+    pub fn files_up_to(mut self, kibibytes: u64) -> Self {
+        self.blocks = Some(kibibytes);
+        self
+    }
+
+    /// Looked at every millisecond.
+    pub fn closely(mut self) -> Self {
+        self.pause = 1;
+        self
+    }
+
     /// The command line, to be pasted into a shell.
     pub fn command(&self) -> String {
         let mut words: Vec<String> = match self.ranks {
@@ -134,6 +151,14 @@ impl Job {
 
     /// Starts it and waits for its end. An error when it had to be killed.
     pub fn run(&self) -> Result<Finished, String> {
+        self.run_while(|_, _| {})
+    }
+
+    /// As [`run`](Self::run); meanwhile, every few milliseconds, `meanwhile` gets the process and the time since its start.
+    pub fn run_while(
+        &self,
+        mut meanwhile: impl FnMut(&mut Child, Duration),
+    ) -> Result<Finished, String> {
         let program = env!("CARGO_BIN_EXE_phasewarp");
         let mut words: Vec<String> = Vec::new();
         if let Some(ranks) = self.ranks {
@@ -144,6 +169,12 @@ impl Job {
         if self.tells_codes {
             let script = "\"$@\"; echo \"ended with $?\"";
             words.extend(["sh", "-c", script, "sh"].map(str::to_owned));
+        }
+        if let Some(kibibytes) = self.blocks {
+            // In units of 512 bytes, as POSIX has it.
+            let script = "ulimit -f \"$1\" && shift && exec \"$@\"";
+            let blocks = (2 * kibibytes).to_string();
+            words.extend(["sh", "-c", script, "sh", &blocks].map(str::to_owned));
         }
         words.push(program.to_owned());
         words.extend(self.arguments.iter().cloned());
@@ -190,7 +221,10 @@ impl Job {
                     end(&mut child);
                     break None;
                 }
-                Ok(None) => std::thread::sleep(Duration::from_millis(5)),
+                Ok(None) => {
+                    meanwhile(&mut child, started.elapsed());
+                    std::thread::sleep(Duration::from_millis(self.pause));
+                }
                 Err(e) => return Err(fail("lost", &e)),
             }
         };

@@ -1,4 +1,5 @@
 //! Reads `result.h5`: every dataset, bit for bit.
+#![allow(dead_code)] // each test program uses its own part
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -24,9 +25,13 @@ impl Stored {
 
 /// Every dataset of `directory/result.h5`, in all groups, by path; attributes are left out.
 pub fn datasets(directory: &Path) -> Result<BTreeMap<String, Stored>, String> {
-    let path = directory.join("result.h5");
+    datasets_of(&directory.join("result.h5"))
+}
+
+/// The same of another file.
+pub fn datasets_of(path: &Path) -> Result<BTreeMap<String, Stored>, String> {
     let read = || {
-        let file = hdf5::File::open(&path)?;
+        let file = hdf5::File::open(path)?;
         let mut found = BTreeMap::new();
         collect(&file, &mut found)?;
         Ok(found)
