@@ -96,17 +96,9 @@ impl Layout {
             let layout = Self::of_mesh(case, bounds, warp, mesh_of(case, space, ranks)?);
             return layout.within(limit);
         }
-        // Every split of the ranks into blocks × groups; the cheapest that fits, fewest blocks first.
+        // The cheapest split of the ranks that fits, fewest blocks first.
         let mut best: Option<(bool, f64, Self)> = None;
-        for blocks in (1..=ranks).filter(|b| ranks.is_multiple_of(*b)) {
-            let Some(space) = split_axes(case, blocks) else {
-                continue;
-            };
-            let mesh = Mesh {
-                space,
-                groups: ranks / blocks,
-            };
-            let layout = Self::of_mesh(case, bounds, warp, mesh);
+        for layout in Self::every(case, bounds, warp, ranks) {
             let fits = layout.memory() <= limit;
             let cost = if fits {
                 layout.cost(case, warp)
@@ -125,6 +117,23 @@ impl Layout {
             Some((_, _, layout)) => layout.within(limit),
             None => Err(Error::Ranks(format!("{ranks} ranks do not fit the grid"))),
         }
+    }
+
+    /// Every split of `ranks` into blocks × groups, fewest blocks first.
+    pub(super) fn every(
+        case: &Case,
+        bounds: &Bounds,
+        warp: Option<&WarpPlan>,
+        ranks: usize,
+    ) -> impl Iterator<Item = Self> {
+        let blocks = (1..=ranks).filter(move |b| ranks.is_multiple_of(*b));
+        blocks.filter_map(move |blocks| {
+            let mesh = Mesh {
+                space: split_axes(case, blocks)?,
+                groups: ranks / blocks,
+            };
+            Some(Self::of_mesh(case, bounds, warp, mesh))
+        })
     }
 
     fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: Mesh) -> Self {
@@ -158,21 +167,26 @@ impl Layout {
     }
 
     /// Modelled time of the slowest group, in applications of a mode on the whole grid.
-    fn cost(&self, case: &Case, warp: Option<&WarpPlan>) -> f64 {
+    pub(super) fn cost(&self, case: &Case, warp: Option<&WarpPlan>) -> f64 {
         let costs = self.groups.iter().map(|group| balance::cost(group));
         let group = match warp {
             Some(_) => costs.max().unwrap_or(0) as f64,
             None => 1.0,
         };
+        let (rows, split) = self.rows(case, warp);
+        group * (rows + split) / case.space.cells() as f64
+    }
+
+    /// Rows of the fullest block, and what splitting space adds, in rows.
+    pub(super) fn rows(&self, case: &Case, warp: Option<&WarpPlan>) -> (f64, f64) {
         let fullest = Block::new(&case.space, &self.mesh, 0);
-        let (mut rows, mut splitting) = (fullest.cells() as f64, 1.0);
-        if self.mesh.blocks() > 1 {
-            rows += ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts() as f64;
-            if warp.is_some() {
-                splitting = cost_of_splitting(case.propagator.method);
-            }
+        let rows = fullest.cells() as f64;
+        if self.mesh.blocks() == 1 {
+            return (rows, 0.0);
         }
-        group * splitting * rows / case.space.cells() as f64
+        let splitting = warp.map_or(1.0, |_| cost_of_splitting(case.propagator.method));
+        let exchange = ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts() as f64;
+        (rows, splitting * (rows + exchange) - rows)
     }
 
     /// Planned bytes on the fullest rank.

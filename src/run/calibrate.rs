@@ -1,0 +1,541 @@
+//! How long a run will take, from a few steps of it: `phasewarp plan --calibrate`.
+//!
+//! What comes before the modes (assembling, weights, probe, exact solution) is done as a run does it, and timed. Then the modes
+//! themselves are run for a part of the time, by the code that a run uses and on all ranks at once, so that ghost exchange and a
+//! memory that the ranks share count. With `t(n)` the seconds that take pieces of the work to `n` parts of `T`,
+//!
+//! ```text
+//! t(0) = fixed,     t(n) = fixed + piece · pieces + rate · cost(n)
+//! ```
+//!
+//! and a run takes `fixed + piece · pieces + rate · cost` with the pieces and the cost of the mode group with most to do. A piece
+//! is a batch of modes, where modes go one after the other a mode; cost is what the plan counts, applications or solves.
+//!
+//! The ranks at hand need not be as many as the run will have. Each then takes a block of the size that a rank of the run has: the box
+//! is cut down to as many blocks as there are ranks for.
+
+use super::solve::integrate;
+use super::{Place, exact_solution, memory_per_rank, refuse_hopeless};
+use crate::case::{Case, Integrator};
+use crate::classical::limiter::Reconstruction;
+use crate::classical::{Classical, EXACT, ROUGH, poisson_window};
+use crate::communicator::{Communicator, World};
+use crate::error::Result;
+use crate::grid::{Axis, PhaseSpace};
+use crate::matrix::{BlockMatrix, LANES, Lanes};
+use crate::observables::moments;
+use crate::output::hdf5::most_bytes;
+use crate::partition::Mesh;
+use crate::plan::{Batch, Bounds, Plan, Resources, WarpPlan, classical_steps};
+use crate::problem::Problem;
+use crate::progress::Progress;
+use crate::propagate::commutator_free::{CommutatorFree, stage_degree};
+use crate::propagate::{self, Company, Evolution, Initial, Propagator, propagator};
+use crate::varying::Schedule;
+use crate::warp;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Instant;
+
+/// Parts of the time, where the method does not step through it by itself.
+const PARTS: usize = 64;
+/// A trial of so many seconds tells the rate; shorter ones are made longer while there is time left to run.
+const LONG_ENOUGH: f64 = 0.25;
+/// Most times that a trial is repeated, the median of which counts.
+const REPEATS: f64 = 9.0;
+/// Pieces that are tried, where not all of them run at one rate.
+const PIECES: usize = 3;
+
+/// What it takes to write results, measured on a local disk: files and their metadata, and a byte written and read back. Both depend
+/// on the file system.
+const SECONDS_TO_WRITE: f64 = 0.02;
+const SECONDS_PER_BYTE: f64 = 2.5e-9;
+
+/// What a run is expected to take.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Calibration {
+    /// Ranks that measured.
+    pub ranks: usize,
+    /// Space blocks they had, along each x-axis.
+    pub space_blocks: Vec<usize>,
+    /// Whether they had the whole box, or were fewer than the run will have (or more).
+    pub whole: bool,
+    /// Seconds that measuring took, the plan included.
+    pub took: f64,
+    /// Seconds for one application of a mode, or one solve, on the block of a rank.
+    pub seconds_per_application: f64,
+    /// Seconds by step, with the names of `summary.json`.
+    pub seconds: BTreeMap<String, f64>,
+    /// Seconds to solve: propagation and recovery.
+    pub solve_seconds: f64,
+    /// Seconds in all, without the start of MPI.
+    pub wall_seconds: f64,
+}
+
+impl fmt::Display for Calibration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "calibrated      on {} ranks in {:.1} s: {:.3e} s an application on a rank's block{}",
+            self.ranks,
+            self.took,
+            self.seconds_per_application,
+            if self.whole {
+                ""
+            } else {
+                "; not the ranks of the run"
+            }
+        )?;
+        let mut steps: Vec<(&String, &f64)> = self.seconds.iter().collect();
+        steps.sort_by(|a, b| b.1.total_cmp(a.1));
+        let steps: Vec<String> = (steps.iter())
+            .map(|(name, s)| format!("{name} {}", seconds_text(**s)))
+            .collect();
+        writeln!(
+            f,
+            "expected        {} to solve, {} in all: {}",
+            seconds_text(self.solve_seconds),
+            seconds_text(self.wall_seconds),
+            steps.join(", ")
+        )
+    }
+}
+
+/// Seconds for people, with what `--time` of a batch system takes where they are many.
+pub fn seconds_text(seconds: f64) -> String {
+    if seconds < 100.0 {
+        return format!("{seconds:.2e} s");
+    }
+    let whole = seconds.ceil() as u64;
+    let (hours, minutes) = (whole / 3600, whole / 60 % 60);
+    format!("{seconds:.0} s ({hours}:{minutes:02}:{:02})", whole % 60)
+}
+
+/// The plan of a run on `resources`, and what it is expected to take, measured on the ranks of `world`. Collective.
+///
+/// # Errors
+/// As [`super::plan`]; [`crate::error::Error::Memory`] where a rank's block does not fit into this machine.
+pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(Plan, Calibration)> {
+    let started = Instant::now();
+    let all = world.group();
+    let mut watch = super::Stopwatch::start();
+    refuse_hopeless(case, resources)?;
+    let bounds = Bounds::new(case)?;
+    let expected = Plan::provisional(case, &bounds, resources)?;
+    expected.layout.clone().within(memory_per_rank(&all))?;
+    watch.lap("plan");
+
+    // Who measures what: the run's own blocks, or as many of their size as there are ranks for.
+    let mesh = &expected.layout.mesh;
+    let whole = mesh.ranks() == all.size();
+    let (part, here) = if whole {
+        (case.clone(), mesh.clone())
+    } else {
+        part_of(case, mesh, all.size())
+    };
+    let communicator = Communicator::new(world, &here);
+    let mut block_plan = expected.clone();
+    block_plan.layout.mesh = here;
+    let place = Place::new(&part, &block_plan, &communicator);
+    let width = expected.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
+    let sizes = (width, expected.patience());
+    let block = place.block.clone();
+    let mut problem = Problem::new(&part, &bounds, &communicator, block, sizes)?;
+    watch.part("weights", problem.weight_seconds);
+    watch.lap("assemble");
+    let exact = communicator.world.agree(exact_solution(&part, &place))?;
+    if exact.is_some() {
+        watch.lap("exact");
+    }
+    drop(exact);
+
+    // The plan as the run will have it.
+    let mut plan = expected;
+    if plan.warp.is_some() {
+        let measured = problem.bounds(case, &bounds);
+        let ratio = problem.probe(&communicator, bounds.rate, case.end);
+        if case.verify {
+            let verify = verification(&watch, case, &bounds, &communicator);
+            watch.seconds.insert("verify".to_owned(), verify);
+        }
+        watch.lap("probe");
+        plan = if whole {
+            Plan::with_bounds(case, measured, resources, ratio)?
+        } else {
+            super::plan(world, case, resources)?
+        };
+        watch.lap("design");
+    }
+    block_plan.bounds = plan.bounds.clone();
+    block_plan.warp.clone_from(&plan.warp);
+    block_plan.layout.groups.clone_from(&plan.layout.groups);
+    let initial = std::mem::take(&mut problem.initial);
+    let mine: Vec<&[f64]> = initial.iter().map(|f| &f[place.mine.clone()]).collect();
+    watch.last = Instant::now();
+    moments(&communicator.world, &part, &mine);
+    // Of the fields at the start and at the end.
+    watch.seconds.insert(
+        "observables".to_owned(),
+        2.0 * watch.last.elapsed().as_secs_f64(),
+    );
+    drop(initial);
+
+    let trials = Trials {
+        case: &part,
+        plan: &block_plan,
+        communicator: &communicator,
+        place: &place,
+    };
+    let (solve, rate) = match &plan.warp {
+        Some(warp) => trials.modes(&mut problem, warp)?,
+        None => trials.classical(&mut problem)?,
+    };
+    let mut seconds = watch.seconds;
+    seconds.insert("solve".to_owned(), solve);
+    let write = SECONDS_TO_WRITE + SECONDS_PER_BYTE * most_bytes(case) as f64;
+    seconds.insert("write".to_owned(), write);
+    // Ranks wait for each other: the slowest counts, the same on all.
+    for value in seconds.values_mut() {
+        *value = all.max(*value);
+    }
+    let calibration = Calibration {
+        ranks: all.size(),
+        space_blocks: block_plan.layout.mesh.space.clone(),
+        whole,
+        took: all.max(started.elapsed().as_secs_f64()),
+        seconds_per_application: rate,
+        solve_seconds: seconds["solve"],
+        wall_seconds: seconds.values().sum(),
+        seconds,
+    };
+    Ok((plan, calibration))
+}
+
+/// Seconds that `solver.verify` takes: applications like those of the probe that was just run, of every field on every group, to
+/// round-off.
+fn verification(
+    watch: &super::Stopwatch,
+    case: &Case,
+    bounds: &Bounds,
+    communicator: &Communicator,
+) -> f64 {
+    let courant = bounds.rate * case.end;
+    let fields = case.fields.len();
+    let probed = fields.div_ceil(communicator.modes.size()) * poisson_window(courant, ROUGH).end;
+    let wanted = fields * poisson_window(courant, EXACT).end;
+    watch.last.elapsed().as_secs_f64() * wanted as f64 / probed as f64
+}
+
+/// `case` on the middle of its box, cut down to blocks as large as those of `mesh` on at most `ranks` ranks, and the mesh of them.
+fn part_of(case: &Case, mesh: &Mesh, ranks: usize) -> (Case, Mesh) {
+    // As many blocks as divide the ranks, none more along an axis than the run has.
+    let mut parts = vec![1; mesh.space.len()];
+    let mut left = ranks;
+    for (part, &most) in parts.iter_mut().zip(&mesh.space) {
+        *part = (1..=most.min(left))
+            .rev()
+            .find(|p| left.is_multiple_of(*p))
+            .unwrap_or(1);
+        left /= *part;
+    }
+    let cut = |((axis, &of), &parts): ((&Axis, &usize), &usize)| {
+        let cells = (axis.cells.div_ceil(of) * parts).min(axis.cells);
+        let first = ((axis.cells - cells) / 2) as i64;
+        Axis {
+            lower: axis.face(first),
+            upper: axis.face(first + cells as i64),
+            cells,
+        }
+    };
+    let x = (case.space.x.iter().zip(&mesh.space).zip(&parts))
+        .map(cut)
+        .collect();
+    let space = PhaseSpace {
+        x,
+        v: case.space.v.clone(),
+    };
+    let mesh = Mesh {
+        space: parts,
+        groups: left,
+    };
+    let case = Case {
+        space,
+        ..case.clone()
+    };
+    (case, mesh)
+}
+
+/// What is tried, on which ranks.
+struct Trials<'a> {
+    case: &'a Case,
+    plan: &'a Plan,
+    communicator: &'a Communicator,
+    place: &'a Place,
+}
+
+impl Trials<'_> {
+    /// Seconds to solve, and for one application, by modes. Collective.
+    fn modes(&self, problem: &mut Problem, warp: &WarpPlan) -> Result<(f64, f64)> {
+        let Self {
+            case,
+            plan,
+            communicator,
+            place,
+        } = *self;
+        let parts = match (&problem.schedule, plan.steps) {
+            (Some(schedule), _) => schedule.steps,
+            (None, 0) => PARTS,
+            (None, steps) => steps,
+        };
+        let company = propagate::company(plan.propagation.method);
+        let groups = &plan.layout.groups;
+        let mine = &groups[communicator.modes.rank() % groups.len()];
+        let tried = pieces(mine, company);
+        let rows = problem.matrix.rows();
+        let initial: Vec<Initial<'_>> = (problem.states.iter())
+            .map(|state| Initial {
+                state: &state[..rows],
+                norm: problem.norm(communicator, state, false),
+            })
+            .collect();
+        let making = Instant::now();
+        let world = &communicator.world;
+        let (matrix, exchange) = (&problem.matrix, &mut problem.exchange);
+        let (schedule, terms) = (problem.schedule.as_ref(), problem.terms);
+        let all = Shortened::new(case, plan, warp, schedule, (parts, parts));
+        drop(world.agree(all.propagator(matrix))?);
+        let making = world.max(making.elapsed().as_secs_f64());
+        let mut trial = |part: usize| -> Result<(f64, f64)> {
+            let short = Shortened::new(case, plan, warp, schedule, (part, parts));
+            let mut propagator = world.agree(short.propagator(matrix))?;
+            let mut system = Evolution {
+                matrix,
+                exchange: &mut *exchange,
+                space: &communicator.space,
+                rate: plan.bounds.rate,
+                growth: plan.bounds.growth,
+                time: short.case.end,
+                terms,
+            };
+            let batches = if part == 0 { &[][..] } else { &tried[..] };
+            world.barrier();
+            let started = Instant::now();
+            warp::streamed(
+                communicator,
+                &mut system,
+                (&short.warp, &mut *propagator),
+                batches,
+                &initial,
+                &place.ranges,
+                &mut Progress::silent(),
+            )?;
+            let seconds = world.max(started.elapsed().as_secs_f64());
+            let cost: f64 = batches.iter().map(|b| short.cost(b, company)).sum();
+            Ok((seconds, world.max(cost)))
+        };
+        let nothing = repeated(&mut trial, 0)?.0;
+        let (rate, one) = line(&mut trial, parts)?;
+        // Pieces of the group with most to do.
+        let tried = world.max(tried.len() as f64).max(1.0);
+        let piece = ((one - nothing) / tried).max(0.0);
+        let most = groups.iter().map(|group| {
+            let pieces = match company {
+                Company::Sequential => group.iter().map(|b| b.modes.len()).sum(),
+                _ => group.len(),
+            };
+            let cost: f64 = group.iter().map(|b| all.cost(b, company)).sum();
+            piece * pieces as f64 + rate * cost
+        });
+        let seconds = making + nothing + most.fold(0.0, f64::max);
+        Ok((seconds, rate / case.fields.len() as f64))
+    }
+
+    /// As [`modes`](Self::modes), by the classical method. Collective.
+    fn classical(&self, problem: &mut Problem) -> Result<(f64, f64)> {
+        let Self {
+            case,
+            plan,
+            communicator,
+            ..
+        } = *self;
+        let world = &communicator.world;
+        let steps = |part: usize| {
+            let case = Case {
+                end: case.end * part as f64 / PARTS as f64,
+                ..case.clone()
+            };
+            (case.end, classical_steps(&case, &plan.bounds))
+        };
+        let fields = case.fields.len();
+        let mut trial = |part: usize| -> Result<(f64, f64)> {
+            let (end, steps) = steps(part);
+            world.barrier();
+            let started = Instant::now();
+            for (k, start) in problem.states.iter().enumerate() {
+                let slopes = Reconstruction::new(case, &problem.matrix, k);
+                let slopes = world.agree(slopes)?;
+                let classical =
+                    Classical::of(case, &problem.matrix, &problem.weights.pi).with_slopes(slopes);
+                let mut state = start.clone();
+                let span = (plan.bounds.rate, end);
+                let exchange = &mut problem.exchange;
+                integrate(
+                    classical,
+                    exchange,
+                    case.integrator,
+                    span,
+                    steps,
+                    &mut state,
+                );
+            }
+            let seconds = world.max(started.elapsed().as_secs_f64());
+            Ok((seconds, (fields * steps) as f64))
+        };
+        let (rate, fixed) = line(&mut trial, PARTS)?;
+        let stages = if case.integrator == Integrator::SspRk3 {
+            3.0
+        } else {
+            1.0
+        };
+        let all = (fields * steps(PARTS).1) as f64;
+        Ok((fixed + rate * all, rate / stages))
+    }
+}
+
+/// A run of the modes up to a part of the time.
+struct Shortened {
+    case: Case,
+    plan: Plan,
+    warp: WarpPlan,
+    schedule: Option<Schedule>,
+}
+
+impl Shortened {
+    /// Of `plan` up to `part` of `parts` equal parts of the time; each mode is allowed its part of the error, too.
+    fn new(
+        case: &Case,
+        plan: &Plan,
+        warp: &WarpPlan,
+        schedule: Option<&Schedule>,
+        (part, parts): (usize, usize),
+    ) -> Self {
+        let fraction = part.max(1) as f64 / parts as f64;
+        let case = Case {
+            end: case.end * fraction,
+            propagator: plan.propagation,
+            ..case.clone()
+        };
+        let mut warp = warp.clone();
+        warp.state_tolerance *= fraction;
+        if part < parts {
+            let mut scratch = Vec::new();
+            for l in 0..warp.modes {
+                let (mu, tolerance) = (warp.series.wavenumber(l), warp.mode_tolerance(l));
+                warp.work[l] = propagate::work(&case, &plan.bounds, mu, tolerance, &mut scratch);
+            }
+        }
+        let schedule = schedule.map(|all| {
+            let steps = part.clamp(1, all.steps);
+            Schedule {
+                steps,
+                couplings: all.couplings[..2 * steps * all.envelope.len()].to_vec(),
+                ..all.clone()
+            }
+        });
+        let mut plan = plan.clone();
+        plan.time = case.end;
+        plan.steps = propagate::steps(&case.propagator, case.end);
+        Self {
+            case,
+            plan,
+            warp,
+            schedule,
+        }
+    }
+
+    fn propagator(&self, matrix: &BlockMatrix) -> Result<Box<dyn Propagator + '_>> {
+        Ok(match &self.schedule {
+            Some(schedule) => Box::new(CommutatorFree::new(matrix, &self.warp, schedule)),
+            None => propagator(&self.plan, &self.warp, matrix)?,
+        })
+    }
+
+    /// What a batch costs, as the plan counts it, each exponential of an inflow that varies with its own degree.
+    fn cost(&self, batch: &Batch, company: Company) -> f64 {
+        let mut scratch = Vec::new();
+        let bounds = &self.plan.bounds;
+        let span = (bounds.rate, bounds.growth, self.case.end);
+        let works = batch.modes.iter().map(|&l| {
+            let whole = self.warp.work[l];
+            match &self.schedule {
+                None => whole,
+                Some(schedule) => {
+                    let (mu, stages) = (self.warp.series.wavenumber(l), schedule.stages());
+                    stages * stage_degree(&mut scratch, mu, whole, span, stages)
+                }
+            }
+        });
+        match company {
+            Company::Sequential => works.sum::<usize>() as f64,
+            _ => (LANES * works.max().unwrap_or(0)) as f64,
+        }
+    }
+}
+
+/// The pieces of a group that are tried: one, where all run at one rate, otherwise some from the longest to the shortest.
+fn pieces(group: &[Batch], company: Company) -> Vec<Batch> {
+    let all: Vec<Batch> = match company {
+        Company::Independent => return group.iter().take(1).cloned().collect(),
+        Company::Coupled => group.to_vec(),
+        Company::Sequential => (group.iter())
+            .flat_map(|batch| &batch.modes)
+            .map(|&mode| Batch {
+                modes: vec![mode],
+                cost: 1,
+            })
+            .collect(),
+    };
+    let count = all.len().min(PIECES);
+    let at = |k: usize| all[k * (all.len() - 1) / (count - 1).max(1)].clone();
+    (0..count).map(at).collect()
+}
+
+/// Seconds a unit of cost, and what is left at no cost: from the first of `parts` parts of the time and so many more that they take
+/// long enough to tell. `trial` tells seconds and cost, the same on all ranks.
+fn line(trial: &mut impl FnMut(usize) -> Result<(f64, f64)>, parts: usize) -> Result<(f64, f64)> {
+    // The first of all also finds its way into the memory.
+    trial(1)?;
+    let (mut part, first) = (1, repeated(trial, 1)?);
+    let mut last = first;
+    while last.0 < LONG_ENOUGH && part < parts {
+        part = (2 * part).min(parts);
+        last = trial(part)?;
+    }
+    if part > 1 {
+        last = repeated(trial, part)?;
+    }
+    let more = last.1 - first.1;
+    let rate = if more > 0.0 {
+        ((last.0 - first.0) / more).max(0.0)
+    } else {
+        // All there is to do was done.
+        last.0 / last.1.max(1.0)
+    };
+    Ok((rate, (last.0 - rate * last.1).max(0.0)))
+}
+
+/// The median of a trial that is repeated while that takes little.
+fn repeated(
+    trial: &mut impl FnMut(usize) -> Result<(f64, f64)>,
+    part: usize,
+) -> Result<(f64, f64)> {
+    let (first, cost) = trial(part)?;
+    let times = (2.0 * LONG_ENOUGH / first.max(1e-9)).clamp(1.0, REPEATS) as usize;
+    let mut seconds = vec![first];
+    for _ in 1..times {
+        seconds.push(trial(part)?.0);
+    }
+    seconds.sort_by(f64::total_cmp);
+    Ok((seconds[seconds.len() / 2], cost))
+}
