@@ -42,13 +42,13 @@ use std::time::Instant;
 const PARTS: usize = 64;
 /// A trial of so many seconds tells the rate; shorter ones are made longer while there is time left to run.
 const LONG_ENOUGH: f64 = 0.25;
-/// Most times that a trial is repeated, the median of which counts.
+/// Most times that a trial is repeated.
 const REPEATS: f64 = 9.0;
 /// Pieces that are tried, where not all of them run at one rate.
 const PIECES: usize = 3;
 
-/// What it takes to write results, measured on a local disk: files and their metadata, and a byte written and read back. Both depend
-/// on the file system.
+/// What it takes to write results, measured on a local disk: files and their metadata, and a byte that is written and read back. Both
+/// depend on the file system.
 const SECONDS_TO_WRITE: f64 = 0.02;
 const SECONDS_PER_BYTE: f64 = 2.5e-9;
 
@@ -186,6 +186,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
         plan: &block_plan,
         communicator: &communicator,
         place: &place,
+        whole,
     };
     let (solve, rate) = match &plan.warp {
         Some(warp) => trials.modes(&mut problem, warp)?,
@@ -272,6 +273,8 @@ struct Trials<'a> {
     plan: &'a Plan,
     communicator: &'a Communicator,
     place: &'a Place,
+    /// Whether these are the ranks of the run.
+    whole: bool,
 }
 
 impl Trials<'_> {
@@ -282,6 +285,7 @@ impl Trials<'_> {
             plan,
             communicator,
             place,
+            ..
         } = *self;
         let parts = match (&problem.schedule, plan.steps) {
             (Some(schedule), _) => schedule.steps,
@@ -306,7 +310,7 @@ impl Trials<'_> {
         let all = Shortened::new(case, plan, warp, schedule, (parts, parts));
         drop(world.agree(all.propagator(matrix))?);
         let making = world.max(making.elapsed().as_secs_f64());
-        let mut trial = |part: usize| -> Result<(f64, f64)> {
+        let mut trial = |part: usize, batches: &[Batch]| -> Result<(f64, f64)> {
             let short = Shortened::new(case, plan, warp, schedule, (part, parts));
             let mut propagator = world.agree(short.propagator(matrix))?;
             let mut system = Evolution {
@@ -318,7 +322,6 @@ impl Trials<'_> {
                 time: short.case.end,
                 terms,
             };
-            let batches = if part == 0 { &[][..] } else { &tried[..] };
             world.barrier();
             let started = Instant::now();
             warp::streamed(
@@ -334,8 +337,8 @@ impl Trials<'_> {
             let cost: f64 = batches.iter().map(|b| short.cost(b, company)).sum();
             Ok((seconds, world.max(cost)))
         };
-        let nothing = repeated(&mut trial, 0)?.0;
-        let (rate, one) = line(&mut trial, parts)?;
+        let nothing = repeated(&mut || trial(1, &[]))?.0;
+        let (rate, one) = line(&mut |part| trial(part, &tried), parts)?;
         // Pieces of the group with most to do.
         let tried = world.max(tried.len() as f64).max(1.0);
         let piece = ((one - nothing) / tried).max(0.0);
@@ -347,8 +350,12 @@ impl Trials<'_> {
             let cost: f64 = group.iter().map(|b| all.cost(b, company)).sum();
             piece * pieces as f64 + rate * cost
         });
-        let seconds = making + nothing + most.fold(0.0, f64::max);
-        Ok((seconds, rate / case.fields.len() as f64))
+        let mut seconds = nothing + most.fold(0.0, f64::max);
+        if self.whole && seconds < LONG_ENOUGH {
+            // What takes so little is tried as it is.
+            seconds = repeated(&mut || trial(parts, mine))?.0;
+        }
+        Ok((making + seconds, rate / case.fields.len() as f64))
     }
 
     /// As [`modes`](Self::modes), by the classical method. Collective.
@@ -506,14 +513,14 @@ fn pieces(group: &[Batch], company: Company) -> Vec<Batch> {
 fn line(trial: &mut impl FnMut(usize) -> Result<(f64, f64)>, parts: usize) -> Result<(f64, f64)> {
     // The first of all also finds its way into the memory.
     trial(1)?;
-    let (mut part, first) = (1, repeated(trial, 1)?);
+    let (mut part, first) = (1, repeated(&mut || trial(1))?);
     let mut last = first;
     while last.0 < LONG_ENOUGH && part < parts {
         part = (2 * part).min(parts);
         last = trial(part)?;
     }
     if part > 1 {
-        last = repeated(trial, part)?;
+        last = repeated(&mut || trial(part))?;
     }
     let more = last.1 - first.1;
     let rate = if more > 0.0 {
@@ -525,17 +532,13 @@ fn line(trial: &mut impl FnMut(usize) -> Result<(f64, f64)>, parts: usize) -> Re
     Ok((rate, (last.0 - rate * last.1).max(0.0)))
 }
 
-/// The median of a trial that is repeated while that takes little.
-fn repeated(
-    trial: &mut impl FnMut(usize) -> Result<(f64, f64)>,
-    part: usize,
-) -> Result<(f64, f64)> {
-    let (first, cost) = trial(part)?;
-    let times = (2.0 * LONG_ENOUGH / first.max(1e-9)).clamp(1.0, REPEATS) as usize;
-    let mut seconds = vec![first];
-    for _ in 1..times {
-        seconds.push(trial(part)?.0);
+/// The mean of a trial that is repeated while that takes little: a run, too, takes what is slow now and then as it comes.
+fn repeated(trial: &mut impl FnMut() -> Result<(f64, f64)>) -> Result<(f64, f64)> {
+    let (first, cost) = trial()?;
+    let times = (2.0 * LONG_ENOUGH / first.max(1e-9)).clamp(1.0, REPEATS);
+    let mut sum = first;
+    for _ in 1..times as usize {
+        sum += trial()?.0;
     }
-    seconds.sort_by(f64::total_cmp);
-    Ok((seconds[seconds.len() / 2], cost))
+    Ok((sum / times.floor(), cost))
 }
