@@ -23,7 +23,7 @@ use crate::communicator::{Communicator, World};
 use crate::error::Result;
 use crate::grid::{Axis, PhaseSpace};
 use crate::matrix::{BlockMatrix, LANES, Lanes};
-use crate::observables::moments;
+use crate::observables::{VelocityFactors, moments};
 use crate::output::hdf5::most_bytes;
 use crate::partition::Mesh;
 use crate::plan::{Batch, Bounds, Plan, Resources, WarpPlan, classical_steps};
@@ -32,13 +32,13 @@ use crate::progress::Progress;
 use crate::propagate::commutator_free::{CommutatorFree, stage_degree};
 use crate::propagate::{self, Company, Evolution, Initial, Propagator, propagator};
 use crate::varying::Schedule;
-use crate::warp;
+use crate::warp::{self, Leg, MomentsOf, Task};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Instant;
 
-/// Parts of the time, where the method does not step through it by itself.
+/// Parts of the time; a power of two.
 const PARTS: usize = 64;
 /// A trial of so many seconds tells the rate; shorter ones are made longer while there is time left to run.
 const LONG_ENOUGH: f64 = 0.25;
@@ -154,7 +154,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     let mut plan = expected;
     if plan.warp.is_some() {
         let measured = problem.bounds(case, &bounds);
-        let ratio = problem.probe(&communicator, bounds.rate, case.end);
+        let ratio = problem.probe(&communicator, bounds.rate, &case.legs());
         if case.verify {
             let verify = verification(&watch, case, &bounds, &communicator);
             watch.seconds.insert("verify".to_owned(), verify);
@@ -287,31 +287,28 @@ impl Trials<'_> {
             place,
             ..
         } = *self;
-        let parts = match (&problem.schedule, plan.steps) {
-            (Some(schedule), _) => schedule.steps,
-            (None, 0) => PARTS,
-            (None, steps) => steps,
-        };
         let company = propagate::company(plan.propagation.method);
         let groups = &plan.layout.groups;
         let mine = &groups[communicator.modes.rank() % groups.len()];
         let tried = pieces(mine, company);
         let rows = problem.matrix.rows();
         let initial: Vec<Initial<'_>> = (problem.states.iter())
-            .map(|state| Initial {
-                state: &state[..rows],
-                norm: problem.norm(communicator, state, false),
-            })
+            .map(|state| Initial::real(&state[..rows], problem.norm(communicator, state, false)))
             .collect();
+        let factors = VelocityFactors::new(&case.space);
+        let moments = MomentsOf {
+            factors: &factors,
+            pi: &problem.weights.pi[..problem.matrix.block.cells()],
+        };
         let making = Instant::now();
         let world = &communicator.world;
         let (matrix, exchange) = (&problem.matrix, &mut problem.exchange);
         let (schedule, terms) = (problem.schedule.as_ref(), problem.terms);
-        let all = Shortened::new(case, plan, warp, schedule, (parts, parts));
+        let all = Shortened::new(case, plan, warp, schedule, PARTS);
         drop(world.agree(all.propagator(matrix))?);
         let making = world.max(making.elapsed().as_secs_f64());
         let mut trial = |part: usize, batches: &[Batch]| -> Result<(f64, f64)> {
-            let short = Shortened::new(case, plan, warp, schedule, (part, parts));
+            let short = Shortened::new(case, plan, warp, schedule, part);
             let mut propagator = world.agree(short.propagator(matrix))?;
             let mut system = Evolution {
                 matrix,
@@ -319,18 +316,24 @@ impl Trials<'_> {
                 space: &communicator.space,
                 rate: plan.bounds.rate,
                 growth: plan.bounds.growth,
-                time: short.case.end,
+                time: case.end,
                 terms,
             };
             world.barrier();
             let started = Instant::now();
-            warp::streamed(
+            let task = Task {
                 communicator,
-                &mut system,
-                (&short.warp, &mut *propagator),
+                warp: &short.warp,
+                legs: &short.legs,
                 batches,
-                &initial,
-                &place.ranges,
+                initial: &initial,
+                shares: &place.ranges,
+                moments: Some(&moments),
+            };
+            warp::run(
+                &task,
+                &mut system,
+                &mut *propagator,
                 &mut Progress::silent(),
             )?;
             let seconds = world.max(started.elapsed().as_secs_f64());
@@ -338,7 +341,7 @@ impl Trials<'_> {
             Ok((seconds, world.max(cost)))
         };
         let nothing = repeated(&mut || trial(1, &[]))?.0;
-        let (rate, one) = line(&mut |part| trial(part, &tried), parts)?;
+        let (rate, one) = line(&mut |part| trial(part, &tried))?;
         // Pieces of the group with most to do.
         let tried = world.max(tried.len() as f64).max(1.0);
         let piece = ((one - nothing) / tried).max(0.0);
@@ -353,7 +356,7 @@ impl Trials<'_> {
         let mut seconds = nothing + most.fold(0.0, f64::max);
         if self.whole && seconds < LONG_ENOUGH {
             // What takes so little is tried as it is.
-            seconds = repeated(&mut || trial(parts, mine))?.0;
+            seconds = repeated(&mut || trial(PARTS, mine))?.0;
         }
         Ok((making + seconds, rate / case.fields.len() as f64))
     }
@@ -367,96 +370,112 @@ impl Trials<'_> {
             ..
         } = *self;
         let world = &communicator.world;
-        let steps = |part: usize| {
-            let case = Case {
-                end: case.end * part as f64 / PARTS as f64,
-                ..case.clone()
-            };
-            (case.end, classical_steps(&case, &plan.bounds))
+        let legs = |part: usize| -> (Vec<f64>, Vec<usize>) {
+            let case = of_part(case, part);
+            (case.legs(), classical_steps(&case, &plan.bounds))
         };
         let fields = case.fields.len();
         let mut trial = |part: usize| -> Result<(f64, f64)> {
-            let (end, steps) = steps(part);
+            let (legs, steps) = legs(part);
             world.barrier();
             let started = Instant::now();
             for (k, start) in problem.states.iter().enumerate() {
                 let slopes = Reconstruction::new(case, &problem.matrix, k);
                 let slopes = world.agree(slopes)?;
-                let classical =
+                let mut classical =
                     Classical::of(case, &problem.matrix, &problem.weights.pi).with_slopes(slopes);
                 let mut state = start.clone();
-                let span = (plan.bounds.rate, end);
-                let exchange = &mut problem.exchange;
-                integrate(
-                    classical,
-                    exchange,
-                    case.integrator,
-                    span,
-                    steps,
-                    &mut state,
-                );
+                for (&time, &steps) in legs.iter().zip(&steps) {
+                    let (span, exchange) = ((plan.bounds.rate, time), &mut problem.exchange);
+                    integrate(
+                        &mut classical,
+                        exchange,
+                        case.integrator,
+                        span,
+                        steps,
+                        &mut state,
+                    );
+                }
             }
             let seconds = world.max(started.elapsed().as_secs_f64());
-            Ok((seconds, (fields * steps) as f64))
+            Ok((seconds, (fields * steps.iter().sum::<usize>()) as f64))
         };
-        let (rate, fixed) = line(&mut trial, PARTS)?;
+        let (rate, fixed) = line(&mut trial)?;
         let stages = if case.integrator == Integrator::SspRk3 {
             3.0
         } else {
             1.0
         };
-        let all = (fields * steps(PARTS).1) as f64;
+        let all = (fields * plan.classical_steps) as f64;
         Ok((fixed + rate * all, rate / stages))
     }
 }
 
-/// A run of the modes up to a part of the time.
-struct Shortened {
-    case: Case,
-    plan: Plan,
+/// `case` with every leg cut down to `part` of [`PARTS`] equal parts.
+fn of_part(case: &Case, part: usize) -> Case {
+    let fraction = part as f64 / PARTS as f64;
+    let mut case = case.clone();
+    case.end *= fraction;
+    case.times.iter_mut().for_each(|at| at.time *= fraction);
+    case
+}
+
+/// A run of the modes with every leg cut down.
+struct Shortened<'a> {
+    plan: &'a Plan,
     warp: WarpPlan,
+    legs: Vec<Leg>,
     schedule: Option<Schedule>,
 }
 
-impl Shortened {
-    /// Of `plan` up to `part` of `parts` equal parts of the time; each mode is allowed its part of the error, too.
+impl<'a> Shortened<'a> {
+    /// Of `plan` to `part` of [`PARTS`] equal parts, or as many whole steps as that takes; each mode is allowed its part of the
+    /// error, too.
     fn new(
         case: &Case,
-        plan: &Plan,
+        plan: &'a Plan,
         warp: &WarpPlan,
         schedule: Option<&Schedule>,
-        (part, parts): (usize, usize),
+        part: usize,
     ) -> Self {
-        let fraction = part.max(1) as f64 / parts as f64;
-        let case = Case {
-            end: case.end * fraction,
-            propagator: plan.propagation,
-            ..case.clone()
-        };
+        let fraction = part as f64 / PARTS as f64;
+        let mut legs = Leg::all(case);
         let mut warp = warp.clone();
-        warp.state_tolerance *= fraction;
-        if part < parts {
-            let mut scratch = Vec::new();
-            for l in 0..warp.modes {
-                let (mu, tolerance) = (warp.series.wavenumber(l), warp.mode_tolerance(l));
-                warp.work[l] = propagate::work(&case, &plan.bounds, mu, tolerance, &mut scratch);
-            }
-        }
+        let mut scratch = Vec::new();
         let schedule = schedule.map(|all| {
-            let steps = part.clamp(1, all.steps);
+            let steps = (all.steps * part).div_ceil(PARTS);
             Schedule {
                 steps,
                 couplings: all.couplings[..2 * steps * all.envelope.len()].to_vec(),
                 ..all.clone()
             }
         });
-        let mut plan = plan.clone();
-        plan.time = case.end;
-        plan.steps = propagate::steps(&case.propagator, case.end);
+        for (k, leg) in legs.iter_mut().enumerate() {
+            let steps = match &schedule {
+                // One leg, two stages a step.
+                Some(_) => plan.bounds.stages / 2,
+                None => propagate::steps(&plan.propagation, leg.time),
+            };
+            let fraction = match steps {
+                0 => fraction,
+                steps => (steps * part).div_ceil(PARTS) as f64 / steps as f64,
+            };
+            leg.time *= fraction;
+            if part == PARTS {
+                continue;
+            }
+            for l in 0..warp.modes {
+                let span = (leg.time, warp.leg_tolerance(l) * fraction);
+                let mu = warp.series.wavenumber(l);
+                let work = propagate::work(case, &plan.bounds, mu, span, &mut scratch);
+                warp.leg_work[k][l] = work;
+            }
+        }
+        warp.state_tolerance *= fraction;
         Self {
-            case,
             plan,
             warp,
+            legs,
             schedule,
         }
     }
@@ -464,29 +483,30 @@ impl Shortened {
     fn propagator(&self, matrix: &BlockMatrix) -> Result<Box<dyn Propagator + '_>> {
         Ok(match &self.schedule {
             Some(schedule) => Box::new(CommutatorFree::new(matrix, &self.warp, schedule)),
-            None => propagator(&self.plan, &self.warp, matrix)?,
+            None => propagator(self.plan, &self.warp, matrix)?,
         })
     }
 
-    /// What a batch costs, as the plan counts it, each exponential of an inflow that varies with its own degree.
+    /// What a batch costs, as the plan counts it leg by leg, each exponential of an inflow that varies with its own degree.
     fn cost(&self, batch: &Batch, company: Company) -> f64 {
         let mut scratch = Vec::new();
         let bounds = &self.plan.bounds;
-        let span = (bounds.rate, bounds.growth, self.case.end);
-        let works = batch.modes.iter().map(|&l| {
-            let whole = self.warp.work[l];
-            match &self.schedule {
-                None => whole,
+        let mut sum = 0;
+        for (leg, work) in self.legs.iter().zip(&self.warp.leg_work) {
+            let works = batch.modes.iter().map(|&l| match &self.schedule {
+                None => work[l],
                 Some(schedule) => {
+                    let span = (bounds.rate, bounds.growth, leg.time);
                     let (mu, stages) = (self.warp.series.wavenumber(l), schedule.stages());
-                    stages * stage_degree(&mut scratch, mu, whole, span, stages)
+                    stages * stage_degree(&mut scratch, mu, work[l], span, stages)
                 }
-            }
-        });
-        match company {
-            Company::Sequential => works.sum::<usize>() as f64,
-            _ => (LANES * works.max().unwrap_or(0)) as f64,
+            });
+            sum += match company {
+                Company::Sequential => works.sum::<usize>(),
+                _ => LANES * works.max().unwrap_or(0),
+            };
         }
+        sum as f64
     }
 }
 
@@ -508,15 +528,15 @@ fn pieces(group: &[Batch], company: Company) -> Vec<Batch> {
     (0..count).map(at).collect()
 }
 
-/// Seconds a unit of cost, and what is left at no cost: from the first of `parts` parts of the time and so many more that they take
+/// Seconds a unit of cost, and what is left at no cost: from the first of [`PARTS`] parts of the time and so many more that they take
 /// long enough to tell. `trial` tells seconds and cost, the same on all ranks.
-fn line(trial: &mut impl FnMut(usize) -> Result<(f64, f64)>, parts: usize) -> Result<(f64, f64)> {
+fn line(trial: &mut impl FnMut(usize) -> Result<(f64, f64)>) -> Result<(f64, f64)> {
     // The first of all also finds its way into the memory.
     trial(1)?;
     let (mut part, first) = (1, repeated(&mut || trial(1))?);
     let mut last = first;
-    while last.0 < LONG_ENOUGH && part < parts {
-        part = (2 * part).min(parts);
+    while last.0 < LONG_ENOUGH && part < PARTS {
+        part *= 2;
         last = trial(part)?;
     }
     if part > 1 {
