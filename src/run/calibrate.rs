@@ -49,8 +49,8 @@ const PIECES: usize = 3;
 
 /// What it takes to write results, measured on a local disk: files and their metadata, and a byte that is written and read back. Both
 /// depend on the file system.
-const SECONDS_TO_WRITE: f64 = 0.02;
-const SECONDS_PER_BYTE: f64 = 2.5e-9;
+const SECONDS_TO_WRITE: f64 = 0.01;
+const SECONDS_PER_BYTE: f64 = 2e-9;
 
 /// What a run is expected to take.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -160,11 +160,16 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
             watch.seconds.insert("verify".to_owned(), verify);
         }
         watch.lap("probe");
-        plan = if whole {
-            Plan::with_bounds(case, measured, resources, ratio)?
+        let (measured, ratio) = if whole {
+            (measured, ratio)
         } else {
-            super::plan(world, case, resources)?
+            // Of the whole box, where that is cheap.
+            let found = super::plan(world, case, resources)?;
+            let ratio = found.warp.map_or(ratio, |w| w.ratio);
+            (found.bounds, ratio)
         };
+        watch.last = Instant::now();
+        plan = Plan::with_bounds(case, measured, resources, ratio)?;
         watch.lap("design");
     }
     block_plan.bounds = plan.bounds.clone();
@@ -561,4 +566,42 @@ fn repeated(trial: &mut impl FnMut() -> Result<(f64, f64)>) -> Result<(f64, f64)
         sum += trial()?.0;
     }
     Ok((sum / times.floor(), cost))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_of_a_part_are_as_large_as_those_of_the_whole() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/example3.toml");
+        let sizes =
+            |n: usize, m: usize| [format!("axis.0.x.cells={n}"), format!("axis.1.x.cells={m}")];
+        // Cells, blocks of the run and its mode groups, ranks at hand; blocks and groups they have.
+        for (cells, blocks, groups, ranks, expected) in [
+            ([20, 30], [4, 5], 3, 4, ([4, 1], 1)),
+            ([20, 30], [4, 5], 3, 6, ([3, 2], 1)),
+            ([20, 30], [1, 1], 64, 2, ([1, 1], 2)),
+            ([21, 31], [2, 3], 1, 1, ([1, 1], 1)),
+            ([21, 31], [2, 3], 1, 7, ([1, 1], 7)),
+        ] {
+            let case = Case::load(&path, &sizes(cells[0], cells[1])).expect("a case");
+            let mesh = Mesh {
+                space: blocks.to_vec(),
+                groups,
+            };
+            let (part, here) = part_of(&case, &mesh, ranks);
+            assert_eq!(
+                (here.space.clone(), here.groups),
+                (expected.0.to_vec(), expected.1)
+            );
+            assert_eq!(here.ranks(), ranks);
+            for (axis, (whole, a)) in part.space.x.iter().zip(case.space.x.iter().zip(0..)) {
+                let largest = whole.cells.div_ceil(blocks[a]);
+                assert_eq!(axis.cells.div_ceil(here.space[a]), largest.min(axis.cells));
+                assert!((axis.width() - whole.width()).abs() < 1e-12);
+                assert!(axis.lower >= whole.lower - 1e-12 && axis.upper <= whole.upper + 1e-12);
+            }
+        }
+    }
 }
