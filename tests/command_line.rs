@@ -3600,11 +3600,12 @@ fn plans_are_kept() {
     });
 }
 
-/// `plan --calibrate` makes the plan of the run that it is started like, and tells its time: here only that no factor is wrong, as others
-/// are at work while tests run.
+/// `plan --calibrate` makes the plan of the run that it is started like, and tells its time: here only that no factor is wrong, and once in
+/// three tries, as others are at work while tests run.
 #[test]
 fn calibrated_plans_tell_the_time() {
-    const FACTOR: f64 = 6.0;
+    const FACTOR: f64 = 3.0;
+    const TRIES: usize = 3;
     let rows = [
         (1, "example1.toml", vec!["solver.tolerance=1e-9"]),
         (
@@ -3642,28 +3643,40 @@ fn calibrated_plans_tell_the_time() {
             ],
         ),
     ];
-    check_all(&rows, |(ranks, name, settings)| {
+    let compare = |ranks: usize, name: &str, settings: &[&str]| {
         let job = Job::new(["plan", &case(name), "--calibrate", "--json"]).set(settings);
-        let finished = job.on(*ranks).succeed()?;
+        let finished = job.on(ranks).succeed()?;
         let value: serde_json::Value =
             serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
         let place = directory();
-        let job = run(name).set(settings).on(*ranks);
+        let job = run(name).set(settings).on(ranks);
         let summary = job.solve(place.path())?;
         let blocks = summary.value["space_blocks"] == value["layout"]["mesh"]["space"];
         require(blocks, &finished, || "not the mesh of the run".to_owned())?;
-        let told = &value["calibration"];
-        for key in ["solve_seconds", "wall_seconds"] {
-            let expected = told[key].as_f64().unwrap_or(f64::NAN);
-            let ratio = expected / summary.number(key)?;
-            require((1.0 / FACTOR..FACTOR).contains(&ratio), &finished, || {
-                format!("{key}: {expected} expected, {ratio} of what it took")
-            })?;
-        }
         // The same modes, where a plan was made for them.
         let modes = value["warp"]["modes"].as_f64().unwrap_or(0.0);
         let outcome = near("modes planned", modes, summary.number("modes")?, 0.0);
-        summary.require(outcome.is_ok(), || outcome.unwrap_err())
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        ["solve_seconds", "wall_seconds"]
+            .iter()
+            .map(|key| {
+                let expected = value["calibration"][key].as_f64().unwrap_or(f64::NAN);
+                Ok(expected / summary.number(key)?)
+            })
+            .collect::<Result<Vec<f64>, String>>()
+    };
+    check_all(&rows, |(ranks, name, settings)| {
+        let mut seen = Vec::new();
+        for _ in 0..TRIES {
+            let ratios = compare(*ranks, name, settings)?;
+            if (ratios.iter()).all(|ratio| (1.0 / FACTOR..FACTOR).contains(ratio)) {
+                return Ok(());
+            }
+            seen.push(ratios);
+        }
+        Err(format!(
+            "{name} {settings:?} on {ranks}: expected over taken, to solve and in all: {seen:?}"
+        ))
     });
 }
 
