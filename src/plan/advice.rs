@@ -1,6 +1,6 @@
 //! What to ask a batch system for: the process mesh and why, memory of a node.
 
-use super::{Bounds, Layout, Plan, bytes_text};
+use super::{Bounds, Layout, MOST_MODES, Plan, bytes_text};
 use crate::case::Case;
 use serde::Serialize;
 use std::fmt;
@@ -47,6 +47,24 @@ pub struct Advice {
     pub nodes: Option<usize>,
     /// Planned bytes on a full node, each of its ranks as the fullest.
     pub memory_per_node: Option<u64>,
+    /// Where the memory of a rank is known: the most points `N_p` of which a run on the plan's mesh can keep all modes. One that drops
+    /// them takes as much memory for any `N_p`.
+    pub largest_points: Option<usize>,
+}
+
+/// The largest even number from 2 to `most` whose `memory` is within `limit`; `memory` does not fall.
+fn largest_points(most: usize, limit: u64, memory: impl Fn(usize) -> u64) -> Option<usize> {
+    let fits = |half: usize| memory(2 * half) <= limit;
+    let (mut low, mut high) = (0, most / 2 + 1);
+    while high - low > 1 {
+        let middle = low.midpoint(high);
+        if fits(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Some(2 * low).filter(|points| *points > 0)
 }
 
 impl Advice {
@@ -81,6 +99,11 @@ impl Advice {
             node,
             nodes,
             memory_per_node: full,
+            largest_points: limit.zip(warp).and_then(|(limit, warp)| {
+                let layout = &plan.layout;
+                let memory = |points| layout.memory_of_points(case, bounds, warp, points);
+                largest_points(2 * MOST_MODES - 2, limit, memory)
+            }),
         }
     }
 }
@@ -96,6 +119,16 @@ impl fmt::Display for Advice {
                 node.ranks,
                 bytes_text(memory),
                 bytes_text(node.memory)
+            )?;
+        }
+        if let Some(points) = self.largest_points {
+            writeln!(
+                f,
+                "largest N_p     {points}{} with all modes kept (--mode full) on this mesh; as many as wanted streamed",
+                match 1usize << points.ilog2() {
+                    power if power < points => format!(" (2^{} = {power})", points.ilog2()),
+                    _ => String::new(),
+                }
             )?;
         }
         for (k, mesh) in self.meshes.iter().take(SHOWN).enumerate() {
@@ -117,5 +150,51 @@ impl fmt::Display for Advice {
             )?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::Resources;
+
+    #[test]
+    fn the_largest_number_of_points_just_fits() {
+        let path =
+            std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/paper/example3.toml");
+        let sets = |points: usize, method: &str| {
+            [
+                format!("solver.warp.points={points}"),
+                "output.warped_field=true".to_owned(),
+                format!("solver.propagator={method}"),
+            ]
+        };
+        for method in [
+            "{method='chebyshev'}",
+            "{method='crank-nicolson',step=0.05}",
+        ] {
+            for (ranks, limit) in [(1, 100 << 20), (3, 64 << 20), (8, 80 << 20)] {
+                let resources = Resources {
+                    ranks,
+                    ..Resources::default()
+                };
+                let plan = |points: usize, space: Option<Vec<usize>>| {
+                    let case = Case::load(&path, &sets(points, method)).expect("a case");
+                    let resources = Resources {
+                        ranks_x: space,
+                        ..resources.clone()
+                    };
+                    let plan = Plan::new(&case, &resources, 1.5).expect("a plan");
+                    (case, plan)
+                };
+                let (case, first) = plan(64, None);
+                let advice = Advice::new(&case, &first, Some(limit), None);
+                let points = advice.largest_points.expect("some fit");
+                // As a plan for so many points says itself.
+                let space = Some(first.layout.mesh.space.clone());
+                assert!(plan(points, space.clone()).1.memory() <= limit);
+                assert!(plan(points + 2, space).1.memory() > limit, "{points}");
+            }
+        }
     }
 }

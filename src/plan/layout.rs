@@ -5,11 +5,11 @@ use super::{Bounds, WarpPlan};
 use crate::case::{Case, Data, Embedding, Exact, Limiter, Method};
 use crate::characteristics::sheet::curve_points;
 use crate::error::{Error, Result};
-use crate::matrix::{Inflow, Lanes};
+use crate::matrix::{Inflow, LANES, Lanes};
 use crate::observables::MOMENTS;
 use crate::output::warped::buffer_bytes;
 use crate::partition::{Block, Mesh};
-use crate::propagate::{self, Sizes, cost_of_splitting};
+use crate::propagate::{self, Company, Sizes, cost_of_splitting};
 use crate::scheme::transport_rate;
 use crate::warp::KeptModes;
 use serde::Serialize;
@@ -147,13 +147,38 @@ impl Layout {
         } else {
             most as f64 * mesh.groups as f64 / sum as f64
         };
-        let arrays = arrays(case, bounds, warp, (&mesh, &groups));
+        let kept = |group: &Vec<Batch>| group.iter().map(|b| b.modes.len()).sum::<usize>();
+        let most = groups.iter().map(kept).max().unwrap_or(0);
+        let arrays = arrays(case, bounds, warp, (&mesh, most));
         Self {
             mesh,
             groups,
             imbalance,
             arrays,
         }
+    }
+
+    /// Planned bytes on the fullest rank of this mesh for a run that keeps all modes of `points` points in `p`.
+    pub(super) fn memory_of_points(
+        &self,
+        case: &Case,
+        bounds: &Bounds,
+        warp: &WarpPlan,
+        points: usize,
+    ) -> u64 {
+        let modes = points / 2 + 1;
+        let piece = match propagate::company(case.propagator.method) {
+            Company::Independent | Company::Coupled => LANES,
+            Company::Sequential => 1,
+        };
+        let most = modes.min(piece * modes.div_ceil(piece).div_ceil(self.mesh.groups));
+        let warp = WarpPlan {
+            points: Some(points),
+            modes,
+            ..warp.clone()
+        };
+        let list = arrays(case, bounds, Some(&warp), (&self.mesh, most));
+        list.iter().map(|a| a.1).sum()
     }
 
     /// The modes of each mode group, ascending.
@@ -287,12 +312,12 @@ fn split_axes(case: &Case, blocks: usize) -> Option<Vec<usize>> {
     best.map(|(_, parts)| parts)
 }
 
-/// The arrays of the fullest rank, in bytes.
+/// The arrays of the fullest rank, in bytes, where a rank has at most `most` modes.
 fn arrays(
     case: &Case,
     bounds: &Bounds,
     warp: Option<&WarpPlan>,
-    (mesh, groups): (&Mesh, &[Vec<Batch>]),
+    (mesh, most): (&Mesh, usize),
 ) -> Vec<(String, u64)> {
     let n = case.space.dimension() as u64;
     let space_block: u64 = case
@@ -360,8 +385,7 @@ fn arrays(
         };
         list.extend(propagate::arrays(case, bounds, mesh, &sizes));
         if let Some(points) = warp.points {
-            let kept = |group: &Vec<Batch>| group.iter().map(|b| b.modes.len()).sum::<usize>();
-            let most = groups.iter().map(kept).max().unwrap_or(0) as u64;
+            let most = most as u64;
             let ranks = (most, mesh.groups as u64);
             list.push(("kept modes".to_owned(), KeptModes::bytes(rows, most)));
             list.push((

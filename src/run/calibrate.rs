@@ -25,6 +25,7 @@ use crate::grid::{Axis, PhaseSpace};
 use crate::matrix::{BlockMatrix, LANES, Lanes};
 use crate::observables::{VelocityFactors, moments};
 use crate::output::hdf5::most_bytes;
+use crate::output::warped::all_bytes;
 use crate::partition::Mesh;
 use crate::plan::{Batch, Bounds, Plan, Resources, WarpPlan, classical_steps};
 use crate::problem::Problem;
@@ -32,7 +33,7 @@ use crate::progress::Progress;
 use crate::propagate::commutator_free::{CommutatorFree, stage_degree};
 use crate::propagate::{self, Company, Evolution, Initial, Propagator, propagator};
 use crate::varying::Schedule;
-use crate::warp::{self, Leg, MomentsOf, Task};
+use crate::warp::{self, Keeping, KeptModes, Leg, MomentsOf, Task};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -199,7 +200,9 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     };
     let mut seconds = watch.seconds;
     seconds.insert("solve".to_owned(), solve);
-    let write = SECONDS_TO_WRITE + SECONDS_PER_BYTE * most_bytes(case) as f64;
+    let points = plan.warp.as_ref().and_then(|w| w.points);
+    let bytes = most_bytes(case) + points.map_or(0, |points| all_bytes(case, points));
+    let write = SECONDS_TO_WRITE + SECONDS_PER_BYTE * bytes as f64;
     seconds.insert("write".to_owned(), write);
     // Ranks wait for each other: the slowest counts, the same on all.
     for value in seconds.values_mut() {
@@ -335,12 +338,18 @@ impl Trials<'_> {
                 shares: &place.ranges,
                 moments: Some(&moments),
             };
-            warp::run(
-                &task,
-                &mut system,
-                &mut *propagator,
-                &mut Progress::silent(),
-            )?;
+            // As a full run does, but for the files.
+            let mut kept = warp.points.map(|_| {
+                let modes = batches.iter().flat_map(|b| b.modes.clone());
+                KeptModes::new(matrix.rows(), modes.collect())
+            });
+            let mut keeping = kept.as_mut().map(|kept| Keeping {
+                kept,
+                begun: false,
+                after: &mut |_, _, _| Ok(()),
+            });
+            let with = (&mut *propagator, keeping.as_mut());
+            warp::run_keeping(&task, &mut system, with, &mut Progress::silent())?;
             let seconds = world.max(started.elapsed().as_secs_f64());
             let cost: f64 = batches.iter().map(|b| short.cost(b, company)).sum();
             Ok((seconds, world.max(cost)))
