@@ -48,10 +48,11 @@ const REPEATS: f64 = 9.0;
 /// Pieces that are tried, where not all of them run at one rate.
 const PIECES: usize = 3;
 
-/// What it takes to write results, measured on a local disk: files and their metadata, and a byte that is written and read back. Both
-/// depend on the file system.
+/// What it takes to write results, measured on a local disk: files and their metadata, a byte that is written and read back, and one of the
+/// warped field, which is transposed and transformed before. All depend on the file system.
 const SECONDS_TO_WRITE: f64 = 0.01;
 const SECONDS_PER_BYTE: f64 = 2e-9;
+const SECONDS_PER_WARPED_BYTE: f64 = 5e-9;
 
 /// What a run is expected to take.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -201,8 +202,10 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     let mut seconds = watch.seconds;
     seconds.insert("solve".to_owned(), solve);
     let points = plan.warp.as_ref().and_then(|w| w.points);
-    let bytes = most_bytes(case) + points.map_or(0, |points| all_bytes(case, points));
-    let write = SECONDS_TO_WRITE + SECONDS_PER_BYTE * bytes as f64;
+    let warped = points.map_or(0, |points| all_bytes(case, points));
+    let write = SECONDS_TO_WRITE
+        + SECONDS_PER_BYTE * most_bytes(case) as f64
+        + SECONDS_PER_WARPED_BYTE * warped as f64;
     seconds.insert("write".to_owned(), write);
     // Ranks wait for each other: the slowest counts, the same on all.
     for value in seconds.values_mut() {
@@ -343,13 +346,18 @@ impl Trials<'_> {
                 let modes = batches.iter().flat_map(|b| b.modes.clone());
                 KeptModes::new(matrix.rows(), modes.collect())
             });
+            let mut unwritten = |_: usize, _: usize, _: &KeptModes| Ok(());
             let mut keeping = kept.as_mut().map(|kept| Keeping {
                 kept,
                 begun: false,
-                after: &mut |_, _, _| Ok(()),
+                after: &mut unwritten,
             });
-            let with = (&mut *propagator, keeping.as_mut());
-            warp::run_keeping(&task, &mut system, with, &mut Progress::silent())?;
+            warp::run_keeping(
+                &task,
+                &mut system,
+                (&mut *propagator, keeping.as_mut()),
+                &mut Progress::silent(),
+            )?;
             let seconds = world.max(started.elapsed().as_secs_f64());
             let cost: f64 = batches.iter().map(|b| short.cost(b, company)).sum();
             Ok((seconds, world.max(cost)))
