@@ -33,7 +33,7 @@ use crate::progress::Progress;
 use crate::propagate::commutator_free::{CommutatorFree, stage_degree};
 use crate::propagate::{self, Company, Evolution, Initial, Propagator, propagator};
 use crate::varying::Schedule;
-use crate::warp::{self, Keeping, KeptModes, Leg, MomentsOf, Task};
+use crate::warp::{self, Besides, Keeping, KeptModes, Leg, MomentsOf, Task};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -352,11 +352,15 @@ impl Trials<'_> {
                 begun: false,
                 after: &mut unwritten,
             });
-            warp::run_keeping(
+            warp::run(
                 &task,
                 &mut system,
-                (&mut *propagator, keeping.as_mut()),
+                &mut *propagator,
                 &mut Progress::silent(),
+                Besides {
+                    keeping: keeping.as_mut(),
+                    checkpoints: None,
+                },
             )?;
             let seconds = world.max(started.elapsed().as_secs_f64());
             let cost: f64 = batches.iter().map(|b| short.cost(b, company)).sum();
