@@ -19,7 +19,7 @@ CARGO   = $(shell scripts/setup.sh --environment) cargo
 PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 
 .DEFAULT_GOAL := build
-.PHONY: run build test bench example3 check check-fmt check-clippy check-doc readers setup clean help
+.PHONY: run build test bench example3 calibration check check-fmt check-clippy check-doc readers setup clean help
 
 run: build ## build, then solve example 1 of the paper on two ranks (CASE=, RANKS=, RESULTS= for another)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
@@ -40,6 +40,9 @@ example3-%: build ## example 3 on so many cells an axis: make example3-64 takes 
 	mpirun -np $(RANKS) $(PROGRAM) run cases/example3.toml -o results/$@ --set solver.tolerance=1e-6 \
 	    $(foreach key,axis.0.x axis.0.v axis.1.x axis.1.v,--set $(key).cells=$*)
 	@if command -v python3 >/dev/null; then scripts/bench/report.py --only example3; fi
+
+calibration: build ## what plan --calibrate expects beside what runs take, into docs/performance.md (ARGS=--quick: printed only)
+	scripts/bench/calibration.py --program $(PROGRAM) $(ARGS)
 
 check: check-fmt check-clippy check-doc ## formatting, lints and documentation, warnings as errors
 

@@ -53,15 +53,24 @@ pub enum Command {
         /// The case.
         #[command(flatten)]
         case: CaseArgs,
-        /// Number of ranks
-        #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
-        ranks: u64,
+        /// Number of ranks; by default 1, with --calibrate as many as it is started on
+        #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+        ranks: Option<u64>,
         /// Blocks along each x-axis; the other ranks split the modes
         #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
         ranks_x: Option<Vec<usize>>,
         /// Memory a rank may take, e.g. 4GiB
         #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
         memory_per_rank: Option<u64>,
+        /// Memory of a node for its ranks, e.g. 64GiB
+        #[arg(long, value_name = "SIZE", value_parser = parse_bytes, conflicts_with = "memory_per_rank")]
+        memory_per_node: Option<u64>,
+        /// Ranks on a node; by default all
+        #[arg(long, value_name = "N", requires = "memory_per_node", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+        ranks_per_node: Option<u64>,
+        /// Run a few steps on the ranks this is started on, and tell how long the run will take
+        #[arg(long)]
+        calibrate: bool,
         /// As JSON
         #[arg(long)]
         json: bool,

@@ -8,7 +8,9 @@ use crate::communicator::World;
 use crate::error::Result;
 use crate::output::readback;
 use crate::output::summary::Summary;
-use crate::plan::{Bounds, Resources};
+use crate::plan::advice::{Advice, Node};
+use crate::plan::{Bounds, Plan, Resources};
+use crate::run::calibrate::{self, Calibration};
 use crate::run::{self, Options};
 use crate::system;
 use std::io::Write;
@@ -67,19 +69,45 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             ranks,
             ranks_x,
             memory_per_rank,
+            memory_per_node,
+            ranks_per_node,
+            calibrate,
             json,
         } => {
             let case = load(world, case)?;
+            let started = if *calibrate { world.group().size() } else { 1 };
+            let ranks = ranks.map_or(started, |n| n as usize);
+            let node = memory_per_node.map(|memory| Node {
+                memory,
+                ranks: ranks_per_node.map_or(ranks, |n| n as usize),
+            });
+            // A node that is not full has more for each rank.
+            let share = node.map(|node| node.memory / node.ranks.min(ranks) as u64);
             let resources = Resources {
-                ranks: *ranks as usize,
+                ranks,
                 ranks_x: ranks_x.clone(),
-                memory_per_rank: *memory_per_rank,
+                memory_per_rank: memory_per_rank.or(share),
             };
-            let plan = run::plan(world, &case, &resources)?;
+            let (plan, calibration) = if *calibrate {
+                let (plan, found) = calibrate::calibrate(world, &case, &resources)?;
+                (plan, Some(found))
+            } else {
+                (run::plan(world, &case, &resources)?, None)
+            };
+            let advice = Advice::new(&case, &plan, resources.memory_per_rank, node);
             if speaks && *json {
-                say(&serde_json::to_string_pretty(&plan).unwrap_or_default());
+                let planned = Planned {
+                    plan: &plan,
+                    advice: &advice,
+                    calibration: calibration.as_ref(),
+                };
+                say(&serde_json::to_string_pretty(&planned).unwrap_or_default());
             } else if speaks {
                 say(plan.to_string().trim_end());
+                say(advice.to_string().trim_end());
+                if let Some(calibration) = calibration {
+                    say(calibration.to_string().trim_end());
+                }
             }
         }
         Command::Check { case } => {
@@ -125,6 +153,16 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// What `plan --json` prints.
+#[derive(serde::Serialize)]
+struct Planned<'a> {
+    #[serde(flatten)]
+    plan: &'a Plan,
+    advice: &'a Advice,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    calibration: Option<&'a Calibration>,
 }
 
 /// Reads the case file on rank 0 and parses it on all. Collective.

@@ -11,6 +11,7 @@
 use crate::case::{
     Case, Delta, Integrator, Interface, Limiter, Method, Propagation, PropagatorMethod,
 };
+pub mod advice;
 mod balance;
 mod layout;
 mod placement;

@@ -1,5 +1,6 @@
 //! The driver: a flat list of named, timed steps.
 
+pub mod calibrate;
 mod solve;
 
 use crate::case::{Case, Delta, Exact, Integrator, Method};

@@ -3600,6 +3600,124 @@ fn plans_are_kept() {
     });
 }
 
+/// `plan --calibrate` makes the plan of the run that it is started like, and tells its time: here only that no factor is wrong, and once in
+/// three tries, as others are at work while tests run.
+#[test]
+fn calibrated_plans_tell_the_time() {
+    const FACTOR: f64 = 3.0;
+    const TRIES: usize = 3;
+    let rows = [
+        (1, "example1.toml", vec!["solver.tolerance=1e-9"]),
+        (
+            2,
+            "example1.toml",
+            vec!["solver.tolerance=1e-9", "output.moments_every=0.3"],
+        ),
+        (
+            3,
+            "example3.toml",
+            vec!["axis.0.x.cells=12", "axis.1.x.cells=11"],
+        ),
+        (4, "inflow_barrier.toml", vec![]),
+        (2, "pulsed_inflow.toml", vec![]),
+        (
+            2,
+            "example1.toml",
+            vec!["solver.propagator.method=krylov", "axis.0.x.cells=64"],
+        ),
+        (
+            2,
+            "step_up.toml",
+            vec![
+                "solver.propagator={method='crank-nicolson',step=0.05}",
+                "solver.tolerance=1e-2",
+            ],
+        ),
+        (
+            1,
+            "example1.toml",
+            vec![
+                "solver.method=classical",
+                "solver.classical.integrator=ssp-rk3",
+                "solver.classical.cfl=0.02",
+            ],
+        ),
+    ];
+    let compare = |ranks: usize, name: &str, settings: &[&str]| {
+        let job = Job::new(["plan", &case(name), "--calibrate", "--json"]).set(settings);
+        let finished = job.on(ranks).succeed()?;
+        let value: serde_json::Value =
+            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let place = directory();
+        let job = run(name).set(settings).on(ranks);
+        let summary = job.solve(place.path())?;
+        let blocks = summary.value["space_blocks"] == value["layout"]["mesh"]["space"];
+        require(blocks, &finished, || "not the mesh of the run".to_owned())?;
+        // The same modes, where a plan was made for them.
+        let modes = value["warp"]["modes"].as_f64().unwrap_or(0.0);
+        let outcome = near("modes planned", modes, summary.number("modes")?, 0.0);
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        ["solve_seconds", "wall_seconds"]
+            .iter()
+            .map(|key| {
+                let expected = value["calibration"][key].as_f64().unwrap_or(f64::NAN);
+                Ok(expected / summary.number(key)?)
+            })
+            .collect::<Result<Vec<f64>, String>>()
+    };
+    check_all(&rows, |(ranks, name, settings)| {
+        let mut seen = Vec::new();
+        for _ in 0..TRIES {
+            let ratios = compare(*ranks, name, settings)?;
+            if (ratios.iter()).all(|ratio| (1.0 / FACTOR..FACTOR).contains(ratio)) {
+                return Ok(());
+            }
+            seen.push(ratios);
+        }
+        Err(format!(
+            "{name} {settings:?} on {ranks}: expected over taken, to solve and in all: {seen:?}"
+        ))
+    });
+}
+
+/// Fewer ranks than the run will have measure for it; nodes are counted and their memory is kept to.
+#[test]
+fn plans_for_nodes() {
+    let nodes = [
+        "--ranks",
+        "64",
+        "--memory-per-node",
+        "2GiB",
+        "--ranks-per-node",
+        "16",
+    ];
+    let job = || Job::new(["plan", &case("example1.toml")]).with(nodes);
+    let rows = [1, 2, 3];
+    check_all(&rows, |ranks| {
+        let finished = job().with(["--calibrate"]).on(*ranks).succeed()?;
+        for words in [
+            "64 = ",
+            "nodes           4 of 16 ranks",
+            "--ranks-x",
+            "not the ranks of the run",
+            "to solve",
+        ] {
+            require(finished.output.contains(words), &finished, || {
+                format!("\"{words}\" is not said")
+            })?;
+        }
+        let small = Job::new(["plan", &case("example1.toml"), "--ranks", "64"]);
+        let refused = small
+            .with(["--memory-per-node", "100MiB", "--ranks-per-node", "16"])
+            .run()?;
+        require(
+            refused.code == Some(2) && refused.errors.contains("6.2 MiB"),
+            &refused,
+            || "100 MiB for 16 ranks are enough".to_owned(),
+        )
+    });
+}
+
 /// Planned memory against the peak that was measured, where arrays outweigh the program.
 #[test]
 fn memory_is_what_was_planned() {

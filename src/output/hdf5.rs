@@ -164,7 +164,7 @@ pub fn put_in_place<T>(
 /// Writes the whole file. Collective over `world`.
 fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Grid>> {
     let plan = plan_text(results.plan);
-    let most = bytes(results.case) + plan.len() as u64;
+    let most = most_bytes(results.case) + plan.len() as u64;
     let mut writer = Writer::create(world, path, most, &results.case.storage)?;
     writer.agree(attributes(&writer, world.size(), &results.about(), &plan))?;
     let outcome = axes(&mut writer, results);
@@ -250,7 +250,7 @@ pub fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
 /// # Errors
 /// [`Error::Directory`].
 pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
-    let needed = bytes(case);
+    let needed = most_bytes(case);
     let room = system::room_for_file(directory);
     if needed <= room {
         return Ok(());
@@ -265,8 +265,8 @@ pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
     })
 }
 
-/// The most that the results may take.
-fn bytes(case: &Case) -> u64 {
+/// The most bytes that the results may take.
+pub fn most_bytes(case: &Case) -> u64 {
     /// Metadata, texts and the summary.
     const MARGIN: usize = 256 << 10;
     /// What HDF5 keeps about a chunk, with nodes of its index half full.

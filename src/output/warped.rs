@@ -189,9 +189,7 @@ fn bytes(case: &Case, points: usize) -> u64 {
 /// # Errors
 /// [`Error::Directory`].
 pub fn enough_room(directory: &Path, case: &Case, points: usize) -> Result<()> {
-    let times = 1 + case.times.iter().filter(|t| t.fields).count();
-    let files = usize::from(case.warped_field) * case.fields.len() * times;
-    let needed = files as u64 * bytes(case, points);
+    let needed = all_bytes(case, points);
     let room = system::room_for_file(directory);
     if needed <= room {
         return Ok(());
@@ -199,11 +197,23 @@ pub fn enough_room(directory: &Path, case: &Case, points: usize) -> Result<()> {
     Err(Error::Directory {
         path: directory.to_owned(),
         reason: format!(
-            "output.warped_field takes {} ({points} points in p, {files} files), there is room for {}",
+            "output.warped_field takes {} ({points} points in p, {} files), there is room for {}",
             bytes_text(needed),
+            files(case),
             bytes_text(room)
         ),
     })
+}
+
+/// Files that a run writes.
+fn files(case: &Case) -> usize {
+    let times = 1 + case.times.iter().filter(|t| t.fields).count();
+    usize::from(case.warped_field) * case.fields.len() * times
+}
+
+/// Bytes of all files with `points` points in `p`.
+pub fn all_bytes(case: &Case, points: usize) -> u64 {
+    files(case) as u64 * bytes(case, points)
 }
 
 /// Writes `directory/name`: the field whose modes are `kept`, for the factors of `series` on the period that begins at `lower`. Collective over the

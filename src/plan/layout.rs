@@ -5,11 +5,11 @@ use super::{Bounds, WarpPlan};
 use crate::case::{Case, Data, Embedding, Exact, Limiter, Method};
 use crate::characteristics::sheet::curve_points;
 use crate::error::{Error, Result};
-use crate::matrix::{Inflow, Lanes};
+use crate::matrix::{Inflow, LANES, Lanes};
 use crate::observables::MOMENTS;
 use crate::output::warped::buffer_bytes;
 use crate::partition::{Block, Mesh};
-use crate::propagate::{self, Sizes, cost_of_splitting};
+use crate::propagate::{self, Company, Sizes, cost_of_splitting};
 use crate::scheme::transport_rate;
 use crate::warp::KeptModes;
 use serde::Serialize;
@@ -96,17 +96,9 @@ impl Layout {
             let layout = Self::of_mesh(case, bounds, warp, mesh_of(case, space, ranks)?);
             return layout.within(limit);
         }
-        // Every split of the ranks into blocks × groups; the cheapest that fits, fewest blocks first.
+        // The cheapest split of the ranks that fits, fewest blocks first.
         let mut best: Option<(bool, f64, Self)> = None;
-        for blocks in (1..=ranks).filter(|b| ranks.is_multiple_of(*b)) {
-            let Some(space) = split_axes(case, blocks) else {
-                continue;
-            };
-            let mesh = Mesh {
-                space,
-                groups: ranks / blocks,
-            };
-            let layout = Self::of_mesh(case, bounds, warp, mesh);
+        for layout in Self::every(case, bounds, warp, ranks) {
             let fits = layout.memory() <= limit;
             let cost = if fits {
                 layout.cost(case, warp)
@@ -127,6 +119,23 @@ impl Layout {
         }
     }
 
+    /// Every split of `ranks` into blocks × groups, fewest blocks first.
+    pub(super) fn every(
+        case: &Case,
+        bounds: &Bounds,
+        warp: Option<&WarpPlan>,
+        ranks: usize,
+    ) -> impl Iterator<Item = Self> {
+        let blocks = (1..=ranks).filter(move |b| ranks.is_multiple_of(*b));
+        blocks.filter_map(move |blocks| {
+            let mesh = Mesh {
+                space: split_axes(case, blocks)?,
+                groups: ranks / blocks,
+            };
+            Some(Self::of_mesh(case, bounds, warp, mesh))
+        })
+    }
+
     fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: Mesh) -> Self {
         let work = warp.map_or(&[][..], |w| &w.work);
         let company = propagate::company(case.propagator.method);
@@ -138,13 +147,38 @@ impl Layout {
         } else {
             most as f64 * mesh.groups as f64 / sum as f64
         };
-        let arrays = arrays(case, bounds, warp, (&mesh, &groups));
+        let kept = |group: &Vec<Batch>| group.iter().map(|b| b.modes.len()).sum::<usize>();
+        let most = groups.iter().map(kept).max().unwrap_or(0);
+        let arrays = arrays(case, bounds, warp, (&mesh, most));
         Self {
             mesh,
             groups,
             imbalance,
             arrays,
         }
+    }
+
+    /// Planned bytes on the fullest rank of this mesh for a run that keeps all modes of `points` points in `p`.
+    pub(super) fn memory_of_points(
+        &self,
+        case: &Case,
+        bounds: &Bounds,
+        warp: &WarpPlan,
+        points: usize,
+    ) -> u64 {
+        let modes = points / 2 + 1;
+        let piece = match propagate::company(case.propagator.method) {
+            Company::Independent | Company::Coupled => LANES,
+            Company::Sequential => 1,
+        };
+        let most = modes.min(piece * modes.div_ceil(piece).div_ceil(self.mesh.groups));
+        let warp = WarpPlan {
+            points: Some(points),
+            modes,
+            ..warp.clone()
+        };
+        let list = arrays(case, bounds, Some(&warp), (&self.mesh, most));
+        list.iter().map(|a| a.1).sum()
     }
 
     /// The modes of each mode group, ascending.
@@ -158,21 +192,26 @@ impl Layout {
     }
 
     /// Modelled time of the slowest group, in applications of a mode on the whole grid.
-    fn cost(&self, case: &Case, warp: Option<&WarpPlan>) -> f64 {
+    pub(super) fn cost(&self, case: &Case, warp: Option<&WarpPlan>) -> f64 {
         let costs = self.groups.iter().map(|group| balance::cost(group));
         let group = match warp {
             Some(_) => costs.max().unwrap_or(0) as f64,
             None => 1.0,
         };
+        let (rows, split) = self.rows(case, warp);
+        group * (rows + split) / case.space.cells() as f64
+    }
+
+    /// Rows of the fullest block, and what splitting space adds, in rows.
+    pub(super) fn rows(&self, case: &Case, warp: Option<&WarpPlan>) -> (f64, f64) {
         let fullest = Block::new(&case.space, &self.mesh, 0);
-        let (mut rows, mut splitting) = (fullest.cells() as f64, 1.0);
-        if self.mesh.blocks() > 1 {
-            rows += ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts() as f64;
-            if warp.is_some() {
-                splitting = cost_of_splitting(case.propagator.method);
-            }
+        let rows = fullest.cells() as f64;
+        if self.mesh.blocks() == 1 {
+            return (rows, 0.0);
         }
-        group * splitting * rows / case.space.cells() as f64
+        let splitting = warp.map_or(1.0, |_| cost_of_splitting(case.propagator.method));
+        let exchange = ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts() as f64;
+        (rows, splitting * (rows + exchange) - rows)
     }
 
     /// Planned bytes on the fullest rank.
@@ -273,12 +312,12 @@ fn split_axes(case: &Case, blocks: usize) -> Option<Vec<usize>> {
     best.map(|(_, parts)| parts)
 }
 
-/// The arrays of the fullest rank, in bytes.
+/// The arrays of the fullest rank, in bytes, where a rank has at most `most` modes.
 fn arrays(
     case: &Case,
     bounds: &Bounds,
     warp: Option<&WarpPlan>,
-    (mesh, groups): (&Mesh, &[Vec<Batch>]),
+    (mesh, most): (&Mesh, usize),
 ) -> Vec<(String, u64)> {
     let n = case.space.dimension() as u64;
     let space_block: u64 = case
@@ -346,8 +385,7 @@ fn arrays(
         };
         list.extend(propagate::arrays(case, bounds, mesh, &sizes));
         if let Some(points) = warp.points {
-            let kept = |group: &Vec<Batch>| group.iter().map(|b| b.modes.len()).sum::<usize>();
-            let most = groups.iter().map(kept).max().unwrap_or(0) as u64;
+            let most = most as u64;
             let ranks = (most, mesh.groups as u64);
             list.push(("kept modes".to_owned(), KeptModes::bytes(rows, most)));
             list.push((

@@ -1,0 +1,117 @@
+#!/usr/bin/env python3
+"""Compares what `phasewarp plan --calibrate` expects with what runs then take, into a table of docs/performance.md. Standard library only.
+
+Usage: calibration.py [--program FILE] [--document FILE] [--rounds N] [--quick]
+
+A round calibrates and then runs, case by case; the table shows medians of both, with the range of the runs. --quick: one round of the
+shortest cases, printed, the document left as it is. A command that fails ends with exit code 1 and what it said.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+
+from report import ROOT, Bad, Node, median, replaced, short, spread, table
+
+
+def cells(n, axes=1):
+    return [f"axis.{a}.{kind}.cells={n}" for a in range(axes) for kind in "xv"]
+
+
+CRANK_NICOLSON = "solver.propagator={method='crank-nicolson',step=0.02}"
+# What is shown, case file, settings.
+CASES = [
+    ("example 1, 1e-6", "example1", []),
+    ("example 1, 1e-9", "example1", ["solver.tolerance=1e-9"]),
+    ("example 1, 256²", "example1", cells(256)),
+    ("example 3, 16⁴", "example3", cells(16, 2)),
+    ("example 3, 24⁴", "example3", cells(24, 2)),
+    ("steady inflow", "inflow_barrier", []),
+    ("inflow that varies", "pulsed_inflow", []),
+    ("example 1, ten output times", "example1", ["solver.tolerance=1e-9", "output.moments_every=0.1"]),
+    ("example 1, Crank–Nicolson", "example1", [CRANK_NICOLSON]),
+    ("example 1, Krylov", "example1", ["solver.propagator.method=krylov"]),
+    ("example 1, 256², classical, ssp-rk3", "example1",
+     cells(256) + ["solver.method=classical", "solver.classical.integrator=ssp-rk3", "solver.classical.cfl=0.1"]),
+]
+QUICK = ["example 1, 1e-6", "steady inflow"]
+RANKS = [1, 2]
+# As root, and on fewer cores than ranks, as in a container; Open MPI's 4.x names.
+SETTINGS = {
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+}
+
+
+def call(ranks, *words):
+    command = ["mpirun", "-np", str(ranks), "--bind-to", "none", *words]
+    done = subprocess.run(command, capture_output=True, text=True, env=SETTINGS | os.environ, check=False)
+    if done.returncode != 0:
+        raise Bad(f"{' '.join(command)}: exit code {done.returncode}: {(done.stderr or done.stdout).strip()[-500:]}")
+    return done.stdout
+
+
+def measure(program, case, settings, ranks):
+    """Expected and taken, each as (solve, wall), and the seconds that calibrating took."""
+    words = [os.path.join(ROOT, "cases", f"{case}.toml")]
+    for setting in settings:
+        words += ["--set", setting]
+    place = f"plan --calibrate {' '.join(words)}"
+    told = Node(json.loads(call(ranks, program, "plan", *words, "--calibrate", "--json")), place)["calibration"]
+    with tempfile.TemporaryDirectory() as folder:
+        call(ranks, program, "run", *words, "-o", folder)
+        path = os.path.join(folder, "summary.json")
+        with open(path, encoding="utf-8") as file:
+            summary = Node(json.load(file), path)
+        pair = lambda node: (node.positive("solve_seconds"), node.positive("wall_seconds"))
+        return pair(told), pair(summary), told.positive("took")
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    target = os.environ.get("CARGO_TARGET_DIR", os.path.join(ROOT, "target"))
+    parser.add_argument("--program", default=os.path.join(target, "release/phasewarp"))
+    parser.add_argument("--document", default=os.path.join(ROOT, "docs/performance.md"))
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--quick", action="store_true")
+    options = parser.parse_args()
+    rounds = 1 if options.quick else options.rounds
+    rows, within, worst = [], 0, 0.0
+    load = os.getloadavg()[0]
+    for name, case, settings in CASES:
+        if options.quick and name not in QUICK:
+            continue
+        for ranks in RANKS:
+            found = [measure(options.program, case, settings, ranks) for _ in range(rounds)]
+            row = [name, ranks]
+            for k in range(2):
+                expected, taken = median([f[0][k] for f in found]), [f[1][k] for f in found]
+                ratio = expected / median(taken)
+                within += 0.8 <= ratio <= 1.2
+                worst = max(worst, ratio, 1 / ratio)
+                row += [short(expected), spread(taken), f"{ratio:.2f}"]
+            rows.append([*row, short(median([f[2] for f in found]))])
+            print("calibration:", *rows[-1], sep="  ", flush=True)
+    header = ["case", "ranks", "solve expected, s", "taken, s", "ratio", "in all expected, s", "taken, s", "ratio", "calibrating, s"]
+    text = table(header, rows) + (
+        f"\n\n{within} of {2 * len(rows)} ratios are within 20 %; the furthest is off by a factor of {worst:.2f}. "
+        f"Rounds: {rounds}; load of the machine before: {load:.1f}."
+    )
+    if options.quick:
+        print(text)
+        return
+    with open(options.document, encoding="utf-8") as file:
+        document = file.read()
+    with open(options.document, "w", encoding="utf-8") as file:
+        file.write(replaced(document, "calibration", text, options.document))
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except (Bad, OSError) as error:
+        sys.exit(f"calibration: {error}")
