@@ -85,6 +85,8 @@ pub struct Watch {
     together: bool,
     /// When the last checkpoint was begun or finished, or the run began.
     written: Instant,
+    /// Whether the last vote was for none: however often they are wanted, there is a batch between two.
+    rested: bool,
     /// How long one takes to write, as soon as there is anything to tell by.
     writing: Option<Duration>,
     /// When this rank began its batch, and how long the longest took, if there was one.
@@ -107,6 +109,7 @@ impl Watch {
             times,
             leads: communicator.world.rank() == 0,
             written: now,
+            rested: true,
             writing: None,
             begun: None,
             longest: None,
@@ -153,7 +156,8 @@ impl Watch {
             };
             let stale = has(SOON) && !self.together;
             self.together = has(SOON);
-            if verdict == Verdict::Write {
+            self.rested = verdict != Verdict::Write;
+            if !self.rested {
                 self.written = Instant::now();
             }
             if matches!(verdict, Verdict::GoOn | Verdict::Write) && !self.together {
@@ -195,7 +199,8 @@ impl Watch {
     /// What the clock says.
     fn hands(&self) -> u64 {
         let mut bits = 0;
-        if (self.times.every).is_some_and(|every| self.written.elapsed() >= every) {
+        let due = |every: Duration| self.written.elapsed() >= every;
+        if self.rested && self.times.every.is_some_and(due) {
             bits |= WRITE;
         }
         if let Some((start, wall)) = self.times.wall {
