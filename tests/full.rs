@@ -410,6 +410,43 @@ fn any_field_may_be_the_start() {
     assert!(distance(&found, &values) > 0.1, "nothing moved");
 }
 
+/// `check-result` looks at warped fields too, and names what is not as written.
+#[test]
+fn damage_to_a_warped_field_is_noticed() {
+    let place = directory();
+    let early = ["output.field_times=[0.5]", "output.warped_field=true"];
+    small(&early).on(2).solve(place.path()).unwrap();
+    let check = || Job::new(["check-result", &place.path().display().to_string()]).on(2);
+    let said = check().succeed().unwrap().output;
+    for name in ["result.h5", "warped_f.h5", "warped_f_0001.h5"] {
+        assert!(said.contains(name), "{said}");
+    }
+    let path = place.path().join("warped_f_0001.h5");
+    {
+        let file = hdf5::File::open_rw(&path).unwrap();
+        let w = file.dataset("w").unwrap();
+        let mut values: Vec<f64> = w.read_raw().unwrap();
+        values[777] += 1e-9;
+        w.write_raw(&values).unwrap();
+    }
+    let finished = check().run().unwrap();
+    let noticed = finished.errors.contains("/w") && finished.errors.contains("warped_f_0001.h5");
+    assert!(
+        finished.code == Some(1) && noticed,
+        "{}",
+        finished.report("damage")
+    );
+    // Nor is it a start.
+    let from = format!("initial={{warped='{}'}}", path.display());
+    let finished = small(&[&from]).into(place.path()).on(2).run().unwrap();
+    let noticed = finished.errors.contains("checksum");
+    assert!(
+        finished.code == Some(2) && noticed,
+        "{}",
+        finished.report("damage")
+    );
+}
+
 /// What makes no sense is refused by name, before anything is run.
 #[test]
 fn senseless_starts_are_refused() {
