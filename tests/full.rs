@@ -1,9 +1,7 @@
 //! Full runs from outside: the whole warped field in its file, and runs that start from one.
 
-#[allow(dead_code)] // each test program uses its own part
 #[path = "support/launch.rs"]
 mod launch;
-#[allow(dead_code)]
 #[path = "support/results.rs"]
 mod results;
 

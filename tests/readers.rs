@@ -4,7 +4,6 @@
 //! `PHASEWARP_READERS=required`, as `.ci/run` sets it once they are installed.
 
 #[path = "support/launch.rs"]
-#[allow(dead_code)]
 mod launch;
 
 use launch::{Job, case, check_all, directory};
