@@ -8,6 +8,7 @@ use crate::expression::Expression;
 use crate::grid::PhaseSpace;
 use crate::output::writer::{CHUNK, MOST_CHUNKS};
 use serde::Serialize;
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// Default of `checkpoint.minutes`.
@@ -331,6 +332,15 @@ impl Field {
     }
 }
 
+/// `initial.warped`: a file that holds `w(0, x, v, p)`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WarpedStart {
+    /// Where it is.
+    pub path: PathBuf,
+    /// File and line of the key, for errors.
+    pub place: String,
+}
+
 /// Position of `t` among the coordinates `[x, y, z, vx, vy, vz, t]` of a formula.
 pub const TIME: usize = 6;
 
@@ -394,6 +404,8 @@ pub struct Case {
     pub data: Data,
     /// The functions that obey the Liouville equation: `f`, or the density `φ` and the level sets `ψ_a`.
     pub fields: Vec<Field>,
+    /// `initial.warped`; `f(0)` is not known then, and its formula stands for nothing.
+    pub start: Option<WarpedStart>,
     /// Final time `T`.
     pub end: f64,
     /// `scheme.interface`.

@@ -81,7 +81,7 @@ pub enum Command {
         #[command(flatten)]
         case: CaseArgs,
     },
-    /// Read DIR/result.h5 and compare every dataset with its checksum
+    /// Read DIR/result.h5 and DIR/warped_*.h5 and compare every dataset with its checksum
     CheckResult {
         /// Directory of the results
         #[arg(value_name = "DIR")]

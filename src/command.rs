@@ -128,9 +128,8 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             }
         }
         Command::CheckResult { directory } => {
-            let datasets = readback::check_result(&world.group(), directory)?;
-            if speaks {
-                let path = directory.join("result.h5");
+            let files = readback::check_result(&world.group(), directory)?;
+            for (path, datasets) in files.iter().filter(|_| speaks) {
                 say(&format!(
                     "{}: {datasets} datasets as written",
                     path.display()

@@ -28,7 +28,7 @@
 //! | [`plan`], [`profile`], [`recover`] | every derived number before anything is solved; `g(p)` as a Fourier series; reading `u` from it, by point, integral or least squares |
 //! | [`partition`], [`communicator`], [`reproducible`] | who owns what; MPI; sums that do not depend on order |
 //! | [`matrix`], [`weights`], [`problem`] | the distributed `(S, K)`; the norm in which `S ≤ 0`; all of it on a rank |
-//! | [`propagate`], [`warp`], [`classical`] | `exp(−iH_l T)` by series, Lanczos, implicit steps; the streamed run; `f' = A f + b` directly, with slopes |
+//! | [`propagate`], [`warp`], [`classical`] | `exp(−iH_l T)` by series, Lanczos, implicit steps; streamed and full runs, the transform in `p`; `f' = A f + b` directly, with slopes |
 //! | [`varying`] | inflow that depends on time, in steps |
 //! | [`characteristics`], [`observables`], [`spectrum`] | the exact solution, of measure-valued data too; moments, level sets; eigenvalues of `S` |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |

@@ -88,8 +88,8 @@ pub struct WarpPlan {
     pub ratio: f64,
     /// The tolerance the profile is planned for.
     pub state_tolerance: f64,
-    /// The profile.
-    pub profile: Profile,
+    /// The profile; none where the warped field is read from a file.
+    pub profile: Option<Profile>,
     /// Its Fourier series.
     pub series: Series,
     /// `[L, R]`: given by hand, or one that the tolerance asks for; of the analytic coefficients only its length matters.
@@ -110,6 +110,10 @@ pub struct WarpPlan {
     /// The same by leg, from one output time to the next, then by mode.
     #[serde(skip)]
     pub leg_work: Vec<Vec<usize>>,
+    /// Relative error that each mode is allowed: its share of a tenth of the state's tolerance; where the warped field is read from a
+    /// file, the tolerance itself, so that the whole of it is within the tolerance of its norm.
+    #[serde(skip)]
+    pub mode_tolerances: Vec<f64>,
     /// Applications, over the modes and fields, all stages of an inflow that depends on time included; 0 where systems are
     /// solved instead. A mode counts with its own degree, on any ranks: where others of its batch go on, its lane is idle.
     pub applications: usize,
@@ -245,13 +249,20 @@ impl WarpPlan {
         } = placement::place(case, bounds, ratio)?;
         let modes = series.modes();
         let weight = |l: usize| weight(&series, &readings[0], l).norm();
+        let allowed = |l: usize| match profile {
+            Some(_) => mode_tolerance(state_tolerance, modes, weight(l)),
+            None => case.tolerance,
+        };
+        let mode_tolerances: Vec<f64> = (0..modes).map(allowed).collect();
         let mut scratch = Vec::new();
         let legs = case.legs();
         let mut leg_work = |&time: &f64| -> Vec<usize> {
             let mut work: Vec<usize> = (0..modes)
                 .map(|l| {
-                    let whole = mode_tolerance(state_tolerance, modes, weight(l));
-                    let (mu, leg) = (series.wavenumber(l), (time, whole / legs.len() as f64));
+                    let (mu, leg) = (
+                        series.wavenumber(l),
+                        (time, mode_tolerances[l] / legs.len() as f64),
+                    );
                     propagate::work(case, bounds, mu, leg, &mut scratch)
                 })
                 .collect();
@@ -292,7 +303,8 @@ impl WarpPlan {
             readings,
             plateau,
             interval,
-            points: case.warped_field.then(|| fourier::points(&series)),
+            mode_tolerances,
+            points: (case.warped_field || case.start.is_some()).then(|| fourier::points(&series)),
             work,
             leg_work,
             profile,
@@ -325,8 +337,7 @@ impl WarpPlan {
 
     /// Relative error that mode `l` is allowed in a leg.
     pub fn leg_tolerance(&self, l: usize) -> f64 {
-        let weight = self.weight(l, &self.readings[0]).norm();
-        mode_tolerance(self.state_tolerance, self.modes, weight) / self.leg_work.len() as f64
+        self.mode_tolerances[l] / self.leg_work.len() as f64
     }
 
     /// Most work of a mode in a leg.
@@ -445,7 +456,9 @@ impl Plan {
         const POSSIBLE: f64 = 1e-12;
         let mut case = case.clone();
         case.tolerance = case.tolerance.max(POSSIBLE);
-        case.warp.interval = None;
+        if case.start.is_none() {
+            case.warp.interval = None;
+        }
         Self::with_bounds(&case, bounds.expected(), resources, 1.0)
     }
 
@@ -536,10 +549,12 @@ impl fmt::Display for Plan {
                 "tolerance       {:e} (state {:.2e})",
                 self.tolerance, w.state_tolerance
             )?;
+            let file = || "that of initial.warped".to_owned();
+            let profile = w.profile.as_ref().map_or_else(file, Profile::to_string);
             writeln!(
                 f,
                 "profile         {}: period {:.4}, cut-off {:.4}, read at {:.4}",
-                w.profile,
+                profile,
                 w.series.period,
                 w.series.wavenumber(w.modes - 1),
                 w.readings[0].point

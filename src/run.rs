@@ -17,6 +17,7 @@ use crate::matrix::{Lanes, sample, sample_with};
 use crate::observables::{integral, moments, totals};
 use crate::output::provenance::{self, provenance};
 use crate::output::summary::{FieldSummary, Summary};
+use crate::output::warped::Given;
 use crate::output::{self, hdf5::ExactSolution, hdf5::PlateauPoint};
 use crate::partition::{Block, split};
 use crate::plan::{
@@ -28,6 +29,7 @@ use crate::progress::Progress;
 use crate::recover::Reading;
 use crate::system;
 use solve::{Checkpointing, Solution, Warped, integrate, solve};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
@@ -94,6 +96,7 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
     /// Cell updates of the probe that are cheap.
     const CHEAP: f64 = 1e8;
     let all = world.group();
+    let case = &*with_start(&all, case)?;
     refuse_hopeless(case, resources)?;
     let bounds = Bounds::new(case)?;
     let updates = case.space.cells() as f64 * (bounds.rate * case.end).max(1.0);
@@ -114,6 +117,20 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
     let bounds = problem.bounds(case, &bounds);
     let ratio = problem.probe(&communicator, bounds.rate, &case.legs());
     Plan::with_bounds(case, bounds, resources, ratio)
+}
+
+/// The case with the points of the warped field that it starts from, if it does. Collective.
+///
+/// # Errors
+/// As [`Given::new`].
+fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
+    let Some(start) = &case.start else {
+        return Ok(Cow::Borrowed(case));
+    };
+    let given = Given::new(world, &start.path, case, &start.place)?;
+    let mut case = case.clone();
+    (case.warp.interval, case.warp.points) = (Some(given.interval), Some(given.points));
+    Ok(Cow::Owned(case))
 }
 
 /// What `run` is told besides the case.
@@ -140,6 +157,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         .insert("start".to_owned(), world.start_seconds);
     let all = world.group();
     let speaks = all.rank() == 0;
+    let case = &*with_start(&all, case)?;
 
     // 1. Who computes what; does it fit; can the results be written.
     let mut resources = Resources {
@@ -222,11 +240,12 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     // 6. Solve; of the fields at the start only the mass is kept.
     let mut summary = Summary::default();
     let total = |moment: &[f64]| integral(&communicator.world, &case.space, moment);
-    summary.mass_initial = {
+    if case.start.is_none() {
         let initial = std::mem::take(&mut problem.initial);
         let mine: Vec<&[f64]> = initial.iter().map(|f| &f[place.mine.clone()]).collect();
-        total(&moments(&communicator.world, case, &mine).density)
-    };
+        let mass = total(&moments(&communicator.world, case, &mine).density);
+        summary.mass_initial = Some(mass);
+    }
     watch.lap("observables");
     let warped = Warped {
         directory,
@@ -286,7 +305,10 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
             ..FieldSummary::default()
         });
     }
-    if let Some(warp_plan) = &plan.warp {
+    if case.start.is_some() {
+        summary.doubt =
+            Some("the field that the run began with is known on its points only".to_owned());
+    } else if let Some(warp_plan) = &plan.warp {
         let found = estimate(
             &plan,
             warp_plan,

@@ -7,6 +7,7 @@ The directories hold runs of cases with the exact solution f = 1 + x + 10 v in o
 1000 vy in two and so on, or with measure-valued data.
 """
 
+import json
 import pathlib
 import sys
 
@@ -117,6 +118,30 @@ def history(path, n, density):
     return True
 
 
+def warped(directory, n):
+    """Whole warped fields by name, where there are some: e^p w is the field at that time, read at a point of the file; their number."""
+    paths = sorted(directory.glob("warped_f*.h5"))
+    for path in paths:
+        with h5py.File(path) as file, h5py.File(directory / "result.h5") as result:
+            for name in ["w", "case", "plan", *SPACE[:n], *VELOCITY[:n], "p"]:
+                assert file[name].attrs["checksum"] == checksum(file[name][()]), f"checksum of {name}"
+            point = json.loads(file["plan"][()])["warp"]["readings"][0]["point"]
+            time = file.attrs["time"]
+            if time == result.attrs["time"]:
+                expected = result["f"][()]
+            else:
+                place = int(np.argmin(np.abs(result["field_time"][()] - time)))
+                assert result["field_time"][place] == time, time
+                expected = result["history/f"][place]
+        with xarray.open_dataset(path, engine="h5netcdf") as data:
+            assert data["w"].dims == (*SPACE[:n], *VELOCITY[:n], "p"), data["w"].dims
+            assert "p" in data["w"].coords and data["w"].attrs["units"] == "1"
+            at = data["w"].sel(p=point, method="bfill")
+            found = np.exp(float(at["p"])) * at.values
+            same(found, expected, f"e^p w of {path.name}", 1e-5 * np.abs(expected).max())
+    return len(paths)
+
+
 def blocks(block):
     if hasattr(block, "GetNumberOfBlocks"):
         for k in range(block.GetNumberOfBlocks()):
@@ -189,4 +214,6 @@ for place in sys.argv[1:]:
         with_xarray(directory / "result.h5", dimension, is_density)
         early = ", history" if history(directory / "result.h5", dimension, is_density) else ""
         with_vtk(directory, dimension, is_density)
-        print(f"{place}: read by h5py {h5py.__version__}, xarray {xarray.__version__}, VTK{early}")
+        files = warped(directory, dimension)
+        whole = f", {files} warped" if files else ""
+        print(f"{place}: read by h5py {h5py.__version__}, xarray {xarray.__version__}, VTK{early}{whole}")

@@ -4,7 +4,6 @@
 //! `PHASEWARP_READERS=required`, as `.ci/run` sets it once they are installed.
 
 #[path = "support/launch.rs"]
-#[allow(dead_code)]
 mod launch;
 
 use launch::{Job, case, check_all, directory};
@@ -47,7 +46,11 @@ fn results_open_in_other_programs() {
     const LINE: &str = "exact={ f = \"1 + x + 10*v\" }";
     const PLANE: &str = "exact={ f = \"1 + x + 10*y + 100*vx + 1000*vy\" }";
     const SPACE: &str = "exact={ f = \"1 + x + 10*y + 100*z + 1e3*vx + 1e4*vy + 1e5*vz\" }";
-    const EARLY: &[&str] = &["output.moments_every=0.3", "output.field_times=[0.1, 0.6]"];
+    const EARLY: &[&str] = &[
+        "output.moments_every=0.3",
+        "output.field_times=[0.1, 0.6]",
+        "output.warped_field=true",
+    ];
     const PACKED: &[&str] = &["output.compression=4"];
     const CHUNKS: &[&str] = &["output.chunks=[5,3,4,6]"];
     let rows: &[(&str, usize, &[&[&str]])] = &[
@@ -78,7 +81,7 @@ fn results_open_in_other_programs() {
         let said = read(&python, &[&path]);
         let fails = |why: String| format!("{why}\n  command: {}", summary.command);
         let said = said.map_err(fails)?;
-        let early = settings.contains(&EARLY) == said.contains(", history");
+        let early = settings.contains(&EARLY) == said.contains(", history, 3 warped");
         summary.require(said.starts_with(&path) && early, || {
             format!("the script said: {said}")
         })?;

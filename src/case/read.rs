@@ -106,6 +106,7 @@ impl Case {
         let propagator = solver.table("propagator")?.knowing(&["method", "step"])?;
         let classical = solver.table("classical")?.knowing(&["integrator", "cfl"])?;
         let (data, fields) = read_data(&root, n)?;
+        let start = read_start(&root, name)?;
         let end = read_end(&root)?;
         let exact = read_exact(&root, n, &data)?;
         let method = solver.choice(
@@ -139,6 +140,7 @@ impl Case {
             potential: read_potential(&root, n)?,
             data,
             fields,
+            start,
             end,
             interface: scheme.choice(
                 "interface",
@@ -200,6 +202,9 @@ impl Case {
                 "solver.warp.inflow = \"scalar\" couples one unknown to all rows, which only \"chebyshev\" applies: \
                  choose it, or \"boundary\" or \"full\"",
             ));
+        }
+        if case.start.is_some() {
+            startable(&case, &root.table("initial")?, &solver, &warp)?;
         }
         if case.warped_field && case.method == Method::Classical {
             return Err(output.error(
@@ -397,7 +402,22 @@ fn read_potential(root: &Table<'_>, n: usize) -> Result<Vec<Region>> {
 fn read_data(root: &Table<'_>, n: usize) -> Result<(Data, Vec<Field>)> {
     let table = root
         .table("initial")?
-        .knowing(&["f", "density", "velocity"])?;
+        .knowing(&["f", "density", "velocity", "warped"])?;
+    if table.has("warped") {
+        let others = ["f", "density", "velocity"];
+        if let Some(other) = others.into_iter().find(|key| table.has(key)) {
+            let message = format!("give either initial.warped, or initial.{other}");
+            return Err(table.error(other, &message));
+        }
+        // f(0) stands nowhere; with this formula nothing is left of it.
+        let zero = |key| parse_formula(&table, key, "0", &names(n, true, false));
+        let field = Field {
+            name: "f",
+            initial: zero("warped")?,
+            inflow: read_inflow(root, n, "0")?,
+        };
+        return Ok((Data::Density, vec![field]));
+    }
     if !table.has("density") && !table.has("velocity") {
         let field = Field {
             name: "f",
@@ -439,6 +459,64 @@ fn read_data(root: &Table<'_>, n: usize) -> Result<(Data, Vec<Field>)> {
         });
     }
     Ok((Data::Measure { density, velocity }, fields))
+}
+
+/// `initial.warped`: relative to the directory of the case file `name`.
+fn read_start(root: &Table<'_>, name: &str) -> Result<Option<WarpedStart>> {
+    let table = root.table("initial")?;
+    let Some(file) = table.text("warped")? else {
+        return Ok(None);
+    };
+    if file.is_empty() {
+        return Err(table.error(
+            "warped",
+            "the path of a file expected, such as \"warped_f.h5\"",
+        ));
+    }
+    let directory = Path::new(name).parent().unwrap_or(Path::new(""));
+    Ok(Some(WarpedStart {
+        path: directory.join(file),
+        place: table.place("warped"),
+    }))
+}
+
+/// What makes no sense with a warped field to start from.
+fn startable(case: &Case, initial: &Table<'_>, solver: &Table<'_>, warp: &Table<'_>) -> Result<()> {
+    let refuse = |why: &str| Err(initial.error("warped", why));
+    if case.method == Method::Classical {
+        return refuse("solver.method = \"classical\" knows no p; \"schrodingerized\" does");
+    }
+    if case.enters() {
+        return refuse(
+            "nothing may enter, as the file has no auxiliary unknowns: leave inflow.value out or 0",
+        );
+    }
+    if matches!(case.exact, Some(Exact::Characteristics)) {
+        return refuse(
+            "exact.kind = \"characteristics\" needs initial.f; leave it out, or give exact.f",
+        );
+    }
+    if case.verify {
+        return Err(solver.error(
+            "verify",
+            "needs initial.f; with initial.warped leave it out",
+        ));
+    }
+    let read = &case.warp;
+    let given = [
+        ("profile", read.profile != ProfileChoice::Planned),
+        ("coefficients", read.coefficients != Coefficients::Analytic),
+        ("interval", read.interval.is_some()),
+        ("points", read.points.is_some()),
+        ("shift", read.shift != Shift::Given(0.0)),
+    ];
+    match given.into_iter().find(|(_, given)| *given) {
+        Some((key, _)) => Err(warp.error(
+            key,
+            "with initial.warped the file says what w is at every p; leave it out",
+        )),
+        None => Ok(()),
+    }
 }
 
 fn read_inflow(root: &Table<'_>, n: usize, default: &str) -> Result<Inflow> {

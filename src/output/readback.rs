@@ -10,7 +10,7 @@ use hdf5::{Dataset, File, Hyperslab, SliceOrIndex};
 use ndarray::IxDyn;
 use std::collections::BTreeMap;
 use std::mem::ManuallyDrop;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Numbers read at a time: 4 MiB.
 const PIECE: usize = 1 << 19;
@@ -124,11 +124,11 @@ fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
     }
 }
 
-/// As [`check`], of `directory/result.h5`.
+/// As [`check`], of `directory/result.h5` and the warped fields beside it; gives the number of datasets of each file.
 ///
 /// # Errors
-/// As [`check`]; [`Error::Input`] where there is no such file.
-pub fn check_result(world: &Group, directory: &Path) -> Result<usize> {
+/// As [`check`]; [`Error::Input`] where there is no `result.h5`.
+pub fn check_result(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, usize)>> {
     let path = directory.join("result.h5");
     let fail = |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", path.display()));
     world.agree(match std::fs::metadata(&path) {
@@ -136,5 +136,23 @@ pub fn check_result(world: &Group, directory: &Path) -> Result<usize> {
         Ok(_) => Err(fail(&"is no file")),
         Err(e) => Err(fail(&e)),
     })?;
-    check(world, &path)
+    // What there is is for one rank to say.
+    let mut names = Vec::new();
+    if world.rank() == 0
+        && let Ok(entries) = std::fs::read_dir(directory)
+    {
+        let all = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+        names.extend(all.filter(|name| name.starts_with("warped_") && name.ends_with(".h5")));
+        names.sort_unstable();
+    }
+    let names = world.broadcast_text(&names.join("\n"));
+    ["result.h5"]
+        .into_iter()
+        .chain(names.lines())
+        .map(|name| {
+            let path = directory.join(name);
+            let datasets = check(world, &path)?;
+            Ok((path, datasets))
+        })
+        .collect()
 }

@@ -122,7 +122,7 @@ pub struct Summary {
     /// ∫ f dx dv at T; for measure-valued data ∫ ρ dx, as all moments by the discrete delta function.
     pub mass: f64,
     /// ∫ f dx dv at 0.
-    pub mass_initial: f64,
+    pub mass_initial: Option<f64>,
     /// ½ ∫ |v|² f dx dv at T.
     pub kinetic_energy: f64,
     /// Smallest value of f, or of φ.

@@ -401,6 +401,12 @@ fn arrays(
         let share = cells / layers as u64 * layers.div_ceil(mesh.groups) as u64;
         let sums = 16 * (readings + plateau + steps) * cells;
         list.push(("recovery sums".to_owned(), sums));
+        if case.start.is_some() && case.times.is_empty() {
+            list.push((
+                "start of a batch".to_owned(),
+                size_of::<Lanes>() as u64 * rows,
+            ));
+        }
         if !case.times.is_empty() {
             // Where a batch stands between two legs; sums and results at the output times.
             list.push(("between legs".to_owned(), size_of::<Lanes>() as u64 * rows));

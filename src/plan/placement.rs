@@ -21,7 +21,7 @@ const SAMPLED_TRUNCATION: f64 = 0.2;
 
 /// The profile of a run and how it is read.
 pub(super) struct Placement {
-    pub profile: Profile,
+    pub profile: Option<Profile>,
     pub series: Series,
     pub interval: [f64; 2],
     pub readings: Vec<Reading>,
@@ -37,6 +37,9 @@ pub(super) struct Placement {
 /// hand is too short, [`Error::Modes`] when there are too many.
 pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placement> {
     let warp = &case.warp;
+    if let (Some(_), Some(interval), Some(points)) = (&case.start, warp.interval, warp.points) {
+        return from_file(case, bounds, interval, points);
+    }
     let mut warnings = Vec::new();
     let demand = demand(case, bounds, ratio);
     let (profile, window) = match Profile::plan(warp.choice(), &demand) {
@@ -77,11 +80,57 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     Ok(Placement {
         seen,
         plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
-        profile,
+        profile: Some(profile),
         series,
         interval,
         readings: moved(readings, shift),
         warnings,
+    })
+}
+
+/// How a warped field on `points` points of `interval`, whatever it is at the start, is read: as one that is `e^{−p} f` where information
+/// reaches the recovery point from.
+///
+/// # Errors
+/// [`Error::Input`] where the recovery point is not in the interval; [`Error::Modes`] for too many points.
+fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) -> Result<Placement> {
+    let period = interval[1] - interval[0];
+    if points / 2 + 1 > MOST_MODES {
+        return Err(Error::Modes {
+            profile: "that of initial.warped".to_owned(),
+            modes: (points / 2 + 1) as f64,
+            limit: MOST_MODES,
+            tolerance: case.tolerance,
+        });
+    }
+    // Information comes from up to λ⁺T below.
+    let growth = bounds.growth.max(0.0) * case.end;
+    let point = case.warp.recovery.unwrap_or(growth);
+    if !(interval[0]..interval[1]).contains(&point) {
+        let [lower, upper] = interval;
+        return Err(Error::Input(format!(
+            "solver.warp.recovery: f would be read at p = {point}; the points of initial.warped go from {lower:.4} to {upper:.4}"
+        )));
+    }
+    let series = Series::ones(period, points);
+    let window = Window {
+        point,
+        distance: point - growth,
+        period,
+        cutoff: series.wavenumber(points / 2),
+    };
+    let readings = readings(case, &window, interval, SECOND_POINT);
+    Ok(Placement {
+        seen: 1.0,
+        plateau: plateau(case, &window, interval, readings[0].width),
+        warnings: vec![format!(
+            "initial.warped: f is e^p w read at p = {point:.4}, which is right where w(0) is e^(-p) f for all p above {:.4}",
+            point - growth
+        )],
+        profile: None,
+        series,
+        interval,
+        readings,
     })
 }
 

@@ -1,24 +1,25 @@
 //! From the discrete problem to the fields at `T`: by modes, or classically.
 
 use super::Place;
-use crate::case::{Case, Integrator};
+use crate::case::{Case, Integrator, WarpedStart};
 use crate::checkpoint::{Checkpoints, Generation, Resumed, Store, Times};
 use crate::classical::limiter::Reconstruction;
 use crate::classical::{Classical, EXACT, duhamel_panels};
 use crate::communicator::{Communicator, GhostExchange};
 use crate::compare::Norms;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::observables::{MOMENTS, Moments, VelocityFactors, moments, totals};
 use crate::output::hdf5::{About, slices};
 use crate::output::history::Early;
 use crate::output::summary::Summary;
-use crate::output::warped::{self, Spread};
+use crate::output::warped::{self, Given, Spread};
 use crate::plan::{Plan, WarpPlan, classical_steps, cost};
 use crate::problem::Problem;
 use crate::progress::Progress;
 use crate::propagate::commutator_free::CommutatorFree;
 use crate::propagate::{Evolution, Initial, Propagator, propagator};
-use crate::warp::{self, Besides, Keeping, KeptModes, Leg, MomentsOf, Task};
+use crate::warp::{self, Besides, Keeping, KeptModes, Leg, MomentsOf, Passage, Task};
+use num_complex::Complex64;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
@@ -216,8 +217,28 @@ fn by_modes(
     });
     let mut progress = Progress::new(speaks, "modes", left * problem.states.len() / stages);
     let rows = problem.matrix.rows();
+    let modes: Vec<Vec<usize>> = plan.layout.modes();
+    let mut kept = warp_plan.points.map(|_| {
+        let mine = &modes[communicator.modes.rank()];
+        KeptModes::new(rows, mine.clone())
+    });
+    let spread = Spread {
+        communicator,
+        space: &case.space,
+        block: &place.block,
+        modes: &modes,
+        pi: &problem.weights.pi[..place.block.cells()],
+        buffers: warped::BUFFERS,
+    };
+    let largest = match (&case.start, &mut kept) {
+        (Some(start), Some(kept)) => Some(begin(start, warp_plan, &spread, problem, kept)?),
+        _ => None,
+    };
     let initial: Vec<Initial<'_>> = (problem.states.iter())
-        .map(|state| Initial::real(&state[..rows], problem.norm(communicator, state, false)))
+        .map(|state| {
+            let norm = largest.unwrap_or_else(|| problem.norm(communicator, state, false));
+            Initial::real(&state[..rows], norm)
+        })
         .collect();
     let made: Result<Box<dyn Propagator>> = match &problem.schedule {
         Some(schedule) => Ok(Box::new(CommutatorFree::new(
@@ -238,10 +259,9 @@ fn by_modes(
         terms: problem.terms,
     };
     let factors = VelocityFactors::new(&case.space);
-    let pi = &problem.weights.pi[..problem.matrix.block.cells()];
     let moments = MomentsOf {
         factors: &factors,
-        pi,
+        pi: spread.pi,
     };
     let task = Task {
         communicator,
@@ -252,7 +272,6 @@ fn by_modes(
         shares: &place.ranges,
         moments: Some(&moments),
     };
-    let modes: Vec<Vec<usize>> = plan.layout.modes();
     let mut warped_seconds = 0.0;
     let mut write = |k: usize, leg: usize, kept: &KeptModes| {
         // Of the times before the end those that are to show the fields; they are numbered.
@@ -265,14 +284,6 @@ fn by_modes(
             .times
             .get(leg)
             .map(|_| (0..=leg).filter(wanted).count());
-        let spread = Spread {
-            communicator,
-            space: &case.space,
-            block: &place.block,
-            modes: &modes,
-            pi,
-            buffers: warped::BUFFERS,
-        };
         let about = About {
             case,
             plan,
@@ -286,13 +297,9 @@ fn by_modes(
         warped_seconds += started.elapsed().as_secs_f64();
         Ok(())
     };
-    let mut kept = warp_plan.points.map(|_| {
-        let mine = &modes[group];
-        KeptModes::new(rows, mine.clone())
-    });
     let mut keeping = kept.as_mut().map(|kept| Keeping {
         kept,
-        begun: false,
+        begun: case.start.is_some(),
         after: &mut write,
     });
     let mesh = &plan.layout.mesh;
@@ -354,6 +361,51 @@ fn by_modes(
         plateau: recovered.plateau.into_iter().map(unweighted).collect(),
         early: recovered.early,
         warped_seconds,
+    })
+}
+
+/// Reads the modes that the run starts from; gives the largest of their norms. Collective.
+///
+/// # Errors
+/// As [`Given::read`]; [`Error::Magnitude`] for values whose squares overflow or vanish.
+fn begin(
+    start: &WarpedStart,
+    warp: &WarpPlan,
+    spread: &Spread<'_>,
+    problem: &Problem,
+    kept: &mut KeptModes,
+) -> Result<f64> {
+    let given = Given {
+        path: start.path.clone(),
+        interval: warp.interval,
+        points: warp.points.unwrap_or_default(),
+    };
+    given.read(spread, &warp.series, kept)?;
+    let communicator = spread.communicator;
+    let mut part = vec![0.0; kept.rows()];
+    let mut largest = 0.0f64;
+    for k in 0..kept.modes().len() {
+        let values = &kept.values()[k * part.len()..(k + 1) * part.len()];
+        let norms = [|x: &Complex64| x.re, |x: &Complex64| x.im].map(|of| {
+            part.iter_mut()
+                .zip(values)
+                .for_each(|(part, x)| *part = of(x));
+            problem.norm(communicator, &part, false)
+        });
+        let norm = norms[0].hypot(norms[1]);
+        kept.passages_mut()[k] = Passage::start(norm);
+        // A norm that is no number stays.
+        if norm > largest || norm.is_nan() {
+            largest = norm;
+        }
+    }
+    let largest = communicator.world.max(largest);
+    if largest == 0.0 || (1e-100..=1e100).contains(&largest) {
+        return Ok(largest);
+    }
+    Err(Error::Magnitude {
+        key: start.place.clone(),
+        value: largest,
     })
 }
 

@@ -1,0 +1,581 @@
+//! Full runs from outside: the whole warped field in its file, and runs that start from one.
+
+#[path = "support/launch.rs"]
+mod launch;
+#[path = "support/results.rs"]
+mod results;
+
+#[path = "support/dense.rs"]
+mod dense;
+
+use dense::{System, evolve};
+use launch::{Job, case, check_all, directory};
+use num_complex::Complex64;
+use results::{Stored, datasets, datasets_of, differences, distance, field};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// The warped field of `directory/warped_NAME.h5` and its points.
+fn warped(directory: &Path, name: &str) -> Result<(Vec<f64>, Vec<f64>), String> {
+    let all = datasets_of(&directory.join(format!("warped_{name}.h5")))?;
+    Ok((all["/w"].numbers(), all["/axis/p"].numbers()))
+}
+
+/// `e^{p_j} w(p_j)`.
+fn read_at((w, p): (&[f64], &[f64]), j: usize) -> Vec<f64> {
+    w.iter()
+        .skip(j)
+        .step_by(p.len())
+        .map(|w| p[j].exp() * w)
+        .collect()
+}
+
+/// An interval and points by hand, of which p = 1 is one.
+const POINTS: [&str; 3] = [
+    "solver.warp.interval=[-160, 40]",
+    "solver.warp.points=800",
+    "solver.warp.recovery=1",
+];
+
+/// A case of example 1 that is quick, without its exact solution.
+fn small(settings: &[&str]) -> Job {
+    Job::new(["run", &case("example1.toml")])
+        .set(&["axis.0.x.cells=14", "axis.0.v.cells=11"])
+        .set(&["exact={f='0'}"])
+        .set(settings)
+}
+
+/// A full run recovers the bits of the streamed one, on any ranks and mesh, with several fields, inflow, output times, and modes that see
+/// their company; and its files have the same bits on any ranks.
+#[test]
+fn full_runs_recover_what_streamed_ones_do() {
+    let line: &[&str] = &["axis.0.x.cells=15", "axis.0.v.cells=14"];
+    let plane: &[&str] = &[
+        "axis.0.x.cells=6",
+        "axis.1.x.cells=5",
+        "axis.0.v.cells=4",
+        "axis.1.v.cells=5",
+    ];
+    let rows: [(&str, &[&str], &[&str], &[&str]); 6] = [
+        (
+            "example1.toml",
+            line,
+            &["output.plateau={points=3}"],
+            &["f"],
+        ),
+        (
+            "example1.toml",
+            line,
+            &["output.moments_every=0.3", "output.field_times=[0.3, 0.7]"],
+            &["f", "f_0001", "f_0002"],
+        ),
+        ("inflow_barrier.toml", line, &[], &["f"]),
+        (
+            "example3.toml",
+            plane,
+            &["output.field_times=[0.1]"],
+            &[
+                "phi",
+                "psi_x",
+                "psi_y",
+                "phi_0001",
+                "psi_x_0001",
+                "psi_y_0001",
+            ],
+        ),
+        (
+            "example1.toml",
+            line,
+            &["solver.propagator.method=krylov"],
+            &["f"],
+        ),
+        (
+            "example1.toml",
+            line,
+            &[
+                "solver.propagator={method='crank-nicolson', step=0.05}",
+                "solver.tolerance=1e-3",
+                "output.field_times=[0.4]",
+            ],
+            &["f", "f_0001"],
+        ),
+    ];
+    check_all(&rows, |(name, grid, settings, files)| {
+        let job = Job::new(["run", &case(name)]).set(grid).set(settings);
+        let streamed = directory();
+        let dropped = job
+            .clone()
+            .on(2)
+            .with(["--ranks-x", "1"])
+            .solve(streamed.path())?;
+        let expected = datasets(streamed.path())?;
+        dropped.require(dropped.value["points"].is_null(), || "points".to_owned())?;
+        let mut first: Option<Vec<BTreeMap<String, Stored>>> = None;
+        for (ranks, blocks) in [(1, "1"), (2, "1"), (3, "1"), (4, "2")] {
+            // Sparse factors of split space are those of a Krylov solver.
+            if name == &"example1.toml" && settings.len() == 3 && blocks != "1" {
+                continue;
+            }
+            let place = directory();
+            let job = job.clone().with(["--mode", "full", "--ranks-x", blocks]);
+            let summary = job.on(ranks).solve(place.path())?;
+            let changed = differences(&datasets(place.path())?, &expected);
+            summary.require(changed == ["/plan"], || format!("other {changed:?}"))?;
+            let found: Vec<BTreeMap<String, Stored>> = files
+                .iter()
+                .map(|file| datasets_of(&place.path().join(format!("warped_{file}.h5"))))
+                .collect::<Result<_, String>>()?;
+            let points = found[0]["/axis/p"].numbers().len();
+            let shape = &found[0]["/w"].shape;
+            summary.require(shape.last() == Some(&points), || format!("{shape:?}"))?;
+            let told = summary.number("points")? as usize;
+            summary.require(told == points, || format!("{told} and {points} points"))?;
+            let written = std::fs::read_dir(place.path()).map_err(|e| e.to_string())?;
+            let names = written.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+            let number = names.filter(|name| name.starts_with("warped_")).count();
+            summary.require(number == files.len(), || format!("{number} files"))?;
+            match &first {
+                None => first = Some(found),
+                Some(first) => {
+                    for (a, b) in first.iter().zip(&found) {
+                        let changed = differences(a, b);
+                        summary.require(changed.is_empty(), || format!("other {changed:?}"))?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    });
+}
+
+/// The field that is read at p◇, and the plateau, are `e^p w` at the points of the file; the one at an earlier time likewise.
+#[test]
+fn what_is_read_at_a_point_is_in_the_file() {
+    let place = directory();
+    let settings = [
+        "output.plateau={from=0.5, to=2.5, points=9}",
+        "output.field_times=[0.4]",
+        "output.warped_field=true",
+    ];
+    // A profile that is nowhere much larger than where it is read: nothing amplifies round-off.
+    let rough = ["solver.warp.profile=exponential", "solver.tolerance=1e-2"];
+    let job = small(&POINTS).set(&rough).set(&settings).on(3);
+    job.solve(place.path()).unwrap();
+    let all = datasets(place.path()).unwrap();
+    let (w, p) = warped(place.path(), "f").unwrap();
+    let at = |point: f64| {
+        let j = p.iter().position(|p| (p - point).abs() < 1e-9).unwrap();
+        read_at((&w, &p), j)
+    };
+    let f = all["/f"].numbers();
+    let off = distance(&at(1.0), &f);
+    assert!(off < 1e-12, "{off:e}");
+    let (points, distances) = (
+        all["/plateau/p"].numbers(),
+        all["/plateau/distance"].numbers(),
+    );
+    assert_eq!(points.len(), 9);
+    for (point, expected) in points.iter().zip(&distances) {
+        let found = distance(&at(*point), &f);
+        assert!(
+            (found - expected).abs() < 1e-12,
+            "{point}: {found:e} {expected:e}"
+        );
+    }
+    let (w, p) = warped(place.path(), "f_0001").unwrap();
+    let j = p.iter().position(|p| (p - 1.0).abs() < 1e-9).unwrap();
+    let off = distance(&read_at((&w, &p), j), &all["/history/f"].numbers());
+    assert!(off < 1e-12, "{off:e}");
+    // The file of a shorter run is within the tolerance of it, at every point.
+    let short = directory();
+    let job = small(&POINTS)
+        .set(&rough)
+        .set(&["time.end=0.4", "output.warped_field=true"]);
+    job.on(2).solve(short.path()).unwrap();
+    let (other, _) = warped(short.path(), "f").unwrap();
+    let off = distance(&other, &w);
+    assert!(off < 1e-2, "{off:e}");
+}
+
+/// `w` is the naive sum over the modes of the dense exponential.
+#[test]
+fn the_warped_field_is_that_of_the_dense_exponential() {
+    for (profile, points) in [
+        ("solver.warp.profile=designed", &[][..]),
+        ("solver.warp.profile=gaussian", &POINTS),
+        ("solver.warp.profile=exponential", &POINTS),
+    ] {
+        let place = directory();
+        let grid = ["axis.0.x.cells=5", "axis.0.v.cells=6"];
+        let scene = [
+            "scheme.interface=conservative",
+            "solver.tolerance=1e-2",
+            "time.end=0.1",
+        ];
+        let job = small(&grid).set(points).set(&scene).set(&[profile]);
+        // Chebyshev series far below what is compared.
+        job.with(["--mode", "full"])
+            .on(2)
+            .solve(place.path())
+            .unwrap();
+        let file = datasets_of(&place.path().join("warped_f.h5")).unwrap();
+        let plan = String::from_utf8(file["/plan"].bytes.clone()).unwrap();
+        let plan: serde_json::Value = serde_json::from_str(&plan).unwrap();
+        let series = &plan["warp"]["series"];
+        let period = series["period"].as_f64().unwrap();
+        let coefficients: Vec<Complex64> = (series["coefficients"].as_array().unwrap().iter())
+            .map(|c| Complex64::new(c[0].as_f64().unwrap(), c[1].as_f64().unwrap()))
+            .collect();
+        let alone = series["alone"].as_bool().unwrap();
+        let overrides: Vec<&str> = grid.iter().chain(&scene).copied().collect();
+        let case = dense::case("example1.toml", &overrides);
+        let system = System::of_rows(&case);
+        let (s, k) = (system.generator.symmetric(), system.generator.skew());
+        let start: Vec<f64> = {
+            // Cell centres, the last velocity fastest.
+            let (x, v) = (case.space.x[0].centres(), case.space.v[0].centres());
+            let f = |&x: &f64, &v: &f64| {
+                case.fields[0]
+                    .initial
+                    .eval(&[x, 0.0, 0.0, v, 0.0, 0.0, 0.0])
+            };
+            x.iter()
+                .flat_map(|x| v.iter().map(move |v| f(x, v)))
+                .collect()
+        };
+        let (w, p) = (file["/w"].numbers(), file["/axis/p"].numbers());
+        let mut expected = vec![0.0; w.len()];
+        for (l, c) in coefficients.iter().enumerate() {
+            let mu = std::f64::consts::TAU * l as f64 / period;
+            let mode = evolve(&s, &k, mu, &start, case.end);
+            let both = l > 0 && !(alone && l + 1 == coefficients.len());
+            let factor = c * if both { 2.0 } else { 1.0 };
+            for (line, x) in expected.chunks_exact_mut(p.len()).zip(&mode) {
+                for (w, p) in line.iter_mut().zip(&p) {
+                    *w += (factor * Complex64::new(0.0, mu * p).exp() * x).re;
+                }
+            }
+        }
+        let off = distance(&w, &expected);
+        assert!(off < 1e-3, "{profile}: {off:e}");
+        assert!(p.len() >= 2 * (coefficients.len() - 1));
+    }
+}
+
+/// A run to T and one from its file to T are one to 2T: in the field, and in the whole of w; on other ranks; streamed, full, and with a time
+/// between.
+#[test]
+fn runs_go_on_from_a_warped_field() {
+    let tolerances = ["1e-5", "1e-9"];
+    check_all(&tolerances, |tolerance| {
+        let asked: f64 = tolerance.parse().map_err(|_| "a tolerance")?;
+        let tolerance = format!("solver.tolerance={tolerance}");
+        let places = [directory(), directory(), directory(), directory()];
+        // Neither weights nor a profile that depend on the time, and next to nothing in the last mode, of which the points see the real
+        // part only.
+        let same = ["scheme.interface=conservative", "exact={f='0'}"];
+        let run = |end: f64| small(&[&tolerance, &format!("time.end={end}")]).set(&same);
+        let full = ["--mode", "full"];
+        let free = &[
+            "solver.warp.profile=smooth",
+            POINTS[0],
+            "solver.warp.points=4800",
+        ];
+        run(0.5)
+            .set(free)
+            .with(full)
+            .on(3)
+            .solve(places[0].path())?;
+        let file = places[0].path().join("warped_f.h5");
+        let from = format!("initial={{warped='{}'}}", file.display());
+        let second = run(0.5).set(&[&from, "solver.warp.recovery=1"]);
+        let summary = second.clone().with(full).on(2).solve(places[1].path())?;
+        run(1.0)
+            .set(free)
+            .set(&["solver.warp.recovery=1"])
+            .with(full)
+            .on(1)
+            .solve(places[2].path())?;
+        let streamed = second
+            .set(&["output.field_times=[0.2]"])
+            .on(4)
+            .solve(places[3].path())?;
+        let (found, p) = warped(places[1].path(), "f")?;
+        let (expected, other) = warped(places[2].path(), "f")?;
+        let moved = p
+            .iter()
+            .zip(&other)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max);
+        summary.require(p.len() == other.len() && moved < 1e-9, || {
+            "points".to_owned()
+        })?;
+        let off = distance(&found, &expected);
+        summary.require(off < 2.0 * asked, || format!("w is off by {off:e}"))?;
+        for place in [&places[1], &places[3]] {
+            let off = distance(&field(place.path())?, &field(places[2].path())?);
+            summary.require(off < 10.0 * asked, || format!("f is off by {off:e}"))?;
+        }
+        let warned =
+            |s: &launch::Summary| s.value["warnings"].to_string().contains("initial.warped");
+        summary.require(warned(&summary) && warned(&streamed), || {
+            "no warning".to_owned()
+        })?;
+        summary.require(summary.value["mass_initial"].is_null(), || {
+            "mass".to_owned()
+        })?;
+        summary.require(summary.value["error_estimate"].is_null(), || {
+            "estimate".to_owned()
+        })
+    });
+}
+
+/// A field that no profile makes: not separable, every point and cell a value of its own. Its norm stays, and what is left after no time is what
+/// was in the file.
+#[test]
+fn any_field_may_be_the_start() {
+    let place = directory();
+    let path = place.path().join("start.h5");
+    let (cells, velocities, points) = (7, 6, 50);
+    let value = |n: usize| dense::noise(n, 3);
+    let values: Vec<f64> = (0..cells * velocities * points).map(value).collect();
+    {
+        let file = hdf5::File::create(&path).unwrap();
+        file.create_group("axis").unwrap();
+        let list = |name: &str, values: &[f64]| {
+            let dataset = file.new_dataset::<f64>().shape(values.len());
+            dataset.create(name).unwrap().write(values).unwrap();
+        };
+        let case = dense::case("example1.toml", &["axis.0.x.cells=7", "axis.0.v.cells=6"]);
+        list("axis/x", &case.space.x[0].centres());
+        list("axis/vx", &case.space.v[0].centres());
+        let p: Vec<f64> = (0..points).map(|j| -3.0 + 0.2 * j as f64).collect();
+        list("axis/p", &p);
+        let w = file.new_dataset::<f64>().shape([cells, velocities, points]);
+        w.create("w").unwrap().write_raw(&values).unwrap();
+    }
+    let run = |end: f64, to: &Path| {
+        let from = format!("initial={{warped='{}'}}", path.display());
+        let end = format!("time.end={end}");
+        let settings = [
+            &from,
+            &end,
+            "solver.tolerance=1e-10",
+            "scheme.interface=conservative",
+        ];
+        let grid = ["axis.0.x.cells=7", "axis.0.v.cells=6"];
+        small(&grid)
+            .set(&settings)
+            .with(["--mode", "full"])
+            .on(3)
+            .solve(to)
+    };
+    let short = directory();
+    run(1e-9, short.path()).unwrap();
+    let (found, p) = warped(short.path(), "f").unwrap();
+    assert_eq!(p.len(), points);
+    let off = distance(&found, &values);
+    assert!(off < 1e-6, "{off:e}");
+    // Modes keep their norms, and so does the field but for what the mode N_p/2 shows of itself.
+    let long = directory();
+    run(0.2, long.path()).unwrap();
+    let (found, _) = warped(long.path(), "f").unwrap();
+    let norm = |w: &[f64]| {
+        // Without the mode N_p/2: the mean of each two neighbours' alternating part taken out.
+        let line = |line: &[f64]| {
+            let alternating: f64 = line
+                .iter()
+                .enumerate()
+                .map(|(j, w)| if j % 2 == 0 { *w } else { -w })
+                .sum::<f64>()
+                / points as f64;
+            line.iter()
+                .enumerate()
+                .map(|(j, w)| {
+                    (w - if j % 2 == 0 {
+                        alternating
+                    } else {
+                        -alternating
+                    })
+                    .powi(2)
+                })
+                .sum::<f64>()
+        };
+        w.chunks_exact(points).map(line).sum::<f64>().sqrt()
+    };
+    let (before, after) = (norm(&values), norm(&found));
+    assert!((after / before - 1.0).abs() < 1e-9, "{before} {after}");
+    assert!(distance(&found, &values) > 0.1, "nothing moved");
+}
+
+/// `check-result` looks at warped fields too, and names what is not as written.
+#[test]
+fn damage_to_a_warped_field_is_noticed() {
+    let place = directory();
+    let early = ["output.field_times=[0.5]", "output.warped_field=true"];
+    small(&early).on(2).solve(place.path()).unwrap();
+    let check = || Job::new(["check-result", &place.path().display().to_string()]).on(2);
+    let said = check().succeed().unwrap().output;
+    for name in ["result.h5", "warped_f.h5", "warped_f_0001.h5"] {
+        assert!(said.contains(name), "{said}");
+    }
+    let path = place.path().join("warped_f_0001.h5");
+    {
+        let file = hdf5::File::open_rw(&path).unwrap();
+        let w = file.dataset("w").unwrap();
+        let mut values: Vec<f64> = w.read_raw().unwrap();
+        values[777] += 1e-9;
+        w.write_raw(&values).unwrap();
+    }
+    let finished = check().run().unwrap();
+    let noticed = finished.errors.contains("/w") && finished.errors.contains("warped_f_0001.h5");
+    assert!(
+        finished.code == Some(1) && noticed,
+        "{}",
+        finished.report("damage")
+    );
+    // Nor is it a start.
+    let from = format!("initial={{warped='{}'}}", path.display());
+    let finished = small(&[&from]).into(place.path()).on(2).run().unwrap();
+    let noticed = finished.errors.contains("checksum");
+    assert!(
+        finished.code == Some(2) && noticed,
+        "{}",
+        finished.report("damage")
+    );
+}
+
+/// What makes no sense is refused by name, before anything is run.
+#[test]
+fn senseless_starts_are_refused() {
+    let place = directory();
+    small(&[])
+        .with(["--mode", "full"])
+        .solve(place.path())
+        .unwrap();
+    let file = place.path().join("warped_f.h5").display().to_string();
+    let from = format!("initial={{warped='{file}'}}");
+    let rows: [(&[&str], &[&str]); 13] = [
+        (&["initial={warped=5}"], &["initial.warped", "text"]),
+        (&["initial={warped=''}"], &["initial.warped", "path"]),
+        (
+            &["initial={warped='no.h5'}"],
+            &["initial.warped", "no.h5", "No such file"],
+        ),
+        (
+            &["initial={warped='../README.md'}"],
+            &["initial.warped", "README.md"],
+        ),
+        (
+            &[&format!("initial.warped='{file}'")],
+            &["initial.f", "either initial.warped"],
+        ),
+        (
+            &[&from, "axis.0.x.cells=13"],
+            &["initial.warped", "[14, 11", "[13, 11]"],
+        ),
+        (
+            &[&from, "axis.0.v.upper=1.6"],
+            &["initial.warped", "/axis/vx", "1.6"],
+        ),
+        (
+            &[&from, "inflow.value=1"],
+            &["initial.warped", "nothing may enter"],
+        ),
+        (
+            &[&from, "solver.method=classical"],
+            &["initial.warped", "schrodingerized"],
+        ),
+        (
+            &[&from, "exact={kind='characteristics'}"],
+            &["initial.warped", "exact.f"],
+        ),
+        (
+            &[&from, "solver.verify=true"],
+            &["solver.verify", "initial.warped"],
+        ),
+        (
+            &[&from, "solver.warp.points=64"],
+            &["solver.warp.points", "initial.warped"],
+        ),
+        (
+            &[&from, "solver.warp.recovery=250"],
+            &["solver.warp.recovery", "250", "points"],
+        ),
+    ];
+    check_all(&rows, |(settings, says)| {
+        let to = directory();
+        for ranks in [1, 2] {
+            let finished = small(settings).into(to.path()).on(ranks).run()?;
+            let said = &finished.errors;
+            if finished.code != Some(2) || !says.iter().all(|words| said.contains(words)) {
+                return Err(finished.report(&format!("refused with {says:?} expected")));
+            }
+        }
+        Ok(())
+    });
+    // Paths are from the case file's directory, whatever the working directory.
+    let home = directory();
+    let text = std::fs::read_to_string(case("example1.toml")).unwrap();
+    std::fs::write(home.path().join("case.toml"), text).unwrap();
+    std::fs::copy(&file, home.path().join("start.h5")).unwrap();
+    let job = Job::new(["run", &home.path().join("case.toml").display().to_string()]);
+    let settings = [
+        "axis.0.x.cells=14",
+        "axis.0.v.cells=11",
+        "exact={f='0'}",
+        "initial={warped='start.h5'}",
+    ];
+    job.set(&settings).solve(home.path()).unwrap();
+    // check and plan look at the file as well.
+    for command in ["plan", "check"] {
+        let job = Job::new([command, &case("example1.toml")]).set(&settings[..3]);
+        let finished = job.clone().set(&[&from]).run().unwrap();
+        assert_eq!(finished.code, Some(0), "{}", finished.report(command));
+        let finished = job.set(&["initial={warped='no.h5'}"]).run().unwrap();
+        assert_eq!(finished.code, Some(2), "{}", finished.report(command));
+    }
+}
+
+/// Memory is planned for, and refused where there is not enough; classical runs keep no modes.
+#[test]
+fn what_is_kept_is_planned() {
+    let plan = |settings: &[&str]| {
+        let job = Job::new(["plan", &case("example1.toml"), "--json"]).set(settings);
+        let finished = job.succeed().unwrap();
+        let plan: serde_json::Value = serde_json::from_str(&finished.output).unwrap();
+        plan
+    };
+    let array = |plan: &serde_json::Value, name: &str| {
+        let list = plan["layout"]["arrays"].as_array().unwrap().clone();
+        let found = list.iter().find(|array| array[0] == name);
+        found.and_then(|array| array[1].as_u64())
+    };
+    let settings = ["solver.warp.points=1024", "output.warped_field=true"];
+    let full = plan(&settings);
+    assert_eq!(array(&plan(&settings[..1]), "kept modes"), None);
+    let rows = full["cells"].as_u64().unwrap();
+    let kept = array(&full, "kept modes").unwrap();
+    let exactly = rows * 513 * 16;
+    assert!(
+        (exactly..exactly + exactly / 100).contains(&kept),
+        "{kept} {exactly}"
+    );
+    assert!(array(&full, "buffers of the transpose").unwrap() < 17 << 20);
+    assert_eq!(full["warp"]["points"], 1024);
+
+    let place = directory();
+    let refused = |settings: &[&str], says: &str| {
+        let finished = small(settings).into(place.path()).run().unwrap();
+        let refused = finished.code == Some(2) && finished.errors.contains(says);
+        assert!(refused, "{}", finished.report(says));
+    };
+    let huge = [
+        "output.warped_field=true",
+        "axis.0.x.cells=40000",
+        "axis.0.v.cells=40000",
+    ];
+    refused(&huge, "memory");
+    let classical = ["output.warped_field=true", "solver.method=classical"];
+    refused(&classical, "output.warped_field");
+}
