@@ -35,11 +35,11 @@ class Scene:
 
 
 SCENES = [
-    Scene("example 1, 128²", "example1", [*EXPONENTIAL, "solver.warp.interval=[-131.93,6.5962]", "time.end=0.02"], range(8, 15),
+    Scene("example 1, 128²", "example1", [*EXPONENTIAL, "solver.warp.interval=[-131.93,6.5962]", "time.end=0.01"], range(8, 15),
           ("streamed", "full")),
     Scene("example 3, 8⁴", "example3", [*EXPONENTIAL, "solver.warp.interval=[-29.753,5.1905]", "time.end=0.04"], range(8, 13),
           ("streamed", "full")),
-    Scene("example 3, 16⁴", "example3", [*EXPONENTIAL, "solver.warp.interval=[-62,5.2]", "time.end=0.01", *cells(16, 2)], range(8, 13),
+    Scene("example 3, 16⁴", "example3", [*EXPONENTIAL, "solver.warp.interval=[-62,5.2]", "time.end=0.005", *cells(16, 2)], range(8, 13),
           ("streamed",)),
 ]
 QUICK = [
@@ -194,7 +194,7 @@ def draw(rows, path):
                     if not line:
                         continue
                     x = [row["points"] for row in line]
-                    name = f"{scene}, {mode}, {n} ranks" if n == 1 else None
+                    name = f"{scene}, {mode}" if n == ranks[0] else None
                     shown = {"color": f"C{color}", "marker": marker, "markersize": 4, "linewidth": 1}
                     if unit == 1:
                         axis.plot(x, [row[key] for row in line], linestyle=style, label=name, **shown)
