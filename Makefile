@@ -19,7 +19,7 @@ CARGO   = $(shell scripts/setup.sh --environment) cargo
 PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 
 .DEFAULT_GOAL := build
-.PHONY: run build test bench example3 calibration check check-fmt check-clippy check-doc readers setup clean help
+.PHONY: run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers setup clean help
 
 run: build ## build, then solve example 1 of the paper on two ranks (CASE=, RANKS=, RESULTS= for another)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
@@ -43,6 +43,12 @@ example3-%: build ## example 3 on so many cells an axis: make example3-64 takes 
 
 calibration: build ## what plan --calibrate expects beside what runs take, into docs/performance.md (ARGS=--quick: printed only)
 	scripts/bench/calibration.py --program $(PROGRAM) $(ARGS)
+
+study: build ## memory and time against N_p, into docs/scaling.md, .csv, .svg (ARGS=--quick: a short form into results/study-quick/)
+	scripts/study.sh --program $(PROGRAM) $(ARGS)
+
+slurm: build ## the job scripts on a Slurm that is started here (Debian, as root; three minutes)
+	PHASEWARP=$(PROGRAM) tests/slurm.sh
 
 check: check-fmt check-clippy check-doc ## formatting, lints and documentation, warnings as errors
 

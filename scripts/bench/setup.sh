@@ -3,13 +3,19 @@
 # requirements.txt, and on Debian and Ubuntu SLEPc for complex numbers (root, or sudo without password; elsewhere it is named).
 # Prints the interpreter to use. Exit code 1, and one line that says why, where there is none. Instant when all is there.
 #
+#   scripts/bench/setup.sh [--charts]     --charts: without SLEPc
+#
 # Environment: PHASEWARP_BENCH_PYTHON, an interpreter that has the packages, to be used as it is; SLEPC_PYTHON, one that has SLEPc.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 
 say() { echo "bench: $*" >&2; }
 
+charts=${1:-}
 slepc() {
+    if [ "$charts" = --charts ]; then
+        return
+    fi
     if "${SLEPC_PYTHON:-/usr/bin/python3}" slepc_mfn.py --version >/dev/null 2>&1; then
         return
     fi
