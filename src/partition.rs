@@ -319,14 +319,18 @@ mod tests {
 
     #[test]
     fn common_runs_are_the_cells_in_both_boxes() {
-        let boxes: [(&[Range<usize>], &[Range<usize>]); 5] = [
-            (&[2..7], &[4..9]),
-            (&[0..3], &[3..5]),
-            (&[0..4, 1..6], &[2..9, 0..4]),
-            (&[0..4, 1..6], &[2..9, 6..8]),
-            (&[1..3, 0..4, 2..5], &[0..2, 1..4, 0..9]),
+        // One [start, end] an axis.
+        type Ends = &'static [[usize; 2]];
+        let boxes: [[Ends; 2]; 5] = [
+            [&[[2, 7]], &[[4, 9]]],
+            [&[[0, 3]], &[[3, 5]]],
+            [&[[0, 4], [1, 6]], &[[2, 9], [0, 4]]],
+            [&[[0, 4], [1, 6]], &[[2, 9], [6, 8]]],
+            [&[[1, 3], [0, 4], [2, 5]], &[[0, 2], [1, 4], [0, 9]]],
         ];
-        for (a, b) in boxes {
+        let ranges = |ends: Ends| ends.iter().map(|e| e[0]..e[1]).collect::<Vec<_>>();
+        for [a, b] in boxes.map(|pair| pair.map(ranges)) {
+            let (a, b) = (&a[..], &b[..]);
             let mut expected = Vec::new();
             for_each_cell(a, |i| {
                 expected.extend(position_in(b, i).map(|to| (position_in(a, i).unwrap(), to)));
