@@ -56,7 +56,13 @@ fn full_runs_recover_what_streamed_ones_do() {
         "axis.0.v.cells=4",
         "axis.1.v.cells=5",
     ];
-    let rows: [(&str, &[&str], &[&str], &[&str]); 6] = [
+    type Row = (
+        &'static str,
+        &'static [&'static str],
+        &'static [&'static str],
+        &'static [&'static str],
+    );
+    let rows: [Row; 6] = [
         (
             "example1.toml",
             line,

@@ -1036,7 +1036,7 @@ fn stage(
 fn verdicts(world: &World) {
     let all = world.group();
     let size = all.size();
-    for blocks in (1..=size).filter(|blocks| size % blocks == 0) {
+    for blocks in (1..=size).filter(|blocks| size.is_multiple_of(*blocks)) {
         let mesh = Mesh {
             space: vec![blocks],
             groups: size / blocks,

@@ -283,7 +283,8 @@ pub fn warped_files_refused(world: &World) {
     });
     let good = good.expect("a warped field");
     assert_eq!((good.points, good.interval), (4, [-1.0, 1.0]));
-    let bad: [(&str, &dyn Fn(&hdf5::File)); 7] = [
+    type Damage<'a> = (&'a str, &'a dyn Fn(&hdf5::File));
+    let bad: [Damage<'_>; 7] = [
         ("holds no dataset /w", &|file| axes(file, &p)),
         ("holds no dataset /axis/x", &|file| w(file, &[3, 2, 4])),
         ("/w has the shape [3, 3, 4]; [3, 2]", &|file| {
