@@ -87,6 +87,15 @@ pub enum Command {
         #[arg(value_name = "DIR")]
         directory: PathBuf,
     },
+    /// What the case takes on a quantum computer: sparsity, queries, qubits; nothing is solved
+    Resources {
+        /// The case.
+        #[command(flatten)]
+        case: CaseArgs,
+        /// As a table, as JSON, as Azure's LogicalCounts, as a program of QREF v1
+        #[arg(long, value_enum, default_value = "text")]
+        format: RecordFormat,
+    },
     /// Growth and decay of the symmetric part, with and without weights
     Spectrum {
         /// The case.
@@ -111,6 +120,19 @@ pub enum Mode {
     Streamed,
     /// All are kept.
     Full,
+}
+
+/// How resources are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum RecordFormat {
+    /// A table.
+    Text,
+    /// All that is known.
+    Json,
+    /// `LogicalCounts` of Azure's resource estimator.
+    Azure,
+    /// QREF v1.
+    Qref,
 }
 
 /// A whole number from 1 to 64.

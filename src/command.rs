@@ -1,9 +1,10 @@
 //! The subcommands.
 
+mod resources;
 mod spectrum;
 
 use crate::case::{self, Case, Data, Method};
-use crate::cli::{CaseArgs, Cli, Command, Mode};
+use crate::cli::{CaseArgs, Cli, Command, Mode, RecordFormat};
 use crate::communicator::World;
 use crate::error::Result;
 use crate::output::readback;
@@ -134,6 +135,22 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                     "{}: {datasets} datasets as written",
                     path.display()
                 ));
+            }
+        }
+        Command::Resources { case, format } => {
+            let case = load(world, case)?;
+            let record = resources::count(world, &case)?;
+            let json = match format {
+                RecordFormat::Text => None,
+                RecordFormat::Json => serde_json::to_value(&record).ok(),
+                RecordFormat::Azure => Some(record.logical_counts()),
+                RecordFormat::Qref => Some(record.qref()),
+            };
+            if speaks {
+                match json {
+                    None => say(record.to_string().trim_end()),
+                    Some(value) => say(&serde_json::to_string_pretty(&value).unwrap_or_default()),
+                }
             }
         }
         Command::Spectrum {

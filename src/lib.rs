@@ -31,6 +31,7 @@
 //! | [`propagate`], [`warp`], [`classical`] | `exp(−iH_l T)` by series, Lanczos, implicit steps; streamed and full runs, the transform in `p`; `f' = A f + b` directly, with slopes |
 //! | [`varying`] | inflow that depends on time, in steps |
 //! | [`characteristics`], [`observables`], [`spectrum`] | the exact solution, of measure-valued data too; moments, level sets; eigenvalues of `S` |
+//! | [`quantum`] | oracles, sparsity, resources of a quantum computer |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
 //! | [`checkpoint`] | what is finished, on disk: a run that was stopped goes on |
 //! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |
@@ -59,6 +60,7 @@ pub mod problem;
 pub mod profile;
 pub mod progress;
 pub mod propagate;
+pub mod quantum;
 pub mod recover;
 pub mod reproducible;
 pub mod run;

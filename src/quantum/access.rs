@@ -1,0 +1,264 @@
+//! Sparse access to `H = H1 ⊗ D_μ − H2 ⊗ I` (paper, section 3.2): a location and a value oracle, as functions.
+//!
+//! Row `j = i N_p + l` of `H` is unknown `i` of the (weighted, enlarged) system in mode `l`, with the wavenumber
+//! `μ_l = 2π(l − N_p/2)/P`. With `H1 = S` and `iH2 = K`
+//!
+//! ```text
+//! H_{jk} = μ_l S_{ii'} + i K_{ii'}      where k = i' N_p + l,   0 in other modes.
+//! ```
+//!
+//! Both oracles evaluate rows of the scheme, [`Scheme::row`], and nothing else: row `i` of `S` and `K` takes row `i` of `A` and those
+//! rows `i'` that may draw on `i`, which are the cells next to it and, across the faces of its space cell, all velocities along the axis
+//! of the face. What is not computed on the fly is data that a quantum computer would load: the weights `π`, one number a cell, and
+//! the couplings of the inflow.
+
+use crate::case::Case;
+use crate::error::Result;
+use crate::grid::PhaseSpace;
+use crate::matrix::BlockMatrix;
+use crate::problem::Problem;
+use crate::scheme::{Row, Scheme};
+use num_complex::Complex64;
+use std::f64::consts::TAU;
+
+/// The oracles of a case.
+pub struct SparseAccess<'a> {
+    scheme: Scheme<'a>,
+    space: &'a PhaseSpace,
+    /// `π` of the cells.
+    pi: &'a [f64],
+    /// The auxiliary unknowns' couplings.
+    inflow: Couplings,
+    /// `N_p`.
+    points: usize,
+    /// `P`.
+    period: f64,
+    /// `‖H‖_max`.
+    largest: f64,
+    /// Nonzero entries of the fullest row.
+    sparsity: usize,
+}
+
+/// `κ` of the rows that something enters, in weighted unknowns.
+struct Couplings {
+    /// `(row, κ)`, ascending in the row.
+    rows: Vec<(usize, f64)>,
+    /// Whether one unknown serves all.
+    shared: bool,
+}
+
+/// Scratch of an oracle: a row of the scheme and what was found.
+#[derive(Default)]
+pub struct Scratch {
+    row: Row,
+    candidates: Vec<usize>,
+    /// `(column, s, k)`, ascending.
+    entries: Vec<(usize, f64, f64)>,
+}
+
+impl<'a> SparseAccess<'a> {
+    /// The oracles of `case` for `points` modes on a period `period`; `problem` is its whole grid on this rank.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Formula`] where `V` is not finite.
+    pub fn new(
+        case: &'a Case,
+        problem: &'a Problem,
+        (points, period): (usize, f64),
+    ) -> Result<Self> {
+        let matrix = &problem.matrix;
+        let shared = matrix.shared_row().is_some();
+        let rows = matrix
+            .inflow
+            .iter()
+            .map(|aux| (aux.row as usize, aux.coupling));
+        let mut this = Self {
+            scheme: Scheme::whole(case)?,
+            space: &case.space,
+            pi: &problem.weights.pi[..case.space.cells()],
+            inflow: Couplings {
+                rows: rows.collect(),
+                shared,
+            },
+            points,
+            period,
+            largest: 0.0,
+            sparsity: 0,
+        };
+        let highest = this.wavenumber(0).abs();
+        (this.largest, this.sparsity) = extremes(matrix, highest);
+        Ok(this)
+    }
+
+    /// Unknowns of the system: cells and auxiliary ones.
+    pub fn unknowns(&self) -> usize {
+        let auxiliary = match self.inflow.shared {
+            true => 1,
+            false => self.inflow.rows.len(),
+        };
+        self.space.cells() + auxiliary
+    }
+
+    /// `N_p`.
+    pub fn points(&self) -> usize {
+        self.points
+    }
+
+    /// Order of `H`.
+    pub fn order(&self) -> usize {
+        self.unknowns() * self.points
+    }
+
+    /// `d`: entries of the fullest row that are not zero.
+    pub fn sparsity(&self) -> usize {
+        self.sparsity
+    }
+
+    /// `‖H‖_max`.
+    pub fn largest(&self) -> f64 {
+        self.largest
+    }
+
+    /// `μ_l`.
+    pub fn wavenumber(&self, l: usize) -> f64 {
+        TAU * (l as f64 - (self.points / 2) as f64) / self.period
+    }
+
+    /// `f_H(j, ℓ)`: the column of the `ℓ`-th entry of row `j` that is not zero, in ascending order; [`order`](Self::order), the
+    /// dummy, where the row has no more.
+    pub fn location(&self, scratch: &mut Scratch, j: usize, entry: usize) -> usize {
+        let (i, l) = (j / self.points, j % self.points);
+        self.row(scratch, i);
+        let mu = self.wavenumber(l);
+        let present = |e: &&(usize, f64, f64)| mu * e.1 != 0.0 || e.2 != 0.0;
+        let found = scratch.entries.iter().filter(present).nth(entry);
+        found.map_or(self.order(), |e| e.0 * self.points + l)
+    }
+
+    /// `H_jk`; zero at the dummy.
+    pub fn value(&self, scratch: &mut Scratch, j: usize, k: usize) -> Complex64 {
+        let l = j % self.points;
+        if k >= self.order() || k % self.points != l {
+            return Complex64::ZERO;
+        }
+        self.row(scratch, j / self.points);
+        let column = k / self.points;
+        let found = scratch.entries.binary_search_by_key(&column, |e| e.0);
+        found.map_or(Complex64::ZERO, |place| {
+            let (_, s, k) = scratch.entries[place];
+            Complex64::new(self.wavenumber(l) * s, k)
+        })
+    }
+
+    /// `|H_jk⟩_m`: real and imaginary part of [`value`](Self::value) as whole multiples of `2^{1−m} ‖H‖_max`, nearest to them: `m` bits
+    /// each, one of them the sign. `m` from 2 to 52.
+    pub fn value_bits(&self, scratch: &mut Scratch, (j, k): (usize, usize), m: u32) -> [i64; 2] {
+        let value = self.value(scratch, j, k);
+        let most = (1i64 << (m - 1)) - 1;
+        [value.re, value.im].map(|x| {
+            let scaled = x / self.unit(m);
+            (scaled.round() as i64).clamp(-most, most)
+        })
+    }
+
+    /// What the last of `m` bits stands for.
+    pub fn unit(&self, m: u32) -> f64 {
+        self.largest / (1i64 << (m - 1)) as f64
+    }
+
+    /// `√(π_i/π_j)` for cells.
+    fn ratio(&self, i: usize, j: usize) -> f64 {
+        (self.pi[i] / self.pi[j]).sqrt()
+    }
+
+    /// Row `i` of `(S, K)` into `scratch.entries`.
+    pub fn row(&self, scratch: &mut Scratch, i: usize) {
+        let Scratch {
+            row,
+            candidates,
+            entries,
+        } = scratch;
+        entries.clear();
+        let cells = self.space.cells();
+        if i >= cells {
+            // An auxiliary unknown: its own row, or all that share it; A has no row for it.
+            let own = match self.inflow.shared {
+                true => &self.inflow.rows[..],
+                false => std::slice::from_ref(&self.inflow.rows[i - cells]),
+            };
+            entries.extend(
+                own.iter()
+                    .map(|&(row, kappa)| (row, 0.5 * kappa, -0.5 * kappa)),
+            );
+            return;
+        }
+        self.scheme.row(row, i);
+        for &(j, a) in &row.entries {
+            match i == j {
+                true => entries.push((i, a, 0.0)),
+                false => {
+                    let half = 0.5 * a * self.ratio(i, j);
+                    entries.push((j, half, half));
+                }
+            }
+        }
+        self.drawing_on(candidates, i);
+        for &k in candidates.iter().filter(|&&k| k != i) {
+            self.scheme.row(row, k);
+            if let Ok(place) = row.entries.binary_search_by_key(&i, |e| e.0) {
+                let half = 0.5 * row.entries[place].1 * self.ratio(k, i);
+                entries.push((k, half, -half));
+            }
+        }
+        entries.sort_unstable_by_key(|e| e.0);
+        entries.dedup_by(|next, kept| {
+            let same = next.0 == kept.0;
+            if same {
+                kept.1 += next.1;
+                kept.2 += next.2;
+            }
+            same
+        });
+        if let Ok(place) = self.inflow.rows.binary_search_by_key(&i, |e| e.0) {
+            let kappa = self.inflow.rows[place].1;
+            let column = if self.inflow.shared {
+                cells
+            } else {
+                cells + place
+            };
+            entries.push((column, 0.5 * kappa, 0.5 * kappa));
+        }
+    }
+
+    /// The cells whose rows of `A` may have an entry in column `i`, ascending, each once.
+    fn drawing_on(&self, candidates: &mut Vec<usize>, i: usize) {
+        candidates.clear();
+        let n = self.space.dimension();
+        let cell = self.space.cell(i);
+        for a in 0..n {
+            let (x, v) = (&self.space.x[a], &self.space.v[a]);
+            let near = cell[a].saturating_sub(1)..(cell[a] + 2).min(x.cells);
+            for (place, velocity) in near.flat_map(|p| (0..v.cells).map(move |j| (p, j))) {
+                let mut other = cell;
+                (other[a], other[n + a]) = (place, velocity);
+                candidates.push(self.space.index(&other));
+            }
+        }
+        candidates.sort_unstable();
+        candidates.dedup();
+    }
+}
+
+/// `‖H‖_max` for wavenumbers up to `highest`, and the entries of the fullest row; of this rank's rows.
+pub fn extremes(matrix: &BlockMatrix, highest: f64) -> (f64, usize) {
+    let (mut largest, mut fullest) = (0.0f64, 0);
+    for i in 0..matrix.counted_rows() {
+        let mut count = 0;
+        for (_, s, k) in matrix.row(i) {
+            largest = largest.max((highest * s).hypot(k));
+            count += usize::from(s != 0.0 || k != 0.0);
+        }
+        fullest = fullest.max(count);
+    }
+    (largest, fullest)
+}

@@ -1,0 +1,190 @@
+//! With what probability a measurement gives the solution (paper, section 7.1).
+//!
+//! The state after the inverse transform in `p` is `|w(T)⟩ = C_w^{−1} Σ_k v(T, p_k)|k⟩`, and where the profile is `e^{−p}`, `v(T, p) = e^{−p} u(T)`,
+//! `u = (√π f, r)`: the weighted field and the auxiliary unknowns. Three things are postselected:
+//!
+//! ```text
+//! P_p   = Σ_k e^{−2p_k} ‖u‖²/C_w²       the p-register at p◇, or in the window p◇ ≤ p_k < p_e;   C_w² = N_p ‖u(0)‖² Σ_l |c_l|²
+//! P_f   = ‖√π f‖²/‖u‖²                  the block of f
+//! P_π   = ‖f‖²/‖√π f‖²                  with weights: success of the contraction π^{−½}, as a block-encoding
+//! ```
+//!
+//! and `C_f = ‖f‖ = e^{p◇} C_w √P` (paper, the equation for `C_f`), `P` being their product at the slice. All three conditions are met in one of
+//! `1/P` repetitions, or after `⌊π/(4 arcsin √P)⌋` rounds of amplitude amplification.
+//!
+//! **The window** ends where the field is no longer read right: at `p` the state's part at rate `s` of the spectrum of `−ST` is read from
+//! `g(p + s)`, so that `g` must be `e^{−p}` within `ε e^{−p}` on `[p − Λ⁺, p + Λ⁻]`. That is looked up in the series itself.
+
+use super::Figure;
+use crate::plan::{Bounds, WarpPlan};
+use crate::profile::Series;
+use serde::Serialize;
+
+/// Norms of the vectors whose ratios are probabilities.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Norms {
+    /// `‖u(0)‖`.
+    pub start: f64,
+    /// `‖√π f(T)‖`.
+    pub weighted: f64,
+    /// `‖f(T)‖`.
+    pub field: f64,
+    /// `‖r‖`, which does not change.
+    pub auxiliary: f64,
+}
+
+/// What is postselected one after the other, and what that costs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Chain {
+    /// `P_p`.
+    pub in_p: Figure,
+    /// `P_f` given that.
+    pub field_given_p: Figure,
+    /// `P_π` given both; 1 without weights.
+    pub weights_given_field: Figure,
+    /// All of it.
+    pub all: Figure,
+    /// Repetitions until it succeeds, on average: `1/P`.
+    pub repetitions: Figure,
+    /// Rounds of amplitude amplification, each with the evolution and its inverse.
+    pub amplification_rounds: Figure,
+}
+
+/// Probabilities of a run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Probabilities {
+    /// `N_p`.
+    pub points: usize,
+    /// `p◇`.
+    pub recovery: f64,
+    /// `C_w`.
+    pub norm_of_state: Figure,
+    /// The norms they follow from.
+    pub norms: Norms,
+    /// `[p◇, p_e)`.
+    pub window: Option<[f64; 2]>,
+    /// Of the slice at `p◇`. Halves with every doubling of `N_p`.
+    pub at_slice: Chain,
+    /// Of the window.
+    pub in_window: Chain,
+    /// `C_f` from the probability of the slice: the norm of the field that a quantum computer would find.
+    pub norm_of_field: Figure,
+}
+
+/// `N_p` of a plan: its own, or both signs of the modes it has.
+pub fn points(series: &Series) -> usize {
+    crate::warp::fourier::points(series)
+}
+
+/// `Σ_l |c_l|²` over the modes of both signs.
+pub fn square_sum(series: &Series) -> f64 {
+    (0..series.modes())
+        .map(|l| {
+            let partners = if series.is_alone(l) { 1.0 } else { 2.0 };
+            partners * series.coefficients[l].norm_sqr()
+        })
+        .sum()
+}
+
+/// Where the window that begins at `point` ends: the field is read within `tolerance` from every `p` in it. `None` where not even
+/// `point` is such a place.
+pub fn window_end(series: &Series, point: f64, [growth, decay]: [f64; 2], tolerance: f64) -> Option<f64> {
+    /// Samples of the shortest wave.
+    const SAMPLES: f64 = 8.0;
+    /// Beyond this length nothing is added to the probability that can be seen.
+    const LONGEST: f64 = 12.0;
+    let highest = series.wavenumber(series.modes() - 1).max(1.0);
+    let step = std::f64::consts::TAU / highest / SAMPLES;
+    let reaches = |q: f64, p: f64| (series.value(q) - (-q).exp()).abs() <= tolerance * (-p).exp();
+    // The first place, going up, where g is not good enough for the recovery point itself; further up the demand is harder.
+    let mut q = point - growth;
+    let last = point + LONGEST + decay;
+    while q <= last && reaches(q, (q - decay).max(point)) {
+        q += step;
+    }
+    let end = q - step - decay;
+    (end > point).then_some(end.min(point + LONGEST))
+}
+
+impl Chain {
+    fn new(in_p: f64, norms: &Norms, exact: &dyn Fn(f64) -> Figure) -> Self {
+        let state = norms.weighted.hypot(norms.auxiliary);
+        let square = |a: f64, b: f64| (a / b) * (a / b);
+        let field = square(norms.weighted, state);
+        let weights = square(norms.field, norms.weighted);
+        let all = in_p * field * weights;
+        let rounds = (std::f64::consts::FRAC_PI_4 / all.sqrt().min(1.0).asin()).floor();
+        Self {
+            in_p: exact(in_p),
+            field_given_p: exact(field),
+            weights_given_field: exact(weights),
+            all: exact(all),
+            repetitions: exact(1.0 / all),
+            amplification_rounds: exact(rounds),
+        }
+    }
+
+    fn unavailable(why: &str) -> Self {
+        let none = || Figure::unavailable(why);
+        Self {
+            in_p: none(),
+            field_given_p: none(),
+            weights_given_field: none(),
+            all: none(),
+            repetitions: none(),
+            amplification_rounds: none(),
+        }
+    }
+}
+
+impl Probabilities {
+    /// Those of a run planned as `warp` with these norms; `label` makes figures of what follows from them, which are as good as they are.
+    pub fn new(
+        (bounds, warp, time): (&Bounds, &WarpPlan, f64),
+        norms: Norms,
+        label: &dyn Fn(f64) -> Figure,
+    ) -> Self {
+        let series = &warp.series;
+        let points = points(series);
+        let point = warp.readings[0].point;
+        let width = series.period / points as f64;
+        let norm = norms.start * (points as f64 * square_sum(series)).sqrt();
+        let state = norms.weighted.hypot(norms.auxiliary);
+        let slice = (state / norm).powi(2) * (-2.0 * point).exp();
+        if norms.field == 0.0 || !slice.is_finite() {
+            let none = Chain::unavailable("nothing is left of the field");
+            return Self {
+                points,
+                recovery: point,
+                norm_of_state: label(norm),
+                norms,
+                window: None,
+                at_slice: none.clone(),
+                in_window: none,
+                norm_of_field: Figure::unavailable("nothing is left of the field"),
+            };
+        }
+        // The grid of points is taken to have one at p◇: its origin is free.
+        let lambda = [bounds.growth * time, bounds.decay * time];
+        let end = window_end(series, point, lambda, 10.0 * warp.state_tolerance);
+        let in_window = end.map(|end| {
+            let slices = ((end - point) / width).floor() + 1.0;
+            let sum = -(-2.0 * width * slices).exp_m1() / -(-2.0 * width).exp_m1();
+            Chain::new(slice * sum, &norms, label)
+        });
+        let at_slice = Chain::new(slice, &norms, label);
+        let all = at_slice.all.value().unwrap_or(f64::NAN);
+        Self {
+            points,
+            recovery: point,
+            norm_of_state: label(norm),
+            norms,
+            window: end.map(|end| [point, end]),
+            in_window: in_window.unwrap_or_else(|| {
+                Chain::unavailable("the profile is e^{-p} at the recovery point only")
+            }),
+            norm_of_field: label(point.exp() * norm * all.sqrt()),
+            at_slice,
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! Nonzeros of rows and columns of the scheme's matrices, against the paper's bounds.
+//!
+//! | matrix | bound on rows | on columns |
+//! |---|---|---|
+//! | `A^x_a`, transport along one axis | 3 | `Q_a` |
+//! | `A^v`, force along all | `2n + 1` | `2n + 1` |
+//! | `H` | `Σ Q_a + 2n + 3` | the same |
+//!
+//! with `Q_a = 2⌈√(5/4 + (2/Δv_a) √((Δv_a/2)² + 2 max|V⁻ − V⁺|)) − ½⌉ + 2` over the faces normal to axis `a` (paper, section 4.2 and appendix A;
+//! `Q + 5` in one dimension, `Q_1 + Q_2 + 7` in two, both with a diagonal of the inflow). They are made for the hat function on a
+//! velocity axis whose cells lie symmetrically about zero; what else is measured is measured without a bound.
+
+use crate::case::{Case, Interface};
+use crate::communicator::Group;
+use crate::error::Result;
+use crate::grid::describe_point;
+use crate::matrix::BlockMatrix;
+use crate::partition::{Block, Place};
+use crate::potential::Potential;
+use crate::scheme::{Row, Scheme};
+use serde::Serialize;
+
+/// Most nonzeros of a row, or a column, and where.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Count {
+    /// The number.
+    pub most: usize,
+    /// The cell of the first row (column) that has as many; of an auxiliary unknown its number.
+    pub place: String,
+    /// The paper's bound; none where it has none.
+    pub bound: Option<usize>,
+    /// Whether the bound holds; true where there is none.
+    pub holds: bool,
+}
+
+/// What was counted of a matrix.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Counts {
+    /// `A_x`, `A_y`, `A_z` (transport along one axis), `A_v` (force), `A`, `H1`, `H2`, `H`.
+    pub matrix: String,
+    /// In a row: `s_r`.
+    pub rows: Count,
+    /// In a column: `s_c`.
+    pub columns: Count,
+}
+
+/// Sparsity of a case's matrices.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Sparsity {
+    /// `Q_a`, axis by axis.
+    pub q: Vec<usize>,
+    /// Largest jump of `V` over the faces normal to each axis.
+    pub jumps: Vec<f64>,
+    /// Whether the bounds are made for this case: the hat interface, velocity cells symmetric about zero.
+    pub bounded: bool,
+    /// Matrix by matrix.
+    pub counts: Vec<Counts>,
+}
+
+impl Sparsity {
+    /// Nonzeros of the fullest row of `H`.
+    pub fn of_hamiltonian(&self) -> usize {
+        self.counts.last().map_or(0, |c| c.rows.most)
+    }
+}
+
+/// `Q` for velocity cells of width `dv` and a largest jump `jump`.
+pub fn q(dv: f64, jump: f64) -> usize {
+    let root = (0.25 * dv * dv + 2.0 * jump).sqrt();
+    2 * ((1.25 + 2.0 / dv * root).sqrt() - 0.5).ceil() as usize + 2
+}
+
+/// The fullest so far: how many, and the global number of the unknown.
+#[derive(Clone, Copy)]
+struct Fullest(usize, usize);
+
+impl Fullest {
+    const NONE: Self = Self(0, usize::MAX);
+
+    fn see(&mut self, count: usize, place: usize) {
+        if count > self.0 || (count == self.0 && place < self.1) {
+            *self = Self(count, place);
+        }
+    }
+
+    /// Over the ranks of `group`.
+    fn over(self, group: &Group) -> Self {
+        let most = group.max_count(self.0);
+        let mine = if self.0 == most { self.1 } else { usize::MAX };
+        // The least place: the largest of what is left to the top.
+        Self(most, usize::MAX - group.max_count(usize::MAX - mine))
+    }
+}
+
+/// Counts the nonzeros of `case`'s matrices; `matrix` are this rank's rows of `(S, K)`, weighted as in a run. Collective over `space`.
+///
+/// # Errors
+/// [`crate::error::Error::Formula`] where `V` is not finite.
+pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Sparsity> {
+    let n = case.space.dimension();
+    let block = &matrix.block;
+    let scheme = space.agree(Scheme::new(case, &block.wide_ranges()))?;
+    let jumps = largest_jumps(case, block, space)?;
+    let q: Vec<usize> = case
+        .space
+        .v
+        .iter()
+        .zip(&jumps)
+        .map(|(v, &jump)| q(v.width(), jump))
+        .collect();
+    let symmetric = (case.space.v.iter())
+        .all(|v| (v.lower + v.upper).abs() < 1e-9 * v.width() && v.cells % 2 == 0);
+    let bounded = symmetric && case.interface == Interface::Hat;
+
+    // A by parts: transport axis by axis, then force, then all. Rows of ghosts have entries in columns of this block.
+    let parts = n + 2;
+    let cells = block.cells();
+    let mut rows = vec![Fullest::NONE; parts];
+    let mut columns = vec![vec![0u16; cells]; parts];
+    let mut globals = vec![0; cells];
+    let mut starts = Vec::new();
+    block.for_each_own(|global, local| starts.push((global, Some(local))));
+    block.for_each_ghost(|global, _| starts.push((global, None)));
+    let (mut row, mut part_columns) = (Row::default(), vec![Vec::new(); parts]);
+    for &(start, own) in &starts {
+        for v in 0..block.velocity_cells {
+            let global = start + v;
+            if let Some(local) = own {
+                globals[local + v] = global;
+            }
+            let cell = case.space.cell(global);
+            part_columns.iter_mut().for_each(Vec::clear);
+            for axis in 0..2 * n {
+                let speed = scheme.speed(&cell, axis);
+                if speed == 0.0 {
+                    continue;
+                }
+                scheme.neighbour(&mut row, &cell, axis, speed < 0.0);
+                for part in [axis.min(n), n + 1] {
+                    let list: &mut Vec<usize> = &mut part_columns[part];
+                    list.push(global);
+                    list.extend(row.entries.iter().map(|e| e.0));
+                }
+            }
+            for (part, list) in part_columns.iter_mut().enumerate() {
+                list.sort_unstable();
+                list.dedup();
+                if own.is_some() {
+                    rows[part].see(list.len(), global);
+                }
+                for &column in &*list {
+                    if let Some(Place::Own(j)) = block.place(column) {
+                        columns[part][j] += 1;
+                    }
+                }
+            }
+        }
+    }
+
+    let name = |part: usize| match part {
+        part if part < n => format!("A_{}", ["x", "y", "z"][part]),
+        part if part == n => "A_v".to_owned(),
+        _ => "A".to_owned(),
+    };
+    let all = case.space.cells();
+    let point = |global: usize| describe_point(n, &case.space.point(&case.space.cell(global)));
+    let describe = |Fullest(_, place): Fullest| match place {
+        usize::MAX => "no row".to_owned(),
+        place if place < all => point(place),
+        place if place == 2 * all => "the common auxiliary unknown".to_owned(),
+        place => format!("the auxiliary unknown of {}", point(place - all)),
+    };
+    let count = |found: Fullest, bound: Option<usize>| {
+        let found = found.over(space);
+        let bound = bound.filter(|_| bounded);
+        Count {
+            most: found.0,
+            place: describe(found),
+            bound,
+            holds: bound.is_none_or(|b| found.0 <= b),
+        }
+    };
+    let mut counts = Vec::new();
+    for part in 0..parts {
+        let mut fullest = Fullest::NONE;
+        for (&number, &global) in columns[part].iter().zip(&globals) {
+            fullest.see(usize::from(number), global);
+        }
+        let [of_rows, of_columns] = match part {
+            part if part < n => [Some(3), Some(q[part])],
+            part if part == n => [Some(2 * n + 1); 2],
+            _ => [None; 2],
+        };
+        counts.push(Counts {
+            matrix: name(part),
+            rows: count(rows[part], of_rows),
+            columns: count(fullest, of_columns),
+        });
+    }
+
+    // H1, H2 and their pattern together, which is H's wherever μ is not 0; they are symmetric but for signs.
+    let whole = q.iter().sum::<usize>() + 2 * n + 3;
+    // Auxiliary unknowns are numbered behind the cells, like their rows.
+    let place = |i: usize| match i.checked_sub(cells) {
+        None => globals[i],
+        Some(m) => all + globals[matrix.inflow[m].row as usize],
+    };
+    let own = matrix.shared_row().unwrap_or(matrix.rows());
+    type Present = fn(f64, f64) -> bool;
+    let kinds: [(&str, Present, Option<usize>); 3] = [
+        ("H1", |s, _| s != 0.0, None),
+        ("H2", |_, k| k != 0.0, None),
+        ("H", |s, k| s != 0.0 || k != 0.0, Some(whole)),
+    ];
+    for (matrix_name, present, bound) in kinds {
+        let mut fullest = Fullest::NONE;
+        let number = |i: usize| matrix.row(i).filter(|&(_, s, k)| present(s, k)).count();
+        (0..own).for_each(|i| fullest.see(number(i), place(i)));
+        if let Some(shared) = matrix.shared_row() {
+            fullest.see(space.sum_count(number(shared)), 2 * all);
+        }
+        let found = count(fullest, bound);
+        counts.push(Counts {
+            matrix: matrix_name.to_owned(),
+            rows: found.clone(),
+            columns: found,
+        });
+    }
+    Ok(Sparsity {
+        q,
+        jumps,
+        bounded,
+        counts,
+    })
+}
+
+/// The largest jump of `V` over the faces normal to each axis. Collective over `space`.
+fn largest_jumps(case: &Case, block: &Block, space: &Group) -> Result<Vec<f64>> {
+    let potential = space.agree(Potential::new(case, &block.wide_ranges()))?;
+    let n = case.space.dimension();
+    let mut largest = vec![0.0f64; n];
+    block.for_each_own(|global, _| {
+        let cell = case.space.cell(global);
+        for (a, largest) in largest.iter_mut().enumerate() {
+            if cell[a] > 0 {
+                *largest = largest.max(potential.jump_below(&cell, a).abs());
+            }
+        }
+    });
+    Ok(largest.into_iter().map(|jump| space.max(jump)).collect())
+}
