@@ -95,6 +95,9 @@ pub enum Command {
         /// As a table, as JSON, as Azure's LogicalCounts, as a program of QREF v1
         #[arg(long, value_enum, default_value = "text")]
         format: RecordFormat,
+        /// Instead: which profile, recovery point and delta take least, queries times repetitions
+        #[arg(long)]
+        optimise: bool,
     },
     /// Growth and decay of the symmetric part, with and without weights
     Spectrum {

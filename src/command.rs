@@ -137,8 +137,22 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 ));
             }
         }
-        Command::Resources { case, format } => {
+        Command::Resources {
+            case,
+            format,
+            optimise,
+        } => {
             let case = load(world, case)?;
+            if *optimise {
+                let ranking = resources::optimise(world, &case)?;
+                if speaks {
+                    say(&match format {
+                        RecordFormat::Text => ranking.to_string().trim().to_owned(),
+                        _ => serde_json::to_string_pretty(&ranking).unwrap_or_default(),
+                    });
+                }
+                return Ok(());
+            }
             let record = resources::count(world, &case)?;
             let json = match format {
                 RecordFormat::Text => None,
@@ -307,7 +321,7 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
 }
 
 /// A choice as the case file writes it, its parameters behind it.
-fn word(choice: &impl serde::Serialize) -> String {
+pub(crate) fn word(choice: &impl serde::Serialize) -> String {
     fn text(value: &serde_json::Value) -> Option<String> {
         match value {
             serde_json::Value::Null => None,

@@ -313,6 +313,14 @@ impl WarpPlan {
         })
     }
 
+    /// How many modes [`new`](Self::new) would plan: known long before what each of them takes.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn modes_of(case: &Case, bounds: &Bounds, ratio: f64) -> Result<usize> {
+        Ok(placement::place(case, bounds, ratio)?.series.modes())
+    }
+
     /// A number that plans share which are the same to the last bit.
     pub fn fingerprint(&self) -> u64 {
         let mut hasher = std::hash::DefaultHasher::new();

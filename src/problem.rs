@@ -8,6 +8,7 @@ use crate::expression::Expression;
 use crate::matrix::{self, BlockMatrix};
 use crate::partition::Block;
 use crate::plan::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
+use crate::quantum::probability::Norms;
 use crate::varying::{self, Schedule, TIME_SHARE};
 use crate::weights::Weights;
 use std::ops::Range;
@@ -168,16 +169,35 @@ impl Problem {
         }
     }
 
-    /// `Σ |x_i|²` over all rows, or over the cells with the weights undone. Collective over the space group.
+    /// `(Σ |x_i|²)^½` over all rows, or over the cells with the weights undone. Collective over the space group.
     pub fn norm(&self, communicator: &Communicator, x: &[f64], field_only: bool) -> f64 {
         let cells = self.matrix.block.cells();
-        let square = |i: usize| match (field_only, i < cells) {
+        self.root_of_sum(communicator, |i| match (field_only, i < cells) {
             (true, true) => x[i] * x[i] / self.weights.pi[i],
             (true, false) => 0.0,
             _ => x[i] * x[i],
-        };
+        })
+    }
+
+    /// The same over the cells, weights left in, and over the auxiliary unknowns.
+    pub fn norms_of_parts(&self, communicator: &Communicator, x: &[f64]) -> [f64; 2] {
+        let cells = self.matrix.block.cells();
+        [true, false].map(|field| {
+            let part = |i: usize| {
+                if (i < cells) == field {
+                    x[i] * x[i]
+                } else {
+                    0.0
+                }
+            };
+            self.root_of_sum(communicator, part)
+        })
+    }
+
+    /// Root of the sum of `square(i)` over the rows `i` of all ranks of the space group.
+    fn root_of_sum(&self, communicator: &Communicator, square: impl Fn(usize) -> f64) -> f64 {
         let largest = (0..self.matrix.counted_rows())
-            .map(square)
+            .map(&square)
             .fold(0.0, f64::max);
         let group = &communicator.space;
         let bound = group.max(largest) * self.matrix.block.velocity_cells as f64;
@@ -226,5 +246,24 @@ impl Problem {
             }
         }
         communicator.modes.max(largest)
+    }
+
+    /// Norms of the first field that probabilities follow from, by the classical exponential to three digits. Collective.
+    pub fn rough_norms(&mut self, communicator: &Communicator, rate: f64, time: f64) -> Norms {
+        let start = self.norm(communicator, &self.states[0], false);
+        let mut state = self.states[0].clone();
+        Classical::new(&self.matrix).exponential(
+            &mut self.exchange,
+            &mut state,
+            (rate, time),
+            ROUGH,
+        );
+        let [weighted, auxiliary] = self.norms_of_parts(communicator, &state);
+        Norms {
+            start,
+            weighted,
+            auxiliary,
+            field: self.norm(communicator, &state, true),
+        }
     }
 }

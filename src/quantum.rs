@@ -5,11 +5,13 @@
 //! | [`access`] | the sparse-access oracles of `H = H1 ⊗ D_μ − H2 ⊗ I` (paper, section 3.2) |
 //! | [`sparsity`] | nonzeros of rows and columns, measured against the paper's bounds |
 //! | [`probability`] | with what probability a measurement gives the solution |
+//! | [`optimise`] | the cheapest profile, recovery point and `δ` |
 //! | [`resources`] | queries, qubits, gates; records for other programs |
 //!
 //! Every number says what it is: see [`Figure`].
 
 pub mod access;
+pub mod optimise;
 pub mod probability;
 pub mod resources;
 pub mod sparsity;

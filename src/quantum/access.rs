@@ -249,6 +249,16 @@ impl<'a> SparseAccess<'a> {
     }
 }
 
+/// `max |S_ij|`, `max |K_ij|` and the entries of the fullest row; of this rank's rows.
+pub fn largest_parts(matrix: &BlockMatrix) -> (f64, f64, usize) {
+    let symmetric = extremes(matrix, 0.0);
+    let mut largest = 0.0f64;
+    for i in 0..matrix.counted_rows() {
+        largest = matrix.row(i).fold(largest, |m, (_, s, _)| m.max(s.abs()));
+    }
+    (largest, symmetric.0, symmetric.1)
+}
+
 /// `‖H‖_max` for wavenumbers up to `highest`, and the entries of the fullest row; of this rank's rows.
 pub fn extremes(matrix: &BlockMatrix, highest: f64) -> (f64, usize) {
     let (mut largest, mut fullest) = (0.0f64, 0);

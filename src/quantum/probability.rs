@@ -18,6 +18,8 @@
 use super::Figure;
 use crate::plan::{Bounds, WarpPlan};
 use crate::profile::Series;
+use num_complex::Complex64;
+use rustfft::FftPlanner;
 use serde::Serialize;
 
 /// Norms of the vectors whose ratios are probabilities.
@@ -88,21 +90,34 @@ pub fn square_sum(series: &Series) -> f64 {
 
 /// Where the window that begins at `point` ends: the field is read within `tolerance` from every `p` in it. `None` where not even
 /// `point` is such a place.
-pub fn window_end(series: &Series, point: f64, [growth, decay]: [f64; 2], tolerance: f64) -> Option<f64> {
-    /// Samples of the shortest wave.
-    const SAMPLES: f64 = 8.0;
+pub fn window_end(
+    series: &Series,
+    point: f64,
+    [growth, decay]: [f64; 2],
+    tolerance: f64,
+) -> Option<f64> {
+    /// Samples of the shortest wave, about.
+    const SAMPLES: usize = 8;
     /// Beyond this length nothing is added to the probability that can be seen.
     const LONGEST: f64 = 12.0;
-    let highest = series.wavenumber(series.modes() - 1).max(1.0);
-    let step = std::f64::consts::TAU / highest / SAMPLES;
-    let reaches = |q: f64, p: f64| (series.value(q) - (-q).exp()).abs() <= tolerance * (-p).exp();
-    // The first place, going up, where g is not good enough for the recovery point itself; further up the demand is harder.
-    let mut q = point - growth;
-    let last = point + LONGEST + decay;
-    while q <= last && reaches(q, (q - decay).max(point)) {
-        q += step;
+    let lower = point - growth;
+    let samples = (SAMPLES * series.modes()).next_power_of_two();
+    let step = series.period / samples as f64;
+    let mut values = vec![Complex64::ZERO; samples];
+    for (l, value) in values.iter_mut().take(series.modes()).enumerate() {
+        *value = series.factor(l) * Complex64::new(0.0, series.wavenumber(l) * lower).exp();
     }
-    let end = q - step - decay;
+    FftPlanner::new()
+        .plan_fft_inverse(samples)
+        .process(&mut values);
+    // The first place, going up, where g is not good enough for the lowest p whose field it is part of.
+    let good = |(k, value): (usize, &Complex64)| {
+        let q = lower + k as f64 * step;
+        let p = (q - decay).max(point);
+        (value.re - (-q).exp()).abs() <= tolerance * (-p).exp()
+    };
+    let first = values.iter().enumerate().position(|at| !good(at));
+    let end = lower + first.unwrap_or(samples) as f64 * step - step - decay;
     (end > point).then_some(end.min(point + LONGEST))
 }
 

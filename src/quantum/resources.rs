@@ -10,6 +10,7 @@
 
 use super::Figure;
 use super::access::extremes;
+use super::probability::{Chain, Norms, Probabilities, points};
 use super::sparsity::{self, Sparsity, q};
 use crate::case::{Case, Interface};
 use crate::communicator::Group;
@@ -103,6 +104,8 @@ pub struct Record {
     pub qubits: Registers,
     /// Forward Euler on the same grid: products and sums of nonzeros, steps at CFL 1.
     pub classical_operations: Figure,
+    /// With what probability the first field is measured.
+    pub probabilities: Probabilities,
     /// The paper's regimes.
     pub regimes: Vec<Regime>,
 }
@@ -137,6 +140,19 @@ pub fn asymptotic(n: usize, tolerance: f64, order: f64, time: f64, scene: (f64, 
     // n nonzeros a row, N^{2n} cells, n T N steps.
     let operations = n * n * time * cells.powf(2.0 * n + 1.0);
     [queries, operations]
+}
+
+/// The degree `K` of the Jacobi–Anger series for `τ` to `tolerance`, and the `2K` steps of the walk.
+pub fn walk(tau: f64, tolerance: f64) -> (Figure, Figure) {
+    /// Up to here the series is summed, beyond it is bounded (see [`degree`]).
+    const SUMMED: f64 = 1e4;
+    let order = degree(&mut Vec::new(), tau, tolerance) as f64;
+    let label = if tau <= SUMMED {
+        Figure::exact
+    } else {
+        Figure::bound
+    };
+    (label(order), label(2.0 * order))
 }
 
 impl Regime {
@@ -206,31 +222,18 @@ impl Record {
     pub fn new(
         case: &Case,
         (bounds, warp): (&Bounds, &WarpPlan),
-        problem: &Problem,
+        (problem, norms): (&Problem, Norms),
         space: &Group,
     ) -> Result<Self> {
         let matrix = &problem.matrix;
         let sparsity = sparsity::measure(case, matrix, space)?;
-        // Modes l = −N_p/2 … N_p/2 − 1, or both signs of the planned ones and no Nyquist mode.
-        let points = match warp.series.alone {
-            true => 2 * (warp.modes - 1).max(1),
-            false => 2 * warp.modes,
-        };
+        let points = points(&warp.series);
         let highest = warp.series.wavenumber(warp.modes - 1);
         let largest = space.max(extremes(matrix, highest).0);
         let d = sparsity.of_hamiltonian() as f64;
         let (time, tolerance) = (case.end, case.tolerance);
         let tau = d * largest * time;
-        let order = degree(&mut Vec::new(), tau, tolerance) as f64;
-        /// Up to here the series is summed, beyond it is bounded (see [`degree`]).
-        const SUMMED: f64 = 1e4;
-        let counted = |x: f64| {
-            if tau <= SUMMED {
-                Figure::exact(x)
-            } else {
-                Figure::bound(x)
-            }
-        };
+        let (order, walk_steps) = walk(tau, tolerance);
 
         let phase_space: Vec<usize> = case.space.axes().map(|a| qubits(a.cells)).collect();
         let unknowns = problem.terms - case.space.space_cells() + case.space.cells();
@@ -252,8 +255,8 @@ impl Record {
             nonzeros: Figure::exact(d),
             largest_entry: Figure::exact(largest),
             tau: Figure::exact(tau),
-            degree: counted(order),
-            walk_steps: counted(2.0 * order),
+            degree: order,
+            walk_steps,
             queries: Figure::estimate(
                 tau + logarithms(tolerance),
                 "O(tau + log(1/eps)/log log(1/eps)) with constants 1",
@@ -277,6 +280,9 @@ impl Record {
                 total,
             },
             classical_operations: Figure::exact(entries * (bounds.rate * time).ceil().max(1.0)),
+            probabilities: Probabilities::new((bounds, warp, time), norms, &|x| {
+                Figure::estimate(x, "norms of the classical solution to three digits")
+            }),
             regimes: [1.0, 0.5]
                 .map(|order| Regime::new(case, &sparsity, order))
                 .to_vec(),
@@ -452,6 +458,30 @@ impl fmt::Display for Record {
             r.p,
             r.p_without_growth
         )?;
+        let chain = |f: &mut fmt::Formatter<'_>, what: &str, c: &Chain| -> fmt::Result {
+            writeln!(f, "\nprobability of {what}")?;
+            for (name, figure) in [
+                ("  in p", &c.in_p),
+                ("  field given that", &c.field_given_p),
+                ("  weights undone", &c.weights_given_field),
+                ("  all", &c.all),
+                ("  repetitions", &c.repetitions),
+                ("  amplifications", &c.amplification_rounds),
+            ] {
+                writeln!(f, "{name:<22}{figure}")?;
+            }
+            Ok(())
+        };
+        let found = &self.probabilities;
+        chain(
+            f,
+            &format!("the slice at p = {:.4}", found.recovery),
+            &found.at_slice,
+        )?;
+        let window = found.window.map_or("the window".to_owned(), |[a, b]| {
+            format!("the window [{a:.4}, {b:.4})")
+        });
+        chain(f, &window, &found.in_window)?;
         for regime in &self.regimes {
             writeln!(
                 f,
