@@ -14,7 +14,7 @@ use crate::compare::{Norms, estimate, include_step_error, moment_errors};
 use crate::error::{Error, Result};
 use crate::matrix::kernel::InstructionSet;
 use crate::matrix::{Lanes, sample, sample_with};
-use crate::observables::{integral, moments, totals};
+use crate::observables::{integral, moments, power_sum, totals};
 use crate::output::provenance::{self, provenance};
 use crate::output::summary::{FieldSummary, Summary};
 use crate::output::warped::Given;
@@ -26,6 +26,7 @@ use crate::plan::{
 use crate::potential::{StrayEdge, overlooked};
 use crate::problem::Problem;
 use crate::progress::Progress;
+use crate::quantum::{self, Figure, probability::Probabilities};
 use crate::recover::Reading;
 use crate::system;
 use solve::{Checkpointing, Solution, Warped, integrate, solve};
@@ -319,6 +320,9 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         );
         warnings.extend(found);
         warnings.extend(include_step_error(&plan, &mut summary));
+        let found = norms_found(&problem, &communicator, &place, &fields[0][0]);
+        let measured = (&plan.bounds, warp_plan, case.end);
+        summary.probabilities = Some(Probabilities::new(measured, found, &Figure::exact));
     }
     if case.verify {
         for (k, readings) in fields.iter().enumerate() {
@@ -540,6 +544,28 @@ fn exact_solution(case: &Case, place: &Place) -> Result<Option<ExactSolution>> {
             Some(ExactSolution::Field(exact))
         }
     })
+}
+
+/// Norms of the first field that the probabilities of measuring it follow from. Collective.
+fn norms_found(
+    problem: &Problem,
+    communicator: &Communicator,
+    place: &Place,
+    field: &[f64],
+) -> quantum::probability::Norms {
+    let world = &communicator.world;
+    let velocities = problem.matrix.block.velocity_cells;
+    let pi = &problem.weights.pi[place.mine.clone()];
+    let norm =
+        |term: &dyn Fn(usize) -> f64| power_sum(world, velocities, field.len(), 2, term).sqrt();
+    let start = &problem.states[0];
+    let [_, auxiliary] = problem.norms_of_parts(communicator, start);
+    quantum::probability::Norms {
+        start: problem.norm(communicator, start, false),
+        weighted: norm(&|i| pi[i].sqrt() * field[i]),
+        field: norm(&|i| field[i]),
+        auxiliary,
+    }
 }
 
 /// What the user should know before the run.

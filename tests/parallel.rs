@@ -4,6 +4,8 @@
 //! compares the bits of what should not depend on ranks. A check that fails panics, and a panic ends its whole job. Two
 //! controls show that a wrong expectation and a job that hangs are noticed.
 
+#[path = "parallel/quantum.rs"]
+mod quantum;
 mod support;
 #[path = "parallel/warped.rs"]
 mod warped;
@@ -60,7 +62,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 type Check = fn(&World);
 
 /// The checks, by name.
-const CHECKS: [(&str, Check); 32] = [
+const CHECKS: [(&str, Check); 35] = [
     ("number_of_ranks", number_of_ranks),
     ("reductions", reductions),
     ("agreement_on_errors", agreement_on_errors),
@@ -69,6 +71,9 @@ const CHECKS: [(&str, Check); 32] = [
     ("ghost_exchange", ghost_exchange),
     ("long_messages", long_messages),
     ("transpose_and_back", warped::transpose_and_back),
+    ("oracles", quantum::oracles),
+    ("sparsity", quantum::sparsity_counted),
+    ("norm_of_the_state", quantum::norm_of_the_state),
     ("warped_file", warped::warped_file),
     ("warped_files_refused", warped::warped_files_refused),
     ("matrix_entry_for_entry", matrix_entry_for_entry),

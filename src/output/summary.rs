@@ -3,6 +3,7 @@
 use super::failure;
 use crate::case::{Interface, Method};
 use crate::error::Result;
+use crate::quantum::probability::Probabilities;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -139,6 +140,8 @@ pub struct Summary {
     pub error_density_l1: Option<f64>,
     /// Σ_a ∫ |u_a − u_exact,a| dx where ρ_exact > 0, for measure-valued data.
     pub error_velocity_l1: Option<f64>,
+    /// With what probability the first field would be measured.
+    pub probabilities: Option<Probabilities>,
     /// What the user should know.
     pub warnings: Vec<String>,
     /// How many of the warnings were printed before the run.
