@@ -504,3 +504,59 @@ impl fmt::Display for Record {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Slope of `ln y` against `ln x`, by least squares.
+    fn exponent(points: &[(f64, f64)]) -> f64 {
+        let n = points.len() as f64;
+        let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
+        let mean = |of: fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / n;
+        let (x, y) = (mean(|p| p.0), mean(|p| p.1));
+        let over: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
+        over / logs.iter().map(|p| (p.0 - x).powi(2)).sum::<f64>()
+    }
+
+    /// The theorems of sections 4 to 6: queries `(ΣQ + n) n T ε^{−2}` or `ε^{−3}`, where `Q` itself grows like `ε^{−1/2}` or `ε^{−1}` with the number of
+    /// velocity cells, and `n² T ε^{−(2n+1)}` or `ε^{−(4n+2)}` operations of forward Euler.
+    #[test]
+    fn exponents_are_those_of_the_theorems() {
+        let inverse: Vec<f64> = (4..=9).map(|k| 10f64.powi(k)).collect();
+        for n in 1..=3 {
+            for (order, power) in [(1.0, 2.0), (0.5, 3.0)] {
+                let of = |x: f64| asymptotic(n, 1.0 / x, order, 1.0, (0.2, 3.0));
+                let q_of = |x: f64| q(3.0 / x.powf(1.0 / order), 0.2) as f64;
+                let queries: Vec<(f64, f64)> = inverse
+                    .iter()
+                    .map(|&x| (x, of(x)[0] / (q_of(x) + 1.0)))
+                    .collect();
+                let found = exponent(&queries);
+                assert!((found - power).abs() < 1e-3, "{n} {order}: {found}");
+                let cells: Vec<(f64, f64)> = inverse.iter().map(|&x| (x, q_of(x))).collect();
+                let found = exponent(&cells);
+                assert!(
+                    (found - 0.5 / order).abs() < 0.03,
+                    "Q, order {order}: {found}"
+                );
+                let operations: Vec<(f64, f64)> = inverse.iter().map(|&x| (x, of(x)[1])).collect();
+                let found = exponent(&operations);
+                let expected = (2.0 * n as f64 + 1.0) / order;
+                assert!((found - expected).abs() < 1e-9, "{n} {order}: {found}");
+            }
+        }
+        // Q of the paper's example 1: 128 cells on [-1.5, 1.5], a jump of 0.2.
+        assert_eq!(q(3.0 / 128.0, 0.2), 16);
+    }
+
+    #[test]
+    fn steps_of_the_walk() {
+        // J_k(τ) falls off beyond τ: as many terms as that, and the more the smaller the tolerance.
+        let count = |tau: f64, tolerance: f64| walk(tau, tolerance).0.value().expect("a number");
+        assert_eq!(walk(50.0, 1e-6).1.value(), Some(2.0 * count(50.0, 1e-6)));
+        assert!(count(50.0, 1e-3) > 50.0 && count(50.0, 1e-9) > count(50.0, 1e-3));
+        assert!(count(1e3, 1e-6) < 1.1e3);
+        assert!(matches!(walk(1e6, 1e-6).0, Figure::UpperBound { .. }));
+    }
+}
