@@ -6,6 +6,7 @@
 //! | [`sparsity`] | nonzeros of rows and columns, measured against the paper's bounds |
 //! | [`probability`] | with what probability a measurement gives the solution |
 //! | [`optimise`] | the cheapest profile, recovery point and `δ` |
+//! | [`export`] | states, `H` and circuits of a tiny case, for a simulator of quantum computers |
 //! | [`readout`] | density, momentum and mean velocity as they would be measured |
 //! | [`resources`] | queries, qubits, gates; records for other programs |
 //!
@@ -13,6 +14,7 @@
 
 pub mod access;
 pub mod optimise;
+pub mod export;
 pub mod probability;
 pub mod readout;
 pub mod resources;
