@@ -13,8 +13,8 @@
 //! Every number says what it is: see [`Figure`].
 
 pub mod access;
-pub mod optimise;
 pub mod export;
+pub mod optimise;
 pub mod probability;
 pub mod readout;
 pub mod resources;

@@ -1,4 +1,4 @@
-//! Circuits in OpenQASM 3.
+//! Circuits in OpenQASM 3. Registers have long names: `p` and `s` are gates there.
 
 use std::f64::consts::PI;
 use std::fmt::Write;
@@ -6,29 +6,29 @@ use std::fmt::Write;
 /// The beginning of a program.
 const HEAD: &str = "OPENQASM 3.0;\ninclude \"stdgates.inc\";\n";
 
-/// `Φ` on a register `p` of `qubits` qubits, the last bit first: the Fourier transform with the positive sign, then `(−1)^k`.
+/// `Φ` on a register `warped` of `qubits` qubits, the last bit first: the Fourier transform with the positive sign, then `(−1)^k`.
 pub fn transform(qubits: usize) -> String {
-    let mut text = format!("{HEAD}qubit[{qubits}] p;\n");
+    let mut text = format!("{HEAD}qubit[{qubits}] warped;\n");
     for target in (0..qubits).rev() {
-        let _ = writeln!(text, "h p[{target}];");
+        let _ = writeln!(text, "h warped[{target}];");
         for control in (0..target).rev() {
             let angle = PI / (1u64 << (target - control)) as f64;
-            let _ = writeln!(text, "cp({angle:?}) p[{control}], p[{target}];");
+            let _ = writeln!(text, "cp({angle:?}) warped[{control}], warped[{target}];");
         }
     }
     for low in 0..qubits / 2 {
-        let _ = writeln!(text, "swap p[{low}], p[{}];", qubits - 1 - low);
+        let _ = writeln!(text, "swap warped[{low}], warped[{}];", qubits - 1 - low);
     }
     if qubits > 0 {
-        text += "z p[0];\n";
+        text += "z warped[0];\n";
     }
     text
 }
 
-/// Prepares the product of the normalised real vectors `profile`, on a register `p`, and `system`, on a register `s`, from zeros.
+/// Prepares the product of the normalised real vectors `profile`, on a register `warped`, and `system`, on a register of that name, from zeros.
 pub fn preparation(profile: &[f64], system: &[f64]) -> String {
     let mut text = HEAD.to_owned();
-    let registers = [("p", profile), ("s", system)].map(|(name, values)| {
+    let registers = [("warped", profile), ("system", system)].map(|(name, values)| {
         let qubits = values.len().trailing_zeros() as usize;
         (name, values, qubits)
     });
@@ -156,7 +156,7 @@ mod tests {
             let n = 1usize << qubits;
             let text = transform(qubits);
             for l in 0..n {
-                let found = run(&text, "p", qubits, l);
+                let found = run(&text, "warped", qubits, l);
                 let mut modes = vec![Complex64::ZERO; n];
                 modes[l] = Complex64::ONE;
                 for (a, b) in found.iter().zip(super::super::transformed(&modes)) {
@@ -179,7 +179,7 @@ mod tests {
             };
             let vectors = [vector(p, 0.4), vector(s, 2.0)];
             let text = preparation(&vectors[0], &vectors[1]);
-            for (name, qubits, values) in [("p", p, &vectors[0]), ("s", s, &vectors[1])] {
+            for (name, qubits, values) in [("warped", p, &vectors[0]), ("system", s, &vectors[1])] {
                 if qubits == 0 {
                     continue;
                 }
