@@ -1,10 +1,8 @@
 //! `[readout]` from outside: what a run tells of some cells as a quantum computer would.
 
 #[path = "support/launch.rs"]
-#[allow(dead_code)]
 mod launch;
 #[path = "support/results.rs"]
-#[allow(dead_code)]
 mod results;
 
 use launch::{Job, case, check_all, directory};
@@ -189,7 +187,7 @@ fn where_there_is_no_state_it_says_why() {
 fn mistakes_are_refused() {
     let table: &[(&str, &[&str])] = &[
         ("{}", &["readout.cells", "missing", "readout.points"]),
-        ("{cells=[]}", &["readout.cells", "0 given", "1 to 1000"]),
+        ("{cells=[]}", &["readout.cells", "0 given", "1 to 256"]),
         ("{cells=[3]}", &["readout.cells", "lists of 1 number each"]),
         (
             "{cells=[[3,4]]}",

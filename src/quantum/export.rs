@@ -300,7 +300,7 @@ impl Export {
                 velocities: (1..=n)
                     .map(|k| factors.each().iter().map(|q| q[k]).collect())
                     .collect(),
-                overlaps: overlaps(&factors, n, &block, &weights),
+                overlaps: overlaps(&factors, n, (&block, in_block.sqrt()), &weights),
                 preparation: reason,
             },
             hamiltonian: hamiltonian(case, problem, (points, series.period), unknowns)?,
@@ -406,9 +406,13 @@ fn evolved(
     Ok(evolved)
 }
 
-/// Overlaps of the normalised `√π f` with the moment states, for density and momenta, by space cell.
-fn overlaps(factors: &VelocityFactors, n: usize, block: &[f64], weights: &[f64]) -> Vec<Vec<f64>> {
-    let size = block.iter().map(|v| v * v).sum::<f64>().sqrt();
+/// Real parts of the overlaps of `√π f`, of norm `size` with its imaginary parts, with the moment states: for density and momenta, by space cell.
+fn overlaps(
+    factors: &VelocityFactors,
+    n: usize,
+    (block, size): (&[f64], f64),
+    weights: &[f64],
+) -> Vec<Vec<f64>> {
     let velocities = factors.cells();
     let of = |k: usize| {
         let cells = block

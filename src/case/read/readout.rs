@@ -3,8 +3,8 @@
 use super::*;
 use crate::quantum::readout::measurement::{MOST_EVALUATIONS, MOST_SHOTS};
 
-/// Most cells that are read: all of them, as data, are what a quantum computer is no good for.
-const MOST_READ: usize = 1000;
+/// Most cells that are read: data of all cells are what a quantum computer is no good for, and each takes some 15 kB of `summary.json`.
+const MOST_READ: usize = 256;
 
 /// `[readout]`.
 pub(super) fn readout(root: &Table<'_>, space: &PhaseSpace) -> Result<Option<Readout>> {

@@ -35,7 +35,7 @@ pub struct Purpose {
 pub struct Stream {
     key: [u32; 2],
     counter: [u32; 4],
-    /// Half a block that has not been used.
+    /// Half of a block, not used yet.
     left: Option<u64>,
 }
 
@@ -45,7 +45,7 @@ impl Stream {
         let (low, high) = (purpose.cell as u32, (purpose.cell >> 32) as u32);
         Self {
             key: [seed as u32, (seed >> 32) as u32],
-            // 2^16 bits of the purpose are left for more than 2^32 blocks, which no stream reaches.
+            // The first word counts blocks; no stream takes 2^32 of them.
             counter: [0, purpose.observable << 8 | purpose.estimator, low, high],
             left: None,
         }

@@ -1,8 +1,10 @@
 //! Overlaps against vectors written out, estimators against what they should say.
 
+use super::random::{Purpose, Stream};
+use super::reader::norm;
 use super::*;
-use crate::quantum::probability::{Chain, Norms};
-use crate::quantum::readout::random::Purpose;
+use crate::quantum::probability::{Chain, Norms, Probabilities};
+use std::ops::Range;
 
 /// Two dimensions, 2 × 3 space cells and 3 × 2 velocities.
 fn case(readout: &str) -> Case {
