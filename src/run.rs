@@ -395,15 +395,8 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
 
     // 9. What a quantum computer would tell of them.
     let readout = case.readout.as_ref().map(|_| {
-        let least = summary.minimum;
-        measure::readout(
-            case,
-            &plan,
-            &problem,
-            &communicator,
-            &place,
-            (results[0], least, summary.error_estimate),
-        )
+        let discrete = (&problem, &place);
+        measure::readout(&communicator.world, case, discrete, results[0], &summary)
     });
     if readout.is_some() {
         watch.lap("readout");

@@ -238,7 +238,7 @@ impl Readout {
         let Some(readout) = &case.readout else {
             return Self::unavailable(case, "no [readout] is asked for");
         };
-        if source.norm == 0.0 {
+        if source.norm() == 0.0 {
             return Self::unavailable(case, "nothing is left of the field");
         }
         let chain = &source.probabilities.at_slice;
@@ -252,12 +252,12 @@ impl Readout {
         let (mut rows, mut basis) = (Vec::new(), Vec::new());
         for cell in &readout.cells {
             let sums = reader.sums(world, cell);
-            basis.push(Figure::exact(sums.square / (source.norm * source.norm)));
+            basis.push(Figure::exact(sums.square / (source.norm() * source.norm())));
             rows.extend(reader.rows(cell, &sums));
         }
         Self {
             confidence: CONFIDENCE,
-            norm_of_field: Figure::exact(source.norm),
+            norm_of_field: Figure::exact(source.norm()),
             probability: chain.all.clone(),
             repetitions: chain.repetitions.clone(),
             amplification_rounds: chain.amplification_rounds.clone(),

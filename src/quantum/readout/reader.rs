@@ -19,14 +19,19 @@ pub struct Source<'a> {
     pub field: &'a [f64],
     /// `π` there.
     pub pi: &'a [f64],
-    /// `C_f`.
-    pub norm: f64,
     /// `min f` over all ranks.
     pub least: f64,
     /// Of the enlarged state.
     pub probabilities: &'a Probabilities,
     /// `ε_F`.
     pub state_error: Figure,
+}
+
+impl Source<'_> {
+    /// `C_f`.
+    pub fn norm(&self) -> f64 {
+        self.probabilities.norms.field
+    }
 }
 
 /// `‖x‖`.
@@ -144,7 +149,7 @@ impl Reader<'_> {
     /// The overlap of moment `k` with the state that `estimator` measures, and `C_f Δv ‖q‖`.
     fn overlap(&self, k: usize, sums: &CellSums, estimator: Estimator) -> Option<(Overlap, f64)> {
         let volume = self.case.space.velocity_volume();
-        let of_field = self.source.norm * volume * norm(self.factors.each().iter().map(|q| q[k]));
+        let of_field = self.source.norm() * volume * norm(self.factors.each().iter().map(|q| q[k]));
         let prefactor = match estimator.enlarged() {
             false => of_field,
             true => {
@@ -172,7 +177,7 @@ impl Reader<'_> {
             if row.observable != Observable::Density {
                 return none("a momentum may have either sign, and |overlap|^2 has none");
             }
-            let allowed = -self.source.state_error.value().unwrap_or(0.0) * self.source.norm;
+            let allowed = -self.source.state_error.value().unwrap_or(0.0) * self.source.norm();
             if self.source.least < allowed || sums.moments[0] < 0.0 {
                 return none("f is negative somewhere by more than its error");
             }

@@ -76,7 +76,6 @@ fn rows(case: &Case, cell: [usize; 2], change: impl Fn(&mut Source<'_>)) -> Vec<
         share: &SHARE,
         field: &f,
         pi: &pi,
-        norm: norm(f.iter().copied()),
         least: 0.5,
         probabilities: &probabilities,
         state_error: Figure::bound(case.tolerance),
