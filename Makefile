@@ -19,7 +19,7 @@ CARGO   = $(shell scripts/setup.sh --environment) cargo
 PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 
 .DEFAULT_GOAL := build
-.PHONY: run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers setup clean help
+.PHONY: run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers qiskit setup clean help
 
 run: build ## build, then solve example 1 of the paper on two ranks (CASE=, RANKS=, RESULTS= for another)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
@@ -63,6 +63,9 @@ check-doc: setup
 
 readers: ## install, for tests/readers.rs, a Python with h5py, xarray and VTK into target/readers
 	@scripts/setup.sh --readers
+
+qiskit: ## install, for tests/simulator.rs, a Python with Qiskit into target/qiskit
+	@scripts/setup.sh --qiskit
 
 setup: ## install Open MPI, libclang, parallel HDF5 and pkg-config where they are missing, or name them
 	@scripts/setup.sh

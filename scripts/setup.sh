@@ -4,6 +4,7 @@
 #   scripts/setup.sh                 check; on Debian and Ubuntu install what is missing (root, or sudo without password)
 #   scripts/setup.sh --check         check only
 #   scripts/setup.sh --readers       a Python with what tests/readers.py reads results with, in target/readers (half a minute)
+#   scripts/setup.sh --qiskit        a Python with what tests/simulator.py runs circuits with, in target/qiskit (half a minute)
 #   scripts/setup.sh --environment   print what cargo needs set to find parallel HDF5: "HDF5_DIR=…", mostly nothing
 #
 # Exit code 0 when everything is there, 1 when something is missing. Silent and instant when there is nothing to do.
@@ -175,25 +176,28 @@ TEXT
     fi
 }
 
-# --- Python with h5py, xarray and VTK, in a place of its own; nothing to do where it is there ---
+# --- Pythons for tests, each in a place of its own; nothing to do where it is there ---
 
-set_up_readers() {
-    local root readers
+# set_up_python NAME SCRIPT REQUIREMENTS PACKAGE…: target/NAME with the requirements, and packages without theirs.
+set_up_python() {
+    local root place script requirements
     root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
-    readers=${CARGO_TARGET_DIR:-$root/target}/readers
-    if "$readers/bin/python" "$root/tests/readers.py" --packages 2>/dev/null; then
+    place=${CARGO_TARGET_DIR:-$root/target}/$1
+    script=$root/tests/$2
+    requirements=$root/tests/$3
+    shift 3
+    if "$place/bin/python" "$script" --packages 2>/dev/null; then
         return 0
     fi
     if ! python3 -c 'import ensurepip' 2>/dev/null && can_install; then
         say "installing python3-venv"
         install_packages python3-venv
     fi
-    say "installing h5py, h5netcdf, xarray and vtk into $readers"
-    python3 -m venv "$readers" &&
-        "$readers/bin/pip" --quiet --disable-pip-version-check install -r "$root/tests/readers.txt" &&
-        # Its own requirements are for plots.
-        "$readers/bin/pip" --quiet --disable-pip-version-check install --no-deps vtk &&
-        "$readers/bin/python" "$root/tests/readers.py" --packages
+    say "installing what $script takes into $place"
+    python3 -m venv "$place" &&
+        "$place/bin/pip" --quiet --disable-pip-version-check install -r "$requirements" &&
+        { [ "$#" -eq 0 ] || "$place/bin/pip" --quiet --disable-pip-version-check install --no-deps "$@"; } &&
+        "$place/bin/python" "$script" --packages
 }
 
 # --- what was asked for ---
@@ -201,7 +205,12 @@ set_up_readers() {
 case ${1:-} in
 "" | --check) ;;
 --readers)
-    set_up_readers
+    # VTK's own requirements are for plots.
+    set_up_python readers readers.py readers.txt vtk
+    exit
+    ;;
+--qiskit)
+    set_up_python qiskit simulator.py simulator.txt
     exit
     ;;
 --environment)
@@ -211,7 +220,7 @@ case ${1:-} in
     exit 0
     ;;
 *)
-    say "unknown option $1; known: --check, --readers, --environment"
+    say "unknown option $1; known: --check, --readers, --qiskit, --environment"
     exit 1
     ;;
 esac

@@ -26,6 +26,10 @@ pub const DEFAULT_BETA: f64 = 0.75;
 pub const DEFAULT_PLATEAU: usize = 9;
 /// Default of `solver.classical.cfl`.
 pub const DEFAULT_CFL: f64 = 0.9;
+/// Default of `readout.shots`.
+pub const DEFAULT_SHOTS: u64 = 10_000;
+/// Default of `readout.evaluations`.
+pub const DEFAULT_EVALUATIONS: u64 = 256;
 /// Most fields of a case: a density and a level set for each velocity axis.
 pub const MOST_FIELDS: usize = 4;
 /// Largest `solver.tolerance`.
@@ -387,6 +391,31 @@ impl Storage {
     }
 }
 
+/// `[readout]`: what is measured of the result on a quantum computer (see [`crate::quantum::readout`]).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Readout {
+    /// Space cells, along each axis from 0.
+    pub cells: Vec<Vec<usize>>,
+    /// How long it is measured.
+    pub effort: Effort,
+    /// `seed` of the random numbers.
+    pub seed: u64,
+}
+
+/// How long an observable is measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Effort {
+    /// So long.
+    Given {
+        /// Shots of a Hadamard test.
+        shots: u64,
+        /// Values of the register of amplitude estimation, a power of two.
+        evaluations: u64,
+    },
+    /// As long as density and momentum take to be known to within this.
+    Accuracy(f64),
+}
+
 /// A problem and how to solve it, as read from a case file.
 #[derive(Clone, Debug)]
 pub struct Case {
@@ -446,6 +475,8 @@ pub struct Case {
     pub storage: Storage,
     /// `checkpoint.minutes`: how often a checkpoint is made; never by the clock where there is none.
     pub checkpoint_every: Option<Duration>,
+    /// `[readout]`.
+    pub readout: Option<Readout>,
     /// The case file as read.
     pub text: String,
     /// The `--set` options applied to it.

@@ -247,6 +247,15 @@ impl Node {
         }
     }
 
+    /// A finite number, if it is one.
+    fn finite(&self) -> Option<f64> {
+        match &self.value {
+            Value::Integer(i) => Some(*i as f64),
+            Value::Number(x, _) if x.is_finite() => Some(*x),
+            _ => None,
+        }
+    }
+
     fn describe(&self) -> String {
         match &self.value {
             Value::Text(s) => format!("\"{}\"", shortened(s)),
@@ -427,13 +436,30 @@ impl<'a> Table<'a> {
             Some(Value::List(list)) => list,
             Some(_) => return Err(self.wrong(key, expected)),
         };
-        let number = |node: &Node| match &node.value {
-            Value::Integer(i) => Some(*i as f64),
-            Value::Number(x, _) if x.is_finite() => Some(*x),
+        let numbers: Option<Vec<f64>> = list.iter().map(Node::finite).collect();
+        numbers.map(Some).ok_or_else(|| self.wrong(key, expected))
+    }
+
+    /// A list of lists of `length` finite numbers each, if given.
+    pub fn rows(&self, key: &str, length: usize) -> Result<Option<Vec<Vec<f64>>>> {
+        let Some(node) = self.get(key) else {
+            return Ok(None);
+        };
+        let row = |node: &Node| match &node.value {
+            Value::List(list) if list.len() == length => list.iter().map(Node::finite).collect(),
             _ => None,
         };
-        let numbers: Option<Vec<f64>> = list.iter().map(number).collect();
-        numbers.map(Some).ok_or_else(|| self.wrong(key, expected))
+        let rows: Option<Vec<Vec<f64>>> = match &node.value {
+            Value::List(list) => list.iter().map(row).collect(),
+            _ => None,
+        };
+        let plural = if length == 1 { "" } else { "s" };
+        rows.map(Some).ok_or_else(|| {
+            self.wrong(
+                key,
+                &format!("a list of lists of {length} number{plural} each"),
+            )
+        })
     }
 
     /// A finite number that must be given.

@@ -87,6 +87,15 @@ pub enum Command {
         #[arg(value_name = "DIR")]
         directory: PathBuf,
     },
+    /// States, Hamiltonian and circuits of a tiny case (at most 12 qubits), for a simulator of quantum computers
+    ExportQuantum {
+        /// The case.
+        #[command(flatten)]
+        case: CaseArgs,
+        /// Directory of the files; by default results/NAME/quantum
+        #[arg(short, long, value_name = "DIR")]
+        output: Option<PathBuf>,
+    },
     /// What the case takes on a quantum computer: sparsity, queries, qubits; nothing is solved
     Resources {
         /// The case.

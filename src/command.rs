@@ -1,5 +1,6 @@
 //! The subcommands.
 
+mod export;
 mod resources;
 mod spectrum;
 
@@ -134,6 +135,26 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 say(&format!(
                     "{}: {datasets} datasets as written",
                     path.display()
+                ));
+            }
+        }
+        Command::ExportQuantum { case, output } => {
+            let case = load(world, case)?;
+            let directory = output
+                .clone()
+                .unwrap_or_else(|| default_directory(&case.name).join("quantum"));
+            let description = export::export(world, &case, &directory)?;
+            if speaks {
+                if let Some(why) = &description.preparation {
+                    report(&format!("warning: no preparation.qasm: {why}"));
+                }
+                say(&format!(
+                    "{} qubits ({} of p); read at p = {:.4} with probability {:.4e}; files in {}",
+                    description.qubits,
+                    description.qubits_p,
+                    description.recovery,
+                    description.probability_p * description.probability_field_given_p,
+                    directory.display()
                 ));
             }
         }

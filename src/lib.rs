@@ -31,7 +31,7 @@
 //! | [`propagate`], [`warp`], [`classical`] | `exp(−iH_l T)` by series, Lanczos, implicit steps; streamed and full runs, the transform in `p`; `f' = A f + b` directly, with slopes |
 //! | [`varying`] | inflow that depends on time, in steps |
 //! | [`characteristics`], [`observables`], [`spectrum`] | the exact solution, of measure-valued data too; moments, level sets; eigenvalues of `S` |
-//! | [`quantum`] | oracles, sparsity, resources of a quantum computer |
+//! | [`quantum`] | oracles, sparsity, resources, readout of a quantum computer; circuits of tiny cases |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
 //! | [`checkpoint`] | what is finished, on disk: a run that was stopped goes on |
 //! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |

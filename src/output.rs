@@ -23,7 +23,7 @@ use std::path::Path;
 pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<()> {
     let attempt = || -> std::io::Result<()> {
         std::fs::create_dir_all(directory)?;
-        for name in ["result.h5", xdmf::NAME, "summary.json"] {
+        for name in ["result.h5", xdmf::NAME, "summary.json", "readout.csv"] {
             if directory.join(name).is_dir() {
                 return Err(std::io::Error::other(format!(
                     "{name} in it is a directory"
@@ -48,7 +48,7 @@ pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<()> {
 }
 
 /// An [`Error::Output`] about `path`.
-fn failure(path: &Path, reason: &dyn std::fmt::Display) -> Error {
+pub(crate) fn failure(path: &Path, reason: &dyn std::fmt::Display) -> Error {
     Error::Output {
         path: path.to_owned(),
         reason: reason.to_string(),

@@ -6,13 +6,17 @@
 //! | [`sparsity`] | nonzeros of rows and columns, measured against the paper's bounds |
 //! | [`probability`] | with what probability a measurement gives the solution |
 //! | [`optimise`] | the cheapest profile, recovery point and `δ` |
+//! | [`export`] | states, `H` and circuits of a tiny case, for a simulator of quantum computers |
+//! | [`readout`] | density, momentum and mean velocity as they would be measured |
 //! | [`resources`] | queries, qubits, gates; records for other programs |
 //!
 //! Every number says what it is: see [`Figure`].
 
 pub mod access;
+pub mod export;
 pub mod optimise;
 pub mod probability;
+pub mod readout;
 pub mod resources;
 pub mod sparsity;
 
@@ -71,6 +75,17 @@ impl Figure {
         Self::Unavailable {
             because: because.to_owned(),
         }
+    }
+
+    /// Another number with this one's label.
+    pub fn with(&self, number: f64) -> Self {
+        let mut figure = self.clone();
+        if let Self::Exact { value } | Self::UpperBound { value } | Self::Estimate { value, .. } =
+            &mut figure
+        {
+            *value = number;
+        }
+        figure
     }
 
     /// The number, if there is one.

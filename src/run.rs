@@ -1,6 +1,7 @@
 //! The driver: a flat list of named, timed steps.
 
 pub mod calibrate;
+mod measure;
 mod solve;
 
 use crate::case::{Case, Delta, Exact, Integrator, Method};
@@ -392,7 +393,16 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     }
     watch.lap("observables");
 
-    // 9. Write.
+    // 9. What a quantum computer would tell of them.
+    let readout = case.readout.as_ref().map(|_| {
+        let discrete = (&problem, &place);
+        measure::readout(&communicator.world, case, discrete, results[0], &summary)
+    });
+    if readout.is_some() {
+        watch.lap("readout");
+    }
+
+    // 10. Write.
     let results = output::hdf5::Results {
         case,
         plan: &plan,
@@ -403,6 +413,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         totals,
         early: &early,
         plateau: &plateau,
+        readout: readout.as_ref(),
         seconds: &watch.seconds.clone(),
         provenance: &provenance(world, case),
     };
@@ -414,6 +425,12 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     };
     all.agree(written)?;
     watch.lap("write");
+    let written = match &readout {
+        Some(readout) if speaks => readout.write(directory),
+        _ => Ok(()),
+    };
+    all.agree(written)?;
+    summary.readout = readout;
     summary.warnings = warnings;
     summary.told = told;
     summary.fill(case, &plan, &problem, &communicator, watch);
@@ -424,7 +441,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     };
     all.agree(written)?;
 
-    // 10. Nothing is left to go on from.
+    // 11. Nothing is left to go on from.
     if let Some(store) = store.filter(|_| speaks)
         && let Err(error) = store.remove()
     {

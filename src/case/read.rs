@@ -1,6 +1,7 @@
 //! Reading a [`Case`] from its file.
 
 mod output;
+mod readout;
 
 use super::*;
 use crate::case_file::{CaseFile, Table};
@@ -63,6 +64,7 @@ impl Case {
             "exact",
             "output",
             "checkpoint",
+            "readout",
         ])?;
         let space = read_axes(&root)?;
         let n = space.dimension();
@@ -187,6 +189,7 @@ impl Case {
             )?,
             storage: output::storage(&output, &space)?,
             checkpoint_every: read_checkpoint(&root)?,
+            readout: readout::readout(&root, &space)?,
             text: file.text().to_owned(),
             overrides: overrides.to_vec(),
             space,

@@ -12,6 +12,7 @@
 //! | `/axis/x`, … `/axis/vz` | cell centres | dimension scales; `/axis/component` numbers vector components; also found in the root |
 //! | `/case`, `/plan` | text | the case file; the plan as JSON, as far as it does not depend on ranks |
 //! | `/plateau/p`, `/plateau/distance`, `/plateau/norm` | (K) | `f` read at other points `p`: relative l2 distance to `/f`, l2 norm |
+//! | `/readout/…` | (R) | what a quantum computer would tell, a number for every row and estimator, see [`crate::quantum::readout`] |
 //! | `/timings` | group | seconds by step, as attributes: datasets are the same bits for any ranks |
 //! | `/history/…` | a time first | moments and fields at earlier times, see [`super::history`] |
 //! | `/xdmf/…` | axes reversed | what `fields.xdmf` shows, see [`super::views`] |
@@ -29,6 +30,7 @@ use crate::communicator::Group;
 use crate::error::{Error, Result};
 use crate::observables::Moments;
 use crate::plan::{Plan, bytes_text};
+use crate::quantum::readout::{self, Readout};
 use crate::system;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -62,6 +64,8 @@ pub struct Results<'a> {
     pub early: &'a [Early],
     /// The plateau; the same on all ranks.
     pub plateau: &'a [PlateauPoint],
+    /// What a quantum computer would tell; the same on all ranks.
+    pub readout: Option<&'a Readout>,
     /// Seconds by step.
     pub seconds: &'a BTreeMap<String, f64>,
     /// Attributes of the file: what produced it.
@@ -231,6 +235,9 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Gr
     vector("velocity", in_space, share, &velocity, "momentum / density")?;
     history::write(&writer, results, results.totals, (all, COMPONENT))?;
     writer.agree(plateau(&writer, results.plateau))?;
+    if let Some(readout) = results.readout {
+        writer.agree(measured(&writer, readout))?;
+    }
     let grids = if results.case.storage.xdmf {
         views::write(&writer, results)?
     } else {
@@ -309,7 +316,7 @@ pub fn most_bytes(case: &Case) -> u64 {
         // As in `Storage::most_chunks`.
         chunks = 4 * numbers / CHUNK;
     }
-    (8 * (numbers + points + 4 * case.times.len())
+    (8 * (numbers + points + 4 * case.times.len() + readout::numbers(case))
         + CHUNK_ENTRY * chunks
         + MARGIN
         + 2 * case.text.len()) as u64
@@ -390,6 +397,26 @@ fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Outcome<()> {
     let what = "relative l2 distance of f read at p to f";
     writer.list("plateau/distance", &distance, Some(what))?;
     writer.list("plateau/norm", &norm, Some("l2 norm of f read at p"))?;
+    Ok(())
+}
+
+/// What a quantum computer would tell, which is the same on all ranks. To be agreed on.
+fn measured(writer: &Writer<'_>, readout: &Readout) -> Outcome<()> {
+    let group = writer.file().create_group("readout")?;
+    attribute(&group, "confidence", &readout.confidence)?;
+    let single = [
+        ("norm_of_field", &readout.norm_of_field),
+        ("probability", &readout.probability),
+        ("repetitions", &readout.repetitions),
+        ("amplification_rounds", &readout.amplification_rounds),
+        ("state_error", &readout.state_error),
+    ];
+    for (name, figure) in single {
+        attribute(&group, name, &figure.value().unwrap_or(f64::NAN))?;
+    }
+    for (name, values, what) in readout.columns() {
+        writer.list(&format!("readout/{name}"), &values, Some(what))?;
+    }
     Ok(())
 }
 

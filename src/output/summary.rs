@@ -4,6 +4,7 @@ use super::failure;
 use crate::case::{Interface, Method};
 use crate::error::Result;
 use crate::quantum::probability::Probabilities;
+use crate::quantum::readout::Readout;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -41,7 +42,7 @@ pub struct Summary {
     /// Seconds of propagation and recovery.
     pub solve_seconds: f64,
     /// Seconds by step of the run: `start` (of MPI, before the program's work), `plan`, `assemble`, `weights`, `exact`, `probe`,
-    /// `design` (of the profile), `solve`, `verify`, `observables` (the error estimate included), `write`.
+    /// `design` (of the profile), `solve`, `verify`, `observables` (the error estimate included), `readout`, `write`.
     pub seconds: BTreeMap<String, f64>,
     /// Number of ranks.
     pub ranks: usize,
@@ -142,6 +143,8 @@ pub struct Summary {
     pub error_velocity_l1: Option<f64>,
     /// With what probability the first field would be measured.
     pub probabilities: Option<Probabilities>,
+    /// What a quantum computer would tell of some cells (`[readout]`).
+    pub readout: Option<Readout>,
     /// What the user should know.
     pub warnings: Vec<String>,
     /// How many of the warnings were printed before the run.

@@ -1,0 +1,460 @@
+//! The circuit-level objects of a tiny case, for a simulator of quantum computers: states, `H`, and circuits where they are exact.
+//!
+//! **Qubits.** Amplitude `j = i N_p + k` is unknown `i` at the point `p_k` (or in the mode `l = k − N_p/2`). Qubit 0 is the last bit of `j`: the
+//! first `n_p` qubits are the p-register, then come the velocities, the last axis first, then space, then, where something enters, a label that is 0 in the block of
+//! `f`. Unknown `cells + m` is the auxiliary one `m`; what is left of that block is empty, its rows of `H` are zero.
+//!
+//! **Transform.** `Φ_{kl'} = e^{iμ_l(p_k − L)}/√N_p = (−1)^k e^{2πi kl'/N_p}/√N_p`, `l' = l + N_p/2`: the usual transform with the positive sign, then `Z` on
+//! qubit 0. The state in modes is `w̃ = (I ⊗ Φ⁻¹) w`, and `w̃(T) = e^{−iHT} w̃(0)`.
+//!
+//! **Files** (NumPy's format 1.0, little-endian; states normalised):
+//!
+//! | file | what |
+//! |---|---|
+//! | `description.json` | registers, `p_k`, `T`, norms, probabilities, overlaps ([`Description`]) |
+//! | `initial.npy`, `initial_modes.npy` | `w(0)` and `w̃(0)`, complex |
+//! | `final_modes.npy`, `final.npy` | `w̃(T)` and `w(T)` as this program finds them, complex |
+//! | `field.npy`, `weights.npy` | `f(T)` read at `p◇`, and `√π`, by cell |
+//! | `hamiltonian.mtx` | `H`, Matrix Market, the lower triangle of a Hermitian matrix |
+//! | `transform.qasm` | `Φ` on the p-register, OpenQASM 3 |
+//! | `preparation.qasm` | `w(0)` from zeros, by uniformly controlled rotations; where the amplitudes are real |
+
+mod circuit;
+mod numpy;
+
+use super::access::{Scratch, SparseAccess};
+use super::probability::points;
+use crate::case::{Case, Data, Method};
+use crate::communicator::Communicator;
+use crate::error::{Error, Result};
+use crate::matrix::{LANES, Lanes};
+use crate::observables::VelocityFactors;
+use crate::output;
+use crate::plan::{Bounds, WarpPlan};
+use crate::problem::Problem;
+use crate::profile::Series;
+use crate::propagate::chebyshev::{Chebyshev, Interval, degree};
+use crate::propagate::{BatchSpec, Evolution, Initial, Propagator};
+use num_complex::Complex64;
+use serde::Serialize;
+use std::f64::consts::TAU;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Most qubits that are exported.
+pub const MOST_QUBITS: usize = 12;
+/// Relative error that the propagation of a mode may have.
+const TOLERANCE: f64 = 1e-14;
+
+/// What the files mean.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Description {
+    /// Title of the case.
+    pub title: String,
+    /// Qubits of the p-register, `n_p`.
+    pub qubits_p: usize,
+    /// Of each axis, `(x1..xn, v1..vn)`.
+    pub qubits_phase_space: Vec<usize>,
+    /// 1 where something enters: the label.
+    pub qubits_label: usize,
+    /// All of them.
+    pub qubits: usize,
+    /// `T`.
+    pub time: f64,
+    /// `L`, the first point in `p`.
+    pub lower: f64,
+    /// `P`, so that `p_k = L + kP/N_p`.
+    pub period: f64,
+    /// `k◇`, of the point where the field is read.
+    pub recovery_index: usize,
+    /// `p◇`.
+    pub recovery: f64,
+    /// `C_w`.
+    pub norm_of_state: f64,
+    /// `C_f`.
+    pub norm_of_field: f64,
+    /// `P_p`: of the p-register at `k◇`.
+    pub probability_p: f64,
+    /// `P_f` given that: of the label at 0.
+    pub probability_field_given_p: f64,
+    /// Volume of a velocity cell.
+    pub velocity_volume: f64,
+    /// Velocities by velocity cell, one list an axis.
+    pub velocities: Vec<Vec<f64>>,
+    /// `Re⟨χ|F⟩` of density, then momentum by axis, by space cell: `F` is the block of `f`, weights and all, and `χ` has `q/√π`.
+    pub overlaps: Vec<Vec<f64>>,
+    /// Why there is no `preparation.qasm`, if so.
+    pub preparation: Option<String>,
+}
+
+/// What is written, computed on one rank.
+pub struct Export {
+    description: Description,
+    /// `w̃(0)` and `w̃(T)`, `w(0)` and `w(T)`.
+    modes: [Vec<Complex64>; 2],
+    states: [Vec<Complex64>; 2],
+    field: Vec<f64>,
+    weights: Vec<f64>,
+    hamiltonian: String,
+    transform: String,
+    preparation: Option<String>,
+}
+
+/// Refuses what cannot be exported, before it is assembled.
+///
+/// # Errors
+/// [`Error::Input`] with the key and what would do.
+pub fn refuse(case: &Case) -> Result<()> {
+    let wrong = |what: &str| Err(Error::Input(format!("{}: {what}", case.name)));
+    if case.method == Method::Classical {
+        return wrong("solver.method = \"classical\" has no quantum side; \"schrodingerized\" has");
+    }
+    if !matches!(case.data, Data::Density) {
+        return wrong(
+            "initial.density: phi and psi of measure-valued data are separate states; initial.f is one",
+        );
+    }
+    if case.varies() {
+        return wrong("inflow.value depends on t; H does not");
+    }
+    let names = crate::output::hdf5::axis_names(case.space.dimension());
+    for (name, axis) in names.iter().zip(case.space.axes()) {
+        if !axis.cells.is_power_of_two() {
+            return wrong(&format!(
+                "{} cells along {name}; a register of qubits takes a power of two",
+                axis.cells
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// `v = Φ w̃`, of one unknown.
+fn transformed(modes: &[Complex64]) -> impl Iterator<Item = Complex64> {
+    let n = modes.len();
+    let root = 1.0 / (n as f64).sqrt();
+    (0..n).map(move |k| {
+        let term = |(l, w): (usize, &Complex64)| {
+            // (l − N_p/2) k modulo N_p, so that angles keep their digits.
+            let turns = (l + n / 2) % n * k % n;
+            w * Complex64::cis(TAU * turns as f64 / n as f64)
+        };
+        root * modes.iter().enumerate().map(term).sum::<Complex64>()
+    })
+}
+
+/// `√N_p c_l e^{iμ_l L}` for `l = −N_p/2 … N_p/2 − 1`: what a mode starts with beside `u(0)`.
+fn amplitudes(series: &Series, points: usize, lower: f64) -> Vec<Complex64> {
+    let half = points / 2;
+    let amplitude = |l: usize| {
+        let (l, sign) = (l.abs_diff(half), if l < half { -1.0 } else { 1.0 });
+        let Some(c) = series.coefficients.get(l) else {
+            return Complex64::ZERO;
+        };
+        let c = if sign < 0.0 { c.conj() } else { *c };
+        (points as f64).sqrt() * c * Complex64::cis(sign * series.wavenumber(l) * lower)
+    };
+    (0..points).map(amplitude).collect()
+}
+
+fn norm(x: &[Complex64]) -> f64 {
+    x.iter().map(Complex64::norm_sqr).sum::<f64>().sqrt()
+}
+
+/// `Re(x)` and the largest `|Im(x)|`.
+fn real(x: &[Complex64]) -> (Vec<f64>, f64) {
+    let largest = x.iter().fold(0.0, |m: f64, x| m.max(x.im.abs()));
+    (x.iter().map(|x| x.re).collect(), largest)
+}
+
+impl Export {
+    /// Of `case` on one rank, `problem` being the whole grid.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for more than [`MOST_QUBITS`] qubits, or a number of points that is no power of two.
+    pub fn new(
+        case: &Case,
+        (bounds, warp): (&Bounds, &WarpPlan),
+        problem: &mut Problem,
+        communicator: &Communicator,
+    ) -> Result<Self> {
+        let wrong = |what: String| Err(Error::Input(format!("{}: {what}", case.name)));
+        let series = &warp.series;
+        let given = if series.alone {
+            points(series)
+        } else {
+            2 * series.modes()
+        };
+        let points = given.next_power_of_two();
+        if series.alone && given != points {
+            return wrong(format!(
+                "{given} points in p; a register of qubits takes a power of two: solver.warp.points = {points}"
+            ));
+        }
+        let bits = |count: usize| count.trailing_zeros() as usize;
+        let (cells, rows) = (case.space.cells(), problem.matrix.rows());
+        let label = usize::from(rows > cells);
+        let phase_space: Vec<usize> = case.space.axes().map(|a| bits(a.cells)).collect();
+        let qubits = bits(points) + phase_space.iter().sum::<usize>() + label;
+        if qubits > MOST_QUBITS {
+            return wrong(format!(
+                "{qubits} qubits ({} of p, {phase_space:?} of the axes, {label} for what enters); at most {MOST_QUBITS} are exported: \
+                 fewer cells, a shorter time.end or a larger solver.tolerance take less",
+                bits(points)
+            ));
+        }
+        let unknowns = cells << label;
+
+        // The grid in p has a point at p◇, but for samples, whose grid is given.
+        let (point, width) = (warp.readings[0].point, series.period / points as f64);
+        let steps = (point - warp.interval[0]) / width;
+        let (lower, index) = match series.alone {
+            true => (warp.interval[0], (steps - 1e-9).ceil()),
+            false => (point - steps.floor() * width, steps.floor()),
+        };
+        let index = index.rem_euclid(points as f64) as usize;
+        let point = lower + index as f64 * width;
+
+        let start = amplitudes(series, points, lower);
+        let mut initial = vec![Complex64::ZERO; unknowns * points];
+        for (line, u) in initial
+            .chunks_exact_mut(points)
+            .zip(&problem.states[0][..rows])
+        {
+            for (w, a) in line.iter_mut().zip(&start) {
+                *w = a * u;
+            }
+        }
+        let c_w = norm(&initial);
+        if c_w == 0.0 {
+            return wrong(
+                "the state at the start is zero, and no amplitudes of anything".to_owned(),
+            );
+        }
+        let evolved = evolved(case, bounds, (series, &start), problem, communicator)?;
+        let mut modes = [initial, evolved];
+        modes[1].resize(unknowns * points, Complex64::ZERO);
+        for state in &mut modes {
+            state.iter_mut().for_each(|w| *w /= c_w);
+        }
+        let states = [0, 1].map(|k| {
+            let lines = modes[k].chunks_exact(points);
+            lines.flat_map(transformed).collect::<Vec<Complex64>>()
+        });
+
+        // What is read at p◇, and the probabilities of that.
+        let slice: Vec<Complex64> = states[1]
+            .iter()
+            .skip(index)
+            .step_by(points)
+            .copied()
+            .collect();
+        let square = |x: &[Complex64]| norm(x).powi(2);
+        let (in_slice, in_block) = (square(&slice), square(&slice[..cells]));
+        let weights: Vec<f64> = problem.weights.pi[..cells]
+            .iter()
+            .map(|pi| pi.sqrt())
+            .collect();
+        let (block, _) = real(&slice[..cells]);
+        let scale = point.exp() * c_w;
+        let field: Vec<f64> = block
+            .iter()
+            .zip(&weights)
+            .map(|(v, d)| scale * v / d)
+            .collect();
+
+        let profile: Vec<Complex64> = transformed(&start).collect();
+        let size = norm(&profile);
+        let (amplitudes, imaginary) = real(&profile);
+        let (preparation, reason) = if imaginary <= 1e-13 * size {
+            let mut system = problem.states[0][..rows].to_vec();
+            system.resize(unknowns, 0.0);
+            (Some(circuit::preparation(&amplitudes, &system)), None)
+        } else {
+            let why = format!(
+                "the amplitudes in p are complex (imaginary parts up to {:.1e}): the coefficient of the mode -N_p/2 has no partner. \
+                 solver.warp.coefficients = \"sampled\", or no solver.warp.points",
+                imaginary / size
+            );
+            (None, Some(why))
+        };
+        let factors = VelocityFactors::new(&case.space);
+        let n = case.space.dimension();
+        Ok(Self {
+            description: Description {
+                title: case.title.clone(),
+                qubits_p: bits(points),
+                qubits_phase_space: phase_space,
+                qubits_label: label,
+                qubits,
+                time: case.end,
+                lower,
+                period: series.period,
+                recovery_index: index,
+                recovery: point,
+                norm_of_state: c_w,
+                norm_of_field: field.iter().map(|f| f * f).sum::<f64>().sqrt(),
+                probability_p: in_slice,
+                probability_field_given_p: in_block / in_slice,
+                velocity_volume: case.space.velocity_volume(),
+                velocities: (1..=n)
+                    .map(|k| factors.each().iter().map(|q| q[k]).collect())
+                    .collect(),
+                overlaps: overlaps(&factors, n, (&block, in_block.sqrt()), &weights),
+                preparation: reason,
+            },
+            hamiltonian: hamiltonian(case, problem, (points, series.period), unknowns)?,
+            transform: circuit::transform(bits(points)),
+            modes,
+            states,
+            field,
+            weights,
+            preparation,
+        })
+    }
+
+    /// Writes the files into `directory`.
+    ///
+    /// # Errors
+    /// [`Error::Directory`], [`Error::Output`].
+    pub fn write(&self, directory: &Path) -> Result<()> {
+        std::fs::create_dir_all(directory).map_err(|e| Error::Directory {
+            path: directory.to_owned(),
+            reason: e.to_string(),
+        })?;
+        let write = |name: &str, bytes: &[u8]| {
+            let path = directory.join(name);
+            std::fs::write(&path, bytes).map_err(|e| output::failure(&path, &e))
+        };
+        write("initial_modes.npy", &numpy::complex(&self.modes[0]))?;
+        write("final_modes.npy", &numpy::complex(&self.modes[1]))?;
+        write("initial.npy", &numpy::complex(&self.states[0]))?;
+        write("final.npy", &numpy::complex(&self.states[1]))?;
+        write("field.npy", &numpy::real(&self.field))?;
+        write("weights.npy", &numpy::real(&self.weights))?;
+        write("hamiltonian.mtx", self.hamiltonian.as_bytes())?;
+        write("transform.qasm", self.transform.as_bytes())?;
+        if let Some(preparation) = &self.preparation {
+            write("preparation.qasm", preparation.as_bytes())?;
+        }
+        let path = directory.join("description.json");
+        let text = serde_json::to_string_pretty(&self.description)
+            .map_err(|e| output::failure(&path, &e))?;
+        write("description.json", (text + "\n").as_bytes())
+    }
+
+    /// What was exported.
+    pub fn description(&self) -> &Description {
+        &self.description
+    }
+}
+
+/// `w̃(T)`, not normalised, of the unknowns there are: the modes `l ≥ 0` by Chebyshev series to round-off, the others their conjugates.
+fn evolved(
+    case: &Case,
+    bounds: &Bounds,
+    (series, start): (&Series, &[Complex64]),
+    problem: &mut Problem,
+    communicator: &Communicator,
+) -> Result<Vec<Complex64>> {
+    let (points, rows) = (start.len(), problem.matrix.rows());
+    let mut evolved = vec![Complex64::ZERO; rows * points];
+    let mut scratch = Vec::new();
+    let mut work = |l: usize| {
+        let interval = Interval::new(series.wavenumber(l), bounds.rate, bounds.growth);
+        degree(&mut scratch, interval.half_width * case.end, TOLERANCE)
+    };
+    let modes = series.modes();
+    let works: Vec<usize> = (0..modes).map(&mut work).collect();
+    let most = works.iter().copied().max().unwrap_or(0);
+    let mut propagator = Chebyshev::new(&problem.matrix, most);
+    let norm = problem.norm(communicator, &problem.states[0], false);
+    let initial = Initial::real(&problem.states[0][..rows], norm);
+    let mut system = Evolution {
+        matrix: &problem.matrix,
+        exchange: &mut problem.exchange,
+        space: &communicator.space,
+        rate: bounds.rate,
+        growth: bounds.growth,
+        time: case.end,
+        terms: problem.terms,
+    };
+    for first in (0..modes).step_by(LANES) {
+        let used = LANES.min(modes - first);
+        let mode = |lane: usize| first + lane.min(used - 1);
+        let spec = BatchSpec {
+            modes: used,
+            wavenumbers: std::array::from_fn(|lane| series.wavenumber(mode(lane))),
+            tolerances: [TOLERANCE; LANES],
+            work: std::array::from_fn(|lane| works[mode(lane)]),
+        };
+        let report = propagator.propagate(&mut system, &spec, &initial)?;
+        for lane in 0..used {
+            let l = mode(lane);
+            for (i, Lanes(x)) in propagator.state()[..rows].iter().enumerate() {
+                let w = report.phases[lane] * Complex64::new(x[lane], x[LANES + lane]);
+                let line = &mut evolved[i * points..(i + 1) * points];
+                if l < points / 2 {
+                    line[points / 2 + l] = start[points / 2 + l] * w;
+                }
+                if l > 0 {
+                    line[points / 2 - l] = start[points / 2 - l] * w.conj();
+                }
+            }
+        }
+    }
+    Ok(evolved)
+}
+
+/// Real parts of the overlaps of `√π f`, of norm `size` with its imaginary parts, with the moment states: for density and momenta, by space cell.
+fn overlaps(
+    factors: &VelocityFactors,
+    n: usize,
+    (block, size): (&[f64], f64),
+    weights: &[f64],
+) -> Vec<Vec<f64>> {
+    let velocities = factors.cells();
+    let of = |k: usize| {
+        let cells = block
+            .chunks_exact(velocities)
+            .zip(weights.chunks_exact(velocities));
+        let overlap = |(v, d): (&[f64], &[f64])| {
+            let (mut product, mut square) = (0.0, 0.0);
+            for ((v, d), q) in v.iter().zip(d).zip(factors.each()) {
+                product += q[k] / d * v;
+                square += (q[k] / d).powi(2);
+            }
+            product / (square.sqrt() * size)
+        };
+        cells.map(overlap).collect()
+    };
+    (0..=n).map(of).collect()
+}
+
+/// `H` in Matrix Market, from its oracle; rows of empty amplitudes are zero.
+fn hamiltonian(
+    case: &Case,
+    problem: &Problem,
+    (points, period): (usize, f64),
+    unknowns: usize,
+) -> Result<String> {
+    let access = SparseAccess::new(case, problem, (points, period))?;
+    let mut scratch = Scratch::default();
+    let (mut entries, mut text) = (0, String::new());
+    for j in 0..access.order() {
+        for entry in 0..access.sparsity() {
+            let k = access.location(&mut scratch, j, entry);
+            if k > j {
+                continue;
+            }
+            let value = access.value(&mut scratch, j, k);
+            let _ = writeln!(text, "{} {} {:e} {:e}", j + 1, k + 1, value.re, value.im);
+            entries += 1;
+        }
+    }
+    let order = unknowns * points;
+    Ok(format!(
+        "%%MatrixMarket matrix coordinate complex hermitian\n% {}\n{order} {order} {entries}\n{text}",
+        case.title.replace(['\n', '\r'], " ")
+    ))
+}

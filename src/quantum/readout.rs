@@ -1,0 +1,326 @@
+//! What a quantum computer would tell of density, momentum and mean velocity at some cells of space (paper, section 7.2).
+//!
+//! Moments are overlaps. With `q = 1` for the density and `q = v_a` for momentum `a`, at the space cell `i`
+//!
+//! ```text
+//! m_i = Δv Σ_j q_j f_ij = C_f Δv ‖q‖ ⟨χ_i|F⟩          |χ_i⟩ = |i⟩ ⊗ Σ_j q_j|j⟩/‖q‖,   |F⟩ = f/C_f            postselected
+//!                       = e^{p◇} C_w Δv ‖q/√π‖ ⟨ζ_i|w⟩  |ζ_i⟩ = |0⟩ ⊗ |i⟩ ⊗ Σ_j q_j π_ij^{−½}|j⟩/‖q/√π‖ ⊗ |k◇⟩    enlarged
+//! ```
+//!
+//! The enlarged state holds `√π f`: there the weights are undone in `ζ`, which costs nothing, and as `π ≥ 1` never more than to undo them in the
+//! state, which has a probability of its own ([`super::probability`]). Without weights these are the paper's.
+//!
+//! Each overlap is measured as [`measurement`] says, the counts drawn at random from their exact distributions. What is drawn depends on the seed, the
+//! cell, the observable and the estimator only, so that it is the same on any ranks and beside any other cells.
+//!
+//! **Accuracy.** An overlap known to `ε_obs` of a state known to `ε_F` gives a moment to `prefactor · ε_obs + C_f Δv ‖q‖ ε_F`, both ways; `ε_F` is the
+//! tolerance of the run. Bounds hold with probability [`CONFIDENCE`], those of a mean velocity, which take two of them, with that
+//! of both.
+//!
+//! **Cost**, in evolutions `e^{−iHT}` of the whole state: a shot from the postselected state takes `1/P` of them by repetition, `2r + 1` with `r` rounds of amplitude
+//! amplification; from the enlarged one, one. Amplitude estimation needs the preparation and its inverse, which repetition is not.
+//!
+//! A measurement of the x-register alone is none of the density: it gives the cell `i` with probability `Σ_j f_ij²/C_f²` (the paper's last
+//! remark there), which is told as `basis_probability`.
+
+mod files;
+pub mod measurement;
+pub mod random;
+mod reader;
+
+pub use files::numbers;
+pub use reader::Source;
+
+use super::Figure;
+use crate::case::{Case, Data, Method};
+use crate::communicator::Group;
+use crate::grid::MAX_DIMENSION;
+use crate::observables::VelocityFactors;
+use measurement::CONFIDENCE;
+use reader::Reader;
+use serde::Serialize;
+
+/// Which number is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Observable {
+    /// `ρ`.
+    Density,
+    /// `m_a`, by axis.
+    Momentum(usize),
+    /// `u_a = m_a/ρ`, by axis.
+    Velocity(usize),
+}
+
+impl Observable {
+    /// Those of `n` dimensions: the density, then momenta, then velocities.
+    pub fn all(n: usize) -> Vec<Self> {
+        std::iter::once(Self::Density)
+            .chain((0..n).map(Self::Momentum))
+            .chain((0..n).map(Self::Velocity))
+            .collect()
+    }
+
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Density => "density",
+            Self::Momentum(a) => ["momentum_x", "momentum_y", "momentum_z"][a],
+            Self::Velocity(a) => ["velocity_x", "velocity_y", "velocity_z"][a],
+        }
+    }
+
+    /// Number in files and streams: 0, then from 1 and from 4 on.
+    pub fn number(self) -> u32 {
+        match self {
+            Self::Density => 0,
+            Self::Momentum(a) => 1 + a as u32,
+            Self::Velocity(a) => 1 + (MAX_DIMENSION + a) as u32,
+        }
+    }
+}
+
+/// How an overlap is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Estimator {
+    /// Hadamard test with the postselected state.
+    Hadamard,
+    /// Amplitude estimation of that.
+    AmplitudeEstimation,
+    /// How often the inverse preparation of `χ` gives zeros: `|⟨χ|F⟩|²`, where `f ≥ 0`.
+    AllZero,
+    /// Hadamard test with the enlarged state.
+    EnlargedHadamard,
+    /// Amplitude estimation of that.
+    EnlargedAmplitudeEstimation,
+}
+
+impl Estimator {
+    /// All, in the order of files.
+    pub const ALL: [Self; 5] = [
+        Self::Hadamard,
+        Self::AmplitudeEstimation,
+        Self::AllZero,
+        Self::EnlargedHadamard,
+        Self::EnlargedAmplitudeEstimation,
+    ];
+
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Hadamard => "hadamard",
+            Self::AmplitudeEstimation => "amplitude-estimation",
+            Self::AllZero => "all-zero",
+            Self::EnlargedHadamard => "enlarged-hadamard",
+            Self::EnlargedAmplitudeEstimation => "enlarged-amplitude-estimation",
+        }
+    }
+
+    fn enlarged(self) -> bool {
+        matches!(
+            self,
+            Self::EnlargedHadamard | Self::EnlargedAmplitudeEstimation
+        )
+    }
+
+    fn coherent(self) -> bool {
+        matches!(
+            self,
+            Self::AmplitudeEstimation | Self::EnlargedAmplitudeEstimation
+        )
+    }
+}
+
+/// What one estimator says of an observable.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Measured {
+    /// Which.
+    pub estimator: Estimator,
+    /// The overlap as it is; of a mean velocity, which is none, unavailable.
+    pub overlap: Figure,
+    /// Shots: of an overlap, or of amplitude estimation the runs whose median is taken.
+    pub shots: Figure,
+    /// Values of the register of amplitude estimation.
+    pub evaluations: Figure,
+    /// What was measured.
+    pub estimate: Figure,
+    /// Its standard error, told from the counts; of amplitude estimation, which has none in closed form, unavailable.
+    pub standard_error: Figure,
+    /// Bound on its distance to the moment of the exact semi-discrete solution.
+    pub bound: Figure,
+    /// Evolutions where postselection is repeated until it succeeds, on average.
+    pub evolutions_repeated: Figure,
+    /// Evolutions and their inverses where everything is coherent.
+    pub evolutions_coherent: Figure,
+}
+
+/// An observable at a cell.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// The space cell, along each axis from 0.
+    pub cell: Vec<usize>,
+    /// Its number over the whole grid, the last axis fastest.
+    pub number: usize,
+    /// Its centre.
+    pub point: Vec<f64>,
+    /// Which.
+    pub observable: Observable,
+    /// Of the recovered field: what is measured but for statistics.
+    pub value: Figure,
+    /// What each estimator says.
+    pub measured: Vec<Measured>,
+}
+
+/// What is read, and what it takes.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Readout {
+    /// Probability with which each bound holds, at least.
+    pub confidence: f64,
+    /// `C_f`.
+    pub norm_of_field: Figure,
+    /// `P` of the slice at `p◇`.
+    pub probability: Figure,
+    /// `1/P`.
+    pub repetitions: Figure,
+    /// Rounds of amplitude amplification.
+    pub amplification_rounds: Figure,
+    /// `ε_F`.
+    pub state_error: Figure,
+    /// By cell, the probability that a measurement of the x-register gives it: `Σ_j f_ij²/C_f²`, which is no density.
+    pub basis_probability: Vec<Figure>,
+    /// The rows, cell by cell.
+    pub rows: Vec<Row>,
+}
+
+/// Why there is nothing to be read from a case, if so.
+pub fn refused(case: &Case) -> Option<&'static str> {
+    match (&case.data, case.method) {
+        (Data::Measure { .. }, _) => Some(
+            "f = phi delta(psi) is not a vector of amplitudes: phi and psi are in separate states",
+        ),
+        (_, Method::Classical) => Some("solver.method = \"classical\" prepares no quantum state"),
+        _ if case.varies() => Some(
+            "inflow.value depends on t, and the evolution is that of a Hamiltonian that does not",
+        ),
+        _ => None,
+    }
+}
+
+impl Readout {
+    /// All cells and observables that `case` asks for, with every figure unavailable.
+    pub fn unavailable(case: &Case, why: &str) -> Self {
+        let none = || Figure::unavailable(why);
+        let cells = case.readout.as_ref().map_or(&[][..], |r| &r.cells);
+        let rows = cells.iter().flat_map(|cell| {
+            Observable::all(case.space.dimension())
+                .into_iter()
+                .map(move |observable| Row {
+                    value: none(),
+                    measured: Vec::new(),
+                    ..Row::at(case, cell, observable)
+                })
+        });
+        Self {
+            confidence: CONFIDENCE,
+            norm_of_field: none(),
+            probability: none(),
+            repetitions: none(),
+            amplification_rounds: none(),
+            state_error: none(),
+            basis_probability: cells.iter().map(|_| none()).collect(),
+            rows: rows.collect(),
+        }
+    }
+
+    /// Reads what `case` asks for from `source`; the same on all ranks. Collective over `world`.
+    pub fn new(world: &Group, case: &Case, source: &Source<'_>) -> Self {
+        let Some(readout) = &case.readout else {
+            return Self::unavailable(case, "no [readout] is asked for");
+        };
+        if source.norm() == 0.0 {
+            return Self::unavailable(case, "nothing is left of the field");
+        }
+        let chain = &source.probabilities.at_slice;
+        let factors = VelocityFactors::new(&case.space);
+        let reader = Reader {
+            case,
+            source,
+            readout,
+            factors: &factors,
+        };
+        let (mut rows, mut basis) = (Vec::new(), Vec::new());
+        for cell in &readout.cells {
+            let sums = reader.sums(world, cell);
+            basis.push(Figure::exact(sums.square / (source.norm() * source.norm())));
+            rows.extend(reader.rows(cell, &sums));
+        }
+        Self {
+            confidence: CONFIDENCE,
+            norm_of_field: Figure::exact(source.norm()),
+            probability: chain.all.clone(),
+            repetitions: chain.repetitions.clone(),
+            amplification_rounds: chain.amplification_rounds.clone(),
+            state_error: source.state_error.clone(),
+            basis_probability: basis,
+            rows,
+        }
+    }
+}
+
+/// Why a figure is unavailable, as it stands between quotes.
+fn quoted(figure: &Figure) -> String {
+    match figure {
+        Figure::Unavailable { because } => because.replace('"', "'"),
+        _ => String::new(),
+    }
+}
+
+impl Measured {
+    /// The figures, in the order of the columns of files.
+    pub fn figures(&self) -> [&Figure; 8] {
+        [
+            &self.overlap,
+            &self.shots,
+            &self.evaluations,
+            &self.estimate,
+            &self.standard_error,
+            &self.bound,
+            &self.evolutions_repeated,
+            &self.evolutions_coherent,
+        ]
+    }
+
+    fn unavailable(estimator: Estimator, why: &str) -> Self {
+        let none = || Figure::unavailable(why);
+        Self {
+            estimator,
+            overlap: none(),
+            shots: none(),
+            evaluations: none(),
+            estimate: none(),
+            standard_error: none(),
+            bound: none(),
+            evolutions_repeated: none(),
+            evolutions_coherent: none(),
+        }
+    }
+}
+
+impl Row {
+    /// A row with nothing in it.
+    fn at(case: &Case, cell: &[usize], observable: Observable) -> Self {
+        let axes = || case.space.x.iter().zip(cell);
+        Self {
+            cell: cell.to_vec(),
+            number: axes().fold(0, |number, (axis, i)| number * axis.cells + i),
+            point: axes().map(|(axis, &i)| axis.centre(i as i64)).collect(),
+            observable,
+            value: Figure::unavailable("not read"),
+            measured: Vec::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,109 @@
+//! What is read, as columns of `result.h5` and as `readout.csv`.
+
+use super::{Estimator, Readout, quoted};
+use crate::case::Case;
+use crate::error::Result;
+use crate::output;
+use crate::quantum::Figure;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Columns of `/readout`.
+const COLUMNS: [(&str, &str); 12] = [
+    ("cell", "number of the space cell, the last axis fastest"),
+    (
+        "observable",
+        "0 density, 1 to 3 momentum along x, y, z, 4 to 6 mean velocity",
+    ),
+    (
+        "estimator",
+        "0 Hadamard test, 1 amplitude estimation, 2 all-zero outcome; 3, 4 as 0, 1 of the enlarged state",
+    ),
+    ("value", "of the recovered field"),
+    ("overlap", "overlap of the moment's state"),
+    ("shots", "shots, or runs of amplitude estimation"),
+    (
+        "evaluations",
+        "values of the register of amplitude estimation",
+    ),
+    ("estimate", "as measured"),
+    ("standard_error", "standard error of the estimate"),
+    ("bound", "bound on the error of the estimate"),
+    ("evolutions_repeated", "evolutions, postselection repeated"),
+    ("evolutions_coherent", "evolutions, coherent"),
+];
+
+/// Most numbers that a case's readout takes in `result.h5`.
+pub fn numbers(case: &Case) -> usize {
+    let observables = 1 + 2 * case.space.dimension();
+    let cells = case.readout.as_ref().map_or(0, |r| r.cells.len());
+    COLUMNS.len() * Estimator::ALL.len() * observables * cells
+}
+
+impl Readout {
+    /// The columns of `/readout`: name, a number for every row and estimator (NaN where it is not known), what they are.
+    pub fn columns(&self) -> Vec<(&'static str, Vec<f64>, &'static str)> {
+        let known = |figure: &Figure| figure.value().unwrap_or(f64::NAN);
+        let mut columns: Vec<(&'static str, Vec<f64>, &'static str)> = COLUMNS
+            .iter()
+            .map(|&(name, what)| (name, Vec::new(), what))
+            .collect();
+        for row in &self.rows {
+            for m in &row.measured {
+                let place = [
+                    row.number as f64,
+                    f64::from(row.observable.number()),
+                    f64::from(m.estimator as u32),
+                    known(&row.value),
+                ];
+                let numbers = place.into_iter().chain(m.figures().map(known));
+                for (column, number) in columns.iter_mut().zip(numbers) {
+                    column.1.push(number);
+                }
+            }
+        }
+        columns
+    }
+
+    /// Writes `readout.csv` into `directory`.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Output`].
+    pub fn write(&self, directory: &Path) -> Result<()> {
+        let path = directory.join("readout.csv");
+        std::fs::write(&path, self.csv()).map_err(|e| output::failure(&path, &e))
+    }
+
+    /// A line for every row and estimator, with a heading. Numbers that are not known are empty; the last column says why.
+    pub fn csv(&self) -> String {
+        let mut text = "cell,point,observable,value,estimator,overlap,shots,evaluations,estimate,standard_error,bound,\
+                        evolutions_repeated,evolutions_coherent,unavailable\n"
+            .to_owned();
+        let number = |figure: &Figure| figure.value().map_or(String::new(), |x| format!("{x:?}"));
+        let joined = |list: Vec<String>| list.join(" ");
+        for row in &self.rows {
+            let cell = joined(row.cell.iter().map(usize::to_string).collect());
+            let point = joined(row.point.iter().map(f64::to_string).collect());
+            let start = format!(
+                "{cell},{point},{},{}",
+                row.observable.name(),
+                number(&row.value)
+            );
+            if row.measured.is_empty() {
+                let _ = writeln!(text, "{start},,,,,,,,,,\"{}\"", quoted(&row.value));
+            }
+            for m in &row.measured {
+                let figures = m.figures();
+                let numbers: Vec<String> = figures.iter().map(|f| number(f)).collect();
+                let _ = writeln!(
+                    text,
+                    "{start},{},{},\"{}\"",
+                    m.estimator.name(),
+                    numbers.join(","),
+                    quoted(&m.estimate)
+                );
+            }
+        }
+        text
+    }
+}

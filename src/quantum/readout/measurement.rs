@@ -1,0 +1,383 @@
+//! What measurements of a quantum computer would say, drawn from their exact distributions, and how far off they may be.
+//!
+//! An overlap `o = Re⟨χ|F⟩` is measured as a probability of one qubit or outcome:
+//!
+//! | | probability | estimate | distribution |
+//! |---|---|---|---|
+//! | Hadamard test, N shots | `(1 + o)/2` | `2k/N − 1` | `k` binomial |
+//! | its amplitude estimation, M evaluations | `(1 + o)/2 = sin² θ` | `−cos(2πy/M)` | below |
+//! | all-zero outcome, where `o ≥ 0`, N shots | `o²` | `√(k/N)` | `k` binomial |
+//!
+//! **Amplitude estimation** (Brassard, Høyer, Mosca and Tapp 2002) is phase estimation of the Grover iterate, whose eigenvalues are `e^{±2iθ}`, by a
+//! register of `M` values. With `ω = θ/π` or `1 − θ/π`, each half of the time, it gives `y` with probability
+//!
+//! ```text
+//! sin²(πMd) / (M² sin²(πd)),   d = ω − y/M,
+//! ```
+//!
+//! and `|sin²(πy/M) − a| ≤ 2π√(a(1−a))/M + π²/M²` with probability at least `8/π²`. The median of [`RUNS`] of them holds to that unless
+//! more than half of them fail. It takes `M − 1` iterates, each with the preparation and its inverse, and one preparation: `2M − 1`.
+//!
+//! **Shots.** Hoeffding: `|2k/N − 1 − o| > ε` has probability at most `2e^{−Nε²/2}`. Chernoff: `|√(k/N) − o| > ε` at most `2e^{−Nε²}`, as the relative
+//! entropy of two coins is at least the square of the distance of the roots.
+
+use super::random::Stream;
+use std::f64::consts::PI;
+
+/// Probability with which a bound of this file holds, at least.
+pub const CONFIDENCE: f64 = 0.95;
+
+/// Runs of amplitude estimation whose median is taken: with fewer the median fails more often than `1 − CONFIDENCE`.
+pub const RUNS: usize = 7;
+
+/// Most shots that are emulated: beyond, the roundings of probabilities are seen in the counts.
+pub const MOST_SHOTS: f64 = 1e15;
+
+/// Most evaluations of a run of amplitude estimation: the register has 40 qubits then.
+pub const MOST_EVALUATIONS: f64 = (1u64 << 40) as f64;
+
+/// `ln(2/(1 − CONFIDENCE))`.
+fn log_of_doubt() -> f64 {
+    (2.0 / (1.0 - CONFIDENCE)).ln()
+}
+
+/// An estimate of an overlap and its standard error, from what was counted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The estimate.
+    pub value: f64,
+    /// Its standard error; of amplitude estimation the bound on the error instead.
+    pub error: f64,
+}
+
+/// A Hadamard test of `overlap` with so many shots.
+pub fn hadamard(stream: &mut Stream, overlap: f64, shots: u64) -> Estimate {
+    let count = stream.binomial(shots, 0.5 * (1.0 + overlap));
+    let n = shots as f64;
+    let value = 2.0 * count as f64 / n - 1.0;
+    // With one more of each outcome, so that all shots being alike does not make it certain.
+    let p = (count as f64 + 1.0) / (n + 2.0);
+    Estimate {
+        value,
+        error: 2.0 * (p * (1.0 - p) / n).sqrt(),
+    }
+}
+
+/// `|overlap|` from how often `shots` are all zero.
+pub fn all_zero(stream: &mut Stream, overlap: f64, shots: u64) -> Estimate {
+    let count = stream.binomial(shots, overlap * overlap);
+    let n = shots as f64;
+    let value = (count as f64 / n).sqrt();
+    let p = (count as f64 + 1.0) / (n + 2.0);
+    Estimate {
+        value,
+        error: 0.5 * ((1.0 - p) / n).sqrt(),
+    }
+}
+
+/// Amplitude estimation of `overlap`: the median of [`RUNS`] runs with `evaluations` values of the register.
+pub fn amplitude_estimation(stream: &mut Stream, overlap: f64, evaluations: u64) -> Estimate {
+    let theta = (0.5 * (1.0 + overlap)).clamp(0.0, 1.0).sqrt().asin();
+    let mut values: [f64; RUNS] = std::array::from_fn(|_| {
+        let phase = if stream.bits() & 1 == 0 {
+            theta / PI
+        } else {
+            1.0 - theta / PI
+        };
+        let y = phase_estimation(stream, phase, evaluations);
+        -(2.0 * PI * y as f64 / evaluations as f64).cos()
+    });
+    values.sort_by(f64::total_cmp);
+    let value = values[RUNS / 2];
+    Estimate {
+        value,
+        error: amplitude_bound(value, evaluations),
+    }
+}
+
+/// An outcome of canonical phase estimation of `e^{2πi phase}` with a register of `size` values.
+///
+/// Outcomes are gone through from the nearest to the phase on, by which after a few terms all but a small part of the probability is
+/// passed: the tail beyond `k` of them is about `1/k`.
+fn phase_estimation(stream: &mut Stream, phase: f64, size: u64) -> u64 {
+    let m = size as f64;
+    let scaled = phase * m;
+    let nearest = scaled.round();
+    let distance = scaled - nearest;
+    let sine = (PI * distance).sin();
+    let mut left = stream.uniform();
+    let wrapped = |offset: i64| (nearest as i64 + offset).rem_euclid(size as i64) as u64;
+    // 0, then alternately on the side where the phase is and on the other.
+    let side = if distance >= 0.0 { 1 } else { -1 };
+    for k in 0..size as i64 {
+        let offset = if k % 2 == 1 {
+            side * (k + 1) / 2
+        } else {
+            -side * (k / 2)
+        };
+        // sin²(π(Δ − k)) is that of Δ.
+        let below = m * (PI * (distance - offset as f64) / m).sin();
+        let probability = if below == 0.0 {
+            1.0
+        } else {
+            (sine / below).powi(2)
+        };
+        if left < probability {
+            return wrapped(offset);
+        }
+        left -= probability;
+    }
+    // Round-off of the sum of all.
+    wrapped(0)
+}
+
+/// Bound on the error of an overlap `o` by amplitude estimation, with probability [`CONFIDENCE`].
+pub fn amplitude_bound(overlap: f64, evaluations: u64) -> f64 {
+    let m = evaluations as f64;
+    // Twice that of the probability a, 2√(a(1−a)) = √(1 − o²).
+    2.0 * (PI * (1.0 - overlap * overlap).max(0.0).sqrt() / m + (PI / m).powi(2))
+}
+
+/// Bound on the error of a Hadamard test, with probability [`CONFIDENCE`].
+pub fn hadamard_bound(shots: u64) -> f64 {
+    (2.0 * log_of_doubt() / shots as f64).sqrt()
+}
+
+/// Bound on the error of [`all_zero`], with probability [`CONFIDENCE`].
+pub fn all_zero_bound(shots: u64) -> f64 {
+    (log_of_doubt() / shots as f64).sqrt()
+}
+
+/// Shots that bring [`hadamard_bound`] down to `error`; `None` if more than [`MOST_SHOTS`].
+pub fn hadamard_shots(error: f64) -> Option<u64> {
+    whole(2.0 * log_of_doubt() / (error * error))
+}
+
+/// Shots that bring [`all_zero_bound`] down to `error`; `None` if more than [`MOST_SHOTS`].
+pub fn all_zero_shots(error: f64) -> Option<u64> {
+    whole(log_of_doubt() / (error * error))
+}
+
+fn whole(shots: f64) -> Option<u64> {
+    (shots <= MOST_SHOTS).then(|| shots.ceil().max(1.0) as u64)
+}
+
+/// Evaluations, a power of two, that bring [`amplitude_bound`] down to `error` whatever the overlap; `None` if more than
+/// [`MOST_EVALUATIONS`].
+pub fn evaluations(error: f64) -> Option<u64> {
+    // 2(π/m + π²/m²) ≤ e at m ≥ π(1 + √(1 + 2e))/e.
+    let least = PI * (1.0 + (1.0 + 2.0 * error).sqrt()) / error;
+    (least <= MOST_EVALUATIONS).then(|| (least.ceil().max(2.0) as u64).next_power_of_two())
+}
+
+/// Preparations that amplitude estimation takes, over its runs.
+pub fn preparations(evaluations: u64) -> f64 {
+    RUNS as f64 * (2.0 * evaluations as f64 - 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::random::Purpose;
+    use super::*;
+
+    fn stream(seed: u64) -> Stream {
+        let purpose = Purpose {
+            cell: 11,
+            observable: 0,
+            estimator: 0,
+        };
+        Stream::new(seed, purpose)
+    }
+
+    /// Mean and root mean square of the errors over `seeds` draws.
+    fn errors(seeds: u64, truth: f64, draw: impl Fn(&mut Stream) -> Estimate) -> (f64, f64) {
+        let (mut mean, mut square) = (0.0, 0.0);
+        for seed in 0..seeds {
+            let error = draw(&mut stream(seed)).value - truth;
+            mean += error / seeds as f64;
+            square += error * error / seeds as f64;
+        }
+        (mean, square.sqrt())
+    }
+
+    /// The slope of `log y` over `log x` by least squares.
+    fn exponent(points: &[(f64, f64)]) -> f64 {
+        let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
+        let n = logs.len() as f64;
+        let [x, y] = [
+            logs.iter().map(|p| p.0).sum::<f64>() / n,
+            logs.iter().map(|p| p.1).sum::<f64>() / n,
+        ];
+        let above: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
+        let below: f64 = logs.iter().map(|p| (p.0 - x) * (p.0 - x)).sum();
+        above / below
+    }
+
+    const OVERLAPS: [f64; 5] = [-0.83, -0.01, 0.0, 0.2, 0.6];
+
+    #[test]
+    fn errors_of_a_hadamard_test_fall_like_the_root_of_the_shots() {
+        for o in OVERLAPS {
+            let shots = [64, 512, 4096, 1 << 15, 1 << 20];
+            let points = shots.map(|n| {
+                let (mean, spread) = errors(2000, o, |s| hadamard(s, o, n));
+                let expected = ((1.0 - o * o) / n as f64).sqrt();
+                // Unbiased, and of the variance it should have.
+                assert!(
+                    mean.abs() < 4.0 * expected / 2000f64.sqrt(),
+                    "{o} {n}: bias {mean:e}"
+                );
+                assert!(
+                    (spread / expected - 1.0).abs() < 0.08,
+                    "{o} {n}: {spread:e} {expected:e}"
+                );
+                (n as f64, spread)
+            });
+            let slope = exponent(&points);
+            assert!((slope + 0.5).abs() < 0.02, "{o}: {slope}");
+        }
+    }
+
+    #[test]
+    fn errors_of_amplitude_estimation_fall_like_the_evaluations() {
+        for o in OVERLAPS {
+            let points: Vec<(f64, f64)> = (4..14)
+                .map(|m| {
+                    // Averaged over a step of the register: a phase that lies on its grid is found exactly.
+                    let theta = (0.5 * (1.0 + o)).sqrt().asin();
+                    let square: f64 = (0..20)
+                        .map(|k| {
+                            let theta = theta + PI * f64::from(k) / 20.0 / f64::from(1 << m);
+                            let o = -(2.0 * theta).cos();
+                            errors(50, o, |s| amplitude_estimation(s, o, 1 << m))
+                                .1
+                                .powi(2)
+                        })
+                        .sum();
+                    (f64::from(1 << m), (square / 20.0).sqrt())
+                })
+                .collect();
+            let slope = exponent(&points);
+            assert!((slope + 1.0).abs() < 0.06, "{o}: {slope}");
+        }
+    }
+
+    #[test]
+    fn errors_of_the_square_root_are_half_those_of_the_hadamard_test() {
+        let points = [256, 4096, 1 << 16].map(|n| {
+            let spread = errors(2000, 0.4, |s| all_zero(s, 0.4, n)).1;
+            let of_hadamard = errors(2000, 0.4, |s| hadamard(s, 0.4, n)).1;
+            assert!(
+                (of_hadamard / spread - 2.0).abs() < 0.2,
+                "{n}: {of_hadamard:e} {spread:e}"
+            );
+            (n as f64, spread)
+        });
+        assert!((exponent(&points) + 0.5).abs() < 0.03);
+    }
+
+    #[test]
+    fn bounds_hold_as_often_as_they_say() {
+        let seeds = 1000;
+        // Three standard deviations of a count that should be CONFIDENCE or more.
+        let least = CONFIDENCE - 3.0 * (CONFIDENCE * (1.0 - CONFIDENCE) / seeds as f64).sqrt();
+        let share = |holds: &dyn Fn(&mut Stream) -> bool| {
+            (0..seeds).filter(|seed| holds(&mut stream(*seed))).count() as f64 / seeds as f64
+        };
+        for o in OVERLAPS {
+            for n in [10u64, 100, 10_000] {
+                let off = |e: Estimate, truth: f64| (e.value - truth).abs();
+                let held = share(&|s| off(hadamard(s, o, n), o) <= hadamard_bound(n));
+                assert!(held >= least, "Hadamard {o} {n}: {held}");
+                let held = share(&|s| off(all_zero(s, o, n), o.abs()) <= all_zero_bound(n));
+                assert!(held >= least, "root {o} {n}: {held}");
+                // Control: a third of the bound does not hold so often.
+                let held = share(&|s| off(hadamard(s, o, n), o) <= hadamard_bound(n) / 3.0);
+                assert!(o.abs() > 0.5 || held < least, "control {o} {n}: {held}");
+            }
+            for m in [8u64, 64, 1024] {
+                let held = share(&|s| {
+                    (amplitude_estimation(s, o, m).value - o).abs() <= amplitude_bound(o, m)
+                });
+                assert!(held >= least, "amplitude {o} {m}: {held}");
+            }
+        }
+    }
+
+    #[test]
+    fn standard_errors_are_told_from_the_counts() {
+        for o in OVERLAPS {
+            let n = 4000;
+            let told = hadamard(&mut stream(1), o, n).error;
+            assert!(
+                (told / ((1.0 - o * o) / n as f64).sqrt() - 1.0).abs() < 0.1,
+                "{o}: {told:e}"
+            );
+        }
+        // All shots alike, and still not certain.
+        assert!(hadamard(&mut stream(1), 1.0, 100).error > 0.0);
+        assert!(all_zero(&mut stream(1), 0.0, 100).error > 0.0);
+    }
+
+    /// All outcomes' probabilities by the definition: |1/M Σ_k e^{2πik(φ − y/M)}|².
+    fn by_definition(phase: f64, size: u64) -> Vec<f64> {
+        let of = |y: u64| {
+            let angle = 2.0 * PI * (phase - y as f64 / size as f64);
+            let (re, im) = (0..size)
+                .map(|k| (angle * k as f64).sin_cos())
+                .fold((0.0, 0.0), |(re, im), (s, c)| (re + c, im + s));
+            (re * re + im * im) / (size * size) as f64
+        };
+        (0..size).map(of).collect()
+    }
+
+    #[test]
+    fn phases_are_distributed_as_the_register_says() {
+        for (phase, size) in [(0.3, 16u64), (0.03, 16), (0.5, 8), (0.999, 32), (0.71, 7)] {
+            let expected = by_definition(phase, size);
+            assert!((expected.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+            let seeds = 20_000;
+            let mut counts = vec![0.0; size as usize];
+            for seed in 0..seeds {
+                counts[phase_estimation(&mut stream(seed), phase, size) as usize] += 1.0;
+            }
+            for (y, (count, p)) in counts.iter().zip(&expected).enumerate() {
+                let mean = p * seeds as f64;
+                let spread = (mean * (1.0 - p)).sqrt().max(1.0);
+                assert!(
+                    (count - mean).abs() <= 4.5 * spread,
+                    "{phase} {size} {y}: {count} {mean}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_planned_is_enough_and_little_more() {
+        for error in [0.9, 0.1, 1e-3, 1e-6] {
+            let n = hadamard_shots(error).expect("few enough");
+            assert!(hadamard_bound(n) <= error && (n == 1 || hadamard_bound(n - 1) > error));
+            let n = all_zero_shots(error).expect("few enough");
+            assert!(all_zero_bound(n) <= error && (n == 1 || all_zero_bound(n - 1) > error));
+            let m = evaluations(error).expect("few enough");
+            assert!(amplitude_bound(0.0, m) <= error && amplitude_bound(0.0, m / 2) > error);
+        }
+        assert_eq!(hadamard_shots(1e-8), None);
+        assert_eq!(evaluations(1e-13), None);
+    }
+
+    #[test]
+    fn so_many_runs_make_the_median_as_sure_as_is_said() {
+        let fails = 1.0 - 8.0 / (PI * PI);
+        let choose =
+            |n: usize, k: usize| (0..k).fold(1.0, |c, i| c * (n - i) as f64 / (i + 1) as f64);
+        let most_fail = |runs: usize| -> f64 {
+            let of = |k: usize| {
+                choose(runs, k) * fails.powi(k as i32) * (1.0 - fails).powi((runs - k) as i32)
+            };
+            (runs.div_ceil(2)..=runs).map(of).sum()
+        };
+        assert!(most_fail(RUNS) <= 1.0 - CONFIDENCE);
+        assert!(most_fail(RUNS - 2) > 1.0 - CONFIDENCE);
+    }
+}

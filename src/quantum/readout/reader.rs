@@ -1,0 +1,374 @@
+//! From the field at a cell to overlaps, and from those to what each estimator says.
+
+use super::measurement::{self, Estimate};
+use super::random::{Purpose, Stream};
+use super::{Estimator, Measured, Observable, Row, quoted};
+use crate::case::{self, Case, Effort};
+use crate::communicator::Group;
+use crate::grid::MAX_DIMENSION;
+use crate::observables::VelocityFactors;
+use crate::quantum::Figure;
+use crate::quantum::probability::Probabilities;
+use std::ops::Range;
+
+/// The recovered field on a rank's share, and the states that hold it.
+pub struct Source<'a> {
+    /// The share: space cells, one range an axis.
+    pub share: &'a [Range<usize>],
+    /// `f` on it, velocities fastest.
+    pub field: &'a [f64],
+    /// `π` there.
+    pub pi: &'a [f64],
+    /// `min f` over all ranks.
+    pub least: f64,
+    /// Of the enlarged state.
+    pub probabilities: &'a Probabilities,
+    /// `ε_F`.
+    pub state_error: Figure,
+}
+
+impl Source<'_> {
+    /// `C_f`.
+    pub fn norm(&self) -> f64 {
+        self.probabilities.norms.field
+    }
+}
+
+/// `‖x‖`.
+pub(super) fn norm(x: impl Iterator<Item = f64>) -> f64 {
+    x.map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// An overlap and what it is multiplied by to give a moment.
+#[derive(Clone, Copy, Debug)]
+struct Overlap {
+    value: f64,
+    prefactor: f64,
+}
+
+/// An observable at a cell by one estimator, with what the mean velocity needs of it.
+struct Moment {
+    measured: Measured,
+    estimate: Option<Estimate>,
+    bound: Option<f64>,
+}
+
+/// What is computed from the field at a cell; known to all ranks.
+pub(super) struct CellSums {
+    /// `Σ_j q_j f_j` for each of [`crate::observables::MOMENTS`] kinds of `q`.
+    moments: [f64; MAX_DIMENSION + 1],
+    /// `Σ_j q_j²/π_j`.
+    unweighted: [f64; MAX_DIMENSION + 1],
+    /// `Σ_j f_j²`.
+    pub(super) square: f64,
+}
+
+/// All that the rows have in common.
+pub(super) struct Reader<'a> {
+    pub case: &'a Case,
+    pub source: &'a Source<'a>,
+    pub readout: &'a case::Readout,
+    pub factors: &'a VelocityFactors,
+}
+
+impl Reader<'_> {
+    /// Sums over the velocities at `cell`, which is on one rank; on all. Collective over `world`.
+    pub(super) fn sums(&self, world: &Group, cell: &[usize]) -> CellSums {
+        let mut sums = self.sums_here(cell);
+        // The other ranks add zero bits.
+        let everywhere = |x: &mut f64| *x = f64::from_bits(world.sum_modulo(x.to_bits()));
+        sums.moments.iter_mut().for_each(everywhere);
+        sums.unweighted.iter_mut().for_each(everywhere);
+        everywhere(&mut sums.square);
+        sums
+    }
+
+    /// The same on this rank's share; zeros where it has not the cell.
+    pub(super) fn sums_here(&self, cell: &[usize]) -> CellSums {
+        let share = self.source.share;
+        let velocities = self.factors.cells();
+        let mut sums = CellSums {
+            moments: Default::default(),
+            unweighted: Default::default(),
+            square: 0.0,
+        };
+        if share.iter().zip(cell).all(|(range, i)| range.contains(i)) {
+            let place =
+                (share.iter().zip(cell)).fold(0, |p, (range, i)| p * range.len() + i - range.start);
+            let here = place * velocities..(place + 1) * velocities;
+            let cells = self.source.field[here.clone()]
+                .iter()
+                .zip(&self.source.pi[here]);
+            for ((f, pi), q) in cells.zip(self.factors.each()) {
+                sums.square += f * f;
+                for (k, q) in q.iter().take(MAX_DIMENSION + 1).enumerate() {
+                    sums.moments[k] += q * f;
+                    sums.unweighted[k] += q * q / pi;
+                }
+            }
+        }
+        sums
+    }
+
+    /// The rows of a cell.
+    pub(super) fn rows(&self, cell: &[usize], sums: &CellSums) -> Vec<Row> {
+        let n = self.case.space.dimension();
+        let volume = self.case.space.velocity_volume();
+        let row = |observable| Row::at(self.case, cell, observable);
+        let linear: Vec<(Row, Vec<Moment>)> = (0..=n)
+            .map(|k| {
+                let observable = match k {
+                    0 => Observable::Density,
+                    k => Observable::Momentum(k - 1),
+                };
+                let mut row = row(observable);
+                row.value = Figure::exact(sums.moments[k] * volume);
+                let moments = Estimator::ALL.map(|e| self.moment(&row, k, sums, e));
+                (row, moments.into())
+            })
+            .collect();
+        let velocities: Vec<Row> = (1..=n)
+            .map(|k| {
+                let mut row = row(Observable::Velocity(k - 1));
+                row.value = match sums.moments[0] {
+                    0.0 => Figure::unavailable("the density is 0"),
+                    rho => Figure::exact(sums.moments[k] / rho),
+                };
+                let pairs = linear[0].1.iter().zip(&linear[k].1);
+                row.measured = pairs.map(|(rho, m)| ratio(rho, m)).collect();
+                row
+            })
+            .collect();
+        let linear = linear.into_iter().map(|(mut row, moments)| {
+            row.measured = moments.into_iter().map(|m| m.measured).collect();
+            row
+        });
+        linear.chain(velocities).collect()
+    }
+
+    /// The overlap of moment `k` with the state that `estimator` measures, and `C_f Δv ‖q‖`.
+    fn overlap(&self, k: usize, sums: &CellSums, estimator: Estimator) -> Option<(Overlap, f64)> {
+        let volume = self.case.space.velocity_volume();
+        let of_field = self.source.norm() * volume * norm(self.factors.each().iter().map(|q| q[k]));
+        let prefactor = match estimator.enlarged() {
+            false => of_field,
+            true => {
+                let p = self.source.probabilities;
+                p.recovery.exp() * p.norm_of_state.value()? * volume * sums.unweighted[k].sqrt()
+            }
+        };
+        let value = sums.moments[k] * volume / prefactor;
+        // Along an axis of one cell whose centre is 0 there is no momentum, and no state of it.
+        let overlap = Overlap {
+            value: value.clamp(-1.0, 1.0),
+            prefactor,
+        };
+        (prefactor > 0.0 && value.is_finite()).then_some((overlap, of_field))
+    }
+
+    /// Moment `k` at the cell of `row`.
+    fn moment(&self, row: &Row, k: usize, sums: &CellSums, estimator: Estimator) -> Moment {
+        let none = |why: &str| Moment {
+            measured: Measured::unavailable(estimator, why),
+            estimate: None,
+            bound: None,
+        };
+        if estimator == Estimator::AllZero {
+            if row.observable != Observable::Density {
+                return none("a momentum may have either sign, and |overlap|^2 has none");
+            }
+            let allowed = -self.source.state_error.value().unwrap_or(0.0) * self.source.norm();
+            if self.source.least < allowed || sums.moments[0] < 0.0 {
+                return none("f is negative somewhere by more than its error");
+            }
+        }
+        let Some((overlap, of_field)) = self.overlap(k, sums, estimator) else {
+            return none(
+                "there is no state to overlap with: every velocity is 0, or nothing of p is known",
+            );
+        };
+        let from_state = (self.source.state_error.value()).map(|error| of_field * error);
+        let (shots, evaluations) = match self.effort(estimator, overlap.prefactor, from_state) {
+            Ok(effort) => effort,
+            Err(why) => return none(&why),
+        };
+        let purpose = Purpose {
+            cell: row.number as u64,
+            observable: row.observable.number(),
+            estimator: estimator as u32,
+        };
+        let mut stream = Stream::new(self.readout.seed, purpose);
+        let (drawn, bound) = match estimator {
+            Estimator::Hadamard | Estimator::EnlargedHadamard => (
+                measurement::hadamard(&mut stream, overlap.value, shots),
+                measurement::hadamard_bound(shots),
+            ),
+            Estimator::AllZero => (
+                measurement::all_zero(&mut stream, overlap.value, shots),
+                measurement::all_zero_bound(shots),
+            ),
+            Estimator::AmplitudeEstimation | Estimator::EnlargedAmplitudeEstimation => (
+                measurement::amplitude_estimation(&mut stream, overlap.value, evaluations),
+                // Whatever the overlap.
+                measurement::amplitude_bound(0.0, evaluations),
+            ),
+        };
+        let estimate = Estimate {
+            value: overlap.prefactor * drawn.value,
+            error: overlap.prefactor * drawn.error,
+        };
+        let bound = from_state.map(|from_state| overlap.prefactor * bound + from_state);
+        let [repeated, coherent] = self.evolutions(estimator, (shots, evaluations));
+        let coherently = estimator.coherent();
+        Moment {
+            measured: Measured {
+                estimator,
+                overlap: Figure::exact(overlap.value),
+                shots: Figure::exact(shots as f64),
+                evaluations: match coherently {
+                    true => Figure::exact(evaluations as f64),
+                    false => Figure::unavailable("shots, and no amplitude estimation"),
+                },
+                estimate: Figure::estimate(estimate.value, "drawn at random"),
+                standard_error: match coherently {
+                    true => Figure::unavailable(
+                        "the distribution has no variance in closed form; see bound",
+                    ),
+                    false => Figure::estimate(estimate.error, "from the counts"),
+                },
+                bound: self.labelled(bound),
+                evolutions_repeated: repeated,
+                evolutions_coherent: coherent,
+            },
+            estimate: Some(estimate),
+            bound,
+        }
+    }
+
+    /// A bound that rests on `ε_F`, with its label.
+    fn labelled(&self, bound: Option<f64>) -> Figure {
+        match (bound, &self.source.state_error) {
+            (Some(x), Figure::Estimate { because, .. }) => Figure::estimate(x, because),
+            (Some(x), _) => Figure::bound(x),
+            (None, _) => Figure::unavailable("the state's own error is not known"),
+        }
+    }
+
+    /// Shots and values of the register, or why there are none.
+    fn effort(
+        &self,
+        estimator: Estimator,
+        prefactor: f64,
+        from_state: Option<f64>,
+    ) -> std::result::Result<(u64, u64), String> {
+        let runs = measurement::RUNS as u64;
+        let accuracy = match self.readout.effort {
+            Effort::Given { shots, .. } if !estimator.coherent() => return Ok((shots, 0)),
+            Effort::Given { evaluations, .. } => return Ok((runs, evaluations)),
+            Effort::Accuracy(accuracy) => accuracy,
+        };
+        let from_state = from_state.ok_or("the state's own error is not known")?;
+        if from_state >= accuracy {
+            return Err(format!(
+                "the state's own error may be {from_state:.1e} of it, more than readout.accuracy = {accuracy:e} allows"
+            ));
+        }
+        let error = (accuracy - from_state) / prefactor;
+        let found = match estimator {
+            Estimator::Hadamard | Estimator::EnlargedHadamard => {
+                measurement::hadamard_shots(error).map(|n| (n, 0))
+            }
+            Estimator::AllZero => measurement::all_zero_shots(error).map(|n| (n, 0)),
+            Estimator::AmplitudeEstimation | Estimator::EnlargedAmplitudeEstimation => {
+                measurement::evaluations(error).map(|m| (runs, m))
+            }
+        };
+        found.ok_or_else(|| {
+            format!("an overlap to {error:.1e} takes more shots or evaluations than are emulated")
+        })
+    }
+
+    /// Evolutions by repetition and coherently.
+    fn evolutions(&self, estimator: Estimator, (shots, evaluations): (u64, u64)) -> [Figure; 2] {
+        const WHY: &str = "the mean over postselections that fail";
+        const ROUNDS: &str = "rounds of amplitude amplification, taken to succeed";
+        let chain = &self.source.probabilities.at_slice;
+        let uses = match estimator.coherent() {
+            true => measurement::preparations(evaluations),
+            false => shots as f64,
+        };
+        let times = |figure: &Figure, each: &dyn Fn(f64) -> f64, why| match figure.value() {
+            Some(x) => Figure::estimate(uses * each(x), why),
+            None => figure.clone(),
+        };
+        let repeated = times(&chain.repetitions, &|r| r, WHY);
+        let coherent = times(&chain.amplification_rounds, &|r| 2.0 * r + 1.0, ROUNDS);
+        match estimator {
+            Estimator::Hadamard | Estimator::AllZero => [repeated, coherent],
+            Estimator::AmplitudeEstimation => [
+                Figure::unavailable(
+                    "amplitude estimation inverts the preparation; repetition has no inverse",
+                ),
+                coherent,
+            ],
+            Estimator::EnlargedHadamard => [
+                Figure::exact(uses),
+                Figure::unavailable("nothing is postselected"),
+            ],
+            Estimator::EnlargedAmplitudeEstimation => [
+                Figure::unavailable("nothing is postselected"),
+                Figure::exact(uses),
+            ],
+        }
+    }
+}
+
+/// The mean velocity from measured density and momentum: with errors `δρ` and `δm`, `|δu| ≤ (δm + |û|δρ)/(|ρ̂| − δρ)`.
+fn ratio(rho: &Moment, m: &Moment) -> Measured {
+    let estimator = m.measured.estimator;
+    let none = |why: &str| Measured::unavailable(estimator, why);
+    let (Some(below), Some(above)) = (rho.estimate, m.estimate) else {
+        let part = if rho.estimate.is_none() { rho } else { m };
+        return none(&quoted(&part.measured.estimate));
+    };
+    if below.value == 0.0 {
+        return none("the density was measured as 0");
+    }
+    let velocity = above.value / below.value;
+    let bound = match (rho.bound, m.bound) {
+        (Some(of_rho), Some(of_m)) if below.value.abs() > of_rho => {
+            let bound = (of_m + velocity.abs() * of_rho) / (below.value.abs() - of_rho);
+            match &m.measured.bound {
+                Figure::Estimate { because, .. } => Figure::estimate(bound, because),
+                _ => Figure::bound(bound),
+            }
+        }
+        (Some(_), Some(_)) => Figure::unavailable("the density is not told from 0"),
+        _ => Figure::unavailable("the state's own error is not known"),
+    };
+    let sum = |pick: fn(&Measured) -> &Figure| {
+        let [a, b] = [rho, m].map(|part| pick(&part.measured));
+        match (a.value(), b.value()) {
+            (Some(x), Some(y)) => b.with(x + y),
+            (None, _) => a.clone(),
+            _ => b.clone(),
+        }
+    };
+    Measured {
+        estimator,
+        overlap: Figure::unavailable("a quotient of two overlaps"),
+        shots: sum(|m| &m.shots),
+        evaluations: sum(|m| &m.evaluations),
+        estimate: Figure::estimate(velocity, "drawn at random"),
+        standard_error: match estimator.coherent() {
+            true => m.measured.standard_error.clone(),
+            false => Figure::estimate(
+                above.error.hypot(velocity * below.error) / below.value.abs(),
+                "to first order in the errors of density and momentum",
+            ),
+        },
+        bound,
+        evolutions_repeated: sum(|m| &m.evolutions_repeated),
+        evolutions_coherent: sum(|m| &m.evolutions_coherent),
+    }
+}

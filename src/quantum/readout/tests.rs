@@ -1,0 +1,383 @@
+//! Overlaps against vectors written out, estimators against what they should say.
+
+use super::random::{Purpose, Stream};
+use super::reader::norm;
+use super::*;
+use crate::quantum::probability::{Chain, Norms, Probabilities};
+use std::ops::Range;
+
+/// Two dimensions, 2 × 3 space cells and 3 × 2 velocities.
+fn case(readout: &str) -> Case {
+    let text = format!(
+        "[[axis]]
+         x = {{ lower = 0.0, upper = 1.0, cells = 2 }}
+         v = {{ lower = -1.0, upper = 2.0, cells = 3 }}
+         [[axis]]
+         x = {{ lower = 0.0, upper = 1.5, cells = 3 }}
+         v = {{ lower = 0.0, upper = 1.0, cells = 2 }}
+         [[potential]]
+         value = 0
+         [initial]
+         f = 1
+         [time]
+         end = 1.0
+         [solver]
+         tolerance = 1e-8
+         [readout]
+         {readout}"
+    );
+    Case::parse("case", &text, &[]).expect("a case")
+}
+
+const SHARE: [Range<usize>; 2] = [0..2, 0..3];
+
+/// A field and weights of no symmetry.
+fn data() -> (Vec<f64>, Vec<f64>) {
+    let f = (0..36).map(|i| 1.5 + (1.7 * f64::from(i)).sin()).collect();
+    let pi = (0..36).map(|i| 1.0 + f64::from(i * i % 7)).collect();
+    (f, pi)
+}
+
+/// Of an enlarged state with auxiliary unknowns and some norm besides the slice at `recovery`.
+fn probabilities(f: &[f64], pi: &[f64]) -> Probabilities {
+    let weighted = norm(f.iter().zip(pi).map(|(f, pi)| f * pi.sqrt()));
+    let (field, auxiliary, recovery, state) = (norm(f.iter().copied()), 0.7, 0.4f64, 31.0);
+    let p = (-2.0 * recovery).exp() * field * field / (state * state);
+    let chain = || Chain {
+        in_p: Figure::unavailable("not needed"),
+        field_given_p: Figure::unavailable("not needed"),
+        weights_given_field: Figure::unavailable("not needed"),
+        all: Figure::exact(p),
+        repetitions: Figure::exact(1.0 / p),
+        amplification_rounds: Figure::exact(5.0),
+    };
+    Probabilities {
+        points: 16,
+        recovery,
+        norm_of_state: Figure::exact(state),
+        norms: Norms {
+            start: 12.0,
+            weighted,
+            field,
+            auxiliary,
+        },
+        window: None,
+        at_slice: chain(),
+        in_window: chain(),
+        norm_of_field: Figure::exact(field),
+    }
+}
+
+/// The rows of `cell` of the data.
+fn rows(case: &Case, cell: [usize; 2], change: impl Fn(&mut Source<'_>)) -> Vec<Row> {
+    let (f, pi) = data();
+    let probabilities = probabilities(&f, &pi);
+    let mut source = Source {
+        share: &SHARE,
+        field: &f,
+        pi: &pi,
+        least: 0.5,
+        probabilities: &probabilities,
+        state_error: Figure::bound(case.tolerance),
+    };
+    change(&mut source);
+    let reader = Reader {
+        case,
+        source: &source,
+        readout: case.readout.as_ref().expect("a readout"),
+        factors: &VelocityFactors::new(&case.space),
+    };
+    reader.rows(&cell, &reader.sums_here(&cell))
+}
+
+fn number(figure: &Figure) -> f64 {
+    figure.value().unwrap_or_else(|| panic!("{figure}"))
+}
+
+#[test]
+fn overlaps_are_inner_products_of_states() {
+    let case = case("cells = [[1, 2]]");
+    let (f, pi) = data();
+    let p = probabilities(&f, &pi);
+    let c_f = number(&p.norm_of_field);
+    for (k, row) in rows(&case, [1, 2], |_| {}).iter().take(3).enumerate() {
+        // χ, ζ, F and the part of w at p◇ over all of phase space, one number after the other.
+        let (mut chi, mut zeta) = (vec![0.0; 36], vec![0.0; 36]);
+        for i in 0..36 {
+            let point = case.space.point(&case.space.cell(i));
+            if case.space.cell(i)[..2] == [1, 2] {
+                chi[i] = [1.0, point[3], point[4]][k];
+                zeta[i] = chi[i] / pi[i].sqrt();
+            }
+        }
+        let normalise = |x: &mut Vec<f64>| {
+            let size = norm(x.iter().copied());
+            x.iter_mut().for_each(|x| *x /= size);
+        };
+        normalise(&mut chi);
+        normalise(&mut zeta);
+        let overlap: f64 = chi.iter().zip(&f).map(|(a, f)| a * f / c_f).sum();
+        let slice = (-p.recovery).exp() / number(&p.norm_of_state);
+        let of_enlarged: f64 = (0..36).map(|i| zeta[i] * slice * pi[i].sqrt() * f[i]).sum();
+        for m in &row.measured {
+            if m.estimator == Estimator::AllZero && k > 0 {
+                assert_eq!(m.overlap.value(), None);
+                continue;
+            }
+            let expected = if m.estimator.enlarged() {
+                of_enlarged
+            } else {
+                overlap
+            };
+            let found = number(&m.overlap);
+            assert!(
+                (found - expected).abs() < 1e-14,
+                "{row:?} {found} {expected}"
+            );
+        }
+        let moment: f64 = (0..36)
+            .filter(|&i| case.space.cell(i)[..2] == [1, 2])
+            .map(|i| {
+                [
+                    1.0,
+                    case.space.point(&case.space.cell(i))[3],
+                    case.space.point(&case.space.cell(i))[4],
+                ][k] * f[i]
+                    * 0.5
+            })
+            .sum();
+        assert!((number(&row.value) - moment).abs() < 1e-14);
+    }
+}
+
+#[test]
+fn estimates_are_those_of_the_moments() {
+    let case = case("cells = [[0, 1]]\nshots = 100_000_000\nevaluations = 1_048_576\nseed = 3");
+    let rows = rows(&case, [0, 1], |_| {});
+    let names: Vec<&str> = rows.iter().map(|r| r.observable.name()).collect();
+    assert_eq!(
+        names,
+        [
+            "density",
+            "momentum_x",
+            "momentum_y",
+            "velocity_x",
+            "velocity_y"
+        ]
+    );
+    for row in &rows {
+        let mut known = 0;
+        for m in &row.measured {
+            let Some(estimate) = m.estimate.value() else {
+                continue;
+            };
+            let (off, bound) = ((estimate - number(&row.value)).abs(), number(&m.bound));
+            assert!(off <= bound && bound < 0.5, "{row:?}");
+            known += 1;
+        }
+        let expected = if row.observable == Observable::Density {
+            5
+        } else {
+            4
+        };
+        assert_eq!(known, expected, "{row:?}");
+    }
+    assert!(
+        (number(&rows[3].value) - number(&rows[1].value) / number(&rows[0].value)).abs() < 1e-14
+    );
+}
+
+#[test]
+fn bounds_and_costs_of_the_paper() {
+    let case = case("cells = [[0, 0]]\nshots = 1000\nevaluations = 64");
+    let (f, pi) = data();
+    let p = probabilities(&f, &pi);
+    let [density, momentum] = [0, 1].map(|k| rows(&case, [0, 0], |_| {})[k].measured.clone());
+    let (c_f, p_all) = (number(&p.norm_of_field), number(&p.at_slice.all));
+    // C_f Δv √N_v (ε_obs + ε_F), Δv = 1/2, N_v = 6.
+    let prefactor = c_f * 0.5 * 6f64.sqrt();
+    let expected = prefactor * (measurement::hadamard_bound(1000) + 1e-8);
+    assert!((number(&density[0].bound) - expected).abs() < 1e-12);
+    let expected = prefactor * (measurement::amplitude_bound(0.0, 64) + 1e-8);
+    assert!((number(&density[1].bound) - expected).abs() < 1e-12);
+    // Ξ₂ = N_vy Σ v_x² = 2 (0.25 + 0.25 + 2.25).
+    let expected = c_f * 0.5 * 5.5f64.sqrt() * (measurement::hadamard_bound(1000) + 1e-8);
+    assert!((number(&momentum[0].bound) - expected).abs() < 1e-12);
+    // The enlarged state: as many shots, 1/√P times the error but for the weights.
+    let ratio = number(&density[3].bound) / number(&density[0].bound);
+    let (six, undone) = (6f64.sqrt(), norm(pi[..6].iter().map(|pi| 1.0 / pi.sqrt())));
+    assert!(
+        (ratio - undone / six / p_all.sqrt()).abs() < 1e-4 * ratio,
+        "{ratio}"
+    );
+    assert!((number(&density[0].evolutions_repeated) * p_all / 1000.0 - 1.0).abs() < 1e-14);
+    assert_eq!(number(&density[0].evolutions_coherent), 11_000.0);
+    assert_eq!(number(&density[1].evolutions_coherent), 7.0 * 127.0 * 11.0);
+    assert_eq!(density[1].evolutions_repeated.value(), None);
+    assert_eq!(number(&density[3].evolutions_repeated), 1000.0);
+    assert_eq!(number(&density[4].evolutions_coherent), 7.0 * 127.0);
+}
+
+#[test]
+fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
+    let (f, pi) = data();
+    let p = number(&probabilities(&f, &pi).at_slice.all);
+    let at = |accuracy: f64| {
+        rows(
+            &case(&format!("cells = [[0, 0]]\naccuracy = {accuracy}")),
+            [0, 0],
+            |_| {},
+        )
+    };
+    let (coarse, fine) = (at(0.1), at(0.01));
+    for (a, b) in coarse.iter().zip(&fine).take(3) {
+        for (a, b) in a.measured.iter().zip(&b.measured) {
+            if a.bound.value().is_none() {
+                continue;
+            }
+            assert!(number(&a.bound) <= 0.1 && number(&b.bound) <= 0.01);
+            assert!(number(&a.bound) > 0.04, "more than it takes: {a:?}");
+            // 1/ε² shots, 1/ε evaluations rounded to a power of two.
+            let grown = match a.estimator.coherent() {
+                true => (number(&b.evaluations) / number(&a.evaluations), 8.0..=16.0),
+                false => (number(&b.shots) / number(&a.shots), 99.0..=101.0),
+            };
+            assert!(grown.1.contains(&grown.0), "{grown:?}");
+        }
+    }
+    // From the enlarged state 1/P times the shots and 1/√P times the evaluations, less what the weights give.
+    let density = &fine[0].measured;
+    let undone = norm(pi[..6].iter().map(|pi| 1.0 / pi.sqrt())) / 6f64.sqrt();
+    let shots = number(&density[3].shots) / number(&density[0].shots);
+    assert!((shots * p / undone.powi(2) - 1.0).abs() < 1e-2, "{shots}");
+    let evaluations = number(&density[4].evaluations) / number(&density[1].evaluations);
+    let ratio = evaluations * p.sqrt() / undone;
+    assert!((0.5..=2.0).contains(&ratio), "{evaluations}");
+    // What the state itself does not allow.
+    let why = |rows: &[Row]| rows[0].measured[0].estimate.to_string();
+    assert!(
+        why(&at(1e-9)).contains("the state's own error"),
+        "{}",
+        why(&at(1e-9))
+    );
+    assert!(why(&at(3e-7)).contains("more shots"), "{}", why(&at(3e-7)));
+}
+
+#[test]
+fn bounds_hold_as_often_as_they_say() {
+    let seeds = 300;
+    let mut missed = vec![vec![0; 5]; 5];
+    for seed in 0..seeds {
+        let case = case(&format!(
+            "cells = [[1, 0]]\nshots = 4000\nevaluations = 128\nseed = {seed}"
+        ));
+        for (row, missed) in rows(&case, [1, 0], |_| {}).iter().zip(&mut missed) {
+            for (m, missed) in row.measured.iter().zip(missed) {
+                if let (Some(estimate), Some(bound)) = (m.estimate.value(), m.bound.value()) {
+                    *missed += usize::from((estimate - number(&row.value)).abs() > bound);
+                }
+            }
+        }
+    }
+    for (k, row) in missed.iter().enumerate() {
+        // Twice the doubt of one bound for a quotient of two; three standard deviations more.
+        let doubt = if k > 2 { 0.1 } else { 0.05 };
+        let most = seeds as f64 * doubt + 3.0 * (seeds as f64 * doubt).sqrt();
+        assert!(row.iter().all(|&m| (m as f64) < most), "{missed:?}");
+    }
+}
+
+#[test]
+fn a_measurement_of_the_x_register_is_no_density() {
+    let case = case("cells = [[0, 0]]");
+    let (f, _) = data();
+    let c_f = norm(f.iter().copied());
+    let mut all = 0.0;
+    let mut ratios = Vec::new();
+    for (x, y) in (0..2).flat_map(|x| (0..3).map(move |y| (x, y))) {
+        let rows = rows(&case, [x, y], |source| {
+            let reader = Reader {
+                case: &case,
+                source,
+                readout: case.readout.as_ref().expect("a readout"),
+                factors: &VelocityFactors::new(&case.space),
+            };
+            let marginal = reader.sums_here(&[x, y]).square / (c_f * c_f);
+            // The marginal of |F|² in the computational basis.
+            let cells = f.chunks(6).nth(3 * x + y).expect("six velocities");
+            assert!(
+                (marginal - cells.iter().map(|f| f * f).sum::<f64>() / (c_f * c_f)).abs() < 1e-15
+            );
+            assert!(marginal > 0.0);
+        });
+        let marginal = f[6 * (3 * x + y)..][..6].iter().map(|f| f * f).sum::<f64>() / (c_f * c_f);
+        all += marginal;
+        ratios.push(marginal / number(&rows[0].value));
+    }
+    // Probabilities, and not in proportion to the density.
+    assert!((all - 1.0).abs() < 1e-14);
+    let most = ratios.iter().copied().fold(0.0, f64::max);
+    let least = ratios.iter().copied().fold(f64::INFINITY, f64::min);
+    assert!(most > 1.05 * least, "{ratios:?}");
+}
+
+#[test]
+fn what_is_not_known_says_why() {
+    let case = case("cells = [[0, 0]]");
+    let negative = rows(&case, [0, 0], |source| source.least = -0.1);
+    assert!(
+        negative[0].measured[2]
+            .estimate
+            .to_string()
+            .contains("negative")
+    );
+    assert!(negative[0].measured[0].estimate.value().is_some());
+    // Within the state's own error it is round-off.
+    let hardly = rows(&case, [0, 0], |source| source.least = -1e-9);
+    assert!(hardly[0].measured[2].estimate.value().is_some());
+    assert!(
+        negative[1].measured[2]
+            .estimate
+            .to_string()
+            .contains("either sign")
+    );
+    let doubtful = rows(&case, [0, 0], |source| {
+        source.state_error = Figure::unavailable("none");
+    });
+    assert!(doubtful[0].measured[0].estimate.value().is_some());
+    assert_eq!(doubtful[0].measured[0].bound.value(), None);
+    let none = Readout::unavailable(&case, "a \"reason\"");
+    assert_eq!(none.rows.len(), 5);
+    assert!(none.rows.iter().all(|r| r.value.value().is_none()));
+    assert!(none.csv().contains("a 'reason'") && none.csv().lines().count() == 6);
+}
+
+#[test]
+fn cells_do_not_see_each_other() {
+    let both = case("cells = [[0, 0], [1, 1]]\nseed = 5");
+    let alone = case("cells = [[1, 1]]\nseed = 5");
+    let other = case("cells = [[1, 1]]\nseed = 6");
+    let of = |case: &Case| rows(case, [1, 1], |_| {});
+    assert_eq!(of(&both), of(&alone));
+    assert_ne!(of(&alone), of(&other));
+    // Every number of a row is drawn for itself.
+    let first = Stream::new(
+        5,
+        Purpose {
+            cell: 4,
+            observable: 0,
+            estimator: 0,
+        },
+    )
+    .bits();
+    let second = Stream::new(
+        5,
+        Purpose {
+            cell: 4,
+            observable: 0,
+            estimator: 3,
+        },
+    )
+    .bits();
+    assert_ne!(first, second);
+}

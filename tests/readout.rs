@@ -1,0 +1,240 @@
+//! `[readout]` from outside: what a run tells of some cells as a quantum computer would.
+
+#[path = "support/launch.rs"]
+mod launch;
+#[path = "support/results.rs"]
+mod results;
+
+use launch::{Job, case, check_all, directory};
+use results::{datasets, differences};
+use serde_json::Value;
+use std::path::Path;
+
+const SMALL: &[&str] = &["axis.0.x.cells=23", "axis.0.v.cells=17"];
+/// A profile with which the recovery point has a probability worth the name.
+const LIKELY: &[&str] = &["solver.warp.profile=smooth", "solver.tolerance=1e-4"];
+
+fn run(settings: &[&[&str]]) -> Job {
+    Job::new(["run", &case("example1.toml")]).set(&settings.concat())
+}
+
+fn csv(place: &Path) -> Result<String, String> {
+    std::fs::read_to_string(place.join("readout.csv")).map_err(|e| e.to_string())
+}
+
+#[test]
+fn the_same_bits_on_any_ranks_and_beside_any_cells() {
+    const CELLS: &[&str] = &["readout={cells=[[3],[11],[22]],seed=7}"];
+    let reference = directory();
+    run(&[SMALL, CELLS]).solve(reference.path()).unwrap();
+    let found = datasets(reference.path()).unwrap();
+    let text = csv(reference.path()).unwrap();
+    assert_eq!(found["/readout/estimate"].shape, [3 * 3 * 5]);
+    let meshes: &[(usize, &str)] = &[(1, "1"), (2, "2"), (2, "1"), (3, "3"), (4, "2"), (4, "4")];
+    check_all(meshes, |(ranks, blocks)| {
+        let place = directory();
+        run(&[SMALL, CELLS])
+            .with(["--ranks-x", blocks])
+            .on(*ranks)
+            .solve(place.path())?;
+        let differ = differences(&datasets(place.path())?, &found);
+        if differ.is_empty() && csv(place.path())? == text {
+            return Ok(());
+        }
+        Err(format!("{ranks} ranks, {blocks} blocks: {differ:?}"))
+    });
+    // Another seed draws others, and nothing else is another; a cell alone is drawn as before, by index or by place.
+    let place = directory();
+    run(&[SMALL, &["readout={cells=[[3],[11],[22]],seed=8}"]])
+        .solve(place.path())
+        .unwrap();
+    let differ = differences(&datasets(place.path()).unwrap(), &found);
+    assert!(
+        differ.contains(&"/readout/estimate".to_owned()),
+        "{differ:?}"
+    );
+    assert!(
+        !differ.contains(&"/readout/overlap".to_owned()),
+        "{differ:?}"
+    );
+    // Cell 11 is the middle one of [-1.5, 1.5].
+    for alone in [
+        "readout={cells=[[11]],seed=7}",
+        "readout={points=[[0.01]],seed=7}",
+    ] {
+        run(&[SMALL, &[alone]]).solve(place.path()).unwrap();
+        let found = csv(place.path()).unwrap();
+        let lines: Vec<&str> = found.lines().skip(1).collect();
+        assert_eq!(lines.len(), 15);
+        let expected: Vec<&str> = text.lines().filter(|l| l.starts_with("11,")).collect();
+        assert_eq!(lines, expected, "{alone}");
+    }
+}
+
+/// The rows of `summary.json`.
+fn rows(summary: &Value) -> &Vec<Value> {
+    summary["readout"]["rows"].as_array().expect("rows")
+}
+
+#[test]
+fn values_are_the_moments_and_estimates_within_their_bounds() {
+    let place = directory();
+    let cells = &[
+        "readout={cells=[[5],[8],[14]],accuracy=0.05}",
+        "solver.verify=true",
+    ];
+    let summary = run(&[SMALL, LIKELY, cells]).solve(place.path()).unwrap();
+    let stored = datasets(place.path()).unwrap();
+    let (density, momentum) = (stored["/density"].numbers(), stored["/momentum"].numbers());
+    let mut missed = 0;
+    let value = |figure: &Value| figure["value"].as_f64();
+    for row in rows(&summary.value) {
+        let cell = row["cell"][0].as_u64().unwrap() as usize;
+        let expected = match &row["observable"] {
+            Value::String(s) if s == "density" => density[cell],
+            Value::Object(o) if o.contains_key("momentum") => momentum[cell],
+            _ => momentum[cell] / density[cell],
+        };
+        let found = value(&row["value"]).unwrap();
+        assert!((found - expected).abs() <= 1e-13 * expected.abs(), "{row}");
+        for m in row["measured"].as_array().unwrap() {
+            // What is not known is null with a reason, never a number.
+            for (name, figure) in m.as_object().unwrap() {
+                if name == "estimator" {
+                    continue;
+                }
+                let unknown = figure["label"] == "unavailable";
+                assert_eq!(unknown, figure.get("value").is_none(), "{name}: {figure}");
+                assert!(!unknown || figure["because"].as_str().is_some_and(|w| w.len() > 5));
+            }
+            if let (Some(estimate), Some(bound)) = (value(&m["estimate"]), value(&m["bound"])) {
+                let linear =
+                    row["observable"] == "density" || row["observable"].get("momentum").is_some();
+                assert!(!linear || bound <= 0.05 * (1.0 + 1e-12), "{m}");
+                missed += usize::from((estimate - found).abs() > bound);
+            }
+        }
+    }
+    // 40 bounds or so, each missed once in twenty times at most.
+    assert!(missed <= 6, "{missed}");
+    // The norm of the field, and the probability that the amplitudes give: e^{−2p◇} C_f² … is that of the slice.
+    let f = stored["/f"].numbers();
+    let norm = f.iter().map(|f| f * f).sum::<f64>().sqrt();
+    let readout = &summary.value["readout"];
+    assert!((value(&readout["norm_of_field"]).unwrap() / norm - 1.0).abs() < 1e-12);
+    let (p, repetitions) = (
+        value(&readout["probability"]).unwrap(),
+        value(&readout["repetitions"]).unwrap(),
+    );
+    assert!(
+        p > 1e-6 && p < 1.0 && (p * repetitions - 1.0).abs() < 1e-12,
+        "{p}"
+    );
+    // A measurement of the x-register finds the cell with Σ f² / C_f², which is not the density.
+    for (k, cell) in [5usize, 8, 14].into_iter().enumerate() {
+        let square: f64 = f[17 * cell..17 * (cell + 1)].iter().map(|f| f * f).sum();
+        let basis = value(&readout["basis_probability"][k]).unwrap();
+        assert!((basis - square / (norm * norm)).abs() < 1e-13);
+    }
+}
+
+#[test]
+fn where_there_is_no_state_it_says_why() {
+    type Row = (&'static str, &'static [&'static str], usize, &'static str);
+    const TINY: &[&str] = &[
+        "axis.0.x.cells=20",
+        "axis.0.v.cells=16",
+        "readout={points=[[0.1]]}",
+    ];
+    let table: &[Row] = &[
+        ("example2.toml", &[], 3, "not a vector of amplitudes"),
+        (
+            "example1.toml",
+            &["solver.method=classical"],
+            3,
+            "prepares no quantum state",
+        ),
+        (
+            "pulsed_inflow.toml",
+            &["time.end=0.2", "solver.tolerance=1e-3"],
+            3,
+            "depends on t",
+        ),
+    ];
+    check_all(table, |(name, settings, count, why)| {
+        let place = directory();
+        let job = Job::new(["run", &case(name)])
+            .set(&[TINY, settings].concat())
+            .on(2);
+        let summary = job.solve(place.path())?;
+        let readout = &summary.value["readout"];
+        let told = |figure: &Value| {
+            figure["label"] == "unavailable"
+                && figure.get("value").is_none()
+                && figure["because"].as_str().is_some_and(|w| w.contains(why))
+        };
+        let rows = rows(&summary.value);
+        let all = rows.iter().all(|r| told(&r["value"])) && told(&readout["probability"]);
+        let text = csv(place.path())?;
+        let lines = text.lines().skip(1).filter(|l| l.contains(why)).count();
+        summary.require(all && rows.len() == *count && lines == *count, || {
+            format!("{readout}\n{text}")
+        })
+    });
+}
+
+#[test]
+fn mistakes_are_refused() {
+    let table: &[(&str, &[&str])] = &[
+        ("{}", &["readout.cells", "missing", "readout.points"]),
+        ("{cells=[]}", &["readout.cells", "0 given", "1 to 256"]),
+        ("{cells=[3]}", &["readout.cells", "lists of 1 number each"]),
+        (
+            "{cells=[[3,4]]}",
+            &["readout.cells", "lists of 1 number each"],
+        ),
+        (
+            "{cells=[[128]]}",
+            &["readout.cells", "128 along x", "from 0 to 127"],
+        ),
+        ("{cells=[[-1]]}", &["readout.cells", "-1 along x"]),
+        (
+            "{cells=[[0.5]]}",
+            &["readout.cells", "0.5 along x", "whole numbers"],
+        ),
+        (
+            "{points=[[1.51]]}",
+            &["readout.points", "1.51 along x", "-1.5 to 1.5"],
+        ),
+        ("{cells=[[1]],points=[[0]]}", &["readout.points", "either"]),
+        ("{cells=[[1]],shots=0}", &["readout.shots", "at least 1"]),
+        (
+            "{cells=[[1]],shots=9000000000000000}",
+            &["readout.shots", "at most"],
+        ),
+        (
+            "{cells=[[1]],evaluations=100}",
+            &["readout.evaluations", "power of two"],
+        ),
+        ("{cells=[[1]],accuracy=0}", &["readout.accuracy", "above 0"]),
+        (
+            "{cells=[[1]],accuracy=0.1,shots=10}",
+            &["readout.shots", "readout.accuracy"],
+        ),
+        ("{cells=[[1]],seed=-1}", &["readout.seed", "at least 0"]),
+        (
+            "{cells=[[1]],shot=10}",
+            &["readout.shot", "did you mean \"shots\""],
+        ),
+        ("3", &["readout", "a table"]),
+    ];
+    check_all(table, |(readout, says)| {
+        let finished = Job::new(["check", &case("example1.toml")])
+            .set(&[&format!("readout={readout}")])
+            .run()?;
+        if finished.code == Some(2) && says.iter().all(|s| finished.errors.contains(s)) {
+            return Ok(());
+        }
+        Err(finished.report(&format!("exit code 2 and {says:?} expected")))
+    });
+}

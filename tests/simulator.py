@@ -1,0 +1,131 @@
+"""Runs what `phasewarp export-quantum` wrote in Qiskit, and compares amplitudes.
+
+    python tests/simulator.py DIR [DIR...]    what went wrong as an exception, otherwise one line a directory
+    python tests/simulator.py --packages      nothing, if every package is there
+
+The circuit is the one of the paper: preparation, inverse transform of the p-register, exp(-iHT) as a gate, transform; then the p-register is
+found at the recovery point and the label at 0, and overlaps are read by Hadamard tests, from what is left and from the whole state.
+"""
+
+import json
+import pathlib
+import sys
+
+import numpy as np
+import qiskit_qasm3_import  # noqa: F401  (what qasm3.loads needs)
+import scipy.io
+import scipy.linalg
+from qiskit import QuantumCircuit, qasm3
+from qiskit.circuit.library import UnitaryGate
+from qiskit.quantum_info import Statevector
+
+TOLERANCE = 1e-10
+
+
+def same(found, expected, what, by=TOLERANCE):
+    found, expected = np.asarray(found), np.asarray(expected)
+    assert found.shape == expected.shape, f"{what}: shape {found.shape}, {expected.shape} expected"
+    worst = np.max(np.abs(found - expected))
+    assert worst <= by, f"{what}: differs by {worst:.2e}, {by:.0e} allowed"
+    return worst
+
+
+def reflection(state):
+    """A unitary whose first column is `state`, by a Householder reflection and a phase."""
+    phase = state[0] / abs(state[0]) if state[0] != 0 else 1.0
+    v = state / phase - np.eye(len(state))[0]
+    if np.linalg.norm(v) < 1e-14:
+        return phase * np.eye(len(state))
+    v /= np.linalg.norm(v)
+    return phase * (np.eye(len(state)) - 2.0 * np.outer(v, v.conj()))
+
+
+def hadamard_test(first, second):
+    """2 p_0 - 1 of (|0>|first> + |1>|second>)/sqrt(2), a Hadamard gate on the ancilla, and that measured."""
+    qubits = int(np.log2(len(first)))
+    circuit = QuantumCircuit(qubits + 1)
+    system, ancilla = list(range(qubits)), qubits
+    circuit.h(ancilla)
+    for state, value in [(first, 0), (second, 1)]:
+        gate = UnitaryGate(reflection(np.asarray(state, dtype=complex)))
+        circuit.append(gate.control(1, ctrl_state=value, annotated=True), [ancilla, *system])
+    circuit.h(ancilla)
+    return 2.0 * Statevector(circuit).probabilities([ancilla])[0] - 1.0
+
+
+def check(folder):
+    about = json.loads((folder / "description.json").read_text())
+    n_p, n = about["qubits_p"], about["qubits"]
+    points, p = 2**n_p, list(range(n_p))
+    states = {name: np.load(folder / f"{name}.npy") for name in ["initial", "initial_modes", "final_modes", "final"]}
+    weights, field = np.load(folder / "weights.npy"), np.load(folder / "field.npy")
+    worst = 0.0
+
+    # H, and the unitary of the evolution: H does not couple modes, so mode by mode.
+    hamiltonian = scipy.io.mmread(folder / "hamiltonian.mtx").tocsr()
+    assert hamiltonian.shape == (2**n, 2**n) and abs(hamiltonian - hamiltonian.getH()).max() == 0.0
+    evolution = np.zeros((2**n, 2**n), dtype=complex)
+    for mode in range(points):
+        block = np.arange(mode, 2**n, points)
+        inside = hamiltonian[block][:, block]
+        assert inside.nnz == hamiltonian[block].nnz, f"mode {mode} is coupled to others"
+        evolution[np.ix_(block, block)] = scipy.linalg.expm(-1j * about["time"] * inside.toarray())
+
+    # The circuit, in stages.
+    transform = qasm3.loads((folder / "transform.qasm").read_text())
+    assert transform.num_qubits == n_p
+    if about["preparation"] is None:
+        preparation = qasm3.loads((folder / "preparation.qasm").read_text())
+        state = Statevector(preparation)
+        worst = max(worst, same(state.data, states["initial"], "prepared state"))
+    else:
+        assert not (folder / "preparation.qasm").exists()
+        state = Statevector(states["initial"])
+    for gate, qubits, name in [
+        (transform.inverse(), p, "initial_modes"),
+        (UnitaryGate(evolution), list(range(n)), "final_modes"),
+        (transform, p, "final"),
+    ]:
+        state = state.evolve(gate, qargs=qubits)
+        worst = max(worst, same(state.data, states[name], name))
+
+    # Postselection of p, then of the label.
+    found = about["recovery_index"]
+    in_p = state.probabilities(p)[found]
+    same(in_p, about["probability_p"], "probability of p", TOLERANCE * in_p**0.5)
+    left = state.data.reshape(-1, points)[:, found] / in_p**0.5
+    left = Statevector(left)
+    in_block = left.probabilities([n - n_p - 1])[0] if about["qubits_label"] else 1.0
+    same(in_block, about["probability_field_given_p"], "probability of the block", TOLERANCE / in_p**0.5)
+    block = left.data[: len(weights)] / in_block**0.5
+    norm = np.exp(about["recovery"]) * about["norm_of_state"] * (in_p * in_block) ** 0.5
+    # A slice of small probability has few digits of the amplitudes' 1e-10.
+    digits = TOLERANCE / (in_p * in_block) ** 0.5
+    size = np.max(np.abs(field))
+    assert digits < 1e-3, f"{digits:.1e}"
+    same((norm * block / weights).real / size, field / size, "f", 2.0 * digits * norm / size)
+
+    # Hadamard tests of density and momenta at every cell.
+    charges = [np.ones(len(about["velocities"][0])), *map(np.array, about["velocities"])]
+    cells = len(weights) // len(charges[0])
+    for q, overlaps in zip(charges, about["overlaps"]):
+        for cell in range(cells):
+            chi = np.zeros(len(weights))
+            here = slice(cell * len(q), (cell + 1) * len(q))
+            chi[here] = q / weights[here]
+            chi /= np.linalg.norm(chi)
+            same(hadamard_test(chi, block), overlaps[cell], "overlap", 2.0 * digits)
+    # The same from the whole state, at the last cell.
+    zeta = np.zeros((2 ** (n - n_p), points))
+    zeta[: len(weights), found] = chi
+    direct = hadamard_test(zeta.reshape(-1), state.data)
+    same(direct, (in_p * in_block) ** 0.5 * overlaps[-1], "overlap of the enlarged state")
+    # Control: the point next to it is another state.
+    other = np.roll(zeta, 1, axis=1).reshape(-1)
+    assert abs(hadamard_test(other, state.data) - direct) > 0.0
+    return f"{n} qubits, P = {in_p * in_block:.2e}, amplitudes within {worst:.1e}"
+
+
+if sys.argv[1:] != ["--packages"]:
+    for directory in sys.argv[1:]:
+        print(f"{directory}: {check(pathlib.Path(directory))}")

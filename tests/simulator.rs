@@ -1,0 +1,261 @@
+//! `phasewarp export-quantum`: what it writes, by itself and in Qiskit, by `tests/simulator.py`.
+//!
+//! Qiskit's part is skipped, and said so, where there is no Python with it; `make qiskit` installs it. A failure where
+//! `PHASEWARP_QISKIT=required`, as `.ci/run` sets it once it is installed.
+
+#[path = "support/launch.rs"]
+mod launch;
+#[path = "support/results.rs"]
+mod results;
+
+use launch::{Job, case, check_all, directory};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/simulator.py");
+
+/// Cells of a case of one dimension, and how long it goes.
+const TINY: &[&str] = &[
+    "axis.0.x.cells=4",
+    "axis.0.v.cells=4",
+    "time.end=0.3",
+    "solver.tolerance=1e-3",
+];
+/// Something enters; one cell more along v.
+const INFLOW: &[&str] = &["inflow.value=0.3", "axis.0.v.cells=8", "time.end=0.1"];
+/// The paper's profile, sampled.
+const PAPER: &[&str] = &[
+    "solver.warp.profile=exponential",
+    "solver.warp.coefficients=sampled",
+    "solver.warp.points=64",
+    "solver.tolerance=0.1",
+];
+const SMOOTH: &[&str] = &[
+    "solver.warp.profile=smooth",
+    "solver.warp.order=2",
+    "solver.tolerance=0.05",
+];
+const CONSERVATIVE: &[&str] = &[
+    "scheme.interface=conservative",
+    "solver.warp.profile=gaussian",
+];
+const PLANE: &[&str] = &[
+    "axis.0.x.cells=4",
+    "axis.0.v.cells=4",
+    "axis.1.x.cells=2",
+    "axis.1.v.cells=2",
+    "time.end=0.2",
+    "solver.tolerance=0.01",
+];
+
+/// What is exported: a case and its settings.
+const EXPORTS: &[(&str, &[&[&str]])] = &[
+    ("example1.toml", &[TINY]),
+    ("example1.toml", &[TINY, PAPER]),
+    (
+        "example1.toml",
+        &[TINY, SMOOTH, &["solver.warp.weights=none", "time.end=0.1"]],
+    ),
+    ("example1.toml", &[TINY, CONSERVATIVE]),
+    ("example1.toml", &[TINY, INFLOW]),
+    (
+        "example1.toml",
+        &[
+            TINY,
+            INFLOW,
+            &["solver.warp.inflow=full", "solver.warp.profile=gaussian"],
+        ],
+    ),
+    (
+        "example1.toml",
+        &[TINY, INFLOW, &["solver.warp.inflow=scalar"]],
+    ),
+    ("barrier2d.toml", &[PLANE]),
+];
+
+fn export(name: &str, settings: &[&str], place: &Path) -> Job {
+    let place = place.display().to_string();
+    Job::new(["export-quantum", &case(name), "-o", &place]).set(settings)
+}
+
+/// Runs the script; what it says, as an error where it fails.
+fn simulate(python: &Path, arguments: &[&str]) -> Result<String, String> {
+    let output = Command::new(python).arg(SCRIPT).args(arguments).output();
+    let output = output.map_err(|e| format!("{}: {e}", python.display()))?;
+    let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    if output.status.success() {
+        Ok(said(&output.stdout))
+    } else {
+        Err(said(&output.stderr))
+    }
+}
+
+/// A Python with the packages: that of `make qiskit`, or the one on the path.
+fn python() -> Option<PathBuf> {
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
+    let found = [target.join("qiskit/bin/python"), "python3".into()];
+    found
+        .into_iter()
+        .find(|p| simulate(p, &["--packages"]).is_ok())
+}
+
+#[test]
+fn qiskit_finds_the_same_amplitudes() {
+    let Some(python) = python() else {
+        let why =
+            "no Python with qiskit, qiskit-qasm3-import and scipy; `make qiskit` installs them";
+        let required = std::env::var("PHASEWARP_QISKIT").is_ok_and(|v| v == "required");
+        assert!(!required, "{why}");
+        // Not through the test's own output, which is shown of failures only.
+        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/simulator.rs: {why}");
+        return;
+    };
+    check_all(EXPORTS, |(name, settings)| {
+        let place = directory();
+        let job = export(name, &settings.concat(), place.path());
+        job.succeed()?;
+        let path = place.path().display().to_string();
+        let fails = |why: String| format!("{why}\n  command: {}", job.command());
+        let said = simulate(&python, &[&path]).map_err(fails)?;
+        if !said.contains("amplitudes within") {
+            return Err(fails(said));
+        }
+        // Control, of some: another time is noticed.
+        if settings.len() > 1 {
+            return Ok(());
+        }
+        let file = place.path().join("description.json");
+        let text = std::fs::read_to_string(&file).map_err(|e| e.to_string())?;
+        let time = text.replace("\"time\": 0.", "\"time\": 1.");
+        std::fs::write(&file, &time).map_err(|e| e.to_string())?;
+        match simulate(&python, &[&path]) {
+            Err(why) if why.contains("final_modes: differs") => Ok(()),
+            other => Err(fails(format!("another time was not noticed: {other:?}"))),
+        }
+    });
+}
+
+/// The numbers of a vector in NumPy's format.
+fn vector(path: &Path) -> Result<Vec<f64>, String> {
+    let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let length = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let (header, numbers) = bytes.split_at(10 + length);
+    if !header.starts_with(b"\x93NUMPY\x01\x00") || header.len() % 64 != 0 {
+        return Err(format!("{}: no header of NumPy's", path.display()));
+    }
+    let number = |b: &[u8]| f64::from_le_bytes(std::array::from_fn(|k| b[k]));
+    Ok(numbers.chunks_exact(8).map(number).collect())
+}
+
+#[test]
+fn what_is_read_from_the_exported_state_is_the_field() {
+    check_all(EXPORTS, |(name, settings)| {
+        let (exported, solved) = (directory(), directory());
+        let settings = settings.concat();
+        export(name, &settings, exported.path()).succeed()?;
+        // To the tolerance, and so the distance of one to the other: both are that far from the exact one.
+        let job = Job::new(["run", &case(name)]).set(&settings);
+        let summary = job.solve(solved.path())?;
+        let field = vector(&exported.path().join("field.npy"))?;
+        let expected = results::field(solved.path())?;
+        let distance = results::distance(&field, &expected);
+        let tolerance = summary.number("tolerance")?;
+        summary.require(distance <= 2.0 * tolerance, || {
+            format!("{distance:e} from the field of a run")
+        })?;
+        // States have norm 1 before and after.
+        for state in ["initial", "initial_modes", "final_modes", "final"] {
+            let state = vector(&exported.path().join(format!("{state}.npy")))?;
+            let norm = state.iter().map(|x| x * x).sum::<f64>().sqrt();
+            summary.require((norm - 1.0).abs() < 1e-12, || format!("norm {norm}"))?;
+        }
+        Ok(())
+    });
+}
+
+#[test]
+fn exports_are_the_same_on_any_ranks() {
+    let (name, settings) = ("example1.toml", [TINY, INFLOW].concat());
+    let one = directory();
+    export(name, &settings, one.path()).succeed().unwrap();
+    let three = directory();
+    export(name, &settings, three.path())
+        .on(3)
+        .succeed()
+        .unwrap();
+    let files = |place: &Path| -> Vec<(String, Vec<u8>)> {
+        let mut files: Vec<_> = std::fs::read_dir(place)
+            .unwrap()
+            .map(|entry| {
+                let entry = entry.unwrap();
+                (
+                    entry.file_name().into_string().unwrap(),
+                    std::fs::read(entry.path()).unwrap(),
+                )
+            })
+            .collect();
+        files.sort();
+        files
+    };
+    let found = files(one.path());
+    assert_eq!(found.len(), 10);
+    assert!(found == files(three.path()));
+    // Control: another state is another file.
+    let other = directory();
+    let changed = [&settings[..], &["time.end=0.11"]].concat();
+    export(name, &changed, other.path()).succeed().unwrap();
+    assert!(found != files(other.path()));
+}
+
+#[test]
+fn what_is_too_large_or_no_state_is_refused() {
+    type Row = (
+        &'static str,
+        &'static [&'static str],
+        &'static [&'static str],
+    );
+    let rows: &[Row] = &[
+        (
+            "example1.toml",
+            &["axis.0.x.cells=6"],
+            &["6 cells along x", "power of two"],
+        ),
+        (
+            "example1.toml",
+            &["axis.0.v.cells=12"],
+            &["12 cells along vx", "power of two"],
+        ),
+        ("example1.toml", &[], &["qubits", "at most 12"]),
+        (
+            "example1.toml",
+            &["solver.method=classical"],
+            &["solver.method", "schrodingerized"],
+        ),
+        ("example2.toml", &[], &["measure-valued", "initial.f"]),
+        ("pulsed_inflow.toml", &[], &["inflow.value", "depends on t"]),
+        (
+            "example1.toml",
+            &[
+                "axis.0.x.cells=4",
+                "axis.0.v.cells=4",
+                "time.end=0.3",
+                "solver.tolerance=0.1",
+                "solver.warp.profile=exponential",
+                "solver.warp.points=48",
+            ],
+            &["48 points", "solver.warp.points = 64"],
+        ),
+    ];
+    check_all(rows, |(name, settings, says)| {
+        let place = directory();
+        let finished = export(name, settings, &place.path().join("new"))
+            .on(2)
+            .run()?;
+        let told = says.iter().all(|s| finished.errors.contains(s));
+        if finished.code != Some(2) || !told || place.path().join("new").exists() {
+            return Err(finished.report(&format!("exit code 2 and {says:?} expected")));
+        }
+        Ok(())
+    });
+}
