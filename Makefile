@@ -19,7 +19,7 @@ CARGO   = $(shell scripts/setup.sh --environment) cargo
 PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 
 .DEFAULT_GOAL := build
-.PHONY: run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers qiskit setup clean help
+.PHONY: quantum run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers qiskit setup clean help
 
 run: build ## build, then solve example 1 of the paper on two ranks (CASE=, RANKS=, RESULTS= for another)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
@@ -60,6 +60,9 @@ check-clippy: setup
 
 check-doc: setup
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps
+
+quantum: build readers ## the error budget from the continuous problem to a measured density, into docs/quantum.md
+	$(or $(CARGO_TARGET_DIR),target)/readers/bin/python scripts/quantum.py --ranks $(RANKS) $(ARGS)
 
 readers: ## install, for tests/readers.rs, a Python with h5py, xarray and VTK into target/readers
 	@scripts/setup.sh --readers
