@@ -132,9 +132,10 @@ impl Watch {
     /// What all ranks decided, at the beginning of a stage and after each batch (see [`begin`](Self::begin)); after `Write` they ask again. `Finished`,
     /// `Failed` or a stop is the last of a stage. Collective over the space group, whose ranks stand alike.
     pub fn ask(&mut self, communicator: &Communicator, standing: Standing) -> Verdict {
-        self.longest = self
-            .longest
-            .max(self.begun.take().map(|begun| begun.elapsed()));
+        if let Some(begun) = self.begun.take() {
+            self.longest = self.longest.max(Some(begun.elapsed()));
+            self.batches += 1;
+        }
         loop {
             if !self.vote.is_posted() {
                 self.post(standing);
