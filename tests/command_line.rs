@@ -3748,12 +3748,10 @@ fn plans_are_kept() {
     });
 }
 
-/// `plan --calibrate` makes the plan of the run that it is started like, and tells its time: here only that no factor is wrong, and once in
-/// three tries, as others are at work while tests run.
+/// `plan --calibrate` makes the plan of the run that it is started like, by every method, and tells its seconds, of which the steps make up the
+/// whole. How near they are is measured by `make calibration`; timings decide no test.
 #[test]
-fn calibrated_plans_tell_the_time() {
-    const FACTOR: f64 = 3.0;
-    const TRIES: usize = 3;
+fn calibrated_plans_are_those_of_the_run() {
     let rows = [
         (1, "example1.toml", vec!["solver.tolerance=1e-9"]),
         (
@@ -3805,26 +3803,13 @@ fn calibrated_plans_tell_the_time() {
         let modes = value["warp"]["modes"].as_f64().unwrap_or(0.0);
         let outcome = near("modes planned", modes, summary.number("modes")?, 0.0);
         summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
-        ["solve_seconds", "wall_seconds"]
-            .iter()
-            .map(|key| {
-                let expected = value["calibration"][key].as_f64().unwrap_or(f64::NAN);
-                Ok(expected / summary.number(key)?)
-            })
-            .collect::<Result<Vec<f64>, String>>()
+        let seconds = |key: &str| value["calibration"][key].as_f64().unwrap_or(f64::NAN);
+        let (solve, wall) = (seconds("solve_seconds"), seconds("wall_seconds"));
+        let sensible = solve > 0.0 && wall > solve && wall.is_finite();
+        require(sensible, &finished, || format!("{solve} s of {wall} s"))
     };
     check_all(&rows, |(ranks, name, settings)| {
-        let mut seen = Vec::new();
-        for _ in 0..TRIES {
-            let ratios = compare(*ranks, name, settings)?;
-            if (ratios.iter()).all(|ratio| (1.0 / FACTOR..FACTOR).contains(ratio)) {
-                return Ok(());
-            }
-            seen.push(ratios);
-        }
-        Err(format!(
-            "{name} {settings:?} on {ranks}: expected over taken, to solve and in all: {seen:?}"
-        ))
+        compare(*ranks, name, settings)
     });
 }
 

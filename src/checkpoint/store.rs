@@ -136,7 +136,7 @@ impl Store {
         if written.is_err() {
             if speaks {
                 // What there is of it takes room that the next may need.
-                let _ = fs::remove_dir_all(&directory);
+                let _ = remove(&directory);
             }
             return written;
         }
@@ -144,7 +144,7 @@ impl Store {
         if speaks {
             for old in generations(&self.directory) {
                 if old != number && Some(old) != before {
-                    let _ = fs::remove_dir_all(self.generation(old));
+                    let _ = remove(&self.generation(old));
                 }
             }
         }
@@ -339,7 +339,7 @@ impl Store {
         if found.is_empty() {
             return Ok(());
         }
-        (found.into_iter()).try_for_each(|number| fs::remove_dir_all(self.generation(number)))?;
+        (found.into_iter()).try_for_each(|number| remove(&self.generation(number)))?;
         fs::remove_dir(&self.directory)
     }
 }
@@ -406,6 +406,12 @@ fn generations(directory: &Path) -> Vec<u64> {
 
 fn complete(directory: &Path, number: u64) -> bool {
     generation(directory, number).join(MANIFEST).is_file()
+}
+
+/// Removes a generation, the manifest first: half of one does not count.
+fn remove(directory: &Path) -> std::io::Result<()> {
+    let _ = fs::remove_file(directory.join(MANIFEST));
+    fs::remove_dir_all(directory)
 }
 
 fn open(path: &Path) -> Result<RankFile> {

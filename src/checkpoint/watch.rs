@@ -92,7 +92,7 @@ pub struct Watch {
     /// When this rank began its batch, and how long the longest took, if there was one.
     begun: Option<Instant>,
     longest: Option<Duration>,
-    /// Batches that this rank ended.
+    /// Batches that this rank finished.
     pub batches: usize,
     /// When the vote was posted, and how long the longest took until its outcome was seen.
     posted: Instant,
@@ -129,12 +129,14 @@ impl Watch {
         self.begun = (standing == Standing::Working).then(Instant::now);
     }
 
-    /// What all ranks decided, at the beginning of a stage and after each batch (see [`begin`](Self::begin)); after `Write` they ask again. `Finished`,
-    /// `Failed` or a stop is the last of a stage. Collective over the space group, whose ranks stand alike.
+    /// What all ranks decided, at the beginning of a stage and after each batch (see [`begin`](Self::begin)); after `Write`
+    /// they ask again. `Finished`, `Failed` or a stop is the last of a stage. Collective over the space group, whose ranks
+    /// stand alike.
     pub fn ask(&mut self, communicator: &Communicator, standing: Standing) -> Verdict {
-        self.longest = self
-            .longest
-            .max(self.begun.take().map(|begun| begun.elapsed()));
+        if let Some(begun) = self.begun.take() {
+            self.longest = self.longest.max(Some(begun.elapsed()));
+            self.batches += usize::from(standing != Standing::Failed);
+        }
         loop {
             if !self.vote.is_posted() {
                 self.post(standing);

@@ -160,11 +160,12 @@ mod tests {
 
     #[test]
     fn the_largest_number_of_points_just_fits() {
-        let path =
-            std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/paper/example3.toml");
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/example3.toml");
         let sets = |points: usize, method: &str| {
             [
                 format!("solver.warp.points={points}"),
+                "solver.warp.profile=exponential".to_owned(),
+                "solver.tolerance=0.1".to_owned(),
                 "output.warped_field=true".to_owned(),
                 format!("solver.propagator={method}"),
             ]
@@ -190,10 +191,11 @@ mod tests {
                 let (case, first) = plan(64, None);
                 let advice = Advice::new(&case, &first, Some(limit), None);
                 let points = advice.largest_points.expect("some fit");
-                // As a plan for so many points says itself.
+                // As a plan for so many points says itself; groups differ by a batch or two.
                 let space = Some(first.layout.mesh.space.clone());
                 assert!(plan(points, space.clone()).1.memory() <= limit);
-                assert!(plan(points + 2, space).1.memory() > limit, "{points}");
+                let more = points + 32 * ranks;
+                assert!(plan(more, space).1.memory() > limit, "{points}");
             }
         }
     }

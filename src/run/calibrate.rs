@@ -561,7 +561,8 @@ fn line(trial: &mut impl FnMut(usize) -> Result<(f64, f64)>) -> Result<(f64, f64
     trial(1)?;
     let (mut part, first) = (1, repeated(&mut || trial(1))?);
     let mut last = first;
-    while last.0 < LONG_ENOUGH && part < PARTS {
+    // A slow moment is not long enough by itself: there must be more to do than at first.
+    while (last.0 < LONG_ENOUGH || last.1 < 2.0 * first.1) && part < PARTS {
         part *= 2;
         last = trial(part)?;
     }
