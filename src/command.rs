@@ -323,6 +323,16 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
             word(&case.propagator)
         ),
     };
+    if let Some(readout) = &case.readout {
+        let effort = match readout.effort {
+            case::Effort::Given { shots, evaluations } => {
+                format!("{shots} shots, {evaluations} evaluations")
+            }
+            case::Effort::Accuracy(accuracy) => format!("to {accuracy:e}"),
+        };
+        let (cells, seed) = (readout.cells.len(), readout.seed);
+        text += &format!("readout of {cells} cells: {effort}, seed {seed}\n");
+    }
     let growth = if bounds.growth.is_finite() {
         format!("at most {:.4}", bounds.growth)
     } else {

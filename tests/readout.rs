@@ -71,6 +71,36 @@ fn the_same_bits_on_any_ranks_and_beside_any_cells() {
     }
 }
 
+#[test]
+fn the_same_bits_in_the_plane() {
+    let job = || {
+        let readout = "readout={cells=[[0,0],[3,4],[5,1]],accuracy=0.02,seed=1}";
+        Job::new(["run", &case("barrier2d.toml")]).set(&[
+            "axis.0.x.cells=7",
+            "axis.0.v.cells=6",
+            "axis.1.x.cells=5",
+            "axis.1.v.cells=4",
+            readout,
+        ])
+    };
+    let reference = directory();
+    job().solve(reference.path()).unwrap();
+    let found = datasets(reference.path()).unwrap();
+    assert_eq!(found["/readout/cell"].shape, [3 * 5 * 5]);
+    check_all(&[(2, "1,2"), (3, "1,1"), (4, "2,2")], |(ranks, blocks)| {
+        let place = directory();
+        job()
+            .with(["--ranks-x", blocks])
+            .on(*ranks)
+            .solve(place.path())?;
+        let differ = differences(&datasets(place.path())?, &found);
+        if differ.is_empty() && csv(place.path())? == csv(reference.path())? {
+            return Ok(());
+        }
+        Err(format!("{ranks} ranks, {blocks} blocks: {differ:?}"))
+    });
+}
+
 /// The rows of `summary.json`.
 fn rows(summary: &Value) -> &Vec<Value> {
     summary["readout"]["rows"].as_array().expect("rows")
@@ -228,6 +258,14 @@ fn mistakes_are_refused() {
         ),
         ("3", &["readout", "a table"]),
     ];
+    // What is right is understood.
+    let right = "readout={points=[[0],[1.5]],accuracy=0.1,seed=4}";
+    let understood = Job::new(["check", &case("example1.toml")]).set(&[right]);
+    let said = understood.succeed().unwrap().output;
+    assert!(
+        said.contains("readout of 2 cells: to 1e-1, seed 4"),
+        "{said}"
+    );
     check_all(table, |(readout, says)| {
         let finished = Job::new(["check", &case("example1.toml")])
             .set(&[&format!("readout={readout}")])

@@ -164,6 +164,27 @@ fn what_is_read_from_the_exported_state_is_the_field() {
         summary.require(distance <= 2.0 * tolerance, || {
             format!("{distance:e} from the field of a run")
         })?;
+        // The probability of the slice is that of the run, but for the number of points and where exactly the slice is.
+        let text = std::fs::read_to_string(exported.path().join("description.json"));
+        let about: serde_json::Value = text
+            .ok()
+            .and_then(|text| serde_json::from_str(&text).ok())
+            .ok_or("no description.json")?;
+        let number = |key: &str| about[key].as_f64().ok_or(format!("no {key}"));
+        let told = &summary.value["probabilities"];
+        let of_run = |name: &str| {
+            told["at_slice"][name]["value"]
+                .as_f64()
+                .ok_or("no probability")
+        };
+        let points = told["points"].as_f64().ok_or("no points")?;
+        let moved = told["recovery"].as_f64().ok_or("no recovery")? - number("recovery")?;
+        let scale = points / number("qubits_p")?.exp2() * (2.0 * moved).exp();
+        let expected = scale * of_run("in_p")? * of_run("field_given_p")?;
+        let found = number("probability_p")? * number("probability_field_given_p")?;
+        summary.require((found / expected - 1.0).abs() <= 10.0 * tolerance, || {
+            format!("probability {found:e}, {expected:e} expected")
+        })?;
         // States have norm 1 before and after.
         for state in ["initial", "initial_modes", "final_modes", "final"] {
             let state = vector(&exported.path().join(format!("{state}.npy")))?;

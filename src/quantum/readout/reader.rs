@@ -1,6 +1,6 @@
 //! From the field at a cell to overlaps, and from those to what each estimator says.
 
-use super::measurement::{self, Estimate};
+use super::measurement::{self, Estimate, MOST_EVALUATIONS, MOST_SHOTS};
 use super::random::{Purpose, Stream};
 use super::{Estimator, Measured, Observable, Row, quoted};
 use crate::case::{self, Case, Effort};
@@ -187,62 +187,90 @@ impl Reader<'_> {
                 "there is no state to overlap with: every velocity is 0, or nothing of p is known",
             );
         };
+        let overlapping = |why: &str| Measured {
+            overlap: Figure::exact(overlap.value),
+            ..Measured::unavailable(estimator, why)
+        };
         let from_state = (self.source.state_error.value()).map(|error| of_field * error);
         let (shots, evaluations) = match self.effort(estimator, overlap.prefactor, from_state) {
             Ok(effort) => effort,
-            Err(why) => return none(&why),
+            Err(why) => {
+                return Moment {
+                    measured: overlapping(&why),
+                    estimate: None,
+                    bound: None,
+                };
+            }
         };
+        let error = match estimator {
+            Estimator::Hadamard | Estimator::EnlargedHadamard => measurement::hadamard_bound(shots),
+            Estimator::AllZero => measurement::all_zero_bound(shots),
+            // Whatever the overlap.
+            Estimator::AmplitudeEstimation | Estimator::EnlargedAmplitudeEstimation => {
+                measurement::amplitude_bound(0.0, evaluations)
+            }
+        };
+        let bound = from_state.map(|from_state| overlap.prefactor * error + from_state);
+        let estimate = self.draw(row, estimator, overlap, (shots, evaluations));
+        let [repeated, coherent] = self.evolutions(estimator, (shots, evaluations));
+        let mut measured = Measured {
+            shots: Figure::exact(shots),
+            bound: self.labelled(bound),
+            evolutions_repeated: repeated,
+            evolutions_coherent: coherent,
+            ..overlapping("so many shots or evaluations are not emulated")
+        };
+        measured.evaluations = match estimator.coherent() {
+            true => Figure::exact(evaluations),
+            false => Figure::unavailable("shots, and no amplitude estimation"),
+        };
+        if let Some(estimate) = estimate {
+            measured.estimate = Figure::estimate(estimate.value, "drawn at random");
+            measured.standard_error = match estimator.coherent() {
+                true => Figure::unavailable(
+                    "the distribution has no variance in closed form; see bound",
+                ),
+                false => Figure::estimate(estimate.error, "from the counts"),
+            };
+        }
+        Moment {
+            measured,
+            estimate,
+            bound,
+        }
+    }
+
+    /// What is measured; nothing where it takes more than is emulated.
+    fn draw(
+        &self,
+        row: &Row,
+        estimator: Estimator,
+        overlap: Overlap,
+        (shots, evaluations): (f64, f64),
+    ) -> Option<Estimate> {
+        if shots > MOST_SHOTS || evaluations > MOST_EVALUATIONS {
+            return None;
+        }
         let purpose = Purpose {
             cell: row.number as u64,
             observable: row.observable.number(),
             estimator: estimator as u32,
         };
-        let mut stream = Stream::new(self.readout.seed, purpose);
-        let (drawn, bound) = match estimator {
-            Estimator::Hadamard | Estimator::EnlargedHadamard => (
-                measurement::hadamard(&mut stream, overlap.value, shots),
-                measurement::hadamard_bound(shots),
-            ),
-            Estimator::AllZero => (
-                measurement::all_zero(&mut stream, overlap.value, shots),
-                measurement::all_zero_bound(shots),
-            ),
-            Estimator::AmplitudeEstimation | Estimator::EnlargedAmplitudeEstimation => (
-                measurement::amplitude_estimation(&mut stream, overlap.value, evaluations),
-                // Whatever the overlap.
-                measurement::amplitude_bound(0.0, evaluations),
-            ),
+        let stream = &mut Stream::new(self.readout.seed, purpose);
+        let (o, shots, evaluations) = (overlap.value, shots as u64, evaluations as u64);
+        let drawn = match estimator {
+            Estimator::Hadamard | Estimator::EnlargedHadamard => {
+                measurement::hadamard(stream, o, shots)
+            }
+            Estimator::AllZero => measurement::all_zero(stream, o, shots),
+            Estimator::AmplitudeEstimation | Estimator::EnlargedAmplitudeEstimation => {
+                measurement::amplitude_estimation(stream, o, evaluations)
+            }
         };
-        let estimate = Estimate {
+        Some(Estimate {
             value: overlap.prefactor * drawn.value,
             error: overlap.prefactor * drawn.error,
-        };
-        let bound = from_state.map(|from_state| overlap.prefactor * bound + from_state);
-        let [repeated, coherent] = self.evolutions(estimator, (shots, evaluations));
-        let coherently = estimator.coherent();
-        Moment {
-            measured: Measured {
-                estimator,
-                overlap: Figure::exact(overlap.value),
-                shots: Figure::exact(shots as f64),
-                evaluations: match coherently {
-                    true => Figure::exact(evaluations as f64),
-                    false => Figure::unavailable("shots, and no amplitude estimation"),
-                },
-                estimate: Figure::estimate(estimate.value, "drawn at random"),
-                standard_error: match coherently {
-                    true => Figure::unavailable(
-                        "the distribution has no variance in closed form; see bound",
-                    ),
-                    false => Figure::estimate(estimate.error, "from the counts"),
-                },
-                bound: self.labelled(bound),
-                evolutions_repeated: repeated,
-                evolutions_coherent: coherent,
-            },
-            estimate: Some(estimate),
-            bound,
-        }
+        })
     }
 
     /// A bound that rests on `ε_F`, with its label.
@@ -260,11 +288,13 @@ impl Reader<'_> {
         estimator: Estimator,
         prefactor: f64,
         from_state: Option<f64>,
-    ) -> std::result::Result<(u64, u64), String> {
-        let runs = measurement::RUNS as u64;
+    ) -> Result<(f64, f64), String> {
+        let runs = measurement::RUNS as f64;
         let accuracy = match self.readout.effort {
-            Effort::Given { shots, .. } if !estimator.coherent() => return Ok((shots, 0)),
-            Effort::Given { evaluations, .. } => return Ok((runs, evaluations)),
+            Effort::Given { shots, .. } if !estimator.coherent() => {
+                return Ok((shots as f64, 0.0));
+            }
+            Effort::Given { evaluations, .. } => return Ok((runs, evaluations as f64)),
             Effort::Accuracy(accuracy) => accuracy,
         };
         let from_state = from_state.ok_or("the state's own error is not known")?;
@@ -274,28 +304,25 @@ impl Reader<'_> {
             ));
         }
         let error = (accuracy - from_state) / prefactor;
-        let found = match estimator {
+        Ok(match estimator {
             Estimator::Hadamard | Estimator::EnlargedHadamard => {
-                measurement::hadamard_shots(error).map(|n| (n, 0))
+                (measurement::hadamard_shots(error), 0.0)
             }
-            Estimator::AllZero => measurement::all_zero_shots(error).map(|n| (n, 0)),
+            Estimator::AllZero => (measurement::all_zero_shots(error), 0.0),
             Estimator::AmplitudeEstimation | Estimator::EnlargedAmplitudeEstimation => {
-                measurement::evaluations(error).map(|m| (runs, m))
+                (runs, measurement::evaluations(error))
             }
-        };
-        found.ok_or_else(|| {
-            format!("an overlap to {error:.1e} takes more shots or evaluations than are emulated")
         })
     }
 
     /// Evolutions by repetition and coherently.
-    fn evolutions(&self, estimator: Estimator, (shots, evaluations): (u64, u64)) -> [Figure; 2] {
+    fn evolutions(&self, estimator: Estimator, (shots, evaluations): (f64, f64)) -> [Figure; 2] {
         const WHY: &str = "the mean over postselections that fail";
         const ROUNDS: &str = "rounds of amplitude amplification, taken to succeed";
         let chain = &self.source.probabilities.at_slice;
         let uses = match estimator.coherent() {
             true => measurement::preparations(evaluations),
-            false => shots as f64,
+            false => shots,
         };
         let times = |figure: &Figure, each: &dyn Fn(f64) -> f64, why| match figure.value() {
             Some(x) => Figure::estimate(uses * each(x), why),
@@ -323,29 +350,9 @@ impl Reader<'_> {
     }
 }
 
-/// The mean velocity from measured density and momentum: with errors `δρ` and `δm`, `|δu| ≤ (δm + |û|δρ)/(|ρ̂| − δρ)`.
+/// The mean velocity from measured density and momentum: with errors `δρ` and `δm`, `|δu| ≤ (δm + |û|δρ)/(|ρ̂| − δρ)`. It costs both.
 fn ratio(rho: &Moment, m: &Moment) -> Measured {
     let estimator = m.measured.estimator;
-    let none = |why: &str| Measured::unavailable(estimator, why);
-    let (Some(below), Some(above)) = (rho.estimate, m.estimate) else {
-        let part = if rho.estimate.is_none() { rho } else { m };
-        return none(&quoted(&part.measured.estimate));
-    };
-    if below.value == 0.0 {
-        return none("the density was measured as 0");
-    }
-    let velocity = above.value / below.value;
-    let bound = match (rho.bound, m.bound) {
-        (Some(of_rho), Some(of_m)) if below.value.abs() > of_rho => {
-            let bound = (of_m + velocity.abs() * of_rho) / (below.value.abs() - of_rho);
-            match &m.measured.bound {
-                Figure::Estimate { because, .. } => Figure::estimate(bound, because),
-                _ => Figure::bound(bound),
-            }
-        }
-        (Some(_), Some(_)) => Figure::unavailable("the density is not told from 0"),
-        _ => Figure::unavailable("the state's own error is not known"),
-    };
     let sum = |pick: fn(&Measured) -> &Figure| {
         let [a, b] = [rho, m].map(|part| pick(&part.measured));
         match (a.value(), b.value()) {
@@ -354,11 +361,31 @@ fn ratio(rho: &Moment, m: &Moment) -> Measured {
             _ => b.clone(),
         }
     };
-    Measured {
-        estimator,
+    let without = |why: &str| Measured {
         overlap: Figure::unavailable("a quotient of two overlaps"),
         shots: sum(|m| &m.shots),
-        evaluations: sum(|m| &m.evaluations),
+        evaluations: Figure::unavailable("those of density and momentum"),
+        evolutions_repeated: sum(|m| &m.evolutions_repeated),
+        evolutions_coherent: sum(|m| &m.evolutions_coherent),
+        ..Measured::unavailable(estimator, why)
+    };
+    let (Some(below), Some(above)) = (rho.estimate, m.estimate) else {
+        let part = if rho.estimate.is_none() { rho } else { m };
+        return without(&quoted(&part.measured.estimate));
+    };
+    if below.value == 0.0 {
+        return without("the density was measured as 0");
+    }
+    let velocity = above.value / below.value;
+    let bound = match (rho.bound, m.bound) {
+        (Some(of_rho), Some(of_m)) if below.value.abs() > of_rho => {
+            let bound = (of_m + velocity.abs() * of_rho) / (below.value.abs() - of_rho);
+            m.measured.bound.with(bound)
+        }
+        (Some(_), Some(_)) => Figure::unavailable("the density is not told from 0"),
+        _ => Figure::unavailable("the state's own error is not known"),
+    };
+    Measured {
         estimate: Figure::estimate(velocity, "drawn at random"),
         standard_error: match estimator.coherent() {
             true => m.measured.standard_error.clone(),
@@ -368,7 +395,6 @@ fn ratio(rho: &Moment, m: &Moment) -> Measured {
             ),
         },
         bound,
-        evolutions_repeated: sum(|m| &m.evolutions_repeated),
-        evolutions_coherent: sum(|m| &m.evolutions_coherent),
+        ..without("")
     }
 }
