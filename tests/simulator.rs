@@ -72,6 +72,14 @@ const EXPORTS: &[(&str, &[&[&str]])] = &[
         &[TINY, INFLOW, &["solver.warp.inflow=scalar"]],
     ),
     ("barrier2d.toml", &[PLANE]),
+    // One cell, whose velocity is 0.
+    (
+        "example1.toml",
+        &[
+            TINY,
+            &["axis.0.x.cells=1", "axis.0.v.cells=1", "initial.f=1"],
+        ],
+    ),
 ];
 
 fn export(name: &str, settings: &[&str], place: &Path) -> Job {

@@ -81,7 +81,8 @@ pub struct Description {
     pub velocity_volume: f64,
     /// Velocities by velocity cell, one list an axis.
     pub velocities: Vec<Vec<f64>>,
-    /// `Re⟨χ|F⟩` of density, then momentum by axis, by space cell: `F` is the block of `f`, weights and all, and `χ` has `q/√π`.
+    /// `Re⟨χ|F⟩` of density, then momentum by axis, by space cell: `F` is the block of `f`, weights and all, and `χ` has `q/√π`. `null` where
+    /// every velocity is 0.
     pub overlaps: Vec<Vec<f64>>,
     /// Why there is no `preparation.qasm`, if so.
     pub preparation: Option<String>,
