@@ -72,8 +72,8 @@ def budget(case, cells, tolerance, accuracy, ranks):
         "propagation": rms((found - other)[at]),
         "note": "",
     }
-    if not lines:
-        row["note"] = "the fields of measure-valued data, f = phi delta(psi), are no amplitudes of f"
+    if not any(line["estimator"] for line in lines):
+        row["note"] = lines[0]["unavailable"] if lines else "nothing is read"
     for name in ["hadamard", "amplitude-estimation"]:
         mine = [line for line in lines if line["estimator"] == name]
         key = name.replace("-", "_")

@@ -7,7 +7,7 @@ mod spectrum;
 use crate::case::{self, Case, Data, Method};
 use crate::cli::{CaseArgs, Cli, Command, Mode, RecordFormat};
 use crate::communicator::World;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::output::readback;
 use crate::output::summary::Summary;
 use crate::plan::advice::{Advice, Node};
@@ -164,6 +164,10 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             optimise,
         } => {
             let case = load(world, case)?;
+            if *optimise && matches!(format, RecordFormat::Azure | RecordFormat::Qref) {
+                let what = "--optimise compares many choices: --format text and json show them, azure and qref hold one";
+                return Err(Error::Input(what.to_owned()));
+            }
             if *optimise {
                 let ranking = resources::optimise(world, &case)?;
                 if speaks {

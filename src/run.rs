@@ -27,7 +27,10 @@ use crate::plan::{
 use crate::potential::{StrayEdge, overlooked};
 use crate::problem::Problem;
 use crate::progress::Progress;
-use crate::quantum::{self, Figure, probability::Probabilities};
+use crate::quantum::{
+    self, Figure,
+    probability::{Probabilities, points},
+};
 use crate::recover::Reading;
 use crate::system;
 use solve::{Checkpointing, Solution, Warped, integrate, solve};
@@ -323,7 +326,12 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         warnings.extend(include_step_error(&plan, &mut summary));
         let found = norms_found(&problem, &communicator, &place, &fields[0][0]);
         let measured = (&plan.bounds, warp_plan, case.end);
-        summary.probabilities = Some(Probabilities::new(measured, found, &Figure::exact));
+        summary.probabilities = Some(Probabilities::new(
+            measured,
+            points(&warp_plan.series),
+            found,
+            &Figure::exact,
+        ));
     }
     if case.verify {
         for (k, readings) in fields.iter().enumerate() {

@@ -17,15 +17,7 @@ use crate::run;
 /// # Errors
 /// [`Error::Input`] for a classical case; as [`Problem::new`] and [`Plan::new`].
 pub fn count(world: &World, case: &Case) -> Result<Record> {
-    if case.method == Method::Classical {
-        let what = "solver.method = \"classical\" has no quantum side; \"schrodingerized\" has";
-        return Err(Error::Input(format!("{}: {what}", case.name)));
-    }
-    if case.varies() {
-        let what =
-            "inflow.value depends on t; the paper's counts are for a generator that does not";
-        return Err(Error::Input(format!("{}: {what}", case.name)));
-    }
+    has_counts(case)?;
     let mut system = Assembled::new(world, case)?;
     let plan = Plan::with_bounds(case, system.bounds.clone(), &system.here, system.ratio)?;
     let Some(warp) = &plan.warp else {
@@ -49,6 +41,7 @@ pub fn count(world: &World, case: &Case) -> Result<Record> {
 /// # Errors
 /// As [`count`].
 pub fn optimise(world: &World, case: &Case) -> Result<Ranking> {
+    has_counts(case)?;
     let mut all = Vec::new();
     let own = Assembled::new(world, case)?;
     let inflow = own.problem.matrix.inflow.iter();
@@ -73,6 +66,20 @@ pub fn optimise(world: &World, case: &Case) -> Result<Ranking> {
         }));
     }
     Ok(Ranking::new(all))
+}
+
+/// Refuses what the paper's counts are not for.
+fn has_counts(case: &Case) -> Result<()> {
+    if case.method == Method::Classical {
+        let what = "solver.method = \"classical\" has no quantum side; \"schrodingerized\" has";
+        return Err(Error::Input(format!("{}: {what}", case.name)));
+    }
+    if case.varies() {
+        let what =
+            "inflow.value depends on t; the paper's counts are for a generator that does not";
+        return Err(Error::Input(format!("{}: {what}", case.name)));
+    }
+    Ok(())
 }
 
 /// A case assembled on all ranks, with what is measured before a plan is made.

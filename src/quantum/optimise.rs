@@ -4,7 +4,7 @@
 //! auxiliary unknowns, a small one couples them strongly. Every choice is planned as a run would be, to the same tolerance.
 
 use super::Figure;
-use super::probability::{Norms, Probabilities};
+use super::probability::{Norms, Probabilities, points};
 use super::resources::walk;
 use crate::case::{Case, Coefficients, Delta, ProfileChoice};
 use crate::plan::{Bounds, WarpPlan};
@@ -135,16 +135,18 @@ fn choice(
     plan: &WarpPlan,
 ) -> Choice {
     let (time, tolerance) = (system.case.end, system.case.tolerance);
-    let highest = plan.series.wavenumber(plan.modes - 1);
+    let points = points(&plan.series).next_power_of_two();
+    let highest = plan.series.wavenumber(points / 2);
     let (s, k, nonzeros) = system.matrix;
     // An entry's S and K are at most the largest of each.
     let tau = nonzeros as f64 * (highest * s).hypot(k) * time;
-    let (_, steps) = walk(tau, tolerance);
     let label = |x: f64| Figure::estimate(x, "norms of the classical solution to three digits");
-    let found = Probabilities::new((system.bounds, plan, time), system.norms, &label);
-    let of = |evolutions: &Figure, factor: f64, more: f64| match (evolutions.value(), steps.value())
-    {
-        (Some(n), Some(steps)) => label((factor * n + more) * steps),
+    let measured = (system.bounds, plan, time);
+    let found = Probabilities::new(measured, points, system.norms, &label);
+    let steps = walk(tau, tolerance * found.amplitude()).1;
+    let steps = steps.value().map_or(steps, Figure::bound);
+    let of = |evolutions: &Figure| match (evolutions.value(), steps.value()) {
+        (Some(n), Some(steps)) => label(n * steps),
         _ => evolutions.clone(),
     };
     Choice {
@@ -152,24 +154,26 @@ fn choice(
         delta,
         recovery: Figure::exact(found.recovery),
         points: Figure::exact(found.points as f64),
-        // Each round takes the evolution forth and back.
         cost: [
-            of(&found.in_window.repetitions, 1.0, 0.0),
-            of(&found.in_window.amplification_rounds, 2.0, 1.0),
+            of(&found.in_window.repetitions),
+            of(&found.in_window.amplified_evolutions),
         ],
         walk_steps: steps,
         probability: [found.at_slice.all, found.in_window.all],
     }
 }
 
-/// All choices, the cheapest by amplitude amplification first; those without a number last.
+/// All choices, the cheapest first, repeated naively or by amplitude amplification; those without a number last.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Ranking(pub Vec<Choice>);
 
 impl Ranking {
     /// Sorted.
     pub fn new(mut choices: Vec<Choice>) -> Self {
-        let key = |choice: &Choice| choice.cost[1].value().unwrap_or(f64::INFINITY);
+        let key = |choice: &Choice| {
+            let costs = choice.cost.iter().filter_map(Figure::value);
+            costs.fold(f64::INFINITY, f64::min)
+        };
         choices.sort_by(|a, b| key(a).total_cmp(&key(b)));
         Self(choices)
     }
@@ -204,8 +208,7 @@ impl fmt::Display for Ranking {
             };
             let profile = crate::command::word(&choice.profile);
             if let Figure::Unavailable { because } = &choice.recovery {
-                let reason: String = because.chars().take(76).collect();
-                writeln!(f, "{profile:<22}{delta:>10}   unavailable: {reason}…")?;
+                writeln!(f, "{profile:<22}{delta:>10}   unavailable: {because}")?;
                 continue;
             }
             writeln!(

@@ -50,6 +50,8 @@ pub struct Chain {
     pub repetitions: Figure,
     /// Rounds of amplitude amplification, each with the evolution and its inverse.
     pub amplification_rounds: Figure,
+    /// Evolutions until it succeeds, on average: `(2r + 1)/sin²((2r + 1) arcsin √P)` with `r` rounds.
+    pub amplified_evolutions: Figure,
 }
 
 /// Probabilities of a run.
@@ -128,7 +130,10 @@ impl Chain {
         let field = square(norms.weighted, state);
         let weights = square(norms.field, norms.weighted);
         let all = in_p * field * weights;
-        let rounds = (std::f64::consts::FRAC_PI_4 / all.sqrt().min(1.0).asin()).floor();
+        let angle = all.sqrt().min(1.0).asin();
+        let rounds = (std::f64::consts::FRAC_PI_4 / angle).floor();
+        let evolutions = 2.0 * rounds + 1.0;
+        let success = (evolutions * angle).sin().powi(2);
         Self {
             in_p: exact(in_p),
             field_given_p: exact(field),
@@ -136,6 +141,7 @@ impl Chain {
             all: exact(all),
             repetitions: exact(1.0 / all),
             amplification_rounds: exact(rounds),
+            amplified_evolutions: exact(evolutions / success),
         }
     }
 
@@ -148,19 +154,27 @@ impl Chain {
             all: none(),
             repetitions: none(),
             amplification_rounds: none(),
+            amplified_evolutions: none(),
         }
     }
 }
 
 impl Probabilities {
-    /// Those of a run planned as `warp` with these norms; `label` makes figures of what follows from them, which are as good as they are.
+    /// `√P` of the window, or of the slice where there is none: what is left of an error in the whole state is so much larger beside the field. 1 where
+    /// neither is known.
+    pub fn amplitude(&self) -> f64 {
+        let known = self.in_window.all.value().or(self.at_slice.all.value());
+        known.map_or(1.0, f64::sqrt)
+    }
+
+    /// Those of a run planned as `warp` with these norms and `points` points in `p`; `label` makes figures of what follows from them, which are as good as they are.
     pub fn new(
         (bounds, warp, time): (&Bounds, &WarpPlan, f64),
+        points: usize,
         norms: Norms,
         label: &dyn Fn(f64) -> Figure,
     ) -> Self {
         let series = &warp.series;
-        let points = points(series);
         let point = warp.readings[0].point;
         let width = series.period / points as f64;
         let norm = norms.start * (points as f64 * square_sum(series)).sqrt();

@@ -30,10 +30,12 @@ pub struct Registers {
     pub auxiliary: usize,
     /// `p`: of `N_p` points on the planned period, which grows with the spectrum.
     pub p: usize,
-    /// `p` on an interval of length 1 with the same distance of points: the paper's count without that growth.
-    pub p_without_growth: usize,
     /// All of them.
     pub total: usize,
+    /// `p` of the paper's count without that growth: `log₂(1/ε)`, for `Δp = ε` on an interval of length 1.
+    pub p_without_growth: Figure,
+    /// All of them, `p` counted so.
+    pub total_without_growth: Figure,
 }
 
 /// The paper's asymptotic count at a tolerance, with constants 1.
@@ -82,6 +84,8 @@ pub struct Record {
     pub period: f64,
     /// Nonzeros, measured, against the paper's bounds.
     pub sparsity: Sparsity,
+    /// `ε√P`, to which the evolution is approximated: an error of the whole state is `1/√P` times as large beside the field that is measured in it.
+    pub walk_tolerance: Figure,
     /// `d`: nonzeros of a row of `H`.
     pub nonzeros: Figure,
     /// `‖H‖_max`.
@@ -102,7 +106,7 @@ pub struct Record {
     pub t_gates: Figure,
     /// Registers.
     pub qubits: Registers,
-    /// Forward Euler on the same grid: products and sums of nonzeros, steps at CFL 1.
+    /// Forward Euler on the same grid: products with the nonzeros of `A`, at CFL 1.
     pub classical_operations: Figure,
     /// With what probability the first field is measured.
     pub probabilities: Probabilities,
@@ -214,6 +218,9 @@ impl Regime {
     }
 }
 
+/// What the count without the growth of the interval rests on.
+const WITHOUT: &str = "dp = eps on an interval of length 1";
+
 impl Record {
     /// What `case` takes, with the plan `warp` and this rank's part of the problem. Collective over `space`.
     ///
@@ -227,21 +234,26 @@ impl Record {
     ) -> Result<Self> {
         let matrix = &problem.matrix;
         let sparsity = sparsity::measure(case, matrix, space)?;
-        let points = points(&warp.series);
-        let highest = warp.series.wavenumber(warp.modes - 1);
+        // A register has a power of two of points, and H the modes of all of them.
+        let points = points(&warp.series).next_power_of_two();
+        let highest = warp.series.wavenumber(points / 2);
         let largest = space.max(extremes(matrix, highest).0);
         let d = sparsity.of_hamiltonian() as f64;
         let (time, tolerance) = (case.end, case.tolerance);
+        let probabilities = Probabilities::new((bounds, warp, time), points, norms, &|x| {
+            Figure::estimate(x, "norms of the classical solution to three digits")
+        });
+        let fine = tolerance * probabilities.amplitude();
         let tau = d * largest * time;
-        let (order, walk_steps) = walk(tau, tolerance);
+        let (order, walk_steps) = walk(tau, fine);
 
         let phase_space: Vec<usize> = case.space.axes().map(|a| qubits(a.cells)).collect();
         let unknowns = problem.terms - case.space.space_cells() + case.space.cells();
         let auxiliary = usize::from(unknowns > case.space.cells());
         let p = qubits(points);
-        let per_length = (points as f64 / warp.series.period).ceil().max(1.0) as usize;
+        let without = (1.0 / tolerance).log2().ceil();
         let total = phase_space.iter().sum::<usize>() + auxiliary + p;
-        let entries = space.sum_count(matrix.entries()) as f64;
+        let entries = sparsity.entries as f64;
         Ok(Self {
             title: case.title.clone(),
             shape: case.space.shape(),
@@ -252,17 +264,21 @@ impl Record {
             weighted: bounds.weighted,
             points,
             period: warp.series.period,
+            walk_tolerance: Figure::estimate(
+                fine,
+                "norms of the classical solution to three digits",
+            ),
             nonzeros: Figure::exact(d),
             largest_entry: Figure::exact(largest),
             tau: Figure::exact(tau),
             degree: order,
             walk_steps,
             queries: Figure::estimate(
-                tau + logarithms(tolerance),
+                tau + logarithms(fine),
                 "O(tau + log(1/eps)/log log(1/eps)) with constants 1",
             ),
             gates_factor: Figure::estimate(
-                gates_factor(total as f64, tolerance),
+                gates_factor(total as f64, fine),
                 "O(n + m polylog m) as n + m log2(m)^2, m = log2(1/eps)",
             ),
             transform_gates: Figure::estimate(
@@ -276,13 +292,12 @@ impl Record {
                 phase_space,
                 auxiliary,
                 p,
-                p_without_growth: qubits(per_length),
+                p_without_growth: Figure::estimate(without, WITHOUT),
+                total_without_growth: Figure::estimate((total - p) as f64 + without, WITHOUT),
                 total,
             },
             classical_operations: Figure::exact(entries * (bounds.rate * time).ceil().max(1.0)),
-            probabilities: Probabilities::new((bounds, warp, time), norms, &|x| {
-                Figure::estimate(x, "norms of the classical solution to three digits")
-            }),
+            probabilities,
             regimes: [1.0, 0.5]
                 .map(|order| Regime::new(case, &sparsity, order))
                 .to_vec(),
@@ -290,24 +305,28 @@ impl Record {
         })
     }
 
-    /// In the form of `LogicalCounts` of Azure's resource estimator: what is known. What is not is left out and named, since the estimator
+    /// For Azure's resource estimator: what is known, as its `LogicalCounts`, and beside that what is not and why, since the estimator
     /// takes an absent count for zero.
     pub fn logical_counts(&self) -> serde_json::Value {
         // One qubit for the walk's sequence, a second register for columns, one for values, two for the block-encoding.
-        let bits = (1.0 / self.tolerance).log2().ceil();
-        let ancillas = self.qubits.total as f64 + bits + 3.0;
-        let rotations = self.walk_steps.value().map(|steps| steps + 1.0);
+        let fine = self.walk_tolerance.value().unwrap_or(self.tolerance);
+        let bits = (1.0 / fine).log2().ceil() as u64;
+        let qubits = 2 * self.qubits.total as u64 + bits + 3;
+        let rotations = self.walk_steps.value().map(|steps| steps as u64 + 1);
+        let not_compiled = "the oracles' circuits are not compiled";
         serde_json::json!({
-            "numQubits": self.qubits.total as f64 + ancillas,
-            "rotationCount": rotations,
-            "rotationDepth": rotations,
+            "logicalCounts": {
+                "numQubits": qubits,
+                "rotationCount": rotations,
+                "rotationDepth": rotations,
+            },
             "unavailable": {
-                "tCount": "the oracles' circuits are not compiled",
-                "cczCount": "the oracles' circuits are not compiled",
-                "ccixCount": "the oracles' circuits are not compiled",
+                "tCount": not_compiled,
+                "cczCount": not_compiled,
+                "ccixCount": not_compiled,
                 "measurementCount": "depends on what is read",
             },
-            "note": "a lower bound: phases of the walk's sequence only, without the oracles",
+            "note": "phases of the walk's sequence only: what the estimator makes of it is without the oracles, whose absent counts it takes for zero",
         })
     }
 
@@ -332,12 +351,12 @@ impl Record {
                 "name": name,
                 "type": "transform_in_p",
                 "ports": both("p", self.qubits.p),
-                "resources": half.as_ref().and_then(|x| resource("gates", x)).into_iter().collect::<Vec<_>>(),
+                "resources": half.as_ref().and_then(|x| resource("gates_estimate", x)).into_iter().collect::<Vec<_>>(),
             })
         };
         let resources: Vec<_> = [
             resource("walk_steps", &self.walk_steps),
-            resource("queries_leading", &self.queries),
+            resource("queries_estimate", &self.queries),
         ]
         .into_iter()
         .flatten()
@@ -435,6 +454,7 @@ impl fmt::Display for Record {
         }
         writeln!(f)?;
         for (name, figure) in [
+            ("walk tolerance", &self.walk_tolerance),
             ("nonzeros d", &self.nonzeros),
             ("largest entry", &self.largest_entry),
             ("tau = d |H| T", &self.tau),
@@ -451,13 +471,13 @@ impl fmt::Display for Record {
         let r = &self.qubits;
         writeln!(
             f,
-            "qubits            {:>12}  exact: {} for phase space, {} for the inflow, {} for p ({} without the growth of its interval)",
+            "qubits            {:>12}  exact: {} for phase space, {} for the inflow, {} for p",
             r.total,
             list(&r.phase_space, " + "),
             r.auxiliary,
-            r.p,
-            r.p_without_growth
+            r.p
         )?;
+        writeln!(f, "p not growing     {}", r.total_without_growth)?;
         let chain = |f: &mut fmt::Formatter<'_>, what: &str, c: &Chain| -> fmt::Result {
             writeln!(f, "\nprobability of {what}")?;
             for (name, figure) in [
@@ -467,6 +487,7 @@ impl fmt::Display for Record {
                 ("  all", &c.all),
                 ("  repetitions", &c.repetitions),
                 ("  amplifications", &c.amplification_rounds),
+                ("  evolutions so", &c.amplified_evolutions),
             ] {
                 writeln!(f, "{name:<22}{figure}")?;
             }

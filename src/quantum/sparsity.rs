@@ -53,6 +53,8 @@ pub struct Sparsity {
     pub jumps: Vec<f64>,
     /// Whether the bounds are made for this case: the hat interface, velocity cells symmetric about zero.
     pub bounded: bool,
+    /// Nonzeros of `A` in all.
+    pub entries: usize,
     /// Matrix by matrix.
     pub counts: Vec<Counts>,
 }
@@ -118,6 +120,7 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
     let mut rows = vec![Fullest::NONE; parts];
     let mut columns = vec![vec![0u16; cells]; parts];
     let mut globals = vec![0; cells];
+    let mut entries = 0;
     let mut starts = Vec::new();
     block.for_each_own(|global, local| starts.push((global, Some(local))));
     block.for_each_ghost(|global, _| starts.push((global, None)));
@@ -147,6 +150,9 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
                 list.dedup();
                 if own.is_some() {
                     rows[part].see(list.len(), global);
+                    if part == n + 1 {
+                        entries += list.len();
+                    }
                 }
                 for &column in &*list {
                     if let Some(Place::Own(j)) = block.place(column) {
@@ -230,6 +236,7 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
         q,
         jumps,
         bounded,
+        entries: space.sum_count(entries),
         counts,
     })
 }
