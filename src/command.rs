@@ -77,6 +77,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             json,
         } => {
             let case = load(world, case)?;
+            let case = run::with_start(&world.group(), &case)?;
             let started = if *calibrate { world.group().size() } else { 1 };
             let ranks = ranks.map_or(started, |n| n as usize);
             let node = memory_per_node.map(|memory| Node {

@@ -125,7 +125,7 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
 ///
 /// # Errors
 /// As [`Given::new`].
-fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
+pub fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
     let Some(start) = &case.start else {
         return Ok(Cow::Borrowed(case));
     };

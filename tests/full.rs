@@ -336,6 +336,44 @@ fn runs_go_on_from_a_warped_field() {
     });
 }
 
+/// The plan of a run that starts from a file has the file's points, whether it is measured or not.
+#[test]
+fn plans_of_runs_from_a_file_have_its_points() {
+    let place = directory();
+    let free = [
+        "solver.warp.profile=smooth",
+        POINTS[0],
+        "solver.warp.points=4800",
+    ];
+    let end = ["time.end=0.5", "solver.tolerance=1e-5"];
+    let first = small(&end).set(&free).with(["--mode", "full"]);
+    first.on(2).solve(place.path()).unwrap();
+    let file = place.path().join("warped_f.h5");
+    let from = format!("initial={{warped='{}'}}", file.display());
+    let rows: [(usize, &[&str]); 4] = [
+        (1, &[]),
+        (1, &["--calibrate"]),
+        (3, &["--calibrate"]),
+        (1, &["--calibrate", "--ranks", "2"]),
+    ];
+    check_all(&rows, |(ranks, options)| {
+        let plan = Job::new(["plan", &case("example1.toml"), "--json"])
+            .set(&["axis.0.x.cells=14", "axis.0.v.cells=11", "exact={f='0'}"])
+            .set(&[&from, "output.warped_field=true"])
+            .set(&end)
+            .with(options.iter().copied());
+        let finished = plan.on(*ranks).succeed()?;
+        let value: serde_json::Value =
+            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let found = [&value["warp"]["points"], &value["warp"]["modes"]];
+        if found[0] == 4800 && found[1] == 2401 {
+            Ok(())
+        } else {
+            Err(finished.report(&format!("4800 points, 2401 modes expected, not {found:?}")))
+        }
+    });
+}
+
 /// A field that no profile makes: not separable, every point and cell a value of its own. Its norm stays, and what is left after no time is what
 /// was in the file.
 #[test]
