@@ -46,8 +46,19 @@ pub struct Fingerprint {
     program: String,
     /// Of the text of the case and what was set.
     case: u64,
+    /// The warped field that it starts from, if it does.
+    start: Option<Start>,
     /// Of the plan.
     plan: u64,
+}
+
+/// What tells a warped field to start from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Start {
+    /// Bits of the ends of its interval, and its points.
+    points: ([u64; 2], usize),
+    /// The checksum of its numbers, once they were read.
+    values: Option<u64>,
 }
 
 impl Fingerprint {
@@ -66,6 +77,10 @@ impl Fingerprint {
         Self {
             program: VERSION.to_owned(),
             case: checksum::of_text(format!("{set:?}\n{}", case.text).as_bytes()),
+            start: case.start.as_ref().map(|_| Start {
+                points: (warp.interval.map(f64::to_bits), warp.points.unwrap_or(0)),
+                values: None,
+            }),
             plan: checksum::of_text(format!("{planned:?}").as_bytes()),
         }
     }
@@ -78,6 +93,14 @@ impl Fingerprint {
         }
         if self.case != other.case {
             return Some("is of another case, or of other --set options".to_owned());
+        }
+        if let (Some(own), Some(other)) = (&self.start, &other.start) {
+            let values = own.values.zip(other.values);
+            if own.points != other.points || values.is_some_and(|(own, other)| own != other) {
+                return Some(
+                    "began from another file: that of initial.warped has changed".to_owned(),
+                );
+            }
         }
         (self.plan != other.plan)
             .then(|| "is of another plan, made on a processor of another kind".to_owned())

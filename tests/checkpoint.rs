@@ -602,6 +602,75 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
 }
 
 #[test]
+fn a_run_from_a_file_does_not_go_on_from_another() {
+    let files = directory();
+    let grid = [
+        "axis.0.x.cells=24",
+        "axis.0.v.cells=18",
+        "scheme.interface=conservative",
+        "solver.tolerance=1e-2",
+        "exact={f='0'}",
+    ];
+    let field = |name: &str, settings: &[&str]| {
+        let place = files.path().join(name);
+        let job = Job::new(["run", &case("example1.toml"), "--mode", "full"]).set(&grid);
+        let job = job.set(&["solver.warp.profile=exponential", "time.end=0.1"]);
+        job.set(settings)
+            .on(2)
+            .solve(&place)
+            .expect("a warped field");
+        place.join("warped_f.h5")
+    };
+    let points = "solver.warp.points=1024";
+    let written = field("first", &[points]);
+    let others = [
+        field("values", &[points, "time.end=0.2"]),
+        field("points", &["solver.warp.points=1280"]),
+    ];
+    let start = files.path().join("start.h5");
+    fs::copy(&written, &start).expect("a copy");
+    let from = format!("initial={{warped='{}'}}", start.display());
+    let run = || {
+        Job::new(["run", &case("example1.toml")])
+            .set(&grid)
+            .set(&[&from])
+    };
+    let cut = directory();
+    let path = cut.path();
+    let job = run().on(2).set(&[OFTEN]).into(path);
+    let finished = struck(&job, Blow::Signal, |_| generations(path).len() == 2).expect("a run");
+    assert_eq!(finished.code, Some(75), "{}", finished.report("stopped"));
+    let go_on = || {
+        run()
+            .on(3)
+            .into(path)
+            .with(["--resume"])
+            .run()
+            .expect("a run")
+    };
+    for other in others {
+        fs::copy(other, &start).expect("a copy");
+        let finished = go_on();
+        assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
+        let said = finished.errors.contains("initial.warped has changed");
+        assert!(said, "{}", finished.errors);
+    }
+    fs::copy(&written, &start).expect("a copy");
+    let finished = go_on();
+    assert_eq!(finished.code, Some(0), "{}", finished.report("goes on"));
+    assert!(
+        finished.errors.contains("going on from"),
+        "{}",
+        finished.errors
+    );
+    let whole = directory();
+    run().on(1).solve(whole.path()).expect("a whole run");
+    let [found, expected] = [path, whole.path()].map(|d| datasets(d).expect("datasets"));
+    let differing = differences(&found, &expected);
+    assert!(differing.is_empty(), "{differing:?}");
+}
+
+#[test]
 fn a_checkpoint_that_cannot_be_written_stops_no_run_but_one_that_was_to_stop() {
     LazyLock::force(&WHOLE);
     // Files may not grow to the size of a rank's, which holds 82 sums; the results may.

@@ -55,6 +55,10 @@ fn fingerprint() -> Fingerprint {
     Fingerprint {
         program: "1".to_owned(),
         case: 2,
+        start: Some(Start {
+            points: ([4, 5], 6),
+            values: Some(7),
+        }),
         plan: 3,
     }
 }
@@ -289,6 +293,7 @@ fn every_flipped_bit_is_found() {
 fn runs_that_differ_are_told_apart() {
     let own = fingerprint();
     assert_eq!(own.difference(&own), None);
+    let start = |points, values| Some(Start { points, values });
     for (other, word) in [
         (
             Fingerprint {
@@ -305,6 +310,22 @@ fn runs_that_differ_are_told_apart() {
             "another case",
         ),
         (
+            // Other points make another plan, too; that is not the reason.
+            Fingerprint {
+                start: start(([4, 5], 8), Some(7)),
+                plan: 9,
+                ..own.clone()
+            },
+            "initial.warped",
+        ),
+        (
+            Fingerprint {
+                start: start(([4, 5], 6), Some(8)),
+                ..own.clone()
+            },
+            "initial.warped",
+        ),
+        (
             Fingerprint {
                 plan: 9,
                 ..own.clone()
@@ -314,6 +335,12 @@ fn runs_that_differ_are_told_apart() {
     ] {
         assert!(own.difference(&other).is_some_and(|why| why.contains(word)));
     }
+    // Before the file was read.
+    let unread = Fingerprint {
+        start: start(([4, 5], 6), None),
+        ..own.clone()
+    };
+    assert_eq!(unread.difference(&own), None);
 }
 
 #[test]

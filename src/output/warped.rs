@@ -318,11 +318,11 @@ impl Given {
         })
     }
 
-    /// Reads the field into the modes `kept` for the factors of `series`. Collective over the world.
+    /// Reads the field into the modes `kept` for the factors of `series`; gives the checksum of `/w`. Collective over the world.
     ///
     /// # Errors
     /// [`Error::Input`] where the file cannot be read, is not as it was written, or holds NaN or infinity.
-    pub fn read(&self, spread: &Spread<'_>, series: &Series, kept: &mut KeptModes) -> Result<()> {
+    pub fn read(&self, spread: &Spread<'_>, series: &Series, kept: &mut KeptModes) -> Result<u64> {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
@@ -346,7 +346,7 @@ impl Given {
         spread: &Spread<'_>,
         series: &Series,
         kept: &mut KeptModes,
-    ) -> Result<()> {
+    ) -> Result<u64> {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
@@ -391,7 +391,7 @@ impl Given {
             Ok(expected) if expected != sum => {
                 Err(wrong(&"/w is not as it was written (its checksum differs)"))
             }
-            _ => Ok(()),
+            _ => Ok(sum),
         })
     }
 }

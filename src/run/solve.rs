@@ -231,7 +231,12 @@ fn by_modes(
         buffers: warped::BUFFERS,
     };
     let largest = match (&case.start, &mut kept) {
-        (Some(start), Some(kept)) => Some(begin(start, warp_plan, &spread, problem, kept)?),
+        (Some(start), Some(kept)) => {
+            let (largest, values) = begin(start, warp_plan, &spread, problem, kept)?;
+            let generation = resumed.as_ref().map(|r| &r.generation);
+            checkpointing.store.begins_with(values, generation)?;
+            Some(largest)
+        }
         _ => None,
     };
     let initial: Vec<Initial<'_>> = (problem.states.iter())
@@ -364,7 +369,7 @@ fn by_modes(
     })
 }
 
-/// Reads the modes that the run starts from; gives the largest of their norms. Collective.
+/// Reads the modes that the run starts from; gives the largest of their norms, and the checksum of the file's `/w`. Collective.
 ///
 /// # Errors
 /// As [`Given::read`]; [`Error::Magnitude`] for values whose squares overflow or vanish.
@@ -374,13 +379,13 @@ fn begin(
     spread: &Spread<'_>,
     problem: &Problem,
     kept: &mut KeptModes,
-) -> Result<f64> {
+) -> Result<(f64, u64)> {
     let given = Given {
         path: start.path.clone(),
         interval: warp.interval,
         points: warp.points.unwrap_or_default(),
     };
-    given.read(spread, &warp.series, kept)?;
+    let values = given.read(spread, &warp.series, kept)?;
     let communicator = spread.communicator;
     let mut part = vec![0.0; kept.rows()];
     let mut largest = 0.0f64;
@@ -401,7 +406,7 @@ fn begin(
     }
     let largest = communicator.world.max(largest);
     if largest == 0.0 || (1e-100..=1e100).contains(&largest) {
-        return Ok(largest);
+        return Ok((largest, values));
     }
     Err(Error::Magnitude {
         key: start.place.clone(),
