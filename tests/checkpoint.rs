@@ -578,10 +578,27 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     let finished = go_on(run().on(2).set(&["time.end=0.9"]), sound.path());
     assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
     assert!(
-        finished.errors.contains("another case"),
+        finished.errors.contains("time.end is 1 there, 0.9 here"),
         "{}",
         finished.errors
     );
+    // Of the same case, said in another way, and stored in another.
+    let differently = [
+        "axis.0.v.cells=26",
+        "output.compression=1",
+        "output.xdmf=true",
+        "checkpoint.minutes=7",
+        "solver.tolerance=0.001",
+        "title=another",
+    ];
+    let copied = self::directory();
+    io(copy(sound.path(), copied.path())).expect("a copy");
+    let finished = go_on(run().on(2).set(&differently), copied.path());
+    assert_eq!(finished.code, Some(0), "{}", finished.report("goes on"));
+    let said = finished.errors.contains("going on from");
+    assert!(said, "{}", finished.errors);
+    let found = datasets(copied.path()).expect("datasets");
+    assert_eq!(found["/f"], WHOLE.0["/f"]);
     // None at all: from the beginning.
     let empty = self::directory();
     let finished = go_on(run().on(2), empty.path());

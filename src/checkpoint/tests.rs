@@ -51,10 +51,17 @@ fn auxiliary(space: &PhaseSpace, ranges: &[Range<usize>]) -> Vec<u64> {
         .collect()
 }
 
+fn settings(given: &[(&str, &str)]) -> BTreeMap<String, String> {
+    let given = given.iter();
+    given
+        .map(|&(key, value)| (key.to_owned(), value.to_owned()))
+        .collect()
+}
+
 fn fingerprint() -> Fingerprint {
     Fingerprint {
         program: "1".to_owned(),
-        case: 2,
+        settings: settings(&[("time.end", "2"), ("output.xdmf", "true")]),
         start: Some(Start {
             points: ([4, 5], 6),
             values: Some(7),
@@ -304,10 +311,17 @@ fn runs_that_differ_are_told_apart() {
         ),
         (
             Fingerprint {
-                case: 9,
+                settings: settings(&[("time.end", "3"), ("output.xdmf", "true")]),
                 ..own.clone()
             },
-            "another case",
+            "time.end is 3 there, 2 here",
+        ),
+        (
+            Fingerprint {
+                settings: settings(&[("time.end", "2")]),
+                ..own.clone()
+            },
+            "output.xdmf is not given there, true here",
         ),
         (
             // Other points make another plan, too; that is not the reason.
