@@ -420,6 +420,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     let grids = output::hdf5::write(&communicator.world, directory, &results)?;
     let written = if speaks {
         output::xdmf::write(directory, case.end, &grids)
+            .and_then(|()| output::warped::remove_older(directory, case))
     } else {
         Ok(())
     };

@@ -455,6 +455,44 @@ fn any_field_may_be_the_start() {
     assert!(distance(&found, &values) > 0.1, "nothing moved");
 }
 
+/// Beside results no warped field of another run is left, but the one that the run started from and what is none of the program's.
+#[test]
+fn older_warped_fields_go() {
+    let place = directory();
+    let path = place.path();
+    let first = small(&["output.field_times=[0.3,0.6]"]).with(["--mode", "full"]);
+    first.on(2).solve(path).unwrap();
+    for name in [
+        "warped_psi_x.h5",
+        "warped_phi_0001.h5",
+        "warped_mine.h5",
+        "warped_f_1.h5",
+    ] {
+        std::fs::copy(path.join("warped_f.h5"), path.join(name)).unwrap();
+    }
+    let left = || {
+        let entries = std::fs::read_dir(path).unwrap().flatten();
+        let names = entries.filter_map(|e| e.file_name().into_string().ok());
+        let mut names: Vec<String> = names.filter(|n| n.starts_with("warped_")).collect();
+        names.sort_unstable();
+        names
+    };
+    assert_eq!(left().len(), 7);
+    let second = small(&["output.field_times=[0.3]"]).with(["--mode", "full"]);
+    second.on(1).solve(path).unwrap();
+    let others = ["warped_f_1.h5", "warped_mine.h5"];
+    assert_eq!(
+        left(),
+        ["warped_f.h5", "warped_f_0001.h5", others[0], others[1]]
+    );
+    let file = path.join("warped_f_0001.h5").display().to_string();
+    let from = format!("initial={{warped='{file}'}}");
+    small(&[&from, "time.end=0.1"]).on(3).solve(path).unwrap();
+    assert_eq!(left(), ["warped_f_0001.h5", others[0], others[1]]);
+    small(&["axis.0.x.cells=15"]).solve(path).unwrap();
+    assert_eq!(left(), others);
+}
+
 /// `check-result` looks at warped fields too, and names what is not as written.
 #[test]
 fn damage_to_a_warped_field_is_noticed() {

@@ -11,6 +11,7 @@
 //! same way backwards. Buffers are [`BUFFERS`], whatever the field.
 
 use super::checksum::{self, Slab};
+use super::failure;
 use super::hdf5::{About, attributes, axis_names, phase_axes, plan_text, put_in_place};
 use super::readback;
 use super::readback::read_slab;
@@ -177,6 +178,55 @@ pub fn file_name(field: &str, early: Option<usize>) -> String {
     }
 }
 
+/// Names of the files that a run writes.
+pub fn names(case: &Case) -> Vec<String> {
+    let times = case.times.iter().filter(|t| t.fields).count();
+    let of = |field: &'static str| {
+        (1..=times)
+            .map(Some)
+            .chain([None])
+            .map(move |t| file_name(field, t))
+    };
+    let fields = case.fields.iter().filter(|_| case.warped_field);
+    fields.flat_map(|field| of(field.name)).collect()
+}
+
+/// Whether a run may have written a file of this name.
+fn is_ours(name: &str) -> bool {
+    let stem = name
+        .strip_prefix("warped_")
+        .and_then(|n| n.strip_suffix(".h5"));
+    stem.is_some_and(|stem| {
+        let number = |n: &str| n.len() >= 4 && n.bytes().all(|b| b.is_ascii_digit());
+        let (field, _) = (stem.rsplit_once('_'))
+            .filter(|(_, n)| number(n))
+            .unwrap_or((stem, ""));
+        ["f", "phi", "psi_x", "psi_y", "psi_z"].contains(&field)
+    })
+}
+
+/// Removes from `directory` the files of runs before that this one did not write, but for the one that it started from. By one rank.
+///
+/// # Errors
+/// [`Error::Output`].
+pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
+    let failed = |e: std::io::Error| failure(directory, &e);
+    let written = names(case);
+    let start = case.start.as_ref();
+    let start = start.and_then(|start| std::fs::canonicalize(&start.path).ok());
+    for entry in std::fs::read_dir(directory).map_err(failed)? {
+        let name = entry.map_err(failed)?.file_name();
+        let older = name
+            .to_str()
+            .is_some_and(|name| is_ours(name) && written.iter().all(|w| w != name));
+        let path = directory.join(&name);
+        if older && (start.is_none() || std::fs::canonicalize(&path).ok() != start) {
+            std::fs::remove_file(&path).map_err(|e| failure(&path, &e))?;
+        }
+    }
+    Ok(())
+}
+
 /// Bytes of a file of so many points, without the plan's text.
 fn bytes(case: &Case, points: usize) -> u64 {
     let cells = case.space.cells() as u64;
@@ -199,21 +249,15 @@ pub fn enough_room(directory: &Path, case: &Case, points: usize) -> Result<()> {
         reason: format!(
             "output.warped_field takes {} ({points} points in p, {} files), there is room for {}",
             bytes_text(needed),
-            files(case),
+            names(case).len(),
             bytes_text(room)
         ),
     })
 }
 
-/// Files that a run writes.
-fn files(case: &Case) -> usize {
-    let times = 1 + case.times.iter().filter(|t| t.fields).count();
-    usize::from(case.warped_field) * case.fields.len() * times
-}
-
 /// Bytes of all files with `points` points in `p`.
 pub fn all_bytes(case: &Case, points: usize) -> u64 {
-    files(case) as u64 * bytes(case, points)
+    names(case).len() as u64 * bytes(case, points)
 }
 
 /// Writes `directory/name`: the field whose modes are `kept`, for the factors of `series` on the period that begins at `lower`. Collective over the
