@@ -8,6 +8,7 @@ use crate::case::{self, Case, Data, Method};
 use crate::cli::{CaseArgs, Cli, Command, Mode, RecordFormat};
 use crate::communicator::World;
 use crate::error::Result;
+use crate::output::finished::is_finished;
 use crate::output::readback;
 use crate::output::summary::Summary;
 use crate::plan::advice::{Advice, Node};
@@ -52,6 +53,15 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             let directory = output
                 .clone()
                 .unwrap_or_else(|| default_directory(&case.name));
+            if *resume && is_finished(&world.group(), &directory, &case) {
+                if speaks {
+                    say(&format!(
+                        "--resume: the run is finished; results in {}",
+                        directory.display()
+                    ));
+                }
+                return Ok(());
+            }
             let options = Options {
                 ranks_x: ranks_x.clone(),
                 resume: *resume,

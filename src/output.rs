@@ -1,6 +1,7 @@
 //! What a run leaves behind: `result.h5`, written by all ranks, `fields.xdmf` and `summary.json`.
 
 pub mod checksum;
+pub mod finished;
 pub mod hdf5;
 pub mod history;
 pub mod provenance;

@@ -688,6 +688,40 @@ fn a_run_from_a_file_does_not_go_on_from_another() {
 }
 
 #[test]
+fn what_is_finished_is_not_computed_again() {
+    let place = directory();
+    let path = place.path();
+    let first = [
+        "time.end=0.1",
+        "output.warped_field=true",
+        "solver.tolerance=0.01",
+    ];
+    let job = |settings: &[&str]| run().set(&first).set(settings).into(path).on(2);
+    job(&[]).succeed().expect("a run");
+    let said = |finished: &Finished| finished.output.contains("the run is finished");
+    let rows: [(&[&str], bool); 4] = [
+        (&[], true),
+        (&["checkpoint.minutes=3", "time.end=0.10"], true),
+        (&["output.compression=1"], false),
+        (&["time.end=0.05"], false),
+    ];
+    for (settings, finished) in rows {
+        let written = fs::read(path.join("summary.json")).expect("a summary");
+        let again = job(settings).with(["--resume"]).succeed().expect("a run");
+        assert_eq!(said(&again), finished, "{}", again.report("finished"));
+        let now = fs::read(path.join("summary.json")).expect("a summary");
+        assert_eq!(now == written, finished, "{settings:?}");
+    }
+    // Something is missing, or it was not asked.
+    fs::remove_file(path.join("warped_f.h5")).expect("a file");
+    let last = job(rows[3].0);
+    let again = last.clone().with(["--resume"]).succeed().expect("a run");
+    assert!(!said(&again), "{}", again.report("solved"));
+    let again = last.succeed().expect("a run");
+    assert!(!said(&again), "{}", again.report("solved"));
+}
+
+#[test]
 fn a_checkpoint_that_cannot_be_written_stops_no_run_but_one_that_was_to_stop() {
     LazyLock::force(&WHOLE);
     // Files may not grow to the size of a rank's, which holds 82 sums; the results may.
