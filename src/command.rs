@@ -125,6 +125,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         }
         Command::Check { case } => {
             let case = load(world, case)?;
+            let case = run::with_start(&world.group(), &case)?;
             run::refuse_hopeless_here(world, &case)?;
             let bounds = Bounds::new(&case)?;
             let resources = Resources {
@@ -300,7 +301,15 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
         text +=
             &format!("measure-valued: density {density}, velocity {list}; f = phi delta(psi)\n");
     }
-    for field in &case.fields {
+    if let (Some(start), Some([lower, upper]), Some(points)) =
+        (&case.start, case.warp.interval, case.warp.points)
+    {
+        text += &format!(
+            "w(0) = {}: {points} points in p from {lower}, {upper} is one period on; nothing enters\n",
+            start.path.display()
+        );
+    }
+    for field in case.fields.iter().filter(|_| case.start.is_none()) {
         text += &format!("{}(0) = {}\n", field.name, field.initial.text());
         text += &match &field.inflow {
             case::Inflow::Formula(f) => format!("inflow = {}\n", f.text()),
@@ -325,7 +334,10 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
         ),
         Method::Schrodingerized => format!(
             "profile {}, coefficients {}, recovery by {}, inflow {}, delta {}, shift {}, propagator {}\n",
-            word(&case.warp.profile),
+            match case.start {
+                Some(_) => "that of initial.warped".to_owned(),
+                None => word(&case.warp.profile),
+            },
             word(&case.warp.coefficients),
             word(&case.warp.recovery_method),
             word(&case.warp.inflow),

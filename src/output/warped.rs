@@ -25,6 +25,7 @@ use crate::plan::bytes_text;
 use crate::profile::Series;
 use crate::system;
 use crate::warp::{KeptModes, Transform};
+use hdf5::types::TypeDescriptor;
 use hdf5::{Dataset, File};
 use num_complex::Complex64;
 use std::mem::ManuallyDrop;
@@ -40,8 +41,11 @@ const POINTS: &str = "p";
 /// Metadata and texts of a file, but for the case's and the plan's own.
 const MARGIN: u64 = 256 << 10;
 
-/// Most digits in which axes of a file may differ from those of the case.
-const SAME: f64 = 1e-9;
+/// By how much points of a file's axes may differ from those of the case, as a part of the axis: those of other programs may be in single
+/// precision. No more than [`OF_A_STEP`] at any rate.
+const SAME: f64 = 1e-6;
+/// The same as a part of a step.
+const OF_A_STEP: f64 = 0.05;
 
 /// Where the modes of a field are.
 pub struct Spread<'a> {
@@ -220,7 +224,10 @@ pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
             .to_str()
             .is_some_and(|name| is_ours(name) && written.iter().all(|w| w != name));
         let path = directory.join(&name);
-        if older && (start.is_none() || std::fs::canonicalize(&path).ok() != start) {
+        if older
+            && !path.is_dir()
+            && (start.is_none() || std::fs::canonicalize(&path).ok() != start)
+        {
             std::fs::remove_file(&path).map_err(|e| failure(&path, &e))?;
         }
     }
@@ -362,11 +369,17 @@ impl Given {
         })
     }
 
-    /// Reads the field into the modes `kept` for the factors of `series`; gives the checksum of `/w`. Collective over the world.
+    /// Reads the field into the modes `kept` for the factors of `series`; gives the checksum of `/w` and the
+    /// largest magnitude in it. Collective over the world.
     ///
     /// # Errors
     /// [`Error::Input`] where the file cannot be read, is not as it was written, or holds NaN or infinity.
-    pub fn read(&self, spread: &Spread<'_>, series: &Series, kept: &mut KeptModes) -> Result<u64> {
+    pub fn read(
+        &self,
+        spread: &Spread<'_>,
+        series: &Series,
+        kept: &mut KeptModes,
+    ) -> Result<(u64, f64)> {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
@@ -390,7 +403,7 @@ impl Given {
         spread: &Spread<'_>,
         series: &Series,
         kept: &mut KeptModes,
-    ) -> Result<u64> {
+    ) -> Result<(u64, f64)> {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
@@ -401,7 +414,7 @@ impl Given {
         assert_eq!(shape.last(), Some(&transform.points()), "the file's points");
         let (mut transpose, mut all, _) = spread.buffers(&transform);
         let (modes, points, rows) = (transform.modes(), transform.points(), kept.rows());
-        let mut sum = 0u64;
+        let (mut sum, mut largest) = (0u64, 0.0f64);
         spread.rounds(spread.cells_at_once(points), |cells, slab| {
             let own = cells[transpose.rank()].clone();
             let slab = with_points(slab, points);
@@ -421,6 +434,7 @@ impl Given {
                 }
             }))?;
             sum = sum.wrapping_add(checksum::of_slab(&shape, &slab, &values));
+            largest = values.iter().fold(largest, |most, w| most.max(w.abs()));
             let lines = all.chunks_exact_mut(modes).zip(values.chunks_exact(points));
             for (cell, (modes, values)) in own.zip(lines) {
                 transform.to_modes(values, spread.pi[cell].sqrt(), modes);
@@ -435,18 +449,44 @@ impl Given {
             Ok(expected) if expected != sum => {
                 Err(wrong(&"/w is not as it was written (its checksum differs)"))
             }
-            _ => Ok(sum),
+            _ => Ok((sum, world.max(largest))),
         })
     }
 }
 
+/// How far a point of an axis of so many steps may be off.
+fn allowed(step: f64, count: usize) -> f64 {
+    step * (SAME * count as f64).min(OF_A_STEP)
+}
+
+/// The largest distance of two numbers, infinite where one is none, and which two they are.
+fn furthest(found: &[f64], expected: &[f64]) -> (f64, usize) {
+    let off = |(a, b): (&f64, &f64)| match (a - b).abs() {
+        off if off.is_nan() => f64::INFINITY,
+        off => off,
+    };
+    let all = found.iter().zip(expected).map(off).zip(0..);
+    all.fold((0.0, 0), |a, b| if b.0 > a.0 { b } else { a })
+}
+
 /// `[L, R]` and `N_p` of a file that holds a warped field on `space`.
 fn look(path: &Path, space: &PhaseSpace) -> std::result::Result<([f64; 2], usize), String> {
-    let said = |e: hdf5::Error| e.to_string();
-    std::fs::metadata(path).map_err(|e| e.to_string())?;
-    let file = File::open(path).map_err(said)?;
+    let found = std::fs::metadata(path).map_err(|e| e.to_string())?;
+    if !found.is_file() {
+        return Err("is no file".to_owned());
+    }
+    std::fs::File::open(path).map_err(|e| e.to_string())?;
+    // HDF5 tells every function that it passed through.
+    let file = File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?")?;
     let missing = |name: &str| format!("holds no dataset /{name}");
     let w = file.dataset("w").map_err(|_| missing("w"))?;
+    let kind = w.dtype().and_then(|kind| kind.to_descriptor());
+    if !matches!(
+        kind,
+        Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_))
+    ) {
+        return Err("/w holds other than real numbers, which are expected".to_owned());
+    }
     let shape = w.shape();
     let expected = space.shape();
     if shape.len() != expected.len() + 1 || shape[..expected.len()] != expected[..] {
@@ -461,11 +501,22 @@ fn look(path: &Path, space: &PhaseSpace) -> std::result::Result<([f64; 2], usize
     };
     for (name, expected) in axis_names(space.dimension()).iter().zip(space.axes()) {
         let (found, centres) = (axis(name)?, expected.centres());
-        let near = |(a, b): (&f64, &f64)| (a - b).abs() <= SAME * (expected.upper - expected.lower);
-        if found.len() != centres.len() || !found.iter().zip(&centres).all(near) {
+        let other = || {
+            let (lower, upper) = (expected.lower, expected.upper);
+            let cells = expected.cells;
+            format!(
+                "/axis/{name} holds other cell centres than the case's {cells} from {lower} to {upper}"
+            )
+        };
+        if found.len() != centres.len() {
+            return Err(format!("{}: {} numbers", other(), found.len()));
+        }
+        let (off, i) = furthest(&found, &centres);
+        let most = allowed(expected.width(), centres.len());
+        if off > most {
             return Err(format!(
-                "/axis/{name} holds other cell centres than the case's {} from {} to {}",
-                expected.cells, expected.lower, expected.upper
+                "{}: number {i} is off by {off:.1e}, at most {most:.1e} is allowed",
+                other()
             ));
         }
     }
@@ -480,11 +531,16 @@ fn look(path: &Path, space: &PhaseSpace) -> std::result::Result<([f64; 2], usize
         ));
     }
     let step = (p[points - 1] - p[0]) / (points - 1) as f64;
-    let even = |(j, p_j): (usize, &f64)| {
-        (p_j - (p[0] + step * j as f64)).abs() <= SAME * step * points as f64
-    };
-    if !(step > 0.0 && step.is_finite() && p.iter().enumerate().all(even)) {
-        return Err("/axis/p is not ascending in equal steps".to_owned());
+    let uneven = "/axis/p is not ascending in equal steps";
+    if !(step > 0.0 && step.is_finite()) {
+        return Err(format!("{uneven}: from {} to {}", p[0], p[points - 1]));
+    }
+    let even: Vec<f64> = (0..points).map(|j| p[0] + step * j as f64).collect();
+    let ((off, j), most) = (furthest(&p, &even), allowed(step, points));
+    if off > most {
+        return Err(format!(
+            "{uneven}: point {j} is off by {off:.1e}, at most {most:.1e} is allowed"
+        ));
     }
     Ok(([p[0], p[0] + step * points as f64], points))
 }

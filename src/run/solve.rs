@@ -385,8 +385,14 @@ fn begin(
         interval: warp.interval,
         points: warp.points.unwrap_or_default(),
     };
-    let values = given.read(spread, &warp.series, kept)?;
+    let (values, peak) = given.read(spread, &warp.series, kept)?;
     let communicator = spread.communicator;
+    if peak != 0.0 && !(1e-100..=1e100).contains(&peak) {
+        return Err(Error::Magnitude {
+            key: start.place.clone(),
+            value: peak,
+        });
+    }
     let mut part = vec![0.0; kept.rows()];
     let mut largest = 0.0f64;
     for k in 0..kept.modes().len() {
@@ -399,19 +405,9 @@ fn begin(
         });
         let norm = norms[0].hypot(norms[1]);
         kept.passages_mut()[k] = Passage::start(norm);
-        // A norm that is no number stays.
-        if norm > largest || norm.is_nan() {
-            largest = norm;
-        }
+        largest = largest.max(norm);
     }
-    let largest = communicator.world.max(largest);
-    if largest == 0.0 || (1e-100..=1e100).contains(&largest) {
-        return Ok((largest, values));
-    }
-    Err(Error::Magnitude {
-        key: start.place.clone(),
-        value: largest,
-    })
+    Ok((communicator.world.max(largest), values))
 }
 
 /// `state ← state(time)` by the classical method. Collective over the space group.
