@@ -8,6 +8,7 @@ use crate::expression::Expression;
 use crate::grid::PhaseSpace;
 use crate::output::writer::{CHUNK, MOST_CHUNKS};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -481,6 +482,8 @@ pub struct Case {
     pub text: String,
     /// The `--set` options applied to it.
     pub overrides: Vec<String>,
+    /// Every value that both give, by its key.
+    pub settings: BTreeMap<String, String>,
 }
 
 impl Case {

@@ -230,6 +230,13 @@ impl CaseFile {
         }
     }
 
+    /// Every value that is given, by its key; those of lists by their numbers.
+    pub fn settings(&self) -> BTreeMap<String, String> {
+        let mut found = BTreeMap::new();
+        self.root.collect("", &mut found);
+        found
+    }
+
     /// The file's text as read.
     pub fn text(&self) -> &str {
         &self.text
@@ -254,6 +261,29 @@ impl Node {
             Value::Number(x, _) if x.is_finite() => Some(*x),
             _ => None,
         }
+    }
+
+    /// Adds what is at `path` and below to `found`.
+    fn collect(&self, path: &str, found: &mut BTreeMap<String, String>) {
+        let below = |key: &str| match path {
+            "" => key.to_owned(),
+            _ => format!("{path}.{key}"),
+        };
+        let text = match &self.value {
+            Value::Table(table) => {
+                return (table.iter()).for_each(|(key, node)| node.collect(&below(key), found));
+            }
+            Value::List(list) => {
+                let items = list.iter().enumerate();
+                return items.for_each(|(i, node)| node.collect(&below(&i.to_string()), found));
+            }
+            Value::Text(s) => format!("{s:?}"),
+            Value::Integer(i) => i.to_string(),
+            Value::Number(x, _) if x.is_finite() => x.to_string(),
+            Value::Number(_, text) | Value::Other(text) => text.clone(),
+            Value::Boolean(b) => b.to_string(),
+        };
+        found.insert(path.to_owned(), text);
     }
 
     fn describe(&self) -> String {

@@ -35,28 +35,50 @@ use crate::plan::{Batch, WarpPlan};
 use crate::warp::{Passage, Told};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::time::Instant;
 use watch::{Verdict, Watch};
+
+/// Beginnings of the keys that change no bit of a checkpoint.
+const WITHOUT_EFFECT: [&str; 7] = [
+    "title",
+    "reference",
+    "initial.warped",
+    "output.compression",
+    "output.chunks",
+    "output.xdmf",
+    "checkpoint.",
+];
 
 /// What runs share that may go on where the other was stopped, with the same bits.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fingerprint {
     /// Version and commit of the program.
     program: String,
-    /// Of the text of the case and what was set.
-    case: u64,
+    /// What the case gives, by its keys.
+    settings: BTreeMap<String, String>,
+    /// The warped field that it starts from, if it does.
+    start: Option<Start>,
     /// Of the plan.
     plan: u64,
 }
 
+/// What tells a warped field to start from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Start {
+    /// Bits of the ends of its interval, and its points.
+    points: ([u64; 2], usize),
+    /// The checksum of its numbers, once they were read.
+    values: Option<u64>,
+}
+
 impl Fingerprint {
-    /// That of a run. How often it makes checkpoints is not in it.
+    /// That of a run. What changes no bit of a checkpoint is not in it, nor where a file is whose values are.
     pub fn new(case: &Case, warp: &WarpPlan) -> Self {
-        let set = case.overrides.iter();
-        let set: Vec<&String> = set
-            .filter(|o| !o.trim_start().starts_with("checkpoint."))
-            .collect();
+        let counts = |key: &String| !WITHOUT_EFFECT.iter().any(|start| key.starts_with(start));
+        let mut settings = case.settings.clone();
+        settings.retain(|key, _| counts(key));
         let planned = (
             warp.fingerprint(),
             warp.interval,
@@ -65,7 +87,11 @@ impl Fingerprint {
         );
         Self {
             program: VERSION.to_owned(),
-            case: checksum::of_text(format!("{set:?}\n{}", case.text).as_bytes()),
+            settings,
+            start: case.start.as_ref().map(|_| Start {
+                points: (warp.interval.map(f64::to_bits), warp.points.unwrap_or(0)),
+                values: None,
+            }),
             plan: checksum::of_text(format!("{planned:?}").as_bytes()),
         }
     }
@@ -76,8 +102,22 @@ impl Fingerprint {
             let (other, own) = (&other.program, &self.program);
             return Some(format!("was written by phasewarp {other}; this is {own}"));
         }
-        if self.case != other.case {
-            return Some("is of another case, or of other --set options".to_owned());
+        let keys = self.settings.keys().chain(other.settings.keys());
+        let of = |key: &String| [self, other].map(|f| f.settings.get(key));
+        let differs = |key: &&String| matches!(of(key), [own, other] if own != other);
+        if let Some(key) = keys.min_by_key(|key| (!differs(key), *key)).filter(differs) {
+            let [own, other] = of(key).map(|value| value.map_or("not given", String::as_str));
+            return Some(format!(
+                "is of another case, or of other --set options: {key} is {other} there, {own} here"
+            ));
+        }
+        if let (Some(own), Some(other)) = (&self.start, &other.start) {
+            let values = own.values.zip(other.values);
+            if own.points != other.points || values.is_some_and(|(own, other)| own != other) {
+                return Some(
+                    "began from another file: that of initial.warped has changed".to_owned(),
+                );
+            }
         }
         (self.plan != other.plan)
             .then(|| "is of another plan, made on a processor of another kind".to_owned())

@@ -8,6 +8,7 @@ use crate::case::{self, Case, Data, Method};
 use crate::cli::{CaseArgs, Cli, Command, Mode, RecordFormat};
 use crate::communicator::World;
 use crate::error::{Error, Result};
+use crate::output::finished::is_finished;
 use crate::output::readback;
 use crate::output::summary::Summary;
 use crate::plan::advice::{Advice, Node};
@@ -52,6 +53,15 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             let directory = output
                 .clone()
                 .unwrap_or_else(|| default_directory(&case.name));
+            if *resume && is_finished(&world.group(), &directory, &case) {
+                if speaks {
+                    say(&format!(
+                        "--resume: the run is finished; results in {}",
+                        directory.display()
+                    ));
+                }
+                return Ok(());
+            }
             let options = Options {
                 ranks_x: ranks_x.clone(),
                 resume: *resume,
@@ -77,6 +87,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             json,
         } => {
             let case = load(world, case)?;
+            let case = run::with_start(&world.group(), &case)?;
             let started = if *calibrate { world.group().size() } else { 1 };
             let ranks = ranks.map_or(started, |n| n as usize);
             let node = memory_per_node.map(|memory| Node {
@@ -114,6 +125,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         }
         Command::Check { case } => {
             let case = load(world, case)?;
+            let case = run::with_start(&world.group(), &case)?;
             run::refuse_hopeless_here(world, &case)?;
             let bounds = Bounds::new(&case)?;
             let resources = Resources {
@@ -293,7 +305,15 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
         text +=
             &format!("measure-valued: density {density}, velocity {list}; f = phi delta(psi)\n");
     }
-    for field in &case.fields {
+    if let (Some(start), Some([lower, upper]), Some(points)) =
+        (&case.start, case.warp.interval, case.warp.points)
+    {
+        text += &format!(
+            "w(0) = {}: {points} points in p from {lower}, {upper} is one period on; nothing enters\n",
+            start.path.display()
+        );
+    }
+    for field in case.fields.iter().filter(|_| case.start.is_none()) {
         text += &format!("{}(0) = {}\n", field.name, field.initial.text());
         text += &match &field.inflow {
             case::Inflow::Formula(f) => format!("inflow = {}\n", f.text()),
@@ -318,7 +338,10 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
         ),
         Method::Schrodingerized => format!(
             "profile {}, coefficients {}, recovery by {}, inflow {}, delta {}, shift {}, propagator {}\n",
-            word(&case.warp.profile),
+            match case.start {
+                Some(_) => "that of initial.warped".to_owned(),
+                None => word(&case.warp.profile),
+            },
             word(&case.warp.coefficients),
             word(&case.warp.recovery_method),
             word(&case.warp.inflow),

@@ -1,6 +1,7 @@
 //! What a run leaves behind: `result.h5`, written by all ranks, `fields.xdmf` and `summary.json`.
 
 pub mod checksum;
+pub mod finished;
 pub mod hdf5;
 pub mod history;
 pub mod provenance;
@@ -23,7 +24,9 @@ use std::path::Path;
 pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<()> {
     let attempt = || -> std::io::Result<()> {
         std::fs::create_dir_all(directory)?;
-        for name in ["result.h5", xdmf::NAME, "summary.json", "readout.csv"] {
+        let warped = warped::names(case);
+        let names = ["result.h5", xdmf::NAME, "summary.json", "readout.csv"];
+        for name in names.into_iter().chain(warped.iter().map(String::as_str)) {
             if directory.join(name).is_dir() {
                 return Err(std::io::Error::other(format!(
                     "{name} in it is a directory"

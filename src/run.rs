@@ -128,7 +128,7 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
 ///
 /// # Errors
 /// As [`Given::new`].
-fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
+pub fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
     let Some(start) = &case.start else {
         return Ok(Cow::Borrowed(case));
     };
@@ -428,6 +428,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     let grids = output::hdf5::write(&communicator.world, directory, &results)?;
     let written = if speaks {
         output::xdmf::write(directory, case.end, &grids)
+            .and_then(|()| output::warped::remove_older(directory, case))
     } else {
         Ok(())
     };

@@ -578,10 +578,27 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     let finished = go_on(run().on(2).set(&["time.end=0.9"]), sound.path());
     assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
     assert!(
-        finished.errors.contains("another case"),
+        finished.errors.contains("time.end is 1 there, 0.9 here"),
         "{}",
         finished.errors
     );
+    // Of the same case, said in another way, and stored in another.
+    let differently = [
+        "axis.0.v.cells=26",
+        "output.compression=1",
+        "output.xdmf=true",
+        "checkpoint.minutes=7",
+        "solver.tolerance=0.001",
+        "title=another",
+    ];
+    let copied = self::directory();
+    io(copy(sound.path(), copied.path())).expect("a copy");
+    let finished = go_on(run().on(2).set(&differently), copied.path());
+    assert_eq!(finished.code, Some(0), "{}", finished.report("goes on"));
+    let said = finished.errors.contains("going on from");
+    assert!(said, "{}", finished.errors);
+    let found = datasets(copied.path()).expect("datasets");
+    assert_eq!(found["/f"], WHOLE.0["/f"]);
     // None at all: from the beginning.
     let empty = self::directory();
     let finished = go_on(run().on(2), empty.path());
@@ -599,6 +616,109 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
         finished.errors
     );
     assert!(!sound.path().join("checkpoint").exists());
+}
+
+#[test]
+fn a_run_from_a_file_does_not_go_on_from_another() {
+    let files = directory();
+    let grid = [
+        "axis.0.x.cells=24",
+        "axis.0.v.cells=18",
+        "scheme.interface=conservative",
+        "solver.tolerance=1e-2",
+        "exact={f='0'}",
+    ];
+    let field = |name: &str, settings: &[&str]| {
+        let place = files.path().join(name);
+        let job = Job::new(["run", &case("example1.toml"), "--mode", "full"]).set(&grid);
+        let job = job.set(&["solver.warp.profile=exponential", "time.end=0.1"]);
+        job.set(settings)
+            .on(2)
+            .solve(&place)
+            .expect("a warped field");
+        place.join("warped_f.h5")
+    };
+    let points = "solver.warp.points=1024";
+    let written = field("first", &[points]);
+    let others = [
+        field("values", &[points, "time.end=0.2"]),
+        field("points", &["solver.warp.points=1280"]),
+    ];
+    let start = files.path().join("start.h5");
+    fs::copy(&written, &start).expect("a copy");
+    let from = format!("initial={{warped='{}'}}", start.display());
+    let run = || {
+        Job::new(["run", &case("example1.toml")])
+            .set(&grid)
+            .set(&[&from])
+    };
+    let cut = directory();
+    let path = cut.path();
+    let job = run().on(2).set(&[OFTEN]).into(path);
+    let finished = struck(&job, Blow::Signal, |_| generations(path).len() == 2).expect("a run");
+    assert_eq!(finished.code, Some(75), "{}", finished.report("stopped"));
+    let go_on = || {
+        run()
+            .on(3)
+            .into(path)
+            .with(["--resume"])
+            .run()
+            .expect("a run")
+    };
+    for other in others {
+        fs::copy(other, &start).expect("a copy");
+        let finished = go_on();
+        assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
+        let said = finished.errors.contains("initial.warped has changed");
+        assert!(said, "{}", finished.errors);
+    }
+    fs::copy(&written, &start).expect("a copy");
+    let finished = go_on();
+    assert_eq!(finished.code, Some(0), "{}", finished.report("goes on"));
+    assert!(
+        finished.errors.contains("going on from"),
+        "{}",
+        finished.errors
+    );
+    let whole = directory();
+    run().on(1).solve(whole.path()).expect("a whole run");
+    let [found, expected] = [path, whole.path()].map(|d| datasets(d).expect("datasets"));
+    let differing = differences(&found, &expected);
+    assert!(differing.is_empty(), "{differing:?}");
+}
+
+#[test]
+fn what_is_finished_is_not_computed_again() {
+    let place = directory();
+    let path = place.path();
+    let first = [
+        "time.end=0.1",
+        "output.warped_field=true",
+        "solver.tolerance=0.01",
+    ];
+    let job = |settings: &[&str]| run().set(&first).set(settings).into(path).on(2);
+    job(&[]).succeed().expect("a run");
+    let said = |finished: &Finished| finished.output.contains("the run is finished");
+    let rows: [(&[&str], bool); 4] = [
+        (&[], true),
+        (&["checkpoint.minutes=3", "time.end=0.10"], true),
+        (&["output.compression=1"], false),
+        (&["time.end=0.05"], false),
+    ];
+    for (settings, finished) in rows {
+        let written = fs::read(path.join("summary.json")).expect("a summary");
+        let again = job(settings).with(["--resume"]).succeed().expect("a run");
+        assert_eq!(said(&again), finished, "{}", again.report("finished"));
+        let now = fs::read(path.join("summary.json")).expect("a summary");
+        assert_eq!(now == written, finished, "{settings:?}");
+    }
+    // Something is missing, or it was not asked.
+    fs::remove_file(path.join("warped_f.h5")).expect("a file");
+    let last = job(rows[3].0);
+    let again = last.clone().with(["--resume"]).succeed().expect("a run");
+    assert!(!said(&again), "{}", again.report("solved"));
+    let again = last.succeed().expect("a run");
+    assert!(!said(&again), "{}", again.report("solved"));
 }
 
 #[test]

@@ -336,6 +336,42 @@ fn runs_go_on_from_a_warped_field() {
     });
 }
 
+/// The plan of a run that starts from a file has the file's points, whether it is measured or not.
+#[test]
+fn plans_of_runs_from_a_file_have_its_points() {
+    let place = directory();
+    let free = [
+        "solver.warp.profile=smooth",
+        POINTS[0],
+        "solver.warp.points=4800",
+    ];
+    let end = ["time.end=0.5", "solver.tolerance=1e-5"];
+    let first = small(&end).set(&free).with(["--mode", "full"]);
+    first.on(2).solve(place.path()).unwrap();
+    let file = place.path().join("warped_f.h5");
+    let from = format!("initial={{warped='{}'}}", file.display());
+    let rows: [(usize, &[&str]); 4] = [
+        (1, &[]),
+        (1, &["--calibrate"]),
+        (3, &["--calibrate"]),
+        (1, &["--calibrate", "--ranks", "2"]),
+    ];
+    check_all(&rows, |(ranks, options)| {
+        let plan = Job::new(["plan", &case("example1.toml")])
+            .set(&["axis.0.x.cells=14", "axis.0.v.cells=11", "exact={f='0'}"])
+            .set(&[&from, "output.warped_field=true"])
+            .set(&end)
+            .with(options.iter().copied());
+        let finished = plan.on(*ranks).succeed()?;
+        let said = |words: &str| finished.output.contains(words);
+        if said("2401 (l >= 0)") && said("at 4800 points in p") {
+            Ok(())
+        } else {
+            Err(finished.report("2401 modes, 4800 points expected"))
+        }
+    });
+}
+
 /// A field that no profile makes: not separable, every point and cell a value of its own. Its norm stays, and what is left after no time is what
 /// was in the file.
 #[test]
@@ -415,6 +451,59 @@ fn any_field_may_be_the_start() {
     let (before, after) = (norm(&values), norm(&found));
     assert!((after / before - 1.0).abs() < 1e-9, "{before} {after}");
     assert!(distance(&found, &values) > 0.1, "nothing moved");
+}
+
+/// Beside results no warped field of another run is left, but the one that the run started from and what is none of the program's.
+#[test]
+fn older_warped_fields_go() {
+    let place = directory();
+    let path = place.path();
+    let first = small(&["output.field_times=[0.3,0.6]"]).with(["--mode", "full"]);
+    first.on(2).solve(path).unwrap();
+    for name in [
+        "warped_psi_x.h5",
+        "warped_phi_0001.h5",
+        "warped_mine.h5",
+        "warped_f_1.h5",
+    ] {
+        std::fs::copy(path.join("warped_f.h5"), path.join(name)).unwrap();
+    }
+    let left = || {
+        let entries = std::fs::read_dir(path).unwrap().flatten();
+        let names = entries.filter_map(|e| e.file_name().into_string().ok());
+        let mut names: Vec<String> = names.filter(|n| n.starts_with("warped_")).collect();
+        names.sort_unstable();
+        names
+    };
+    assert_eq!(left().len(), 7);
+    let second = small(&["output.field_times=[0.3]"]).with(["--mode", "full"]);
+    second.on(1).solve(path).unwrap();
+    let others = ["warped_f_1.h5", "warped_mine.h5"];
+    assert_eq!(
+        left(),
+        ["warped_f.h5", "warped_f_0001.h5", others[0], others[1]]
+    );
+    let file = path.join("warped_f_0001.h5").display().to_string();
+    let from = format!("initial={{warped='{file}'}}");
+    small(&[&from, "time.end=0.1"]).on(3).solve(path).unwrap();
+    assert_eq!(left(), ["warped_f_0001.h5", others[0], others[1]]);
+    small(&["axis.0.x.cells=15"]).solve(path).unwrap();
+    assert_eq!(left(), others);
+}
+
+/// What cannot be written is found before anything is computed.
+#[test]
+fn a_directory_in_the_way_of_a_warped_field_is_refused() {
+    let place = directory();
+    std::fs::create_dir(place.path().join("warped_f_0001.h5")).unwrap();
+    let job = small(&["output.field_times=[0.3]"]).into(place.path());
+    job.clone().on(2).succeed().unwrap();
+    let finished = job.with(["--mode", "full"]).on(2).run().unwrap();
+    assert_eq!(finished.code, Some(2), "{}", finished.report("refused"));
+    let said = finished
+        .errors
+        .contains("warped_f_0001.h5 in it is a directory");
+    assert!(said, "{}", finished.report("not named"));
 }
 
 /// `check-result` looks at warped fields too, and names what is not as written.

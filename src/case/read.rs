@@ -192,6 +192,7 @@ impl Case {
             readout: readout::readout(&root, &space)?,
             text: file.text().to_owned(),
             overrides: overrides.to_vec(),
+            settings: file.settings(),
             space,
         };
         case.refuse_slopes_where_linear(&scheme)?;

@@ -116,6 +116,27 @@ impl Store {
         self.newest.is_none()
     }
 
+    /// The run starts from a warped field of this checksum, which is known only now that it was read.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] where `generation` is of a run that started from another.
+    pub fn begins_with(&mut self, values: u64, generation: Option<&Generation>) -> Result<()> {
+        if let Some(start) = &mut self.fingerprint.start {
+            start.values = Some(values);
+        }
+        let Some(generation) = generation else {
+            return Ok(());
+        };
+        match (self.fingerprint).difference(&generation.manifest.fingerprint) {
+            None => Ok(()),
+            Some(difference) => {
+                let reason =
+                    format!("{difference}; without --resume the run starts from its beginning");
+                Err(failure(&generation.directory, &reason))
+            }
+        }
+    }
+
     fn generation(&self, number: u64) -> PathBuf {
         generation(&self.directory, number)
     }

@@ -51,10 +51,21 @@ fn auxiliary(space: &PhaseSpace, ranges: &[Range<usize>]) -> Vec<u64> {
         .collect()
 }
 
+fn settings(given: &[(&str, &str)]) -> BTreeMap<String, String> {
+    let given = given.iter();
+    given
+        .map(|&(key, value)| (key.to_owned(), value.to_owned()))
+        .collect()
+}
+
 fn fingerprint() -> Fingerprint {
     Fingerprint {
         program: "1".to_owned(),
-        case: 2,
+        settings: settings(&[("time.end", "2"), ("output.xdmf", "true")]),
+        start: Some(Start {
+            points: ([4, 5], 6),
+            values: Some(7),
+        }),
         plan: 3,
     }
 }
@@ -289,6 +300,7 @@ fn every_flipped_bit_is_found() {
 fn runs_that_differ_are_told_apart() {
     let own = fingerprint();
     assert_eq!(own.difference(&own), None);
+    let start = |points, values| Some(Start { points, values });
     for (other, word) in [
         (
             Fingerprint {
@@ -299,10 +311,33 @@ fn runs_that_differ_are_told_apart() {
         ),
         (
             Fingerprint {
-                case: 9,
+                settings: settings(&[("time.end", "3"), ("output.xdmf", "true")]),
                 ..own.clone()
             },
-            "another case",
+            "time.end is 3 there, 2 here",
+        ),
+        (
+            Fingerprint {
+                settings: settings(&[("time.end", "2")]),
+                ..own.clone()
+            },
+            "output.xdmf is not given there, true here",
+        ),
+        (
+            // Other points make another plan, too; that is not the reason.
+            Fingerprint {
+                start: start(([4, 5], 8), Some(7)),
+                plan: 9,
+                ..own.clone()
+            },
+            "initial.warped",
+        ),
+        (
+            Fingerprint {
+                start: start(([4, 5], 6), Some(8)),
+                ..own.clone()
+            },
+            "initial.warped",
         ),
         (
             Fingerprint {
@@ -314,6 +349,12 @@ fn runs_that_differ_are_told_apart() {
     ] {
         assert!(own.difference(&other).is_some_and(|why| why.contains(word)));
     }
+    // Before the file was read.
+    let unread = Fingerprint {
+        start: start(([4, 5], 6), None),
+        ..own.clone()
+    };
+    assert_eq!(unread.difference(&own), None);
 }
 
 #[test]

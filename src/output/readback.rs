@@ -99,6 +99,13 @@ pub(super) fn read_slab(dataset: &Dataset, slab: &Slab) -> Outcome<Vec<f64>> {
     Ok(values.into_raw_vec_and_offset().0)
 }
 
+/// The text of a dataset that [`super::writer::Writer::text`] wrote; an empty one is one zero byte.
+pub(super) fn read_text(dataset: &Dataset) -> Outcome<String> {
+    let bytes = read_bytes(dataset, dataset.dtype()?.size())?;
+    let text = String::from_utf8(bytes).map_err(|e| hdf5::Error::from(e.to_string()))?;
+    Ok(text.trim_end_matches('\0').to_owned())
+}
+
 /// Reads a text whose length is known at run time only, which the safe interface has no type for.
 fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
     let kind = dataset.dtype()?;

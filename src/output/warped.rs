@@ -11,6 +11,7 @@
 //! same way backwards. Buffers are [`BUFFERS`], whatever the field.
 
 use super::checksum::{self, Slab};
+use super::failure;
 use super::hdf5::{About, attributes, axis_names, phase_axes, plan_text, put_in_place};
 use super::readback;
 use super::readback::read_slab;
@@ -24,6 +25,7 @@ use crate::plan::bytes_text;
 use crate::profile::Series;
 use crate::system;
 use crate::warp::{KeptModes, Transform};
+use hdf5::types::TypeDescriptor;
 use hdf5::{Dataset, File};
 use num_complex::Complex64;
 use std::mem::ManuallyDrop;
@@ -39,8 +41,11 @@ const POINTS: &str = "p";
 /// Metadata and texts of a file, but for the case's and the plan's own.
 const MARGIN: u64 = 256 << 10;
 
-/// Most digits in which axes of a file may differ from those of the case.
-const SAME: f64 = 1e-9;
+/// By how much points of a file's axes may differ from those of the case, as a part of the axis: those of other programs may be in single
+/// precision. No more than [`OF_A_STEP`] at any rate.
+const SAME: f64 = 1e-6;
+/// The same as a part of a step.
+const OF_A_STEP: f64 = 0.05;
 
 /// Where the modes of a field are.
 pub struct Spread<'a> {
@@ -177,6 +182,58 @@ pub fn file_name(field: &str, early: Option<usize>) -> String {
     }
 }
 
+/// Names of the files that a run writes.
+pub fn names(case: &Case) -> Vec<String> {
+    let times = case.times.iter().filter(|t| t.fields).count();
+    let of = |field: &'static str| {
+        (1..=times)
+            .map(Some)
+            .chain([None])
+            .map(move |t| file_name(field, t))
+    };
+    let fields = case.fields.iter().filter(|_| case.warped_field);
+    fields.flat_map(|field| of(field.name)).collect()
+}
+
+/// Whether a run may have written a file of this name.
+fn is_ours(name: &str) -> bool {
+    let stem = name
+        .strip_prefix("warped_")
+        .and_then(|n| n.strip_suffix(".h5"));
+    stem.is_some_and(|stem| {
+        let number = |n: &str| n.len() >= 4 && n.bytes().all(|b| b.is_ascii_digit());
+        let (field, _) = (stem.rsplit_once('_'))
+            .filter(|(_, n)| number(n))
+            .unwrap_or((stem, ""));
+        ["f", "phi", "psi_x", "psi_y", "psi_z"].contains(&field)
+    })
+}
+
+/// Removes from `directory` the files of runs before that this one did not write, but for the one that it started from. By one rank.
+///
+/// # Errors
+/// [`Error::Output`].
+pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
+    let failed = |e: std::io::Error| failure(directory, &e);
+    let written = names(case);
+    let start = case.start.as_ref();
+    let start = start.and_then(|start| std::fs::canonicalize(&start.path).ok());
+    for entry in std::fs::read_dir(directory).map_err(failed)? {
+        let name = entry.map_err(failed)?.file_name();
+        let older = name
+            .to_str()
+            .is_some_and(|name| is_ours(name) && written.iter().all(|w| w != name));
+        let path = directory.join(&name);
+        if older
+            && !path.is_dir()
+            && (start.is_none() || std::fs::canonicalize(&path).ok() != start)
+        {
+            std::fs::remove_file(&path).map_err(|e| failure(&path, &e))?;
+        }
+    }
+    Ok(())
+}
+
 /// Bytes of a file of so many points, without the plan's text.
 fn bytes(case: &Case, points: usize) -> u64 {
     let cells = case.space.cells() as u64;
@@ -199,21 +256,15 @@ pub fn enough_room(directory: &Path, case: &Case, points: usize) -> Result<()> {
         reason: format!(
             "output.warped_field takes {} ({points} points in p, {} files), there is room for {}",
             bytes_text(needed),
-            files(case),
+            names(case).len(),
             bytes_text(room)
         ),
     })
 }
 
-/// Files that a run writes.
-fn files(case: &Case) -> usize {
-    let times = 1 + case.times.iter().filter(|t| t.fields).count();
-    usize::from(case.warped_field) * case.fields.len() * times
-}
-
 /// Bytes of all files with `points` points in `p`.
 pub fn all_bytes(case: &Case, points: usize) -> u64 {
-    files(case) as u64 * bytes(case, points)
+    names(case).len() as u64 * bytes(case, points)
 }
 
 /// Writes `directory/name`: the field whose modes are `kept`, for the factors of `series` on the period that begins at `lower`. Collective over the
@@ -318,11 +369,17 @@ impl Given {
         })
     }
 
-    /// Reads the field into the modes `kept` for the factors of `series`. Collective over the world.
+    /// Reads the field into the modes `kept` for the factors of `series`; gives the checksum of `/w` and the
+    /// largest magnitude in it. Collective over the world.
     ///
     /// # Errors
     /// [`Error::Input`] where the file cannot be read, is not as it was written, or holds NaN or infinity.
-    pub fn read(&self, spread: &Spread<'_>, series: &Series, kept: &mut KeptModes) -> Result<()> {
+    pub fn read(
+        &self,
+        spread: &Spread<'_>,
+        series: &Series,
+        kept: &mut KeptModes,
+    ) -> Result<(u64, f64)> {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
@@ -346,7 +403,7 @@ impl Given {
         spread: &Spread<'_>,
         series: &Series,
         kept: &mut KeptModes,
-    ) -> Result<()> {
+    ) -> Result<(u64, f64)> {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
@@ -357,7 +414,7 @@ impl Given {
         assert_eq!(shape.last(), Some(&transform.points()), "the file's points");
         let (mut transpose, mut all, _) = spread.buffers(&transform);
         let (modes, points, rows) = (transform.modes(), transform.points(), kept.rows());
-        let mut sum = 0u64;
+        let (mut sum, mut largest) = (0u64, 0.0f64);
         spread.rounds(spread.cells_at_once(points), |cells, slab| {
             let own = cells[transpose.rank()].clone();
             let slab = with_points(slab, points);
@@ -377,6 +434,7 @@ impl Given {
                 }
             }))?;
             sum = sum.wrapping_add(checksum::of_slab(&shape, &slab, &values));
+            largest = values.iter().fold(largest, |most, w| most.max(w.abs()));
             let lines = all.chunks_exact_mut(modes).zip(values.chunks_exact(points));
             for (cell, (modes, values)) in own.zip(lines) {
                 transform.to_modes(values, spread.pi[cell].sqrt(), modes);
@@ -391,18 +449,44 @@ impl Given {
             Ok(expected) if expected != sum => {
                 Err(wrong(&"/w is not as it was written (its checksum differs)"))
             }
-            _ => Ok(()),
+            _ => Ok((sum, world.max(largest))),
         })
     }
 }
 
+/// How far a point of an axis of so many steps may be off.
+fn allowed(step: f64, count: usize) -> f64 {
+    step * (SAME * count as f64).min(OF_A_STEP)
+}
+
+/// The largest distance of two numbers, infinite where one is none, and which two they are.
+fn furthest(found: &[f64], expected: &[f64]) -> (f64, usize) {
+    let off = |(a, b): (&f64, &f64)| match (a - b).abs() {
+        off if off.is_nan() => f64::INFINITY,
+        off => off,
+    };
+    let all = found.iter().zip(expected).map(off).zip(0..);
+    all.fold((0.0, 0), |a, b| if b.0 > a.0 { b } else { a })
+}
+
 /// `[L, R]` and `N_p` of a file that holds a warped field on `space`.
 fn look(path: &Path, space: &PhaseSpace) -> std::result::Result<([f64; 2], usize), String> {
-    let said = |e: hdf5::Error| e.to_string();
-    std::fs::metadata(path).map_err(|e| e.to_string())?;
-    let file = File::open(path).map_err(said)?;
+    let found = std::fs::metadata(path).map_err(|e| e.to_string())?;
+    if !found.is_file() {
+        return Err("is no file".to_owned());
+    }
+    std::fs::File::open(path).map_err(|e| e.to_string())?;
+    // HDF5 tells every function that it passed through.
+    let file = File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?")?;
     let missing = |name: &str| format!("holds no dataset /{name}");
     let w = file.dataset("w").map_err(|_| missing("w"))?;
+    let kind = w.dtype().and_then(|kind| kind.to_descriptor());
+    if !matches!(
+        kind,
+        Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_))
+    ) {
+        return Err("/w holds other than real numbers, which are expected".to_owned());
+    }
     let shape = w.shape();
     let expected = space.shape();
     if shape.len() != expected.len() + 1 || shape[..expected.len()] != expected[..] {
@@ -417,11 +501,22 @@ fn look(path: &Path, space: &PhaseSpace) -> std::result::Result<([f64; 2], usize
     };
     for (name, expected) in axis_names(space.dimension()).iter().zip(space.axes()) {
         let (found, centres) = (axis(name)?, expected.centres());
-        let near = |(a, b): (&f64, &f64)| (a - b).abs() <= SAME * (expected.upper - expected.lower);
-        if found.len() != centres.len() || !found.iter().zip(&centres).all(near) {
+        let other = || {
+            let (lower, upper) = (expected.lower, expected.upper);
+            let cells = expected.cells;
+            format!(
+                "/axis/{name} holds other cell centres than the case's {cells} from {lower} to {upper}"
+            )
+        };
+        if found.len() != centres.len() {
+            return Err(format!("{}: {} numbers", other(), found.len()));
+        }
+        let (off, i) = furthest(&found, &centres);
+        let most = allowed(expected.width(), centres.len());
+        if off > most {
             return Err(format!(
-                "/axis/{name} holds other cell centres than the case's {} from {} to {}",
-                expected.cells, expected.lower, expected.upper
+                "{}: number {i} is off by {off:.1e}, at most {most:.1e} is allowed",
+                other()
             ));
         }
     }
@@ -436,11 +531,16 @@ fn look(path: &Path, space: &PhaseSpace) -> std::result::Result<([f64; 2], usize
         ));
     }
     let step = (p[points - 1] - p[0]) / (points - 1) as f64;
-    let even = |(j, p_j): (usize, &f64)| {
-        (p_j - (p[0] + step * j as f64)).abs() <= SAME * step * points as f64
-    };
-    if !(step > 0.0 && step.is_finite() && p.iter().enumerate().all(even)) {
-        return Err("/axis/p is not ascending in equal steps".to_owned());
+    let uneven = "/axis/p is not ascending in equal steps";
+    if !(step > 0.0 && step.is_finite()) {
+        return Err(format!("{uneven}: from {} to {}", p[0], p[points - 1]));
+    }
+    let even: Vec<f64> = (0..points).map(|j| p[0] + step * j as f64).collect();
+    let ((off, j), most) = (furthest(&p, &even), allowed(step, points));
+    if off > most {
+        return Err(format!(
+            "{uneven}: point {j} is off by {off:.1e}, at most {most:.1e} is allowed"
+        ));
     }
     Ok(([p[0], p[0] + step * points as f64], points))
 }

@@ -15,7 +15,7 @@
 //! is cut down to as many blocks as there are ranks for.
 
 use super::solve::integrate;
-use super::{Place, exact_solution, memory_per_rank, refuse_hopeless};
+use super::{Place, exact_solution, memory_per_rank, refuse_hopeless, with_start};
 use crate::case::{Case, Integrator};
 use crate::classical::limiter::Reconstruction;
 use crate::classical::{Classical, EXACT, ROUGH, poisson_window};
@@ -33,7 +33,8 @@ use crate::progress::Progress;
 use crate::propagate::commutator_free::{CommutatorFree, stage_degree};
 use crate::propagate::{self, Company, Evolution, Initial, Propagator, propagator};
 use crate::varying::Schedule;
-use crate::warp::{self, Besides, Keeping, KeptModes, Leg, MomentsOf, Task};
+use crate::warp::{self, Besides, Keeping, KeptModes, Leg, MomentsOf, Passage, Task};
+use num_complex::Complex64;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -49,10 +50,12 @@ const REPEATS: f64 = 9.0;
 const PIECES: usize = 3;
 
 /// What it takes to write results, measured on a local disk: files and their metadata, a byte that is written and read back, and one of the
-/// warped field, which is transposed and transformed before. All depend on the file system.
+/// warped field, which is transposed and transformed before; and a byte of a warped field that the run starts from, of which norms are taken.
+/// All depend on the file system.
 const SECONDS_TO_WRITE: f64 = 0.01;
 const SECONDS_PER_BYTE: f64 = 2e-9;
 const SECONDS_PER_WARPED_BYTE: f64 = 5e-9;
+const SECONDS_PER_GIVEN_BYTE: f64 = 4e-9;
 
 /// What a run is expected to take.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -122,6 +125,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     let started = Instant::now();
     let all = world.group();
     let mut watch = super::Stopwatch::start();
+    let case = &*with_start(&all, case)?;
     refuse_hopeless(case, resources)?;
     let bounds = Bounds::new(case)?;
     let expected = Plan::provisional(case, &bounds, resources)?;
@@ -200,8 +204,13 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
         None => trials.classical(&mut problem)?,
     };
     let mut seconds = watch.seconds;
-    seconds.insert("solve".to_owned(), solve);
     let points = plan.warp.as_ref().and_then(|w| w.points);
+    let given = match (&case.start, points) {
+        (Some(_), Some(points)) => 8 * case.space.cells() * points,
+        _ => 0,
+    };
+    let solve = solve + SECONDS_PER_GIVEN_BYTE * given as f64;
+    seconds.insert("solve".to_owned(), solve);
     let warped = points.map_or(0, |points| all_bytes(case, points));
     let write = SECONDS_TO_WRITE
         + SECONDS_PER_BYTE * most_bytes(case) as f64
@@ -303,8 +312,17 @@ impl Trials<'_> {
         let mine = &groups[communicator.modes.rank() % groups.len()];
         let tried = pieces(mine, company);
         let rows = problem.matrix.rows();
+        let given = case.start.as_ref().map(|_| made_up(rows));
+        let norms = given.iter().flat_map(|x| {
+            [|x: &Complex64| x.re, |x: &Complex64| x.im]
+                .map(|of| problem.norm(communicator, &x.iter().map(of).collect::<Vec<_>>(), false))
+        });
+        let norm = norms.fold(0.0, f64::hypot);
         let initial: Vec<Initial<'_>> = (problem.states.iter())
-            .map(|state| Initial::real(&state[..rows], problem.norm(communicator, state, false)))
+            .map(|state| {
+                let own = || problem.norm(communicator, state, false);
+                Initial::real(&state[..rows], if norm > 0.0 { norm } else { own() })
+            })
             .collect();
         let factors = VelocityFactors::new(&case.space);
         let moments = MomentsOf {
@@ -330,6 +348,16 @@ impl Trials<'_> {
                 time: case.end,
                 terms,
             };
+            // As a full run does, but for the files.
+            let mut kept = warp.points.map(|_| {
+                let modes = batches.iter().flat_map(|b| b.modes.clone());
+                KeptModes::new(matrix.rows(), modes.collect())
+            });
+            if let (Some(kept), Some(given)) = (&mut kept, &given) {
+                kept.passages_mut().fill(Passage::start(norm));
+                let all = kept.values_mut().chunks_exact_mut(given.len().max(1));
+                all.for_each(|mode| mode.copy_from_slice(given));
+            }
             world.barrier();
             let started = Instant::now();
             let task = Task {
@@ -341,15 +369,10 @@ impl Trials<'_> {
                 shares: &place.ranges,
                 moments: Some(&moments),
             };
-            // As a full run does, but for the files.
-            let mut kept = warp.points.map(|_| {
-                let modes = batches.iter().flat_map(|b| b.modes.clone());
-                KeptModes::new(matrix.rows(), modes.collect())
-            });
             let mut unwritten = |_: usize, _: usize, _: &KeptModes| Ok(());
             let mut keeping = kept.as_mut().map(|kept| Keeping {
                 kept,
-                begun: false,
+                begun: given.is_some(),
                 after: &mut unwritten,
             });
             warp::run(
@@ -435,6 +458,13 @@ impl Trials<'_> {
         let all = (fields * plan.classical_steps) as f64;
         Ok((fixed + rate * all, rate / stages))
     }
+}
+
+/// A mode of so many rows that stands for those of a file: of no length scale, and zero nowhere, as zeros take no time.
+fn made_up(rows: usize) -> Vec<Complex64> {
+    (0..rows)
+        .map(|i| Complex64::cis((i * i % 257) as f64))
+        .collect()
 }
 
 /// `case` with every leg cut down to `part` of [`PARTS`] equal parts.

@@ -231,7 +231,12 @@ fn by_modes(
         buffers: warped::BUFFERS,
     };
     let largest = match (&case.start, &mut kept) {
-        (Some(start), Some(kept)) => Some(begin(start, warp_plan, &spread, problem, kept)?),
+        (Some(start), Some(kept)) => {
+            let (largest, values) = begin(start, warp_plan, &spread, problem, kept)?;
+            let generation = resumed.as_ref().map(|r| &r.generation);
+            checkpointing.store.begins_with(values, generation)?;
+            Some(largest)
+        }
         _ => None,
     };
     let initial: Vec<Initial<'_>> = (problem.states.iter())
@@ -364,7 +369,7 @@ fn by_modes(
     })
 }
 
-/// Reads the modes that the run starts from; gives the largest of their norms. Collective.
+/// Reads the modes that the run starts from; gives the largest of their norms, and the checksum of the file's `/w`. Collective.
 ///
 /// # Errors
 /// As [`Given::read`]; [`Error::Magnitude`] for values whose squares overflow or vanish.
@@ -374,14 +379,20 @@ fn begin(
     spread: &Spread<'_>,
     problem: &Problem,
     kept: &mut KeptModes,
-) -> Result<f64> {
+) -> Result<(f64, u64)> {
     let given = Given {
         path: start.path.clone(),
         interval: warp.interval,
         points: warp.points.unwrap_or_default(),
     };
-    given.read(spread, &warp.series, kept)?;
+    let (values, peak) = given.read(spread, &warp.series, kept)?;
     let communicator = spread.communicator;
+    if peak != 0.0 && !(1e-100..=1e100).contains(&peak) {
+        return Err(Error::Magnitude {
+            key: start.place.clone(),
+            value: peak,
+        });
+    }
     let mut part = vec![0.0; kept.rows()];
     let mut largest = 0.0f64;
     for k in 0..kept.modes().len() {
@@ -394,19 +405,9 @@ fn begin(
         });
         let norm = norms[0].hypot(norms[1]);
         kept.passages_mut()[k] = Passage::start(norm);
-        // A norm that is no number stays.
-        if norm > largest || norm.is_nan() {
-            largest = norm;
-        }
+        largest = largest.max(norm);
     }
-    let largest = communicator.world.max(largest);
-    if largest == 0.0 || (1e-100..=1e100).contains(&largest) {
-        return Ok(largest);
-    }
-    Err(Error::Magnitude {
-        key: start.place.clone(),
-        value: largest,
-    })
+    Ok((communicator.world.max(largest), values))
 }
 
 /// `state ← state(time)` by the classical method. Collective over the space group.

@@ -284,7 +284,13 @@ pub fn warped_files_refused(world: &World) {
     let good = good.expect("a warped field");
     assert_eq!((good.points, good.interval), (4, [-1.0, 1.0]));
     type Damage<'a> = (&'a str, &'a dyn Fn(&hdf5::File));
-    let bad: [Damage<'_>; 7] = [
+    // Single precision is near enough.
+    let single = put(&|file| {
+        axes(file, &[-0.9, -0.4, 0.1, 0.6].map(|p| f64::from(p as f32)));
+        w(file, &[3, 2, 4]);
+    });
+    assert_eq!(single.expect("a warped field").points, 4);
+    let bad: [Damage<'_>; 9] = [
         ("holds no dataset /w", &|file| axes(file, &p)),
         ("holds no dataset /axis/x", &|file| w(file, &[3, 2, 4])),
         ("/w has the shape [3, 3, 4]; [3, 2]", &|file| {
@@ -299,9 +305,18 @@ pub fn warped_files_refused(world: &World) {
             axes(file, &p[..3]);
             w(file, &[3, 2, 3]);
         }),
-        ("/axis/p is not ascending in equal steps", &|file| {
+        ("in equal steps: point 2 is off by 6.7e-2", &|file| {
             axes(file, &[-1.0, -0.5, 0.0, 0.6]);
             w(file, &[3, 2, 4]);
+        }),
+        ("/axis/p is not ascending in equal steps", &|file| {
+            axes(file, &[0.5, 0.0, -0.5, -1.0]);
+            w(file, &[3, 2, 4]);
+        }),
+        ("/w holds other than real numbers", &|file| {
+            axes(file, &p);
+            let builder = file.new_dataset::<num_complex::Complex64>();
+            builder.shape([3, 2, 4]).create("w").expect("a dataset");
         }),
         ("/axis/vx holds other cell centres", &|file| {
             file.create_group("axis").expect("a group");
@@ -321,11 +336,21 @@ pub fn warped_files_refused(world: &World) {
         assert!(error.to_string().contains("initial.warped"), "{error}");
         assert_eq!(error.exit_code(), 2, "{message}");
     }
-    // No file, and one that is none.
-    std::fs::remove_file(&path).ok();
-    group.barrier();
-    let missing = Given::new(&group, &path, &case, "initial.warped").expect_err("no file");
-    assert_eq!(missing.exit_code(), 2, "{missing}");
+    // No file, and what is none.
+    let readme = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("README.md");
+    for (path, message) in [
+        (&shared.path.join("none.h5"), "No such file"),
+        (&shared.path, "is no file"),
+        (&readme, "cannot be read as HDF5"),
+    ] {
+        let error = Given::new(&group, path, &case, "initial.warped").expect_err(message);
+        let text = error.to_string();
+        assert!(
+            text.contains(message) && text.lines().count() == 1,
+            "{text}"
+        );
+        assert_eq!(error.exit_code(), 2, "{error}");
+    }
 
     // Contents are looked at when they are read: a number that is none, a changed one.
     let mesh = Mesh {
