@@ -38,17 +38,11 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         Command::Run {
             case,
             output,
-            mode,
             ranks_x,
             resume,
             walltime,
         } => {
-            let mut arguments = case.clone();
-            if let Some(mode) = mode {
-                let full = *mode == Mode::Full;
-                arguments.set.push(format!("output.warped_field={full}"));
-            }
-            let case = load(world, &arguments)?;
+            let case = load(world, case)?;
             let directory = output
                 .clone()
                 .unwrap_or_else(|| default_directory(&case.name));
@@ -225,7 +219,9 @@ fn load(world: &World, args: &CaseArgs) -> Result<Case> {
         Ok(String::new())
     };
     let text = group.broadcast_text(&group.agree(text)?);
-    Case::parse(&args.case.display().to_string(), &text, &args.set)
+    let mode = (args.mode).map(|mode| format!("output.warped_field={}", mode == Mode::Full));
+    let set: Vec<String> = args.set.iter().cloned().chain(mode).collect();
+    Case::parse(&args.case.display().to_string(), &text, &set)
 }
 
 fn default_directory(case: &str) -> PathBuf {

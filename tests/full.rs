@@ -572,6 +572,17 @@ fn what_is_kept_is_planned() {
     );
     assert!(array(&full, "buffers of the transpose").unwrap() < 17 << 20);
     assert_eq!(full["warp"]["points"], 1024);
+    for command in ["plan", "check"] {
+        // As asked for by the option, and, for `plan`, the same bytes.
+        let job = || Job::new([command, &case("example1.toml")]).set(&settings[..1]);
+        let option = job().with(["--mode", "full"]).succeed().unwrap();
+        let key = job().set(&settings[1..]).succeed().unwrap();
+        assert_eq!(option.output, key.output);
+        let undone = job().set(&settings[1..]).with(["--mode", "streamed"]);
+        let streamed = job().succeed().unwrap().output;
+        assert_eq!(undone.succeed().unwrap().output, streamed);
+        assert_eq!(command == "plan", streamed != option.output);
+    }
 
     let place = directory();
     let refused = |settings: &[&str], says: &str| {

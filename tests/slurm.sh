@@ -47,6 +47,10 @@ is "nothing finished" "$(goes_on 1 "stage 0 finished 8 " "stage 0 finished 8 ")"
 is "no checkpoint" "$(goes_on 1 "" "")" no
 is "too many jobs" "$(goes_on 3 "" "stage 0 finished 16 ")" no
 
+# Of the options of a run, `check` gets those of the case, and `plan` all.
+is "check and plan" "$(program=say LAUNCH=echo memory_per_node="" && show_plan 4 c.toml --mode full --ranks-x 2,1 --set a=1 --ranks-x=2 | tr '\n' ';')" \
+    "1 say check c.toml --mode full --set a=1;1 say plan c.toml --ranks 4 --mode full --ranks-x 2,1 --set a=1 --ranks-x=2;"
+
 # --- is everything there ---
 
 program=$(realpath "${PHASEWARP:-${CARGO_TARGET_DIR:-target}/release/phasewarp}")
