@@ -8,6 +8,17 @@ launch() {
     "${words[@]}" "$@"
 }
 
+# read_settings FILE: `settings` becomes a --set for each line KEY=VALUE; empty lines and those that begin with # are left out.
+read_settings() {
+    local line
+    settings=()
+    while IFS= read -r line || [ -n "$line" ]; do
+        if [[ $line =~ [^[:space:]] && $line != \#* ]]; then
+            settings+=(--set "$line")
+        fi
+    done <"$1"
+}
+
 # show_plan RANKS CASE [OPTION]…: is the case right, does it fit? Options are those of `run` that say what is computed and where.
 show_plan() {
     local ranks=$1 case=$2 node=() of_case=() option next=""
