@@ -90,7 +90,10 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             } else {
                 (run::plan(world, &case, &resources)?, None)
             };
-            let advice = Advice::new(&case, &plan, resources.memory_per_rank, node);
+            // As if all its ranks were started here.
+            let here = run::memory_per_rank(&world.group()) as f64;
+            let here = here * world.group().size() as f64 / ranks as f64;
+            let advice = Advice::new(&case, &plan, &resources, node, here as u64);
             if speaks && *json {
                 let planned = Planned {
                     plan: &plan,
