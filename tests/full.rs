@@ -604,3 +604,23 @@ fn what_is_kept_is_planned() {
     let classical = ["output.warped_field=true", "solver.method=classical"];
     refused(&classical, "output.warped_field");
 }
+
+/// Peak memory against the planned, where the kept modes are most of it.
+#[test]
+fn kept_modes_take_what_was_planned() {
+    let rows = [(1, "2048"), (2, "4096")];
+    check_all(&rows, |(ranks, points)| {
+        let place = directory();
+        let summary = Job::new(["run", &case("example1.toml"), "--mode", "full"])
+            .set(&["axis.0.x.cells=96", "axis.0.v.cells=96"])
+            .set(&["exact={f='0'}", "time.end=0.001", "solver.tolerance=0.1"])
+            .set(&["solver.warp.profile=exponential"])
+            .set(&[&format!("solver.warp.points={points}")])
+            .on(*ranks)
+            .solve(place.path())?;
+        let peak = summary.number("memory_peak_bytes_per_rank")?;
+        let planned = summary.number("memory_planned_bytes_per_rank")?;
+        let close = peak > 150e6 && (planned / peak - 1.0).abs() <= 0.05;
+        summary.require(close, || format!("planned {planned:e}, peak {peak:e}"))
+    });
+}
