@@ -8,14 +8,35 @@ launch() {
     "${words[@]}" "$@"
 }
 
-# show_plan RANKS CASE [--set KEY=VALUE]…: is the case right, does it fit?
+# read_settings FILE: `settings` becomes a --set for each line KEY=VALUE; empty lines and those that begin with # are left out.
+read_settings() {
+    local line
+    settings=()
+    while IFS= read -r line || [ -n "$line" ]; do
+        if [[ $line =~ [^[:space:]] && $line != \#* ]]; then
+            settings+=(--set "$line")
+        fi
+    done <"$1"
+}
+
+# show_plan RANKS CASE [OPTION]…: is the case right, does it fit? Options are those of `run` that say what is computed and where.
 show_plan() {
-    local ranks=$1 case=$2 node=()
+    local ranks=$1 case=$2 node=() of_case=() option next=""
     shift 2
+    # `check` looks at the case alone: who computes what is no option of it.
+    for option in "$@"; do
+        if [ "$next" = dropped ]; then
+            next=""
+        elif [ "$option" = --ranks-x ]; then
+            next=dropped
+        elif [[ $option != --ranks-x=* ]]; then
+            of_case+=("$option")
+        fi
+    done
     if [ -n "$memory_per_node" ]; then
         node=(--memory-per-node "$memory_per_node" --ranks-per-node "${SLURM_NTASKS_PER_NODE:-$ranks}")
     fi
-    launch 1 "$program" check "$case" "$@"
+    launch 1 "$program" check "$case" "${of_case[@]}"
     launch 1 "$program" plan "$case" --ranks "$ranks" "${node[@]}" "$@"
 }
 
@@ -47,7 +68,7 @@ seconds_left() {
     fi
 }
 
-# solve RANKS CASE RESULTS [--set KEY=VALUE]…: from the newest checkpoint on, if there is one. A USR1 that the job gets reaches the
+# solve RANKS CASE RESULTS [OPTION]…: from the newest checkpoint on, if there is one. A USR1 that the job gets reaches the
 # program, which then makes a checkpoint. Returns its exit code.
 solve() {
     local ranks=$1 case=$2 results=$3 words code=0 told="" left walltime=()

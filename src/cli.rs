@@ -22,6 +22,9 @@ pub struct CaseArgs {
     /// Replaces a key of the case: --set axis.0.x.cells=256
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
+    /// Drop the modes batch by batch, or keep all and write w(t, x, v, p); as output.warped_field
+    #[arg(long, value_enum)]
+    pub mode: Option<Mode>,
 }
 
 /// The subcommands.
@@ -35,9 +38,6 @@ pub enum Command {
         /// Directory of the results; by default results/NAME of the case file
         #[arg(short, long, value_name = "DIR")]
         output: Option<PathBuf>,
-        /// Drop the modes batch by batch, or keep all and write w(t, x, v, p); as output.warped_field
-        #[arg(long, value_enum)]
-        mode: Option<Mode>,
         /// Blocks along each x-axis; the other ranks split the modes
         #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
         ranks_x: Option<Vec<usize>>,

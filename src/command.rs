@@ -39,17 +39,11 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         Command::Run {
             case,
             output,
-            mode,
             ranks_x,
             resume,
             walltime,
         } => {
-            let mut arguments = case.clone();
-            if let Some(mode) = mode {
-                let full = *mode == Mode::Full;
-                arguments.set.push(format!("output.warped_field={full}"));
-            }
-            let case = load(world, &arguments)?;
+            let case = load(world, case)?;
             let directory = output
                 .clone()
                 .unwrap_or_else(|| default_directory(&case.name));
@@ -107,7 +101,10 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             } else {
                 (run::plan(world, &case, &resources)?, None)
             };
-            let advice = Advice::new(&case, &plan, resources.memory_per_rank, node);
+            // As if all its ranks were started here.
+            let here = run::memory_per_rank(&world.group()) as f64;
+            let here = here * world.group().size() as f64 / ranks as f64;
+            let advice = Advice::new(&case, &plan, &resources, node, here as u64);
             if speaks && *json {
                 let planned = Planned {
                     plan: &plan,
@@ -241,7 +238,9 @@ fn load(world: &World, args: &CaseArgs) -> Result<Case> {
         Ok(String::new())
     };
     let text = group.broadcast_text(&group.agree(text)?);
-    Case::parse(&args.case.display().to_string(), &text, &args.set)
+    let mode = (args.mode).map(|mode| format!("output.warped_field={}", mode == Mode::Full));
+    let set: Vec<String> = args.set.iter().cloned().chain(mode).collect();
+    Case::parse(&args.case.display().to_string(), &text, &set)
 }
 
 fn default_directory(case: &str) -> PathBuf {

@@ -2,6 +2,9 @@
 
 use std::path::PathBuf;
 
+/// What takes less memory, whatever the run.
+pub const LESS_MEMORY: &str = "fewer cells (axis.N.x.cells, axis.N.v.cells), more ranks on more nodes, or a larger solver.tolerance";
+
 /// Everything that ends a command early.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -24,8 +27,7 @@ pub enum Error {
     },
     /// More memory than there is.
     #[error(
-        "memory: {needed} needed per rank ({detail}), {available} available; \
-         fewer cells (axis.N.x.cells, axis.N.v.cells), more ranks on more nodes, or a larger solver.tolerance need less"
+        "memory: {needed} needed per rank ({detail}), {available} available; {remedies} need less"
     )]
     Memory {
         /// Planned bytes a rank, as text.
@@ -34,6 +36,8 @@ pub enum Error {
         available: String,
         /// The largest array.
         detail: String,
+        /// What takes less.
+        remedies: String,
     },
     /// No profile reaches the tolerance in double precision.
     #[error(

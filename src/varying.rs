@@ -22,7 +22,7 @@
 use crate::case::{Case, Delta, Embedding};
 use crate::classical::Classical;
 use crate::communicator::{Communicator, GhostExchange};
-use crate::error::{Error, Result};
+use crate::error::{Error, LESS_MEMORY, Result};
 use crate::grid::describe_point;
 use crate::matrix::BlockMatrix;
 use crate::plan::{INFLOW_GROWTH, bytes_text};
@@ -149,6 +149,7 @@ fn fits(matrix: &BlockMatrix, steps: usize) -> Result<()> {
         needed: bytes_text(needed),
         available: bytes_text(available),
         detail: format!("couplings of {steps} steps of an inflow that depends on time"),
+        remedies: LESS_MEMORY.to_owned(),
     })
 }
 

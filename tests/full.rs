@@ -661,6 +661,22 @@ fn what_is_kept_is_planned() {
     );
     assert!(array(&full, "buffers of the transpose").unwrap() < 17 << 20);
     assert_eq!(full["warp"]["points"], 1024);
+    for command in ["plan", "check"] {
+        // As asked for by the option, and, for `plan`, the same bytes.
+        // With no memory given, the plan says what is free here, which changes.
+        let memory = ["--memory-per-rank", "4GiB"].map(|word| (command == "plan").then_some(word));
+        let job = || {
+            let job = Job::new([command, &case("example1.toml")]).set(&settings[..1]);
+            job.with(memory.into_iter().flatten())
+        };
+        let option = job().with(["--mode", "full"]).succeed().unwrap();
+        let key = job().set(&settings[1..]).succeed().unwrap();
+        assert_eq!(option.output, key.output);
+        let undone = job().set(&settings[1..]).with(["--mode", "streamed"]);
+        let streamed = job().succeed().unwrap().output;
+        assert_eq!(undone.succeed().unwrap().output, streamed);
+        assert_eq!(command == "plan", streamed != option.output);
+    }
 
     let place = directory();
     let refused = |settings: &[&str], says: &str| {
@@ -676,4 +692,24 @@ fn what_is_kept_is_planned() {
     refused(&huge, "memory");
     let classical = ["output.warped_field=true", "solver.method=classical"];
     refused(&classical, "output.warped_field");
+}
+
+/// Peak memory against the planned, where the kept modes are most of it.
+#[test]
+fn kept_modes_take_what_was_planned() {
+    let rows = [(1, "2048"), (2, "4096")];
+    check_all(&rows, |(ranks, points)| {
+        let place = directory();
+        let summary = Job::new(["run", &case("example1.toml"), "--mode", "full"])
+            .set(&["axis.0.x.cells=96", "axis.0.v.cells=96"])
+            .set(&["exact={f='0'}", "time.end=0.001", "solver.tolerance=0.1"])
+            .set(&["solver.warp.profile=exponential"])
+            .set(&[&format!("solver.warp.points={points}")])
+            .on(*ranks)
+            .solve(place.path())?;
+        let peak = summary.number("memory_peak_bytes_per_rank")?;
+        let planned = summary.number("memory_planned_bytes_per_rank")?;
+        let close = peak > 150e6 && (planned / peak - 1.0).abs() <= 0.05;
+        summary.require(close, || format!("planned {planned:e}, peak {peak:e}"))
+    });
 }

@@ -47,6 +47,19 @@ is "nothing finished" "$(goes_on 1 "stage 0 finished 8 " "stage 0 finished 8 ")"
 is "no checkpoint" "$(goes_on 1 "" "")" no
 is "too many jobs" "$(goes_on 3 "" "stage 0 finished 16 ")" no
 
+# Settings come through as they are written: commas, blanks, stars, quotes; a last line without its end.
+file=$(mktemp)
+printf '%s\n' '# finer' '' "output.field_times=[0.1, 0.2]" "exact={f='x * v'}" >"$file"
+printf 'solver.tolerance=1e-9' >>"$file"
+read_settings "$file"
+rm "$file"
+# shellcheck disable=SC2154  # settings: read_settings
+is "settings" "$(printf '<%s>' "${settings[@]}")" \
+    "<--set><output.field_times=[0.1, 0.2]><--set><exact={f='x * v'}><--set><solver.tolerance=1e-9>"
+# Of the options of a run, `check` gets those of the case, and `plan` all.
+is "check and plan" "$(program=say LAUNCH=echo memory_per_node="" && show_plan 4 c.toml --mode full --ranks-x 2,1 --set a=1 --ranks-x=2 | tr '\n' ';')" \
+    "1 say check c.toml --mode full --set a=1;1 say plan c.toml --ranks 4 --mode full --ranks-x 2,1 --set a=1 --ranks-x=2;"
+
 # --- is everything there ---
 
 program=$(realpath "${PHASEWARP:-${CARGO_TARGET_DIR:-target}/release/phasewarp}")

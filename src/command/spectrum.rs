@@ -2,7 +2,7 @@
 
 use crate::case::{Case, Interface, Method};
 use crate::communicator::{Communicator, World};
-use crate::error::{Error, Result};
+use crate::error::{Error, LESS_MEMORY, Result};
 use crate::partition::Block;
 use crate::plan::{Bounds, Plan, Resources, bytes_text};
 use crate::problem::Problem;
@@ -115,6 +115,7 @@ fn plan(world: &World, case: &Case) -> Result<(Bounds, Plan)> {
             needed: format!("{:.1e} bytes", 120.0 * cells),
             available: bytes_text(run::memory_per_rank(&world.group())),
             detail: format!("{cells:.3e} cells"),
+            remedies: LESS_MEMORY.to_owned(),
         });
     }
     let mut classical = case.clone();

@@ -1,6 +1,7 @@
 //! What to ask a batch system for: the process mesh and why, memory of a node.
 
-use super::{Bounds, Layout, MOST_MODES, Plan, bytes_text};
+use super::layout::{LARGEST_POINTS, takes_points};
+use super::{Bounds, Layout, Plan, Resources, bytes_text};
 use crate::case::Case;
 use serde::Serialize;
 use std::fmt;
@@ -47,29 +48,29 @@ pub struct Advice {
     pub nodes: Option<usize>,
     /// Planned bytes on a full node, each of its ranks as the fullest.
     pub memory_per_node: Option<u64>,
-    /// Where the memory of a rank is known: the most points `N_p` of which a run on the plan's mesh can keep all modes. One that drops
-    /// them takes as much memory for any `N_p`.
+    /// The most points `N_p` of which a run can keep all modes, whatever `N_p` this one has. One that drops them takes as much memory for
+    /// any `N_p`.
     pub largest_points: Option<usize>,
-}
-
-/// The largest even number from 2 to `most` whose `memory` is within `limit`; `memory` does not fall.
-fn largest_points(most: usize, limit: u64, memory: impl Fn(usize) -> u64) -> Option<usize> {
-    let fits = |half: usize| memory(2 * half) <= limit;
-    let (mut low, mut high) = (0, most / 2 + 1);
-    while high - low > 1 {
-        let middle = low.midpoint(high);
-        if fits(middle) {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    Some(2 * low).filter(|points| *points > 0)
+    /// Blocks along each x-axis of the mesh which that takes.
+    pub largest_points_mesh: Option<Vec<usize>>,
+    /// Bytes a rank may take for that: those that were given, else this machine's.
+    pub largest_points_memory: u64,
+    /// Whether they were given.
+    pub memory_given: bool,
+    /// Whether `solver.warp.points` can be given.
+    pub takes_points: bool,
 }
 
 impl Advice {
-    /// For `plan`, where a rank may take `limit` bytes and a node is `node`.
-    pub fn new(case: &Case, plan: &Plan, limit: Option<u64>, node: Option<Node>) -> Self {
+    /// For `plan` on `resources`, where a node is `node` and so many ranks would have `here` bytes each on this machine.
+    pub fn new(
+        case: &Case,
+        plan: &Plan,
+        resources: &Resources,
+        node: Option<Node>,
+        here: u64,
+    ) -> Self {
+        let limit = resources.memory_per_rank;
         let (warp, ranks) = (plan.warp.as_ref(), plan.layout.mesh.ranks());
         let bounds: &Bounds = &plan.bounds;
         let mut meshes: Vec<Candidate> = Layout::every(case, bounds, warp, ranks)
@@ -94,16 +95,24 @@ impl Advice {
         }
         let nodes = node.map(|node| ranks.div_ceil(node.ranks));
         let full = node.map(|node| node.ranks.min(ranks) as u64 * plan.memory());
+        let memory = limit.unwrap_or(here);
+        let known = Resources {
+            memory_per_rank: Some(memory),
+            ..resources.clone()
+        };
+        let largest = warp.and_then(|warp| Layout::largest_points(case, bounds, warp, &known));
+        let (largest_points, largest_points_mesh) =
+            largest.map(|(n, mesh)| (n, mesh.space)).unzip();
         Self {
             meshes,
             node,
             nodes,
             memory_per_node: full,
-            largest_points: limit.zip(warp).and_then(|(limit, warp)| {
-                let layout = &plan.layout;
-                let memory = |points| layout.memory_of_points(case, bounds, warp, points);
-                largest_points(2 * MOST_MODES - 2, limit, memory)
-            }),
+            largest_points,
+            largest_points_mesh,
+            largest_points_memory: memory,
+            memory_given: limit.is_some(),
+            takes_points: warp.is_some_and(takes_points),
         }
     }
 }
@@ -121,23 +130,35 @@ impl fmt::Display for Advice {
                 bytes_text(node.memory)
             )?;
         }
-        if let Some(points) = self.largest_points {
+        if let (Some(points), Some(space)) = (self.largest_points, &self.largest_points_mesh) {
+            let power = 1usize << points.ilog2();
             writeln!(
                 f,
-                "largest N_p     {points}{} with all modes kept (--mode full) on this mesh; as many as wanted streamed",
-                match 1usize << points.ilog2() {
-                    power if power < points => format!(" (2^{} = {power})", points.ilog2()),
+                "largest N_p     {points}{} with all modes kept (--mode full) on --ranks-x {}, in {} a rank{}; as many as wanted streamed{}",
+                match points {
+                    LARGEST_POINTS => ", the program's own limit,".to_owned(),
+                    _ if power < points => format!(" (2^{} = {power})", points.ilog2()),
                     _ => String::new(),
-                }
+                },
+                joined(space),
+                bytes_text(self.largest_points_memory),
+                match self.memory_given {
+                    true => "",
+                    false => " (what is free on this machine)",
+                },
+                match self.takes_points {
+                    true => "",
+                    false =>
+                        "; N_p is not free here, solver.warp.points takes another solver.warp.profile and no file to start from",
+                },
             )?;
         }
         for (k, mesh) in self.meshes.iter().take(SHOWN).enumerate() {
-            let blocks: Vec<String> = mesh.space.iter().map(usize::to_string).collect();
             writeln!(
                 f,
                 "{:<16}--ranks-x {:<7} time {:.2}: imbalance of the groups {:.3}, exchange {:.0} %, {} a rank{}",
                 if k == 0 { "suggested mesh" } else { "" },
-                blocks.join(","),
+                joined(&mesh.space),
                 mesh.cost,
                 mesh.imbalance,
                 100.0 * mesh.split,
@@ -151,6 +172,12 @@ impl fmt::Display for Advice {
         }
         Ok(())
     }
+}
+
+/// As `--ranks-x` takes it.
+fn joined(blocks: &[usize]) -> String {
+    let blocks: Vec<String> = blocks.iter().map(usize::to_string).collect();
+    blocks.join(",")
 }
 
 #[cfg(test)]
@@ -189,13 +216,33 @@ mod tests {
                     (case, plan)
                 };
                 let (case, first) = plan(64, None);
-                let advice = Advice::new(&case, &first, Some(limit), None);
+                let limited = Resources {
+                    memory_per_rank: Some(limit),
+                    ..resources.clone()
+                };
+                let advice = Advice::new(&case, &first, &limited, None, 0);
                 let points = advice.largest_points.expect("some fit");
                 // As a plan for so many points says itself; groups differ by a batch or two.
-                let space = Some(first.layout.mesh.space.clone());
-                assert!(plan(points, space.clone()).1.memory() <= limit);
+                let space = advice.largest_points_mesh.clone();
+                assert!(plan(points, space).1.memory() <= limit);
                 let more = points + 32 * ranks;
-                assert!(plan(more, space).1.memory() > limit, "{points}");
+                let meshes = Layout::every(&case, &first.bounds, None, ranks);
+                for space in meshes.map(|layout| layout.mesh.space) {
+                    assert!(plan(more, Some(space)).1.memory() > limit, "{points}");
+                }
+                // The same number whatever is asked for, and in the refusal of too many.
+                let (case, other) = plan(points / 2, None);
+                let again = Advice::new(&case, &other, &limited, None, 0);
+                assert_eq!(again.largest_points, Some(points));
+                let case = Case::load(&path, &sets(more, method)).expect("a case");
+                let refused = Plan::new(&case, &limited, 1.5).expect_err("too many");
+                for words in [
+                    "--mode streamed",
+                    "solver.warp.points",
+                    &format!("at most {points} fit"),
+                ] {
+                    assert!(refused.to_string().contains(words), "{refused}");
+                }
             }
         }
     }

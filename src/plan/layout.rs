@@ -1,25 +1,30 @@
 //! Who computes what, and in how much memory: the process mesh of least modelled cost that fits.
 
 use super::balance::{self, Batch};
-use super::{Bounds, WarpPlan};
+use super::{Bounds, MOST_MODES, WarpPlan};
 use crate::case::{Case, Data, Embedding, Exact, Limiter, Method};
 use crate::characteristics::sheet::curve_points;
-use crate::error::{Error, Result};
+use crate::error::{Error, LESS_MEMORY, Result};
 use crate::matrix::{Inflow, LANES, Lanes};
 use crate::observables::MOMENTS;
 use crate::output::warped::buffer_bytes;
 use crate::partition::{Block, Mesh};
+use crate::profile::Profile;
 use crate::propagate::{self, Company, Sizes, cost_of_splitting};
 use crate::scheme::transport_rate;
 use crate::warp::KeptModes;
 use serde::Serialize;
 use std::collections::BTreeSet;
 
-/// Resident memory of the program and its libraries, HDF5's buffers included.
-const PROGRAM_BYTES: u64 = 28 << 20;
+/// Resident memory of the program and its libraries, HDF5's buffers included: measured 25 MiB on one rank, 30 on four, which share
+/// more buffers of MPI.
+const PROGRAM_BYTES: u64 = 30 << 20;
 
 /// What HDF5 takes for each chunk of a dataset while it is written, whatever is in it.
 const CHUNK_BYTES: u64 = 5 << 10;
+
+/// The most points `N_p` that are planned for.
+pub(super) const LARGEST_POINTS: usize = 2 * MOST_MODES - 2;
 
 /// What an exchange takes, in rows of a step: a round of messages, and a ghost that is packed, sent and unpacked. Measured
 /// within a node (docs/performance.md): 4 µs and 40 ns beside 7 to 20 ns a row.
@@ -78,6 +83,7 @@ pub fn refuse_hopeless(case: &Case, resources: &Resources) -> Result<()> {
             needed: bytes_text(needed as u64),
             available: bytes_text(limit),
             detail: format!("{:.3e} cells on {ranks} ranks", case.space.cells() as f64),
+            remedies: LESS_MEMORY.to_owned(),
         });
     }
     Ok(())
@@ -94,7 +100,7 @@ impl Layout {
         let limit = resources.memory_per_rank.unwrap_or(u64::MAX);
         if let Some(space) = &resources.ranks_x {
             let layout = Self::of_mesh(case, bounds, warp, mesh_of(case, space, ranks)?);
-            return layout.within(limit);
+            return layout.within(case, bounds, warp, resources);
         }
         // The cheapest split of the ranks that fits, fewest blocks first.
         let mut best: Option<(bool, f64, Self)> = None;
@@ -114,7 +120,7 @@ impl Layout {
             }
         }
         match best {
-            Some((_, _, layout)) => layout.within(limit),
+            Some((_, _, layout)) => layout.within(case, bounds, warp, resources),
             None => Err(Error::Ranks(format!("{ranks} ranks do not fit the grid"))),
         }
     }
@@ -126,14 +132,7 @@ impl Layout {
         warp: Option<&WarpPlan>,
         ranks: usize,
     ) -> impl Iterator<Item = Self> {
-        let blocks = (1..=ranks).filter(move |b| ranks.is_multiple_of(*b));
-        blocks.filter_map(move |blocks| {
-            let mesh = Mesh {
-                space: split_axes(case, blocks)?,
-                groups: ranks / blocks,
-            };
-            Some(Self::of_mesh(case, bounds, warp, mesh))
-        })
+        meshes(case, ranks).map(move |mesh| Self::of_mesh(case, bounds, warp, mesh))
     }
 
     fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: Mesh) -> Self {
@@ -158,27 +157,28 @@ impl Layout {
         }
     }
 
-    /// Planned bytes on the fullest rank of this mesh for a run that keeps all modes of `points` points in `p`.
-    pub(super) fn memory_of_points(
-        &self,
+    /// The most points `N_p` of which a run on `resources` can keep all modes, and the mesh that it takes; none where no memory is given
+    /// or not even two fit. Depends on nothing that `N_p` changes.
+    pub(super) fn largest_points(
         case: &Case,
         bounds: &Bounds,
         warp: &WarpPlan,
-        points: usize,
-    ) -> u64 {
-        let modes = points / 2 + 1;
-        let piece = match propagate::company(case.propagator.method) {
-            Company::Independent | Company::Coupled => LANES,
-            Company::Sequential => 1,
+        resources: &Resources,
+    ) -> Option<(usize, Mesh)> {
+        let limit = resources.memory_per_rank?;
+        let meshes = match &resources.ranks_x {
+            Some(space) => vec![mesh_of(case, space, resources.ranks).ok()?],
+            None => meshes(case, resources.ranks).collect(),
         };
-        let most = modes.min(piece * modes.div_ceil(piece).div_ceil(self.mesh.groups));
-        let warp = WarpPlan {
-            points: Some(points),
-            modes,
-            ..warp.clone()
-        };
-        let list = arrays(case, bounds, Some(&warp), (&self.mesh, most));
-        list.iter().map(|a| a.1).sum()
+        let mut best: Option<(usize, Mesh)> = None;
+        for mesh in meshes {
+            let memory = |points| memory_of_points(case, bounds, warp, (&mesh, points));
+            let most = most_points(LARGEST_POINTS, limit, memory);
+            if let Some(points) = most.filter(|n| best.as_ref().is_none_or(|(m, _)| n > m)) {
+                best = Some((points, mesh));
+            }
+        }
+        best
     }
 
     /// The modes of each mode group, ascending.
@@ -219,11 +219,18 @@ impl Layout {
         self.arrays.iter().map(|a| a.1).sum()
     }
 
-    /// Refuses what does not fit into `limit` bytes a rank.
+    /// Refuses what does not fit into the memory of `resources`, if that is known; `case`, `bounds` and `warp` are what it was made for.
     ///
     /// # Errors
     /// [`Error::Memory`].
-    pub fn within(self, limit: u64) -> Result<Self> {
+    pub fn within(
+        self,
+        case: &Case,
+        bounds: &Bounds,
+        warp: Option<&WarpPlan>,
+        resources: &Resources,
+    ) -> Result<Self> {
+        let limit = resources.memory_per_rank.unwrap_or(u64::MAX);
         if self.memory() <= limit {
             return Ok(self);
         }
@@ -237,8 +244,85 @@ impl Layout {
             needed: bytes_text(self.memory()),
             available: bytes_text(limit),
             detail: format!("{name}: {}", bytes_text(bytes)),
+            remedies: match warp.filter(|warp| warp.points.is_some()) {
+                Some(warp) => fewer_points(case, bounds, warp, resources),
+                None => LESS_MEMORY.to_owned(),
+            },
         })
     }
+}
+
+/// Every split of `ranks` into blocks × groups, fewest blocks first.
+fn meshes(case: &Case, ranks: usize) -> impl Iterator<Item = Mesh> {
+    let blocks = (1..=ranks).filter(move |b| ranks.is_multiple_of(*b));
+    blocks.filter_map(move |blocks| {
+        Some(Mesh {
+            space: split_axes(case, blocks)?,
+            groups: ranks / blocks,
+        })
+    })
+}
+
+/// What takes less memory than a run that keeps its modes and does not fit.
+fn fewer_points(case: &Case, bounds: &Bounds, warp: &WarpPlan, resources: &Resources) -> String {
+    let most = match Layout::largest_points(case, bounds, warp, resources) {
+        Some((points, _)) => format!("at most {points} fit"),
+        None => "no number of them fits".to_owned(),
+    };
+    let fewer = match (&case.start, takes_points(warp)) {
+        (Some(_), _) => format!("a file of initial.warped with fewer points ({most})"),
+        (None, true) => {
+            format!("dropping the modes (--mode streamed), fewer solver.warp.points ({most})")
+        }
+        (None, false) => {
+            format!(
+                "dropping the modes (--mode streamed), a larger solver.tolerance, which takes fewer points in p ({most})"
+            )
+        }
+    };
+    format!("{fewer}, more ranks on more nodes, or fewer cells (axis.N.x.cells, axis.N.v.cells)")
+}
+
+/// Whether `solver.warp.points` can be given: a designed profile is no function on the line, a file has its own.
+pub(super) fn takes_points(warp: &WarpPlan) -> bool {
+    !matches!(warp.profile, None | Some(Profile::Designed(_)))
+}
+
+/// The largest even number from 2 to `most` whose `memory` is within `limit`; `memory` does not fall.
+fn most_points(most: usize, limit: u64, memory: impl Fn(usize) -> u64) -> Option<usize> {
+    let fits = |half: usize| memory(2 * half) <= limit;
+    let (mut low, mut high) = (0, most / 2 + 1);
+    while high - low > 1 {
+        let middle = low.midpoint(high);
+        if fits(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Some(2 * low).filter(|points| *points > 0)
+}
+
+/// Planned bytes on the fullest rank of `mesh` for a run that keeps all modes of `points` points in `p`.
+fn memory_of_points(
+    case: &Case,
+    bounds: &Bounds,
+    warp: &WarpPlan,
+    (mesh, points): (&Mesh, usize),
+) -> u64 {
+    let modes = points / 2 + 1;
+    let piece = match propagate::company(case.propagator.method) {
+        Company::Independent | Company::Coupled => LANES,
+        Company::Sequential => 1,
+    };
+    let most = modes.min(piece * modes.div_ceil(piece).div_ceil(mesh.groups));
+    let warp = WarpPlan {
+        points: Some(points),
+        modes,
+        ..warp.clone()
+    };
+    let list = arrays(case, bounds, Some(&warp), (mesh, most));
+    list.iter().map(|a| a.1).sum()
 }
 
 fn mesh_of(case: &Case, space: &[usize], ranks: usize) -> Result<Mesh> {

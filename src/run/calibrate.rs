@@ -129,7 +129,12 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     refuse_hopeless(case, resources)?;
     let bounds = Bounds::new(case)?;
     let expected = Plan::provisional(case, &bounds, resources)?;
-    expected.layout.clone().within(memory_per_rank(&all))?;
+    let limited = Resources {
+        memory_per_rank: Some(memory_per_rank(&all)),
+        ..resources.clone()
+    };
+    let warp = expected.warp.as_ref();
+    (expected.layout.clone()).within(case, &expected.bounds, warp, &limited)?;
     watch.lap("plan");
 
     // Who measures what: the run's own blocks, or as many of their size as there are ranks for.
