@@ -50,6 +50,7 @@ fn probabilities(f: &[f64], pi: &[f64]) -> Probabilities {
         all: Figure::exact(p),
         repetitions: Figure::exact(1.0 / p),
         amplification_rounds: Figure::exact(5.0),
+        amplified_evolutions: Figure::unavailable("not asked for"),
     };
     Probabilities {
         points: 16,
