@@ -231,7 +231,7 @@ mod tests {
                     assert!(plan(more, Some(space)).1.memory() > limit, "{points}");
                 }
                 // The same number whatever is asked for, and in the refusal of too many.
-                let (case, other) = plan(points / 2, None);
+                let (case, other) = plan(points / 4 * 2, None);
                 let again = Advice::new(&case, &other, &limited, None, 0);
                 assert_eq!(again.largest_points, Some(points));
                 let case = Case::load(&path, &sets(more, method)).expect("a case");
