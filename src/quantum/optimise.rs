@@ -55,7 +55,7 @@ pub struct Choice {
     pub walk_steps: Figure,
     /// Probability of slice and window, all conditions met.
     pub probability: [Figure; 2],
-    /// Walk steps until it succeeds in the window, repeated naively and by amplitude amplification.
+    /// Walk steps until it succeeds in the window, or in the slice where there is none, repeated naively and by amplitude amplification.
     pub cost: [Figure; 2],
 }
 
@@ -145,6 +145,10 @@ fn choice(
     let found = Probabilities::new(measured, points, system.norms, &label);
     let steps = walk(tau, tolerance * found.amplitude()).1;
     let steps = steps.value().map_or(steps, Figure::bound);
+    let chain = match found.window {
+        Some(_) => &found.in_window,
+        None => &found.at_slice,
+    };
     let of = |evolutions: &Figure| match (evolutions.value(), steps.value()) {
         (Some(n), Some(steps)) => label(n * steps),
         _ => evolutions.clone(),
@@ -154,10 +158,7 @@ fn choice(
         delta,
         recovery: Figure::exact(found.recovery),
         points: Figure::exact(found.points as f64),
-        cost: [
-            of(&found.in_window.repetitions),
-            of(&found.in_window.amplified_evolutions),
-        ],
+        cost: [of(&chain.repetitions), of(&chain.amplified_evolutions)],
         walk_steps: steps,
         probability: [found.at_slice.all, found.in_window.all],
     }
