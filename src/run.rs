@@ -1,8 +1,11 @@
 //! The driver: a flat list of named, timed steps.
 
+mod assembled;
 pub mod calibrate;
 mod measure;
 mod solve;
+
+pub use assembled::Assembled;
 
 use crate::case::{Case, Delta, Exact, Integrator, Method};
 use crate::characteristics::Tracer;
@@ -114,14 +117,8 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
         ranks: all.size(),
         ..Resources::default()
     };
-    let expected = Plan::provisional(case, &bounds, &here)?;
-    let (mesh, patience) = (&expected.layout.mesh, expected.patience());
-    let communicator = Communicator::new(world, mesh);
-    let block = Block::new(&case.space, mesh, communicator.space.rank());
-    let mut problem = Problem::new(case, &bounds, &communicator, block, (1, patience))?;
-    let bounds = problem.bounds(case, &bounds);
-    let ratio = problem.probe(&communicator, bounds.rate, &case.legs());
-    Plan::with_bounds(case, bounds, resources, ratio)
+    let found = Assembled::new(world, case, &bounds, (&here, 1))?;
+    Plan::with_bounds(case, found.bounds, resources, found.ratio)
 }
 
 /// The case with the points of the warped field that it starts from, if it does. Collective.

@@ -5,36 +5,23 @@
 
 #[path = "support/launch.rs"]
 mod launch;
+#[path = "support/python.rs"]
+mod python;
 
 use launch::{Job, case, check_all, directory};
 use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/readers.py");
 
-/// Runs the script; what it says, as an error where it fails.
+/// What the script says, as an error where it fails.
 fn read(python: &Path, arguments: &[&str]) -> Result<String, String> {
-    let output = Command::new(python).arg(SCRIPT).args(arguments).output();
-    let output = output.map_err(|e| format!("{}: {e}", python.display()))?;
-    let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    if output.status.success() {
-        Ok(said(&output.stdout))
-    } else {
-        Err(said(&output.stderr))
-    }
-}
-
-/// A Python with the packages: that of `make readers`, or the one on the path.
-fn python() -> Option<PathBuf> {
-    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
-    let found = [target.join("readers/bin/python"), "python3".into()];
-    found.into_iter().find(|p| read(p, &["--packages"]).is_ok())
+    python::run(python, SCRIPT, arguments)
 }
 
 #[test]
 fn results_open_in_other_programs() {
-    let Some(python) = python() else {
+    let Some(python) = python::with_packages("readers", SCRIPT) else {
         let why = "no Python with h5py, h5netcdf, xarray and vtk; `make readers` installs them";
         let required = std::env::var("PHASEWARP_READERS").is_ok_and(|v| v == "required");
         assert!(!required, "{why}");

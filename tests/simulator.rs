@@ -5,13 +5,14 @@
 
 #[path = "support/launch.rs"]
 mod launch;
+#[path = "support/python.rs"]
+mod python;
 #[path = "support/results.rs"]
 mod results;
 
 use launch::{Job, case, check_all, directory};
 use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/simulator.py");
 
@@ -87,30 +88,14 @@ fn export(name: &str, settings: &[&str], place: &Path) -> Job {
     Job::new(["export-quantum", &case(name), "-o", &place]).set(settings)
 }
 
-/// Runs the script; what it says, as an error where it fails.
+/// What the script says, as an error where it fails.
 fn simulate(python: &Path, arguments: &[&str]) -> Result<String, String> {
-    let output = Command::new(python).arg(SCRIPT).args(arguments).output();
-    let output = output.map_err(|e| format!("{}: {e}", python.display()))?;
-    let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    if output.status.success() {
-        Ok(said(&output.stdout))
-    } else {
-        Err(said(&output.stderr))
-    }
-}
-
-/// A Python with the packages: that of `make qiskit`, or the one on the path.
-fn python() -> Option<PathBuf> {
-    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
-    let found = [target.join("qiskit/bin/python"), "python3".into()];
-    found
-        .into_iter()
-        .find(|p| simulate(p, &["--packages"]).is_ok())
+    python::run(python, SCRIPT, arguments)
 }
 
 #[test]
 fn qiskit_finds_the_same_amplitudes() {
-    let Some(python) = python() else {
+    let Some(python) = python::with_packages("qiskit", SCRIPT) else {
         let why =
             "no Python with qiskit, qiskit-qasm3-import and scipy; `make qiskit` installs them";
         let required = std::env::var("PHASEWARP_QISKIT").is_ok_and(|v| v == "required");

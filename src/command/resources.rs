@@ -1,32 +1,30 @@
 //! `phasewarp resources`: what the case takes on a quantum computer.
 
 use crate::case::{Case, Method};
-use crate::communicator::{Communicator, World};
+use crate::communicator::World;
 use crate::error::{Error, Result};
-use crate::partition::Block;
 use crate::plan::{Bounds, Plan, Resources};
-use crate::problem::Problem;
 use crate::quantum::access::largest_parts;
 use crate::quantum::optimise::{Ranking, System, choices, deltas};
 use crate::quantum::probability::Norms;
 use crate::quantum::resources::Record;
-use crate::run;
+use crate::run::{self, Assembled};
 
 /// Assembles `case` on all ranks and counts. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] for a classical case; as [`Problem::new`] and [`Plan::new`].
+/// [`Error::Input`] for a classical case; as [`Assembled::new`] and [`Plan::new`].
 pub fn count(world: &World, case: &Case) -> Result<Record> {
     has_counts(case)?;
-    let mut system = Assembled::new(world, case)?;
-    let plan = Plan::with_bounds(case, system.bounds.clone(), &system.here, system.ratio)?;
+    let mut system = assembled(world, case)?;
+    let plan = Plan::with_bounds(case, system.bounds.clone(), &here(world), system.ratio)?;
     let Some(warp) = &plan.warp else {
         return Err(Error::Input(format!(
             "{}: nothing is planned by modes",
             case.name
         )));
     };
-    let norms = system.norms(case);
+    let norms = norms(&mut system, case);
     let problem = (&system.problem, norms);
     Record::new(
         case,
@@ -43,7 +41,7 @@ pub fn count(world: &World, case: &Case) -> Result<Record> {
 pub fn optimise(world: &World, case: &Case) -> Result<Ranking> {
     has_counts(case)?;
     let mut all = Vec::new();
-    let own = Assembled::new(world, case)?;
+    let own = assembled(world, case)?;
     let inflow = own.problem.matrix.inflow.iter();
     let largest = inflow
         .flat_map(|aux| aux.values)
@@ -53,8 +51,8 @@ pub fn optimise(world: &World, case: &Case) -> Result<Ranking> {
     for delta in deltas(case, largest) {
         let mut case = case.clone();
         case.warp.delta = delta;
-        let mut system = Assembled::new(world, &case)?;
-        let norms = system.norms(&case);
+        let mut system = assembled(world, &case)?;
+        let norms = norms(&mut system, &case);
         let (s, k, nonzeros) = largest_parts(&system.problem.matrix);
         let space = &system.communicator.space;
         all.extend(choices(&System {
@@ -79,46 +77,30 @@ fn has_counts(case: &Case) -> Result<()> {
             "inflow.value depends on t; the paper's counts are for a generator that does not";
         return Err(Error::Input(format!("{}: {what}", case.name)));
     }
+    if let Some(start) = &case.start {
+        let what = "the counts are for a start u(0) g(p), and a file holds any; give initial.f";
+        return Err(Error::Input(format!("{}: {what}", start.place)));
+    }
     Ok(())
 }
 
-/// A case assembled on all ranks, with what is measured before a plan is made.
-struct Assembled {
-    here: Resources,
-    communicator: Communicator,
-    problem: Problem,
-    bounds: Bounds,
-    ratio: f64,
+/// What a plan of this machine's ranks may take.
+fn here(world: &World) -> Resources {
+    let all = world.group();
+    Resources {
+        ranks: all.size(),
+        ranks_x: None,
+        memory_per_rank: Some(run::memory_per_rank(&all)),
+    }
 }
 
-impl Assembled {
-    fn new(world: &World, case: &Case) -> Result<Self> {
-        run::refuse_hopeless_here(world, case)?;
-        let all = world.group();
-        let here = Resources {
-            ranks: all.size(),
-            ranks_x: None,
-            memory_per_rank: Some(run::memory_per_rank(&all)),
-        };
-        let bounds = Bounds::new(case)?;
-        let expected = Plan::provisional(case, &bounds, &here)?;
-        let (mesh, patience) = (&expected.layout.mesh, expected.patience());
-        let communicator = Communicator::new(world, mesh);
-        let block = Block::new(&case.space, mesh, communicator.space.rank());
-        let mut problem = Problem::new(case, &bounds, &communicator, block, (1, patience))?;
-        let bounds = problem.bounds(case, &bounds);
-        let ratio = problem.probe(&communicator, bounds.rate, &case.legs());
-        Ok(Self {
-            here,
-            communicator,
-            problem,
-            bounds,
-            ratio,
-        })
-    }
+fn assembled(world: &World, case: &Case) -> Result<Assembled> {
+    run::refuse_hopeless_here(world, case)?;
+    Assembled::new(world, case, &Bounds::new(case)?, (&here(world), 1))
+}
 
-    fn norms(&mut self, case: &Case) -> Norms {
-        let rate = self.bounds.rate;
-        self.problem.rough_norms(&self.communicator, rate, case.end)
-    }
+/// Norms of the first field. Collective.
+fn norms(system: &mut Assembled, case: &Case) -> Norms {
+    let rate = system.bounds.rate;
+    (system.problem).rough_norms(&system.communicator, rate, case.end)
 }

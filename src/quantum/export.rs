@@ -118,6 +118,9 @@ pub fn refuse(case: &Case) -> Result<()> {
     if case.varies() {
         return wrong("inflow.value depends on t; H does not");
     }
+    if case.start.is_some() {
+        return wrong("initial.warped: a start u(0) g(p) is exported, and a file holds any");
+    }
     let names = crate::output::hdf5::axis_names(case.space.dimension());
     for (name, axis) in names.iter().zip(case.space.axes()) {
         if !axis.cells.is_power_of_two() {

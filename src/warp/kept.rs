@@ -93,11 +93,6 @@ impl KeptModes {
         &mut self.passages
     }
 
-    /// How many of them have gone so many legs.
-    pub fn present(&self, legs: usize) -> usize {
-        self.passages.iter().filter(|p| p.legs == legs).count()
-    }
-
     fn place(&self, mode: usize) -> Option<usize> {
         self.modes.binary_search(&mode).ok()
     }
@@ -157,7 +152,8 @@ mod tests {
         let (rows, all) = (5, [7, 2, 11, 4, 0, 9, 3, 8, 21, 1]);
         let mut kept = KeptModes::new(rows, all.to_vec());
         assert_eq!(kept.modes(), [0, 1, 2, 3, 4, 7, 8, 9, 11, 21]);
-        assert_eq!((kept.present(0), kept.present(1)), (10, 0));
+        let gone = |kept: &KeptModes| kept.passages().iter().filter(|p| p.legs == 1).count();
+        assert_eq!(gone(&kept), 0);
         let value = |mode: usize, i: usize| Complex64::new(mode as f64 + 0.5, i as f64 - 3.0);
         let passage = |mode: usize| Passage {
             legs: 1,
@@ -167,7 +163,7 @@ mod tests {
         // A full batch, one that is not, and a mode of another rank.
         let batches: [&[usize]; 3] = [&[7, 2, 11, 4, 0, 9, 3, 8], &[21, 1], &[6]];
         for (stored, batch) in [0, 8, 10].into_iter().zip(batches) {
-            assert_eq!(kept.present(1), stored);
+            assert_eq!(gone(&kept), stored);
             let mut state = vec![Lanes::ZERO; rows];
             for (i, Lanes(w)) in state.iter_mut().enumerate() {
                 for (l, &mode) in batch.iter().enumerate() {

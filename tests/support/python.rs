@@ -1,0 +1,24 @@
+//! Scripts that a Python with packages runs, where there is one.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Runs the script; what it says, as an error where it fails.
+pub fn run(python: &Path, script: &str, arguments: &[&str]) -> Result<String, String> {
+    let output = Command::new(python).arg(script).args(arguments).output();
+    let output = output.map_err(|e| format!("{}: {e}", python.display()))?;
+    let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    if output.status.success() {
+        Ok(said(&output.stdout))
+    } else {
+        Err(said(&output.stderr))
+    }
+}
+
+/// A Python with the packages of the script: that of `target/FOLDER`, or the one on the path.
+pub fn with_packages(folder: &str, script: &str) -> Option<PathBuf> {
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
+    let found = [target.join(folder).join("bin/python"), "python3".into()];
+    let has = |python: &PathBuf| run(python, script, &["--packages"]).is_ok();
+    found.into_iter().find(has)
+}
