@@ -34,6 +34,7 @@
 //! | [`quantum`] | oracles, sparsity, resources, readout of a quantum computer; circuits of tiny cases |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
 //! | [`checkpoint`] | what is finished, on disk: a run that was stopped goes on |
+//! | [`figure`] | pictures as data, to SVG and PNG |
 //! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |
 
 #![deny(missing_docs)]
@@ -49,6 +50,7 @@ pub mod communicator;
 pub mod compare;
 pub mod error;
 pub mod expression;
+pub mod figure;
 pub mod grid;
 pub mod matrix;
 pub mod observables;
