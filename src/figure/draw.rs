@@ -309,13 +309,17 @@ impl<'a> Frame<'a> {
             canvas.line(&[[left, y], [right, y]], shade, 0.5)?;
         }
         let mut bars = 0.0;
-        for layer in &self.panel.layers {
+        // Grounds lie below all else, and notes above.
+        let ground = |layer: &&Layer| matches!(layer, Layer::Band { .. });
+        let (grounds, others): (Vec<_>, Vec<_>) = self.panel.layers.iter().partition(ground);
+        for layer in grounds.into_iter().chain(others) {
             self.layer(canvas, layer)?;
             if let Layer::Map(map) = layer {
                 self.bar(canvas, map)?;
                 bars += BAR + 62.0;
             }
         }
+        self.notes(canvas)?;
         let around = [
             [left, top],
             [right, top],
@@ -390,60 +394,91 @@ impl<'a> Frame<'a> {
                     _ => Ok(()),
                 }
             }),
-            Layer::Bars { style, bars } => {
-                for (k, ([from, to], label)) in bars.iter().enumerate() {
-                    let high = self.place([*from, k as f64 + 0.36]);
-                    let low = self.place([*to, k as f64 - 0.36]);
-                    let x = |x: f64| {
-                        if x.is_nan() {
-                            left
-                        } else {
-                            x.clamp(left, right)
-                        }
-                    };
-                    let corners = [
-                        [x(high[0]), high[1]],
-                        [x(low[0]).max(x(high[0]) + 0.5), low[1]],
-                    ];
-                    canvas.rectangle(corners, style.colour)?;
-                    let middle = 0.5 * (high[1] + low[1]);
-                    canvas.note(label, [corners[1][0], middle], right)?;
-                }
-                Ok(())
-            }
+            Layer::Bars { style, bars } => (bars.iter().enumerate())
+                .try_for_each(|(k, (bar, _))| canvas.rectangle(self.bar_of(k, *bar), style.colour)),
             Layer::Map(map) => self.map(canvas, map),
-            Layer::Vertical { label, at } => {
+            Layer::Vertical { at, .. } => {
                 let x = self.place([*at, 1.0])[0];
                 if !(left..=right).contains(&x) {
                     return Ok(());
                 }
-                let style = Style::theory().dashed(2);
-                canvas.styled(&[[x, top], [x, bottom]], &style)?;
-                let before = self.panel.layers.iter();
-                let row = before
-                    .take_while(|other| !std::ptr::eq(*other, layer))
-                    .filter(|other| matches!(other, Layer::Vertical { .. }))
-                    .count();
-                canvas.note(label, [x, top + 9.0 + 13.0 * row as f64], right)
+                canvas.styled(&[[x, top], [x, bottom]], &Style::theory().dashed(2))
             }
-            Layer::Horizontal { label, at } => {
+            Layer::Horizontal { at, .. } => {
                 let y = self.place([1.0, *at])[1];
                 if !(top..=bottom).contains(&y) {
                     return Ok(());
                 }
-                canvas.styled(&[[left, y], [right, y]], &Style::theory().dashed(2))?;
-                let above = if y > top + 14.0 { y - 8.0 } else { y + 8.0 };
-                canvas.note(label, [left, above], right)
+                canvas.styled(&[[left, y], [right, y]], &Style::theory().dashed(2))
             }
-            Layer::Band { label, from } => {
-                let [a, b] = from.map(|x| self.place([x, 1.0])[0].clamp(left, right));
-                if b > a {
-                    canvas.rectangle([[a, top], [b, bottom]], [238, 238, 238])?;
-                    canvas.note(label, [a, bottom - 9.0], right)?;
+            Layer::Band { from, .. } => {
+                let [a, b] = self.band(*from);
+                if b <= a {
+                    return Ok(());
                 }
-                Ok(())
+                canvas.rectangle([[a, top], [b, bottom]], [238, 238, 238])
             }
         }
+    }
+
+    /// The ends of a band within the frame.
+    fn band(&self, from: [f64; 2]) -> [f64; 2] {
+        let [[left, _], [right, _]] = self.corners;
+        from.map(|x| self.place([x, 1.0])[0].clamp(left, right))
+    }
+
+    /// The corners of bar `k`, within the frame and not too thin to be seen.
+    fn bar_of(&self, k: usize, [from, to]: [f64; 2]) -> [Place; 2] {
+        let [[left, _], [right, _]] = self.corners;
+        let x = |x: f64| {
+            if x.is_nan() {
+                left
+            } else {
+                x.clamp(left, right)
+            }
+        };
+        let high = self.place([from, k as f64 + 0.36]);
+        let low = self.place([to, k as f64 - 0.36]);
+        let begin = x(high[0]);
+        [[begin, high[1]], [x(low[0]).max(begin + 0.5), low[1]]]
+    }
+
+    /// What stands at lines, bands and bars. Labels of vertical lines stand one below the other.
+    fn notes<DB: DrawingBackend>(&self, canvas: &Canvas<'_, DB>) -> Drawn {
+        let [[left, top], [right, bottom]] = self.corners;
+        let mut row = 0;
+        for layer in &self.panel.layers {
+            match layer {
+                Layer::Vertical { label, at } => {
+                    let x = self.place([*at, 1.0])[0];
+                    if (left..=right).contains(&x) && !label.is_empty() {
+                        canvas.note(label, [x, top + 9.0 + 13.0 * f64::from(row)], right)?;
+                        row += 1;
+                    }
+                }
+                Layer::Horizontal { label, at } => {
+                    let y = self.place([1.0, *at])[1];
+                    if (top..=bottom).contains(&y) {
+                        let above = if y > top + 14.0 { y - 8.0 } else { y + 8.0 };
+                        canvas.note(label, [left, above], right)?;
+                    }
+                }
+                Layer::Band { label, from } => {
+                    let [a, b] = self.band(*from);
+                    if b > a {
+                        canvas.note(label, [a, bottom - 9.0], right)?;
+                    }
+                }
+                Layer::Bars { bars, .. } => {
+                    for (k, (bar, label)) in bars.iter().enumerate() {
+                        let [high, low] = self.bar_of(k, *bar);
+                        canvas.note(label, [low[0], 0.5 * (high[1] + low[1])], right)?;
+                    }
+                }
+                _ => {}
+            }
+        }
+        Ok(())
     }
 
     /// The cells of a map as one picture.
