@@ -59,16 +59,26 @@ impl Limited<'_> {
         self.potential(cell, &point)
     }
 
+    /// The place `i` along space axis `a`, around the end of a periodic axis; `None` off the grid.
+    fn place(&self, a: usize, i: i64) -> Option<usize> {
+        let cells = self.space.x[a].cells as i64;
+        let i = if self.space.periodic[a] {
+            (i + cells) % cells
+        } else {
+            i
+        };
+        (0..cells).contains(&i).then_some(i as usize)
+    }
+
     /// `V` in the cell minus `V` behind its face.
     fn rise(&self, cell: &Cell, a: usize, above: bool) -> f64 {
-        let next = cell[a] as i64 + if above { 1 } else { -1 };
-        if !(0..self.space.x[a].cells as i64).contains(&next) {
+        let Some(next) = self.place(a, cell[a] as i64 + if above { 1 } else { -1 }) else {
             return 0.0;
-        }
+        };
         let mut beyond = *cell;
-        beyond[a] = next as usize;
+        beyond[a] = next;
         let own = self.limit(cell, cell, a, above);
-        let other = self.limit(&beyond, cell, a, above);
+        let other = self.limit(&beyond, &beyond, a, !above);
         if (own - other).abs() <= 1e-13 * own.abs().max(other.abs()).max(1.0) {
             return 0.0;
         }
@@ -89,7 +99,7 @@ impl Limited<'_> {
 
     fn ghost(&self, cell: &Cell, a: usize, i: i64, j: i64) -> f64 {
         let mut point = self.space.point(cell);
-        point[a] = self.space.x[a].centre(i);
+        point[a] = self.space.x[a].centre(self.place(a, i).map_or(i, |place| place as i64));
         point[3 + a] = self.space.v[a].centre(j);
         self.case.fields[0].entering().eval(&point)
     }
@@ -136,10 +146,11 @@ impl Limited<'_> {
         }
         list.into_iter()
             .map(|(i, j, weight, across)| {
-                let on_grid = (0..x.cells as i64).contains(&i) && (0..v.cells as i64).contains(&j);
-                let source = if on_grid {
+                let held = (0..v.cells as i64).contains(&j);
+                let place = self.place(a, i).filter(|_| held);
+                let source = if let Some(place) = place {
                     let mut source = *cell;
-                    (source[a], source[n + a]) = (i as usize, j as usize);
+                    (source[a], source[n + a]) = (place, j as usize);
                     Source::Cell(source, across)
                 } else {
                     Source::Outside(self.ghost(cell, a, i, j))
@@ -169,8 +180,8 @@ impl Limited<'_> {
     }
 
     fn plain(&self, cell: &Cell, a: usize, above: bool) -> bool {
-        let end = if above { self.space.x[a].cells - 1 } else { 0 };
-        cell[a] != end && self.rise(cell, a, above) == 0.0
+        let next = cell[a] as i64 + if above { 1 } else { -1 };
+        self.place(a, next).is_some() && self.rise(cell, a, above) == 0.0
     }
 
     /// `½Δ s = ½ (f_{i+1} − f_i) ψ(θ)`, `θ = (f_i − f_{i−1})/(f_{i+1} − f_i)`.
