@@ -4,6 +4,7 @@ mod assembled;
 pub mod calibrate;
 mod measure;
 mod solve;
+pub mod trial;
 
 pub use assembled::Assembled;
 
@@ -18,11 +19,12 @@ use crate::compare::{Norms, estimate, include_step_error, moment_errors};
 use crate::error::{Error, Result};
 use crate::matrix::kernel::InstructionSet;
 use crate::matrix::{Lanes, sample, sample_with};
-use crate::observables::{integral, moments, power_sum, totals};
+use crate::observables::{Moments, integral, moments, power_sum, totals};
+use crate::output::history::Early;
 use crate::output::provenance::{self, provenance};
 use crate::output::summary::{FieldSummary, Summary};
 use crate::output::warped::Given;
-use crate::output::{self, hdf5::ExactSolution, hdf5::PlateauPoint};
+use crate::output::{self, hdf5::ExactSolution, hdf5::PlateauPoint, hdf5::slices};
 use crate::partition::{Block, split};
 use crate::plan::{
     ASSUMED_RATIO, Bounds, Plan, Resources, WarpPlan, classical_steps, refuse_hopeless,
@@ -33,10 +35,11 @@ use crate::progress::Progress;
 use crate::quantum::{
     self, Figure,
     probability::{Probabilities, points},
+    readout::Readout,
 };
 use crate::recover::Reading;
 use crate::system;
-use solve::{Checkpointing, Solution, Warped, integrate, solve};
+use solve::{Checkpointing, Files, Solution, Warped, integrate, solve};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -153,25 +156,116 @@ pub struct Options {
 /// # Errors
 /// The first error of any rank, the same on all; [`Error::Stopped`] where it stopped early and can go on.
 pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> Result<Summary> {
+    let all = world.group();
+    let speaks = all.rank() == 0;
+    let case = &*with_start(&all, case)?;
+    let Computed {
+        mut summary,
+        plan,
+        share,
+        fields,
+        exact,
+        moments,
+        totals,
+        early,
+        plateau,
+        readout,
+        store,
+        mut watch,
+    } = compute(world, case, Some((directory, options)))?;
+
+    // 10. Write.
+    let results = output::hdf5::Results {
+        case,
+        plan: &plan,
+        share: &share,
+        fields: &slices(&fields),
+        exact: exact.as_ref(),
+        moments: &moments,
+        totals,
+        early: &early,
+        plateau: &plateau,
+        readout: readout.as_ref(),
+        seconds: &watch.seconds.clone(),
+        provenance: &provenance(world, case),
+    };
+    let grids = output::hdf5::write(&all, directory, &results)?;
+    let written = if speaks {
+        output::xdmf::write(directory, case.end, &grids)
+            .and_then(|()| output::warped::remove_older(directory, case))
+    } else {
+        Ok(())
+    };
+    all.agree(written)?;
+    watch.lap("write");
+    let written = match &readout {
+        Some(readout) if speaks => readout.write(directory),
+        _ => Ok(()),
+    };
+    all.agree(written)?;
+    summary.readout = readout;
+    summary.finish(&all, watch);
+    let written = if speaks {
+        summary.write(directory)
+    } else {
+        Ok(())
+    };
+    all.agree(written)?;
+
+    // 11. Nothing is left to go on from.
+    if let Some(store) = store.filter(|_| speaks)
+        && let Err(error) = store.remove()
+    {
+        let path = store.directory().display();
+        report(&format!("warning: {path} could not be removed: {error}"));
+    }
+    Ok(summary)
+}
+
+/// A case that was run, on this rank's share.
+struct Computed {
+    summary: Summary,
+    plan: Plan,
+    /// This rank's space cells, one range an x-axis.
+    share: Vec<Range<usize>>,
+    /// Every field at `T`.
+    fields: Vec<Vec<f64>>,
+    exact: Option<ExactSolution>,
+    moments: Moments,
+    totals: [f64; 2],
+    early: Vec<Early>,
+    plateau: Vec<PlateauPoint>,
+    readout: Option<Readout>,
+    /// Its checkpoints.
+    store: Option<Store>,
+    watch: Stopwatch,
+}
+
+/// Runs a case, in memory and in silence where no `files` are to be written. Collective over all ranks.
+///
+/// # Errors
+/// As [`run`].
+fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Result<Computed> {
     let mut watch = Stopwatch::start();
     watch
         .seconds
         .insert("start".to_owned(), world.start_seconds);
     let all = world.group();
-    let speaks = all.rank() == 0;
-    let case = &*with_start(&all, case)?;
+    let speaks = all.rank() == 0 && files.is_some();
 
     // 1. Who computes what; does it fit; can the results be written.
     let mut resources = Resources {
         ranks: all.size(),
-        ranks_x: options.ranks_x.clone(),
+        ranks_x: files.and_then(|(_, options)| options.ranks_x.clone()),
         memory_per_rank: Some(memory_per_rank(&all)),
     };
     refuse_hopeless(case, &resources)?;
     let bounds = Bounds::new(case)?;
     let mut plan = Plan::provisional(case, &bounds, &resources)?;
     resources.ranks_x = Some(plan.layout.mesh.space.clone());
-    output::prepare(&all, directory, case)?;
+    if let Some((directory, _)) = files {
+        output::prepare(&all, directory, case)?;
+    }
     let communicator = Communicator::new(world, &plan.layout.mesh);
     let mut warnings = warnings(case);
     if speaks {
@@ -207,7 +301,9 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
             let why = "ranks planned different series, being on processors of different kinds; start them on one kind";
             return Err(Error::Ranks(why.to_owned()));
         }
-        if let Some(points) = plan.warp.as_ref().and_then(|w| w.points) {
+        if let (Some(points), Some((directory, _))) =
+            (plan.warp.as_ref().and_then(|w| w.points), files)
+        {
             let room = if speaks {
                 output::warped::enough_room(directory, case, points)
             } else {
@@ -227,17 +323,15 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     warnings.extend_from_slice(planned);
 
     // 5. What was finished before. Only runs by modes make checkpoints.
-    let mut store = (plan.warp.as_ref()).map(|warp| {
+    let mut store = (plan.warp.as_ref().zip(files)).map(|(warp, (directory, _))| {
         let folder = directory.join("checkpoint");
         Store::new(folder, Fingerprint::new(case, warp), case.space.clone())
     });
-    let generation = earlier(&all, &plan, options, store.as_mut(), &mut warnings)?;
-    let told = warnings.len();
-    let times = Times {
-        every: case.checkpoint_every,
-        wall: options.walltime.map(|wall| (world.started, wall)),
-        stop: Arc::clone(&options.stop),
+    let generation = match files {
+        Some((_, options)) => earlier(&all, &plan, options, store.as_mut(), &mut warnings)?,
+        None => None,
     };
+    let told = warnings.len();
 
     // 6. Solve; of the fields at the start only the mass is kept.
     let mut summary = Summary::default();
@@ -249,11 +343,24 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         summary.mass_initial = Some(mass);
     }
     watch.lap("observables");
-    let warped = Warped {
-        directory,
-        seconds: &watch.seconds.clone(),
-        provenance: &provenance(world, case),
-    };
+    let seconds = watch.seconds.clone();
+    let provenance = provenance(world, case);
+    let besides = files.map(|(directory, options)| Files {
+        warped: Warped {
+            directory,
+            seconds: &seconds,
+            provenance: &provenance,
+        },
+        checkpointing: store.as_mut().map(|store| Checkpointing {
+            store,
+            generation,
+            times: Times {
+                every: case.checkpoint_every,
+                wall: options.walltime.map(|wall| (world.started, wall)),
+                stop: Arc::clone(&options.stop),
+            },
+        }),
+    });
     let Solution {
         fields,
         plateau,
@@ -266,14 +373,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         &place,
         &mut problem,
         &mut summary,
-        (
-            &warped,
-            store.as_mut().map(|store| Checkpointing {
-                store,
-                generation,
-                times,
-            }),
-        ),
+        besides,
     )?;
     watch.part("write", warped_seconds);
     watch.lap("solve");
@@ -384,9 +484,14 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     match &exact {
         None => {}
         Some(ExactSolution::Field(exact)) => {
-            let (norms, volume) = (norms(results[0]), case.space.cell_volume());
-            summary.error_l1 = Some(norms.difference(exact, 1) * volume);
-            summary.error_l2 = Some((norms.difference(exact, 2) * volume).sqrt());
+            let (found, exact_alone) = (norms(results[0]), norms(exact));
+            let (volume, zero) = (case.space.cell_volume(), vec![0.0; exact.len()]);
+            let l1 = |of: &Norms<'_>, other: &[f64]| of.difference(other, 1) * volume;
+            let l2 = |of: &Norms<'_>, other: &[f64]| (of.difference(other, 2) * volume).sqrt();
+            summary.error_l1 = Some(l1(&found, exact));
+            summary.error_l2 = Some(l2(&found, exact));
+            summary.exact_l1 = Some(l1(&exact_alone, &zero));
+            summary.exact_l2 = Some(l2(&exact_alone, &zero));
         }
         Some(ExactSolution::Moments(exact)) => {
             let [density, velocity] =
@@ -406,55 +511,26 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     if readout.is_some() {
         watch.lap("readout");
     }
-
-    // 10. Write.
-    let results = output::hdf5::Results {
-        case,
-        plan: &plan,
-        share: &place.share,
-        fields: &results,
-        exact: exact.as_ref(),
-        moments: &found,
-        totals,
-        early: &early,
-        plateau: &plateau,
-        readout: readout.as_ref(),
-        seconds: &watch.seconds.clone(),
-        provenance: &provenance(world, case),
-    };
-    let grids = output::hdf5::write(&communicator.world, directory, &results)?;
-    let written = if speaks {
-        output::xdmf::write(directory, case.end, &grids)
-            .and_then(|()| output::warped::remove_older(directory, case))
-    } else {
-        Ok(())
-    };
-    all.agree(written)?;
-    watch.lap("write");
-    let written = match &readout {
-        Some(readout) if speaks => readout.write(directory),
-        _ => Ok(()),
-    };
-    all.agree(written)?;
-    summary.readout = readout;
     summary.warnings = warnings;
     summary.told = told;
-    summary.fill(case, &plan, &problem, &communicator, watch);
-    let written = if speaks {
-        summary.write(directory)
-    } else {
-        Ok(())
-    };
-    all.agree(written)?;
-
-    // 11. Nothing is left to go on from.
-    if let Some(store) = store.filter(|_| speaks)
-        && let Err(error) = store.remove()
-    {
-        let path = store.directory().display();
-        report(&format!("warning: {path} could not be removed: {error}"));
-    }
-    Ok(summary)
+    summary.fill(case, &plan, &problem, &communicator);
+    Ok(Computed {
+        summary,
+        plan,
+        share: place.share,
+        fields: fields
+            .into_iter()
+            .map(|mut readings| readings.swap_remove(0))
+            .collect(),
+        exact,
+        moments: found,
+        totals,
+        early,
+        plateau,
+        readout,
+        store,
+        watch,
+    })
 }
 
 /// The checkpoint to go on from, if that is wanted and there is one. Collective.
@@ -651,14 +727,7 @@ fn opening_line(plan: &Plan) -> String {
 
 impl Summary {
     /// What the plan and the problem say. Collective.
-    fn fill(
-        &mut self,
-        case: &Case,
-        plan: &Plan,
-        problem: &Problem,
-        communicator: &Communicator,
-        watch: Stopwatch,
-    ) {
+    fn fill(&mut self, case: &Case, plan: &Plan, problem: &Problem, communicator: &Communicator) {
         let world = &communicator.world;
         self.title = case.title.clone();
         self.version = env!("CARGO_PKG_VERSION").to_owned();
@@ -677,7 +746,6 @@ impl Summary {
         self.points = plan.warp.as_ref().and_then(|w| w.points);
         self.tolerance = case.tolerance;
         self.memory_planned_bytes_per_rank = plan.memory();
-        self.memory_peak_bytes_per_rank = world.max_count(system::peak_memory() as usize) as u64;
         self.growth_bound = plan.bounds.growth;
         self.decay_bound = plan.bounds.decay;
         if let Some(schedule) = &problem.schedule {
@@ -687,6 +755,11 @@ impl Summary {
         self.growth_certificate = problem.weights.certificate;
         self.weight_spread = problem.weights.spread;
         self.weight_sweeps = problem.weights.sweeps;
+    }
+
+    /// What is known at the end: seconds, and the memory that was taken. Collective.
+    fn finish(&mut self, world: &Group, watch: Stopwatch) {
+        self.memory_peak_bytes_per_rank = world.max_count(system::peak_memory() as usize) as u64;
         self.solve_seconds = watch.seconds.get("solve").copied().unwrap_or(0.0);
         self.wall_seconds = watch.started.elapsed().as_secs_f64();
         self.seconds = watch.seconds;

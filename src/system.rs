@@ -20,6 +20,17 @@ pub fn peak_memory() -> u64 {
     kilobytes("/proc/self/status", "VmHWM:").unwrap_or(0)
 }
 
+/// Gives freed memory back, and lets [`peak_memory`] begin anew; where the system cannot, the peak stays that of all that went before.
+pub fn reset_peak_memory() {
+    // SAFETY: a plain call; it may be made at any time.
+    #[cfg(target_env = "gnu")]
+    unsafe {
+        libc::malloc_trim(0);
+    }
+    // Not every kernel lets a process do this.
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
+}
+
 /// Memory that processes on this machine may still take, in bytes: what is free, within the control group's limit.
 pub fn available_memory() -> u64 {
     let free = kilobytes("/proc/meminfo", "MemAvailable:").unwrap_or(u64::MAX);

@@ -135,6 +135,10 @@ pub struct Summary {
     pub error_l1: Option<f64>,
     /// (∫ |f − f_exact|² dx dv)^½.
     pub error_l2: Option<f64>,
+    /// ∫ |f_exact| dx dv: what `error_l1` is relative to.
+    pub exact_l1: Option<f64>,
+    /// (∫ f_exact² dx dv)^½.
+    pub exact_l2: Option<f64>,
     /// ∫ ρ_exact dx, for measure-valued data.
     pub mass_exact: Option<f64>,
     /// ∫ |ρ − ρ_exact| dx, for measure-valued data.

@@ -53,6 +53,14 @@ pub(super) struct Checkpointing<'a> {
     pub times: Times,
 }
 
+/// What a run writes while it goes on.
+pub(super) struct Files<'a> {
+    /// The warped fields.
+    pub warped: Warped<'a>,
+    /// Where it is by modes.
+    pub checkpointing: Option<Checkpointing<'a>>,
+}
+
 /// What either method finds, on this rank's share.
 struct Found {
     fields: Vec<Vec<Vec<f64>>>,
@@ -62,7 +70,7 @@ struct Found {
     warped_seconds: f64,
 }
 
-/// Every field at `T`, and what is wanted before. Collective.
+/// Every field at `T`, and what is wanted before; in silence where no `files` are written. Collective.
 pub(super) fn solve(
     case: &Case,
     plan: &Plan,
@@ -70,14 +78,15 @@ pub(super) fn solve(
     place: &Place,
     problem: &mut Problem,
     summary: &mut Summary,
-    (files, checkpointing): (&Warped<'_>, Option<Checkpointing<'_>>),
+    files: Option<Files<'_>>,
 ) -> Result<Solution> {
-    let found = match (&plan.warp, checkpointing) {
-        (Some(warp), Some(checkpointing)) => {
-            let (plans, besides) = ((plan, warp), (files, checkpointing));
-            by_modes(case, plans, communicator, place, problem, summary, besides)
+    let speaks = communicator.world.rank() == 0 && files.is_some();
+    let found = match &plan.warp {
+        Some(warp) => {
+            let plans = (plan, warp);
+            by_modes(case, plans, communicator, place, problem, summary, files)
         }
-        _ => classically(case, plan, communicator, place, problem, summary),
+        None => classically(case, plan, communicator, place, problem, (summary, speaks)),
     }?;
     Ok(Solution {
         early: history(case, communicator, (place, problem), found.early),
@@ -137,9 +146,8 @@ fn classically(
     communicator: &Communicator,
     place: &Place,
     problem: &mut Problem,
-    summary: &mut Summary,
+    (summary, speaks): (&mut Summary, bool),
 ) -> Result<Found> {
-    let speaks = communicator.world.rank() == 0;
     let steps = classical_steps(case, &plan.bounds);
     let stages = if case.integrator == Integrator::SspRk3 {
         3
@@ -196,13 +204,18 @@ fn by_modes(
     place: &Place,
     problem: &mut Problem,
     summary: &mut Summary,
-    (files, checkpointing): (&Warped<'_>, Checkpointing<'_>),
+    files: Option<Files<'_>>,
 ) -> Result<Found> {
-    let speaks = communicator.world.rank() == 0;
+    let speaks = communicator.world.rank() == 0 && files.is_some();
+    let (warped, mut checkpointing) = match files {
+        Some(files) => (Some(files.warped), files.checkpointing),
+        None => (None, None),
+    };
     let group = communicator.modes.rank();
     let batches = &plan.layout.groups[group];
     let legs = Leg::all(case);
-    let resumed = checkpointing.generation.map(|generation| {
+    let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
+    let resumed = generation.map(|generation| {
         let finished = generation.state.finished.iter().copied().collect();
         Resumed {
             batches: plan.batches_left(&finished, group),
@@ -234,7 +247,9 @@ fn by_modes(
         (Some(start), Some(kept)) => {
             let (largest, values) = begin(start, warp_plan, &spread, problem, kept)?;
             let generation = resumed.as_ref().map(|r| &r.generation);
-            checkpointing.store.begins_with(values, generation)?;
+            if let Some(checkpointing) = &mut checkpointing {
+                checkpointing.store.begins_with(values, generation)?;
+            }
             Some(largest)
         }
         _ => None,
@@ -281,9 +296,12 @@ fn by_modes(
     let mut write = |k: usize, leg: usize, kept: &KeptModes| {
         // Of the times before the end those that are to show the fields; they are numbered.
         let wanted = |leg: &usize| case.times.get(*leg).is_none_or(|t| t.fields);
-        if !case.warped_field || !wanted(&leg) {
+        let Some(files) = warped
+            .as_ref()
+            .filter(|_| case.warped_field && wanted(&leg))
+        else {
             return Ok(());
-        }
+        };
         let started = Instant::now();
         let early = case
             .times
@@ -310,21 +328,17 @@ fn by_modes(
     let mesh = &plan.layout.mesh;
     let size = (warp_plan.modes, stages);
     summary.resumed = resumed.is_some();
-    let mut checkpoints = Checkpoints::new(
-        (communicator, mesh),
-        checkpointing.store,
-        checkpointing.times,
-        size,
-        resumed,
-    );
+    let mut checkpoints = checkpointing.map(|Checkpointing { store, times, .. }| {
+        Checkpoints::new((communicator, mesh), store, times, size, resumed)
+    });
     let besides = Besides {
         keeping: keeping.as_mut(),
-        checkpoints: Some(&mut checkpoints),
+        checkpoints: checkpoints.as_mut(),
     };
     let recovered = warp::run(&task, &mut system, &mut *propagator, &mut progress, besides)?;
     drop(kept);
     progress.finish();
-    summary.checkpoints = checkpoints.written;
+    summary.checkpoints = checkpoints.map_or(0, |c| c.written);
     summary.unitarity_defect = recovered.unitarity_defect;
     summary.norm_kept = recovered.norm_kept;
     summary.matvecs = communicator.modes.sum_count(recovered.applications);
