@@ -282,13 +282,13 @@ fn read_axis(table: Table<'_>, of_space: bool) -> Result<(Axis, bool)> {
         ));
     }
     let periodic = table.choice("boundary", &[("inflow", false), ("periodic", true)])?;
-    let axis = Axis {
-        lower: table.required_number("lower")?,
-        upper: table.required_number("upper")?,
-        cells: table
+    let axis = Axis::new(
+        table.required_number("lower")?,
+        table.required_number("upper")?,
+        table
             .count("cells", 1)?
             .ok_or_else(|| table.error("cells", "missing; a whole number expected"))?,
-    };
+    );
     if axis.lower >= axis.upper {
         return Err(table.error("upper", &format!("must be above lower = {}", axis.lower)));
     }

@@ -268,11 +268,8 @@ fn part_of(case: &Case, mesh: &Mesh, ranks: usize) -> (Case, Mesh) {
     let cut = |((axis, &of), &parts): ((&Axis, &usize), &usize)| {
         let cells = (axis.cells.div_ceil(of) * parts).min(axis.cells);
         let first = ((axis.cells - cells) / 2) as i64;
-        Axis {
-            lower: axis.face(first),
-            upper: axis.face(first + cells as i64),
-            cells,
-        }
+        let (lower, upper) = (axis.face(first), axis.face(first + cells as i64));
+        Axis::new(lower, upper, cells)
     };
     let x = (case.space.x.iter().zip(&mesh.space).zip(&parts))
         .map(cut)

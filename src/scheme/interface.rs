@@ -217,11 +217,7 @@ mod tests {
     fn each(interface: Interface, mut check: impl FnMut(&Axis, i64, f64, &[Source])) {
         let mut out = Vec::new();
         for (lower, upper, cells) in BOXES {
-            let axis = Axis {
-                lower,
-                upper,
-                cells,
-            };
+            let axis = Axis::new(lower, upper, cells);
             for rise in [-0.4, -0.2, -0.013, 1e-9, 0.05, 0.2, 0.7] {
                 for j in 0..cells as i64 {
                     if velocity(&axis, j) != 0.0 {
@@ -252,11 +248,7 @@ mod tests {
         // Σ over targets on both sides of |ξ_j| w_jk = |ξ_k| for every source cell whose targets are on the lattice.
         let mut out = Vec::new();
         for (lower, upper, cells) in BOXES {
-            let axis = Axis {
-                lower,
-                upper,
-                cells,
-            };
+            let axis = Axis::new(lower, upper, cells);
             for rise in [-0.4, -0.013, 0.05, 0.3] {
                 // Sources on the left side moving right: k > 0. Targets: right side moving right across `rise`,
                 // left side moving left by reflection (their own rise is −rise).
