@@ -161,11 +161,11 @@ pub type Cell = [usize; 2 * MAX_DIMENSION];
 impl PhaseSpace {
     /// The grid that the case gives.
     pub fn whole(&self) -> Self {
-        let whole = |axes: &[Axis]| axes.iter().map(Axis::whole).collect();
-        Self {
-            x: whole(&self.x),
-            v: whole(&self.v),
+        let mut space = self.clone();
+        for axis in space.x.iter_mut().chain(&mut space.v) {
+            *axis = axis.whole();
         }
+        space
     }
 
     /// Number of space dimensions `n`.

@@ -135,6 +135,8 @@ pub struct Plan {
     pub shape: Vec<usize>,
     /// Unknowns.
     pub cells: usize,
+    /// What was left out of the case, a line each.
+    pub reductions: Vec<String>,
     /// Final time.
     pub time: f64,
     /// The method.
@@ -427,6 +429,7 @@ impl Plan {
             title: case.title.clone(),
             shape: case.space.shape(),
             cells: case.space.cells(),
+            reductions: case.reductions.dropped.clone(),
             time: case.end,
             method: case.method,
             interface: case.interface,
@@ -543,6 +546,9 @@ impl fmt::Display for Plan {
             shape.join(" x "),
             self.cells
         )?;
+        for line in &self.reductions {
+            writeln!(f, "reduced         {line}")?;
+        }
         let b = &self.bounds;
         let mut scene = vec![if b.jumps { "jumps" } else { "no jump" }];
         scene.push(if b.inflow { "inflow" } else { "no inflow" });

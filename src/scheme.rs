@@ -198,7 +198,9 @@ impl<'a> Scheme<'a> {
             return;
         }
         row.draw += rate;
-        if self.no_inflow {
+        let beyond = !(0..x.cells as i64).contains(&i);
+        if self.no_inflow || (!beyond && v.leaves_out(j)) {
+            // Nothing is there.
             return;
         }
         let mut point = self.space.point(cell);

@@ -77,6 +77,7 @@ impl Case {
             "moment_times",
             "field_times",
             "delta_width",
+            "expand",
             "compression",
             "chunks",
             "xdmf",
@@ -88,6 +89,7 @@ impl Case {
             "warp",
             "propagator",
             "classical",
+            "reduce",
         ])?;
         let warp = solver.table("warp")?.knowing(&[
             "profile",
@@ -175,11 +177,14 @@ impl Case {
                 ],
             )?,
             cfl: read_cfl(&classical)?,
+            reduce: read_reduce(&solver)?,
+            reductions: Reductions::default(),
             exact,
             recovery_points: output::recovery_points(&output)?,
             plateau: output::plateau(&output)?,
             times: output::times(&output, end)?,
             warped_field: output.boolean("warped_field")?.unwrap_or(false),
+            expand: output.boolean("expand")?.unwrap_or(false),
             delta_width: output.choice(
                 "delta_width",
                 &[
@@ -846,6 +851,23 @@ fn read_cfl(classical: &Table<'_>) -> Result<f64> {
         ));
     }
     Ok(cfl)
+}
+
+/// `[solver.reduce]`, or `reduce = false` for none of it.
+fn read_reduce(solver: &Table<'_>) -> Result<Allowed> {
+    if solver.is_boolean("reduce") {
+        return Ok(Allowed::all(solver.boolean("reduce")?.unwrap_or(true)));
+    }
+    let table = solver
+        .table("reduce")?
+        .knowing(&["axes", "velocities", "inflow", "modes"])?;
+    let allowed = |key| Ok(table.boolean(key)?.unwrap_or(true));
+    Ok(Allowed {
+        axes: allowed("axes")?,
+        velocities: allowed("velocities")?,
+        inflow: allowed("inflow")?,
+        modes: allowed("modes")?,
+    })
 }
 
 /// `[checkpoint]`.

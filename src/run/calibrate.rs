@@ -32,6 +32,7 @@ use crate::problem::Problem;
 use crate::progress::Progress;
 use crate::propagate::commutator_free::{CommutatorFree, stage_degree};
 use crate::propagate::{self, Company, Evolution, Initial, Propagator, propagator};
+use crate::reduce::reduced;
 use crate::varying::Schedule;
 use crate::warp::{self, Besides, Keeping, KeptModes, Leg, MomentsOf, Passage, Task};
 use num_complex::Complex64;
@@ -125,7 +126,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     let started = Instant::now();
     let all = world.group();
     let mut watch = super::Stopwatch::start();
-    let case = &*with_start(&all, case)?;
+    let case = &reduced(&all, &*with_start(&all, case)?)?;
     refuse_hopeless(case, resources)?;
     let bounds = Bounds::new(case)?;
     let expected = Plan::provisional(case, &bounds, resources)?;
