@@ -499,6 +499,11 @@ impl Case {
         self.fields.iter().any(Field::enters)
     }
 
+    /// Whether there are auxiliary unknowns: where anything may enter, or where they are wanted all the same.
+    pub fn embeds(&self) -> bool {
+        self.enters() || self.reductions.idle_unknowns
+    }
+
     /// The same case with nothing that enters.
     pub fn without_inflow(&self) -> Self {
         let mut case = self.clone();

@@ -21,7 +21,6 @@ use crate::error::Result;
 use crate::expression::Expression;
 use crate::output::hdf5::axis_names;
 use crate::scheme::interface::velocity;
-use serde::Serialize;
 
 /// `[solver.reduce]`: what may be left out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,13 +48,16 @@ impl Allowed {
 }
 
 /// What was left out of a case, and what was not though it looks so; a line each.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Reductions {
     /// Left out.
     pub dropped: Vec<String>,
     /// Kept, and why.
-    #[serde(skip)]
     pub kept: Vec<String>,
+    /// Whether there are auxiliary unknowns though nothing enters.
+    pub idle_unknowns: bool,
+    /// Whether modes of both signs are propagated.
+    pub every_mode: bool,
 }
 
 /// `case` without what it does not need; one that was reduced before stays as it is. Collective over `world`.
@@ -96,7 +98,9 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
         (said.dropped).push(format!("all in all {before} cells -> {after}"));
     }
     if case.method == Method::Schrodingerized {
+        said.every_mode = !allowed.modes;
         if !case.enters() {
+            said.idle_unknowns = !allowed.inflow;
             let line = "auxiliary unknowns: nothing enters";
             match allowed.inflow {
                 true => said.dropped.push(line.to_owned()),

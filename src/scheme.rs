@@ -198,9 +198,8 @@ impl<'a> Scheme<'a> {
             return;
         }
         row.draw += rate;
-        let beyond = !(0..x.cells as i64).contains(&i);
-        if self.no_inflow || (!beyond && v.leaves_out(j)) {
-            // Nothing is there.
+        // Nothing is in a cell of the box that was left out.
+        if self.no_inflow || (inside.is_some() && v.leaves_out(j)) {
             return;
         }
         let mut point = self.space.point(cell);

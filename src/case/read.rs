@@ -137,7 +137,7 @@ impl Case {
                 ),
             ));
         }
-        let case = Case {
+        let mut case = Case {
             name: name.to_owned(),
             title: root.text("title")?.unwrap_or_default(),
             reference: root.text("reference")?.unwrap_or_default(),
@@ -214,6 +214,9 @@ impl Case {
         }
         if case.start.is_some() {
             startable(&case, &root.table("initial")?, &solver, &warp)?;
+        }
+        if !case.reduce.modes && case.method == Method::Schrodingerized {
+            every_mode(&mut case, &solver)?;
         }
         if case.warped_field && case.method == Method::Classical {
             return Err(output.error(
@@ -628,6 +631,23 @@ fn read_shift(table: &Table<'_>) -> Result<Shift> {
         return Err(table.error("shift", &format!("must be between -{MOST:e} and {MOST:e}")));
     }
     Ok(Shift::Given(shift))
+}
+
+/// Refuses modes of both signs where they have no use; what asks for all that there is does without them there.
+fn every_mode(case: &mut Case, solver: &Table<'_>) -> Result<()> {
+    let why = if case.warped_field || case.start.is_some() {
+        "the warped field is kept by its modes l >= 0"
+    } else if order(case.propagator.method) > 0 {
+        "crank-nicolson and backward-euler take modes l >= 0 only"
+    } else {
+        return Ok(());
+    };
+    if solver.is_boolean("reduce") {
+        case.reduce.modes = true;
+        return Ok(());
+    }
+    let message = format!("{why}; leave it out, or true");
+    Err(solver.table("reduce")?.error("modes", &message))
 }
 
 /// Refuses methods that do not know of an inflow that depends on time.

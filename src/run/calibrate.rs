@@ -527,7 +527,7 @@ impl<'a> Shortened<'a> {
             }
             for l in 0..warp.modes {
                 let span = (leg.time, warp.leg_tolerance(l) * fraction);
-                let mu = warp.series.wavenumber(l);
+                let mu = warp.wavenumber(l);
                 let work = propagate::work(case, &plan.bounds, mu, span, &mut scratch);
                 warp.leg_work[k][l] = work;
             }
@@ -558,7 +558,7 @@ impl<'a> Shortened<'a> {
                 None => work[l],
                 Some(schedule) => {
                     let span = (bounds.rate, bounds.growth, leg.time);
-                    let (mu, stages) = (self.warp.series.wavenumber(l), schedule.stages());
+                    let (mu, stages) = (self.warp.wavenumber(l), schedule.stages());
                     stages * stage_degree(&mut scratch, mu, work[l], span, stages)
                 }
             });
