@@ -135,6 +135,15 @@ impl Axis {
         self.point(2.0 * j as f64)
     }
 
+    /// How many cells `point` lies above the lower end; the same for a window as for the whole axis but for the cells before.
+    pub fn position(&self, point: f64) -> f64 {
+        let lower = match self.part {
+            Part::Window { ends, .. } => ends[0],
+            _ => self.lower,
+        };
+        (point - lower) / self.width() - self.first() as f64
+    }
+
     /// Cell centres, in order.
     pub fn centres(&self) -> Vec<f64> {
         (0..self.cells as i64).map(|j| self.centre(j)).collect()
@@ -328,6 +337,8 @@ mod tests {
         for j in -3..8 {
             assert_eq!(window.centre(j), axis.centre(j + 2));
             assert_eq!(window.face(j), axis.face(j + 2));
+            let point = 0.31 * j as f64;
+            assert_eq!(window.position(point), axis.position(point) - 2.0);
             let inside = (0..3).contains(&j);
             assert_eq!(window.leaves_out(j), (-2..5).contains(&j) && !inside, "{j}");
         }

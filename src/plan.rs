@@ -670,6 +670,12 @@ impl fmt::Display for Plan {
             l.mesh.groups,
             l.imbalance
         )?;
+        if l.mesh.blocks() == 1 && l.mesh.groups > 1 && self.warp.is_some() {
+            writeln!(
+                f,
+                "reduced         space is not split: there are modes for all ranks"
+            )?;
+        }
         let idle = l.groups.iter().filter(|g| g.is_empty()).count();
         if idle > 0 && (self.warp.is_some() || idle < l.groups.len()) {
             writeln!(f, "                {idle} mode groups have nothing to do")?;

@@ -202,9 +202,9 @@ fn why_kept(case: &Case, a: usize) -> Option<String> {
     }
     let x = axis_names(case.space.dimension())[a];
     match varies_along(case, a) {
-        Some(name) if name == "inflow.value" || name == "exact.f" => Some(format!(
-            "{x}: V and f(0) do not vary along it, {name} does"
-        )),
+        Some(name) if name == "inflow.value" || name == "exact.f" => {
+            Some(format!("{x}: V and f(0) do not vary along it, {name} does"))
+        }
         Some(_) => None,
         None => Some(format!(
             "{x}: nothing varies along it, but what enters at its ends may differ from what is inside; \

@@ -49,19 +49,16 @@ pub(super) fn crop(world: &Group, case: &mut Case, said: &mut Reductions) -> Res
         said.kept.push(format!("velocities: all of them; {why}"));
         return Ok(());
     }
-    let Some(mut planes) = filled(world, case)? else {
+    // An error is that of the potential, the same on all ranks.
+    let mut planes = filled(case, (world.rank(), world.size()))?;
+    for plane in &mut planes {
+        world.max_into(&mut plane.reached);
+    }
+    if planes.iter().all(Plane::is_full) {
         return Ok(());
-    };
-    let potential = Potential::whole(case)?;
+    }
+    let boxes = boxes(case, planes)?;
     let names = axis_names(case.space.dimension());
-    let boxes: Vec<Range<usize>> = (planes.iter_mut().enumerate())
-        .map(|(a, plane)| {
-            Faces::new(&case.space, &potential, a).map_or(0..case.space.v[a].cells, |faces| {
-                plane.close(&case.space, &faces, case);
-                plane.velocities()
-            })
-        })
-        .collect();
     for (a, range) in boxes.into_iter().enumerate() {
         let axis = &case.space.v[a];
         if range.is_empty() || range.len() == axis.cells {
@@ -76,6 +73,19 @@ pub(super) fn crop(world: &Group, case: &mut Case, said: &mut Reductions) -> Res
         case.space.v[a] = window;
     }
     Ok(())
+}
+
+/// The velocities that are reached along each axis, begun with what is in `planes`.
+fn boxes(case: &Case, planes: Vec<Plane>) -> Result<Vec<Range<usize>>> {
+    let potential = Potential::whole(case)?;
+    let close = |mut plane: Plane| match Faces::new(&case.space, &potential, plane.axis) {
+        None => 0..plane.cells,
+        Some(faces) => {
+            plane.close(&case.space, &faces, case);
+            plane.velocities()
+        }
+    };
+    Ok(planes.into_iter().map(close).collect())
 }
 
 /// Which cells of the plane of an axis are reached.
@@ -96,9 +106,19 @@ impl Plane {
         (0..self.cells as i64).contains(&j) && self.reached[self.at(i, j as usize)] != 0.0
     }
 
+    /// Whether its lowest and its highest velocity are reached somewhere.
+    fn is_full(&self) -> bool {
+        self.velocities().len() == self.cells
+    }
+
     /// From the lowest velocity that is reached anywhere to the highest.
     fn velocities(&self) -> Range<usize> {
-        let any = |j: &usize| self.reached[*j..].iter().step_by(self.cells).any(|r| *r != 0.0);
+        let any = |j: &usize| {
+            self.reached[*j..]
+                .iter()
+                .step_by(self.cells)
+                .any(|r| *r != 0.0)
+        };
         let first = (0..self.cells).find(any).unwrap_or(0);
         let end = (0..self.cells).rev().find(any).map_or(0, |last| last + 1);
         first..end
@@ -116,7 +136,13 @@ impl Plane {
                     let up = velocity(v, j) > 0.0;
                     let jump = f64::from_bits(*jump);
                     let mut list = Vec::new();
-                    sources(&mut list, v, case.interface, j, if up { jump } else { -jump });
+                    sources(
+                        &mut list,
+                        v,
+                        case.interface,
+                        j,
+                        if up { jump } else { -jump },
+                    );
                     list
                 };
                 (0..v.cells as i64).map(list).collect()
@@ -124,11 +150,17 @@ impl Plane {
         }
         let takes = |plane: &Self, i: usize, j: usize| {
             let speed = velocity(v, j as i64);
-            let (step, face) = if speed > 0.0 { (-1, i) } else { (1, (i + 1) % x.cells) };
+            let (step, face) = if speed > 0.0 {
+                (-1, i)
+            } else {
+                (1, (i + 1) % x.cells)
+            };
             let across = i as i64 + step;
             let across = match space.is_periodic(a) {
                 true => Some(across.rem_euclid(x.cells as i64) as usize),
-                false => (0..x.cells as i64).contains(&across).then_some(across as usize),
+                false => (0..x.cells as i64)
+                    .contains(&across)
+                    .then_some(across as usize),
             };
             let holds = |source: &Source| match (source.side, across) {
                 (Side::Same, _) => plane.holds(i, source.velocity),
@@ -138,7 +170,9 @@ impl Plane {
             // What is behind the ends of the box is the inflow's, which is there from the start.
             let moved = speed != 0.0
                 && across.is_some()
-                && faces.jumps[face].iter().any(|jump| behind[jump][j].iter().any(holds));
+                && faces.jumps[face]
+                    .iter()
+                    .any(|jump| behind[jump][j].iter().any(holds));
             let [up, down] = faces.pushed[i];
             moved || up && plane.holds(i, j as i64 - 1) || down && plane.holds(i, j as i64 + 1)
         };
@@ -193,8 +227,9 @@ impl Faces {
     }
 }
 
-/// The planes with what is there at time zero and where something enters; none where that is at all velocities. Collective.
-fn filled(world: &Group, case: &Case) -> Result<Option<Vec<Plane>>> {
+/// The planes with what is there at time zero and where something enters, of every `of`-th point of space from `first` on; not all of it
+/// where the planes are full before.
+fn filled(case: &Case, (first, of): (usize, usize)) -> Result<Vec<Plane>> {
     let (space, n) = (&case.space, case.space.dimension());
     let mut planes: Vec<Plane> = (0..n)
         .map(|axis| Plane {
@@ -215,11 +250,7 @@ fn filled(world: &Group, case: &Case) -> Result<Option<Vec<Plane>>> {
                 row.inflow[0] != 0.0
             })
     };
-    let full = |planes: &[Plane]| {
-        let ends = |plane: &Plane| plane.velocities().len() == plane.cells;
-        planes.iter().all(ends)
-    };
-    for point in (world.rank()..space.space_cells()).step_by(world.size()) {
+    for point in (first..space.space_cells()).step_by(of) {
         let mut any = false;
         for index in point * velocities..(point + 1) * velocities {
             let cell = space.cell(index);
@@ -231,13 +262,92 @@ fn filled(world: &Group, case: &Case) -> Result<Option<Vec<Plane>>> {
                 }
             }
         }
-        // Most that is no more than a decay is everywhere at once.
-        if any && full(&planes) {
+        // What only decays is everywhere at once.
+        if any && planes.iter().all(Plane::is_full) {
             break;
         }
     }
-    for plane in &mut planes {
-        world.max_into(&mut plane.reached);
+    Ok(planes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Dimension and settings.
+    const SCENES: [(&str, &[&str]); 8] = [
+        ("1", &[]),
+        ("1", &["scheme.interface=conservative"]),
+        ("1", &["potential.0.value=0", "potential.1.value=0.2"]),
+        (
+            "1",
+            &["potential.0.where=abs(x) < 0.5", "potential.0.value=-0.2"],
+        ),
+        ("1", &["potential.0.value=0.1*x"]),
+        ("1", &["axis.0.x.boundary=periodic"]),
+        (
+            "1",
+            &[
+                "initial.f=0",
+                "inflow.value=1 if x < 0 && v > 0.2 && v < 0.5 else 0",
+            ],
+        ),
+        ("2", &[]),
+    ];
+
+    fn scene(dimension: &str, settings: &[&str]) -> Case {
+        let axis = "[[axis]]\nx = { lower = -1, upper = 1, cells = 8 }\nv = { lower = -1.3, upper = 1.5, cells = 14 }\n";
+        let (axes, f) = match dimension {
+            "1" => (axis.to_owned(), "abs(x + 0.5) < 0.3 && abs(v - 0.4) < 0.3"),
+            _ => (
+                axis.replace("14", "7").repeat(2),
+                "abs(x + 0.5) < 0.3 && abs(vx - 0.4) < 0.3 && abs(y) < 0.3 && abs(vy) < 0.3",
+            ),
+        };
+        let text = format!(
+            "{axes}[[potential]]\nwhere = \"x < 0\"\nvalue = \"0.2\"\n[[potential]]\nvalue = \"0\"\n\
+             [initial]\nf = \"{f}\"\n[time]\nend = 1.0\n"
+        );
+        let settings: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();
+        Case::parse("scene", &text, &settings).expect("a case")
     }
-    Ok((!full(&planes)).then_some(planes))
+
+    /// Against a walk over the rows of the whole grid: nothing is reached outside of the boxes, and in one dimension they are the least.
+    #[test]
+    fn boxes_hold_what_rows_reach() {
+        for (dimension, settings) in SCENES {
+            let case = scene(dimension, settings);
+            let (space, n) = (&case.space, case.space.dimension());
+            let scheme = Scheme::whole(&case).expect("a potential");
+            let mut row = Row::default();
+            let mut reached = vec![false; space.cells()];
+            let (mut before, mut now) = (0, 1);
+            while now != before {
+                before = now;
+                for index in 0..space.cells() {
+                    scheme.row(&mut row, index);
+                    let point = space.point(&space.cell(index));
+                    reached[index] |= case.fields[0].initial.eval(&point) != 0.0
+                        || row.inflow[0] != 0.0
+                        || row.entries.iter().any(|(column, _)| reached[*column]);
+                }
+                now = reached.iter().filter(|r| **r).count();
+            }
+            let planes = filled(&case, (0, 1)).expect("planes");
+            let boxes = boxes(&case, planes).expect("boxes");
+            for (a, range) in boxes.iter().enumerate() {
+                let found = (0..space.cells()).filter(|&i| reached[i]);
+                let found: BTreeSet<usize> = found.map(|i| space.cell(i)[n + a]).collect();
+                let least = *found.first().expect("data")..found.last().expect("data") + 1;
+                let holds = range.start <= least.start && least.end <= range.end;
+                assert!(holds, "{settings:?}: {least:?} in {range:?}");
+                if n == 1 {
+                    assert_eq!(*range, least, "{settings:?}");
+                }
+            }
+            let cropped = boxes.iter().any(|r| r.len() < space.v[0].cells);
+            let slopes = settings.iter().any(|s| s.contains("0.1*x"));
+            assert!(cropped || slopes, "{settings:?}: {boxes:?}");
+        }
+    }
 }

@@ -106,7 +106,11 @@ fn put(axes: &[(&Axis, &Axis)], ranges: &[Range<usize>], values: Vec<f64>) -> Ve
             match from.part {
                 _ if from == to => (0..range.len()).map(value).collect(),
                 Part::Window { first, .. } => (0..to.cells)
-                    .map(|j| j.checked_sub(first).filter(|j| *j < from.cells).and_then(value))
+                    .map(|j| {
+                        j.checked_sub(first)
+                            .filter(|j| *j < from.cells)
+                            .and_then(value)
+                    })
                     .collect(),
                 _ => vec![Some(0); to.cells],
             }
@@ -145,7 +149,11 @@ mod tests {
         let out = put(&axes, &[1..4, 0..1, 0..2], values.clone());
         for (k, value) in out.iter().enumerate() {
             let (i, j) = (k / 18, k % 6);
-            let expected = if (2..4).contains(&j) { values[2 * i + j - 2] } else { 0.0 };
+            let expected = if (2..4).contains(&j) {
+                values[2 * i + j - 2]
+            } else {
+                0.0
+            };
             assert_eq!(*value, expected, "{k}");
         }
         assert_eq!(out.len(), 54);
