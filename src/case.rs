@@ -7,6 +7,7 @@ pub use read::read_text;
 use crate::expression::Expression;
 use crate::grid::PhaseSpace;
 use crate::output::writer::{CHUNK, MOST_CHUNKS};
+use crate::reduce::{Allowed, Reductions};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -460,6 +461,10 @@ pub struct Case {
     pub integrator: Integrator,
     /// `solver.classical.cfl`.
     pub cfl: f64,
+    /// `[solver.reduce]`.
+    pub reduce: Allowed,
+    /// What was left out of what the file gives.
+    pub reductions: Reductions,
     /// `[exact]`.
     pub exact: Option<Exact>,
     /// `output.recovery_points`: 2 gives the error estimate.
@@ -470,6 +475,8 @@ pub struct Case {
     pub times: Vec<OutputTime>,
     /// `output.warped_field`: whether all modes are kept, and `w(t, x, v, p)` is written.
     pub warped_field: bool,
+    /// `output.expand`: whether results are shown on axes that were left out.
+    pub expand: bool,
     /// `output.delta_width`, for measure-valued data.
     pub delta_width: DeltaWidth,
     /// How the fields are stored.
@@ -490,6 +497,11 @@ impl Case {
     /// Whether anything may enter, of any field.
     pub fn enters(&self) -> bool {
         self.fields.iter().any(Field::enters)
+    }
+
+    /// Whether there are auxiliary unknowns: where anything may enter, or where they are wanted all the same.
+    pub fn embeds(&self) -> bool {
+        self.enters() || self.reductions.idle_unknowns
     }
 
     /// The same case with nothing that enters.

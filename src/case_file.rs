@@ -357,6 +357,11 @@ impl<'a> Table<'a> {
         matches!(self.get(key).map(|n| &n.value), Some(Value::Text(_)))
     }
 
+    /// Whether `key` is given as true or false.
+    pub fn is_boolean(&self, key: &str) -> bool {
+        matches!(self.get(key).map(|n| &n.value), Some(Value::Boolean(_)))
+    }
+
     /// A table below this one; an empty one when absent.
     pub fn table(&self, key: &str) -> Result<Table<'a>> {
         let node = self.get(key).unwrap_or(&self.file.empty);

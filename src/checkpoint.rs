@@ -41,12 +41,13 @@ use std::time::Instant;
 use watch::{Verdict, Watch};
 
 /// Beginnings of the keys that change no bit of a checkpoint.
-const WITHOUT_EFFECT: [&str; 7] = [
+const WITHOUT_EFFECT: [&str; 8] = [
     "title",
     "reference",
     "initial.warped",
     "output.compression",
     "output.chunks",
+    "output.expand",
     "output.xdmf",
     "checkpoint.",
 ];

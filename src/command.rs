@@ -13,6 +13,7 @@ use crate::output::readback;
 use crate::output::summary::Summary;
 use crate::plan::advice::{Advice, Node};
 use crate::plan::{Bounds, Plan, Resources};
+use crate::reduce::reduced;
 use crate::run::calibrate::{self, Calibration};
 use crate::run::{self, Options};
 use crate::system;
@@ -81,7 +82,8 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             json,
         } => {
             let case = load(world, case)?;
-            let case = run::with_start(&world.group(), &case)?;
+            let all = world.group();
+            let case = reduced(&all, &*run::with_start(&all, &case)?)?;
             let started = if *calibrate { world.group().size() } else { 1 };
             let ranks = ranks.map_or(started, |n| n as usize);
             let node = memory_per_node.map(|memory| Node {
@@ -122,7 +124,8 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         }
         Command::Check { case } => {
             let case = load(world, case)?;
-            let case = run::with_start(&world.group(), &case)?;
+            let all = world.group();
+            let case = reduced(&all, &*run::with_start(&all, &case)?)?;
             run::refuse_hopeless_here(world, &case)?;
             let bounds = Bounds::new(&case)?;
             let resources = Resources {
@@ -287,7 +290,7 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
     let names = crate::output::hdf5::axis_names(case.space.dimension());
     let periodic = case.space.periodic.iter().take(case.space.dimension());
     let closed = periodic.copied().chain(std::iter::repeat(false));
-    for ((name, axis), closed) in names.iter().zip(case.space.axes()).zip(closed) {
+    for ((name, axis), closed) in names.iter().zip(case.space.whole().axes()).zip(closed) {
         text += &format!(
             "{name:<3} [{}, {}]  {} cells of {:.6}{}\n",
             axis.lower,
@@ -361,6 +364,12 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
         };
         let (cells, seed) = (readout.cells.len(), readout.seed);
         text += &format!("readout of {cells} cells: {effort}, seed {seed}\n");
+    }
+    for line in &case.reductions.dropped {
+        text += &format!("reduced {line}\n");
+    }
+    for line in &case.reductions.kept {
+        text += &format!("kept    {line}\n");
     }
     let growth = if bounds.growth.is_finite() {
         format!("at most {:.4}", bounds.growth)

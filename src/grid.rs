@@ -11,19 +11,118 @@ pub struct Axis {
     pub upper: f64,
     /// Number of cells.
     pub cells: usize,
+    /// What it is of the axis that the case gives.
+    pub part: Part,
+}
+
+/// What an axis is of the one that the case gives (see [`crate::reduce`]).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Part {
+    /// All of it.
+    #[default]
+    Whole,
+    /// Some of its cells, with the same bits in their centres and faces.
+    Window {
+        /// Ends of the whole axis.
+        ends: [f64; 2],
+        /// Its cells.
+        of: usize,
+        /// The one of them that is the first here.
+        first: usize,
+    },
+    /// One cell that stands for all of them, as they hold the same.
+    Merged {
+        /// How many.
+        of: usize,
+    },
 }
 
 impl Axis {
+    /// The whole axis `[lower, upper]`.
+    pub fn new(lower: f64, upper: f64, cells: usize) -> Self {
+        Self {
+            lower,
+            upper,
+            cells,
+            part: Part::Whole,
+        }
+    }
+
+    /// The axis that the case gives.
+    pub fn whole(&self) -> Self {
+        match self.part {
+            Part::Whole => self.clone(),
+            Part::Window { ends, of, .. } => Self::new(ends[0], ends[1], of),
+            Part::Merged { of } => Self::new(self.lower, self.upper, of),
+        }
+    }
+
+    /// The cells `range` of a whole axis.
+    pub fn window(&self, range: &std::ops::Range<usize>) -> Self {
+        Self {
+            lower: self.face(range.start as i64),
+            upper: self.face(range.end as i64),
+            cells: range.len(),
+            part: Part::Window {
+                ends: [self.lower, self.upper],
+                of: self.cells,
+                first: range.start,
+            },
+        }
+    }
+
+    /// One cell in the place of all of a whole axis.
+    pub fn merged(&self) -> Self {
+        Self {
+            cells: 1,
+            part: Part::Merged { of: self.cells },
+            ..self.clone()
+        }
+    }
+
+    /// Of a cell that stands for others the mean of the squares of their centres: that of its own says less.
+    pub fn mean_square(&self) -> Option<f64> {
+        let Part::Merged { of } = self.part else {
+            return None;
+        };
+        let centres = self.whole().centres();
+        Some(centres.iter().map(|v| v * v).sum::<f64>() / of as f64)
+    }
+
+    /// Number of the first cell on the whole axis.
+    fn first(&self) -> i64 {
+        match self.part {
+            Part::Window { first, .. } => first as i64,
+            _ => 0,
+        }
+    }
+
+    /// Whether cell `j` is none of these, but one of the whole axis: a cell that holds nothing.
+    pub fn leaves_out(&self, j: i64) -> bool {
+        let Part::Window { of, .. } = self.part else {
+            return false;
+        };
+        let whole = (0..of as i64).contains(&(j + self.first()));
+        whole && !(0..self.cells as i64).contains(&j)
+    }
+
     /// Cell width `h`.
     pub fn width(&self) -> f64 {
-        (self.upper - self.lower) / self.cells as f64
+        match self.part {
+            Part::Window { ends, of, .. } => (ends[1] - ends[0]) / of as f64,
+            _ => (self.upper - self.lower) / self.cells as f64,
+        }
     }
 
     /// A point `j/denominator` of the way along the axis, in units of cells; mirror images of an axis give exact
     /// mirror images of its points. `twice` counts half cells: an odd number is a centre, an even one a face.
     fn point(&self, twice: f64) -> f64 {
-        let n = 2.0 * self.cells as f64;
-        ((n - twice) * self.lower + twice * self.upper) / n
+        let (lower, upper, cells) = match self.part {
+            Part::Window { ends, of, .. } => (ends[0], ends[1], of),
+            _ => (self.lower, self.upper, self.cells),
+        };
+        let (n, twice) = (2.0 * cells as f64, twice + 2.0 * self.first() as f64);
+        ((n - twice) * lower + twice * upper) / n
     }
 
     /// Centre of cell `j`; `j` may lie outside `0..cells` (ghost cells).
@@ -34,6 +133,15 @@ impl Axis {
     /// Lower face of cell `j`, the upper face of cell `j − 1`.
     pub fn face(&self, j: i64) -> f64 {
         self.point(2.0 * j as f64)
+    }
+
+    /// How many cells `point` lies above the lower end; the same for a window as for the whole axis but for the cells before.
+    pub fn position(&self, point: f64) -> f64 {
+        let lower = match self.part {
+            Part::Window { ends, .. } => ends[0],
+            _ => self.lower,
+        };
+        (point - lower) / self.width() - self.first() as f64
     }
 
     /// Cell centres, in order.
@@ -60,6 +168,15 @@ pub const MAX_DIMENSION: usize = 3;
 pub type Cell = [usize; 2 * MAX_DIMENSION];
 
 impl PhaseSpace {
+    /// The grid that the case gives.
+    pub fn whole(&self) -> Self {
+        let mut space = self.clone();
+        for axis in space.x.iter_mut().chain(&mut space.v) {
+            *axis = axis.whole();
+        }
+        space
+    }
+
     /// Number of space dimensions `n`.
     pub fn dimension(&self) -> usize {
         self.x.len()
@@ -187,11 +304,7 @@ mod tests {
 
     #[test]
     fn ordering_is_row_major_with_velocity_fastest() {
-        let axis = |cells| Axis {
-            lower: -1.0,
-            upper: 2.0,
-            cells,
-        };
+        let axis = |cells| Axis::new(-1.0, 2.0, cells);
         let space = PhaseSpace {
             x: vec![axis(3), axis(4)],
             v: vec![axis(5), axis(2)],
@@ -207,24 +320,34 @@ mod tests {
 
     #[test]
     fn mirrored_axes_have_mirrored_points_exactly() {
-        let axis = Axis {
-            lower: -0.3,
-            upper: 1.7,
-            cells: 7,
-        };
-        let mirror = Axis {
-            lower: -1.7,
-            upper: 0.3,
-            cells: 7,
-        };
+        let axis = Axis::new(-0.3, 1.7, 7);
+        let mirror = Axis::new(-1.7, 0.3, 7);
         for j in 0..7 {
             assert_eq!(axis.centre(j), -mirror.centre(6 - j));
         }
-        let odd = Axis {
-            lower: -1.5,
-            upper: 1.5,
-            cells: 33,
-        };
+        let odd = Axis::new(-1.5, 1.5, 33);
         assert_eq!(odd.centre(16), 0.0);
+    }
+
+    #[test]
+    fn windows_have_the_points_of_the_whole_exactly() {
+        let axis = Axis::new(-0.3, 1.7, 7);
+        let window = axis.window(&(2..5));
+        assert_eq!(window.width(), axis.width());
+        for j in -3..8 {
+            assert_eq!(window.centre(j), axis.centre(j + 2));
+            assert_eq!(window.face(j), axis.face(j + 2));
+            let point = 0.31 * j as f64;
+            assert_eq!(window.position(point), axis.position(point) - 2.0);
+            let inside = (0..3).contains(&j);
+            assert_eq!(window.leaves_out(j), (-2..5).contains(&j) && !inside, "{j}");
+        }
+        let merged = axis.merged();
+        assert_eq!((merged.cells, merged.width()), (1, 2.0));
+        assert_eq!(merged.centre(0), 0.7);
+        assert!(!merged.leaves_out(0) && !axis.leaves_out(7));
+        for part in [window, merged] {
+            assert_eq!(part.whole(), axis);
+        }
     }
 }

@@ -18,13 +18,14 @@
 //! ## Data flow and the map of modules
 //!
 //! ```text
-//! case.toml → Case → Plan → PhaseSpace + Partition → rows of A → (S, K) and weights → modes → recovery → HDF5
+//! case.toml → Case → Case, reduced → Plan → PhaseSpace + Partition → rows of A → (S, K) and weights → modes → recovery → HDF5
 //! ```
 //!
 //! | module | what it holds |
 //! |---|---|
 //! | [`case`], [`expression`] | the case file, typed, with every default; formulas |
 //! | [`grid`], [`potential`], [`scheme`] | cells; jumps and slopes of `V`; row `i` of `A` and `b`, the only definition of `A` |
+//! | [`reduce`] | the case without what its scene does not need |
 //! | [`plan`], [`profile`], [`recover`] | every derived number before anything is solved; `g(p)` as a Fourier series; reading `u` from it, by point, integral or least squares |
 //! | [`partition`], [`communicator`], [`reproducible`] | who owns what; MPI; sums that do not depend on order |
 //! | [`matrix`], [`weights`], [`problem`] | the distributed `(S, K)`; the norm in which `S ≤ 0`; all of it on a rank |
@@ -64,6 +65,7 @@ pub mod progress;
 pub mod propagate;
 pub mod quantum;
 pub mod recover;
+pub mod reduce;
 pub mod reproducible;
 pub mod run;
 pub mod scheme;

@@ -42,11 +42,12 @@ impl VelocityFactors {
         let mut each = Vec::with_capacity(space.velocity_cells());
         let ranges: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.cells).collect();
         for_each_cell(&ranges, |j| {
-            let mut v = [0.0; 3];
+            let (mut v, mut square) = ([0.0; 3], 0.0);
             for (v, (axis, j)) in v.iter_mut().zip(space.v.iter().zip(j)) {
                 *v = velocity(axis, *j as i64);
+                square += axis.mean_square().unwrap_or(*v * *v);
             }
-            let energy = 0.5 * v.iter().map(|v| v * v).sum::<f64>();
+            let energy = 0.5 * square;
             each.push([1.0, v[0], v[1], v[2], energy]);
         });
         Self {

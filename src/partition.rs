@@ -315,11 +315,7 @@ mod tests {
     use crate::grid::Axis;
 
     fn space(x: &[usize], v: &[usize]) -> PhaseSpace {
-        let axis = |&cells: &usize| Axis {
-            lower: 0.0,
-            upper: 1.0,
-            cells,
-        };
+        let axis = |&cells: &usize| Axis::new(0.0, 1.0, cells);
         PhaseSpace {
             x: x.iter().map(axis).collect(),
             v: v.iter().map(axis).collect(),

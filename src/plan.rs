@@ -95,7 +95,8 @@ pub struct WarpPlan {
     pub series: Series,
     /// `[L, R]`: given by hand, or one that the tolerance asks for; of the analytic coefficients only its length matters.
     pub interval: [f64; 2],
-    /// Number of modes `l ≥ 0`; the others are their conjugates.
+    /// Number of modes that are propagated: those with `l ≥ 0`, whose conjugates the others are; with `solver.reduce.modes = false`
+    /// behind them those with `l = −1, −2, …`.
     pub modes: usize,
     /// Points `N_p` of the whole warped field, where all modes are kept.
     pub points: Option<usize>,
@@ -135,6 +136,8 @@ pub struct Plan {
     pub shape: Vec<usize>,
     /// Unknowns.
     pub cells: usize,
+    /// What was left out of the case, a line each.
+    pub reductions: Vec<String>,
     /// Final time.
     pub time: f64,
     /// The method.
@@ -191,7 +194,7 @@ impl Bounds {
             .sum();
         let rate = transport_rate(&case.space) + single + force;
         let jumps = jumps.contains(&true);
-        let inflow = case.enters();
+        let inflow = case.embeds();
         let hat = jumps && case.interface == Interface::Hat;
         let weights = match (hat, case.warp.weights) {
             (false, _) => 0.0,
@@ -258,8 +261,8 @@ impl WarpPlan {
             seen,
             warnings,
         } = placement::place(case, bounds, ratio)?;
-        let modes = series.modes();
-        let weight = |l: usize| weight(&series, &readings[0], l).norm();
+        let modes = modes_of(case, &series);
+        let weight = |l: usize| weight((&series, modes), &readings[0], l).norm();
         let allowed = |l: usize| match profile {
             Some(_) => mode_tolerance(state_tolerance, modes, weight(l)),
             None => case.tolerance,
@@ -271,7 +274,7 @@ impl WarpPlan {
             let mut work: Vec<usize> = (0..modes)
                 .map(|l| {
                     let (mu, leg) = (
-                        series.wavenumber(l),
+                        wavenumber(&series, l),
                         (time, mode_tolerances[l] / legs.len() as f64),
                     );
                     propagate::work(case, bounds, mu, leg, &mut scratch)
@@ -294,7 +297,7 @@ impl WarpPlan {
             0 => *work,
             stages => {
                 let span = (bounds.rate, bounds.growth, time);
-                let mu = series.wavenumber(l);
+                let mu = wavenumber(&series, l);
                 stages * stage_degree(&mut scratch, mu, *work, span, stages)
             }
         };
@@ -329,7 +332,8 @@ impl WarpPlan {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn modes_of(case: &Case, bounds: &Bounds, ratio: f64) -> Result<usize> {
-        Ok(placement::place(case, bounds, ratio)?.series.modes())
+        let placed = placement::place(case, bounds, ratio)?;
+        Ok(modes_of(case, &placed.series))
     }
 
     /// A number that plans share which are the same to the last bit.
@@ -344,7 +348,12 @@ impl WarpPlan {
 
     /// Factor of `w_l(T)` in `reading`.
     pub fn weight(&self, l: usize, reading: &Reading) -> Complex64 {
-        weight(&self.series, reading, l)
+        weight((&self.series, self.modes), reading, l)
+    }
+
+    /// `μ` of mode `l`.
+    pub fn wavenumber(&self, l: usize) -> f64 {
+        wavenumber(&self.series, l)
     }
 
     /// `Σ |weight|` of a reading.
@@ -370,8 +379,39 @@ fn mode_tolerance(state_tolerance: f64, modes: usize, weight: f64) -> f64 {
     (state_tolerance / (10.0 * modes as f64 * weight)).min(1.0)
 }
 
-fn weight(series: &Series, reading: &Reading, l: usize) -> Complex64 {
-    series.factor(l) * reading.of_wave(series.wavenumber(l))
+/// How many modes of `series` are propagated.
+fn modes_of(case: &Case, series: &Series) -> usize {
+    let own = series.modes();
+    match case.reductions.every_mode {
+        true => own + (0..own).filter(|&l| !series.is_alone(l)).count(),
+        false => own,
+    }
+}
+
+/// The mode of `series` that the `l`-th is, or, where the last is true, whose conjugate it is.
+fn mode_of(series: &Series, l: usize) -> (usize, bool) {
+    match l.checked_sub(series.modes()) {
+        None => (l, false),
+        Some(behind) => (behind + 1, true),
+    }
+}
+
+fn wavenumber(series: &Series, l: usize) -> f64 {
+    let (own, mirrored) = mode_of(series, l);
+    if mirrored {
+        -series.wavenumber(own)
+    } else {
+        series.wavenumber(own)
+    }
+}
+
+/// Factor of the `l`-th of `modes` modes in `reading`.
+fn weight((series, modes): (&Series, usize), reading: &Reading, l: usize) -> Complex64 {
+    let (own, mirrored) = mode_of(series, l);
+    let both = modes > series.modes() && !series.is_alone(own);
+    let factor = series.factor(own) * if both { 0.5 } else { 1.0 };
+    let weight = factor * reading.of_wave(series.wavenumber(own));
+    if mirrored { weight.conj() } else { weight }
 }
 
 impl Plan {
@@ -427,6 +467,7 @@ impl Plan {
             title: case.title.clone(),
             shape: case.space.shape(),
             cells: case.space.cells(),
+            reductions: case.reductions.dropped.clone(),
             time: case.end,
             method: case.method,
             interface: case.interface,
@@ -543,6 +584,9 @@ impl fmt::Display for Plan {
             shape.join(" x "),
             self.cells
         )?;
+        for line in &self.reductions {
+            writeln!(f, "reduced         {line}")?;
+        }
         let b = &self.bounds;
         let mut scene = vec![if b.jumps { "jumps" } else { "no jump" }];
         scene.push(if b.inflow { "inflow" } else { "no inflow" });
@@ -575,13 +619,18 @@ impl fmt::Display for Plan {
                 "profile         {}: period {:.4}, cut-off {:.4}, read at {:.4}",
                 profile,
                 w.series.period,
-                w.series.wavenumber(w.modes - 1),
+                w.series.wavenumber(w.series.modes() - 1),
                 w.readings[0].point
             )?;
             writeln!(
                 f,
-                "modes           {} (l >= 0) in {} batches of at most {LANES}",
+                "modes           {} ({}) in {} batches of at most {LANES}",
                 w.modes,
+                if w.modes > w.series.modes() {
+                    "l of both signs"
+                } else {
+                    "l >= 0"
+                },
                 self.layout.groups.iter().map(Vec::len).sum::<usize>()
             )?;
             if let Some(points) = w.points {
@@ -621,6 +670,12 @@ impl fmt::Display for Plan {
             l.mesh.groups,
             l.imbalance
         )?;
+        if l.mesh.blocks() == 1 && l.mesh.groups > 1 && self.warp.is_some() {
+            writeln!(
+                f,
+                "reduced         space is not split: there are modes for all ranks"
+            )?;
+        }
         let idle = l.groups.iter().filter(|g| g.is_empty()).count();
         if idle > 0 && (self.warp.is_some() || idle < l.groups.len()) {
             writeln!(f, "                {idle} mode groups have nothing to do")?;

@@ -38,6 +38,7 @@ use crate::quantum::{
     readout::Readout,
 };
 use crate::recover::Reading;
+use crate::reduce::{reduced, shown::Shown};
 use crate::system;
 use solve::{Checkpointing, Files, Solution, Warped, integrate, solve};
 use std::borrow::Cow;
@@ -107,7 +108,7 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
     /// Cell updates of the probe that are cheap.
     const CHEAP: f64 = 1e8;
     let all = world.group();
-    let case = &*with_start(&all, case)?;
+    let case = &reduced(&all, &*with_start(&all, case)?)?;
     refuse_hopeless(case, resources)?;
     let bounds = Bounds::new(case)?;
     let updates = case.space.cells() as f64 * (bounds.rate * case.end).max(1.0);
@@ -160,6 +161,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     let speaks = all.rank() == 0;
     let case = &*with_start(&all, case)?;
     let Computed {
+        shown,
         mut summary,
         plan,
         share,
@@ -176,7 +178,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
 
     // 10. Write.
     let results = output::hdf5::Results {
-        case,
+        case: &shown,
         plan: &plan,
         share: &share,
         fields: &slices(&fields),
@@ -224,6 +226,8 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
 
 /// A case that was run, on this rank's share.
 struct Computed {
+    /// The case on the grid of what follows.
+    shown: Case,
     summary: Summary,
     plan: Plan,
     /// This rank's space cells, one range an x-axis.
@@ -252,6 +256,8 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
         .insert("start".to_owned(), world.start_seconds);
     let all = world.group();
     let speaks = all.rank() == 0 && files.is_some();
+    let case = &reduced(&all, case)?;
+    let shown = Shown::new(case);
 
     // 1. Who computes what; does it fit; can the results be written.
     let mut resources = Resources {
@@ -264,7 +270,7 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
     let mut plan = Plan::provisional(case, &bounds, &resources)?;
     resources.ranks_x = Some(plan.layout.mesh.space.clone());
     if let Some((directory, _)) = files {
-        output::prepare(&all, directory, case)?;
+        output::prepare(&all, directory, &shown.case)?;
     }
     let communicator = Communicator::new(world, &plan.layout.mesh);
     let mut warnings = warnings(case);
@@ -285,7 +291,8 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
     watch.lap("assemble");
 
     // 3. The exact solution, where one is named: before the run, so that a mistake in it costs no run.
-    let exact = communicator.world.agree(exact_solution(case, &place))?;
+    let there = place.shown(&shown, &plan, &communicator);
+    let exact = (communicator.world).agree(exact_solution(&shown.case, &there))?;
     if exact.is_some() {
         watch.lap("exact");
     }
@@ -398,15 +405,12 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
         velocities: case.space.velocity_cells(),
         f,
     };
-    for (field, readings) in case.fields.iter().zip(&fields) {
-        let norms = norms(&readings[0]);
-        summary.fields.push(FieldSummary {
+    summary.fields = (case.fields.iter())
+        .map(|field| FieldSummary {
             name: field.name.to_owned(),
-            minimum: -norms.largest(|x| -x),
-            maximum: norms.largest(|x| x),
             ..FieldSummary::default()
-        });
-    }
+        })
+        .collect();
     if case.start.is_some() {
         summary.doubt =
             Some("the field that the run began with is known on its points only".to_owned());
@@ -474,8 +478,25 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
         w.plateau.iter().zip(&plateau).map(of).collect()
     });
 
-    // 8. Moments and sums.
-    let results: Vec<&[f64]> = fields.iter().map(|readings| &readings[0][..]).collect();
+    // 8. What was left out is shown again. Moments and sums.
+    let fields: Vec<Vec<f64>> = (fields.into_iter())
+        .map(|mut readings| shown.field(&place.share, readings.swap_remove(0)))
+        .collect();
+    let early: Vec<Early> = (early.into_iter())
+        .map(|early| shown.early(&place.share, early))
+        .collect();
+    let (solved, case) = (case, &shown.case);
+    let norms = |f| Norms {
+        world: &communicator.world,
+        velocities: case.space.velocity_cells(),
+        f,
+    };
+    for (field, said) in fields.iter().zip(&mut summary.fields) {
+        let norms = norms(field);
+        said.minimum = -norms.largest(|x| -x);
+        said.maximum = norms.largest(|x| x);
+    }
+    let results = slices(&fields);
     let found = moments(&communicator.world, case, &results);
     let totals = totals(&communicator.world, &case.space, &found);
     [summary.mass, summary.kinetic_energy] = totals;
@@ -513,15 +534,12 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
     }
     summary.warnings = warnings;
     summary.told = told;
-    summary.fill(case, &plan, &problem, &communicator);
+    summary.fill(solved, &plan, &problem, &communicator);
     Ok(Computed {
         summary,
         plan,
-        share: place.share,
-        fields: fields
-            .into_iter()
-            .map(|mut readings| readings.swap_remove(0))
-            .collect(),
+        share: there.share,
+        fields,
         exact,
         moments: found,
         totals,
@@ -530,6 +548,7 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
         readout,
         store,
         watch,
+        shown: shown.case,
     })
 }
 
@@ -613,6 +632,22 @@ impl Place {
             mine: ranges[group].clone(),
             share: mesh.share(&case.space, in_space, group),
             ranges,
+            block,
+        }
+    }
+
+    /// Its part of the grid on which results are shown.
+    fn shown(&self, shown: &Shown, plan: &Plan, communicator: &Communicator) -> Self {
+        let mesh = &plan.layout.mesh;
+        let block = Block::new(&shown.case.space, mesh, communicator.space.rank());
+        let share = shown.share(&self.share);
+        let leading = &block.ranges[0];
+        let layer = block.cells() / leading.len();
+        let from = |i: usize| (i.max(leading.start) - leading.start) * layer;
+        Self {
+            mine: from(share[0].start)..from(share[0].end),
+            ranges: Vec::new(),
+            share,
             block,
         }
     }
@@ -740,6 +775,7 @@ impl Summary {
         self.imbalance = plan.warp.as_ref().map(|_| plan.layout.imbalance);
         self.instruction_set = InstructionSet::here().name().to_owned();
         self.cells = plan.cells;
+        self.reductions = plan.reductions.clone();
         self.distinct_rows = communicator.space.sum_count(problem.matrix.distinct_rows());
         self.inflow_unknowns = problem.terms - case.space.space_cells();
         self.modes = plan.warp.as_ref().map_or(0, |w| w.modes);

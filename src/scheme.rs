@@ -198,7 +198,8 @@ impl<'a> Scheme<'a> {
             return;
         }
         row.draw += rate;
-        if self.no_inflow {
+        // Nothing is in a cell of the box that was left out.
+        if self.no_inflow || (inside.is_some() && v.leaves_out(j)) {
             return;
         }
         let mut point = self.space.point(cell);

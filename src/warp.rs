@@ -165,7 +165,7 @@ impl<'a> Stage<'a> {
         let step_sum = (stepped && legs.end > last).then(|| {
             // T Δt^q c G^(q+1) w, G at most as large as H of the last mode.
             let mode = warp.modes.saturating_sub(1);
-            let (mu, steps) = (warp.series.wavenumber(mode), warp.leg_work[last][mode]);
+            let (mu, steps) = (warp.wavenumber(mode), warp.leg_work[last][mode]);
             let whole = whole_over_leg(task.legs, last);
             system.time = task.legs[last].time;
             let size = whole * propagator.largest_step_error(system, mu, steps);
@@ -488,7 +488,7 @@ fn specification(warp: &WarpPlan, leg: usize, batch: &Batch) -> BatchSpec {
     let mode = |l: usize| batch.modes[l.min(batch.modes.len() - 1)];
     BatchSpec {
         modes: batch.modes.len(),
-        wavenumbers: std::array::from_fn(|l| warp.series.wavenumber(mode(l))),
+        wavenumbers: std::array::from_fn(|l| warp.wavenumber(mode(l))),
         tolerances: std::array::from_fn(|l| warp.leg_tolerance(mode(l))),
         work: std::array::from_fn(|l| warp.leg_work[leg][mode(l)]),
     }

@@ -1017,7 +1017,7 @@ proptest! {
         j in 0..40i64,
         rise in prop_oneof![-1.0..1.0f64, -1e-9..1e-9f64],
     ) {
-        let axis = Axis { lower, upper: lower + length, cells };
+        let axis = Axis::new(lower, lower + length, cells);
         let j = j % cells as i64;
         let mut list = Vec::new();
         for interface in [Interface::Hat, Interface::Conservative] {

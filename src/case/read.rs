@@ -77,6 +77,7 @@ impl Case {
             "moment_times",
             "field_times",
             "delta_width",
+            "expand",
             "compression",
             "chunks",
             "xdmf",
@@ -88,6 +89,7 @@ impl Case {
             "warp",
             "propagator",
             "classical",
+            "reduce",
         ])?;
         let warp = solver.table("warp")?.knowing(&[
             "profile",
@@ -135,7 +137,7 @@ impl Case {
                 ),
             ));
         }
-        let case = Case {
+        let mut case = Case {
             name: name.to_owned(),
             title: root.text("title")?.unwrap_or_default(),
             reference: root.text("reference")?.unwrap_or_default(),
@@ -175,11 +177,14 @@ impl Case {
                 ],
             )?,
             cfl: read_cfl(&classical)?,
+            reduce: read_reduce(&solver)?,
+            reductions: Reductions::default(),
             exact,
             recovery_points: output::recovery_points(&output)?,
             plateau: output::plateau(&output)?,
             times: output::times(&output, end)?,
             warped_field: output.boolean("warped_field")?.unwrap_or(false),
+            expand: output.boolean("expand")?.unwrap_or(false),
             delta_width: output.choice(
                 "delta_width",
                 &[
@@ -209,6 +214,9 @@ impl Case {
         }
         if case.start.is_some() {
             startable(&case, &root.table("initial")?, &solver, &warp)?;
+        }
+        if !case.reduce.modes && case.method == Method::Schrodingerized {
+            every_mode(&mut case, &solver)?;
         }
         if case.warped_field && case.method == Method::Classical {
             return Err(output.error(
@@ -282,13 +290,13 @@ fn read_axis(table: Table<'_>, of_space: bool) -> Result<(Axis, bool)> {
         ));
     }
     let periodic = table.choice("boundary", &[("inflow", false), ("periodic", true)])?;
-    let axis = Axis {
-        lower: table.required_number("lower")?,
-        upper: table.required_number("upper")?,
-        cells: table
+    let axis = Axis::new(
+        table.required_number("lower")?,
+        table.required_number("upper")?,
+        table
             .count("cells", 1)?
             .ok_or_else(|| table.error("cells", "missing; a whole number expected"))?,
-    };
+    );
     if axis.lower >= axis.upper {
         return Err(table.error("upper", &format!("must be above lower = {}", axis.lower)));
     }
@@ -625,6 +633,23 @@ fn read_shift(table: &Table<'_>) -> Result<Shift> {
     Ok(Shift::Given(shift))
 }
 
+/// Refuses modes of both signs where they have no use; what asks for all that there is does without them there.
+fn every_mode(case: &mut Case, solver: &Table<'_>) -> Result<()> {
+    let why = if case.warped_field || case.start.is_some() {
+        "the warped field is kept by its modes l >= 0"
+    } else if order(case.propagator.method) > 0 {
+        "crank-nicolson and backward-euler take modes l >= 0 only"
+    } else {
+        return Ok(());
+    };
+    if solver.is_boolean("reduce") {
+        case.reduce.modes = true;
+        return Ok(());
+    }
+    let message = format!("{why}; leave it out, or true");
+    Err(solver.table("reduce")?.error("modes", &message))
+}
+
 /// Refuses methods that do not know of an inflow that depends on time.
 fn steppable(
     case: &Case,
@@ -846,6 +871,23 @@ fn read_cfl(classical: &Table<'_>) -> Result<f64> {
         ));
     }
     Ok(cfl)
+}
+
+/// `[solver.reduce]`, or `reduce = false` for none of it.
+fn read_reduce(solver: &Table<'_>) -> Result<Allowed> {
+    if solver.is_boolean("reduce") {
+        return Ok(Allowed::all(solver.boolean("reduce")?.unwrap_or(true)));
+    }
+    let table = solver
+        .table("reduce")?
+        .knowing(&["axes", "velocities", "inflow", "modes"])?;
+    let allowed = |key| Ok(table.boolean(key)?.unwrap_or(true));
+    Ok(Allowed {
+        axes: allowed("axes")?,
+        velocities: allowed("velocities")?,
+        inflow: allowed("inflow")?,
+        modes: allowed("modes")?,
+    })
 }
 
 /// `[checkpoint]`.

@@ -10,11 +10,7 @@ const RESULTS: [usize; 3] = [6, 4, 1];
 const MODES: usize = 7;
 
 fn space(x: &[usize]) -> PhaseSpace {
-    let axis = |&cells: &usize| Axis {
-        lower: 0.0,
-        upper: 1.0,
-        cells,
-    };
+    let axis = |&cells: &usize| Axis::new(0.0, 1.0, cells);
     let v: &[usize] = if x.len() == 1 { &[6] } else { &[2, 3] };
     PhaseSpace {
         x: x.iter().map(axis).collect(),

@@ -99,9 +99,10 @@ impl Listing<'_> {
     fn visit(&mut self, row: &Row, local: usize) {
         let varies = self.case.varies();
         let listed = match self.case.warp.inflow {
-            Embedding::Full => self.case.enters(),
+            Embedding::Full => self.case.embeds(),
             Embedding::Boundary | Embedding::Scalar if varies => !row.ghosts.is_empty(),
-            Embedding::Boundary | Embedding::Scalar => self.coupled(row),
+            Embedding::Boundary | Embedding::Scalar if self.case.enters() => self.coupled(row),
+            Embedding::Boundary | Embedding::Scalar => row.draw > 0.0,
         };
         if listed {
             self.inflow.push(Inflow {
@@ -141,7 +142,7 @@ impl BlockMatrix {
             inflow: Vec::new(),
             entering: Entering::default(),
         };
-        if case.enters() {
+        if case.embeds() {
             block.for_each_own(|global, local| {
                 for v in 0..nv {
                     scheme.row(&mut row, global + v);
@@ -152,7 +153,7 @@ impl BlockMatrix {
         let Listing {
             inflow, entering, ..
         } = listing;
-        let shared = case.enters() && case.warp.inflow == Embedding::Scalar;
+        let shared = case.embeds() && case.warp.inflow == Embedding::Scalar;
         let rows = cells + if shared { 1 } else { inflow.len() };
 
         // The space cells layer by layer, ghosts among them: global and local number of their first unknown.

@@ -344,6 +344,8 @@ pub(super) fn attributes(
     attribute(file, "title", &text(&case.title))?;
     attribute(file, "reference", &text(&case.reference))?;
     attribute(file, "time", &about.time)?;
+    let reductions = case.reductions.dropped.join("\n");
+    attribute(file, "reductions", &text(&reductions))?;
     let dataset = writer.text("case", &case.text)?;
     attribute(&dataset, "overrides", &text(&case.overrides.join("\n")))?;
     let dataset = writer.text("plan", plan)?;

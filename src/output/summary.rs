@@ -58,6 +58,8 @@ pub struct Summary {
     pub instruction_set: String,
     /// Unknowns.
     pub cells: usize,
+    /// What was left out of the case, a line each.
+    pub reductions: Vec<String>,
     /// Rows of the matrix that are stored, over the ranks that split space: those that repeat once a rank.
     pub distinct_rows: usize,
     /// Auxiliary unknowns of the inflow.

@@ -11,6 +11,7 @@ use crate::output::warped::buffer_bytes;
 use crate::partition::{Block, Mesh};
 use crate::profile::Profile;
 use crate::propagate::{self, Company, Sizes, cost_of_splitting};
+use crate::reduce::shown;
 use crate::scheme::transport_rate;
 use crate::warp::KeptModes;
 use serde::Serialize;
@@ -526,10 +527,23 @@ fn arrays(
             list.push(("slopes".to_owned(), slopes));
         }
     }
+    // The results on the grid on which they are shown, where that is another; of the exact solution there is no other.
+    let shown = shown::grid(case);
+    let layers = (shown.x.iter().zip(&mesh.space)).map(|(a, p)| a.cells.div_ceil(*p) as u64);
+    let there = layers.product::<u64>() * shown.velocity_cells() as u64;
+    if shown != case.space {
+        let layers = shown.x[0].cells.div_ceil(mesh.space[0]);
+        // One cell is not shared among the groups.
+        let groups = mesh.groups.min(case.space.x[0].cells);
+        let share = there / layers as u64 * layers.div_ceil(groups) as u64;
+        let times = 1 + case.times.iter().filter(|t| t.fields).count() as u64;
+        let fields = case.fields.len() as u64;
+        list.push(("results as shown".to_owned(), 8 * fields * times * share));
+    }
     if case.exact.is_some() {
         let points = case.space.space_cells() as u64;
         let values = match case.data {
-            Data::Density => 8 * cells,
+            Data::Density => 8 * there,
             // Mass and momentum, what is made of them, and the curve, whose arrays grow by doubling.
             Data::Measure { .. } => 32 * (1 + n) * points + 64 * curve_points(case) as u64,
         };

@@ -46,8 +46,16 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// The interval for wavenumber `mu ≥ 0`, largest rate `d` and growth bound `γ`.
+    /// The interval for wavenumber `mu`, largest rate `d` and growth bound `γ`. As `H_{−l} = −conj(H_l)`, that of `−mu` is its mirror
+    /// image.
     pub fn new(mu: f64, rate: f64, growth: f64) -> Self {
+        if mu < 0.0 {
+            let mirrored = Self::new(-mu, rate, growth);
+            return Self {
+                centre: -mirrored.centre,
+                ..mirrored
+            };
+        }
         let root = (1.0 + mu * mu).sqrt();
         let lower = -mu * rate - root * (rate + growth);
         let upper = rate / (root + mu) + root * growth;

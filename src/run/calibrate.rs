@@ -32,6 +32,7 @@ use crate::problem::Problem;
 use crate::progress::Progress;
 use crate::propagate::commutator_free::{CommutatorFree, stage_degree};
 use crate::propagate::{self, Company, Evolution, Initial, Propagator, propagator};
+use crate::reduce::reduced;
 use crate::varying::Schedule;
 use crate::warp::{self, Besides, Keeping, KeptModes, Leg, MomentsOf, Passage, Task};
 use num_complex::Complex64;
@@ -125,7 +126,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     let started = Instant::now();
     let all = world.group();
     let mut watch = super::Stopwatch::start();
-    let case = &*with_start(&all, case)?;
+    let case = &reduced(&all, &*with_start(&all, case)?)?;
     refuse_hopeless(case, resources)?;
     let bounds = Bounds::new(case)?;
     let expected = Plan::provisional(case, &bounds, resources)?;
@@ -268,11 +269,8 @@ fn part_of(case: &Case, mesh: &Mesh, ranks: usize) -> (Case, Mesh) {
     let cut = |((axis, &of), &parts): ((&Axis, &usize), &usize)| {
         let cells = (axis.cells.div_ceil(of) * parts).min(axis.cells);
         let first = ((axis.cells - cells) / 2) as i64;
-        Axis {
-            lower: axis.face(first),
-            upper: axis.face(first + cells as i64),
-            cells,
-        }
+        let (lower, upper) = (axis.face(first), axis.face(first + cells as i64));
+        Axis::new(lower, upper, cells)
     };
     let x = (case.space.x.iter().zip(&mesh.space).zip(&parts))
         .map(cut)
@@ -529,7 +527,7 @@ impl<'a> Shortened<'a> {
             }
             for l in 0..warp.modes {
                 let span = (leg.time, warp.leg_tolerance(l) * fraction);
-                let mu = warp.series.wavenumber(l);
+                let mu = warp.wavenumber(l);
                 let work = propagate::work(case, &plan.bounds, mu, span, &mut scratch);
                 warp.leg_work[k][l] = work;
             }
@@ -560,7 +558,7 @@ impl<'a> Shortened<'a> {
                 None => work[l],
                 Some(schedule) => {
                     let span = (bounds.rate, bounds.growth, leg.time);
-                    let (mu, stages) = (self.warp.series.wavenumber(l), schedule.stages());
+                    let (mu, stages) = (self.warp.wavenumber(l), schedule.stages());
                     stages * stage_degree(&mut scratch, mu, work[l], span, stages)
                 }
             });

@@ -40,6 +40,8 @@ pub fn trial(world: &World, case: &Case) -> Result<Trial> {
     system::reset_peak_memory();
     let case = Case {
         warped_field: false,
+        // What it is compared with has all of the grid.
+        expand: true,
         ..case.clone()
     };
     let Computed {

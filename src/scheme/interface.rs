@@ -75,7 +75,7 @@ fn sources_hat(out: &mut Vec<Source>, axis: &Axis, j: i64, rise: f64) {
 
 /// Weights of the hat function `h(ξ − ξ_k)` of width `Δξ`.
 fn interpolate(out: &mut Vec<Source>, axis: &Axis, side: Side, xi: f64) {
-    let position = (xi - axis.lower) / axis.width() - 0.5;
+    let position = axis.position(xi) - 0.5;
     let position = position.clamp(-FARTHEST, FARTHEST);
     let mut k = position.floor();
     let mut fraction = position - k;
@@ -147,7 +147,7 @@ struct Lattice<'a> {
 
 impl<'a> Lattice<'a> {
     fn new(axis: &'a Axis) -> Self {
-        let nearest = (-axis.lower / axis.width()).round() as i64;
+        let nearest = axis.position(0.0).round() as i64;
         let face = axis.face(nearest);
         Self {
             axis,
@@ -165,7 +165,7 @@ impl<'a> Lattice<'a> {
     /// The cell of velocities with `sign` that holds kinetic energy `energy` (at least the floor).
     fn cell_of(&self, energy: f64, sign: i64) -> i64 {
         let speed = (2.0 * energy.max(0.0)).sqrt();
-        let at = (speed * sign as f64 - self.axis.lower) / self.axis.width();
+        let at = self.axis.position(speed * sign as f64);
         at.clamp(-FARTHEST, FARTHEST).floor() as i64
     }
 
@@ -217,11 +217,7 @@ mod tests {
     fn each(interface: Interface, mut check: impl FnMut(&Axis, i64, f64, &[Source])) {
         let mut out = Vec::new();
         for (lower, upper, cells) in BOXES {
-            let axis = Axis {
-                lower,
-                upper,
-                cells,
-            };
+            let axis = Axis::new(lower, upper, cells);
             for rise in [-0.4, -0.2, -0.013, 1e-9, 0.05, 0.2, 0.7] {
                 for j in 0..cells as i64 {
                     if velocity(&axis, j) != 0.0 {
@@ -252,11 +248,7 @@ mod tests {
         // Σ over targets on both sides of |ξ_j| w_jk = |ξ_k| for every source cell whose targets are on the lattice.
         let mut out = Vec::new();
         for (lower, upper, cells) in BOXES {
-            let axis = Axis {
-                lower,
-                upper,
-                cells,
-            };
+            let axis = Axis::new(lower, upper, cells);
             for rise in [-0.4, -0.013, 0.05, 0.3] {
                 // Sources on the left side moving right: k > 0. Targets: right side moving right across `rise`,
                 // left side moving left by reflection (their own rise is −rise).

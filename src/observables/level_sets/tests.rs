@@ -56,11 +56,7 @@ fn narrow_bells_fall_between_the_points() {
 }
 
 fn axis(lower: f64, upper: f64, cells: usize) -> Axis {
-    Axis {
-        lower,
-        upper,
-        cells,
-    }
+    Axis::new(lower, upper, cells)
 }
 
 /// A function of the velocity.

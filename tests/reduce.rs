@@ -1,0 +1,336 @@
+//! What a scene does not need is left out, and nothing else: the answer is that of the whole grid.
+
+#[path = "support/launch.rs"]
+mod launch;
+#[path = "support/results.rs"]
+mod results;
+
+use launch::{Finished, Job, case, check_all, directory};
+use results::{datasets, differences, distance};
+
+/// A case, what makes it small or another, and how many ranks it runs on.
+type Row = (&'static str, &'static [&'static str], usize);
+
+/// The plane, with nothing that varies along y.
+const PLANE: &[&str] = &["axis.0.x.cells=12", "axis.1.x.cells=5"];
+/// Nothing along vy either; all velocities of x.
+const LINE: &[&str] = &[
+    "axis.0.x.cells=12",
+    "axis.1.x.cells=5",
+    "axis.1.v={lower=-0.7, upper=0.9, cells=8}",
+    "initial.f=exp(-9*(x + 0.5)^2 - 6*(vx - 0.5)^2)",
+];
+/// The same with x and y in each other's place, so that it is the first axis that goes.
+const TURNED: &[&str] = &[
+    "axis.0.x={lower=-0.5, upper=0.5, cells=7, boundary='periodic'}",
+    "axis.0.v={lower=-0.7, upper=0.9, cells=5}",
+    "axis.1.x={lower=-1.2, upper=1.2, cells=12}",
+    "axis.1.v={lower=-1.4, upper=1.4, cells=9}",
+    "potential.0.where=y < 0",
+    "initial.f=exp(-9*(y + 0.5)^2)*max(0, 1 - abs(vy - 0.5))*(1 + vx)",
+];
+/// Something enters from the left, of one velocity along y more than of another.
+const ENTERS: &[&str] = &[
+    "axis.0.x.cells=12",
+    "axis.1.x.cells=5",
+    "initial.f=0",
+    "inflow.value=max(0, 1 - 4*abs(vx - 0.7))*max(0, 1 - 2*abs(vy)) if x < 0 else 0",
+];
+/// Slopes along x, up and down.
+const SLOPES: &[&str] = &[
+    "axis.0.x.cells=12",
+    "axis.1.x.cells=5",
+    "potential.0.value=0.1*x",
+    "potential.1.value=0.2 - 0.1*x^2",
+];
+/// Nothing moves along y, whose ends are open.
+const STANDS: &[&str] = &[
+    "axis.0.x.cells=12",
+    "axis.1.x={lower=-0.5, upper=0.5, cells=5}",
+    "axis.1.v={lower=-0.1, upper=0.1, cells=1}",
+];
+/// Space, with nothing that varies along y and z.
+const SPACE: &[&str] = &[
+    "axis.1.x.boundary=periodic",
+    "axis.2.x.boundary=periodic",
+    "initial.f=max(0, 1 - 3*abs(x + 0.4))*max(0, 1 - 2*abs(vx - 0.5))*(1 + vy)",
+];
+
+const ROWS: &[Row] = &[
+    (
+        "example1.toml",
+        &["axis.0.x.cells=24", "axis.0.v.cells=25"],
+        1,
+    ),
+    (
+        "example1.toml",
+        &[
+            "axis.0.x.cells=24",
+            "axis.0.v.cells=31",
+            "scheme.interface=conservative",
+        ],
+        3,
+    ),
+    ("well.toml", &["axis.0.x.cells=24", "axis.0.v.cells=31"], 2),
+    (
+        "barriers.toml",
+        &["axis.0.x.cells=30", "axis.0.v.cells=41", "time.end=1.2"],
+        4,
+    ),
+    (
+        "inflow_barrier.toml",
+        &["axis.0.x.cells=16", "axis.0.v.cells=35"],
+        3,
+    ),
+    ("barrier2d.toml", &[], 2),
+    ("periodic2d.toml", PLANE, 1),
+    ("periodic2d.toml", LINE, 4),
+    ("periodic2d.toml", TURNED, 3),
+    ("periodic2d.toml", ENTERS, 2),
+    ("periodic2d.toml", SLOPES, 3),
+    ("periodic2d.toml", STANDS, 2),
+    ("step3d.toml", SPACE, 2),
+];
+
+/// A run with results on the whole grid, and what it compares with.
+fn run((name, settings, ranks): &Row, more: &[&str]) -> Job {
+    Job::new(["run", &case(name)])
+        .set(settings)
+        .set(&["solver.tolerance=1e-7", "output.expand=true"])
+        .set(&["output.field_times=[0.2]", "output.moment_times=[0.3]"])
+        .set(more)
+        .on(*ranks)
+        .within(200)
+}
+
+/// With and without, every number is the same within the tolerance, and there are fewer unknowns.
+#[test]
+fn answers_are_those_of_the_whole_grid() {
+    check_all(ROWS, |row| {
+        let (with, without) = (directory(), directory());
+        let less = run(row, &[]).solve(with.path())?;
+        let all = run(row, &["solver.reduce=false"]).solve(without.path())?;
+        let cells = [less.number("cells")?, all.number("cells")?];
+        less.require(cells[0] < cells[1], || format!("{cells:?} cells"))?;
+        for key in [
+            "mass",
+            "mass_initial",
+            "kinetic_energy",
+            "error_l1",
+            "error_l2",
+        ] {
+            let (a, b) = (less.number(key)?, all.number(key)?);
+            let close = (a - b).abs() <= 1e-6 * b.abs().max(1e-3);
+            less.require(close, || format!("{key}: {a:e}, of the whole grid {b:e}"))?;
+        }
+        let (a, b) = (datasets(with.path())?, datasets(without.path())?);
+        for (name, whole) in &b {
+            let found = a.get(name).ok_or_else(|| format!("no {name}"))?;
+            if matches!(&name[..], "/plan" | "/case") {
+                continue;
+            }
+            less.require(found.shape == whole.shape, || {
+                format!(
+                    "{name}: {:?}, of the whole grid {:?}",
+                    found.shape, whole.shape
+                )
+            })?;
+            // Mean velocities are not known where there is next to nothing.
+            if !name.contains("velocity") {
+                let apart = distance(&found.numbers(), &whole.numbers());
+                let same = apart <= 3e-7 || whole.numbers().iter().all(|x| *x == 0.0);
+                less.require(same, || format!("{name}: {apart:e} apart"))?;
+            }
+        }
+        Ok(())
+    });
+}
+
+/// The same bits on any ranks, whatever is left out.
+#[test]
+fn bits_do_not_depend_on_ranks() {
+    let rows: &[Row] = &[
+        ("periodic2d.toml", LINE, 0),
+        ("periodic2d.toml", TURNED, 0),
+        ("inflow_barrier.toml", &["axis.0.x.cells=14"], 0),
+    ];
+    check_all(rows, |&(name, settings, _)| {
+        for expand in ["output.expand=true", "output.expand=false"] {
+            let alone = directory();
+            run(&(name, settings, 1), &[expand]).solve(alone.path())?;
+            let expected = datasets(alone.path())?;
+            for ranks in 2..=4 {
+                let here = directory();
+                let summary = run(&(name, settings, ranks), &[expand]).solve(here.path())?;
+                let differ = differences(&datasets(here.path())?, &expected);
+                summary.require(differ.is_empty(), || format!("{differ:?} differ"))?;
+            }
+        }
+        Ok(())
+    });
+}
+
+fn check(name: &str, settings: &[&str]) -> Result<Finished, String> {
+    Job::new(["check", &case(name)]).set(settings).succeed()
+}
+
+/// What varies, or what a boundary lets in, keeps an axis; and the reason is said where it looks as if it could go.
+#[test]
+fn what_differs_is_kept() {
+    type Kept = (&'static [&'static str], Option<&'static str>);
+    let rows: &[Kept] = &[
+        (&["potential.1.value=0.2 + 0.1*y"], None),
+        (&["potential.0.where=x < 0 || y > 0.2"], None),
+        (&["initial.f=exp(-x^2 - y^2)"], None),
+        (&["inflow.value=1 + y"], Some("inflow.value does")),
+        (&["exact={f='y'}"], Some("exact.f does")),
+        (
+            &["axis.1.x.boundary=inflow"],
+            Some("boundary = \"periodic\""),
+        ),
+        (
+            &["output.warped_field=true"],
+            Some("for output.warped_field"),
+        ),
+        (&["readout.cells=[[1, 7]]"], Some("for [readout]")),
+        (&["solver.reduce.axes=false"], None),
+        (&["solver.reduce=false"], None),
+    ];
+    check_all(rows, |(settings, why)| {
+        let finished = check("periodic2d.toml", settings)?;
+        let said = |start: &str, text: &str| {
+            let mut lines = finished.output.lines();
+            lines.any(|line| line.starts_with(start) && line.contains(text))
+        };
+        if said("reduced", " y:") {
+            return Err(finished.report("y is left out"));
+        }
+        match why {
+            Some(why) if !said("kept", why) => {
+                Err(finished.report(&format!("no line about {why}")))
+            }
+            _ => Ok(()),
+        }
+    });
+    let finished = check("periodic2d.toml", &[]).expect("a case that is right");
+    let line = "reduced y: nothing varies along it; 10 cells -> 1";
+    assert!(finished.output.contains(line), "{}", finished.report(line));
+}
+
+/// By default cropped velocities come back as zeros, and an axis along which nothing varies has one cell.
+#[test]
+fn results_have_the_velocities_of_the_case() {
+    let here = directory();
+    let settings = ["output.expand=false"];
+    let summary = run(&("periodic2d.toml", PLANE, 2), &settings).solve(here.path());
+    let summary = summary.expect("a run");
+    let all = datasets(here.path()).expect("results");
+    assert_eq!(all["/f"].shape, [12, 1, 14, 9]);
+    assert_eq!(all["/density"].shape, [12, 1]);
+    assert_eq!(all["/axis/vx"].shape, [14]);
+    let f = all["/f"].numbers();
+    assert!(f.iter().step_by(9).all(|f| *f == 0.0), "vy = -0.8");
+    assert!(summary.number("minimum").expect("a number") <= 0.0);
+}
+
+/// Each reduction by itself, by its key.
+#[test]
+fn each_can_be_switched_off() {
+    let small = ["axis.0.x.cells=24", "axis.0.v.cells=25"];
+    let solve = |settings: &[&str]| {
+        let here = directory();
+        let row: Row = ("example1.toml", &[], 2);
+        let job = run(&row, &small).set(settings);
+        let summary = job.solve(here.path()).expect("a run");
+        let f = results::field(here.path()).expect("a field");
+        let number = |key: &str| summary.number(key).expect("a number");
+        (
+            f,
+            number("cells"),
+            number("modes"),
+            number("inflow_unknowns"),
+        )
+    };
+    let (f, cells, modes, unknowns) = solve(&[]);
+    assert!(cells < 600.0 && unknowns == 0.0);
+    let (g, of_both, ..) = solve(&["solver.reduce.velocities=false"]);
+    assert!(distance(&g, &f) < 3e-7 && of_both == 600.0);
+    // Twice the modes but for l = 0, and the same sum.
+    let (g, _, both, _) = solve(&["solver.reduce.modes=false"]);
+    assert_eq!(both, 2.0 * modes - 1.0);
+    assert!(distance(&g, &f) < 1e-11, "{:e}", distance(&g, &f));
+    let krylov = [
+        "solver.reduce.modes=false",
+        "solver.propagator.method=krylov",
+    ];
+    assert!(distance(&solve(&krylov).0, &f) < 3e-7);
+    // Unknowns that nothing comes from, for every embedding.
+    for embedding in ["boundary", "full", "scalar"] {
+        let embedding = format!("solver.warp.inflow={embedding}");
+        let (g, _, _, idle) = solve(&["solver.reduce.inflow=false", &embedding]);
+        assert!(idle > 0.0, "{embedding}");
+        assert!(
+            distance(&g, &f) < 3e-7,
+            "{embedding}: {:e}",
+            distance(&g, &f)
+        );
+    }
+}
+
+/// Wrong keys, and what cannot be, are refused.
+#[test]
+fn mistakes_are_refused() {
+    let rows: &[(&[&str], &str)] = &[
+        (&["solver.reduce.axis=true"], "axes"),
+        (&["solver.reduce=1"], "solver.reduce"),
+        (&["solver.reduce.modes=0"], "true or false"),
+        (
+            &["solver.reduce.modes=false", "output.warped_field=true"],
+            "modes l >= 0",
+        ),
+        (
+            &[
+                "solver.reduce={modes=false}",
+                "solver.propagator={method='crank-nicolson', step=0.1}",
+            ],
+            "crank-nicolson",
+        ),
+    ];
+    check_all(rows, |(settings, word)| {
+        let finished = Job::new(["check", &case("periodic2d.toml")])
+            .set(settings)
+            .run()?;
+        if finished.code == Some(2) && finished.errors.contains(word) {
+            return Ok(());
+        }
+        Err(finished.report(&format!("exit code 2 and {word} expected")))
+    });
+    // All of it may be switched off together wherever part of it may not.
+    let settings = ["solver.reduce=false", "output.warped_field=true"];
+    check("periodic2d.toml", &settings).expect("a case that is right");
+}
+
+/// Ranks take modes as long as those suffice; `--ranks-x` splits space.
+#[test]
+fn space_is_split_where_it_is_asked_for() {
+    let blocks = |more: &[&str]| -> Vec<u64> {
+        let job = Job::new(["plan", &case("example1.toml"), "--ranks", "4", "--json"])
+            .with(more.to_vec());
+        let finished = job.succeed().expect("a plan");
+        let plan: serde_json::Value = serde_json::from_str(&finished.output).expect("JSON");
+        let space = plan["layout"]["mesh"]["space"]
+            .as_array()
+            .expect("a list")
+            .clone();
+        space.iter().filter_map(serde_json::Value::as_u64).collect()
+    };
+    assert_eq!(blocks(&[]), [1]);
+    assert_eq!(blocks(&["--ranks-x", "2"]), [2]);
+    let plan = |more: &[&str]| {
+        let job = Job::new(["plan", &case("example1.toml"), "--ranks", "4"]).with(more.to_vec());
+        job.succeed().expect("a plan").output
+    };
+    let line = "space is not split: there are modes for all ranks";
+    assert!(plan(&[]).contains(line));
+    assert!(!plan(&["--ranks-x", "2"]).contains(line));
+}
