@@ -68,6 +68,7 @@ pub mod reproducible;
 pub mod run;
 pub mod scheme;
 pub mod spectrum;
+pub mod stability;
 pub mod system;
 pub mod varying;
 pub mod warp;
