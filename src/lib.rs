@@ -34,6 +34,7 @@
 //! | [`quantum`] | oracles, sparsity, resources, readout of a quantum computer; circuits of tiny cases |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
 //! | [`checkpoint`] | what is finished, on disk: a run that was stopped goes on |
+//! | [`stability`] | where methods fail: borders measured beside theory |
 //! | [`figure`] | pictures as data, to SVG and PNG |
 //! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |
 

@@ -66,6 +66,9 @@ pub struct Border {
     pub theory: Option<f64>,
     /// Measured over theory, where that is not about zero.
     pub ratio: Option<f64>,
+    /// What stands beside a line across the figure at the theory's value.
+    #[serde(skip)]
+    line: Option<String>,
 }
 
 impl Border {
@@ -79,6 +82,15 @@ impl Border {
             measured,
             theory,
             ratio: both.map(|(measured, theory)| measured / theory),
+            line: None,
+        }
+    }
+
+    /// Drawn at the theory's value.
+    fn drawn(self, label: impl Into<String>) -> Self {
+        Self {
+            line: Some(label.into()),
+            ..self
         }
     }
 }

@@ -187,11 +187,15 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             number(calm),
             number(calm_theory)
         );
-        borders.push(Border::new(
+        let limit = Border::new(
             format!("{name}: largest value kept"),
             kept,
             Some(1.0 / reach),
-        ));
+        );
+        borders.push(match integrator {
+            Integrator::ForwardEuler => limit.drawn("largest value kept"),
+            _ => limit,
+        });
         borders.push(Border::new(
             format!("{name}: explodes in {STEPS} steps"),
             calm,

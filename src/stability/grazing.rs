@@ -169,6 +169,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             measured.map(|p| p.x),
             theory.map(|p| p.x),
         ),
+        Border::new("the case's jump", None, Some(height)).drawn("this case"),
     ];
     let amplified = own.measured.exp();
     let verdict = format!(

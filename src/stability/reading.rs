@@ -168,6 +168,12 @@ pub fn recovery(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             number(right),
             number(right_theory)
         );
+        let growth = Border::new(
+            format!("{name}: lambda+ T, beside the bound of a run"),
+            Some(extent[0]),
+            Some(yardstick.bounds().growth * case.end),
+        );
+        borders.push(growth);
         borders.push(Border::new(
             format!("{name}: plateau begins"),
             left,

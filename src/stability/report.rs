@@ -1,7 +1,8 @@
 //! What was found as a table, as CSV and as JSON.
 
-use super::{Border, Name, Panel, Stability};
+use super::{Border, Curve, Name, Panel, Point, Scale, Stability};
 use crate::error::Result;
+use crate::figure::{self, Axis, Figure, Style};
 use crate::output::failure;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -133,6 +134,65 @@ impl Stability {
             let path = directory.join(name);
             std::fs::write(&path, text).map_err(|e| failure(&path, &e))?;
         }
+        self.figure().write(directory, "stability")?;
         Ok(())
     }
+
+    /// A frame a panel: what was measured with markers, theory dashed.
+    pub fn figure(&self) -> Figure {
+        let panels: Vec<figure::Panel> = self.panels.iter().map(drawn).collect();
+        let columns = if panels.len() > 4 {
+            3
+        } else {
+            panels.len().clamp(1, 2)
+        };
+        let caption = format!(
+            "{}: where methods fail. Markers: measured; grey dashes: theory. {}",
+            self.title,
+            self.left_out
+                .iter()
+                .map(|l| format!("Left out: {} ({}).", word(l.name), l.reason))
+                .collect::<Vec<_>>()
+                .join(" ")
+        );
+        Figure::new("Stability map", panels)
+            .columns(columns)
+            .frame(360.0, 260.0)
+            .caption(caption.trim())
+    }
+}
+
+/// An axis of a panel.
+fn axis(scale: &Scale) -> Axis {
+    if scale.logarithmic {
+        Axis::log(&*scale.label)
+    } else {
+        Axis::linear(&*scale.label)
+    }
+}
+
+/// A panel as it is drawn.
+fn drawn(panel: &Panel) -> figure::Panel {
+    let line = |curve: &Curve, of: fn(&Point) -> f64| -> Vec<[f64; 2]> {
+        curve.points.iter().map(|p| [p.x, of(p)]).collect()
+    };
+    let mut out = figure::Panel::new(&*panel.title, axis(&panel.x), axis(&panel.y));
+    let mut label = "theory";
+    let mut before: Vec<Vec<[f64; 2]>> = Vec::new();
+    for curve in &panel.curves {
+        let theory = line(curve, |p| p.theory);
+        if theory.iter().any(|p| p[1].is_finite()) && !before.contains(&theory) {
+            out = out.line(std::mem::take(&mut label), Style::theory(), theory.clone());
+            before.push(theory);
+        }
+    }
+    for (k, curve) in panel.curves.iter().enumerate() {
+        out = out.line(&*curve.name, Style::of(k), line(curve, |p| p.measured));
+    }
+    for border in &panel.borders {
+        if let (Some(label), Some(at)) = (&border.line, border.theory) {
+            out = out.vertical(&**label, at);
+        }
+    }
+    out
 }
