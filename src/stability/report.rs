@@ -77,6 +77,7 @@ impl Stability {
                 measured,
                 theory,
                 ratio,
+                ..
             } in &panel.borders
             {
                 let ratio = ratio.map_or("-".to_owned(), |r| format!("{r:.3}"));

@@ -9,7 +9,7 @@ use crate::case::{
 };
 use crate::communicator::World;
 use crate::error::{Error, Result};
-use crate::plan::Resources;
+use crate::plan::{ASSUMED_RATIO, Bounds, Resources, WarpPlan};
 use crate::run;
 use crate::run::trial::trial;
 
@@ -17,6 +17,8 @@ use crate::run::trial::trial;
 const CELLS: usize = 1024;
 /// What is asked, as powers of ten; from here on what no profile gives.
 const ASKED: [f64; 8] = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-13, 1e-14];
+/// More modes than this take long.
+const MOST_MODES: usize = 1 << 13;
 /// Below what any gives.
 const NONE: f64 = 1e-16;
 
@@ -80,6 +82,12 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         for &asked in &asked {
             case.tolerance = asked;
             if budget.over() {
+                costly = true;
+                break;
+            }
+            // Where there are so many, to plan what each of them takes is too much already.
+            let modes = WarpPlan::modes_of(&case, &Bounds::new(&case)?, ASSUMED_RATIO);
+            if modes.is_ok_and(|modes| modes > MOST_MODES) {
                 costly = true;
                 break;
             }
