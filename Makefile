@@ -19,7 +19,7 @@ CARGO   = $(shell scripts/setup.sh --environment) cargo
 PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 
 .DEFAULT_GOAL := build
-.PHONY: quantum run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers qiskit setup clean help
+.PHONY: stability quantum run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers qiskit setup clean help
 
 run: build ## build, then solve example 1 of the paper on two ranks (CASE=, RANKS=, RESULTS= for another)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
@@ -46,6 +46,10 @@ calibration: build ## what plan --calibrate expects beside what runs take, into 
 
 study: build ## memory and time against N_p, into docs/scaling.md, .csv, .svg (ARGS=--quick: a short form into results/study-quick/)
 	scripts/study.sh --program $(PROGRAM) $(ARGS)
+
+stability: build ## where methods fail on example 1: borders beside theory, docs/charts/stability.svg for docs/stability.md (CASE= and RESULTS= for another)
+	mpirun -np $(RANKS) $(PROGRAM) stability $(CASE) --budget 5m -o $(RESULTS)-stability
+	@if [ "$(CASE)" = cases/example1.toml ]; then mkdir -p docs/charts && cp $(RESULTS)-stability/stability.svg docs/charts/stability.svg; fi
 
 slurm: build ## the job scripts on a Slurm that is started here (Debian, as root; three minutes)
 	PHASEWARP=$(PROGRAM) tests/slurm.sh

@@ -108,6 +108,26 @@ pub enum Command {
         #[arg(long)]
         optimise: bool,
     },
+    /// Where methods fail on this case: borders measured beside theory; writes DIR/stability.csv, .json, .svg and .png
+    Stability {
+        /// The case.
+        #[command(flatten)]
+        case: CaseArgs,
+        /// Directory of the files; by default results/NAME-stability
+        #[arg(short, long, value_name = "DIR")]
+        output: Option<PathBuf>,
+        /// Only these panels
+        #[arg(
+            long,
+            value_name = "PANEL[,PANEL...]",
+            value_enum,
+            value_delimiter = ','
+        )]
+        only: Vec<crate::stability::Name>,
+        /// About how long it may take: 60s, 5m
+        #[arg(long, value_name = "TIME", value_parser = parse_duration, default_value = "60s")]
+        budget: Duration,
+    },
     /// Growth and decay of the symmetric part, with and without weights
     Spectrum {
         /// The case.

@@ -3,6 +3,7 @@
 mod export;
 mod resources;
 mod spectrum;
+mod stability;
 
 use crate::case::{self, Case, Data, Method};
 use crate::cli::{CaseArgs, Cli, Command, Mode, RecordFormat};
@@ -204,6 +205,22 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 }
             }
         }
+        Command::Stability {
+            case,
+            output,
+            only,
+            budget,
+        } => {
+            let case = load(world, case)?;
+            let directory = output
+                .clone()
+                .unwrap_or_else(|| beside(&case.name, "stability"));
+            let found = stability::stability(world, &case, &directory, (only, *budget))?;
+            if speaks {
+                say(found.table().trim_end());
+                say(&format!("files in {}", directory.display()));
+            }
+        }
         Command::Spectrum {
             case,
             steps,
@@ -249,6 +266,13 @@ fn load(world: &World, args: &CaseArgs) -> Result<Case> {
 fn default_directory(case: &str) -> PathBuf {
     let stem = Path::new(case).file_stem().unwrap_or_default();
     Path::new("results").join(stem)
+}
+
+/// `results/NAME-what`.
+fn beside(case: &str, what: &str) -> PathBuf {
+    let mut name = default_directory(case).into_os_string();
+    name.push(format!("-{what}"));
+    name.into()
 }
 
 fn closing_line(summary: &Summary, directory: &Path) -> String {

@@ -200,6 +200,22 @@ impl Expression {
         }
     }
 
+    /// This formula times `factor`, which is not negative.
+    ///
+    /// # Errors
+    /// A sentence, should the product not be read.
+    pub fn times(&self, factor: f64) -> Result<Self, String> {
+        // A number is written without an exponent, which the evaluator does not read.
+        let text = format!("{factor} * ({})", self.flat.unparse());
+        let flat = FlatEx::<f64, Operators>::parse(&text).map_err(|e| e.to_string())?;
+        Ok(Self {
+            text: format!("{factor} * ({})", self.text),
+            flat: Box::new(flat),
+            constant: self.constant.map(|value| factor * value),
+            ..self.clone()
+        })
+    }
+
     /// The formula's value; `coordinates` are in the order of the `names` it was read with. NaN where undefined.
     pub fn eval(&self, coordinates: &[f64]) -> f64 {
         if let Some(value) = self.constant {

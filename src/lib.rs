@@ -35,6 +35,7 @@
 //! | [`quantum`] | oracles, sparsity, resources, readout of a quantum computer; circuits of tiny cases |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
 //! | [`checkpoint`] | what is finished, on disk: a run that was stopped goes on |
+//! | [`stability`] | where methods fail: borders measured beside theory |
 //! | [`figure`] | pictures as data, to SVG and PNG |
 //! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |
 
@@ -70,6 +71,7 @@ pub mod reproducible;
 pub mod run;
 pub mod scheme;
 pub mod spectrum;
+pub mod stability;
 pub mod system;
 pub mod varying;
 pub mod warp;

@@ -522,6 +522,53 @@ impl Plan {
         Self::with_bounds(&case, bounds.expected(), resources, 1.0)
     }
 
+    /// This plan with the modes of `series` instead of its own, each within `tolerance` of its norm, read as `readings` say:
+    /// whether they give the field or not is not asked.
+    ///
+    /// # Errors
+    /// [`Error::Ranks`] and [`Error::Memory`].
+    pub fn with_series(
+        &self,
+        case: &Case,
+        (series, readings): (Series, Vec<Reading>),
+        tolerance: f64,
+        resources: &Resources,
+    ) -> Result<Self> {
+        let modes = series.modes();
+        let mut scratch = Vec::new();
+        let mut of_mode = |l| {
+            let leg = (case.end, tolerance);
+            propagate::work(case, &self.bounds, series.wavenumber(l), leg, &mut scratch)
+        };
+        let work: Vec<usize> = (0..modes).map(&mut of_mode).collect();
+        let warp = WarpPlan {
+            ratio: 1.0,
+            state_tolerance: tolerance,
+            profile: None,
+            interval: [0.0, series.period],
+            modes,
+            points: None,
+            plateau: Vec::new(),
+            seen: 1.0,
+            leg_work: vec![work.clone()],
+            mode_tolerances: vec![tolerance; modes],
+            applications: case.fields.len() * work.iter().sum::<usize>(),
+            solves: 0,
+            amplification: readings.first().map_or(0.0, |r| {
+                (0..modes).map(|l| weight(&series, r, l).norm()).sum()
+            }),
+            warnings: Vec::new(),
+            work,
+            readings,
+            series,
+        };
+        Ok(Self {
+            layout: Layout::new(case, &self.bounds, Some(&warp), resources)?,
+            warp: Some(warp),
+            ..self.clone()
+        })
+    }
+
     /// Planned bytes on the fullest rank.
     pub fn memory(&self) -> u64 {
         self.layout.memory()

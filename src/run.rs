@@ -5,6 +5,7 @@ pub mod calibrate;
 mod measure;
 mod solve;
 pub mod trial;
+pub mod yardstick;
 
 pub use assembled::Assembled;
 

@@ -6,7 +6,9 @@
 //! [`crate::plan::Bounds`].
 
 use crate::communicator::{GhostExchange, Group};
+use crate::error::{Error, Result};
 use crate::matrix::{BlockMatrix, Part};
+use crate::problem::Problem;
 
 /// An end of the spectrum is found when its residual is this fraction of it …
 const RELATIVE: f64 = 1e-6;
@@ -151,6 +153,26 @@ fn start_value(global: usize) -> f64 {
     h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     (h >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+}
+
+/// Both ends of the spectrum of a problem's `S`, and Gershgorin's bounds on it. Collective over `space`.
+///
+/// # Errors
+/// [`Error::NotFinite`].
+pub fn of(problem: &mut Problem, space: &Group, steps: usize) -> Result<(Extremes, [f64; 2])> {
+    let bound = gershgorin(&problem.matrix, space);
+    let norm = bound[0].abs().max(bound[1].abs());
+    let exchange = &mut problem.exchange;
+    let found = extremes(&problem.matrix, exchange, space, norm, problem.terms, steps);
+    for end in [found.highest, found.lowest] {
+        if !end.value.is_finite() {
+            return Err(Error::NotFinite(format!(
+                "{} as an eigenvalue of S",
+                end.value
+            )));
+        }
+    }
+    Ok((found, bound))
 }
 
 /// Lanczos on `S` until both ends of the spectrum are found, at most `steps` steps, without reorthogonalisation: copies of

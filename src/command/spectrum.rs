@@ -7,7 +7,7 @@ use crate::partition::Block;
 use crate::plan::{Bounds, Plan, Resources, bytes_text};
 use crate::problem::Problem;
 use crate::run;
-use crate::spectrum::{End, Extremes, extremes, gershgorin};
+use crate::spectrum::{self, End, Extremes};
 use serde::Serialize;
 
 /// The system whose `S` is looked at.
@@ -144,19 +144,8 @@ fn on_grid(
     let block = Block::new(&case.space, mesh, space.rank());
     let mut problem = Problem::new(case, bounds, &communicator, block, (1, usize::MAX))?;
     let guaranteed = problem.bounds(case, bounds);
-    let (matrix, weights) = (&problem.matrix, &problem.weights);
-    let bound = gershgorin(matrix, space);
-    let norm = bound[0].abs().max(bound[1].abs());
-    let exchange = &mut problem.exchange;
-    let lanczos = extremes(matrix, exchange, space, norm, problem.terms, steps);
-    for end in [lanczos.highest, lanczos.lowest] {
-        if !end.value.is_finite() {
-            return Err(Error::NotFinite(format!(
-                "{} as an eigenvalue of S",
-                end.value
-            )));
-        }
-    }
+    let (lanczos, bound) = spectrum::of(&mut problem, space, steps)?;
+    let weights = &problem.weights;
     let mut sqrt_pi = [f64::NEG_INFINITY; 2];
     for pi in &weights.pi {
         sqrt_pi = [sqrt_pi[0].max(pi.sqrt()), sqrt_pi[1].max(-pi.sqrt())];

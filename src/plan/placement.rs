@@ -1,7 +1,7 @@
 //! From tolerance, bounds and what is given by hand to a profile, its series, and how it is read.
 
 use super::Bounds;
-use crate::case::{Case, Coefficients, LARGEST_TOLERANCE, RecoveryMethod, Warp};
+use crate::case::{Case, Coefficients, Delta, Interface, LARGEST_TOLERANCE, RecoveryMethod, Warp};
 use crate::error::{Error, Result};
 use crate::profile::{Demand, Form, Profile, Series, Shape, Window};
 use crate::recover::{Reading, shown};
@@ -15,6 +15,8 @@ const WINDOW: f64 = 1.0;
 pub const MOST_MODES: usize = 1 << 22;
 /// What the plateau shows around `p◇` unless it is told.
 const PLATEAU: f64 = 2.0;
+/// Growth over the run from which on it is said what takes it away: an amplification by e.
+const MUCH_GROWTH: f64 = 1.0;
 /// Part of the tolerance that modes left out may take where coefficients come from samples: what is left out comes back
 /// under the wavenumbers that are kept.
 const SAMPLED_TRUNCATION: f64 = 0.2;
@@ -40,8 +42,8 @@ pub(super) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     if let (Some(_), Some(interval), Some(points)) = (&case.start, warp.interval, warp.points) {
         return from_file(case, bounds, interval, points);
     }
-    let mut warnings = Vec::new();
     let demand = demand(case, bounds, ratio);
+    let mut warnings: Vec<String> = much_growth(case, bounds).into_iter().collect();
     let (profile, window) = match Profile::plan(warp.choice(), &demand) {
         Some(planned) => planned,
         None => relaxed(case, bounds, ratio, &demand, &mut warnings)?,
@@ -180,6 +182,35 @@ fn transformed(
         warnings.extend(too_few(demand, shape, window, period, points));
     }
     Ok((series, interval))
+}
+
+/// What is said of a growth that the case asks for: of weights left out where particles graze, of a small `δ`.
+fn much_growth(case: &Case, bounds: &Bounds) -> Option<String> {
+    let growth = bounds.growth * case.end;
+    if growth <= MUCH_GROWTH {
+        return None;
+    }
+    let grazes = bounds.jumps && case.interface == Interface::Hat && !case.warp.weights;
+    let (key, instead) = match case.warp.delta {
+        _ if grazes => (
+            "solver.warp.weights = \"none\"".to_owned(),
+            "\"dissipative\", or scheme.interface = \"conservative\", keeps it small",
+        ),
+        Delta::Given(delta) if bounds.inflow => (
+            format!("solver.warp.delta = {delta:e}"),
+            "a larger one, or none given by hand, keeps it small",
+        ),
+        Delta::Largest if bounds.inflow => (
+            "solver.warp.delta = \"max\"".to_owned(),
+            "none given by hand keeps it small",
+        ),
+        _ => return None,
+    };
+    Some(format!(
+        "{key}: growth x time may be up to {growth:.3}, where {MUCH_GROWTH} is much; what is wrong with a mode is read up to {:.1e} times as \
+         large; {instead}",
+        growth.exp()
+    ))
 }
 
 /// `σT` of the spectral shift.

@@ -1,0 +1,34 @@
+//! `phasewarp stability`: measures, writes, and says what was found.
+
+use crate::case::Case;
+use crate::communicator::World;
+use crate::error::Result;
+use crate::stability::{self, Name, Stability};
+use std::path::Path;
+use std::time::Duration;
+
+/// The panels `only` of `case`, written into `directory`. Collective.
+///
+/// # Errors
+/// As [`stability::measure`] and [`Stability::write`].
+pub fn stability(
+    world: &World,
+    case: &Case,
+    directory: &Path,
+    (only, budget): (&[Name], Duration),
+) -> Result<Stability> {
+    let group = world.group();
+    // Before it takes a minute: whether there is a place for what is found.
+    let made = match group.rank() {
+        0 => std::fs::create_dir_all(directory).map_err(|e| crate::output::failure(directory, &e)),
+        _ => Ok(()),
+    };
+    group.agree(made)?;
+    let found = stability::measure(world, case, only, budget)?;
+    let written = match group.rank() {
+        0 => found.write(directory),
+        _ => Ok(()),
+    };
+    group.agree(written)?;
+    Ok(found)
+}

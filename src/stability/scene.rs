@@ -1,0 +1,159 @@
+//! The case as sweeps take it: without what only output is made of, and on fewer cells.
+
+use crate::case::{Case, Interface, Limiter, Method};
+use crate::communicator::World;
+use crate::error::{Error, Result};
+use crate::plan::{Bounds, Resources};
+use crate::potential::overlooked;
+use crate::run::Assembled;
+use crate::spectrum;
+
+/// Most Lanczos steps.
+const LANCZOS: usize = 4000;
+
+/// The case without what is written, compared and measured besides.
+pub fn plain(case: &Case) -> Case {
+    Case {
+        plateau: None,
+        times: Vec::new(),
+        warped_field: false,
+        readout: None,
+        verify: false,
+        exact: None,
+        limiter: Limiter::None,
+        method: Method::Schrodingerized,
+        ..case.clone()
+    }
+}
+
+/// `case` on at most so many cells: axes are halved, the longest first, those that keep every edge of `V` on a face before others.
+pub fn coarsened(case: &Case, most: usize) -> Case {
+    /// Fewer cells along an axis show nothing.
+    const LEAST: usize = 4;
+    let mut case = case.clone();
+    while case.space.cells() > most {
+        let n = case.space.dimension();
+        let mut axes: Vec<usize> = (0..2 * n).collect();
+        let shape = case.space.shape();
+        axes.retain(|&a| shape[a].div_ceil(2) >= LEAST);
+        axes.sort_by_key(|&a| std::cmp::Reverse(shape[a]));
+        let halved = |a: &usize| {
+            let mut case = case.clone();
+            let axis = match a.checked_sub(n) {
+                None => &mut case.space.x[*a],
+                Some(v) => &mut case.space.v[v],
+            };
+            axis.cells = axis.cells.div_ceil(2);
+            case
+        };
+        let missed = |case: &Case| {
+            let found = overlooked(case);
+            found.edges.len() + found.empty.len()
+        };
+        let before = missed(&case);
+        let keeps = |case: &Case| missed(case) <= before;
+        let next = (axes.iter().map(halved).find(keeps)).or_else(|| axes.first().map(halved));
+        match next {
+            Some(next) => case = next,
+            None => break,
+        }
+    }
+    case
+}
+
+/// What is said where a panel was measured on fewer cells than the case has.
+pub fn note(case: &Case, used: &Case) -> Vec<String> {
+    let (shape, coarse) = (case.space.shape(), used.space.shape());
+    let text = |shape: &[usize]| {
+        let cells: Vec<String> = shape.iter().map(usize::to_string).collect();
+        cells.join(" x ")
+    };
+    let mut notes = Vec::new();
+    if shape != coarse {
+        notes.push(format!(
+            "measured on {} cells instead of {}",
+            text(&coarse),
+            text(&shape)
+        ));
+    }
+    let found = overlooked(used);
+    if found.edges.len() + found.empty.len() > overlooked(case).edges.len() {
+        notes.push("the edges of V lie on other faces there".to_owned());
+    }
+    notes
+}
+
+/// `case` with `factor` times the cells along every axis.
+pub fn refined(case: &Case, factor: usize) -> Case {
+    let mut case = case.clone();
+    let space = &mut case.space;
+    for axis in space.x.iter_mut().chain(&mut space.v) {
+        axis.cells *= factor;
+    }
+    case
+}
+
+/// `case` with `factor` times its potential.
+///
+/// # Errors
+/// [`Error::Input`], should a formula not be read.
+pub fn with_potential_times(case: &Case, factor: f64) -> Result<Case> {
+    let mut case = case.clone();
+    for region in &mut case.potential {
+        region.value = region.value.times(factor).map_err(Error::Input)?;
+    }
+    Ok(case)
+}
+
+/// `case` with an interface, and weights if so.
+pub fn with_interface(case: &Case, interface: Interface, weights: bool) -> Case {
+    let mut case = case.clone();
+    case.interface = interface;
+    case.warp.weights = weights;
+    case
+}
+
+/// `case` assembled on the ranks there are. Collective.
+///
+/// # Errors
+/// As [`Assembled::new`].
+pub fn assembled(world: &World, case: &Case) -> Result<Assembled> {
+    let bounds = Bounds::new(case)?;
+    let here = Resources {
+        ranks: world.group().size(),
+        ..Resources::default()
+    };
+    Assembled::new(world, case, &bounds, (&here, 1))
+}
+
+/// `λ⁺` of an assembled case. Collective.
+///
+/// # Errors
+/// As [`spectrum::of`].
+pub fn growth(found: &mut Assembled) -> Result<f64> {
+    let space = &found.communicator.space;
+    let (extremes, _) = spectrum::of(&mut found.problem, space, LANCZOS)?;
+    Ok(extremes.highest.value)
+}
+
+/// How often `x` falls into what `found` says, over where it no longer does, by bisection between `low` and `high`: the last that does.
+/// `found` must say the same on all ranks.
+pub fn border(
+    (mut low, mut high): (f64, f64),
+    mut found: impl FnMut(f64) -> Result<bool>,
+) -> Result<Option<f64>> {
+    /// Halvings.
+    const STEPS: usize = 24;
+    if !found(low)? || found(high)? {
+        return Ok(None);
+    }
+    for _ in 0..STEPS {
+        let middle = 0.5 * (low + high);
+        if found(middle)? {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Ok(Some(0.5 * (low + high)))
+}

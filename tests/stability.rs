@@ -1,0 +1,364 @@
+//! `phasewarp stability` from outside: borders that are found stand where theory has them.
+
+#[path = "support/launch.rs"]
+mod launch;
+
+use launch::{Job, case, check_all, directory};
+use serde_json::Value;
+use std::path::Path;
+
+/// Of this case, the panels `only`; the clock ends nothing.
+fn stability(name: &str, only: &str) -> Job {
+    Job::new(["stability", &case(name), "--only", only, "--budget", "1h"]).within(300)
+}
+
+/// What was found, by the job, in a directory of its own.
+fn found(job: &Job) -> Result<Value, String> {
+    let place = directory();
+    job.clone().into(place.path()).succeed()?;
+    read(place.path())
+}
+
+fn read(place: &Path) -> Result<Value, String> {
+    let text = std::fs::read_to_string(place.join("stability.json")).map_err(|e| e.to_string())?;
+    serde_json::from_str(&text).map_err(|e| e.to_string())
+}
+
+fn panel<'a>(all: &'a Value, name: &str) -> Result<&'a Value, String> {
+    let panels = all["panels"].as_array().into_iter().flatten();
+    let mut panels = panels.filter(|p| p["name"] == name);
+    panels
+        .next()
+        .ok_or_else(|| format!("no panel {name}: {}", all["left_out"]))
+}
+
+/// Measured and theory of the one border of a panel whose name holds `words`.
+fn border(all: &Value, name: &str, words: &str) -> Result<[f64; 2], String> {
+    let borders = panel(all, name)?["borders"]
+        .as_array()
+        .into_iter()
+        .flatten();
+    let named = |b: &&Value| b["name"].as_str().is_some_and(|n| n.contains(words));
+    let list: Vec<&Value> = borders.filter(named).collect();
+    let [one] = list[..] else {
+        return Err(format!("{name}, {words}: {list:?}"));
+    };
+    let number = |key: &str| one[key].as_f64().ok_or(format!("{words}: {one}"));
+    Ok([number("measured")?, number("theory")?])
+}
+
+fn expect(holds: bool, what: impl Fn() -> String) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(what()) }
+}
+
+/// A step of forward Euler keeps the largest value exactly up to cfl 1, one of SSP-RK3 too; neither explodes below von Neumann's limit.
+#[test]
+fn explicit_steps_fail_where_theory_says() {
+    let small =
+        |x: usize, v: usize| vec![format!("axis.0.x.cells={x}"), format!("axis.0.v.cells={v}")];
+    let rows: [(&str, Vec<String>, usize); 5] = [
+        ("example1.toml", small(24, 18), 1),
+        ("well.toml", small(36, 20), 2),
+        ("example2.toml", small(20, 16), 3),
+        ("slope_jump.toml", small(24, 22), 2),
+        ("barrier2d.toml", Vec::new(), 2),
+    ];
+    check_all(&rows, |(name, set, ranks)| {
+        let set: Vec<&str> = set.iter().map(String::as_str).collect();
+        let all = found(&stability(name, "cfl").set(&set).on(*ranks))?;
+        for method in ["forward Euler", "SSP-RK3"] {
+            let [kept, theory] = border(&all, "cfl", &format!("{method}: largest"))?;
+            // Beside a force the neighbours' numbers differ, and the signs that are tried are not the worst.
+            let worst = if *name == "slope_jump.toml" {
+                1.3
+            } else {
+                1.0 + 1e-4
+            };
+            expect(
+                kept >= theory * (1.0 - 1e-6) && kept <= worst * theory,
+                || format!("{name}, {method}: {kept}, theory {theory}"),
+            )?;
+            let [explodes, least] = border(&all, "cfl", &format!("{method}: explodes"))?;
+            expect(explodes >= 0.999 * least && explodes < 3.0 * least, || {
+                format!("{name}, {method}: explodes at {explodes}, theory {least}")
+            })?;
+        }
+        let [euler, _] = border(&all, "cfl", "forward Euler: explodes")?;
+        let [runge, _] = border(&all, "cfl", "SSP-RK3: explodes")?;
+        expect(euler < runge && runge > 1.256, || {
+            format!("{name}: {euler}, {runge}")
+        })
+    });
+}
+
+/// Example 1: λ⁺ of hat rows, and of conservative ones, by refinement; never below the grazing block, never above the certificate.
+#[test]
+fn growth_of_example_1_by_refinement() {
+    let all = found(&stability("example1.toml", "growth").on(2)).unwrap();
+    let curves = panel(&all, "growth").unwrap()["curves"].as_array().cloned();
+    let expected: [(&str, &[(f64, f64)]); 2] = [
+        (
+            "hat, no weights",
+            &[(32.0, 0.080), (64.0, 2.788), (128.0, 2.0707)],
+        ),
+        (
+            "conservative",
+            &[(32.0, -0.0023), (64.0, -0.0006), (128.0, -0.00015)],
+        ),
+    ];
+    let curve = |name: &str| {
+        let of = curves.iter().flatten().find(|c| c["name"] == name);
+        of.and_then(|c| c["points"].as_array())
+            .cloned()
+            .unwrap_or_default()
+    };
+    for (name, numbers) in expected {
+        for (cells, lambda) in numbers {
+            let at = curve(name).into_iter().find(|p| p["x"] == *cells);
+            let measured = at
+                .and_then(|p| p["measured"].as_f64())
+                .unwrap_or(f64::NAN)
+                .ln();
+            let near = (measured - lambda).abs() <= 6e-3 * lambda.abs() + 6e-5;
+            assert!(near, "{name} at {cells}: {measured}, {lambda} expected");
+        }
+    }
+    for p in curve("hat, no weights") {
+        let [measured, theory] = ["measured", "theory"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
+        assert!(theory <= measured * (1.0 + 1e-6), "{p}");
+    }
+    for p in curve("hat, dissipative weights") {
+        let [measured, theory] = ["measured", "theory"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
+        assert!(measured <= theory + 1e-6 && theory < 1.5, "{p}");
+    }
+}
+
+/// The recovery point: right from where the growth ends to where round-off begins.
+#[test]
+fn the_plateau_begins_and_ends_where_theory_says() {
+    let grid = ["axis.0.x.cells=32", "axis.0.v.cells=26"];
+    check_all(
+        &["example1.toml", "step_up.toml", "example2.toml"],
+        |name| {
+            let all = found(&stability(name, "recovery").set(&grid).on(2))?;
+            for kind in ["hat, dissipative weights", "hat, no weights"] {
+                let [left, theory] = border(&all, "recovery", &format!("{kind}: plateau begins"))?;
+                expect(left <= theory + 0.3, || {
+                    format!("{name}, {kind}: {left}, {theory}")
+                })?;
+                let [right, theory] = border(&all, "recovery", &format!("{kind}: round-off"))?;
+                expect((right - theory).abs() < 2.5 && right > left + 4.0, || {
+                    format!("{name}, {kind}: ends at {right}, {theory}")
+                })?;
+            }
+            let points = &panel(&all, "recovery")?["curves"][0]["points"];
+            let points = points.as_array().ok_or("no points")?;
+            // Below the switch it is wrong, on the plateau right to ten digits.
+            let error = |p: &Value| p["measured"].as_f64().unwrap_or(f64::NAN);
+            let least = points.iter().map(error).fold(f64::INFINITY, f64::min);
+            expect(error(&points[0]) > 1e-3 && least < 1e-10, || {
+                format!("{name}: {least}")
+            })?;
+            for p in points {
+                let theory = p["theory"].as_f64().unwrap_or(f64::NAN);
+                expect(error(p) <= 3.0 * theory, || format!("{name}: {p}"))?;
+            }
+            Ok(())
+        },
+    );
+}
+
+/// Both ends of the interval: no error that theory has not, and refused is what is too short by more than a fifth.
+#[test]
+fn intervals_fail_where_theory_says() {
+    let grid = ["axis.0.x.cells=20", "axis.0.v.cells=15"];
+    check_all(&["example1.toml", "well.toml"], |name| {
+        let all = found(&stability(name, "interval").set(&grid))?;
+        let [left, theory] = border(&all, "interval", "wraps around")?;
+        expect(left >= 1.02 * theory && left < 0.0, || {
+            format!("{name}: L = {left}, {theory}")
+        })?;
+        let [right, theory] = border(&all, "interval", "cut off")?;
+        expect(right <= theory + 0.5 && right > 0.7 * theory, || {
+            format!("{name}: R = {right}, {theory}")
+        })?;
+        let [refused, left] = border(&all, "interval", "runs refuse")?;
+        expect(refused <= 0.9 * left, || {
+            format!("{name}: {refused}, {left}")
+        })
+    });
+}
+
+/// What enters: a `δ` of least loss, and planned couplings that lose no more than three times as much.
+#[test]
+fn delta_has_a_best_value() {
+    let grid = ["axis.0.x.cells=24", "axis.0.v.cells=20"];
+    let job = stability("inflow_barrier.toml", "delta").set(&grid).on(2);
+    let all = found(&job).unwrap();
+    let [planned, least] = border(&all, "delta", "planned couplings").unwrap();
+    assert!(planned < 3.0 * least, "{planned} {least}");
+    let growing = &panel(&all, "delta").unwrap()["curves"][1]["points"];
+    for p in growing.as_array().unwrap() {
+        let [measured, theory] = ["measured", "theory"].map(|k| p[k].as_f64());
+        // Where it is beyond all numbers there is none.
+        if let (Some(measured), Some(theory)) = (measured, theory) {
+            assert!(theory <= measured * (1.0 + 1e-6), "{p}");
+        }
+    }
+    let all = found(&stability("example1.toml", "delta")).unwrap();
+    assert!(
+        all["left_out"].to_string().contains("nothing enters"),
+        "{all}"
+    );
+}
+
+/// Grazing: the block is always inside S, and where it is largest it is most of it.
+#[test]
+fn grazing_spikes_where_a_cell_rests_beyond_the_threshold() {
+    let grid = ["axis.0.x.cells=32", "axis.0.v.cells=32"];
+    let all = found(&stability("example1.toml", "grazing").set(&grid).on(2)).unwrap();
+    let points = panel(&all, "grazing").unwrap()["curves"][0]["points"].clone();
+    let points = points.as_array().unwrap();
+    assert!(points.len() > 60, "{}", points.len());
+    for p in points {
+        let [measured, theory] = ["measured", "theory"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
+        assert!(theory <= measured + 1e-6, "{p}");
+    }
+    let [measured, theory] = border(&all, "grazing", "largest lambda+").unwrap();
+    assert!(
+        measured > 1.0 && theory > 0.7 * measured,
+        "{measured} {theory}"
+    );
+    let without = ["potential=[{value='0.3*x'}]", "exact={}"];
+    let all = found(&stability("example1.toml", "grazing,growth").set(&without)).unwrap();
+    assert_eq!(all["left_out"].as_array().map(Vec::len), Some(2), "{all}");
+}
+
+/// Orders of the implicit methods.
+#[test]
+fn implicit_methods_have_their_orders() {
+    let grid = ["axis.0.x.cells=12", "axis.0.v.cells=10", "time.end=0.5"];
+    let all = found(&stability("example1.toml", "step").set(&grid)).unwrap();
+    for (method, within) in [("Crank-Nicolson", 0.25), ("backward Euler", 0.15)] {
+        let [order, theory] = border(&all, "step", &format!("{method}: order")).unwrap();
+        assert!((order - theory).abs() < within, "{method}: {order}");
+    }
+}
+
+/// Every tolerance that is accepted is kept, down to round-off.
+#[test]
+fn accepted_tolerances_are_kept() {
+    let grid = ["axis.0.x.cells=16", "axis.0.v.cells=14"];
+    let all = found(&stability("example1.toml", "tolerance").set(&grid).on(2)).unwrap();
+    let found = panel(&all, "tolerance").unwrap();
+    for name in ["designed", "gaussian"] {
+        let [reached, smallest] = border(&all, "tolerance", name).unwrap();
+        assert!(
+            smallest < 1e-10 && reached < 2.0 * smallest,
+            "{name}: {reached} {smallest}"
+        );
+    }
+    for curve in found["curves"].as_array().unwrap() {
+        for p in curve["points"].as_array().unwrap() {
+            let [measured, theory] =
+                ["measured", "theory"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
+            assert!(measured <= 1.5 * theory, "{}: {p}", curve["name"]);
+        }
+    }
+}
+
+/// The same numbers on any ranks.
+#[test]
+fn the_same_numbers_on_any_ranks() {
+    let grid = ["axis.0.x.cells=18", "axis.0.v.cells=14"];
+    let only = "cfl,growth,recovery,grazing";
+    let csv = |ranks: usize| -> Result<String, String> {
+        let place = directory();
+        let job = stability("step_up.toml", only).set(&grid);
+        job.on(ranks).into(place.path()).succeed()?;
+        std::fs::read_to_string(place.path().join("stability.csv")).map_err(|e| e.to_string())
+    };
+    let reference = csv(1).unwrap();
+    for line in reference.lines().skip(1) {
+        // The names hold commas, in quotes.
+        let numbers = line
+            .rsplit('"')
+            .next()
+            .unwrap_or_default()
+            .split(',')
+            .count();
+        assert_eq!(numbers, 4, "{line}");
+    }
+    check_all(&[2, 3, 4], |&ranks| {
+        expect(csv(ranks)? == reference, || {
+            format!("{ranks} ranks: other numbers")
+        })
+    });
+}
+
+/// Every case has panels or says why not, within its budget; figures are there.
+#[test]
+fn every_case_within_a_budget() {
+    let cases = [
+        "example3.toml",
+        "harmonic_step.toml",
+        "pulsed_inflow.toml",
+        "lens2d.toml",
+        "step3d.toml",
+        "paper/example2.toml",
+    ];
+    check_all(&cases, |name| {
+        let place = directory();
+        let job = Job::new(["stability", &case(name), "--budget", "4s"])
+            .on(2)
+            .within(200)
+            .into(place.path());
+        job.succeed()?;
+        let all = read(place.path())?;
+        let count = |key: &str| all[key].as_array().map_or(0, Vec::len);
+        expect(count("panels") + count("left_out") == 8, || {
+            format!("{name}: {all}")
+        })?;
+        let svg = std::fs::read_to_string(place.path().join("stability.svg"));
+        let svg = svg.map_err(|e| e.to_string())?;
+        expect(
+            svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"),
+            || format!("{name}: no SVG"),
+        )?;
+        let png = std::fs::read(place.path().join("stability.png")).map_err(|e| e.to_string())?;
+        expect(png.starts_with(b"\x89PNG"), || format!("{name}: no PNG"))
+    });
+}
+
+/// Near each border an ordinary run refuses or warns, naming key, value and limit.
+#[test]
+fn ordinary_runs_say_so_near_the_borders() {
+    let small = ["axis.0.x.cells=64", "axis.0.v.cells=64"];
+    let place = directory();
+    let job = Job::new(["check", &case("example1.toml")]).set(&small);
+    let said = job
+        .clone()
+        .set(&["solver.warp.weights=none"])
+        .succeed()
+        .unwrap();
+    for words in [
+        "solver.warp.weights = \"none\"",
+        "growth x time",
+        "where 1 is much",
+        "dissipative",
+    ] {
+        assert!(said.output.contains(words), "{words}: {}", said.output);
+    }
+    assert!(!job.succeed().unwrap().output.contains("growth x time"));
+    let inflow = Job::new(["check", &case("inflow_barrier.toml")]);
+    let said = inflow.set(&["solver.warp.delta=0.02"]).succeed();
+    let said = said.map(|f| f.output).unwrap_or_else(|e| e);
+    assert!(said.contains("solver.warp.delta"), "{said}");
+    let cfl = ["solver.method=classical", "solver.classical.cfl=1.01"];
+    let refused = Job::new(["run", &case("example1.toml")])
+        .set(&cfl)
+        .into(place.path());
+    let refused = refused.run().unwrap();
+    assert_eq!(refused.code, Some(2), "{}", refused.errors);
+    assert!(refused.errors.contains("cfl") && refused.errors.contains("1.01"));
+}
