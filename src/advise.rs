@@ -30,6 +30,10 @@ use trials::{Scheme, Trials, distance};
 
 /// Most of the accuracy that Schrödingerization may take.
 const SCHRODINGERIZATION: f64 = 0.1;
+/// Part of the budget for grids.
+const FOR_GRIDS: f64 = 0.7;
+/// Part of the budget for a first run by modes, on a coarse grid.
+const FOR_MODES: f64 = 0.05;
 /// The smallest tolerance that is advised.
 const SMALLEST_TOLERANCE: f64 = 1e-12;
 /// More cells than this in space are not planned for.
@@ -179,8 +183,8 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
     let mut found: Vec<(Scheme, Reach)> = Vec::new();
     let mut failure = None;
     for (k, &scheme) in schemes.iter().enumerate() {
-        // Half of the budget for grids, each scheme its share of it; the rest for what is advised.
-        let share = 0.5 * (k + 1) as f64 / schemes.len() as f64;
+        // Most of the budget is for grids, each scheme its share of it; the rest for what is advised.
+        let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
         match reach(&mut trials, scheme, &study.start, wanted.accuracy, share) {
             Ok(reach) => found.push((scheme, reach)),
             Err(error) => {
@@ -299,7 +303,7 @@ fn warnings(case: &Case, entries: &[Entry]) -> Vec<String> {
     for entry in entries.iter().filter(|e| e.refused.is_none()) {
         if !entry.order.settled && entry.known == Known::Extrapolated {
             warnings.push(format!(
-                "{}: the order has not settled from grid to grid ({}); the lowest is counted on, and the grid may be finer or coarser than it need be",
+                "{}: the order has not settled from grid to grid ({}); the lower of the last two is counted on where errors fall, and the grid may be finer or coarser than it need be",
                 entry.name,
                 report::pairs(&entry.order)
             ));
@@ -490,6 +494,30 @@ impl Study<'_> {
         Ok(())
     }
 
+    /// The finest grid tried, but for the last, on which a run by modes is a small part of the budget. Collective.
+    fn coarse(
+        &self,
+        trials: &Trials<'_>,
+        scheme: Scheme,
+        reach: &Reach,
+        tolerance: f64,
+    ) -> Result<Vec<usize>> {
+        for level in reach.levels.iter().rev().skip(1) {
+            let mut case = scheme.schrodingerized(&trials.plain, &level.shape);
+            case.tolerance = tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE);
+            let bounds = Bounds::new(&case)?;
+            let plan = Plan::provisional(&case, &bounds, &self.resources());
+            if plan.is_ok_and(|plan| trials.is_small(mode_updates(&plan), FOR_MODES)) {
+                return Ok(level.shape.clone());
+            }
+        }
+        let coarsest = reach
+            .levels
+            .first()
+            .map_or(&reach.shape, |level| &level.shape);
+        Ok(coarsest.clone())
+    }
+
     /// Adds `scheme` by Schrödingerization. Collective.
     fn schrodingerized(
         &mut self,
@@ -499,10 +527,7 @@ impl Study<'_> {
         jumps: bool,
     ) -> Result<()> {
         let allowed = SCHRODINGERIZATION * self.wanted.accuracy;
-        let coarse: Vec<usize> = match reach.levels.iter().rev().nth(1).or(reach.levels.first()) {
-            Some(level) => level.shape.clone(),
-            None => reach.shape.clone(),
-        };
+        let coarse = self.coarse(trials, scheme, reach, allowed)?;
         let reference = trials.run(scheme, &coarse)?;
         let (density, spread) = (reference.density.clone(), reference.spread);
         let guaranteed = matches!(self.case.data, Data::Density);
@@ -514,17 +539,18 @@ impl Study<'_> {
         };
         let mut target = scheme.schrodingerized(&trials.plain, &coarse);
         let mut measured = None;
+        let (resources, left_out) = (self.resources(), &mut self.left_out);
+        let mut leave_out = |error: Error| {
+            let what = name(Method::Schrodingerized, scheme, jumps);
+            left_out.push(format!("{what} on {}: {error}", report::shape(&coarse)));
+        };
         for _ in 0..4 {
             tolerance = rounded(tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE));
             target.tolerance = tolerance;
-            let plan = match run::plan(self.world, &target, &self.resources()) {
+            let plan = match run::plan(self.world, &target, &resources) {
                 Ok(plan) => plan,
                 Err(error) => {
-                    self.left_out.push(format!(
-                        "{} on {}: {error}",
-                        name(Method::Schrodingerized, scheme, jumps),
-                        report::shape(&coarse)
-                    ));
+                    leave_out(error);
                     return Ok(());
                 }
             };
@@ -532,7 +558,13 @@ impl Study<'_> {
             if !trials.allows(updates, 0.8) {
                 break;
             }
-            let found = trials.measure(&target, updates)?;
+            let found = match trials.measure(&target, updates) {
+                Ok(found) => found,
+                Err(error) => {
+                    leave_out(error);
+                    return Ok(());
+                }
+            };
             let part = distance(&found.density, &density);
             let rate = found.seconds / found.updates.max(1.0);
             measured = Some((part, rate));
@@ -558,23 +590,29 @@ impl Study<'_> {
             .reduce(f64::max);
         if let Some(plan) = self.plan(&mut entry, &target) {
             let updates = mode_updates(&plan);
-            entry.seconds = measured.map(|(_, rate)| rate * updates);
+            let rate = measured
+                .map(|(_, rate)| rate)
+                .or_else(|| trials.rate(scheme));
+            entry.seconds = rate.map(|rate| rate * updates);
             if trials.allows(updates, 1.0) && trials.may(scheme, &reach.shape, 1.0)? {
-                let found = trials.measure(&target, updates)?;
-                entry.seconds = Some(found.seconds);
-                entry.seconds_measured = true;
-                let on_the_grid =
-                    distance(&found.density, &trials.run(scheme, &reach.shape)?.density);
-                part = Some(on_the_grid);
-                if let Some(error) = trials.error_of(&found.density, &reach.shape)? {
-                    (entry.error, entry.known) = (error, Known::Measured);
-                } else {
-                    entry.error += on_the_grid;
+                match trials.measure(&target, updates) {
+                    Ok(found) => {
+                        entry.seconds = Some(found.seconds);
+                        entry.seconds_measured = true;
+                        let reference = trials.run(scheme, &reach.shape)?;
+                        let on_the_grid = distance(&found.density, &reference.density);
+                        part = Some(on_the_grid);
+                        match trials.error_of(&found.density, &reach.shape)? {
+                            Some(error) => (entry.error, entry.known) = (error, Known::Measured),
+                            None => entry.error += on_the_grid,
+                        }
+                    }
+                    Err(error) => entry.refused = Some(error.to_string()),
                 }
             } else {
                 entry.error += part.unwrap_or(0.0);
             }
-            if entry.error > self.wanted.accuracy * (1.0 + 1e-9) {
+            if entry.refused.is_none() && entry.error > self.wanted.accuracy * (1.0 + 1e-9) {
                 entry.refused = Some(format!(
                     "the error is {:.2e} on {}",
                     entry.error,
@@ -597,7 +635,7 @@ impl Study<'_> {
         let shape = self.case.space.shape();
         let exact = trials.may(scheme, &shape, 1.0)?;
         let measured = if exact {
-            trials.error(scheme, &shape)?
+            trials.error(scheme, &shape).unwrap_or(None)
         } else {
             None
         };
@@ -608,7 +646,7 @@ impl Study<'_> {
                 let cells = |shape: &[usize]| shape.iter().map(|&n| n as f64).product::<f64>();
                 let finer = (cells(&shape) / cells(&level.shape)).powf(1.0 / shape.len() as f64);
                 (
-                    level.error * finer.powf(-reach.order.order),
+                    level.error * finer.powf(-reach.order.counted_on),
                     Known::Extrapolated,
                 )
             }

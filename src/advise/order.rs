@@ -16,8 +16,10 @@ const HIGHEST: f64 = 2.0;
 pub struct Order {
     /// From each grid to the next.
     pub pairs: Vec<f64>,
-    /// The lower of the last two: what is counted on.
+    /// The mean of the last two.
     pub order: f64,
+    /// The lower of the last two, where errors fall at all: what is counted on.
+    pub counted_on: f64,
     /// Whether the last two agree.
     pub settled: bool,
 }
@@ -28,16 +30,31 @@ impl Order {
         let pairs: Vec<f64> = (errors.windows(2))
             .map(|pair| (pair[0] / pair[1]).log2())
             .collect();
-        let (order, settled) = match pairs[..] {
-            [] => (ASSUMED, false),
-            [only] => (only.min(1.0), false),
-            [.., before, last] => (before.min(last), (before - last).abs() <= SPREAD),
+        let (mean, lower, settled) = match pairs[..] {
+            [] => (ASSUMED, ASSUMED, false),
+            // What it may be next is not known.
+            [only] => (only, only.min(1.0), false),
+            [.., before, last] => (
+                0.5 * (before + last),
+                before.min(last),
+                (before - last).abs() <= SPREAD,
+            ),
         };
-        let known = if order.is_finite() { order } else { ASSUMED };
+        let known = |q: f64| {
+            if q.is_finite() {
+                q.min(HIGHEST)
+            } else {
+                ASSUMED
+            }
+        };
+        let order = known(mean);
+        // A pair that does not fall by itself says nothing of how those after it do.
+        let counted_on = if lower >= LEAST { known(lower) } else { order };
         Self {
             pairs,
-            order: known.min(HIGHEST),
-            settled: settled && order.is_finite(),
+            order,
+            counted_on,
+            settled: settled && mean.is_finite(),
         }
     }
 
@@ -48,12 +65,12 @@ impl Order {
 
     /// The error of a grid from its distance to one twice as fine: `e − e 2^{−q} = d` (Richardson).
     pub fn error(&self, distance: f64) -> f64 {
-        distance / (1.0 - (-self.order.max(LEAST)).exp2())
+        distance / (1.0 - (-self.counted_on.max(LEAST)).exp2())
     }
 
     /// How many times finer a grid must be than one whose error is `error`, for `wanted`.
     pub fn refinement(&self, error: f64, wanted: f64) -> f64 {
-        (error / wanted).powf(1.0 / self.order.max(LEAST))
+        (error / wanted).powf(1.0 / self.counted_on.max(LEAST))
     }
 }
 
@@ -80,9 +97,12 @@ mod tests {
     #[test]
     fn an_order_that_jumps_is_not_settled_and_the_lower_one_counts() {
         let order = Order::of(&[1.0, 0.5, 0.45]);
-        assert!(!order.settled && order.order < 0.2);
+        assert!(!order.settled && order.counted_on < 0.2 && order.order > 0.5);
         assert_eq!(Order::of(&[0.1]).order, ASSUMED);
         assert!(!Order::of(&[0.1]).settled);
+        // A pair that did not fall is no reason to expect that none will.
+        let uneven = Order::of(&[0.11, 0.12, 0.06]);
+        assert!(uneven.falls() && !uneven.settled && uneven.counted_on == uneven.order);
         let stuck = Order::of(&[0.06, 0.059, 0.0591]);
         assert!(!stuck.falls());
         // Exact on both: nothing to divide.

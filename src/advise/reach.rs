@@ -14,6 +14,10 @@ const MOST_LEVELS: usize = 12;
 const MOST_CANDIDATES: usize = 4;
 /// Space is made at most so many times finer or coarser against velocities than in the case.
 const MOST_STRETCH: f64 = 4.0;
+/// So many grids are tried where they are cheap, whether or not they are needed: they tell the order.
+const ENOUGH_LEVELS: usize = 5;
+/// What is cheap, as a part of what the scheme has.
+const CHEAP: f64 = 0.1;
 /// Part of the budget for the grids that orders are found on; the rest is for what follows from them.
 const FOR_LEVELS: f64 = 0.6;
 
@@ -101,13 +105,12 @@ impl Ladder {
         while ladder.shapes.len() < MOST_LEVELS {
             let levels = ladder.levels();
             let there = levels.last().is_some_and(|level| level.error <= wanted);
-            // Two orders tell whether they are settled.
-            if there && ladder.found.len() >= 3 {
-                break;
-            }
             let last = &ladder.shapes[ladder.shapes.len() - 1];
             let next: Vec<usize> = last.iter().map(|n| 2 * n).collect();
-            if !trials.may(scheme, &next, share)? {
+            let enough = ladder.found.len() >= ENOUGH_LEVELS;
+            // Two orders tell whether they are settled.
+            let more = ladder.found.len() < 3 || trials.is_cheap(scheme, &next, CHEAP * share)?;
+            if (there && (enough || !more)) || !trials.may(scheme, &next, share)? {
                 break;
             }
             if exact {
@@ -254,15 +257,24 @@ pub fn reach(
             result.known = Known::Extrapolated;
             return Ok(result);
         }
-        let scale = result.order.refinement(finest.error, wanted);
-        result.shape = trials.grids.scaled(&finest.shape, scale);
-        result.error = wanted;
+        let mut scale = result.order.refinement(finest.error, wanted);
         result.known = Known::Extrapolated;
-        if let Some((error, known)) = look(trials, scheme, &result.shape, &result.order, share)? {
+        for _ in 0..MOST_CANDIDATES {
+            result.shape = trials.grids.scaled(&finest.shape, scale);
+            result.error = wanted;
+            let Some((error, known)) = look(trials, scheme, &result.shape, &result.order, share)?
+            else {
+                result.known = Known::Extrapolated;
+                break;
+            };
             (result.error, result.known) = (error, known);
+            if error <= wanted {
+                break;
+            }
+            scale *= result.order.refinement(error, wanted).max(1.05);
         }
-    } else if let Some(coarsest) = levels.first() {
-        // Already the coarsest does.
+    } else if let Some(coarsest) = levels.iter().find(|level| level.error <= wanted) {
+        // No grid is too coarse.
         (result.shape, result.error) = (coarsest.shape.clone(), coarsest.error);
     }
     let affordable = trials.may(scheme, &doubled(&result.shape, true), share)?;

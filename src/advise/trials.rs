@@ -21,8 +21,10 @@ use std::time::Instant;
 pub const UPDATES: f64 = 5e7;
 /// An update with slopes counts as so many.
 const WITH_SLOPES: f64 = 8.0;
-/// The exact density is averaged over at most so many points of phase space.
-const MOST_POINTS: usize = 1_000_000;
+/// The exact density is averaged over at most so many points of phase space, where the cells themselves are no more.
+const MOST_POINTS: usize = 200_000;
+/// An exact value counts as so many updates: particles are traced back over slopes and jumps.
+const EXACT_VALUE: f64 = 200.0;
 /// And so many along an axis of each cell.
 const MOST_PARTS: usize = 8;
 
@@ -140,11 +142,33 @@ impl<'a> Trials<'a> {
         !late && self.spent + updates <= share * self.seconds * UPDATES
     }
 
+    /// Updates that comparing a density on `shape` with the exact one counts as, which is computed once.
+    fn updates_to_compare(&self, shape: &[usize]) -> f64 {
+        if self.exact.is_none() || self.densities.contains_key(shape) {
+            return 0.0;
+        }
+        let cells: f64 = shape.iter().map(|&n| n as f64).product();
+        EXACT_VALUE * cells.max(MOST_POINTS as f64 / 4.0)
+    }
+
+    /// Whether so many updates are no more than this part of the budget.
+    pub fn is_small(&self, updates: f64, part: f64) -> bool {
+        updates <= part * self.seconds * UPDATES
+    }
+
+    /// Whether a run of `scheme` on `shape` counts as no more than this part of the budget.
+    pub fn is_cheap(&self, scheme: Scheme, shape: &[usize], part: f64) -> Result<bool> {
+        let updates = self.updates(&scheme.classical(&self.plain, shape))?;
+        Ok(self.is_small(updates + self.updates_to_compare(shape), part))
+    }
+
     /// Whether `scheme` on `shape` was tried or may be.
     pub fn may(&self, scheme: Scheme, shape: &[usize], share: f64) -> Result<bool> {
         let known = self.knows_run(scheme, shape);
+        let compare = self.updates_to_compare(shape);
         let updates = self.updates(&scheme.classical(&self.plain, shape))?;
-        Ok(self.allows(updates, share) || known)
+        let allowed = self.allows(if known { compare } else { compare + updates }, share);
+        Ok(allowed || (known && compare == 0.0))
     }
 
     /// Whether `scheme` on `shape` was tried.
@@ -207,6 +231,7 @@ impl<'a> Trials<'a> {
                 limiter: Limiter::None,
             }
             .schrodingerized(&self.plain, shape);
+            self.spent += self.updates_to_compare(shape);
             let found = exact_density(&self.group(), &case, exact)?;
             self.densities.insert(shape.to_vec(), found);
         }
