@@ -58,7 +58,7 @@ pub enum Inflow {
 }
 
 /// How the Hamiltonian-preserving flux at a jump of `V` finds its sources.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Interface {
     /// Linear interpolation at the source velocity (the paper's).
@@ -80,7 +80,7 @@ pub enum Integrator {
 }
 
 /// Slope limiter of the classical method (paper, the remark after section 4.2).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Limiter {
     /// First order, the scheme itself.

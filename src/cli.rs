@@ -87,6 +87,21 @@ pub enum Command {
         #[arg(value_name = "DIR")]
         directory: PathBuf,
     },
+    /// Which grid and set-up bring the density to an accuracy, from runs on coarse grids
+    Advise {
+        /// The case.
+        #[command(flatten)]
+        case: CaseArgs,
+        /// Relative L1 error of the density at the end
+        #[arg(long, value_name = "EPSILON", default_value = "1e-2", value_parser = parse_accuracy)]
+        accuracy: f64,
+        /// Time for all trials, about
+        #[arg(long, value_name = "TIME", default_value = "60s", value_parser = parse_duration)]
+        budget: Duration,
+        /// As JSON
+        #[arg(long)]
+        json: bool,
+    },
     /// States, Hamiltonian and circuits of a tiny case (at most 12 qubits), for a simulator of quantum computers
     ExportQuantum {
         /// The case.
@@ -165,6 +180,14 @@ pub enum RecordFormat {
     Azure,
     /// QREF v1.
     Qref,
+}
+
+/// A number between 0 and 1.
+fn parse_accuracy(text: &str) -> Result<f64, String> {
+    match text.trim().parse() {
+        Ok(epsilon) if epsilon > 0.0 && epsilon < 1.0 => Ok(epsilon),
+        _ => Err("a number above 0 and below 1 expected".into()),
+    }
 }
 
 /// A whole number from 1 to 64.

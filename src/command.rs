@@ -5,6 +5,7 @@ mod resources;
 mod spectrum;
 mod stability;
 
+use crate::advise::{Wanted, advise};
 use crate::case::{self, Case, Data, Method};
 use crate::cli::{CaseArgs, Cli, Command, Mode, RecordFormat};
 use crate::communicator::World;
@@ -169,6 +170,24 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                     description.probability_p * description.probability_field_given_p,
                     directory.display()
                 ));
+            }
+        }
+        Command::Advise {
+            case,
+            accuracy,
+            budget,
+            json,
+        } => {
+            let case = load(world, case)?;
+            let wanted = Wanted {
+                accuracy: *accuracy,
+                budget: budget.as_secs_f64(),
+            };
+            let advised = advise(world, &case, wanted)?;
+            if speaks && *json {
+                say(&serde_json::to_string_pretty(&advised).unwrap_or_default());
+            } else if speaks {
+                say(advised.to_string().trim_end());
             }
         }
         Command::Resources {

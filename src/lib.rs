@@ -33,6 +33,7 @@
 //! | [`varying`] | inflow that depends on time, in steps |
 //! | [`characteristics`], [`observables`], [`spectrum`] | the exact solution, of measure-valued data too; moments, level sets; eigenvalues of `S` |
 //! | [`quantum`] | oracles, sparsity, resources, readout of a quantum computer; circuits of tiny cases |
+//! | [`advise`] | which grid and set-up reach an accuracy of the density |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
 //! | [`checkpoint`] | what is finished, on disk: a run that was stopped goes on |
 //! | [`stability`] | where methods fail: borders measured beside theory |
@@ -41,6 +42,7 @@
 
 #![deny(missing_docs)]
 
+pub mod advise;
 pub mod case;
 mod case_file;
 pub mod characteristics;

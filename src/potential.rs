@@ -276,6 +276,49 @@ pub struct Overlooked {
     pub empty: Vec<usize>,
 }
 
+/// Where along each space axis the region changes between the centres of neighbouring cells; `None` for an axis along which it
+/// does so at more than some dozens of places, as a curved edge does.
+pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
+    const MOST: usize = 64;
+    let axes = &case.space.x;
+    let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
+    let mut found: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); axes.len()];
+    if case.potential.len() == 1 {
+        return found;
+    }
+    // Undefined conditions are an error elsewhere.
+    let at = |point: &[f64; 6]| region(&case.potential, point).unwrap_or(0);
+    for_each_cell(&ranges, |i| {
+        let centre = space_point(axes, i);
+        let own = at(&centre);
+        for (a, axis) in axes.iter().enumerate() {
+            let mut point = centre;
+            point[a] = axis.centre(i[a] as i64 + 1);
+            if i[a] + 1 == axis.cells || found[a].is_none() || at(&point) == own {
+                continue;
+            }
+            let (mut inside, mut outside) = (centre[a], point[a]);
+            for _ in 0..60 {
+                point[a] = 0.5 * (inside + outside);
+                if at(&point) == own {
+                    inside = point[a];
+                } else {
+                    outside = point[a];
+                }
+            }
+            if let Some(edges) = &mut found[a]
+                && !(edges.iter()).any(|e: &f64| (e - inside).abs() < 1e-6 * axis.width())
+            {
+                edges.push(inside);
+                if edges.len() > MOST {
+                    found[a] = None;
+                }
+            }
+        }
+    });
+    found
+}
+
 /// Looks for region edges along lines through cell centres, and for regions between the centres.
 pub fn overlooked(case: &Case) -> Overlooked {
     const MOST: usize = 8;

@@ -1,0 +1,215 @@
+//! Grids that are tried: cells along each axis such that edges of `V` stay on faces.
+
+use crate::case::Case;
+use crate::grid::Axis;
+use crate::potential::region_edges;
+
+/// An edge this close to a face, in cells, lies on it.
+const ON_FACE: f64 = 1e-6;
+/// Cell counts so much larger or smaller than wanted still do.
+const FARTHEST: f64 = 0.3;
+/// Fewest cells of an axis where the case itself has no fewer, by dimension.
+const FEWEST: [usize; 3] = [8, 4, 4];
+/// The coarsest grid has the case's cells over at most two to this power.
+const COARSEST: u32 = 3;
+
+/// Grids over the box of a case.
+pub struct Grids {
+    x: Vec<Axis>,
+    /// Where regions of `V` end, by space axis; `None` where there are too many places: a curved edge is on no faces.
+    edges: Vec<Option<Vec<f64>>>,
+}
+
+impl Grids {
+    /// Those of `case`.
+    pub fn new(case: &Case) -> Self {
+        Self {
+            x: case.space.x.clone(),
+            edges: region_edges(case),
+        }
+    }
+
+    /// Number of space dimensions.
+    pub fn dimension(&self) -> usize {
+        self.x.len()
+    }
+
+    /// Whether every edge across space axis `a` lies on a face of `cells` cells.
+    fn keeps(&self, a: usize, cells: usize) -> bool {
+        let axis = &self.x[a];
+        let Some(edges) = &self.edges[a] else {
+            return true;
+        };
+        edges.iter().all(|edge| {
+            let place = (edge - axis.lower) / (axis.upper - axis.lower) * cells as f64;
+            (place - place.round()).abs() < ON_FACE
+        })
+    }
+
+    /// The axes on which `shape` moves an edge of `V`.
+    pub fn moved(&self, shape: &[usize]) -> Vec<usize> {
+        (0..self.x.len())
+            .filter(|&a| !self.keeps(a, shape[a]))
+            .collect()
+    }
+
+    /// About `wanted` cells along axis `k` of the `2n`, at least `fewest`: along x such that edges are on faces, if there is such a number nearby; along v an even number,
+    /// as the error differs where a cell stands still.
+    fn near(&self, k: usize, wanted: f64, fewest: usize) -> usize {
+        let wanted = (wanted.ceil().min(1e15) as usize).max(fewest);
+        if k >= self.x.len() {
+            return wanted.next_multiple_of(2);
+        }
+        let reach = ((FARTHEST * wanted as f64) as usize).clamp(2, 100_000);
+        (0..=reach)
+            .flat_map(|o| [Some(wanted + o), wanted.checked_sub(o)])
+            .flatten()
+            .find(|&cells| cells >= fewest && self.keeps(k, cells))
+            .unwrap_or(wanted)
+    }
+
+    /// The coarsest grid that is tried.
+    pub fn coarsest(&self, own: &[usize]) -> Vec<usize> {
+        let fewest = FEWEST[self.x.len() - 1];
+        let enough = |k: u32| own.iter().all(|&n| n >> k >= fewest.min(n));
+        let halvings = (0..=COARSEST).rev().find(|&k| enough(k)).unwrap_or(0);
+        let divisor = f64::from(1u32 << halvings);
+        (own.iter().enumerate())
+            .map(|(k, &n)| self.near(k, n as f64 / divisor, fewest.min(n)))
+            .collect()
+    }
+
+    /// About `scale` times `shape`.
+    pub fn scaled(&self, shape: &[usize], scale: f64) -> Vec<usize> {
+        (shape.iter().enumerate())
+            // Not a cell more where a product misses a whole number by round-off.
+            .map(|(k, &n)| self.near(k, n as f64 * scale * (1.0 - 1e-12), 2))
+            .collect()
+    }
+
+    /// Half of `shape`, where it has one that is not too coarse and loses no edge.
+    pub fn halved(&self, shape: &[usize]) -> Option<Vec<usize>> {
+        let n = self.x.len();
+        let halves = (shape.iter().enumerate()).all(|(k, &cells)| {
+            cells % 2 == 0 && cells >= 4 && (k >= n || self.keeps(k, cells / 2))
+        });
+        halves.then(|| shape.iter().map(|n| n / 2).collect())
+    }
+
+    /// `shape` with space axes so many times finer against the velocity axes, a power of two: the velocity axes coarser if they can
+    /// be, the space axes finer otherwise, or the other way round.
+    pub fn stretched(&self, shape: &[usize], ratio: f64) -> Vec<usize> {
+        let n = self.x.len();
+        let mut shape = shape.to_vec();
+        for _ in 0..ratio.log2().abs().round() as usize {
+            let (finer, coarser) = if ratio > 1.0 {
+                (0..n, n..2 * n)
+            } else {
+                (n..2 * n, 0..n)
+            };
+            let halves = coarser.clone().all(|k| {
+                shape[k].is_multiple_of(if k < n { 2 } else { 4 })
+                    && shape[k] >= 8
+                    && (k >= n || self.keeps(k, shape[k] / 2))
+            });
+            if halves {
+                coarser.for_each(|k| shape[k] /= 2);
+            } else {
+                finer.for_each(|k| shape[k] *= 2);
+            }
+        }
+        shape
+    }
+}
+
+/// `shape` with its axes of space (`of_space`) or of velocity twice as fine.
+pub fn doubled(shape: &[usize], of_space: bool) -> Vec<usize> {
+    let n = shape.len() / 2;
+    (shape.iter().enumerate())
+        .map(|(k, &cells)| {
+            if (k < n) == of_space {
+                2 * cells
+            } else {
+                cells
+            }
+        })
+        .collect()
+}
+
+/// Averages of cell values on a box of `from` cells an axis over the cells of the same box cut into `to`; what a cell of the one
+/// has in common with one of the other counts by its volume.
+pub fn averaged(values: &[f64], from: &[usize], to: &[usize]) -> Vec<f64> {
+    let mut shape = from.to_vec();
+    let mut values = values.to_vec();
+    for a in 0..from.len() {
+        let (old, new) = (shape[a], to[a]);
+        let inner: usize = shape[a + 1..].iter().product();
+        let outer: usize = shape[..a].iter().product();
+        let mut result = vec![0.0; outer * new * inner];
+        for j in 0..new {
+            // Cell j of the new axis is [j old, (j + 1) old) in units of 1/(old new); cell i of the old one [i new, (i + 1) new).
+            for i in j * old / new..((j + 1) * old).div_ceil(new).min(old) {
+                let common = ((i + 1) * new).min((j + 1) * old) - (i * new).max(j * old);
+                let share = common as f64 / old as f64;
+                for o in 0..outer {
+                    for k in 0..inner {
+                        result[(o * new + j) * inner + k] +=
+                            share * values[(o * old + i) * inner + k];
+                    }
+                }
+            }
+        }
+        values = result;
+        shape[a] = new;
+    }
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grids(edges: &[f64]) -> Grids {
+        let axis = Axis {
+            lower: -1.0,
+            upper: 2.0,
+            cells: 30,
+        };
+        Grids {
+            x: vec![axis],
+            edges: vec![Some(edges.to_vec())],
+        }
+    }
+
+    #[test]
+    fn edges_stay_on_faces_and_velocities_even() {
+        // Faces at 0 and 0.5: multiples of 6.
+        let grids = grids(&[0.0, 0.5]);
+        assert_eq!(grids.coarsest(&[30, 31]), [18, 16]);
+        assert_eq!(grids.scaled(&[12, 8], 1.6), [18, 14]);
+        assert_eq!(grids.moved(&[16, 7]), [0]);
+        assert!(grids.moved(&[18, 7]).is_empty());
+        assert_eq!(grids.halved(&[12, 8]), Some(vec![6, 4]));
+        assert_eq!(grids.halved(&[6, 8]), None);
+        assert_eq!(grids.stretched(&[12, 16], 4.0), [12, 4]);
+        // 3 would miss an edge and be coarser than what is tried; v gets finer instead.
+        assert_eq!(grids.stretched(&[12, 16], 0.25), [6, 32]);
+    }
+
+    #[test]
+    fn averages_keep_the_sum_and_are_exact_where_grids_nest() {
+        let values: Vec<f64> = (0..24).map(|k| ((k * k) % 7) as f64).collect();
+        let coarse = averaged(&values, &[6, 4], &[3, 2]);
+        for (c, value) in coarse.iter().enumerate() {
+            let (i, j) = (c / 2 * 2, c % 2 * 2);
+            let four = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
+            let mean = four.iter().map(|(i, j)| values[i * 4 + j]).sum::<f64>() / 4.0;
+            assert!((value - mean).abs() < 1e-14);
+        }
+        let other = averaged(&values, &[6, 4], &[5, 7]);
+        let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+        assert!((mean(&other) - mean(&values)).abs() < 1e-13);
+        // By hand: three cells to two.
+        assert_eq!(averaged(&[3.0, 6.0, 9.0], &[3], &[2]), [4.0, 8.0]);
+    }
+}

@@ -1,0 +1,111 @@
+//! How errors fall from grid to grid, and where they will be.
+
+use serde::Serialize;
+
+/// An error that falls less than with this power of the cells' width does not fall.
+pub const LEAST: f64 = 0.1;
+/// Orders of one sequence that differ by more are not settled.
+const SPREAD: f64 = 0.25;
+/// What is assumed where one pair of grids is all there is: that of a discontinuous solution.
+pub const ASSUMED: f64 = 0.5;
+/// No scheme here is of a higher order for long.
+const HIGHEST: f64 = 2.0;
+
+/// The order in the cells' width that a sequence of errors shows, each grid twice as fine as the one before.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Order {
+    /// From each grid to the next.
+    pub pairs: Vec<f64>,
+    /// The mean of the last two.
+    pub order: f64,
+    /// The lower of the last two, where errors fall at all: what is counted on.
+    pub counted_on: f64,
+    /// Whether the last two agree.
+    pub settled: bool,
+}
+
+impl Order {
+    /// That of `errors`, from the coarsest grid on, or of distances between consecutive grids.
+    pub fn of(errors: &[f64]) -> Self {
+        let pairs: Vec<f64> = (errors.windows(2))
+            .map(|pair| (pair[0] / pair[1]).log2())
+            .collect();
+        let (mean, lower, settled) = match pairs[..] {
+            [] => (ASSUMED, ASSUMED, false),
+            // What it may be next is not known.
+            [only] => (only, only.min(1.0), false),
+            [.., before, last] => (
+                0.5 * (before + last),
+                before.min(last),
+                (before - last).abs() <= SPREAD,
+            ),
+        };
+        let known = |q: f64| {
+            if q.is_finite() {
+                q.min(HIGHEST)
+            } else {
+                ASSUMED
+            }
+        };
+        let order = known(mean);
+        // A pair that does not fall by itself says nothing of how those after it do.
+        let counted_on = if lower >= LEAST { known(lower) } else { order };
+        Self {
+            pairs,
+            order,
+            counted_on,
+            settled: settled && mean.is_finite(),
+        }
+    }
+
+    /// Whether the errors fall.
+    pub fn falls(&self) -> bool {
+        self.order >= LEAST
+    }
+
+    /// The error of a grid from its distance to one twice as fine: `e − e 2^{−q} = d` (Richardson).
+    pub fn error(&self, distance: f64) -> f64 {
+        distance / (1.0 - (-self.counted_on.max(LEAST)).exp2())
+    }
+
+    /// How many times finer a grid must be than one whose error is `error`, for `wanted`.
+    pub fn refinement(&self, error: f64, wanted: f64) -> f64 {
+        (error / wanted).powf(1.0 / self.counted_on.max(LEAST))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn powers_of_the_width_are_found_and_extrapolated() {
+        for q in [0.5, 1.0, 1.7] {
+            let error = |k: i32| 0.3 * (-q * f64::from(k)).exp2();
+            let errors: Vec<f64> = (0..4).map(error).collect();
+            let order = Order::of(&errors);
+            assert!((order.order - q).abs() < 1e-12 && order.settled);
+            // Distances of consecutive grids show the same order, and their errors follow from it.
+            let distances: Vec<f64> = errors.windows(2).map(|e| e[0] - e[1]).collect();
+            let order = Order::of(&distances);
+            assert!((order.order - q).abs() < 1e-12);
+            assert!((order.error(distances[1]) - errors[1]).abs() < 1e-12);
+            assert!((order.refinement(errors[3], error(7)) - 16.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn an_order_that_jumps_is_not_settled_and_the_lower_one_counts() {
+        let order = Order::of(&[1.0, 0.5, 0.45]);
+        assert!(!order.settled && order.counted_on < 0.2 && order.order > 0.5);
+        assert_eq!(Order::of(&[0.1]).order, ASSUMED);
+        assert!(!Order::of(&[0.1]).settled);
+        // A pair that did not fall is no reason to expect that none will.
+        let uneven = Order::of(&[0.11, 0.12, 0.06]);
+        assert!(uneven.falls() && !uneven.settled && uneven.counted_on == uneven.order);
+        let stuck = Order::of(&[0.06, 0.059, 0.0591]);
+        assert!(!stuck.falls());
+        // Exact on both: nothing to divide.
+        assert_eq!(Order::of(&[0.0, 0.0]).order, ASSUMED);
+    }
+}

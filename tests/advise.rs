@@ -1,0 +1,229 @@
+//! `phasewarp advise` from outside: what it advises is run, and reaches the accuracy; half of it does not.
+
+#[path = "support/launch.rs"]
+mod launch;
+#[path = "support/results.rs"]
+mod results;
+
+use launch::{Finished, Job, case, check_all, directory};
+use results::datasets;
+use serde_json::Value;
+use std::path::Path;
+
+/// A Gaussian that moves freely: smooth, its exact solution a formula. Cells that nothing divides.
+const SMOOTH: &str = r#"
+axis = [{ x = { lower = -2, upper = 2.6, cells = 90 }, v = { lower = -0.6, upper = 1.4, cells = 37 } }]
+potential = [{ value = "0" }]
+initial.f = "exp(-6*(x + 0.6)^2 - 20*(v - 0.4)^2)"
+time.end = 1
+exact.f = "exp(-6*(x - v*t + 0.6)^2 - 20*(v - 0.4)^2)"
+"#;
+
+fn advise(path: &str, accuracy: &str) -> Job {
+    Job::new(["advise", path, "--accuracy", accuracy, "--json"]).within(120)
+}
+
+fn read(finished: &Finished) -> Result<Value, String> {
+    serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))
+}
+
+fn require(holds: bool, advised: &Value, what: &str) -> Result<(), String> {
+    if holds {
+        Ok(())
+    } else {
+        Err(format!("{what}: {advised:#}"))
+    }
+}
+
+/// The entry whose name begins so.
+fn entry<'a>(advised: &'a Value, name: &str) -> Result<&'a Value, String> {
+    let entries = advised["entries"].as_array().into_iter().flatten();
+    let mut named = entries.filter(|e| e["name"].as_str().is_some_and(|n| n.starts_with(name)));
+    named
+        .next()
+        .ok_or_else(|| format!("no {name}: {advised:#}"))
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or(f64::NAN)
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().into_iter().flatten().map(number).collect()
+}
+
+/// Relative L1 distance of `/density` to the sum of `/exact` over the velocities.
+fn density_error(directory: &Path) -> Result<f64, String> {
+    let all = datasets(directory)?;
+    let get = |name: &str| all.get(name).ok_or_else(|| format!("no {name}"));
+    let (density, exact) = (get("/density")?.numbers(), get("/exact")?);
+    let velocities = exact.shape[1];
+    let volume = 2.0 / velocities as f64;
+    let exact: Vec<f64> = (exact.numbers().chunks(velocities))
+        .map(|cells| cells.iter().sum::<f64>() * volume)
+        .collect();
+    let difference: f64 = density.iter().zip(&exact).map(|(a, b)| (a - b).abs()).sum();
+    Ok(difference / exact.iter().sum::<f64>())
+}
+
+/// A case file in a directory of its own.
+fn written(place: &Path, text: &str) -> Result<String, String> {
+    let path = place.join("case.toml");
+    std::fs::write(&path, text).map_err(|e| e.to_string())?;
+    Ok(path.display().to_string())
+}
+
+/// What is advised runs as it is printed and reaches the accuracy; on half the cells it does not; with and without an exact solution
+/// it is about the same.
+#[test]
+fn advice_on_a_smooth_problem_is_right() {
+    check_all(&["2e-1", "8e-2"], |accuracy| {
+        let epsilon: f64 = accuracy.parse().map_err(|_| "no number")?;
+        let place = directory();
+        let path = written(place.path(), SMOOTH)?;
+        let advised = read(&advise(&path, accuracy).succeed()?)?;
+        let classical = entry(&advised, "classical, exponential")?;
+        let order = number(&classical["order"]["order"]);
+        require((order - 1.0).abs() < 0.25, classical, "not of order 1")?;
+        let best = &advised["entries"][advised["best"].as_u64().unwrap_or(99) as usize];
+        require(best["method"] == "schrodingerized", best, "not by modes")?;
+        require(best["known"] == "measured", best, "not measured")?;
+        let command = best["command"].as_str().unwrap_or_default();
+        let words: Vec<&str> = command.split_whitespace().skip(1).collect();
+        let run = |job: Job, name: &str| {
+            let results = place.path().join(name);
+            job.into(&results).succeed()?;
+            density_error(&results)
+        };
+        let error = run(Job::new(words), "advised")?;
+        require(error <= epsilon, best, &format!("reaches only {error:e}"))?;
+        let told = number(&best["error"]);
+        require(
+            (error / told - 1.0).abs() < 0.02,
+            best,
+            &format!("tells of {error:e}"),
+        )?;
+        // Not by far more than it must be.
+        require(
+            error >= 0.6 * epsilon,
+            best,
+            &format!("over-solves: {error:e}"),
+        )?;
+        let shape = numbers(&best["shape"]);
+        let half = [
+            format!("axis.0.x.cells={}", (shape[0] / 2.0).floor()),
+            format!("axis.0.v.cells={}", (shape[1] / 2.0).floor()),
+        ];
+        let job = Job::new(["run", &path]).set(&half.each_ref().map(String::as_str));
+        let coarser = run(job, "half")?;
+        require(
+            coarser > epsilon,
+            best,
+            &format!("half of it reaches {coarser:e}"),
+        )?;
+        // Without the exact solution.
+        let blind = read(&advise(&path, accuracy).set(&["exact={}"]).succeed()?)?;
+        require(blind["exact"] == false, &blind, "exact")?;
+        let blind = entry(&blind, "classical, exponential")?;
+        require(blind["known"] == "estimated", blind, "not estimated")?;
+        let ratio = number(&blind["cells"]) / number(&classical["cells"]);
+        require(
+            (0.5..2.0).contains(&ratio),
+            blind,
+            &format!("{ratio} times as many cells"),
+        )
+    });
+}
+
+/// At a step: discontinuous data show an order well below 1, slopes take fewer cells, the step stays on a face.
+#[test]
+fn advice_at_a_step_knows_its_order_and_keeps_the_step_on_a_face() {
+    let rows = [(127, 2e-2), (128, 3e-2)];
+    check_all(&rows, |(cells, epsilon)| {
+        let job = advise(&case("example1.toml"), &epsilon.to_string());
+        let advised = read(&job.set(&[&format!("axis.0.x.cells={cells}")]).succeed()?)?;
+        let first = entry(&advised, "classical, exponential, hat")?;
+        let order = number(&first["order"]["order"]);
+        require((0.3..1.05).contains(&order), first, "order")?;
+        let slopes = entry(&advised, "classical, SSP-RK3 with van Leer")?;
+        let (few, many) = (number(&slopes["cells"]), number(&first["cells"]));
+        require(few < 0.5 * many, &advised, "slopes take as many cells")?;
+        for entry in advised["entries"].as_array().into_iter().flatten() {
+            let shape = numbers(&entry["shape"]);
+            require(shape[0] % 2.0 == 0.0, entry, "the step is on no face")?;
+            require(number(&entry["error"]) <= *epsilon, entry, "error")?;
+        }
+        Ok(())
+    });
+}
+
+/// The same advice on any ranks; in the plane; of measure-valued data; with what enters.
+#[test]
+fn advice_is_the_same_on_any_ranks() {
+    let rows = [
+        ("example1.toml", "1e-1", &[][..]),
+        ("barrier2d.toml", "4e-1", &[][..]),
+        ("inflow_barrier.toml", "1e-1", &[][..]),
+        ("example2.toml", "3e-1", &["exact={}"][..]),
+    ];
+    check_all(&rows, |(name, accuracy, settings)| {
+        let told = |ranks: usize| {
+            let job = advise(&case(name), accuracy)
+                .set(settings)
+                .with(["--budget", "120s"]);
+            let mut advised = read(&job.on(ranks).succeed()?)?;
+            let best = advised["best"]
+                .as_u64()
+                .map(|k| advised["entries"][k as usize]["name"].clone());
+            advised["best"] = best.into();
+            advised["ranks"].take();
+            let entries = advised["entries"].as_array_mut().ok_or("no entries")?;
+            for entry in entries.iter_mut() {
+                for measured in ["seconds", "memory_bytes_per_rank"] {
+                    entry[measured].take();
+                }
+            }
+            // Quickest first, which is the clock's.
+            entries.sort_by_key(|e| e["name"].to_string());
+            Ok::<_, String>(advised)
+        };
+        let one = told(1)?;
+        require(one["best"].is_string(), &one, "nothing by modes")?;
+        for ranks in [2, 3] {
+            let other = told(ranks)?;
+            require(
+                other == one,
+                &other,
+                &format!("{ranks} ranks differ from one"),
+            )?;
+        }
+        Ok(())
+    });
+}
+
+/// What no grid that fits reaches is refused, with the grid that would; so is what advice cannot be given on.
+#[test]
+fn what_is_out_of_reach_is_refused() {
+    let rows = [
+        (vec!["--accuracy", "1e-9"], "out of reach"),
+        (vec!["--accuracy", "1e-9"], "cells"),
+        (vec!["--accuracy", "0"], "above 0 and below 1"),
+        (vec!["--accuracy", "1.5"], "above 0 and below 1"),
+        (vec!["--budget", "-3"], "above 0"),
+        (
+            vec!["--accuracy", "1e-1", "--budget", "1e-6"],
+            "a longer --budget",
+        ),
+    ];
+    check_all(&rows, |(arguments, says)| {
+        let path = case("step_up.toml");
+        let mut words = vec!["advise", &path];
+        words.extend(arguments);
+        let finished = Job::new(words).within(120).run()?;
+        if finished.code == Some(2) && finished.errors.contains(says) {
+            Ok(())
+        } else {
+            Err(finished.report(&format!("exit code 2 and \"{says}\" expected")))
+        }
+    });
+}
