@@ -7,7 +7,7 @@ pub use read::read_text;
 use crate::expression::Expression;
 use crate::grid::PhaseSpace;
 use crate::output::writer::{CHUNK, MOST_CHUNKS};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -143,7 +143,7 @@ pub enum Coefficients {
 }
 
 /// How `u` is read from the warped field.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RecoveryMethod {
     /// `e^{p◇} v(p◇)`.
