@@ -20,6 +20,8 @@ mod profile;
 mod readout;
 pub mod stored;
 
+pub use history::steps;
+
 use crate::error::{Error, Result};
 use crate::figure::{Axis, Figure, Map, Panel};
 use crate::potential::Potential;
@@ -49,7 +51,11 @@ pub struct Cut(pub Vec<usize>);
 impl Cut {
     /// Through the middle cells (cell N/2, counted from 0), as `fields.xdmf` does.
     pub fn middle(run: &Stored) -> Self {
-        Self((0..2 * run.dimension()).map(|a| run.axis(a).cells / 2).collect())
+        Self(
+            (0..2 * run.dimension())
+                .map(|a| run.axis(a).cells / 2)
+                .collect(),
+        )
     }
 
     /// As `text` says, `x=0.1,vy=0`; through the middle along axes that it does not name.
@@ -68,12 +74,17 @@ impl Cut {
             let (name, place) = (part.split_once('='))
                 .ok_or_else(|| wrong(format!("\"{part}\" is not NAME=POSITION, as x=0.1")))?;
             let a = (names.iter().position(|n| *n == name.trim())).ok_or_else(|| {
-                wrong(format!("\"{}\" is no axis; {} are", name.trim(), names.join(", ")))
+                wrong(format!(
+                    "\"{}\" is no axis; {} are",
+                    name.trim(),
+                    names.join(", ")
+                ))
             })?;
             let axis = run.axis(a);
-            let place: f64 = place.trim().parse().map_err(|_| {
-                wrong(format!("\"{}\" is not a number", place.trim()))
-            })?;
+            let place: f64 = place
+                .trim()
+                .parse()
+                .map_err(|_| wrong(format!("\"{}\" is not a number", place.trim())))?;
             if !(axis.lower..=axis.upper).contains(&place) {
                 let (lower, upper) = (axis.lower, axis.upper);
                 let name = names[a];
@@ -126,8 +137,7 @@ impl<'a> Runs<'a> {
     /// The run, then the one beside it, each with what it is called.
     fn each(&self) -> impl Iterator<Item = (&'a Stored, &str)> {
         let both = [Some(self.run), self.beside];
-        (both.into_iter().zip(&self.names))
-            .filter_map(|(run, name)| Some((run?, name.as_str())))
+        (both.into_iter().zip(&self.names)).filter_map(|(run, name)| Some((run?, name.as_str())))
     }
 }
 
@@ -147,7 +157,11 @@ pub fn draw(run: &Stored, beside: Option<&Stored>, cuts: &[Cut]) -> Result<Album
     }
     let runs = Runs::new(run, beside);
     let middle = Cut::middle(run);
-    let cuts = if cuts.is_empty() { std::slice::from_ref(&middle) } else { cuts };
+    let cuts = if cuts.is_empty() {
+        std::slice::from_ref(&middle)
+    } else {
+        cuts
+    };
     let mut album = Album {
         pictures: Vec::new(),
         left_out: Vec::new(),
@@ -204,7 +218,7 @@ impl Album {
 }
 
 /// Four digits, without zeros that say nothing.
-fn short(value: f64) -> String {
+pub(crate) fn short(value: f64) -> String {
     if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
         let digits = 3 - value.abs().max(1e-300).log10().floor().max(-4.0) as i32;
         let text = format!("{value:.*}", digits.max(0) as usize);
@@ -219,10 +233,21 @@ fn short(value: f64) -> String {
 }
 
 /// A panel with a plane of a run over its axes number `axes`.
-fn map(run: &Stored, axes: [usize; 2], title: String, plane: Plane, range: Option<[f64; 2]>) -> Panel {
+fn map(
+    run: &Stored,
+    axes: [usize; 2],
+    title: String,
+    plane: Plane,
+    range: Option<[f64; 2]>,
+) -> Panel {
     let names = run.names();
     let ends = axes.map(|a| [run.axis(a).lower, run.axis(a).upper]);
-    Panel::new(title, Axis::linear(names[axes[0]]), Axis::linear(names[axes[1]])).map(Map {
+    Panel::new(
+        title,
+        Axis::linear(names[axes[0]]),
+        Axis::linear(names[axes[1]]),
+    )
+    .map(Map {
         x: ends[0],
         y: ends[1],
         shape: plane.shape,
@@ -267,11 +292,17 @@ fn jumps(run: &Stored, a: usize, cut: &Cut) -> Vec<f64> {
         potential.jump_below(&cell, a) != 0.0
     };
     let places = ranges[a].clone();
-    let found: Vec<usize> = places.filter(|&i| i > 0).filter({
-        let mut jump = jump;
-        move |&i| jump(i)
-    }).collect();
-    found.into_iter().map(|i| run.axis(a).face(i as i64)).collect()
+    let found: Vec<usize> = places
+        .filter(|&i| i > 0)
+        .filter({
+            let mut jump = jump;
+            move |&i| jump(i)
+        })
+        .collect();
+    found
+        .into_iter()
+        .map(|i| run.axis(a).face(i as i64))
+        .collect()
 }
 
 /// Borders in a plane of two space axes along which `V` jumps, as pieces of lines with NaN between.

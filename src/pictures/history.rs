@@ -24,7 +24,11 @@ pub fn draw(runs: &Runs<'_>) -> Read<Option<Figure>> {
             let times = r.list("axis/time")?;
             let values = r.list(&format!("history/{name}"))?;
             let points = times.into_iter().zip(values).map(|(t, v)| [t, v]).collect();
-            let label = if runs.beside.is_some() { name_of_run } else { "" };
+            let label = if runs.beside.is_some() {
+                name_of_run
+            } else {
+                ""
+            };
             panel = panel.line(label, Style::of(k), points);
         }
         panels.push(panel);
@@ -48,7 +52,11 @@ fn densities(run: &Stored) -> Read<Panel> {
     let count = times.len().min(TIMES);
     let mut panel = Panel::new("density", Axis::linear("x"), Axis::linear("density"));
     for k in 0..count {
-        let at = if count > 1 { k * last / (count - 1) } else { last };
+        let at = if count > 1 {
+            k * last / (count - 1)
+        } else {
+            last
+        };
         let slab = Slab::of(&[at..at + 1, 0..x.len()]);
         let values = run.slab("history/density", &slab)?;
         let points = x.iter().zip(values).map(|(x, v)| [*x, v]).collect();
@@ -77,7 +85,10 @@ const STEPS: [&str; 12] = [
 /// The steps with their seconds, in the order of the run; those that are not known by name last.
 pub fn steps(run: &Stored) -> Vec<(&str, f64)> {
     let known = STEPS.iter().filter_map(|s| run.seconds.get_key_value(*s));
-    let others = run.seconds.iter().filter(|(s, _)| !STEPS.contains(&s.as_str()));
+    let others = run
+        .seconds
+        .iter()
+        .filter(|(s, _)| !STEPS.contains(&s.as_str()));
     known.chain(others).map(|(s, t)| (s.as_str(), *t)).collect()
 }
 

@@ -90,17 +90,21 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
         (Some(_), true) => " Exact values are averages over the cells.",
         (Some(_), false) => " Exact values are sums over the cells of the exact field.",
     };
-    Ok(Figure::new(format!("Moments at t = {}", short(run.time)), panels)
-        .columns(3)
-        .frame(320.0, 240.0)
-        .caption(format!(
-            "Density ∫f dv, momentum ∫v f dv, and their ratio.{what}"
-        )))
+    Ok(
+        Figure::new(format!("Moments at t = {}", short(run.time)), panels)
+            .columns(3)
+            .frame(320.0, 240.0)
+            .caption(format!(
+                "Density ∫f dv, momentum ∫v f dv, and their ratio.{what}"
+            )),
+    )
 }
 
 /// Every plane of two space axes.
 fn planes(n: usize) -> Vec<[usize; 2]> {
-    (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b])).collect()
+    (0..n)
+        .flat_map(|a| (a + 1..n).map(move |b| [a, b]))
+        .collect()
 }
 
 /// The title of a panel in a plane through a cut.

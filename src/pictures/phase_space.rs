@@ -35,7 +35,11 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         panels.extend(row);
     }
     let columns = (panels.len() / n).max(1);
-    let columns = if columns > 4 { columns.div_ceil(2) } else { columns };
+    let columns = if columns > 4 {
+        columns.div_ceil(2)
+    } else {
+        columns
+    };
     let time = short(run.time);
     let what = if measure {
         "Measure-valued data: f = φ δ(ψ), with the paper's discrete delta function in one dimension."
@@ -52,10 +56,12 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
     } else {
         ""
     };
-    Ok(Figure::new(format!("{} at t = {time}", run.title()), panels)
-        .columns(columns)
-        .frame(300.0, 260.0)
-        .caption(format!("{what}{lines}{averaged}")))
+    Ok(
+        Figure::new(format!("{} at t = {time}", run.title()), panels)
+            .columns(columns)
+            .frame(300.0, 260.0)
+            .caption(format!("{what}{lines}{averaged}")),
+    )
 }
 
 /// `f`, the exact one, and differences.

@@ -14,7 +14,8 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
         return Ok(None);
     }
     let column = |name: &str| run.list(&format!("readout/{name}"));
-    let (cell, observable, estimator) = (column("cell")?, column("observable")?, column("estimator")?);
+    let (cell, observable, estimator) =
+        (column("cell")?, column("observable")?, column("estimator")?);
     let (value, estimate, bound) = (column("value")?, column("estimate")?, column("bound")?);
     // Numbers of cells and observables as they stand in the file: whole ones.
     let whole = |list: &[f64]| list.iter().map(|c| *c as u64).collect::<BTreeSet<_>>();
@@ -22,14 +23,21 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
     let place = |row: usize| cells.iter().position(|c| *c == cell[row] as u64);
     let mut panels = Vec::new();
     for kind in whole(&observable) {
-        let rows: Vec<usize> = (0..cell.len()).filter(|&r| observable[r] as u64 == kind).collect();
+        let rows: Vec<usize> = (0..cell.len())
+            .filter(|&r| observable[r] as u64 == kind)
+            .collect();
         let name = match kind {
             0 => "density".to_owned(),
             1..=3 => format!("momentum along {}", ["x", "y", "z"][kind as usize - 1]),
-            k => format!("mean velocity along {}", ["x", "y", "z"][(k as usize - 4).min(2)]),
+            k => format!(
+                "mean velocity along {}",
+                ["x", "y", "z"][(k as usize - 4).min(2)]
+            ),
         };
         let mut panel = Panel::new(name.clone(), Axis::linear("cell read"), Axis::linear(name));
-        let values = rows.iter().filter_map(|&r| Some([place(r)? as f64, value[r]]));
+        let values = rows
+            .iter()
+            .filter_map(|&r| Some([place(r)? as f64, value[r]]));
         panel = panel.points("of the field", Style::of(2), values.collect());
         for (k, kind) in Estimator::ALL.into_iter().enumerate() {
             let mine = rows.iter().filter(|&&r| estimator[r] as u64 == k as u64);
@@ -53,7 +61,11 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
         }
         panels.push(panel);
     }
-    let listed: Vec<String> = cells.iter().enumerate().map(|(k, c)| format!("{k}: cell {c}")).collect();
+    let listed: Vec<String> = cells
+        .iter()
+        .enumerate()
+        .map(|(k, c)| format!("{k}: cell {c}"))
+        .collect();
     Ok(Some(
         Figure::new("Readout", panels).columns(3).frame(320.0, 260.0).caption(format!(
             "What a quantum computer would tell, with bounds that hold with probability 0.95 (mean velocities: 0.90). {}.",

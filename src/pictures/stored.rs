@@ -88,7 +88,14 @@ impl Stored {
         let overrides = attribute(&stored, "overrides").unwrap_or_default();
         let overrides: Vec<String> = overrides.lines().map(str::to_owned).collect();
         let name = provenance.get("case_file").map_or("case", String::as_str);
-        let case = Case::parse(name, &text, &overrides).map_err(|e| e.to_string());
+        let found = grid(&file)?;
+        let cells = |space: &PhaseSpace| space.axes().map(|a| a.cells).collect::<Vec<_>>();
+        let case =
+            (Case::parse(name, &text, &overrides).map_err(|e| e.to_string())).and_then(|case| {
+                let same = cells(&case.space) == cells(&found);
+                let why = || "its grid is not that of the result".to_owned();
+                if same { Ok(case) } else { Err(why()) }
+            });
         let plan = read_text(&file.dataset("plan").map_err(said)?).map_err(said)?;
         let plan = serde_json::from_str(&plan).map_err(|e| format!("/plan: {e}"))?;
         let mut seconds = BTreeMap::new();
@@ -99,7 +106,7 @@ impl Stored {
         }
         let space = match &case {
             Ok(case) => case.space.clone(),
-            Err(_) => grid(&file)?,
+            Err(_) => found,
         };
         Ok(Self {
             directory: directory.to_owned(),
@@ -274,8 +281,7 @@ fn grid(file: &File) -> Read<PhaseSpace> {
 fn attribute(at: &Location, name: &str) -> hdf5::Result<String> {
     let attribute = at.attr(name)?;
     let text = attribute.read_scalar::<VarLenUnicode>();
-    (text.map(|t| t.to_string()))
-        .or_else(|_| attribute.read_scalar::<f64>().map(|x| x.to_string()))
+    (text.map(|t| t.to_string())).or_else(|_| attribute.read_scalar::<f64>().map(|x| x.to_string()))
 }
 
 fn number(at: &Location, name: &str) -> hdf5::Result<f64> {
