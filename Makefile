@@ -19,7 +19,7 @@ CARGO   = $(shell scripts/setup.sh --environment) cargo
 PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 
 .DEFAULT_GOAL := build
-.PHONY: stability quantum run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers qiskit setup clean help
+.PHONY: stability quantum run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers qiskit setup clean help browser examples
 
 run: build ## build, then solve example 1 of the paper on two ranks (CASE=, RANKS=, RESULTS= for another)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
@@ -65,6 +65,9 @@ check-clippy: setup
 check-doc: setup
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps
 
+examples: build ## figures 2 to 5 of the paper from runs of our own, into docs/examples/ (ARGS=--paper: its own set-ups, an hour)
+	RANKS=$(RANKS) scripts/examples.sh --program $(PROGRAM) $(ARGS)
+
 quantum: build readers ## the error budget from the continuous problem to a measured density, into docs/quantum.md
 	$(or $(CARGO_TARGET_DIR),target)/readers/bin/python scripts/quantum.py --ranks $(RANKS) $(ARGS)
 
@@ -73,6 +76,9 @@ readers: ## install, for tests/readers.rs, a Python with h5py, xarray and VTK in
 
 qiskit: ## install, for tests/simulator.rs, a Python with Qiskit into target/qiskit
 	@scripts/setup.sh --qiskit
+
+browser: ## install, for tests/pictures.rs, a Chromium that opens reports (Debian, Ubuntu)
+	@scripts/setup.sh --browser
 
 setup: ## install Open MPI, libclang, parallel HDF5 and pkg-config where they are missing, or name them
 	@scripts/setup.sh

@@ -5,6 +5,7 @@
 #   scripts/setup.sh --check         check only
 #   scripts/setup.sh --readers       a Python with what tests/readers.py reads results with, in target/readers (half a minute)
 #   scripts/setup.sh --qiskit        a Python with what tests/simulator.py runs circuits with, in target/qiskit (half a minute)
+#   scripts/setup.sh --browser       a Chromium for tests/pictures.rs, by apt-get (a minute)
 #   scripts/setup.sh --environment   print what cargo needs set to find parallel HDF5: "HDF5_DIR=…", mostly nothing
 #
 # Exit code 0 when everything is there, 1 when something is missing. Silent and instant when there is nothing to do.
@@ -200,6 +201,28 @@ set_up_python() {
         "$place/bin/python" "$script" --packages
 }
 
+# --- a browser for a test of reports ---
+
+have_browser() {
+    local name
+    for name in chromium chromium-browser google-chrome; do
+        if command -v "$name" >/dev/null 2>&1; then
+            return 0
+        fi
+    done
+    return 1
+}
+
+set_up_browser() {
+    have_browser && return
+    if ! can_install; then
+        say "no chromium, chromium-browser or google-chrome, and no way to install one"
+        return 1
+    fi
+    say "installing chromium"
+    install_packages chromium && have_browser
+}
+
 # --- what was asked for ---
 
 case ${1:-} in
@@ -213,6 +236,10 @@ case ${1:-} in
     set_up_python qiskit simulator.py simulator.txt
     exit
     ;;
+--browser)
+    set_up_browser
+    exit
+    ;;
 --environment)
     if ! cargo_finds_hdf5 && [ -z "${HDF5_DIR:-}" ] && root=$(hdf5_elsewhere); then
         printf 'HDF5_DIR=%q\n' "$root"
@@ -220,7 +247,7 @@ case ${1:-} in
     exit 0
     ;;
 *)
-    say "unknown option $1; known: --check, --readers, --qiskit, --environment"
+    say "unknown option $1; known: --check, --readers, --qiskit, --browser, --environment"
     exit 1
     ;;
 esac

@@ -8,7 +8,7 @@ use crate::expression::Expression;
 use crate::grid::PhaseSpace;
 use crate::output::writer::{CHUNK, MOST_CHUNKS};
 use crate::reduce::{Allowed, Reductions};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -144,7 +144,7 @@ pub enum Coefficients {
 }
 
 /// How `u` is read from the warped field.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RecoveryMethod {
     /// `e^{p◇} v(p◇)`.

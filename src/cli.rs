@@ -27,6 +27,27 @@ pub struct CaseArgs {
     pub mode: Option<Mode>,
 }
 
+/// A finished run, and how it is drawn.
+#[derive(Clone, Debug, clap::Args)]
+pub struct DrawnArgs {
+    /// Directory of the results
+    #[arg(value_name = "DIR")]
+    pub directory: PathBuf,
+    /// Directory of what is written; by default DIR/plots, of reports DIR
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// In more than one dimension: where planes cut the other axes, x=0.1,vy=0; repeat it for more pictures
+    #[arg(
+        long = "slice",
+        value_name = "NAME=POSITION[,...]",
+        allow_hyphen_values = true
+    )]
+    pub slices: Vec<String>,
+    /// Results of another run on the same grid, drawn beside
+    #[arg(long, value_name = "DIR")]
+    pub beside: Option<PathBuf>,
+}
+
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
@@ -101,6 +122,18 @@ pub enum Command {
         /// As JSON
         #[arg(long)]
         json: bool,
+    },
+    /// Draw a finished run, as SVG and PNG into DIR/plots
+    Plot {
+        /// What to draw.
+        #[command(flatten)]
+        drawn: DrawnArgs,
+    },
+    /// A finished run as one page to be read by others: DIR/report.html
+    Report {
+        /// What to draw.
+        #[command(flatten)]
+        drawn: DrawnArgs,
     },
     /// States, Hamiltonian and circuits of a tiny case (at most 12 qubits), for a simulator of quantum computers
     ExportQuantum {

@@ -1,5 +1,6 @@
 //! The subcommands.
 
+mod drawn;
 mod export;
 mod resources;
 mod spectrum;
@@ -150,6 +151,18 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                     "{}: {datasets} datasets as written",
                     path.display()
                 ));
+            }
+        }
+        Command::Plot { drawn } => {
+            let drawn = drawn::plot(world, drawn)?;
+            if speaks {
+                drawn.tell();
+            }
+        }
+        Command::Report { drawn } => {
+            let drawn = drawn::report(world, drawn)?;
+            if speaks {
+                drawn.tell();
             }
         }
         Command::ExportQuantum { case, output } => {

@@ -3,14 +3,14 @@
 use crate::case::RecoveryMethod;
 use crate::profile::Series;
 use num_complex::Complex64;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
 /// Points of the least-squares reading.
 const POINTS: usize = 9;
 
 /// A linear functional of a function of `p` that gives 1 for `e^{−p}`; applied to `v`, it gives `u`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
     /// Which.
     pub method: RecoveryMethod,

@@ -86,7 +86,7 @@ fn sum_of(world: &Group, dataset: &Dataset) -> Outcome<u64> {
 }
 
 /// The numbers of a slab, row-major, read by this rank on its own.
-pub(super) fn read_slab(dataset: &Dataset, slab: &Slab) -> Outcome<Vec<f64>> {
+pub(crate) fn read_slab(dataset: &Dataset, slab: &Slab) -> Outcome<Vec<f64>> {
     let selection: Vec<SliceOrIndex> = (slab.start.iter().zip(&slab.count))
         .map(|(&start, &count)| SliceOrIndex::SliceTo {
             start,
@@ -100,7 +100,7 @@ pub(super) fn read_slab(dataset: &Dataset, slab: &Slab) -> Outcome<Vec<f64>> {
 }
 
 /// The text of a dataset that [`super::writer::Writer::text`] wrote; an empty one is one zero byte.
-pub(super) fn read_text(dataset: &Dataset) -> Outcome<String> {
+pub(crate) fn read_text(dataset: &Dataset) -> Outcome<String> {
     let bytes = read_bytes(dataset, dataset.dtype()?.size())?;
     let text = String::from_utf8(bytes).map_err(|e| hdf5::Error::from(e.to_string()))?;
     Ok(text.trim_end_matches('\0').to_owned())

@@ -2,11 +2,11 @@
 
 use num_complex::Complex64;
 use rustfft::FftPlanner;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
 /// A truncated Fourier series of a real function of period [`period`](Self::period).
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Series {
     /// `P`.
     pub period: f64,

@@ -1,0 +1,120 @@
+//! `phasewarp plot` and `phasewarp report`: a finished run as pictures, and as a page.
+
+use super::{say, understood};
+use crate::cli::DrawnArgs;
+use crate::communicator::World;
+use crate::error::{Error, Result};
+use crate::output::failure;
+use crate::pictures::stored::Stored;
+use crate::pictures::{self, Album, Cut};
+use crate::plan::Bounds;
+use crate::report::Report;
+use std::path::{Path, PathBuf};
+
+/// Space with more cells than this is not looked at again for what a report says of the case.
+const MOST_POINTS: usize = 10_000_000;
+
+/// What was written.
+pub struct Drawn {
+    files: Vec<PathBuf>,
+    left_out: Vec<(String, String)>,
+}
+
+impl Drawn {
+    /// Says it, on standard output.
+    pub fn tell(&self) {
+        for (name, why) in &self.left_out {
+            say(&format!("{name}: left out: {why}"));
+        }
+        for file in &self.files {
+            say(&file.display().to_string());
+        }
+    }
+}
+
+/// Draws a run; the first rank reads and writes. Collective.
+///
+/// # Errors
+/// As [`Stored::open`], [`Cut::parse`], [`pictures::draw`] and [`Album::write`], the same on all ranks.
+pub fn plot(world: &World, args: &DrawnArgs) -> Result<Drawn> {
+    alone(world, || {
+        let (_, album) = album(args)?;
+        let directory = args.output.clone();
+        let directory = directory.unwrap_or_else(|| args.directory.join("plots"));
+        let files = album.write(&directory)?;
+        Ok(Drawn {
+            files,
+            left_out: album.left_out,
+        })
+    })
+}
+
+/// Writes a report; the first rank reads and writes. Collective.
+///
+/// # Errors
+/// As [`plot`]; [`Error::Input`] where there is no `summary.json`.
+pub fn report(world: &World, args: &DrawnArgs) -> Result<Drawn> {
+    alone(world, || {
+        let (run, album) = album(args)?;
+        let summary = summary(&args.directory)?;
+        let said = match &run.case {
+            Ok(case) if case.space.space_cells() <= MOST_POINTS => {
+                Some(understood(case, &Bounds::new(case)?))
+            }
+            _ => None,
+        };
+        let page = Report {
+            run: &run,
+            summary: &summary,
+            album: &album,
+            understood: said.as_deref(),
+        };
+        let page = page.html()?;
+        let directory = args.output.as_ref().unwrap_or(&args.directory);
+        std::fs::create_dir_all(directory).map_err(|e| Error::Directory {
+            path: directory.clone(),
+            reason: e.to_string(),
+        })?;
+        let path = directory.join("report.html");
+        std::fs::write(&path, page).map_err(|e| failure(&path, &e))?;
+        Ok(Drawn {
+            files: vec![path],
+            left_out: album.left_out,
+        })
+    })
+}
+
+/// What the first rank does; the others learn how it went. Collective.
+fn alone(world: &World, work: impl FnOnce() -> Result<Drawn>) -> Result<Drawn> {
+    let group = world.group();
+    let nothing = || Drawn {
+        files: Vec::new(),
+        left_out: Vec::new(),
+    };
+    group.agree(if group.rank() == 0 {
+        work()
+    } else {
+        Ok(nothing())
+    })
+}
+
+/// The run and its pictures.
+fn album(args: &DrawnArgs) -> Result<(Stored, Album)> {
+    let run = Stored::open(&args.directory)?;
+    let beside = (args.beside.as_deref()).map(Stored::open).transpose()?;
+    let cuts = args.slices.iter().map(|text| Cut::parse(&run, text));
+    let cuts: Vec<Cut> = cuts.collect::<Result<_>>()?;
+    let album = pictures::draw(&run, beside.as_ref(), &cuts)?;
+    Ok((run, album))
+}
+
+/// `summary.json`.
+fn summary(directory: &Path) -> Result<serde_json::Value> {
+    let path = directory.join("summary.json");
+    let wrong = |why: &dyn std::fmt::Display| {
+        let what = "a directory that `phasewarp run` wrote is expected";
+        Error::Input(format!("{}: {why}; {what}", path.display()))
+    };
+    let text = std::fs::read_to_string(&path).map_err(|e| wrong(&e))?;
+    serde_json::from_str(&text).map_err(|e| wrong(&e))
+}

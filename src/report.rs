@@ -1,0 +1,484 @@
+//! A finished run as one HTML page that stands on its own: no script, nothing from elsewhere, readable by who did not run it.
+//!
+//! Everything that comes from a file is escaped. The pictures are those of [`crate::pictures`], inside of the page as SVG.
+
+use crate::error::Result;
+use crate::pictures::stored::Stored;
+use crate::pictures::{Album, short, steps};
+use crate::plan::bytes_text;
+use serde_json::Value;
+use std::fmt::Write;
+
+/// How it looks: one column, light or dark as the reader's screen is; pictures on white.
+const STYLE: &str = "\
+:root{color-scheme:light dark;--ink:#222;--paper:#fff;--faint:#666;--line:#ccc;--ground:#f5f5f3;--bar:#0072b2}\
+@media(prefers-color-scheme:dark){:root{--ink:#ddd;--paper:#16181b;--faint:#999;--line:#444;--ground:#212429;--bar:#56b4e9}}\
+body{font:16px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:68rem;margin:0 auto;padding:1rem 1.2rem 4rem}\
+h1{font-size:1.7rem;margin:.6rem 0 0}h2{font-size:1.25rem;margin:2.2rem 0 .6rem;border-bottom:1px solid var(--line)}\
+p{max-width:46rem}.faint{color:var(--faint)}\
+table{border-collapse:collapse;margin:.6rem 0;display:block;max-width:100%;overflow-x:auto}\
+th,td{text-align:left;padding:.15rem 1rem .15rem 0;vertical-align:top;border-bottom:1px solid var(--line);overflow-wrap:anywhere}\
+th{font-weight:600}td.number{font-variant-numeric:tabular-nums}\
+pre{background:var(--ground);padding:.8rem;overflow-x:auto;font-size:.85rem;white-space:pre-wrap;overflow-wrap:anywhere}\
+figure{margin:1rem 0;background:#fff;border:1px solid var(--line);border-radius:4px;padding:.4rem;overflow-x:auto}\
+figure svg{display:block;max-width:100%;height:auto;margin:0 auto}\
+nav a{margin-right:1rem}a{color:var(--bar)}\
+.warning{border-left:4px solid #d55e00;padding:.2rem .8rem;background:var(--ground);margin:.4rem 0}\
+.bar{display:inline-block;height:.7rem;background:var(--bar);min-width:1px}\
+@media print{figure{break-inside:avoid}nav{display:none}}";
+
+/// What a report is made of.
+pub struct Report<'a> {
+    /// The run.
+    pub run: &'a Stored,
+    /// `summary.json`.
+    pub summary: &'a Value,
+    /// Its pictures.
+    pub album: &'a Album,
+    /// What `phasewarp check` says of the case, where it can be said.
+    pub understood: Option<&'a str>,
+}
+
+/// `text` as HTML shows it.
+fn escaped(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out += "&amp;",
+            '<' => out += "&lt;",
+            '>' => out += "&gt;",
+            '"' => out += "&quot;",
+            '\'' => out += "&#39;",
+            // What no document may hold.
+            '\t' | '\n' => out.push(c),
+            c if c.is_control() => out.push('\u{fffd}'),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// A value as a person reads it; a dash for what is not known.
+fn shown(value: &Value) -> String {
+    match value {
+        Value::Null => "–".to_owned(),
+        Value::Bool(true) => "yes".to_owned(),
+        Value::Bool(false) => "no".to_owned(),
+        Value::String(text) => escaped(text),
+        Value::Number(number) => match (number.as_u64(), number.as_f64()) {
+            (Some(whole), _) => whole.to_string(),
+            (None, Some(number)) => short(number),
+            (None, None) => escaped(&number.to_string()),
+        },
+        Value::Array(list) if list.len() > 8 => format!("{} values", list.len()),
+        Value::Array(list) => list.iter().map(shown).collect::<Vec<_>>().join(", "),
+        // Figures of the quantum side: a number with what it rests on.
+        Value::Object(map) if map.contains_key("label") => {
+            let label = map["label"].as_str().unwrap_or_default();
+            let value = map.get("value").map_or(String::new(), shown);
+            format!("{value} <span class=faint>{}</span>", escaped(label))
+        }
+        Value::Object(map) => {
+            let parts = map
+                .iter()
+                .map(|(key, value)| format!("{} {}", escaped(key), shown(value)));
+            parts.collect::<Vec<_>>().join("; ")
+        }
+    }
+}
+
+/// Rows of a table, of two columns; what is not known has no row.
+#[derive(Default)]
+struct Rows(String);
+
+impl Rows {
+    fn add(&mut self, what: &str, value: &Value) {
+        if !value.is_null() {
+            self.text(what, &shown(value));
+        }
+    }
+
+    /// `value` is HTML.
+    fn text(&mut self, what: &str, value: &str) {
+        let _ = writeln!(
+            self.0,
+            "<tr><th>{}</th><td class=number>{value}</td></tr>",
+            escaped(what)
+        );
+    }
+
+    fn table(self) -> String {
+        if self.0.is_empty() {
+            return String::new();
+        }
+        format!("<table>\n{}</table>\n", self.0)
+    }
+}
+
+/// A value and the keys that lead to it, objects taken apart.
+fn leaves<'v>(prefix: &str, value: &'v Value, out: &mut Vec<(String, &'v Value)>) {
+    match value {
+        Value::Object(map) if !map.contains_key("label") => {
+            for (key, value) in map {
+                let key = if prefix.is_empty() {
+                    key.clone()
+                } else {
+                    format!("{prefix}.{key}")
+                };
+                leaves(&key, value, out);
+            }
+        }
+        _ => out.push((prefix.to_owned(), value)),
+    }
+}
+
+/// Every value of an object in a table.
+fn all(value: &Value) -> String {
+    let mut found = Vec::new();
+    leaves("", value, &mut found);
+    let mut rows = Rows::default();
+    for (key, value) in found {
+        rows.add(&key, value);
+    }
+    rows.table()
+}
+
+impl Report<'_> {
+    /// The page.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Output`] where a picture cannot be drawn.
+    pub fn html(&self) -> Result<String> {
+        let title = escaped(&self.run.title());
+        let parts: Vec<(&str, &str, String)> = vec![
+            ("warnings", "Warnings", self.warnings()),
+            (
+                "reductions",
+                "What was left out of the computation",
+                self.list("reductions"),
+            ),
+            ("errors", "Errors", self.errors()),
+            ("pictures", "Pictures", self.pictures()?),
+            ("cost", "Cost", self.cost()),
+            (
+                "probabilities",
+                "Probabilities on a quantum computer",
+                self.probabilities(),
+            ),
+            ("understood", "What was understood", self.said()),
+            ("plan", "Plan", all(&self.run.plan)),
+            ("case", "Case", self.case()),
+            ("provenance", "Provenance", self.provenance()),
+        ];
+        let parts: Vec<_> = parts.into_iter().filter(|p| !p.2.is_empty()).collect();
+        let mut page = format!(
+            "<!DOCTYPE html>\n<html lang=en>\n<head>\n<meta charset=utf-8>\n\
+             <meta name=viewport content=\"width=device-width, initial-scale=1\">\n\
+             <meta http-equiv=Content-Security-Policy content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:\">\n\
+             <title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n{}<nav>",
+            self.summary_in_words()
+        );
+        for (id, heading, _) in &parts {
+            let _ = write!(page, "<a href=\"#{id}\">{heading}</a> ");
+        }
+        page += "</nav>\n";
+        for (id, heading, body) in parts {
+            let _ = write!(
+                page,
+                "<section id={id}>\n<h2>{heading}</h2>\n{body}</section>\n"
+            );
+        }
+        page += "</body>\n</html>\n";
+        Ok(page)
+    }
+
+    fn number(&self, key: &str) -> Option<f64> {
+        self.summary[key].as_f64()
+    }
+
+    /// What was done and what came out, for who sees it for the first time.
+    fn summary_in_words(&self) -> String {
+        let run = self.run;
+        let reference = run.provenance.get("reference").map_or("", String::as_str);
+        let mut text = String::new();
+        if !reference.is_empty() {
+            let _ = writeln!(text, "<p class=faint>{}</p>", escaped(reference));
+        }
+        let shape: Vec<String> = run.space.axes().map(|a| a.cells.to_string()).collect();
+        let method = match run.plan["method"].as_str() {
+            Some("schrodingerized") => {
+                "by Schrödingerization, as a quantum computer would: the equation is lifted by one variable p, evolved unitarily mode by mode, and read \
+                 at p◇"
+            }
+            _ => "by the classical scheme itself",
+        };
+        let _ = write!(
+            text,
+            "<p>The Liouville equation f_t + v·∇_x f − ∇V·∇_v f = 0 in {} space dimension{}, on {} cells, solved from t = 0 to {} {method}.",
+            run.dimension(),
+            if run.dimension() == 1 { "" } else { "s" },
+            shape.join(" × "),
+            short(run.time)
+        );
+        if let (Some(estimate), Some(tolerance)) =
+            (self.number("error_estimate"), self.number("tolerance"))
+        {
+            let trust = match self.summary["error_estimate_reliable"].as_bool() {
+                Some(true) => "",
+                _ => ", which is not reliable here",
+            };
+            let _ = write!(
+                text,
+                " The estimated distance to the exact solution of the scheme's equations is {}{trust}; {} was asked for.",
+                short(estimate),
+                short(tolerance)
+            );
+        }
+        if let (Some(error), Some(exact)) = (self.number("error_l1"), self.number("exact_l1")) {
+            let _ = write!(
+                text,
+                " The distance to the exact solution, which is that of the grid, is {} of it (L1).",
+                short(error / exact)
+            );
+        }
+        if let (Some(seconds), Some(ranks)) = (self.number("wall_seconds"), self.number("ranks")) {
+            let many = if ranks == 1.0 { "" } else { "s" };
+            let _ = write!(text, " It took {} s on {ranks} rank{many}.", short(seconds));
+        }
+        text + "</p>\n"
+    }
+
+    fn warnings(&self) -> String {
+        let list = self.summary["warnings"].as_array();
+        let text = list.into_iter().flatten().filter_map(Value::as_str);
+        text.map(|t| format!("<p class=warning>{}</p>\n", escaped(t)))
+            .collect()
+    }
+
+    /// A list of texts, of the summary or of the plan.
+    fn list(&self, key: &str) -> String {
+        let found = [&self.summary[key], &self.run.plan[key]];
+        let list = found.into_iter().find_map(Value::as_array);
+        let items: String = (list.into_iter().flatten().filter_map(Value::as_str))
+            .map(|t| format!("<li>{}</li>\n", escaped(t)))
+            .collect();
+        if items.is_empty() {
+            items
+        } else {
+            format!("<ul>\n{items}</ul>\n")
+        }
+    }
+
+    fn errors(&self) -> String {
+        let mut rows = Rows::default();
+        let summary = self.summary;
+        for (key, what) in [
+            (
+                "tolerance",
+                "asked for: relative l2 distance to the exact semi-discrete solution",
+            ),
+            (
+                "error_estimate",
+                "estimate of that distance, by a second reading",
+            ),
+            (
+                "error_estimate_reliable",
+                "whether the estimate can be relied on",
+            ),
+            ("error_semidiscrete", "that distance, measured"),
+            ("step_error", "part of an implicit step"),
+            ("time_error", "part of the steps of an inflow in time"),
+        ] {
+            rows.add(what, &summary[key]);
+        }
+        for (error, exact, what) in [
+            ("error_l1", "exact_l1", "distance to the exact solution, L1"),
+            ("error_l2", "exact_l2", "distance to the exact solution, l2"),
+            (
+                "error_density_l1",
+                "mass_exact",
+                "distance to the exact density, L1",
+            ),
+            (
+                "error_velocity_l1",
+                "",
+                "distance to the exact mean velocity, L1",
+            ),
+        ] {
+            let Some(value) = self.number(error) else {
+                continue;
+            };
+            let relative = self.number(exact).filter(|e| *e > 0.0);
+            let relative = relative.map(|e| format!(" ({} of it)", short(value / e)));
+            rows.text(
+                what,
+                &format!("{}{}", short(value), relative.unwrap_or_default()),
+            );
+        }
+        for (key, what) in [
+            ("mass", "mass at the end"),
+            ("mass_initial", "mass at the start"),
+            ("mass_exact", "exact mass"),
+            ("kinetic_energy", "kinetic energy at the end"),
+            (
+                "unitarity_defect",
+                "largest change of a mode's norm, of what is allowed",
+            ),
+        ] {
+            rows.add(what, &summary[key]);
+        }
+        let mut text = rows.table();
+        let fields = summary["fields"].as_array().filter(|f| !f.is_empty());
+        if let Some(fields) = fields {
+            text += "<table>\n<tr><th>field</th><th>smallest</th><th>largest</th><th>estimate</th><th>measured</th></tr>\n";
+            for field in fields {
+                text += "<tr>";
+                for key in [
+                    "name",
+                    "minimum",
+                    "maximum",
+                    "error_estimate",
+                    "error_semidiscrete",
+                ] {
+                    let _ = write!(text, "<td class=number>{}</td>", shown(&field[key]));
+                }
+                text += "</tr>\n";
+            }
+            text += "</table>\n";
+        }
+        text
+    }
+
+    fn pictures(&self) -> Result<String> {
+        let mut text = String::new();
+        for picture in &self.album.pictures {
+            let svg = picture.figure.svg()?;
+            // Without a head of its own.
+            let start = svg.find("<svg").unwrap_or(0);
+            let name = escaped(&picture.name);
+            let title = escaped(&picture.figure.title);
+            let _ = writeln!(
+                text,
+                "<figure id=\"picture-{name}\" role=img aria-label=\"{title}\">{}</figure>",
+                &svg[start..]
+            );
+        }
+        for (name, why) in &self.album.left_out {
+            let _ = writeln!(
+                text,
+                "<p>No picture {}: {}.</p>",
+                escaped(name),
+                escaped(why)
+            );
+        }
+        Ok(text)
+    }
+
+    fn cost(&self) -> String {
+        let (summary, mut rows) = (self.summary, Rows::default());
+        for (key, what) in [
+            ("wall_seconds", "seconds in all"),
+            ("solve_seconds", "seconds of propagation and recovery"),
+            ("ranks", "ranks"),
+            ("space_blocks", "blocks along each space axis"),
+            ("mode_groups", "mode groups"),
+            ("imbalance", "largest over mean cost of a mode group"),
+            ("cells", "unknowns"),
+            ("inflow_unknowns", "auxiliary unknowns of the inflow"),
+            ("modes", "modes (l ≥ 0)"),
+            ("matvecs", "applications of the matrix"),
+            ("solves", "linear systems solved"),
+            ("weight_sweeps", "sweeps for the weights"),
+            ("instruction_set", "instruction set"),
+        ] {
+            rows.add(what, &summary[key]);
+        }
+        for (key, what) in [
+            ("memory_planned_bytes_per_rank", "memory a rank, planned"),
+            ("memory_peak_bytes_per_rank", "memory a rank, measured"),
+        ] {
+            if let Some(bytes) = summary[key].as_u64() {
+                rows.text(what, &bytes_text(bytes));
+            }
+        }
+        let mut text = rows.table();
+        let steps = steps(self.run);
+        let most = steps.iter().fold(0.0f64, |m, s| m.max(s.1));
+        if most > 0.0 {
+            text += "<table>\n<tr><th>step</th><th>seconds</th><th></th></tr>\n";
+            for (step, seconds) in steps {
+                let _ = writeln!(
+                    text,
+                    "<tr><td>{}</td><td class=number>{}</td><td><span class=bar style=\"width:{:.1}rem\"></span></td></tr>",
+                    escaped(step),
+                    short(seconds),
+                    16.0 * seconds / most
+                );
+            }
+            text += "</table>\n";
+        }
+        text
+    }
+
+    fn probabilities(&self) -> String {
+        match &self.summary["probabilities"] {
+            Value::Null => String::new(),
+            found => {
+                "<p>With what probability the field would be measured: at the slice p◇ alone, and in the whole window in which it can be read.</p>\n".to_owned()
+                    + &all(found)
+            }
+        }
+    }
+
+    fn said(&self) -> String {
+        self.understood.map_or(String::new(), |text| {
+            format!("<pre>{}</pre>\n", escaped(text))
+        })
+    }
+
+    fn case(&self) -> String {
+        let mut text = String::new();
+        if !self.run.overrides.is_empty() {
+            let list: Vec<String> = self
+                .run
+                .overrides
+                .iter()
+                .map(|o| format!("--set {o}"))
+                .collect();
+            let _ = writeln!(
+                text,
+                "<p>With, from the command line:</p>\n<pre>{}</pre>",
+                escaped(&list.join("\n"))
+            );
+        }
+        let _ = writeln!(text, "<pre>{}</pre>", escaped(&self.run.text));
+        text
+    }
+
+    fn provenance(&self) -> String {
+        let mut rows = Rows::default();
+        for (name, value) in &self.run.provenance {
+            rows.text(name, &escaped(value));
+        }
+        rows.table()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_of_a_text_is_markup() {
+        assert_eq!(
+            escaped("<b a=\"1\" c='2'>&\u{1}\n"),
+            "&lt;b a=&quot;1&quot; c=&#39;2&#39;&gt;&amp;\u{fffd}\n"
+        );
+        let value = serde_json::json!({ "<k>": ["<v>"] });
+        assert!(!all(&value).contains("<k>") && !all(&value).contains("<v>"));
+        assert_eq!(
+            shown(&serde_json::json!({ "label": "exact", "value": 0.25 })),
+            "0.25 <span class=faint>exact</span>"
+        );
+    }
+}

@@ -1,0 +1,548 @@
+//! `phasewarp plot` and `phasewarp report`: every case in pictures, the numbers drawn are the file's, and a browser opens the page.
+//!
+//! The browser's test is skipped, and says so, where there is none; `make browser` installs one. A failure where
+//! `PHASEWARP_BROWSER=required`, as `.ci/run` sets it once it is installed.
+
+#[path = "support/launch.rs"]
+mod launch;
+#[path = "support/results.rs"]
+mod results;
+
+use launch::{Job, case, cases, check_all, directory, shrunk};
+use phasewarp::figure::{Figure, Layer, Map};
+use phasewarp::pictures::stored::Stored;
+use phasewarp::pictures::{self, Album, Cut};
+use results::datasets;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Grids small enough to be solved and drawn in a moment, where [`shrunk`] says nothing.
+fn tiny(name: &str) -> &'static [&'static str] {
+    match name {
+        "example1.toml" | "example2.toml" => &["axis.0.x.cells=24", "axis.0.v.cells=21"],
+        "example3.toml" => &["axis.0.v.cells=5", "axis.1.v.cells=4"],
+        "barrier2d.toml" => &[
+            "axis.0.v.cells=5",
+            "axis.1.v.cells=4",
+            "solver.tolerance=1e-3",
+        ],
+        other => shrunk(other),
+    }
+}
+
+/// The pixels of a PNG, which must not all be the same.
+fn look_at(path: &Path) -> Result<(u32, u32), String> {
+    let fails = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
+    let file = std::fs::File::open(path).map_err(|e| fails(&e))?;
+    let decoder = png::Decoder::new(std::io::BufReader::new(file));
+    let mut reader = decoder.read_info().map_err(|e| fails(&e))?;
+    let mut pixels = vec![0; reader.output_buffer_size()];
+    let info = reader.next_frame(&mut pixels).map_err(|e| fails(&e))?;
+    let bytes = info.color_type.samples();
+    let first = &pixels[..bytes];
+    let others = pixels.chunks_exact(bytes).filter(|p| *p != first).count();
+    // Text and frames alone are more.
+    if others < 500 {
+        return Err(fails(&format!(
+            "blank: {others} pixels are not as the first"
+        )));
+    }
+    Ok((info.width, info.height))
+}
+
+/// That an SVG is XML, and says these words.
+fn read_svg(path: &Path) -> Result<String, String> {
+    let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let document =
+        roxmltree::Document::parse(&text).map_err(|e| format!("{}: {e}", path.display()))?;
+    let words = document.descendants().filter_map(|n| n.text());
+    Ok(words.collect::<Vec<_>>().join(" "))
+}
+
+fn names(directory: &Path, ending: &str) -> Vec<String> {
+    let entries = std::fs::read_dir(directory).into_iter().flatten();
+    let all = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let mut names: Vec<String> = all
+        .filter_map(|n| Some(n.strip_suffix(ending)?.to_owned()))
+        .collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn every_case_is_drawn() {
+    const CLASSICAL: &[&str] = &[
+        "solver.method=classical",
+        "solver.classical.integrator=ssp-rk3",
+    ];
+    const MORE: &[&str] = &[
+        "output.moments_every=0.3",
+        "output.plateau={points=5}",
+        "readout={points=[[-0.5],[0.4]],shots=1000}",
+    ];
+    let mut rows: Vec<(String, usize, &[&str])> =
+        cases().into_iter().map(|name| (name, 1, &[][..])).collect();
+    rows.push(("example1.toml".to_owned(), 3, MORE));
+    rows.push(("example1.toml".to_owned(), 2, CLASSICAL));
+    rows.push(("step3d.toml".to_owned(), 2, CLASSICAL));
+    check_all(&rows, |(name, ranks, settings)| {
+        let place = directory();
+        let path = place.path().display().to_string();
+        Job::new(["run", &case(name)])
+            .set(tiny(name))
+            .set(settings)
+            .on(*ranks)
+            .within(120)
+            .solve(place.path())?;
+        let done = Job::new(["plot", &path]).on(*ranks).within(120).succeed()?;
+        let folder = place.path().join("plots");
+        let drawn = names(&folder, ".svg");
+        let plane = ["example3", "2d", "3d"].iter().any(|n| name.contains(n));
+        let classical = *settings == CLASSICAL;
+        let mut expected = vec!["phase_space", "time"];
+        expected.extend(if plane {
+            &["density", "velocity"][..]
+        } else {
+            &["moments"]
+        });
+        expected.extend(if classical {
+            &[][..]
+        } else {
+            &["modes", "profile"]
+        });
+        expected.extend(if *settings == MORE {
+            &["history", "plateau", "readout"][..]
+        } else {
+            &[]
+        });
+        expected.sort_unstable();
+        if drawn != expected
+            || names(&folder, ".png") != expected
+            || done.output.contains("left out")
+        {
+            return Err(done.report(&format!("{name}: drawn {drawn:?}, {expected:?} expected")));
+        }
+        for name in &drawn {
+            read_svg(&folder.join(format!("{name}.svg")))?;
+            let (width, height) = look_at(&folder.join(format!("{name}.png")))?;
+            if width < 300 || height < 150 {
+                return Err(format!("{name}.png: {width} x {height}"));
+            }
+        }
+        let done = Job::new(["report", &path])
+            .on(*ranks)
+            .within(120)
+            .succeed()?;
+        let page = std::fs::read_to_string(place.path().join("report.html"))
+            .map_err(|e| done.report(&e.to_string()))?;
+        let missing: Vec<&String> = drawn
+            .iter()
+            .filter(|n| !page.contains(&format!("picture-{n}\"")))
+            .collect();
+        if !missing.is_empty()
+            || page.contains("<script")
+            || page.contains("src=\"http")
+            || page.contains("NaN")
+        {
+            return Err(done.report(&format!(
+                "{name}: report lacks {missing:?}, or is not of its own"
+            )));
+        }
+        Ok(())
+    });
+}
+
+fn album(directory: &Path) -> Album {
+    let run = Stored::open(directory).unwrap();
+    pictures::draw(&run, None, &[]).unwrap()
+}
+
+fn figure<'a>(album: &'a Album, name: &str) -> &'a Figure {
+    let found = album.pictures.iter().find(|p| p.name == name);
+    &found.unwrap_or_else(|| panic!("no picture {name}")).figure
+}
+
+fn curve(figure: &Figure, panel: usize, wanted: &str) -> Vec<[f64; 2]> {
+    let layers = &figure.panels[panel].layers;
+    let found = layers.iter().find_map(|layer| match layer {
+        Layer::Line { label, points, .. } if label == wanted => Some(points.clone()),
+        _ => None,
+    });
+    found.unwrap_or_else(|| panic!("no curve {wanted}"))
+}
+
+fn maps(figure: &Figure) -> Vec<(&str, &Map)> {
+    let panels = figure.panels.iter();
+    let of = |layer| match layer {
+        &Layer::Map(ref map) => Some(map),
+        _ => None,
+    };
+    panels
+        .flat_map(|p| {
+            p.layers
+                .iter()
+                .filter_map(of)
+                .map(|m| (p.title.as_str(), m))
+        })
+        .collect()
+}
+
+#[test]
+fn numbers_drawn_are_those_of_the_file() {
+    let place = directory();
+    let job =
+        Job::new(["run", &case("example1.toml")]).set(&["axis.0.x.cells=26", "axis.0.v.cells=23"]);
+    let summary = job.on(2).solve(place.path()).unwrap();
+    let stored = datasets(place.path()).unwrap();
+    let album = album(place.path());
+    assert!(album.left_out.is_empty(), "{:?}", album.left_out);
+
+    let phase = figure(&album, "phase_space");
+    let maps = maps(phase);
+    let (f, exact) = (stored["/f"].numbers(), stored["/exact"].numbers());
+    let apart: Vec<f64> = f.iter().zip(&exact).map(|(a, b)| a - b).collect();
+    let titles: Vec<&str> = maps.iter().map(|m| m.0).collect();
+    assert_eq!(
+        titles,
+        ["exact", "Schrödingerized", "Schrödingerized − exact"]
+    );
+    for ((_, map), values) in maps.iter().zip([&exact, &f, &apart]) {
+        assert_eq!((map.shape, &map.values), ([26, 23], values));
+        assert_eq!((map.x, map.y), ([-1.5, 1.5], [-1.5, 1.5]));
+    }
+    // The jump, once a map.
+    let jumps = phase
+        .panels
+        .iter()
+        .flat_map(|p| &p.layers)
+        .filter_map(|l| match l {
+            Layer::Vertical { at, .. } => Some(*at),
+            _ => None,
+        });
+    assert_eq!(jumps.collect::<Vec<_>>(), [0.0; 3]);
+
+    let moments = figure(&album, "moments");
+    for (panel, name) in ["density", "momentum", "velocity"].iter().enumerate() {
+        let points = curve(moments, panel, "Schrödingerized");
+        let values: Vec<f64> = points.iter().map(|p| p[1]).collect();
+        assert_eq!(values, stored[&format!("/{name}")].numbers(), "{name}");
+        let x: Vec<f64> = points.iter().map(|p| p[0]).collect();
+        assert_eq!(x, stored["/axis/x"].numbers());
+    }
+    // The exact density is that of the exact field.
+    let total: f64 = curve(moments, 0, "exact")
+        .iter()
+        .map(|p| p[1] * 3.0 / 26.0)
+        .sum();
+    let cells: f64 = exact.iter().map(|f| f * 9.0 / (26.0 * 23.0)).sum();
+    assert!((total - cells).abs() < 1e-12);
+
+    // What the profile promises on the domain of dependence, and not beyond.
+    let profile = figure(&album, "profile");
+    let Some(Layer::Band { from, .. }) = profile.panels[1].layers.first() else {
+        panic!("no domain of dependence")
+    };
+    let bound = summary.number("growth_bound").unwrap();
+    assert!((from[0] + bound).abs() < 1e-9, "{from:?}");
+    assert!((from[1] - summary.number("decay_bound").unwrap()).abs() < 1e-9);
+    let errors = curve(profile, 1, "read at p◇");
+    let worst = |inside: bool| {
+        let all = errors
+            .iter()
+            .filter(|p| (from[0]..=from[1]).contains(&p[0]) == inside);
+        all.fold(0.0f64, |m, p| m.max(p[1]))
+    };
+    let ratio = summary.number("norm_ratio_planned").unwrap();
+    assert!(worst(true) <= 1e-6 / ratio, "{:e}", worst(true));
+    assert!(worst(false) > 1e-3, "{:e}", worst(false));
+
+    let modes = figure(&album, "modes");
+    let work: f64 = curve(modes, 1, "").iter().map(|p| p[1]).sum();
+    assert_eq!(work, summary.number("matvecs").unwrap());
+}
+
+#[test]
+fn planes_are_cut_where_asked() {
+    let place = directory();
+    // f = the exact solution at the end of no time to speak of: a polynomial that tells every axis.
+    let exact = "exact={ f = \"1 + x + 10*y + 100*vx + 1000*vy\" }";
+    let job = Job::new(["run", &case("barrier2d.toml")]).set(&[exact, "solver.tolerance=1e-2"]);
+    job.solve(place.path()).unwrap();
+    let run = Stored::open(place.path()).unwrap();
+    let cut = Cut::parse(&run, "y=0.3, vx = -0.2,vy=0.1").unwrap();
+    let album = pictures::draw(&run, None, std::slice::from_ref(&cut)).unwrap();
+    let centre = |a: usize, cell: usize| run.axis(a).centre(cell as i64);
+    for (k, place) in [(1, 0.3), (2, -0.2), (3, 0.1)] {
+        assert!((centre(k, cut.0[k]) - place).abs() <= 0.5 * run.axis(k).width() + 1e-12);
+    }
+    assert_eq!(cut.0[0], run.axis(0).cells / 2);
+    let maps = maps(figure(&album, "phase_space"));
+    let exact: Vec<_> = maps
+        .iter()
+        .filter(|m| m.0.starts_with("exact at"))
+        .collect();
+    assert_eq!(exact.len(), 2);
+    for (a, (_, map)) in exact.into_iter().enumerate() {
+        for (k, value) in map.values.iter().enumerate() {
+            let mut cells = cut.0.clone();
+            (cells[a], cells[2 + a]) = (k / map.shape[1], k % map.shape[1]);
+            let factors = [1.0, 10.0, 100.0, 1000.0];
+            let sum: f64 = factors
+                .iter()
+                .enumerate()
+                .map(|(b, c)| c * centre(b, cells[b]))
+                .sum();
+            assert!((value - 1.0 - sum).abs() < 1e-9, "{a} {k}");
+        }
+    }
+    for (text, words) in [
+        ("q=1", "no axis"),
+        ("x", "NAME=POSITION"),
+        ("x=9", "goes from"),
+        ("x=nan", "goes from"),
+        ("x=one", "not a number"),
+    ] {
+        let error = Cut::parse(&run, text).unwrap_err();
+        assert!(
+            error.to_string().contains(words) && error.exit_code() == 2,
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn what_is_missing_is_said() {
+    let [place, other, empty] = [directory(), directory(), directory()];
+    let at = |place: &tempfile::TempDir| place.path().display().to_string();
+    let small = ["axis.0.x.cells=20", "axis.0.v.cells=12"];
+    let job = Job::new(["run", &case("example1.toml")]);
+    job.clone().set(&small).solve(place.path()).unwrap();
+    job.clone()
+        .set(&["axis.0.x.cells=22", "axis.0.v.cells=12"])
+        .solve(other.path())
+        .unwrap();
+    let nowhere = at(&empty) + "/none";
+    let refused = |arguments: &[&str], words: &str| {
+        for ranks in [1, 2] {
+            let done = Job::new(arguments.iter().copied()).on(ranks).run().unwrap();
+            assert!(
+                done.code == Some(2) && done.errors.contains(words),
+                "{}",
+                done.report(words)
+            );
+            assert!(done.errors.trim_end().lines().count() == 1 && done.others.is_empty());
+        }
+    };
+    for command in ["plot", "report"] {
+        refused(&[command, &at(&empty)], "result.h5");
+        refused(&[command, &nowhere], "result.h5");
+        refused(&[command, &at(&place), "--slice", "x=0.1"], "one dimension");
+        refused(
+            &[command, &at(&place), "--beside", &at(&other)],
+            "another grid",
+        );
+    }
+    std::fs::write(empty.path().join("result.h5"), "nothing of HDF5").unwrap();
+    refused(&["plot", &at(&empty)], "result.h5");
+    // Where no directory can be.
+    let file = at(&place) + "/result.h5/below";
+    refused(&["plot", &at(&place), "-o", &file], "output directory");
+    refused(&["report", &at(&place), "-o", &file], "output directory");
+
+    // As of an older program: a dataset and a part of the plan are not there.
+    let path = place.path().join("result.h5");
+    let stored = hdf5::File::open_rw(&path).unwrap();
+    stored.unlink("velocity").unwrap();
+    stored.unlink("timings").unwrap();
+    stored.close().unwrap();
+    let done = Job::new(["plot", &at(&place)]).on(2).succeed().unwrap();
+    assert!(
+        done.output
+            .contains("moments: left out: there is no /velocity"),
+        "{}",
+        done.output
+    );
+    assert!(done.output.contains("time: left out"), "{}", done.output);
+    assert_eq!(
+        names(&place.path().join("plots"), ".svg"),
+        ["modes", "phase_space", "profile"]
+    );
+    std::fs::remove_file(place.path().join("summary.json")).unwrap();
+    refused(&["report", &at(&place)], "summary.json");
+}
+
+#[test]
+fn another_run_beside() {
+    let [place, other] = [directory(), directory()];
+    for (place, method) in [(&place, "schrodingerized"), (&other, "classical")] {
+        let method = format!("solver.method={method}");
+        let settings = [
+            "axis.0.x.cells=18",
+            "axis.0.v.cells=16",
+            "time.end=0.9",
+            &method,
+        ];
+        Job::new(["run", &case("example2.toml")])
+            .set(&settings)
+            .solve(place.path())
+            .unwrap();
+    }
+    let [run, beside] = [&place, &other].map(|p| Stored::open(p.path()).unwrap());
+    let album = pictures::draw(&run, Some(&beside), &[]).unwrap();
+    let maps = maps(figure(&album, "phase_space"));
+    let titles: Vec<&str> = maps.iter().map(|m| m.0).collect();
+    assert!(
+        titles.contains(&"φ, classical") && titles.contains(&"φ, Schrödingerized"),
+        "{titles:?}"
+    );
+    // Both are within the tolerance of the same, but not the same.
+    let of = |title: &str| &maps.iter().find(|m| m.0 == title).unwrap().1.values;
+    let apart = results::distance(of("φ, Schrödingerized"), of("φ, classical"));
+    assert!(apart > 0.0 && apart < 1e-5, "{apart:e}");
+    // The density with the discrete delta function: φ δ(ψ) sums to it.
+    let (concentrated, density) = (
+        of("φ δ(ψ), Schrödingerized"),
+        datasets(place.path()).unwrap()["/density"].numbers(),
+    );
+    for (line, density) in concentrated.chunks(16).zip(density) {
+        let sum: f64 = line.iter().map(|f| f * 3.2 / 16.0).sum();
+        assert!((sum - density).abs() < 1e-12, "{sum} {density}");
+    }
+}
+
+fn browser() -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    let names = ["chromium", "chromium-browser", "google-chrome"];
+    let places: Vec<PathBuf> = std::env::split_paths(&path).collect();
+    let all = names
+        .iter()
+        .flat_map(|name| places.iter().map(move |p| p.join(name)));
+    all.into_iter().find(|p| p.is_file())
+}
+
+/// Runs the browser on a page, in a window of this width, with `more` options; what it prints.
+fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<String, String> {
+    let profile = directory();
+    let mut command = Command::new(browser);
+    command
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--no-first-run",
+        ])
+        .args([
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--disable-sync",
+            "--disable-default-apps",
+        ])
+        .args([
+            "--disable-domain-reliability",
+            "--disable-client-side-phishing-detection",
+            "--hide-scrollbars",
+        ])
+        .arg("--disable-features=OptimizationHints,MediaRouter,Translate")
+        .arg(format!("--user-data-dir={}", profile.path().display()))
+        .arg(format!("--window-size={width},2400"))
+        .args(more)
+        .arg(format!("file://{}", page.display()))
+        .env("HOME", profile.path());
+    let output = command
+        .output()
+        .map_err(|e| format!("{}: {e}", browser.display()))?;
+    if !output.status.success() {
+        return Err(String::from_utf8_lossy(&output.stderr).into_owned());
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// Addresses beyond this machine's files that a log of the browser's network names as those of requests of a page.
+fn requests(log: &Path) -> Vec<String> {
+    let text = std::fs::read_to_string(log).unwrap();
+    let pieces = text
+        .split("\"url\":\"")
+        .skip(1)
+        .filter_map(|rest| rest.split('"').next());
+    let beyond =
+        |url: &&str| url.starts_with("http:") || url.starts_with("https:") || url.starts_with("ws");
+    pieces.filter(beyond).map(str::to_owned).collect()
+}
+
+#[test]
+fn a_browser_opens_the_report() {
+    let Some(browser) = browser() else {
+        let why = "no chromium, chromium-browser or google-chrome; `make browser` installs one";
+        let required = std::env::var("PHASEWARP_BROWSER").is_ok_and(|v| v == "required");
+        assert!(!required, "{why}");
+        // Not through the test's own output, which is shown of failures only.
+        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/pictures.rs: {why}");
+        return;
+    };
+    let place = directory();
+    let marked =
+        "title=\"</title><script>document.title='x'</script><img src=http://127.0.0.1:9/a.png>\"";
+    let settings = [
+        "axis.0.x.cells=40",
+        "axis.0.v.cells=38",
+        "output.moments_every=0.25",
+        marked,
+    ];
+    let job = Job::new(["run", &case("example1.toml")])
+        .set(&settings)
+        .on(2);
+    job.solve(place.path()).unwrap();
+    Job::new(["report", &place.path().display().to_string()])
+        .succeed()
+        .unwrap();
+    let page = place.path().join("report.html");
+    let pictures = album(place.path()).pictures.len();
+    assert!(pictures >= 6);
+
+    // It is not blank, and asks for nothing.
+    let (shot, log) = (place.path().join("shot.png"), place.path().join("net.json"));
+    let log_to = |log: &Path| format!("--log-net-log={}", log.display());
+    let options = [format!("--screenshot={}", shot.display()), log_to(&log)];
+    open(&browser, &page, 1200, &options).unwrap();
+    let (width, height) = look_at(&shot).unwrap();
+    assert_eq!((width, height), (1200, 2400));
+    assert_eq!(requests(&log), Vec::<String>::new());
+    // Control: a page that does is noticed.
+    let asking = place.path().join("asking.html");
+    std::fs::write(&asking, "<img src=http://127.0.0.1:9/a.png>").unwrap();
+    open(
+        &browser,
+        &asking,
+        600,
+        &[log_to(&log), "--dump-dom".to_owned()],
+    )
+    .unwrap();
+    assert!(requests(&log).iter().any(|url| url.contains("127.0.0.1:9")));
+
+    // Every picture has its place, nothing sticks out sideways; asked of the page by a script, which it does not allow itself.
+    let text = std::fs::read_to_string(&page).unwrap();
+    let policy = text
+        .lines()
+        .find(|l| l.contains("Content-Security-Policy"))
+        .unwrap();
+    let script = "<script>const wide=e=>e.getBoundingClientRect().width>250;document.body.innerHTML=\
+        'pictures='+[...document.querySelectorAll('figure svg')].filter(wide).length+\
+        ' marked='+document.querySelectorAll('img:not(svg *)').length+\
+        ' over='+(document.documentElement.scrollWidth-document.documentElement.clientWidth)</script></body>";
+    let measured = place.path().join("measured.html");
+    std::fs::write(
+        &measured,
+        text.replace(policy, "").replace("</body>", script),
+    )
+    .unwrap();
+    for width in [1200, 600] {
+        let said = open(&browser, &measured, width, &["--dump-dom".to_owned()]).unwrap();
+        let expected = format!("pictures={pictures} marked=0 over=0");
+        assert!(
+            said.contains(&expected),
+            "{width}: {expected} expected, {said}"
+        );
+    }
+}
