@@ -23,14 +23,13 @@ use crate::case::{Case, Method};
 use crate::communicator::{Group, World};
 use crate::error::{Error, Result};
 use crate::grid::PhaseSpace;
-use crate::matrix::Lanes;
 use crate::plan::{Bounds, Resources};
 use crate::potential::overlooked;
 use crate::run::trial::trial;
 use crate::run::{Assembled, memory_per_rank, refuse_hopeless_here};
-use forecast::{Expected, Forecast};
+use forecast::Forecast;
 use front::front;
-use knobs::{Setup, grid_name, is_reference, refused};
+use knobs::{Setup, grid_name, refused};
 use programme::{Programme, Setting};
 use serde::Serialize;
 use std::time::{Duration, Instant};
@@ -98,6 +97,7 @@ impl Chart {
             world,
             all: world.group(),
             case,
+            jumps,
             budget: budget.as_secs_f64(),
             started: Instant::now(),
             forecasting: 0.0,
@@ -125,6 +125,8 @@ struct Work<'a> {
     world: &'a World,
     all: Group,
     case: &'a Case,
+    /// Whether `V` does.
+    jumps: bool,
     /// Seconds.
     budget: f64,
     started: Instant,
@@ -156,8 +158,7 @@ impl Work<'_> {
     fn fits(&self, seconds: f64, elapsed: f64) -> bool {
         let anything = self.entries.iter().any(|e| e.status == Status::Done);
         !anything
-            || (seconds <= LARGEST_PART * self.budget
-                && elapsed + MARGIN * seconds <= self.budget)
+            || (seconds <= LARGEST_PART * self.budget && elapsed + MARGIN * seconds <= self.budget)
     }
 
     /// Tries `settings` in order, each once. Collective.
@@ -174,9 +175,11 @@ impl Work<'_> {
     /// One setting: run, refused or left out. Collective.
     fn attempt(&mut self, (space, setup): &Setting) -> Entry {
         let mut case = setup.settle(self.case, space, None);
+        let jumps = self.jumps;
         let label = |case: &Case, status| Entry {
             as_given: *setup == Setup::Given,
             paper: matches!(setup, Setup::Paper { .. }),
+            no_jump: !jumps,
             ..Entry::of(case, status)
         };
         let refusal = |case: &Case, reason: String| Entry {
@@ -228,6 +231,7 @@ impl Work<'_> {
                 Entry {
                     as_given: named.as_given,
                     paper: named.paper,
+                    no_jump: named.no_jump,
                     ..Entry::done(&case, &trial, [seconds, total])
                 }
             }
@@ -266,8 +270,8 @@ impl Work<'_> {
             work.told(all)
         };
         let candidates = &programme.grids[..=programme.own];
-        let affordable = (candidates.iter().rev())
-            .find(|space| together(self, space) <= COMPARED * self.budget);
+        let affordable =
+            (candidates.iter().rev()).find(|space| together(self, space) <= COMPARED * self.budget);
         affordable.unwrap_or(&candidates[0]).clone()
     }
 

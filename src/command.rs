@@ -1,5 +1,6 @@
 //! The subcommands.
 
+mod chart;
 mod export;
 mod resources;
 mod spectrum;
@@ -147,6 +148,21 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 ));
             }
         }
+        Command::Chart {
+            case,
+            output,
+            budget,
+        } => {
+            let case = load(world, case)?;
+            let directory = output
+                .clone()
+                .unwrap_or_else(|| directory_for(&case.name, "chart"));
+            let chart = chart::chart(world, &case, *budget, &directory)?;
+            if speaks {
+                say(chart.to_string().trim_end());
+                say(&format!("files in {}", directory.display()));
+            }
+        }
         Command::ExportQuantum { case, output } => {
             let case = load(world, case)?;
             let directory = output
@@ -246,6 +262,13 @@ fn load(world: &World, args: &CaseArgs) -> Result<Case> {
 fn default_directory(case: &str) -> PathBuf {
     let stem = Path::new(case).file_stem().unwrap_or_default();
     Path::new("results").join(stem)
+}
+
+/// `results/NAME-chart`, and so on.
+fn directory_for(case: &str, what: &str) -> PathBuf {
+    let mut name = default_directory(case).into_os_string();
+    name.push(format!("-{what}"));
+    name.into()
 }
 
 fn closing_line(summary: &Summary, directory: &Path) -> String {

@@ -42,6 +42,7 @@
 pub mod case;
 mod case_file;
 pub mod characteristics;
+pub mod chart;
 pub mod checkpoint;
 pub mod classical;
 pub mod cli;

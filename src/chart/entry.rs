@@ -52,6 +52,8 @@ pub struct Entry {
     pub coefficients: Option<String>,
     /// Whether the unknowns are weighted.
     pub weights: Option<bool>,
+    /// Whether `V` does not jump: interfaces and weights are then all the same.
+    pub no_jump: bool,
     /// How the inflow is embedded, where something enters.
     pub embedding: Option<String>,
     /// What applies `exp(−iHT)`.
@@ -123,6 +125,7 @@ impl Entry {
             profile: modes.then(|| word(&warp.profile)),
             coefficients: modes.then(|| word(&warp.coefficients)),
             weights: modes.then_some(warp.weights),
+            no_jump: false,
             embedding: (modes && case.enters()).then(|| word(&warp.inflow)),
             propagator: modes.then(|| word(&case.propagator.method)),
             step: case.propagator.step.filter(|_| modes),
@@ -212,6 +215,7 @@ impl Entry {
         parts.extend(self.tolerance.map(|t| format!("to {t:.0e}")));
         parts.extend(self.points.map(|n| format!("with N_p = {n}")));
         match self.weights {
+            Some(_) if self.no_jump => {}
             Some(true) => parts.push("(weights)".to_owned()),
             Some(false) => parts.push(format!("({}, no weights)", self.interface)),
             None => {}

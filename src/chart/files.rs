@@ -2,14 +2,14 @@
 
 use super::verdict::time;
 use super::{Chart, Entry, Status, picture};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::output::failure;
 use serde_json::Value;
 use std::fmt;
 use std::path::Path;
 
 /// Columns of `chart.csv`: all of an [`Entry`], in its order.
-pub const COLUMNS: [&str; 38] = [
+pub const COLUMNS: [&str; 39] = [
     "status",
     "reason",
     "expected_seconds",
@@ -25,6 +25,7 @@ pub const COLUMNS: [&str; 38] = [
     "profile",
     "coefficients",
     "weights",
+    "no_jump",
     "embedding",
     "propagator",
     "step",
@@ -67,7 +68,9 @@ fn field(value: &Value) -> String {
 }
 
 fn field_text(value: &Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+    value
+        .as_str()
+        .map_or_else(|| value.to_string(), str::to_owned)
 }
 
 /// `chart.csv`: a line of names, then one a trial.
@@ -81,13 +84,27 @@ pub fn csv(entries: &[Entry]) -> String {
     text
 }
 
+/// Makes `directory` and makes sure that it can be written. On one rank.
+///
+/// # Errors
+/// [`Error::Directory`].
+pub fn prepare(directory: &Path) -> Result<()> {
+    let probe = directory.join(".phasewarp-can-write");
+    let attempt = std::fs::create_dir_all(directory)
+        .and_then(|()| std::fs::write(&probe, b""))
+        .and_then(|()| std::fs::remove_file(&probe));
+    attempt.map_err(|e| Error::Directory {
+        path: directory.to_owned(),
+        reason: e.to_string(),
+    })
+}
+
 impl Chart {
-    /// Writes `chart.csv`, `chart.json`, `chart.svg` and `chart.png` into `directory`, which is made. On one rank.
+    /// Writes `chart.csv`, `chart.json`, `chart.svg` and `chart.png` into `directory`. On one rank.
     ///
     /// # Errors
     /// [`crate::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        std::fs::create_dir_all(directory).map_err(|e| failure(directory, &e))?;
         let json = directory.join("chart.json");
         let text = serde_json::to_string_pretty(self).map_err(|e| failure(&json, &e))?;
         let csv_path = directory.join("chart.csv");
@@ -119,12 +136,24 @@ impl fmt::Display for Chart {
         let key = |e: &&Entry| (e.cells, e.method as u8);
         rows.sort_by_key(key);
         let names: Vec<String> = rows.iter().map(|e| e.name()).collect();
-        let width = names.iter().map(|n| n.chars().count()).max().unwrap_or(0).max(6);
+        let width = names
+            .iter()
+            .map(|n| n.chars().count())
+            .max()
+            .unwrap_or(0)
+            .max(6);
         let grid = rows.iter().map(|e| e.grid.len()).max().unwrap_or(0).max(4);
         writeln!(
             f,
             "{:<grid$}  {:<width$}  {:>9}  {:>13}  {:>9}  {:>12}  {:>7}  {:>11}  front",
-            "grid", "method", "exact", "semi-discrete", "seconds", "applications", "MiB", "probability"
+            "grid",
+            "method",
+            "exact",
+            "semi-discrete",
+            "seconds",
+            "applications",
+            "MiB",
+            "probability"
         )?;
         for (e, name) in rows.iter().zip(&names) {
             let applications = e.applications.map_or("-".to_owned(), |n| n.to_string());
@@ -163,7 +192,11 @@ impl Chart {
         };
         let names: Vec<String> = self.entries.iter().filter(out).map(name).collect();
         if !names.is_empty() {
-            writeln!(f, "\nleft out, with the time expected:\n{}", names.join("\n"))?;
+            writeln!(
+                f,
+                "\nleft out, with the time expected:\n{}",
+                names.join("\n")
+            )?;
         }
         Ok(())
     }

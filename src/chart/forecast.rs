@@ -132,7 +132,11 @@ impl Forecast {
         let other = || (self.rates.iter().map(|(kind, rate)| (*kind, rate))).next_back();
         let rate = match known.or_else(other) {
             Some((of, rate)) => {
-                let colder = if cells > 2.0 * rate.cells { COLDER } else { 1.0 };
+                let colder = if cells > 2.0 * rate.cells {
+                    COLDER
+                } else {
+                    1.0
+                };
                 let larger = kind.growth(cells) / of.growth(rate.cells);
                 rate.per_cell * kind.unit() / of.unit() * colder * larger
             }

@@ -85,10 +85,17 @@ impl Programme {
         let designed = PROFILES[0];
         let mut setups = classical();
         setups.extend(PROFILES.map(first));
-        setups.extend(treatments[1..].iter().map(|&treatment| {
-            warped(designed, treatment, PropagatorMethod::Chebyshev, FIRST)
-        }));
-        setups.push(warped(designed, treatments[0], PropagatorMethod::Krylov, FIRST));
+        setups.extend(
+            treatments[1..]
+                .iter()
+                .map(|&treatment| warped(designed, treatment, PropagatorMethod::Chebyshev, FIRST)),
+        );
+        setups.push(warped(
+            designed,
+            treatments[0],
+            PropagatorMethod::Krylov,
+            FIRST,
+        ));
         setups.extend(IMPLICIT.map(|method| stepped(designed, treatments[0], method, STEPS[0])));
         setups.push(paper(POINTS[0]));
         setups.push(sampled(POINTS[0]));
@@ -138,9 +145,19 @@ impl Programme {
             let series = |profile| warped(profile, base, PropagatorMethod::Chebyshev, tolerance);
             setups.extend(PROFILES.map(series));
             setups.extend(self.treatments()[1..].iter().map(|&treatment| {
-                warped(PROFILES[0], treatment, PropagatorMethod::Chebyshev, tolerance)
+                warped(
+                    PROFILES[0],
+                    treatment,
+                    PropagatorMethod::Chebyshev,
+                    tolerance,
+                )
             }));
-            setups.push(warped(PROFILES[0], base, PropagatorMethod::Krylov, tolerance));
+            setups.push(warped(
+                PROFILES[0],
+                base,
+                PropagatorMethod::Krylov,
+                tolerance,
+            ));
         }
         for steps in STEPS {
             setups.extend(IMPLICIT.map(|method| stepped(PROFILES[0], base, method, steps)));

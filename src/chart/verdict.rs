@@ -94,12 +94,19 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
     }
     let grid = &chart.compared_on;
     for (kind, entries) in &kinds {
-        let entries: Vec<&Entry> = entries.iter().filter(|e| e.grid == *grid).copied().collect();
+        let entries: Vec<&Entry> = entries
+            .iter()
+            .filter(|e| e.grid == *grid)
+            .copied()
+            .collect();
         let point = |e: &Entry| Some([e.seconds?, e.error_semidiscrete?]);
         let ladder_ = ladder(&entries, &SEMIDISCRETE, point, [&here, &seconds]);
         let reference = entries.iter().find(|e| e.is_reference());
         let also = reference.map_or(String::new(), |e| {
-            format!(" (the exponential is that solution to round-off: {})", seconds(e))
+            format!(
+                " (the exponential is that solution to round-off: {})",
+                seconds(e)
+            )
         });
         found.extend(ladder_.map(|l| {
             format!("Of the semi-discrete solution on {grid} (relative l2), {kind}{also}: {l}.")
@@ -110,7 +117,10 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
         .copied()
         .collect();
     let point = |e: &Entry| Some([e.until_measured?, e.error_semidiscrete?]);
-    let until = |e: &Entry| e.until_measured.map_or(String::new(), |n| format!("{n:.1e}"));
+    let until = |e: &Entry| {
+        e.until_measured
+            .map_or(String::new(), |n| format!("{n:.1e}"))
+    };
     let measured = ladder(&entries, &SEMIDISCRETE, point, [&here, &until]);
     found.extend(measured.map(|l| {
         format!(
@@ -152,11 +162,7 @@ fn account(chart: &Chart) -> String {
         let most = expected.iter().copied().fold(0.0, f64::max);
         text += &format!(", {out} left out as they did not fit");
         if !expected.is_empty() {
-            text += &format!(
-                " (expected to take {} to {} each)",
-                time(least),
-                time(most)
-            );
+            text += &format!(" (expected to take {} to {} each)", time(least), time(most));
         }
     }
     text + "."
