@@ -35,6 +35,7 @@
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
 //! | [`checkpoint`] | what is finished, on disk: a run that was stopped goes on |
 //! | [`figure`] | pictures as data, to SVG and PNG |
+//! | [`chart`] | accuracy against cost, method by method |
 //! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |
 
 #![deny(missing_docs)]
