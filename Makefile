@@ -2,6 +2,7 @@
 
 RANKS   ?= 2
 CASE    ?= cases/example1.toml
+BUDGET  ?= 60s
 RESULTS ?= results/$(basename $(notdir $(CASE)))
 
 # A fresh rustup puts cargo where the shell finds it only after the next login.
@@ -19,7 +20,7 @@ CARGO   = $(shell scripts/setup.sh --environment) cargo
 PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 
 .DEFAULT_GOAL := build
-.PHONY: stability quantum run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers qiskit setup clean help browser examples
+.PHONY: stability quantum run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers qiskit setup clean help browser examples chart
 
 run: build ## build, then solve example 1 of the paper on two ranks (CASE=, RANKS=, RESULTS= for another)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
@@ -79,6 +80,13 @@ qiskit: ## install, for tests/simulator.rs, a Python with Qiskit into target/qis
 
 browser: ## install, for tests/pictures.rs, a Chromium that opens reports (Debian, Ubuntu)
 	@scripts/setup.sh --browser
+chart: $(foreach n,1 2 3,chart-$(n)) ## accuracy against cost for examples 1 to 3, into docs/charts/ (BUDGET= for each; two ranks)
+
+chart-%: build
+	mpirun -np $(RANKS) $(PROGRAM) chart cases/example$*.toml --budget $(BUDGET) -o results/example$*-chart
+	@mkdir -p docs/charts
+	cp results/example$*-chart/chart.svg docs/charts/example$*.svg
+	cp results/example$*-chart/chart.csv docs/charts/example$*.csv
 
 setup: ## install Open MPI, libclang, parallel HDF5 and pkg-config where they are missing, or name them
 	@scripts/setup.sh

@@ -135,6 +135,18 @@ pub enum Command {
         #[command(flatten)]
         drawn: DrawnArgs,
     },
+    /// Accuracy against cost, method by method: chart.csv, chart.json, chart.svg, chart.png
+    Chart {
+        /// The case.
+        #[command(flatten)]
+        case: CaseArgs,
+        /// Directory of the files; by default results/NAME-chart
+        #[arg(short, long, value_name = "DIR")]
+        output: Option<PathBuf>,
+        /// About how long it may take: 60s, 10m
+        #[arg(long, value_name = "TIME", default_value = "60s", value_parser = parse_duration)]
+        budget: Duration,
+    },
     /// States, Hamiltonian and circuits of a tiny case (at most 12 qubits), for a simulator of quantum computers
     ExportQuantum {
         /// The case.

@@ -1,5 +1,6 @@
 //! The subcommands.
 
+mod chart;
 mod drawn;
 mod export;
 mod resources;
@@ -163,6 +164,21 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             let drawn = drawn::report(world, drawn)?;
             if speaks {
                 drawn.tell();
+            }
+        }
+        Command::Chart {
+            case,
+            output,
+            budget,
+        } => {
+            let case = load(world, case)?;
+            let directory = output
+                .clone()
+                .unwrap_or_else(|| beside(&case.name, "chart"));
+            let chart = chart::chart(world, &case, *budget, &directory)?;
+            if speaks {
+                say(chart.to_string().trim_end());
+                say(&format!("files in {}", directory.display()));
             }
         }
         Command::ExportQuantum { case, output } => {

@@ -38,6 +38,7 @@
 //! | [`checkpoint`] | what is finished, on disk: a run that was stopped goes on |
 //! | [`stability`] | where methods fail: borders measured beside theory |
 //! | [`figure`] | pictures as data, to SVG and PNG |
+//! | [`chart`] | accuracy against cost, method by method |
 //! | [`cli`], [`command`], [`error`] | the command line and what can go wrong |
 
 #![deny(missing_docs)]
@@ -46,6 +47,7 @@ pub mod advise;
 pub mod case;
 mod case_file;
 pub mod characteristics;
+pub mod chart;
 pub mod checkpoint;
 pub mod classical;
 pub mod cli;

@@ -1,0 +1,203 @@
+//! `chart.csv`, `chart.json`, and the table on the terminal.
+
+use super::verdict::time;
+use super::{Chart, Entry, Status, picture};
+use crate::error::{Error, Result};
+use crate::output::failure;
+use serde_json::Value;
+use std::fmt;
+use std::path::Path;
+
+/// Columns of `chart.csv`: all of an [`Entry`], in its order.
+pub const COLUMNS: [&str; 39] = [
+    "status",
+    "reason",
+    "expected_seconds",
+    "as_given",
+    "paper",
+    "method",
+    "grid",
+    "cells",
+    "interface",
+    "integrator",
+    "limiter",
+    "cfl",
+    "profile",
+    "coefficients",
+    "weights",
+    "no_jump",
+    "embedding",
+    "propagator",
+    "step",
+    "tolerance",
+    "points",
+    "modes",
+    "applications",
+    "solves",
+    "seconds",
+    "total_seconds",
+    "memory_bytes_per_rank",
+    "error_exact",
+    "error_exact_l2",
+    "error_semidiscrete",
+    "error_estimate",
+    "probability_window",
+    "probability_slice",
+    "until_measured",
+    "front_exact",
+    "front_seconds",
+    "front_applications",
+    "front_until_measured",
+    "warnings",
+];
+
+/// A field of a CSV file (RFC 4180), on one line.
+fn field(value: &Value) -> String {
+    let text = match value {
+        Value::Null => String::new(),
+        Value::String(text) => text.clone(),
+        Value::Array(list) => list.iter().map(field_text).collect::<Vec<_>>().join("; "),
+        other => other.to_string(),
+    };
+    let text = text.replace(['\n', '\r'], " ");
+    if text.contains(['"', ',']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text
+    }
+}
+
+fn field_text(value: &Value) -> String {
+    value
+        .as_str()
+        .map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// `chart.csv`: a line of names, then one a trial.
+pub fn csv(entries: &[Entry]) -> String {
+    let mut text = COLUMNS.join(",") + "\n";
+    for entry in entries {
+        let row = serde_json::to_value(entry).unwrap_or_default();
+        let fields: Vec<String> = COLUMNS.iter().map(|name| field(&row[*name])).collect();
+        text += &(fields.join(",") + "\n");
+    }
+    text
+}
+
+/// Makes `directory` and makes sure that it can be written. On one rank.
+///
+/// # Errors
+/// [`Error::Directory`].
+pub fn prepare(directory: &Path) -> Result<()> {
+    let probe = directory.join(".phasewarp-can-write");
+    let attempt = std::fs::create_dir_all(directory)
+        .and_then(|()| std::fs::write(&probe, b""))
+        .and_then(|()| std::fs::remove_file(&probe));
+    attempt.map_err(|e| Error::Directory {
+        path: directory.to_owned(),
+        reason: e.to_string(),
+    })
+}
+
+impl Chart {
+    /// Writes `chart.csv`, `chart.json`, `chart.svg` and `chart.png` into `directory`. On one rank.
+    ///
+    /// # Errors
+    /// [`crate::error::Error::Output`].
+    pub fn write(&self, directory: &Path) -> Result<()> {
+        let json = directory.join("chart.json");
+        let text = serde_json::to_string_pretty(self).map_err(|e| failure(&json, &e))?;
+        let csv_path = directory.join("chart.csv");
+        for (path, text) in [(json, text + "\n"), (csv_path, csv(&self.entries))] {
+            std::fs::write(&path, text).map_err(|e| failure(&path, &e))?;
+        }
+        picture::figure(self).write(directory, "chart")?;
+        Ok(())
+    }
+}
+
+impl fmt::Display for Chart {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}, on a front:\n", self.title)?;
+        let error = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.2e}"));
+        let fronts = |e: &Entry| {
+            let marks = [
+                ('e', e.front_exact),
+                ('s', e.front_seconds),
+                ('a', e.front_applications),
+                ('m', e.front_until_measured),
+            ];
+            let on = marks.into_iter().filter(|(_, on)| *on);
+            on.map(|(mark, _)| mark).collect::<String>()
+        };
+        let mut rows: Vec<&Entry> = (self.entries.iter())
+            .filter(|e| !fronts(e).is_empty())
+            .collect();
+        let key = |e: &&Entry| (e.cells, e.method as u8);
+        rows.sort_by_key(key);
+        let names: Vec<String> = rows.iter().map(|e| e.name()).collect();
+        let width = names
+            .iter()
+            .map(|n| n.chars().count())
+            .max()
+            .unwrap_or(0)
+            .max(6);
+        let grid = rows.iter().map(|e| e.grid.len()).max().unwrap_or(0).max(4);
+        writeln!(
+            f,
+            "{:<grid$}  {:<width$}  {:>9}  {:>13}  {:>9}  {:>12}  {:>7}  {:>11}  front",
+            "grid",
+            "method",
+            "exact",
+            "semi-discrete",
+            "seconds",
+            "applications",
+            "MiB",
+            "probability"
+        )?;
+        for (e, name) in rows.iter().zip(&names) {
+            let applications = e.applications.map_or("-".to_owned(), |n| n.to_string());
+            let memory = e.memory_bytes_per_rank;
+            let memory = memory.map_or("-".to_owned(), |m| format!("{:.0}", m as f64 / 1048576.0));
+            writeln!(
+                f,
+                "{:<grid$}  {name:<width$}  {:>9}  {:>13}  {:>9}  {applications:>12}  {memory:>7}  {:>11}  {}",
+                e.grid,
+                error(e.error_exact),
+                error(e.error_semidiscrete),
+                e.seconds.map_or("-".to_owned(), |s| format!("{s:.4}")),
+                error(e.probability_window.or(e.probability_slice)),
+                fronts(e)
+            )?;
+        }
+        writeln!(
+            f,
+            "\nfronts: e exact error against seconds; to the semi-discrete solution of the grid: s against seconds, a against applications, m against \
+             applications until it is measured; classical methods and modes apart\n"
+        )?;
+        for sentence in &self.sentences {
+            writeln!(f, "{sentence}")?;
+        }
+        self.left_out(f)
+    }
+}
+
+impl Chart {
+    /// The names of what was left out.
+    fn left_out(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let out = |e: &&Entry| e.status == Status::LeftOut;
+        let name = |e: &Entry| {
+            let seconds = e.expected_seconds.map_or(String::new(), time);
+            format!("  {} on {}: {seconds}", e.name(), e.grid)
+        };
+        let names: Vec<String> = self.entries.iter().filter(out).map(name).collect();
+        if !names.is_empty() {
+            writeln!(
+                f,
+                "\nleft out, with the time expected:\n{}",
+                names.join("\n")
+            )?;
+        }
+        Ok(())
+    }
+}

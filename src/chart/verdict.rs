@@ -1,0 +1,169 @@
+//! Which method to take at which accuracy, in sentences that follow from the trials.
+
+use super::{Chart, Entry, Status};
+use crate::case::Method;
+use crate::run::calibrate::seconds_text;
+
+/// Accuracies that are asked for, loose to tight.
+const EXACT: [f64; 10] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];
+const SEMIDISCRETE: [f64; 5] = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10];
+
+/// A number of few digits, as people write it.
+pub fn short(x: f64) -> String {
+    if (0.001..1.0).contains(&x) {
+        format!("{x}")
+    } else {
+        format!("{x:.0e}")
+    }
+}
+
+/// The cheapest of `entries` at each of `accuracies`: the tightest accuracy that each winner is the winner of, and the one that nothing
+/// reaches.
+pub fn winners<'a>(
+    entries: &[&'a Entry],
+    accuracies: &[f64],
+    point: impl Fn(&Entry) -> Option<[f64; 2]>,
+) -> (Vec<(f64, &'a Entry)>, Option<f64>) {
+    let mut found: Vec<(f64, &Entry)> = Vec::new();
+    for &accuracy in accuracies {
+        let reach = entries.iter().filter_map(|e| {
+            let [cost, error] = point(e)?;
+            (error <= accuracy && cost.is_finite()).then_some((cost, *e))
+        });
+        let Some((_, best)) = reach.min_by(|(a, _), (b, _)| a.total_cmp(b)) else {
+            return (found, Some(accuracy));
+        };
+        match found.last_mut() {
+            Some((tightest, last)) if std::ptr::eq(*last, best) => *tightest = accuracy,
+            _ => found.push((accuracy, best)),
+        }
+    }
+    (found, None)
+}
+
+/// `within 0.1 …, 0.02 s; within 0.03 …; none came within 0.01 (closest …)`.
+fn ladder(
+    entries: &[&Entry],
+    accuracies: &[f64],
+    point: impl Fn(&Entry) -> Option<[f64; 2]>,
+    [name, cost]: [&dyn Fn(&Entry) -> String; 2],
+) -> Option<String> {
+    let error = |e: &Entry| point(e).map(|[_, error]| error).filter(|e| e.is_finite());
+    let closest = (entries.iter())
+        .filter_map(|e| Some((error(e)?, *e)))
+        .min_by(|(a, _), (b, _)| a.total_cmp(b));
+    let (closest_error, closest) = closest?;
+    let (winners, missed) = winners(entries, accuracies, &point);
+    let mut parts: Vec<String> = (winners.iter())
+        .map(|(within, e)| format!("within {} {}, {}", short(*within), name(e), cost(e)))
+        .collect();
+    if let Some(missed) = missed {
+        parts.push(format!(
+            "none came within {} (closest: {}, {closest_error:.1e})",
+            short(missed),
+            name(closest)
+        ));
+    }
+    Some(parts.join("; "))
+}
+
+/// All sentences about a chart.
+pub fn sentences(chart: &Chart) -> Vec<String> {
+    let done = |method| -> Vec<&Entry> {
+        let entries = chart.entries.iter();
+        (entries.filter(|e| e.status == Status::Done && e.method == method)).collect()
+    };
+    let kinds = [
+        ("classically", done(Method::Classical)),
+        ("by modes", done(Method::Schrodingerized)),
+    ];
+    let seconds = |e: &Entry| e.seconds.map_or(String::new(), time);
+    let here = |e: &Entry| e.name();
+    let anywhere = |e: &Entry| format!("{} on {}", e.name(), e.grid);
+    let mut found = Vec::new();
+    if let Some(exact) = &chart.exact {
+        let of = match exact.as_str() {
+            "f" => "the exact solution",
+            _ => "the exact density",
+        };
+        for (kind, entries) in &kinds {
+            let point = |e: &Entry| Some([e.seconds?, e.error_exact?]);
+            let ladder = ladder(entries, &EXACT, point, [&anywhere, &seconds]);
+            found.extend(ladder.map(|l| format!("Of {of} (relative L1), {kind}: {l}.")));
+        }
+    }
+    let grid = &chart.compared_on;
+    for (kind, entries) in &kinds {
+        let entries: Vec<&Entry> = entries
+            .iter()
+            .filter(|e| e.grid == *grid)
+            .copied()
+            .collect();
+        let point = |e: &Entry| Some([e.seconds?, e.error_semidiscrete?]);
+        let ladder_ = ladder(&entries, &SEMIDISCRETE, point, [&here, &seconds]);
+        let reference = entries.iter().find(|e| e.is_reference());
+        let also = reference.map_or(String::new(), |e| {
+            format!(
+                " (the exponential is that solution to round-off: {})",
+                seconds(e)
+            )
+        });
+        found.extend(ladder_.map(|l| {
+            format!("Of the semi-discrete solution on {grid} (relative l2), {kind}{also}: {l}.")
+        }));
+    }
+    let entries: Vec<&Entry> = (kinds[1].1.iter())
+        .filter(|e| e.grid == *grid)
+        .copied()
+        .collect();
+    let point = |e: &Entry| Some([e.until_measured?, e.error_semidiscrete?]);
+    let until = |e: &Entry| {
+        e.until_measured
+            .map_or(String::new(), |n| format!("{n:.1e}"))
+    };
+    let measured = ladder(&entries, &SEMIDISCRETE, point, [&here, &until]);
+    found.extend(measured.map(|l| {
+        format!(
+            "On a quantum computer, by applications over the probability of measuring the field: {l}."
+        )
+    }));
+    found.push(account(chart));
+    found
+}
+
+/// Seconds for people.
+pub fn time(seconds: f64) -> String {
+    match seconds {
+        s if s < 1e-3 => format!("{:.2} ms", 1e3 * s),
+        s if s < 1.0 => format!("{:.1} ms", 1e3 * s),
+        s if s < 100.0 => format!("{s:.1} s"),
+        s => seconds_text(s),
+    }
+}
+
+/// What was run and what was not.
+fn account(chart: &Chart) -> String {
+    let count = |status| chart.entries.iter().filter(|e| e.status == status).count();
+    let mut text = format!(
+        "{} trials on {} {} took {:.1} s of a budget of {} s; {} were refused",
+        count(Status::Done),
+        chart.ranks,
+        if chart.ranks == 1 { "rank" } else { "ranks" },
+        chart.took_seconds,
+        chart.budget_seconds,
+        count(Status::Refused),
+    );
+    let out = count(Status::LeftOut);
+    if out > 0 {
+        let expected: Vec<f64> = (chart.entries.iter())
+            .filter_map(|e| e.expected_seconds)
+            .collect();
+        let least = expected.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = expected.iter().copied().fold(0.0, f64::max);
+        text += &format!(", {out} left out as they did not fit");
+        if !expected.is_empty() {
+            text += &format!(" (expected to take {} to {} each)", time(least), time(most));
+        }
+    }
+    text + "."
+}

@@ -1,0 +1,28 @@
+//! `phasewarp chart`: runs the trials, writes the files.
+
+use crate::case::Case;
+use crate::chart::Chart;
+use crate::communicator::World;
+use crate::error::Result;
+use std::path::Path;
+use std::time::Duration;
+
+/// Makes the chart of `case` within `budget` and writes it into `directory`. Collective.
+///
+/// # Errors
+/// As [`Chart::new`]; [`crate::error::Error::Directory`], [`crate::error::Error::Output`] where it cannot be written.
+pub fn chart(world: &World, case: &Case, budget: Duration, directory: &Path) -> Result<Chart> {
+    let all = world.group();
+    let writable = match all.rank() {
+        0 => crate::chart::files::prepare(directory),
+        _ => Ok(()),
+    };
+    all.agree(writable)?;
+    let chart = Chart::new(world, case, budget)?;
+    let written = match all.rank() {
+        0 => chart.write(directory),
+        _ => Ok(()),
+    };
+    all.agree(written)?;
+    Ok(chart)
+}

@@ -1,0 +1,226 @@
+//! `phasewarp chart` from outside: every case, alone and under mpirun, within its budget; what the files hold.
+
+#[path = "support/launch.rs"]
+mod launch;
+
+use launch::{Job, case, cases, check_all, directory, shrunk};
+use serde_json::Value;
+use std::path::Path;
+
+/// What ends a chart late on a machine that others use: a trial that was begun in time, and starting and stopping under mpirun.
+const LATE: f64 = 10.0;
+
+fn read(path: &Path) -> Result<String, String> {
+    std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))
+}
+
+/// `chart.json` of a chart of `name` within `budget` seconds.
+fn chart(name: &str, settings: &[&str], (ranks, budget): (usize, f64), place: &Path) -> Result<Value, String> {
+    let budget = format!("{budget}s");
+    let job = Job::new(["chart", &case(name), "--budget", &budget])
+        .set(settings)
+        .into(place)
+        .on(ranks)
+        .within(120);
+    let finished = job.succeed()?;
+    let found: Value =
+        serde_json::from_str(&read(&place.join("chart.json"))?).map_err(|e| finished.report(&e.to_string()))?;
+    let sentences = found["sentences"].as_array().map_or(&[][..], Vec::as_slice);
+    for sentence in sentences.iter().filter_map(Value::as_str) {
+        if !finished.output.contains(sentence) {
+            return Err(finished.report(&format!("does not say: {sentence}")));
+        }
+    }
+    match sentences.is_empty() {
+        true => Err(finished.report("no sentence")),
+        false => Ok(found),
+    }
+}
+
+fn entries(chart: &Value) -> &[Value] {
+    chart["entries"].as_array().map_or(&[], Vec::as_slice)
+}
+
+/// What an entry's status asks for is there, and nothing is on a front that did not run.
+fn complete(entry: &Value) -> Result<(), String> {
+    let known = |key: &str| !entry[key].is_null();
+    let right = match entry["status"].as_str() {
+        Some("done") => {
+            known("seconds") && known("total_seconds") && (known("applications") || known("solves"))
+        }
+        Some("refused") => known("reason") && !known("seconds"),
+        Some("left-out") => known("expected_seconds") && !known("seconds"),
+        _ => false,
+    };
+    let front = ["front_exact", "front_seconds", "front_applications", "front_until_measured"];
+    let on = front.iter().any(|key| entry[key] == true);
+    match right && known("grid") && (!on || known("seconds")) {
+        true => Ok(()),
+        false => Err(format!("not complete: {entry}")),
+    }
+}
+
+/// Every tag is closed, by the one that it opened.
+fn is_well_formed(svg: &str) -> Result<(), String> {
+    let mut open: Vec<&str> = Vec::new();
+    for piece in svg.split('<').skip(1) {
+        let (tag, _) = piece.split_once('>').ok_or("a tag without end")?;
+        let name = tag.split([' ', '\n', '/']).find(|n| !n.is_empty()).unwrap_or("");
+        if tag.starts_with(['?', '!']) || tag.ends_with('/') {
+            continue;
+        }
+        match tag.strip_prefix('/') {
+            Some(closed) if open.pop() != Some(closed.trim()) => return Err(format!("</{closed}> closes nothing")),
+            Some(_) => {}
+            None => open.push(name),
+        }
+    }
+    match open.is_empty() && svg.contains("<svg") {
+        true => Ok(()),
+        false => Err(format!("{open:?} not closed")),
+    }
+}
+
+/// Width and height that a PNG file says it has.
+fn png_size(path: &Path) -> Result<[u32; 2], String> {
+    let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
+    if bytes.get(..8) != Some(b"\x89PNG\r\n\x1a\n") || bytes.get(12..16) != Some(b"IHDR") {
+        return Err("no PNG".to_owned());
+    }
+    let number = |at: usize| u32::from_be_bytes(std::array::from_fn(|k| bytes[at + k]));
+    Ok([number(16), number(20)])
+}
+
+#[test]
+fn every_case_has_a_chart_within_its_budget() {
+    let papers = ["paper/example1.toml", "paper/example2.toml", "paper/example3.toml"];
+    let all: Vec<(usize, String)> = (cases().into_iter())
+        .chain(papers.map(str::to_owned))
+        .enumerate()
+        .collect();
+    check_all(&all, |(k, name)| {
+        const BUDGET: f64 = 2.0;
+        let place = directory();
+        let found = chart(name, shrunk(name), (1 + k % 4, BUDGET), place.path())?;
+        entries(&found).iter().try_for_each(complete).map_err(|e| format!("{name}: {e}"))?;
+        let took = found["took_seconds"].as_f64().unwrap_or(f64::INFINITY);
+        if took > 1.3 * BUDGET + LATE {
+            return Err(format!("{name}: {took} s of {BUDGET} s"));
+        }
+        let done = |method: &str| entries(&found).iter().any(|e| e["status"] == "done" && e["method"] == method);
+        if !done("classical") || !done("schrodingerized") {
+            return Err(format!("{name}: a method was not tried"));
+        }
+        // A line for each trial, and one of names.
+        let csv = read(&place.path().join("chart.csv"))?;
+        if csv.lines().count() != entries(&found).len() + 1 {
+            return Err(format!("{name}: chart.csv has {} lines", csv.lines().count()));
+        }
+        is_well_formed(&read(&place.path().join("chart.svg"))?).map_err(|e| format!("{name}: {e}"))?;
+        let [width, height] = png_size(&place.path().join("chart.png"))?;
+        match width >= 800 && height >= 600 {
+            true => Ok(()),
+            false => Err(format!("{name}: a picture of {width} x {height}")),
+        }
+    });
+}
+
+/// A case small enough for all of the first rounds.
+const SMALL: [&str; 3] = ["axis.0.x.cells=24", "axis.0.v.cells=20", "time.end=0.5"];
+
+#[test]
+fn what_is_found_does_not_depend_on_ranks() {
+    let run = |ranks| {
+        let place = directory();
+        chart("step_up.toml", &SMALL, (ranks, 6.0), place.path())
+    };
+    let (one, three) = (run(1).unwrap(), run(3).unwrap());
+    let knobs = [
+        "method", "grid", "interface", "integrator", "limiter", "cfl", "profile", "coefficients", "weights",
+        "propagator", "step", "tolerance", "points", "as_given", "paper",
+    ];
+    let mut compared = 0;
+    for entry in entries(&one).iter().filter(|e| e["status"] == "done") {
+        let same = |other: &&Value| knobs.iter().all(|key| other[key] == entry[key]);
+        let others = entries(&three).iter().filter(|e| e["status"] == "done");
+        let Some(other) = others.clone().find(same) else { continue };
+        let numbers: &[&str] = match entry["solves"].is_null() {
+            true => &["modes", "applications", "error_exact", "error_semidiscrete", "probability_window"],
+            // GMRES where space is split.
+            false => &["modes", "solves"],
+        };
+        for key in numbers {
+            assert_eq!(entry[key], other[key], "{key} of {entry}");
+        }
+        compared += 1;
+    }
+    assert!(compared >= 15, "{compared} trials compared");
+}
+
+#[test]
+fn errors_fall_as_they_should() {
+    let place = directory();
+    let found = chart("step_up.toml", &SMALL, (2, 20.0), place.path()).unwrap();
+    let grid = &found["compared_on"];
+    let mut checked = 0;
+    for e in entries(&found).iter().filter(|e| e["status"] == "done" && e["paper"] == false) {
+        let (Some(tolerance), Some(error)) = (e["tolerance"].as_f64(), e["error_semidiscrete"].as_f64()) else {
+            continue;
+        };
+        // What was asked for, whatever the profile and the treatment; without weights the growth is measured.
+        assert!(error <= 1.5 * tolerance, "{e}");
+        checked += 1;
+    }
+    assert!(checked >= 10, "{checked} tolerances checked");
+    // Forward Euler is of first order in the step, SSP-RK3 of third.
+    for (integrator, order) in [("forward-euler", 1.0), ("ssp-rk3", 3.0)] {
+        let mut points: Vec<[f64; 2]> = (entries(&found).iter())
+            .filter(|e| e["integrator"] == integrator && e["limiter"] == "none" && e["grid"] == *grid)
+            .filter_map(|e| Some([e["applications"].as_f64()?, e["error_semidiscrete"].as_f64()?]))
+            .filter(|[_, error]| *error > 1e-11)
+            .collect();
+        points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        let [Some(first), Some(last)] = [points.first(), points.last()] else {
+            panic!("no {integrator}");
+        };
+        let slope = (first[1] / last[1]).ln() / (last[0] / first[0]).ln();
+        assert!((slope - order).abs() < 0.25, "{integrator}: {slope} of {points:?}");
+    }
+}
+
+#[test]
+fn without_an_exact_solution_the_semi_discrete_one_is_left() {
+    let place = directory();
+    let settings = ["axis.0.x.cells=24", "axis.0.v.cells=20", "exact={}"];
+    let found = chart("step_up.toml", &settings, (2, 3.0), place.path()).unwrap();
+    assert!(found["exact"].is_null());
+    assert!(entries(&found).iter().all(|e| e["error_exact"].is_null()));
+    let text = found["sentences"].to_string();
+    assert!(!text.contains("exact solution") && text.contains("semi-discrete"), "{text}");
+}
+
+#[test]
+fn what_cannot_be_charted_is_refused() {
+    let place = directory();
+    let file = place.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let inside = file.join("chart");
+    let rows = [
+        (Job::new(["chart", &case("step_up.toml"), "-o", &inside.display().to_string()]), "output directory"),
+        (Job::new(["chart", &case("step_up.toml"), "--budget", "0"]), "--budget"),
+        (Job::new(["chart", &case("step_up.toml"), "--set", "initial.f=1/(x-x)"]), "initial.f"),
+        (
+            Job::new(["chart", &case("step_up.toml"), "--set", "initial={warped=\"none.h5\"}", "--set", "exact={}"]),
+            "initial.warped",
+        ),
+    ];
+    check_all(&rows, |(job, word)| {
+        for ranks in [1, 3] {
+            let finished = job.clone().on(ranks).inside(place.path()).run()?;
+            if finished.code != Some(2) || !finished.errors.contains(word) {
+                return Err(finished.report(&format!("exit code 2 and \"{word}\" expected")));
+            }
+        }
+        Ok(())
+    });
+}
