@@ -15,7 +15,12 @@ fn read(path: &Path) -> Result<String, String> {
 }
 
 /// `chart.json` of a chart of `name` within `budget` seconds.
-fn chart(name: &str, settings: &[&str], (ranks, budget): (usize, f64), place: &Path) -> Result<Value, String> {
+fn chart(
+    name: &str,
+    settings: &[&str],
+    (ranks, budget): (usize, f64),
+    place: &Path,
+) -> Result<Value, String> {
     let budget = format!("{budget}s");
     let job = Job::new(["chart", &case(name), "--budget", &budget])
         .set(settings)
@@ -23,8 +28,8 @@ fn chart(name: &str, settings: &[&str], (ranks, budget): (usize, f64), place: &P
         .on(ranks)
         .within(120);
     let finished = job.succeed()?;
-    let found: Value =
-        serde_json::from_str(&read(&place.join("chart.json"))?).map_err(|e| finished.report(&e.to_string()))?;
+    let found: Value = serde_json::from_str(&read(&place.join("chart.json"))?)
+        .map_err(|e| finished.report(&e.to_string()))?;
     let sentences = found["sentences"].as_array().map_or(&[][..], Vec::as_slice);
     for sentence in sentences.iter().filter_map(Value::as_str) {
         if !finished.output.contains(sentence) {
@@ -52,7 +57,12 @@ fn complete(entry: &Value) -> Result<(), String> {
         Some("left-out") => known("expected_seconds") && !known("seconds"),
         _ => false,
     };
-    let front = ["front_exact", "front_seconds", "front_applications", "front_until_measured"];
+    let front = [
+        "front_exact",
+        "front_seconds",
+        "front_applications",
+        "front_until_measured",
+    ];
     let on = front.iter().any(|key| entry[key] == true);
     match right && known("grid") && (!on || known("seconds")) {
         true => Ok(()),
@@ -65,12 +75,17 @@ fn is_well_formed(svg: &str) -> Result<(), String> {
     let mut open: Vec<&str> = Vec::new();
     for piece in svg.split('<').skip(1) {
         let (tag, _) = piece.split_once('>').ok_or("a tag without end")?;
-        let name = tag.split([' ', '\n', '/']).find(|n| !n.is_empty()).unwrap_or("");
+        let name = tag
+            .split([' ', '\n', '/'])
+            .find(|n| !n.is_empty())
+            .unwrap_or("");
         if tag.starts_with(['?', '!']) || tag.ends_with('/') {
             continue;
         }
         match tag.strip_prefix('/') {
-            Some(closed) if open.pop() != Some(closed.trim()) => return Err(format!("</{closed}> closes nothing")),
+            Some(closed) if open.pop() != Some(closed.trim()) => {
+                return Err(format!("</{closed}> closes nothing"));
+            }
             Some(_) => {}
             None => open.push(name),
         }
@@ -93,7 +108,11 @@ fn png_size(path: &Path) -> Result<[u32; 2], String> {
 
 #[test]
 fn every_case_has_a_chart_within_its_budget() {
-    let papers = ["paper/example1.toml", "paper/example2.toml", "paper/example3.toml"];
+    let papers = [
+        "paper/example1.toml",
+        "paper/example2.toml",
+        "paper/example3.toml",
+    ];
     let all: Vec<(usize, String)> = (cases().into_iter())
         .chain(papers.map(str::to_owned))
         .enumerate()
@@ -102,21 +121,32 @@ fn every_case_has_a_chart_within_its_budget() {
         const BUDGET: f64 = 2.0;
         let place = directory();
         let found = chart(name, shrunk(name), (1 + k % 4, BUDGET), place.path())?;
-        entries(&found).iter().try_for_each(complete).map_err(|e| format!("{name}: {e}"))?;
+        entries(&found)
+            .iter()
+            .try_for_each(complete)
+            .map_err(|e| format!("{name}: {e}"))?;
         let took = found["took_seconds"].as_f64().unwrap_or(f64::INFINITY);
         if took > 1.3 * BUDGET + LATE {
             return Err(format!("{name}: {took} s of {BUDGET} s"));
         }
-        let done = |method: &str| entries(&found).iter().any(|e| e["status"] == "done" && e["method"] == method);
+        let done = |method: &str| {
+            entries(&found)
+                .iter()
+                .any(|e| e["status"] == "done" && e["method"] == method)
+        };
         if !done("classical") || !done("schrodingerized") {
             return Err(format!("{name}: a method was not tried"));
         }
         // A line for each trial, and one of names.
         let csv = read(&place.path().join("chart.csv"))?;
         if csv.lines().count() != entries(&found).len() + 1 {
-            return Err(format!("{name}: chart.csv has {} lines", csv.lines().count()));
+            return Err(format!(
+                "{name}: chart.csv has {} lines",
+                csv.lines().count()
+            ));
         }
-        is_well_formed(&read(&place.path().join("chart.svg"))?).map_err(|e| format!("{name}: {e}"))?;
+        is_well_formed(&read(&place.path().join("chart.svg"))?)
+            .map_err(|e| format!("{name}: {e}"))?;
         let [width, height] = png_size(&place.path().join("chart.png"))?;
         match width >= 800 && height >= 600 {
             true => Ok(()),
@@ -136,16 +166,37 @@ fn what_is_found_does_not_depend_on_ranks() {
     };
     let (one, three) = (run(1).unwrap(), run(3).unwrap());
     let knobs = [
-        "method", "grid", "interface", "integrator", "limiter", "cfl", "profile", "coefficients", "weights",
-        "propagator", "step", "tolerance", "points", "as_given", "paper",
+        "method",
+        "grid",
+        "interface",
+        "integrator",
+        "limiter",
+        "cfl",
+        "profile",
+        "coefficients",
+        "weights",
+        "propagator",
+        "step",
+        "tolerance",
+        "points",
+        "as_given",
+        "paper",
     ];
     let mut compared = 0;
     for entry in entries(&one).iter().filter(|e| e["status"] == "done") {
         let same = |other: &&Value| knobs.iter().all(|key| other[key] == entry[key]);
         let others = entries(&three).iter().filter(|e| e["status"] == "done");
-        let Some(other) = others.clone().find(same) else { continue };
+        let Some(other) = others.clone().find(same) else {
+            continue;
+        };
         let numbers: &[&str] = match entry["solves"].is_null() {
-            true => &["modes", "applications", "error_exact", "error_semidiscrete", "probability_window"],
+            true => &[
+                "modes",
+                "applications",
+                "error_exact",
+                "error_semidiscrete",
+                "probability_window",
+            ],
             // GMRES where space is split.
             false => &["modes", "solves"],
         };
@@ -163,8 +214,13 @@ fn errors_fall_as_they_should() {
     let found = chart("step_up.toml", &SMALL, (2, 20.0), place.path()).unwrap();
     let grid = &found["compared_on"];
     let mut checked = 0;
-    for e in entries(&found).iter().filter(|e| e["status"] == "done" && e["paper"] == false) {
-        let (Some(tolerance), Some(error)) = (e["tolerance"].as_f64(), e["error_semidiscrete"].as_f64()) else {
+    for e in entries(&found)
+        .iter()
+        .filter(|e| e["status"] == "done" && e["paper"] == false)
+    {
+        let (Some(tolerance), Some(error)) =
+            (e["tolerance"].as_f64(), e["error_semidiscrete"].as_f64())
+        else {
             continue;
         };
         // What was asked for, whatever the profile and the treatment; without weights the growth is measured.
@@ -175,8 +231,15 @@ fn errors_fall_as_they_should() {
     // Forward Euler is of first order in the step, SSP-RK3 of third.
     for (integrator, order) in [("forward-euler", 1.0), ("ssp-rk3", 3.0)] {
         let mut points: Vec<[f64; 2]> = (entries(&found).iter())
-            .filter(|e| e["integrator"] == integrator && e["limiter"] == "none" && e["grid"] == *grid)
-            .filter_map(|e| Some([e["applications"].as_f64()?, e["error_semidiscrete"].as_f64()?]))
+            .filter(|e| {
+                e["integrator"] == integrator && e["limiter"] == "none" && e["grid"] == *grid
+            })
+            .filter_map(|e| {
+                Some([
+                    e["applications"].as_f64()?,
+                    e["error_semidiscrete"].as_f64()?,
+                ])
+            })
             .filter(|[_, error]| *error > 1e-11)
             .collect();
         points.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -184,7 +247,10 @@ fn errors_fall_as_they_should() {
             panic!("no {integrator}");
         };
         let slope = (first[1] / last[1]).ln() / (last[0] / first[0]).ln();
-        assert!((slope - order).abs() < 0.25, "{integrator}: {slope} of {points:?}");
+        assert!(
+            (slope - order).abs() < 0.25,
+            "{integrator}: {slope} of {points:?}"
+        );
     }
 }
 
@@ -196,7 +262,10 @@ fn without_an_exact_solution_the_semi_discrete_one_is_left() {
     assert!(found["exact"].is_null());
     assert!(entries(&found).iter().all(|e| e["error_exact"].is_null()));
     let text = found["sentences"].to_string();
-    assert!(!text.contains("exact solution") && text.contains("semi-discrete"), "{text}");
+    assert!(
+        !text.contains("exact solution") && text.contains("semi-discrete"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -206,11 +275,32 @@ fn what_cannot_be_charted_is_refused() {
     std::fs::write(&file, "").unwrap();
     let inside = file.join("chart");
     let rows = [
-        (Job::new(["chart", &case("step_up.toml"), "-o", &inside.display().to_string()]), "output directory"),
-        (Job::new(["chart", &case("step_up.toml"), "--budget", "0"]), "--budget"),
-        (Job::new(["chart", &case("step_up.toml"), "--set", "initial.f=1/(x-x)"]), "initial.f"),
         (
-            Job::new(["chart", &case("step_up.toml"), "--set", "initial={warped=\"none.h5\"}", "--set", "exact={}"]),
+            Job::new([
+                "chart",
+                &case("step_up.toml"),
+                "-o",
+                &inside.display().to_string(),
+            ]),
+            "output directory",
+        ),
+        (
+            Job::new(["chart", &case("step_up.toml"), "--budget", "0"]),
+            "--budget",
+        ),
+        (
+            Job::new(["chart", &case("step_up.toml"), "--set", "initial.f=1/(x-x)"]),
+            "initial.f",
+        ),
+        (
+            Job::new([
+                "chart",
+                &case("step_up.toml"),
+                "--set",
+                "initial={warped=\"none.h5\"}",
+                "--set",
+                "exact={}",
+            ]),
             "initial.warped",
         ),
     ];
