@@ -16,7 +16,7 @@
 //!
 //! On sets of measure zero, where the solution may jump, the rules are: a point on a face belongs to the cell above it;
 //! a particle that comes from a face at time zero starts on the face, with the velocity it has on the side it leaves to,
-//! and the initial formula decides; of several faces met at once (an edge or a corner of a cell) the one of the lowest axis is crossed first.
+//! and the initial formula decides (at the end of a periodic axis, that at the end where it is); of several faces met at once (an edge or a corner of a cell) the one of the lowest axis is crossed first.
 
 pub mod sheet;
 
@@ -51,8 +51,10 @@ pub struct Followed {
     /// The part of the time that was left when it left the phase-space box; `None` if it did not.
     pub left: Option<f64>,
     /// A number that is the same for particles that met the same jumps in the same order and did the same there. In
-    /// between, the point depends continuously on where it was started.
+    /// between, the point, and what it went around, depend continuously on where it was started.
     pub history: u64,
+    /// How often it went around each periodic axis, upwards minus downwards.
+    pub turns: [i32; MAX_DIMENSION],
 }
 
 /// The exact solution of a case's boundary-value problem, with `V` as the scheme sees it on the case's grid.
@@ -88,6 +90,8 @@ struct Particle {
     rests: [bool; MAX_DIMENSION],
     /// See [`Followed::history`].
     history: u64,
+    /// See [`Followed::turns`].
+    turns: [i32; MAX_DIMENSION],
 }
 
 /// One more event in a history (FNV-1a, over words).
@@ -244,6 +248,7 @@ impl<'a> Tracer<'a> {
                 point: *point,
                 left: Some(left),
                 history: 0,
+                turns: [0; MAX_DIMENSION],
             };
         };
         // A particle sent on by one axis may meet two faces of each other axis before it rests there again.
@@ -293,6 +298,7 @@ impl<'a> Tracer<'a> {
             w: [0.0; MAX_DIMENSION],
             rests: [false; MAX_DIMENSION],
             history: 0xcbf2_9ce4_8422_2325,
+            turns: [0; MAX_DIMENSION],
         };
         for a in 0..space.dimension() {
             // The ends of the box as faces may differ from it by round-off.
@@ -318,6 +324,7 @@ impl<'a> Tracer<'a> {
             point,
             left,
             history: particle.history,
+            turns: particle.turns,
         }
     }
 
@@ -421,15 +428,17 @@ impl<'a> Tracer<'a> {
     fn cross(&self, particle: &mut Particle, a: usize, upper: bool) -> bool {
         particle.cell = self.cell_at_face(particle, a, upper);
         let i = particle.cell[a];
-        // V here minus V there, the cell there, and the direction.
-        let (rise, there, outward) = if upper {
-            let there = (i + 1 < self.case.space.x[a].cells).then_some(i + 1);
-            (-self.potential.jump_above(&particle.cell, a), there, 1.0)
+        // V here minus V there, and the direction.
+        let (rise, step) = if upper {
+            (-self.potential.jump_above(&particle.cell, a), 1)
         } else {
-            let there = i.checked_sub(1);
-            (self.potential.jump_below(&particle.cell, a), there, -1.0)
+            (self.potential.jump_below(&particle.cell, a), -1)
         };
-        let Some(there) = there else { return false };
+        let outward = f64::from(step);
+        let beyond = i as i64 + i64::from(step);
+        let Some(there) = self.case.space.wrap(a, beyond) else {
+            return false;
+        };
         let reach_before = self.reach(particle, a, outward);
         let square = particle.w[a] * particle.w[a] + 2.0 * rise;
         let crosses = rise == 0.0 || square > 0.0;
@@ -439,6 +448,10 @@ impl<'a> Tracer<'a> {
         }
         let reach_after = if crosses {
             particle.cell[a] = there;
+            if there as i64 != beyond {
+                particle.turns[a] += step;
+                particle.x[a] = self.faces[a][if upper { 0 } else { there + 1 }];
+            }
             // Other slopes may hold here.
             particle.rests = [false; MAX_DIMENSION];
             if rise != 0.0 {

@@ -285,13 +285,16 @@ fn understood(case: &Case, bounds: &Bounds) -> String {
         }
     );
     let names = crate::output::hdf5::axis_names(case.space.dimension());
-    for (name, axis) in names.iter().zip(case.space.axes()) {
+    let periodic = case.space.periodic.iter().take(case.space.dimension());
+    let closed = periodic.copied().chain(std::iter::repeat(false));
+    for ((name, axis), closed) in names.iter().zip(case.space.axes()).zip(closed) {
         text += &format!(
-            "{name:<3} [{}, {}]  {} cells of {:.6}\n",
+            "{name:<3} [{}, {}]  {} cells of {:.6}{}\n",
             axis.lower,
             axis.upper,
             axis.cells,
-            axis.width()
+            axis.width(),
+            if closed { ", periodic" } else { "" }
         );
     }
     for region in &case.potential {

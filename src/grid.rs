@@ -49,6 +49,8 @@ pub struct PhaseSpace {
     pub x: Vec<Axis>,
     /// Velocity axes v1..vn.
     pub v: Vec<Axis>,
+    /// Which of the space axes close on themselves: behind the last cell comes the first.
+    pub periodic: [bool; MAX_DIMENSION],
 }
 
 /// Largest number of space dimensions.
@@ -120,6 +122,32 @@ impl PhaseSpace {
             .fold(0, |index, (axis, &j)| index * axis.cells + j)
     }
 
+    /// Whether space axis `a` closes on itself.
+    pub fn is_periodic(&self, a: usize) -> bool {
+        self.periodic[a]
+    }
+
+    /// The cell at place `i` along space axis `a`: counted on around a periodic axis, `None` off the grid.
+    pub fn wrap(&self, a: usize, i: i64) -> Option<usize> {
+        let cells = self.x[a].cells as i64;
+        let i = if self.periodic[a] {
+            i.rem_euclid(cells)
+        } else {
+            i
+        };
+        (0..cells).contains(&i).then_some(i as usize)
+    }
+
+    /// Whether the cells of space axis `a` are their own neighbours: a periodic axis of one cell.
+    pub fn is_single(&self, a: usize) -> bool {
+        self.periodic[a] && self.x[a].cells == 1
+    }
+
+    /// Most space blocks along space axis `a`. A periodic axis stays whole, so that the cell behind its end is on the same rank.
+    pub fn most_blocks(&self, a: usize) -> usize {
+        if self.periodic[a] { 1 } else { self.x[a].cells }
+    }
+
     /// How far apart in the ordering two cells are that differ by one along axis `axis` (of the `2n`).
     pub fn stride(&self, axis: usize) -> usize {
         self.axes().skip(axis + 1).map(|a| a.cells).product()
@@ -167,6 +195,7 @@ mod tests {
         let space = PhaseSpace {
             x: vec![axis(3), axis(4)],
             v: vec![axis(5), axis(2)],
+            periodic: [false; MAX_DIMENSION],
         };
         for index in 0..space.cells() {
             assert_eq!(space.index(&space.cell(index)), index);

@@ -1,7 +1,7 @@
 //! Who owns what: arithmetic only, no communication.
 //!
 //! Ranks form a mesh `space × modes`. Space blocks split the x-axes, never v; one layer of neighbouring space cells
-//! (ghosts) carries the flux rows of their common faces. Rank `r` has space block `r mod S` and mode group `r / S`.
+//! (ghosts) carries the flux rows of their common faces; a periodic axis is not split. Rank `r` has space block `r mod S` and mode group `r / S`.
 
 use crate::error::{Error, Result};
 use crate::grid::{MAX_DIMENSION, PhaseSpace};
@@ -40,6 +40,11 @@ impl Mesh {
     /// [`Error::Ranks`] with the numbers that do.
     pub fn validate(&self, space: &PhaseSpace) -> Result<()> {
         for (a, (&parts, axis)) in self.space.iter().zip(&space.x).enumerate() {
+            if space.is_periodic(a) && parts != 1 {
+                return Err(Error::Ranks(format!(
+                    "--ranks-x: {parts} blocks along x-axis {a}, which is periodic and stays whole; 1 does"
+                )));
+            }
             if parts == 0 || parts > axis.cells {
                 return Err(Error::Ranks(format!(
                     "--ranks-x: {parts} blocks along x-axis {a} of {} cells; 1 to {} do",
@@ -101,6 +106,8 @@ pub struct Block {
     pub velocity_cells: usize,
     /// Velocity cells along the last axis.
     pub velocity_line: usize,
+    /// Whether the first x-axis is periodic: the first cells of the block along it are next to the last ones.
+    pub closed: bool,
     slabs: Vec<Slab>,
     shape: Vec<usize>,
 }
@@ -203,6 +210,7 @@ impl Block {
             ranges,
             velocity_cells,
             velocity_line: space.v.last().map_or(1, |axis| axis.cells),
+            closed: space.is_periodic(0),
             slabs,
             shape: space.x.iter().map(|a| a.cells).collect(),
         }
@@ -314,6 +322,7 @@ mod tests {
         PhaseSpace {
             x: x.iter().map(axis).collect(),
             v: v.iter().map(axis).collect(),
+            periodic: [false; MAX_DIMENSION],
         }
     }
 

@@ -23,6 +23,7 @@ pub use placement::MOST_MODES;
 use crate::classical::limiter::longest_step;
 use crate::classical::{EXACT, duhamel_applications, duhamel_panels, poisson_window};
 use crate::error::{Error, Result};
+use crate::grid::MAX_DIMENSION;
 use crate::matrix::LANES;
 use crate::partition::Block;
 use crate::potential::Potential;
@@ -31,7 +32,7 @@ use crate::propagate;
 use crate::propagate::Company;
 use crate::propagate::commutator_free::stage_degree;
 use crate::recover::Reading;
-use crate::scheme::transport_rate;
+use crate::scheme::{fastest, transport_rate};
 use crate::warp::fourier;
 use num_complex::Complex64;
 use placement::Placement;
@@ -170,16 +171,26 @@ impl Bounds {
     pub fn new(case: &Case) -> Result<Self> {
         // Layer by layer, so that the whole potential is never kept.
         let mut ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
-        let (mut force, mut jumps) = (0.0f64, false);
+        let (mut force, mut jumps) = (0.0f64, [false; MAX_DIMENSION]);
         let mut kinds = HashSet::new();
         for i in 0..case.space.x[0].cells {
             ranges[0] = i..i + 1;
             let layer = Potential::new(case, &ranges)?;
             force = force.max(layer.force_rate(&case.space));
-            jumps |= layer.has_jump();
+            let found = layer.jumps();
+            jumps
+                .iter_mut()
+                .zip(found)
+                .for_each(|(j, found)| *j |= found);
             layer.collect_kinds(&mut kinds, MOST_KINDS);
         }
-        let rate = transport_rate(&case.space) + force;
+        // Through a jump a cell may be its own neighbour and particles move on all the same.
+        let single: f64 = (0..case.space.dimension())
+            .filter(|&a| jumps[a] && case.space.is_single(a))
+            .map(|a| fastest(&case.space, a))
+            .sum();
+        let rate = transport_rate(&case.space) + single + force;
+        let jumps = jumps.contains(&true);
         let inflow = case.enters();
         let hat = jumps && case.interface == Interface::Hat;
         let weights = match (hat, case.warp.weights) {

@@ -19,12 +19,15 @@ const KINK: f64 = 1e-13;
 pub struct Potential {
     /// Box of space cells covered, one range an axis.
     ranges: Vec<Range<usize>>,
-    /// `V⁺ − V⁻` at the lower face of each cell, by axis; zero at the ends of the box (the paper's assumption).
+    /// `V⁺ − V⁻` at the lower face of each cell, by axis; zero at the ends of the box (the paper's assumption). At the lower end of
+    /// a periodic axis, `V` of the first cell minus that of the last.
     jump: Vec<[f64; MAX_DIMENSION]>,
     /// `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`, by axis.
     slope: Vec<[f64; MAX_DIMENSION]>,
     /// Cell indices run row-major over `ranges`.
     strides: [usize; MAX_DIMENSION],
+    /// Along which axes the first cell covered comes behind the last one.
+    closed: [bool; MAX_DIMENSION],
 }
 
 /// The region a space cell belongs to; or the condition that is undefined there.
@@ -99,6 +102,9 @@ impl Potential {
             jump: Vec::with_capacity(cells),
             slope: Vec::with_capacity(cells),
             strides,
+            closed: std::array::from_fn(|a| {
+                a < n && case.space.is_periodic(a) && ranges[a] == (0..axes[a].cells)
+            }),
         };
         let mut failure = None;
         for_each_cell(ranges, |i| {
@@ -111,13 +117,12 @@ impl Potential {
                 })
             };
             let own = region_at(&centre);
-            let below = |a: usize| {
+            // Regions of the cells below.
+            let neighbours: [Option<usize>; MAX_DIMENSION] = std::array::from_fn(|a| {
                 let mut below = *i;
-                below[a] -= 1;
-                space_point(axes, &below)
-            };
-            let neighbours: [Option<usize>; MAX_DIMENSION] =
-                std::array::from_fn(|a| (a < n && i[a] > 0).then(|| region_at(&below(a))));
+                below[a] = (a < n).then(|| case.space.wrap(a, i[a] as i64 - 1))??;
+                Some(region_at(&space_point(axes, &below)))
+            });
             let (mut jump, mut slope) = ([0.0; MAX_DIMENSION], [0.0; MAX_DIMENSION]);
             let mut value = |region: usize, point: &[f64; 6]| {
                 let formula = &case.potential[region].value;
@@ -134,7 +139,12 @@ impl Potential {
                 upper[a] = axes[a].face(i[a] as i64 + 1);
                 let at_lower = value(own, &lower);
                 slope[a] = (value(own, &upper) - at_lower) / axes[a].width();
-                if let Some(neighbour) = neighbours[a].filter(|&r| r != own) {
+                // The face below the first cell of a periodic axis is that above the last one.
+                let turns = i[a] == 0;
+                if turns {
+                    lower[a] = axes[a].face(axes[a].cells as i64);
+                }
+                if let Some(neighbour) = neighbours[a].filter(|&r| r != own || turns) {
                     let behind = value(neighbour, &lower);
                     jump[a] = at_lower - behind;
                     // A kink, not a jump: the formulas meet here to round-off.
@@ -171,17 +181,22 @@ impl Potential {
             .sum()
     }
 
-    /// `V⁺ − V⁻` at the lower face, along `axis`, of space cell `i`. Zero at the lower end of the box.
+    /// `V⁺ − V⁻` at the lower face, along `axis`, of space cell `i`. Zero at the lower end of the box, unless the axis is periodic.
     pub fn jump_below(&self, i: &[usize], axis: usize) -> f64 {
         self.jump[self.position(i)][axis]
     }
 
-    /// `V⁺ − V⁻` at the upper face, along `axis`, of space cell `i`. Zero at the upper end of what is covered.
+    /// `V⁺ − V⁻` at the upper face, along `axis`, of space cell `i`. Zero at the upper end of what is covered, unless that is all of
+    /// a periodic axis.
     pub fn jump_above(&self, i: &[usize], axis: usize) -> f64 {
-        if i[axis] + 1 >= self.ranges[axis].end {
-            return 0.0;
+        let (position, stride) = (self.position(i), self.strides[axis]);
+        if i[axis] + 1 < self.ranges[axis].end {
+            self.jump[position + stride][axis]
+        } else if self.closed[axis] {
+            self.jump[position - i[axis] * stride][axis]
+        } else {
+            0.0
         }
-        self.jump[self.position(i) + self.strides[axis]][axis]
     }
 
     /// `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx` along `axis` in space cell `i`.
@@ -201,9 +216,9 @@ impl Potential {
             .fold(0.0, |most, s| most.max(s[axis].abs()))
     }
 
-    /// Whether `V` jumps anywhere.
-    pub fn has_jump(&self) -> bool {
-        self.jump.iter().flatten().any(|&j| j != 0.0)
+    /// Whether `V` jumps anywhere, by axis.
+    pub fn jumps(&self) -> [bool; MAX_DIMENSION] {
+        std::array::from_fn(|a| self.jump.iter().any(|jump| jump[a] != 0.0))
     }
 
     /// Adds the kinds of cells that there are, by their slopes and the jumps at their lower faces, to `kinds`, up to so `many`.

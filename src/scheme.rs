@@ -115,10 +115,14 @@ impl<'a> Scheme<'a> {
         row.finish();
     }
 
-    /// Cells a unit of time that particles in `cell` cross along `axis` of the `2n`: `v_a/Δx_a` in space, `d_a` in velocity.
+    /// Cells a unit of time that particles in `cell` cross along `axis` of the `2n`: `v_a/Δx_a` in space, `d_a` in velocity. Zero
+    /// where the cell is its own neighbour and what leaves it comes back as it was.
     pub fn speed(&self, cell: &Cell, axis: usize) -> f64 {
         let n = self.space.dimension();
         if axis < n {
+            if self.space.is_single(axis) && self.potential.jump_below(cell, axis) == 0.0 {
+                return 0.0;
+            }
             velocity(&self.space.v[axis], cell[n + axis] as i64) / self.space.x[axis].width()
         } else {
             // The force −slope pushes particles up in velocity where V falls.
@@ -127,13 +131,17 @@ impl<'a> Scheme<'a> {
         }
     }
 
-    /// Whether `cell`'s lower face along space axis `a`, or its upper one if `above`, neither ends the box nor has a jump.
-    pub fn plain_face(&self, cell: &Cell, a: usize, above: bool) -> bool {
-        if above {
-            cell[a] + 1 < self.space.x[a].cells && self.potential.jump_above(cell, a) == 0.0
+    /// The cell behind `cell`'s lower face along space axis `a`, or behind its upper one if `above`, at the same velocity; `None`
+    /// where the face ends the box or `V` jumps.
+    pub fn plain_neighbour(&self, cell: &Cell, a: usize, above: bool) -> Option<Cell> {
+        let (step, jump) = if above {
+            (1, self.potential.jump_above(cell, a))
         } else {
-            cell[a] > 0 && self.potential.jump_below(cell, a) == 0.0
-        }
+            (-1, self.potential.jump_below(cell, a))
+        };
+        let mut behind = *cell;
+        behind[a] = self.space.wrap(a, cell[a] as i64 + step)?;
+        (jump == 0.0).then_some(behind)
     }
 
     /// What the scheme finds behind the lower face of `cell` along `axis` of the `2n`, or behind the upper one if `above`,
@@ -181,9 +189,10 @@ impl<'a> Scheme<'a> {
     fn take(&self, row: &mut Row, cell: &Cell, a: usize, (i, j): (i64, i64), rate: f64) {
         let n = self.space.dimension();
         let (x, v) = (&self.space.x[a], &self.space.v[a]);
-        if (0..x.cells as i64).contains(&i) && (0..v.cells as i64).contains(&j) {
+        let inside = self.space.wrap(a, i);
+        if let Some(place) = inside.filter(|_| (0..v.cells as i64).contains(&j)) {
             let mut source = *cell;
-            source[a] = i as usize;
+            source[a] = place;
             source[n + a] = j as usize;
             row.entries.push((self.space.index(&source), rate));
             return;
@@ -193,7 +202,7 @@ impl<'a> Scheme<'a> {
             return;
         }
         let mut point = self.space.point(cell);
-        point[a] = x.centre(i);
+        point[a] = x.centre(inside.map_or(i, |place| place as i64));
         point[3 + a] = v.centre(j);
         row.ghosts.push((rate, point));
         let [px, py, pz, vx, vy, vz] = point;
@@ -220,15 +229,18 @@ impl<'a> Scheme<'a> {
     }
 }
 
-/// `Σ_a max |v_a|/Δx_a`: the fastest transport; with the steepest force it bounds `max_i |A_ii|`. A function of the case
-/// alone, so the same on any ranks.
+/// `Σ_a max |v_a|/Δx_a`: the fastest transport, where `V` does not jump at the face of a cell that is its own neighbour; with the
+/// steepest force it bounds `max_i |A_ii|`. A function of the case alone, so the same on any ranks.
 pub fn transport_rate(space: &PhaseSpace) -> f64 {
-    (space.x.iter().zip(&space.v))
-        .map(|(x, v)| {
-            let fastest = velocity(v, 0)
-                .abs()
-                .max(velocity(v, v.cells as i64 - 1).abs());
-            fastest / x.width()
-        })
+    (0..space.dimension())
+        .filter(|&a| !space.is_single(a))
+        .map(|a| fastest(space, a))
         .sum()
+}
+
+/// `max |v_a|/Δx_a`.
+pub fn fastest(space: &PhaseSpace, a: usize) -> f64 {
+    let v = &space.v[a];
+    let ends = [0, v.cells as i64 - 1].map(|j| velocity(v, j).abs());
+    ends[0].max(ends[1]) / space.x[a].width()
 }

@@ -272,8 +272,16 @@ pub fn read_text(path: &Path) -> Result<String> {
     Ok(text.trim_start_matches('\u{feff}').to_owned())
 }
 
-fn read_axis(table: Table<'_>) -> Result<Axis> {
-    let table = table.knowing(&["lower", "upper", "cells"])?;
+/// An axis, and whether it closes on itself: a question for space axes only.
+fn read_axis(table: Table<'_>, of_space: bool) -> Result<(Axis, bool)> {
+    let table = table.knowing(&["lower", "upper", "cells", "boundary"])?;
+    if !of_space && table.has("boundary") {
+        return Err(table.error(
+            "boundary",
+            "a velocity axis has none to choose; what enters there has the value of inflow.value",
+        ));
+    }
+    let periodic = table.choice("boundary", &[("inflow", false), ("periodic", true)])?;
     let axis = Axis {
         lower: table.required_number("lower")?,
         upper: table.required_number("upper")?,
@@ -299,7 +307,7 @@ fn read_axis(table: Table<'_>) -> Result<Axis> {
             &format!("cells of width {width:e} cannot be told apart in double precision"),
         ));
     }
-    Ok(axis)
+    Ok((axis, periodic))
 }
 
 fn read_axes(root: &Table<'_>) -> Result<PhaseSpace> {
@@ -316,16 +324,24 @@ fn read_axes(root: &Table<'_>) -> Result<PhaseSpace> {
     let mut space = PhaseSpace {
         x: Vec::new(),
         v: Vec::new(),
+        periodic: [false; MAX_DIMENSION],
     };
-    for table in tables {
+    for (a, table) in tables.into_iter().enumerate() {
         let table = table.knowing(&["x", "v"])?;
-        for (key, list) in [("x", &mut space.x), ("v", &mut space.v)] {
+        for key in ["x", "v"] {
             if !table.has(key) {
                 return Err(
                     table.error(key, "missing; { lower = …, upper = …, cells = … } expected")
                 );
             }
-            list.push(read_axis(table.table(key)?)?);
+            let (axis, periodic) = read_axis(table.table(key)?, key == "x")?;
+            space.periodic[a] |= periodic;
+            let list = if key == "x" {
+                &mut space.x
+            } else {
+                &mut space.v
+            };
+            list.push(axis);
         }
     }
     let cells: f64 = space.axes().map(|a| a.cells as f64).product();

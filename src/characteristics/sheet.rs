@@ -185,7 +185,10 @@ pub fn exact_moments(case: &Case) -> Result<Option<ExactMoments>> {
         budget: BUDGET[n - 1],
         failure: None,
     };
-    let ends = |upper: bool| (0..n).map(move |axis| Sheet::Entering { axis, upper });
+    let ends = |upper: bool| {
+        let open = (0..n).filter(|&axis| !case.space.is_periodic(axis));
+        open.map(move |axis| Sheet::Entering { axis, upper })
+    };
     // In one dimension in the order of x.
     for sheet in ends(false).chain([Sheet::Initial]).chain(ends(true)) {
         sheets.cover(sheet);
@@ -225,7 +228,8 @@ pub fn curve_points(case: &Case) -> usize {
         },
     ];
     let [initial, entering] = sheets.map(|sheet| grid(case, sheet).0[0].len());
-    3 * (initial + 2 * entering) / 2
+    let ends = if case.space.is_periodic(0) { 0 } else { 2 };
+    3 * (initial + ends * entering) / 2
 }
 
 /// The first boxes of a sheet: their numbers and widths along each axis.
@@ -323,16 +327,21 @@ impl Sheets<'_> {
                 }
             }
         };
-        let followed = if density == 0.0 {
+        let mut followed = if density == 0.0 {
             // Nothing is there.
             Followed {
                 point,
                 left: Some(time),
                 history: 0,
+                turns: [0; MAX_DIMENSION],
             }
         } else {
             self.tracer.follow(&point, time)
         };
+        // Periodic axes unrolled, so that no image is cut in two.
+        for (a, axis) in self.space().x.iter().enumerate() {
+            followed.point[a] += f64::from(followed.turns[a]) * (axis.upper - axis.lower);
+        }
         Image { density, followed }
     }
 
@@ -403,8 +412,41 @@ impl Sheets<'_> {
         if n == 1 && image.is_some() {
             let history = centre.followed.history;
             let ends = [corners[0].followed.point, corners[1].followed.point];
-            self.draw(mean * volume / (2.0 * half[0]), history, &ends);
+            for ends in self.rolled(&ends) {
+                self.draw(mean * volume / (2.0 * half[0]), history, &ends);
+            }
         }
+    }
+
+    /// The line between two points in one dimension, on a periodic axis cut where it goes on at the other end.
+    fn rolled(&self, [first, last]: &[[f64; 6]; 2]) -> Vec<[[f64; 6]; 2]> {
+        let axis = &self.space().x[0];
+        if !self.space().is_periodic(0) {
+            return vec![[*first, *last]];
+        }
+        let length = axis.upper - axis.lower;
+        let (from, to) = (first[0].min(last[0]), first[0].max(last[0]));
+        let turn = |x: f64| ((x - axis.lower) / length).floor();
+        let mut lines = Vec::new();
+        let mut shift = turn(from) * length;
+        while lines.is_empty() || axis.lower + shift < to {
+            let line = [first, last].map(|point| {
+                let mut end = *point;
+                let x = (point[0] - shift).clamp(axis.lower, axis.upper);
+                if to > from {
+                    let part = (x + shift - first[0]) / (last[0] - first[0]);
+                    end[3] = first[3] + part * (last[3] - first[3]);
+                }
+                end[0] = x;
+                end
+            });
+            lines.push(line);
+            shift += length;
+        }
+        if last[0] < first[0] {
+            lines.reverse();
+        }
+        lines
     }
 
     /// Puts mass evenly over the box `middle ± half` of space.
@@ -415,7 +457,12 @@ impl Sheets<'_> {
                 return vec![(0, 1.0)];
             }
             let axis = &self.case.space.x[b];
-            overlap(axis, middle[b] - half[b], middle[b] + half[b])
+            let (lower, upper) = (middle[b] - half[b], middle[b] + half[b]);
+            if self.case.space.is_periodic(b) {
+                overlap_around(axis, lower, upper)
+            } else {
+                overlap(axis, lower, upper)
+            }
         });
         let axes = &self.case.space.x;
         let rows = |b: usize| axes.get(b).map_or(1, |a| a.cells);
@@ -506,6 +553,23 @@ fn overlap(axis: &Axis, lower: f64, upper: f64) -> Vec<(usize, f64)> {
             };
             (i, ((to - from) / length).max(0.0))
         })
+        .collect()
+}
+
+/// As [`overlap`], on a periodic axis, of an interval anywhere: cells may come more than once.
+fn overlap_around(axis: &Axis, lower: f64, upper: f64) -> Vec<(usize, f64)> {
+    let length = axis.upper - axis.lower;
+    let shift = ((lower - axis.lower) / length).floor() * length;
+    let (lower, upper) = (lower - shift, upper - shift);
+    if upper <= axis.upper || upper == lower {
+        return overlap(axis, lower, upper);
+    }
+    let inside = ((axis.upper - lower) / (upper - lower)).clamp(0.0, 1.0);
+    let first = overlap(axis, lower.min(axis.upper), axis.upper).into_iter();
+    let rest = overlap_around(axis, axis.lower, upper - length).into_iter();
+    first
+        .map(|(i, part)| (i, inside * part))
+        .chain(rest.map(|(i, part)| (i, (1.0 - inside) * part)))
         .collect()
 }
 

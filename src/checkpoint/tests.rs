@@ -19,6 +19,7 @@ fn space(x: &[usize]) -> PhaseSpace {
     PhaseSpace {
         x: x.iter().map(axis).collect(),
         v: v.iter().map(axis).collect(),
+        periodic: [false; 3],
     }
 }
 

@@ -170,15 +170,18 @@ impl Transport {
     ) -> Self {
         let (space, block) = (&case.space, &matrix.block);
         let (nv, rows) = (block.velocity_cells, matrix.rows());
-        let stride = space.stride(axis);
         let local = |global: usize| match block.place(global) {
             Some(Place::Own(i)) => Some(i as u32),
             Some(Place::Ghost(g)) => Some((rows + g) as u32),
             None => None,
         };
         let mut this = Self {
+            // There is no slope, and nothing to add, along a periodic axis of one cell.
             speed: (0..nv)
-                .map(|v| scheme.speed(&space.cell(v), axis))
+                .map(|v| match space.is_single(axis) {
+                    true => 0.0,
+                    false => scheme.speed(&space.cell(v), axis),
+                })
                 .collect(),
             beyond: Vec::with_capacity(block.space_cells()),
             faces: Vec::new(),
@@ -188,16 +191,10 @@ impl Transport {
             let cell = space.cell(first);
             let mut beyond = [Beyond::Faces(0); 2];
             for (side, above) in [false, true].into_iter().enumerate() {
-                if scheme.plain_face(&cell, axis, above) {
-                    let next = if above {
-                        first + stride
-                    } else {
-                        first - stride
-                    };
-                    if let Some(number) = local(next) {
-                        beyond[side] = Beyond::Cell(number);
-                        continue;
-                    }
+                let plain = scheme.plain_neighbour(&cell, axis, above);
+                if let Some(number) = plain.and_then(|next| local(space.index(&next))) {
+                    beyond[side] = Beyond::Cell(number);
+                    continue;
                 }
                 beyond[side] = Beyond::Faces(this.faces.len() as u32);
                 for v in 0..nv {

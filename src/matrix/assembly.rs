@@ -2,7 +2,9 @@
 //!
 //! An entry `A_ij` gives `½ A_ij` to entry `(i, j)` of `S` and of `K`, and `½ A_ij`, `−½ A_ij` to entry `(j, i)`. A row of `A` draws on
 //! cells of its own layer and of the two next to it, so three layers are collected at a time, each row of `A`, those of ghosts
-//! included, is evaluated once, and never are more than three layers kept that are not yet compressed.
+//! included, is evaluated once, and never are more than three layers kept that are not yet compressed. Where the first axis is
+//! periodic, the last layer is next to the first: what the first gives to it waits, and its rows are evaluated beforehand for what
+//! they give to the first.
 
 use super::rows::{Builder, Entry};
 use super::{BlockMatrix, Entering, Inflow};
@@ -115,6 +117,13 @@ impl Listing<'_> {
     }
 }
 
+/// The unknowns of space cells that are given by the numbers of their first ones, global and local.
+fn unknowns(cells: &[(usize, usize)], nv: usize) -> impl Iterator<Item = (usize, usize)> {
+    let velocities =
+        move |&(global, local): &(usize, usize)| (0..nv).map(move |v| (global + v, local + v));
+    cells.iter().flat_map(velocities)
+}
+
 impl BlockMatrix {
     /// Assembles this rank's rows; couplings to auxiliary unknowns are zero until [`couple`](Self::couple).
     ///
@@ -169,6 +178,28 @@ impl BlockMatrix {
         let mut sorter = Sorter::default();
         // Those of the layer before, of this one and of the next.
         let mut collected: [Layer; 3] = Default::default();
+        // What the first layer gives to the last one, where that is not the next; and what the last one gives to the first.
+        let mut turned = Layer::default();
+        let by_layer =
+            |a: &(usize, usize), b: &(usize, usize)| a.0 / global_layer == b.0 / global_layer;
+        if case.space.is_periodic(0) && range.len() > 2 {
+            let last = layers.chunk_by(by_layer).next_back();
+            for (global, i) in unknowns(last.unwrap_or_default(), nv) {
+                scheme.row(&mut row, global);
+                let first = row.entries.iter().filter(|e| e.0 < global_layer);
+                for &(column, value) in first {
+                    if let Some(Place::Own(j)) = block.place(column) {
+                        collected[1].0.push(Part {
+                            row: j as u32,
+                            column: i as u32,
+                            key: global,
+                            s: 0.5 * value,
+                            k: -0.5 * value,
+                        });
+                    }
+                }
+            }
+        }
         let mut done = 0;
         let mut finish = |layer: &mut Layer, builder: &mut Builder| {
             sorter.drain(layer, layer_cells, |entries| {
@@ -181,13 +212,10 @@ impl BlockMatrix {
             });
         };
         let mut next = range.start;
-        for layer in layers.chunk_by(|a, b| a.0 / global_layer == b.0 / global_layer) {
+        for layer in layers.chunk_by(by_layer) {
             let a = layer[0].0 / global_layer;
             next = a + 1;
-            for (global, i) in layer
-                .iter()
-                .flat_map(|&(g, l)| (0..nv).map(move |v| (g + v, l + v)))
-            {
+            for (global, i) in unknowns(layer, nv) {
                 scheme.row(&mut row, global);
                 let own = i < cells;
                 for &(column, value) in &row.entries {
@@ -198,7 +226,12 @@ impl BlockMatrix {
                     let half = 0.5 * value;
                     let mut put = |target: usize, layer: usize, part: (usize, usize, f64, f64)| {
                         let (column, key, s, k) = part;
-                        collected[layer + 1 - a].0.push(Part {
+                        let list = match (layer + 1).checked_sub(a) {
+                            Some(next @ 0..=2) => &mut collected[next],
+                            Some(_) => &mut turned,
+                            None => return,
+                        };
+                        list.0.push(Part {
                             row: (target - (layer - range.start) * layer_cells) as u32,
                             column: column as u32,
                             key,
@@ -215,6 +248,9 @@ impl BlockMatrix {
                         put(j, column / global_layer, (i, global, half, -half));
                     }
                 }
+            }
+            if next == range.end {
+                collected[1].0.append(&mut turned.0);
             }
             // Nothing more comes to the layer before.
             if a > range.start {

@@ -17,7 +17,8 @@
 //! level 1   x x x x x . .      next: the sixth cell to 1, the fifth to 2, the fourth to 3
 //! ```
 //!
-//! Along a strip's edge every level begins a cell earlier, and what is left open there waits for the next strip.
+//! Along a strip's edge every level begins a cell earlier, and what is left open there waits for the next strip. Where an axis is
+//! periodic, both of its ends are such edges: the first cells wait for the last ones.
 //!
 //! Ghosts are like a tile that goes on by an exchange: towards them the levels fall off cell by cell, and each exchange lets all
 //! of those go on by one. So there is one message a step as without blocking, whatever the neighbour's depth, nothing is computed
@@ -170,10 +171,11 @@ impl Shape {
                     section *= if cut { cells + 0.5 * open } else { cells };
                     edges *= if cut { 1.0 + open / cells } else { 1.0 };
                 }
-                // Towards ghosts, `depth` cells wait for them level by level.
-                let waiting: f64 = (matrix.block.ranges.iter().zip(&wide))
-                    .map(|(own, wide)| {
-                        let sides = (wide.len() - own.len()) as f64;
+                // Towards ghosts, `depth` cells wait for them level by level; around a periodic axis, for those at the other end.
+                let waiting: f64 = (matrix.block.ranges.iter().zip(&wide).enumerate())
+                    .map(|(a, (own, wide))| {
+                        let around = if a == 0 && matrix.block.closed { 2 } else { 0 };
+                        let sides = (wide.len() - own.len() + around) as f64;
                         0.5 * sides * depth as f64 / own.len() as f64
                     })
                     .sum();

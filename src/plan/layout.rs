@@ -385,7 +385,7 @@ fn split_axes(case: &Case, blocks: usize) -> Option<Vec<usize>> {
             }
             return;
         }
-        for p in (1..=left.min(axes[axis].cells)).filter(|p| left.is_multiple_of(*p)) {
+        for p in (1..=left.min(case.space.most_blocks(axis))).filter(|p| left.is_multiple_of(*p)) {
             parts.push(p);
             visit(case, axis + 1, left / p, parts, best);
             parts.pop();
@@ -420,8 +420,11 @@ fn arrays(
             sides * cells / a.cells.div_ceil(*p) as u64
         })
         .sum();
-    // Inflow rows lie on the box's ends: half of each of the two x-ends of an axis.
-    let ends: u64 = case.space.x.iter().map(|a| cells / a.cells as u64).sum();
+    // Inflow rows lie on the box's ends: half of each of the two x-ends of an axis that has ends.
+    let ends: u64 = (case.space.x.iter().zip(case.space.periodic))
+        .filter(|(_, periodic)| !periodic)
+        .map(|(a, _)| cells / a.cells as u64)
+        .sum();
     // Rows that are listed as inflow, and auxiliary unknowns.
     let (listed, inflow) = match (bounds.inflow, case.warp.inflow) {
         (false, _) => (0, 0),

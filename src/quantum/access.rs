@@ -236,8 +236,8 @@ impl<'a> SparseAccess<'a> {
         let n = self.space.dimension();
         let cell = self.space.cell(i);
         for a in 0..n {
-            let (x, v) = (&self.space.x[a], &self.space.v[a]);
-            let near = cell[a].saturating_sub(1)..(cell[a] + 2).min(x.cells);
+            let v = &self.space.v[a];
+            let near = (-1..=1).filter_map(|step| self.space.wrap(a, cell[a] as i64 + step));
             for (place, velocity) in near.flat_map(|p| (0..v.cells).map(move |j| (p, j))) {
                 let mut other = cell;
                 (other[a], other[n + a]) = (place, velocity);

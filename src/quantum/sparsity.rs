@@ -249,9 +249,7 @@ fn largest_jumps(case: &Case, block: &Block, space: &Group) -> Result<Vec<f64>> 
     block.for_each_own(|global, _| {
         let cell = case.space.cell(global);
         for (a, largest) in largest.iter_mut().enumerate() {
-            if cell[a] > 0 {
-                *largest = largest.max(potential.jump_below(&cell, a).abs());
-            }
+            *largest = largest.max(potential.jump_below(&cell, a).abs());
         }
     });
     Ok(largest.into_iter().map(|jump| space.max(jump)).collect())

@@ -280,6 +280,8 @@ fn part_of(case: &Case, mesh: &Mesh, ranks: usize) -> (Case, Mesh) {
     let space = PhaseSpace {
         x,
         v: case.space.v.clone(),
+        // These are whole: they are not split.
+        periodic: case.space.periodic,
     };
     let mesh = Mesh {
         space: parts,

@@ -76,6 +76,7 @@ fn density(
     let space = PhaseSpace {
         x: v.iter().map(|_| axis(0.0, 1.0, 1)).collect(),
         v: v.to_vec(),
+        periodic: [false; 3],
     };
     let (mut phis, mut psis) = (Vec::new(), vec![Vec::new(); v.len()]);
     let ranges: Vec<_> = v.iter().map(|a| 0..a.cells).collect();
