@@ -7,6 +7,7 @@ mod launch;
 mod results;
 
 use launch::{Finished, Job, Summary, case, cases, check_all, directory, shrunk};
+use phasewarp::case::Case;
 use results::{datasets, differences, distance, field};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -1732,11 +1733,18 @@ fn same_bits_everywhere(scene: &Scene) {
     }
 
     let mut rows: Vec<(usize, Option<Vec<usize>>)> = Vec::new();
+    let settings: Vec<String> = scene.settings.iter().map(|s| s.to_string()).collect();
+    let space = Case::load(Path::new(&case(scene.name)), &settings)
+        .unwrap()
+        .space;
+    let whole =
+        |m: &Vec<usize>| (m.iter().enumerate()).all(|(a, m)| *m == 1 || !space.is_periodic(a));
     for ranks in 1..=4 {
         rows.push((ranks, None));
         rows.extend(
             meshes(scene.axes, ranks)
                 .into_iter()
+                .filter(whole)
                 .map(|m| (ranks, Some(m))),
         );
     }
@@ -2002,6 +2010,64 @@ fn same_bits_in_the_plane() {
         settings: &["axis.0.x.cells=13", "axis.1.x.cells=7", "time.end=0.7"],
         axes: 2,
         datasets: PLANE,
+    });
+}
+
+#[test]
+fn same_bits_around_periodic_axes() {
+    same_bits_everywhere(&Scene {
+        name: "periodic2d.toml",
+        settings: &["axis.0.x.cells=13", "axis.1.x.cells=5", "time.end=0.7"],
+        axes: 2,
+        datasets: PLANE,
+    });
+    same_bits_everywhere(&Scene {
+        name: "periodic2d.toml",
+        settings: &[
+            "axis.0.x.boundary=periodic",
+            "axis.1.x={lower=-0.5,upper=0.5,cells=6}",
+            "time.end=0.7",
+            "solver.method=classical",
+            "solver.classical.integrator=ssp-rk3",
+            "scheme.limiter=van-leer",
+        ],
+        axes: 2,
+        datasets: PLANE,
+    });
+}
+
+/// Where periodic axes are asked for and where they are not to be had.
+#[test]
+fn boundaries_that_cannot_be_are_refused() {
+    let rows: [(&[&str], &[&str], &[&str]); 4] = [
+        (
+            &["axis.0.x.boundary=reflecting"],
+            &[],
+            &["axis.0.x.boundary", "reflecting", "periodic"],
+        ),
+        (
+            &["axis.0.v.boundary=periodic"],
+            &[],
+            &["axis.0.v.boundary", "velocity"],
+        ),
+        (
+            &["axis.0.x.boundry=periodic"],
+            &[],
+            &["boundry", "boundary"],
+        ),
+        (
+            &[],
+            &["--ranks-x", "1,2"],
+            &["--ranks-x", "2 blocks", "y", "periodic"],
+        ),
+    ];
+    check_all(&rows, |(settings, arguments, says)| {
+        let place = directory();
+        let job = run("periodic2d.toml")
+            .set(settings)
+            .with(arguments.iter().copied());
+        let finished = job.on(2).into(place.path()).run()?;
+        refused(&finished, says)
     });
 }
 

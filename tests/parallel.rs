@@ -590,6 +590,40 @@ impl Twin {
                     "potential.1.value='0.1 + 0.05*y'",
                 ],
             ),
+            // Axes that close on themselves: the first, where layers are assembled and blocks are opened one after the other, and another.
+            Self::new(
+                "periodic, a jump at the end, inflow of velocities",
+                "slope_jump.toml",
+                &[
+                    "axis.0.x={lower=-1.5,upper=1.5,cells=9,boundary='periodic'}",
+                    "axis.0.v.cells=7",
+                    "inflow.value='1 + x + 2*v'",
+                ],
+            ),
+            Self::new(
+                "periodic along the step",
+                "periodic2d.toml",
+                &[
+                    "axis.0.x.cells=6",
+                    "axis.0.v.cells=4",
+                    "axis.1.x.cells=5",
+                    "axis.1.v.cells=3",
+                    "potential.0.value='0.1*y'",
+                    "inflow.value='1 if x < -1.2 else 0'",
+                ],
+            ),
+            Self::new(
+                "periodic across the step, two cells along it",
+                "periodic2d.toml",
+                &[
+                    "axis.0.x.boundary=periodic",
+                    "axis.0.x.cells=4",
+                    "axis.0.v.cells=6",
+                    "axis.1.x={lower=-0.5,upper=0.5,cells=3}",
+                    "axis.1.v.cells=3",
+                    "scheme.interface='conservative'",
+                ],
+            ),
             // The other embeddings of the inflow, δ planned and given.
             Self::slopes(
                 "full",
@@ -681,7 +715,8 @@ fn meshes(world: &World, case: &Case) -> Vec<Mesh> {
             });
             return;
         };
-        for blocks in (1..=ranks.min(axis.cells)).filter(|b| ranks.is_multiple_of(*b)) {
+        let most = case.space.most_blocks(parts.len()).min(axis.cells);
+        for blocks in (1..=ranks.min(most)).filter(|b| ranks.is_multiple_of(*b)) {
             parts.push(blocks);
             visit(case, ranks / blocks, parts, list);
             parts.pop();

@@ -476,6 +476,12 @@ pub fn shrunk(name: &str) -> &'static [&'static str] {
             "axis.1.v.cells=4",
             "time.end=1.0",
         ],
+        "periodic2d.toml" => &[
+            "axis.0.x.cells=12",
+            "axis.0.v.cells=7",
+            "axis.1.x.cells=5",
+            "axis.1.v.cells=5",
+        ],
         "quantum_dot2d.toml" => &[
             "axis.0.x.cells=12",
             "axis.0.v.cells=8",
