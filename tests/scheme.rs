@@ -271,7 +271,7 @@ fn scenes() -> Vec<Scene> {
             &[
                 "axis.0.x.cells=3",
                 "axis.0.v.cells=4",
-                "axis.1.x={lower=-1.0,upper=1.0,cells=5,boundary='periodic'}",
+                "axis.1.x={lower=-1.0,upper=1.0,cells=7,boundary='periodic'}",
                 "axis.1.v.cells=6",
                 "potential.0.value='0.2 + 0.1*x - 0.3*x*y'",
                 "potential.1.value='0.05*y'",
@@ -297,7 +297,7 @@ fn scenes() -> Vec<Scene> {
                 "axis.2.x={lower=-0.8,upper=0.8,cells=1,boundary='periodic'}",
                 "axis.2.v.cells=2",
             ],
-            step_up,
+            |[c, ..], _| if c < 0.0 { 0.0 } else { 0.1 },
             nothing,
         ),
     ]

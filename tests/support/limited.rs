@@ -59,16 +59,26 @@ impl Limited<'_> {
         self.potential(cell, &point)
     }
 
+    /// The place `i` along space axis `a`, around the end of a periodic axis; `None` off the grid.
+    fn place(&self, a: usize, i: i64) -> Option<usize> {
+        let cells = self.space.x[a].cells as i64;
+        let i = if self.space.periodic[a] {
+            (i + cells) % cells
+        } else {
+            i
+        };
+        (0..cells).contains(&i).then_some(i as usize)
+    }
+
     /// `V` in the cell minus `V` behind its face.
     fn rise(&self, cell: &Cell, a: usize, above: bool) -> f64 {
-        let next = cell[a] as i64 + if above { 1 } else { -1 };
-        if !(0..self.space.x[a].cells as i64).contains(&next) {
+        let Some(next) = self.place(a, cell[a] as i64 + if above { 1 } else { -1 }) else {
             return 0.0;
-        }
+        };
         let mut beyond = *cell;
-        beyond[a] = next as usize;
+        beyond[a] = next;
         let own = self.limit(cell, cell, a, above);
-        let other = self.limit(&beyond, cell, a, above);
+        let other = self.limit(&beyond, &beyond, a, !above);
         if (own - other).abs() <= 1e-13 * own.abs().max(other.abs()).max(1.0) {
             return 0.0;
         }
@@ -136,10 +146,11 @@ impl Limited<'_> {
         }
         list.into_iter()
             .map(|(i, j, weight, across)| {
-                let on_grid = (0..x.cells as i64).contains(&i) && (0..v.cells as i64).contains(&j);
-                let source = if on_grid {
+                let held = (0..v.cells as i64).contains(&j);
+                let place = self.place(a, i).filter(|_| held);
+                let source = if let Some(place) = place {
                     let mut source = *cell;
-                    (source[a], source[n + a]) = (i as usize, j as usize);
+                    (source[a], source[n + a]) = (place, j as usize);
                     Source::Cell(source, across)
                 } else {
                     Source::Outside(self.ghost(cell, a, i, j))
