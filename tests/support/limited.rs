@@ -99,7 +99,7 @@ impl Limited<'_> {
 
     fn ghost(&self, cell: &Cell, a: usize, i: i64, j: i64) -> f64 {
         let mut point = self.space.point(cell);
-        point[a] = self.space.x[a].centre(i);
+        point[a] = self.space.x[a].centre(self.place(a, i).map_or(i, |place| place as i64));
         point[3 + a] = self.space.v[a].centre(j);
         self.case.fields[0].entering().eval(&point)
     }
@@ -180,8 +180,8 @@ impl Limited<'_> {
     }
 
     fn plain(&self, cell: &Cell, a: usize, above: bool) -> bool {
-        let end = if above { self.space.x[a].cells - 1 } else { 0 };
-        cell[a] != end && self.rise(cell, a, above) == 0.0
+        let next = cell[a] as i64 + if above { 1 } else { -1 };
+        self.place(a, next).is_some() && self.rise(cell, a, above) == 0.0
     }
 
     /// `½Δ s = ½ (f_{i+1} − f_i) ψ(θ)`, `θ = (f_i − f_{i−1})/(f_{i+1} − f_i)`.
