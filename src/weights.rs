@@ -108,8 +108,9 @@ impl Weights {
         let rows = matrix.rows();
         exchange.start(&pi[..rows]);
         exchange.finish(&mut pi[rows..]);
-        let most = space.max(largest(pi.iter().copied()));
-        let least = -space.max(largest(pi.iter().map(|p| -p)));
+        let own = &pi[..cells];
+        let most = space.max(largest(own.iter().copied()));
+        let least = -space.max(largest(own.iter().map(|p| -p)));
         Ok(Self {
             pi,
             certificate,

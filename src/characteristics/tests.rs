@@ -537,3 +537,67 @@ fn faces_thresholds_and_corners() {
     let foot = tracer.foot(&[1.5, 1.5, -1.5, 1.2, 1.2, -1.2], 4.0);
     assert!((foot.entry - 1.5).abs() < 1e-12, "{foot:?}");
 }
+
+/// A line that is periodic with period 2, or `copies` of it to both sides in a box with ends; the second axis, where there is one, has
+/// ends. `V` has a slope, a jump inside and one at the end.
+fn periodic_or_unrolled(n: usize, copies: Option<i64>) -> Case {
+    let most = copies.unwrap_or(0);
+    let (length, cells) = (1 + 2 * most, 10 * (1 + 2 * most));
+    let boundary = if copies.is_none() {
+        "periodic"
+    } else {
+        "inflow"
+    };
+    let mut text = format!(
+        "[[axis]]\nx = {{ lower = -{length}, upper = {length}, cells = {cells}, boundary = '{boundary}' }}\n\
+         v = {{ lower = -1.6, upper = 1.7, cells = 4 }}\n"
+    );
+    if n == 2 {
+        text += "[[axis]]\nx = { lower = -1.0, upper = 1.0, cells = 5 }\n\
+                 v = { lower = -0.5, upper = 0.5, cells = 2 }\n";
+    }
+    for k in -most..=most {
+        let (end, x) = (2 * k + 1, format!("(x - ({}))", 2 * k));
+        for (inside, value) in [("0.2", "0.3"), ("1.5", "0.1")] {
+            let region = format!("x < {end} && {x} < {inside}");
+            text += &format!("[[potential]]\nwhere = '{region}'\nvalue = '{value}*{x}'\n");
+        }
+    }
+    text += "[[potential]]\nvalue = '0'\n[initial]\nf = '0'\n[time]\nend = 1.0\n";
+    Case::parse("test", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+#[test]
+fn around_a_periodic_axis_is_on_and_on() {
+    const TIME: f64 = 3.1;
+    for n in [1, 2] {
+        let (closed, open) = (
+            periodic_or_unrolled(n, None),
+            periodic_or_unrolled(n, Some(3)),
+        );
+        for (closed, open) in [
+            (tracer(&closed), tracer(&open)),
+            (tracer(&closed).forward(), tracer(&open).forward()),
+        ] {
+            let (mut turned, mut left) = (0, 0);
+            for point in spread(closed.case, 2000, 0.99) {
+                let (here, there) = (closed.follow(&point, TIME), open.follow(&point, TIME));
+                let mut unrolled = here.point;
+                unrolled[0] += 2.0 * f64::from(here.turns[0]);
+                assert!(
+                    distance(&unrolled, &there.point) < 1e-9,
+                    "{point:?} {here:?} {there:?}"
+                );
+                assert_eq!(here.left.is_some(), there.left.is_some(), "{point:?}");
+                let since = here
+                    .left
+                    .zip(there.left)
+                    .map_or(0.0, |(a, b)| (a - b).abs());
+                assert!(since < 1e-9, "{point:?} {here:?} {there:?}");
+                turned += usize::from(here.turns[0] != 0);
+                left += usize::from(here.left.is_some());
+            }
+            assert!(turned > 300 && left < 1500, "{turned} {left}");
+        }
+    }
+}

@@ -109,7 +109,7 @@ impl Limited<'_> {
         let n = self.n();
         let step = if above { 1 } else { -1 };
         let a = axis % n;
-        let (x, v) = (&self.space.x[a], &self.space.v[a]);
+        let v = &self.space.v[a];
         let (i, j) = (cell[a] as i64, cell[n + a] as i64);
         // (i, j, weight, across)
         let mut list = Vec::new();

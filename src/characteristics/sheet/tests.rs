@@ -392,3 +392,59 @@ fn wild_data_end() {
         "{error}"
     );
 }
+
+/// The density and the branches on a periodic axis are those of the middle one of five copies in a row: with a jump inside and one at
+/// the end, where data change and particles pass.
+#[test]
+fn periodic_axes_hold_what_copies_side_by_side_hold() {
+    let build = |copies: i64| {
+        let length = 1 + 2 * copies;
+        let mut regions = Vec::new();
+        for k in -copies..=copies {
+            regions.push((format!("x < {}", 2 * k), "0"));
+            regions.push((format!("x < {}", 2 * k + 1), "0.1"));
+        }
+        regions.push((String::new(), "0"));
+        let regions: Vec<(&str, &str)> = regions.iter().map(|(c, v)| (c.as_str(), *v)).collect();
+        let mut scene = case(
+            1,
+            (-length as f64, length as f64, (12 * length) as usize),
+            &regions,
+            ("1 + 0.5*sin(pi*x)", &["0.7 + 0.4*cos(pi*x)"]),
+            "initial",
+            1.7,
+        );
+        scene.space.periodic[0] = copies == 0;
+        scene
+    };
+    let (closed, open) = (build(0), build(2));
+    let (found, all) = (exact(&closed), exact(&open));
+    let middle = 24..36;
+    let mass: f64 = found.density.iter().sum::<f64>() / 6.0;
+    assert!((mass - 2.0).abs() < 1e-9, "{mass}");
+    for (i, j) in middle.enumerate() {
+        let (a, b) = (found.density[i], all.density[j]);
+        assert!((a - b).abs() < 1e-7 * b.abs().max(1.0), "cell {i}: {a} {b}");
+        let (a, b) = (found.velocity[0][i], all.velocity[0][j]);
+        assert!((a - b).abs() < 1e-7, "cell {i}: velocity {a} {b}");
+    }
+    let (line, lines) = (found.curve.unwrap(), all.curve.unwrap());
+    assert!(line.x.iter().all(|x| (-1.0..=1.0).contains(x)));
+    for x in [-0.93, -0.21, 0.333, 0.87] {
+        let at = |curve: &Curve| {
+            let branches = curve.branch.last().copied().unwrap_or(0.0) as usize;
+            let mut found: Vec<f64> = (0..=branches)
+                .flat_map(|b| curve_velocity(curve, x, b as f64))
+                .collect();
+            found.sort_by(f64::total_cmp);
+            found
+        };
+        let (a, b) = (at(&line), at(&lines));
+        assert!(!a.is_empty() && a.len() == b.len(), "{x}: {a:?} {b:?}");
+        for (a, b) in a.iter().zip(&b) {
+            assert!((a - b).abs() < 1e-4, "{x}: {a:?} {b:?}");
+        }
+    }
+    // Particles did go around: the data are not where they were.
+    assert!(line.branch.last().is_some_and(|b| *b >= 2.0));
+}
