@@ -262,9 +262,14 @@ impl WarpPlan {
             warnings,
         } = placement::place(case, bounds, ratio)?;
         let modes = modes_of(case, &series);
-        let weight = |l: usize| weight((&series, modes), &readings[0], l).norm();
+        let weight_of = |of: usize, l: usize| weight((&series, of), &readings[0], l).norm();
+        let weight = |l: usize| weight_of(modes, l);
+        // A mode and its conjugate share what is allowed, so that each is what it is without the other.
+        let (own, share) = (series.modes(), |l| {
+            weight_of(series.modes(), mode_of(&series, l).0)
+        });
         let allowed = |l: usize| match profile {
-            Some(_) => mode_tolerance(state_tolerance, modes, weight(l)),
+            Some(_) => mode_tolerance(state_tolerance, own, share(l)),
             None => case.tolerance,
         };
         let mode_tolerances: Vec<f64> = (0..modes).map(allowed).collect();
