@@ -157,8 +157,8 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
                 .min(FAR)
         };
         let mut points = Vec::new();
-        for k in 0..=32 {
-            let x = 0.6 + 0.075 * f64::from(k);
+        for k in 0..=30 {
+            let x = 0.6 + 0.04 * f64::from(k);
             if budget.over() {
                 break;
             }
