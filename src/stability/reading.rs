@@ -314,9 +314,9 @@ pub fn interval(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         Border::new("left end L: the field wraps around", left_end, left_theory),
         Border::new("right end R: exp(-p) is cut off", right_end, right_theory),
         Border::new(
-            "left end L: runs refuse, beside the measured one",
-            refusal,
-            left_end,
+            "shortest that a run accepts: its error, beside its tolerance",
+            shortest.map(|s| s.1),
+            Some(case.tolerance),
         ),
     ];
     let curve = |name: &str, points: Vec<Point>| Curve {
