@@ -141,8 +141,7 @@ pub fn recovery(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         }
         let mut yardstick = Yardstick::new(world, &case)?;
         let extent = extent(&mut yardstick, case.end)?;
-        let guaranteed = yardstick.bounds().decay * case.end;
-        let period = guaranteed + extent[0].max(0.0) + TO + room;
+        let period = extent[1] + extent[0].max(0.0) + TO + room;
         let modes = (profile.cutoff * period / std::f64::consts::TAU).ceil() as usize + 1;
         let series = Series::analytic(period, modes, |mu| profile.coefficient(mu));
         if budget.exceeds(yardstick.updates(&series)?) {
