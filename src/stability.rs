@@ -6,11 +6,11 @@
 //! | panel | varied | measured | theory |
 //! |---|---|---|---|
 //! | `cfl` | step of forward Euler and SSP-RK3 | growth of the largest value | norm of one step, von Neumann's symbol |
-//! | `growth` | cells | `e^{λ⁺T}` | the grazing block; the weights' certificate; 0 |
+//! | `growth` | cells | `e^{λ⁺T}` | chains at a face; the weights' certificate; 0 |
 //! | `recovery` | `p◇` | error of what is read there | the same of the profile alone, for any spectrum; round-off |
 //! | `interval` | `L` and `R` | error | the same |
 //! | `delta` | `δ` of the inflow | `e^{λ⁺T} ‖ũ(0)‖/‖f(T)‖` | one row and its unknown; norms |
-//! | `grazing` | height of the jumps | `λ⁺` | the grazing block |
+//! | `grazing` | height of the jumps | `λ⁺` | chains at a face |
 //! | `step` | step of the implicit methods | error | its leading term |
 //! | `tolerance` | what is asked | error | the tolerance; the smallest that a plan accepts |
 
@@ -52,9 +52,6 @@ pub struct Curve {
     pub points: Vec<Point>,
 }
 
-/// A ratio to a theory smaller than this tells nothing.
-const LEAST: f64 = 1e-3;
-
 /// Where something begins to fail.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Border {
@@ -74,15 +71,21 @@ pub struct Border {
 impl Border {
     fn new(name: impl Into<String>, measured: Option<f64>, theory: Option<f64>) -> Self {
         let [measured, theory] = [measured, theory].map(|x| x.filter(|x| x.is_finite()));
-        let both = measured
-            .zip(theory)
-            .filter(|(_, theory)| theory.abs() > LEAST);
+        let both = measured.zip(theory).filter(|(_, theory)| *theory != 0.0);
         Self {
             name: name.into(),
             measured,
             theory,
             ratio: both.map(|(measured, theory)| measured / theory),
             line: None,
+        }
+    }
+
+    /// A place that may be about zero: its ratio to theory tells nothing.
+    fn place(name: impl Into<String>, measured: Option<f64>, theory: Option<f64>) -> Self {
+        Self {
+            ratio: None,
+            ..Self::new(name, measured, theory)
         }
     }
 

@@ -3,8 +3,8 @@
 use crate::communicator::{Group, World};
 use std::time::{Duration, Instant};
 
-/// Numbers that a trial may update for each second of the budget: a hundredth of what a core does.
-const UPDATES_PER_SECOND: f64 = 1e7;
+/// Numbers that a trial may update for each second of the budget: a tenth of what a core does.
+const UPDATES_PER_SECOND: f64 = 2e7;
 
 /// The time there is.
 pub struct Budget {

@@ -1,14 +1,21 @@
 //! Grazing particles: `λ⁺` of hat rows against the height of the jumps.
 //!
 //! A target velocity `ξ_j` whose source `√(ξ_j² + 2ΔV)` on the other side is almost at rest draws `|ξ_j|/Δx` from a cell that loses only
-//! `|ξ_k|/Δx` itself. With the sources `k` of weights `w_k`, the rows and columns of `S` that belong to `j` and the `k` are
+//! `|ξ_k|/Δx` itself. Upstream of each source `k`, and downstream of the target, lies a chain of cells on which `S` has the diagonal
+//! `−d = −|ξ|/Δx` and `d/2` beside it; a long one answers at its end like the number
 //!
 //! ```text
-//! ( −|ξ_j|/Δx        w_k |ξ_j|/2Δx )
-//! ( w_k |ξ_j|/2Δx    −|ξ_k|/Δx     ),   largest eigenvalue:  λ + |ξ_j|/Δx = Σ_k (w_k |ξ_j|/2Δx)² / (λ + |ξ_k|/Δx)
+//! E(λ, d) = ½ (λ + d + √((λ + d)² − d²)),      E(0, d) = d/2
 //! ```
 //!
-//! a principal block, so `λ⁺` is at least as large (Cauchy). How close a velocity cell comes to the threshold `√(2ΔV)` decides: hence spikes.
+//! so that, with the weights `w_k`, the largest eigenvalue that lives at the face is the root of
+//!
+//! ```text
+//! E(λ, |ξ_j|/Δx) = Σ_k (w_k |ξ_j|/2Δx)² / E(λ, |ξ_k|/Δx),      which is positive where  Σ_k w_k² |ξ_j|/|ξ_k| > 1.
+//! ```
+//!
+//! How close a velocity cell comes to the threshold `√(2ΔV)` decides: hence spikes. Other targets that share the sources, short chains and
+//! forces are left out.
 
 use super::budget::Budget;
 use super::scene::{assembled, coarsened, growth, note, with_interface, with_potential_times};
@@ -27,44 +34,45 @@ const FROM: f64 = 0.05;
 const TO: f64 = 2.0;
 const HEIGHTS: usize = 64;
 
-/// Largest root of `λ + own = Σ half²/(λ + lost)` over `(half, lost)`; `own` and `lost` are not negative.
-fn block_growth(own: f64, list: &[(f64, f64)]) -> f64 {
-    let least = list.iter().fold(own, |m, (_, lost)| m.min(*lost));
-    // At most the least loss below zero, at most the sum of all halves above it.
-    let (mut low, mut high) = (-least, list.iter().map(|(half, _)| half).sum::<f64>());
-    for _ in 0..100 {
-        let middle = 0.5 * (low + high);
+/// What a long chain answers at its end, `E(λ, d)`.
+fn chain(lambda: f64, d: f64) -> f64 {
+    let sum = lambda + d;
+    0.5 * (sum + (lambda * (sum + d)).sqrt())
+}
+
+/// Largest root of `E(λ, own) = Σ half²/E(λ, lost)` over `(half, lost)`, 0 where there is no positive one.
+fn face_growth(own: f64, list: &[(f64, f64)]) -> f64 {
+    let grows = |lambda: f64| {
         let drawn: f64 = (list.iter())
-            .map(|(half, lost)| half * half / (middle + lost))
+            .map(|&(half, lost)| half * half / chain(lambda, lost))
             .sum();
-        if middle + own > drawn {
-            high = middle;
-        } else {
+        chain(lambda, own) < drawn
+    };
+    let (mut low, mut high) = (0.0, list.iter().map(|(half, _)| half).sum::<f64>());
+    if !grows(low) {
+        return 0.0;
+    }
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if grows(middle) {
             low = middle;
+        } else {
+            high = middle;
         }
     }
     high
 }
 
-/// A lower bound of `λ⁺` of hat rows without weights, from the blocks of all targets behind all jumps; none where `V` does not jump.
+/// What theory says of `λ⁺` of hat rows without weights: the largest over all targets behind all jumps; none where `V` does not jump.
 ///
 /// # Errors
 /// As [`Potential::whole`].
-pub fn block_estimate(case: &Case) -> Result<Option<f64>> {
-    let space = &case.space;
+pub fn expected_growth(case: &Case) -> Result<Option<f64>> {
     let potential = Potential::whole(case)?;
-    let n = space.dimension();
-    let slowest = |a: usize| {
-        let speeds = (0..space.v[a].cells as i64).map(|j| velocity(&space.v[a], j).abs());
-        speeds.fold(f64::INFINITY, f64::min) / space.x[a].width()
-    };
-    // What any cell loses to a force, at most.
-    let force = potential.force_rate(space);
-    let ranges: Vec<_> = space.x.iter().map(|a| 0..a.cells).collect();
+    let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
     let mut best: Option<f64> = None;
     let mut list = Vec::new();
-    for (a, (x, v)) in space.x.iter().zip(&space.v).enumerate() {
-        let others: f64 = (0..n).filter(|&b| b != a).map(slowest).sum::<f64>() + force;
+    for (a, (x, v)) in case.space.x.iter().zip(&case.space.v).enumerate() {
         let mut jumps: Vec<f64> = Vec::new();
         for_each_cell(&ranges, |i| {
             let jump = potential.jump_below(i, a).abs();
@@ -72,21 +80,17 @@ pub fn block_estimate(case: &Case) -> Result<Option<f64>> {
                 jumps.push(jump);
             }
         });
-        let lost = |j: i64| velocity(v, j).abs() / x.width() + others;
+        let rate = |j: i64| velocity(v, j).abs() / x.width();
         for rise in jumps.iter().flat_map(|&jump| [jump, -jump]) {
-            for j in 0..v.cells as i64 {
-                let drawn = velocity(v, j).abs() / x.width();
-                if drawn == 0.0 {
-                    continue;
-                }
+            for j in (0..v.cells as i64).filter(|&j| rate(j) > 0.0) {
                 sources(&mut list, v, Interface::Hat, j, rise);
                 let inside = list
                     .iter()
                     .filter(|s| (0..v.cells as i64).contains(&s.velocity));
-                let block: Vec<(f64, f64)> = inside
-                    .map(|s| (0.5 * drawn * s.weight, lost(s.velocity)))
+                let sources: Vec<(f64, f64)> = inside
+                    .map(|s| (0.5 * rate(j) * s.weight, rate(s.velocity)))
                     .collect();
-                let found = block_growth(lost(j), &block);
+                let found = face_growth(rate(j), &sources);
                 best = Some(best.map_or(found, |b: f64| b.max(found)));
             }
         }
@@ -135,7 +139,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         Ok(Point {
             x: factor * height,
             measured: growth(&mut found)? * case.end,
-            theory: block_estimate(&scaled)?.unwrap_or(f64::NAN) * case.end,
+            theory: expected_growth(&scaled)?.unwrap_or(f64::NAN) * case.end,
         })
     };
     let own = at(1.0)?;
@@ -198,16 +202,26 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
 mod tests {
     use super::*;
 
+    /// Against the largest eigenvalue of the matrix of two chains that a face joins.
     #[test]
-    fn blocks_of_one_source_have_the_eigenvalue_of_a_two_by_two_matrix() {
-        for (own, half, lost) in [(3.0, 1.5, 0.1), (1.0, 0.2, 2.0), (0.7, 0.0, 0.4)] {
-            let (mean, apart) = (-0.5 * (own + lost), 0.5f64 * (own - lost));
-            let exact = mean + apart.hypot(half);
-            let found = block_growth(own, &[(half, lost)]);
-            assert!(
-                (found - exact).abs() < 1e-12,
-                "{own} {half} {lost}: {found} {exact}"
-            );
+    fn faces_between_chains() {
+        use faer::{Mat, Side};
+        for (own, half, lost) in [(3.0, 1.5, 0.1), (1.0, 0.9, 0.5), (0.7, 0.1, 0.4)] {
+            let n = 60;
+            let matrix = Mat::from_fn(2 * n, 2 * n, |i, j| {
+                let rate = |k: usize| if k < n { lost } else { own };
+                match i.abs_diff(j) {
+                    0 => -rate(i),
+                    1 if i.min(j) == n - 1 => half,
+                    1 => 0.5 * rate(i),
+                    _ => 0.0,
+                }
+            });
+            let all = matrix
+                .self_adjoint_eigen(Side::Lower)
+                .expect("it converges");
+            let (exact, found) = (all.S()[2 * n - 1], face_growth(own, &[(half, lost)]));
+            assert!((found - exact.max(0.0)).abs() < 1e-6, "{found} {exact}");
         }
     }
 

@@ -1,8 +1,8 @@
 //! The recovery's amplification `e^{λ⁺T}` against refinement, for each kind of interface row.
 
 use super::budget::Budget;
-use super::grazing::block_estimate;
-use super::scene::{assembled, coarsened, growth, note, refined, with_interface};
+use super::grazing::expected_growth;
+use super::scene::{assembled, coarsened, growth, refined, with_interface};
 use super::{Border, Curve, Found, Name, Panel, Point, Scale};
 use crate::case::{Case, Interface};
 use crate::communicator::World;
@@ -37,15 +37,12 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             points: Vec::new(),
         })
         .into();
-    let (mut borders, mut notes) = (Vec::new(), note(whole, &start));
+    let (mut borders, mut notes) = (Vec::new(), Vec::new());
     let mut last = start.space.shape();
     for factor in FACTORS {
         let grid = refined(&start, factor);
         if grid.space.cells() > MOST || budget.over() {
-            notes.push(format!(
-                "refined to {} times the cells of an axis at most",
-                last[0] / start.space.x[0].cells
-            ));
+            notes.push("finer grids take too long here".to_owned());
             break;
         }
         last = grid.space.shape();
@@ -55,18 +52,18 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             let case = with_interface(&grid, *interface, *weights);
             let mut found = assembled(world, &case)?;
             let measured = growth(&mut found)?;
-            // The block is inside S; the certificate is above it; conservative rows have neither.
+            // The certificate is above λ⁺; conservative rows have S ≤ 0.
             let theory = match (interface, weights) {
                 (Interface::Conservative, _) => 0.0,
                 (Interface::Hat, true) => found.problem.weights.certificate,
-                (Interface::Hat, false) => block_estimate(&case)?.unwrap_or(f64::NAN),
+                (Interface::Hat, false) => expected_growth(&case)?.unwrap_or(f64::NAN),
             };
             curve.points.push(Point {
                 x,
                 measured: (measured * case.end).exp(),
                 theory: (theory * case.end).exp(),
             });
-            borders.push(Border::new(
+            borders.push(Border::place(
                 format!("{name}: lambda+ at {x} cells"),
                 Some(measured),
                 Some(theory),

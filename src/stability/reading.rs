@@ -13,17 +13,19 @@
 use super::budget::Budget;
 use super::scene::{coarsened, note, with_interface};
 use super::{Border, Curve, Found, Name, Panel, Point, Scale};
-use crate::case::{Case, Coefficients, Interface, ProfileChoice};
+use crate::case::{Case, Coefficients, Interface, LARGEST_TOLERANCE, ProfileChoice};
 use crate::communicator::World;
 use crate::error::Result;
 use crate::plan::{Bounds, WarpPlan};
 use crate::profile::gaussian::{Gaussian, normal_quantile};
 use crate::profile::{Series, Shape};
+use crate::run::trial::trial;
 use crate::run::yardstick::Yardstick;
 use crate::spectrum;
 
-/// Cells that are enough.
+/// Cells that are enough; more where the profile is propagated but twice, as the growth shows on finer grids.
 const CELLS: usize = 1024;
+const CELLS_OF_RECOVERY: usize = 4096;
 /// The profile equals `e^{−p}` for `p ≥ 0` to within this.
 const LEVEL: f64 = 1e-8;
 /// Width of its switch.
@@ -109,7 +111,7 @@ pub fn recovery(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     if let Some(why) = unfit(whole) {
         return Ok(Err(why));
     }
-    let coarse = coarsened(whole, CELLS);
+    let coarse = coarsened(whole, CELLS_OF_RECOVERY);
     let jumps = Bounds::new(&coarse)?.jumps;
     let mut kinds = vec![if jumps {
         (
@@ -139,8 +141,7 @@ pub fn recovery(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         }
         let mut yardstick = Yardstick::new(world, &case)?;
         let extent = extent(&mut yardstick, case.end)?;
-        let guaranteed = yardstick.bounds().decay * case.end;
-        let period = guaranteed + extent[0].max(0.0) + TO + room;
+        let period = extent[1] + extent[0].max(0.0) + TO + room;
         let modes = (profile.cutoff * period / std::f64::consts::TAU).ceil() as usize + 1;
         let series = Series::analytic(period, modes, |mu| profile.coefficient(mu));
         if budget.exceeds(yardstick.updates(&series)?) {
@@ -168,13 +169,13 @@ pub fn recovery(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             number(right),
             number(right_theory)
         );
-        let growth = Border::new(
+        let growth = Border::place(
             format!("{name}: lambda+ T, beside the bound of a run"),
             Some(extent[0]),
             Some(yardstick.bounds().growth * case.end),
         );
         borders.push(growth);
-        borders.push(Border::new(
+        borders.push(Border::place(
             format!("{name}: plateau begins"),
             left,
             left_theory,
@@ -273,44 +274,48 @@ pub fn interval(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     let [_, left_theory] = plateau(&left, level, |p| p.theory);
     let [right_end, _] = plateau(&right, level, |p| p.measured);
     let [right_theory, _] = plateau(&right, level, |p| p.theory);
-    // What a run says of such an interval.
+    // The shortest that a run takes for this tolerance, with the profile that it plans for it, and what it reaches there.
     case.warp.profile = ProfileChoice::Gaussian;
     case.warp.coefficients = Coefficients::Sampled;
     (case.warp.recovery, case.warp.points) = (None, None);
-    case.tolerance = (LEVEL * ratio).min(crate::case::LARGEST_TOLERANCE);
-    let mut accepted = |length: f64| {
+    case.tolerance = (LEVEL * ratio).min(LARGEST_TOLERANCE);
+    case.verify = true;
+    let accepts = |case: &mut Case, length: f64| {
         case.warp.interval = Some([far - length, far]);
-        WarpPlan::modes_of(&case, yardstick.bounds(), ratio).is_ok()
+        WarpPlan::modes_of(case, yardstick.bounds(), ratio).is_ok()
     };
     let (mut short, mut enough) = (1.0, 4.0 * (needed + far));
-    let refusal = accepted(enough).then(|| {
+    let mut shortest = None;
+    if accepts(&mut case, enough) && !budget.over() {
         for _ in 0..12 {
             let middle = 0.5 * (short + enough);
-            if accepted(middle) {
+            if accepts(&mut case, middle) {
                 enough = middle;
             } else {
                 short = middle;
             }
         }
-        far - enough
-    });
+        case.warp.interval = Some([far - enough, far]);
+        let reached = trial(world, &case)?.summary.error_semidiscrete;
+        shortest = Some(far - enough).zip(reached);
+    }
     let number = |x: Option<f64>| x.map_or("not found".to_owned(), |x| format!("{x:.2}"));
     let verdict = format!(
         "The error is below {level:.1e} for L up to {} (theory {}), beyond which the field wraps around, and for R from {} on (theory {}), short of \
-         which e^(-p) is cut off. Runs refuse L above {}.",
+         which e^(-p) is cut off. Runs refuse what is too short for their own profile, here L above {}.",
         number(left_end),
         number(left_theory),
         number(right_end),
         number(right_theory),
-        number(refusal)
+        number(shortest.map(|s| s.0))
     );
     let borders = vec![
         Border::new("left end L: the field wraps around", left_end, left_theory),
         Border::new("right end R: exp(-p) is cut off", right_end, right_theory),
         Border::new(
-            "left end L: runs refuse, beside the measured one",
-            refusal,
-            left_end,
+            "shortest that a run accepts: its error, beside its tolerance",
+            shortest.map(|s| s.1),
+            Some(case.tolerance),
         ),
     ];
     let curve = |name: &str, points: Vec<Point>| Curve {

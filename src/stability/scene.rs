@@ -1,5 +1,6 @@
 //! The case as sweeps take it: without what only output is made of, and on fewer cells.
 
+use super::budget::Budget;
 use crate::case::{Case, Interface, Limiter, Method};
 use crate::communicator::World;
 use crate::error::{Error, Result};
@@ -136,24 +137,28 @@ pub fn growth(found: &mut Assembled) -> Result<f64> {
     Ok(extremes.highest.value)
 }
 
-/// How often `x` falls into what `found` says, over where it no longer does, by bisection between `low` and `high`: the last that does.
-/// `found` must say the same on all ranks.
+/// The last number between `low` and `high` of which `found` still says yes, by bisection; none where it says no to `low` or yes to `high`, or
+/// where the budget ends before it is known. `found` says the same on all ranks. Collective.
 pub fn border(
     (mut low, mut high): (f64, f64),
-    mut found: impl FnMut(f64) -> Result<bool>,
-) -> Result<Option<f64>> {
+    budget: &Budget,
+    mut found: impl FnMut(f64) -> bool,
+) -> Option<f64> {
     /// Halvings.
-    const STEPS: usize = 24;
-    if !found(low)? || found(high)? {
-        return Ok(None);
+    const STEPS: usize = 20;
+    if budget.over() || !found(low) || found(high) {
+        return None;
     }
     for _ in 0..STEPS {
+        if budget.over() {
+            return None;
+        }
         let middle = 0.5 * (low + high);
-        if found(middle)? {
+        if found(middle) {
             low = middle;
         } else {
             high = middle;
         }
     }
-    Ok(Some(0.5 * (low + high)))
+    Some(0.5 * (low + high))
 }

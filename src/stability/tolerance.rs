@@ -69,6 +69,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             Err(Error::Tolerance { smallest, .. }) => Some(smallest),
             Ok(_) => Some(NONE),
             Err(error) => {
+                notes.push(format!("{name}: {error}"));
                 refused = Some(error.to_string());
                 None
             }
