@@ -336,12 +336,11 @@ impl WarpPlan {
         Ok(modes_of(case, &placed.series))
     }
 
-    /// What [`new`](Self::new) would plan, nearly, from some of the modes: their number, and applications or solves over all of them and all
-    /// fields.
+    /// What [`new`](Self::new) would plan, nearly, from some of the modes: applications or solves over all of them and all fields.
     ///
     /// # Errors
     /// As [`new`](Self::new).
-    pub fn forecast(case: &Case, bounds: &Bounds, ratio: f64) -> Result<(usize, f64)> {
+    pub fn forecast(case: &Case, bounds: &Bounds, ratio: f64) -> Result<f64> {
         /// Modes that are looked at, about.
         const SAMPLE: usize = 64;
         let placed = placement::place(case, bounds, ratio)?;
@@ -359,7 +358,7 @@ impl WarpPlan {
             count += 1;
         }
         let mean = sum / f64::from(count.max(1));
-        Ok((modes, mean * (modes * case.fields.len()) as f64))
+        Ok(mean * (modes * case.fields.len()) as f64)
     }
 
     /// A number that plans share which are the same to the last bit.
