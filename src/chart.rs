@@ -27,6 +27,7 @@ use crate::error::{Error, Result};
 use crate::grid::PhaseSpace;
 use crate::plan::{Bounds, Resources};
 use crate::potential::overlooked;
+use crate::reduce::reduced;
 use crate::run::trial::{Trial, trial};
 use crate::run::{Assembled, memory_per_rank, refuse_hopeless_here};
 use forecast::Forecast;
@@ -194,13 +195,18 @@ impl Work<'_> {
         if let Some(why) = refused(&case) {
             return refusal(&case, why.to_owned());
         }
+        // What runs has no more cells than the scene needs.
+        let mut needed = match reduced(&self.all, &case) {
+            Ok(needed) => needed,
+            Err(error) => return refusal(&case, error.to_string()),
+        };
         let elapsed = self.elapsed();
         let left_out = |case: &Case, seconds: f64| Entry {
             expected_seconds: Some(seconds),
             ..label(case, Status::LeftOut)
         };
         // What can be told without a plan.
-        let least = self.told(self.forecast.overhead(&case));
+        let least = self.told(self.forecast.overhead(&needed));
         let hopeless = setup.needs_bounds()
             || least > LARGEST_PART * self.budget
             || self.forecasting > FORECASTING * self.budget;
@@ -208,26 +214,27 @@ impl Work<'_> {
             return left_out(&case, least);
         }
         if setup.needs_bounds() {
-            match self.measured(&case) {
+            match self.measured(&needed) {
                 Ok(bounds) => case = setup.settle(self.case, space, Some(&bounds)),
                 Err(error) => return refusal(&case, error.to_string()),
             }
+            needed.warp = case.warp;
         }
         let began = Instant::now();
-        let work = self.all.agree(self.forecast.work(&case));
+        let work = self.all.agree(self.forecast.work(&needed));
         self.forecasting += self.told(began.elapsed().as_secs_f64());
         let seconds = match &work {
-            Ok(work) => self.told(self.forecast.seconds(&case, *work)),
+            Ok(work) => self.told(self.forecast.seconds(&needed, *work)),
             Err(_) => f64::NAN,
         };
         match work {
             Ok(_) if !self.fits(seconds, elapsed) => return left_out(&case, seconds),
-            Err(error) if self.forecast.knows(&case) => return refusal(&case, error.to_string()),
+            Err(error) if self.forecast.knows(&needed) => return refusal(&case, error.to_string()),
             _ => {}
         }
-        match self.timed(&case) {
+        match self.timed(&needed) {
             Ok((trial, [seconds, solve, total])) => {
-                (self.forecast).learn(&case, &trial.plan, [solve, total]);
+                (self.forecast).learn(&needed, &trial.plan, [solve, total]);
                 let Entry {
                     as_given,
                     paper,
@@ -288,9 +295,13 @@ impl Work<'_> {
     fn comparable(&mut self, programme: &Programme) -> PhaseSpace {
         let together = |work: &Self, space: &PhaseSpace| {
             let seconds = |(space, setup): &Setting| {
-                let case = setup.settle(work.case, space, None);
-                match work.forecast.work(&case) {
-                    Ok(much) => work.forecast.seconds(&case, much),
+                let case = reduced(&work.all, &setup.settle(work.case, space, None));
+                let foretold = |case: Case| {
+                    let much = work.forecast.work(&case)?;
+                    Ok::<f64, Error>(work.forecast.seconds(&case, much))
+                };
+                match case.and_then(foretold) {
+                    Ok(seconds) => seconds,
                     // It is refused, and costs nothing.
                     Err(_) => 0.0,
                 }

@@ -230,18 +230,14 @@ pub fn grid_name(space: &PhaseSpace) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::Axis;
+    use crate::grid::{Axis, MAX_DIMENSION};
 
     #[test]
     fn grids_are_rescaled_to_the_nearest() {
-        let axis = |cells| Axis {
-            lower: -1.0,
-            upper: 2.0,
-            cells,
-        };
         let space = PhaseSpace {
-            x: vec![axis(30)],
-            v: vec![axis(13)],
+            x: vec![Axis::new(-1.0, 2.0, 30)],
+            v: vec![Axis::new(-1.0, 2.0, 13)],
+            periodic: [false; MAX_DIMENSION],
         };
         let cells = |factor| rescaled(&space, factor).map(|s| s.shape());
         assert_eq!(cells([1, 1]), Some(vec![30, 13]));

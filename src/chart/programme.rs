@@ -252,17 +252,14 @@ fn sampled(points: usize) -> Setup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::Axis;
+    use crate::grid::{Axis, MAX_DIMENSION};
 
     fn space(cells: usize) -> PhaseSpace {
-        let axis = Axis {
-            lower: 0.0,
-            upper: 1.0,
-            cells,
-        };
+        let axis = Axis::new(0.0, 1.0, cells);
         PhaseSpace {
             x: vec![axis.clone()],
             v: vec![axis],
+            periodic: [false; MAX_DIMENSION],
         }
     }
 
