@@ -21,6 +21,7 @@ pub mod verdict;
 
 pub use entry::{Entry, Status};
 
+use crate::advise::grids::Grids;
 use crate::case::{Case, Method};
 use crate::communicator::{Group, World};
 use crate::error::{Error, Result};
@@ -98,7 +99,9 @@ impl Chart {
             found.edges.len() + found.empty.len()
         };
         let own = stray(&case.space);
-        let programme = Programme::new(&case.space, jumps, |space| stray(space) <= own);
+        let programme = Programme::new(&case.space, &Grids::new(case), jumps, |space| {
+            stray(space) <= own
+        });
         let mut work = Work {
             world,
             all: world.group(),
