@@ -8,7 +8,7 @@
 //!
 //! What is tried is decided by counted work; of the clock only so much that rank 0 stops what takes far longer than counted on.
 
-mod grids;
+pub(crate) mod grids;
 mod order;
 mod reach;
 mod report;

@@ -341,30 +341,29 @@ impl WarpPlan {
         Ok(modes_of(case, &placed.series))
     }
 
-    /// What [`new`](Self::new) would plan, nearly, from some of the modes: their number, and applications or solves over all of them and all
-    /// fields.
+    /// What [`new`](Self::new) would plan, nearly, from some of the modes: applications or solves over all of them and all fields.
     ///
     /// # Errors
     /// As [`new`](Self::new).
-    pub fn forecast(case: &Case, bounds: &Bounds, ratio: f64) -> Result<(usize, f64)> {
+    pub fn forecast(case: &Case, bounds: &Bounds, ratio: f64) -> Result<f64> {
         /// Modes that are looked at, about.
         const SAMPLE: usize = 64;
         let placed = placement::place(case, bounds, ratio)?;
         let (series, reading) = (&placed.series, &placed.readings[0]);
-        let (modes, stages) = (series.modes(), bounds.stages.max(1));
+        let (modes, stages) = (modes_of(case, series), bounds.stages.max(1));
         let mut scratch = Vec::new();
         let stride = modes.div_ceil(SAMPLE);
         let (mut sum, mut count) = (0.0, 0);
         for l in (stride / 2..modes).step_by(stride) {
-            let weight = weight(series, reading, l).norm();
+            let weight = weight((series, modes), reading, l).norm();
             let allowed = mode_tolerance(case.tolerance / ratio, modes, weight);
-            let (mu, time) = (series.wavenumber(l), case.end / stages as f64);
+            let (mu, time) = (wavenumber(series, l), case.end / stages as f64);
             let work = propagate::work(case, bounds, mu, (time, allowed), &mut scratch);
             sum += (stages * work) as f64;
             count += 1;
         }
         let mean = sum / f64::from(count.max(1));
-        Ok((modes, mean * (modes * case.fields.len()) as f64))
+        Ok(mean * (modes * case.fields.len()) as f64)
     }
 
     /// A number that plans share which are the same to the last bit.
@@ -586,7 +585,9 @@ impl Plan {
             applications: case.fields.len() * work.iter().sum::<usize>(),
             solves: 0,
             amplification: readings.first().map_or(0.0, |r| {
-                (0..modes).map(|l| weight(&series, r, l).norm()).sum()
+                (0..modes)
+                    .map(|l| weight((&series, modes), r, l).norm())
+                    .sum()
             }),
             warnings: Vec::new(),
             work,

@@ -170,11 +170,7 @@ mod tests {
     use super::*;
 
     fn grids(edges: &[f64]) -> Grids {
-        let axis = Axis {
-            lower: -1.0,
-            upper: 2.0,
-            cells: 30,
-        };
+        let axis = Axis::new(-1.0, 2.0, 30);
         Grids {
             x: vec![axis],
             edges: vec![Some(edges.to_vec())],

@@ -192,8 +192,17 @@ impl Entry {
         self.integrator.as_deref() == Some(&word(&Integrator::Exponential))
     }
 
-    /// What is turned, in words, without the grid.
+    /// What it is, in words, without the grid.
     pub fn name(&self) -> String {
+        self.words(true)
+    }
+
+    /// The same without what is turned to make it more accurate.
+    pub fn family(&self) -> String {
+        self.words(false)
+    }
+
+    fn words(&self, knobs: bool) -> String {
         let mut parts: Vec<String> = Vec::new();
         if self.as_given {
             parts.push("as given:".to_owned());
@@ -205,15 +214,19 @@ impl Entry {
         let limiter = self.limiter.clone().filter(|l| *l != without);
         parts.extend(limiter.map(|l| format!("{l},")));
         parts.extend(self.integrator.clone());
-        parts.extend(self.cfl.map(|cfl| format!("at CFL {cfl}")));
+        if knobs {
+            parts.extend(self.cfl.map(|cfl| format!("at CFL {cfl}")));
+        }
         parts.extend(self.profile.clone());
         if self.coefficients == Some(word(&Coefficients::Sampled)) {
             parts.push("sampled".to_owned());
         }
         parts.extend(self.propagator.clone());
-        parts.extend(self.step.map(|step| format!("in steps of {step:.2e}")));
-        parts.extend(self.tolerance.map(|t| format!("to {t:.0e}")));
-        parts.extend(self.points.map(|n| format!("with N_p = {n}")));
+        if knobs {
+            parts.extend(self.step.map(|step| format!("in steps of {step:.2e}")));
+            parts.extend(self.tolerance.map(|t| format!("to {t:.0e}")));
+            parts.extend(self.points.map(|n| format!("with N_p = {n}")));
+        }
         match self.weights {
             Some(_) if self.no_jump => {}
             Some(true) => parts.push("(weights)".to_owned()),

@@ -1,6 +1,6 @@
 //! `chart.csv`, `chart.json`, and the table on the terminal.
 
-use super::verdict::time;
+use super::verdict::{ends, time};
 use super::{Chart, Entry, Status, picture};
 use crate::error::{Error, Result};
 use crate::output::failure;
@@ -183,14 +183,25 @@ impl fmt::Display for Chart {
 }
 
 impl Chart {
-    /// The names of what was left out.
+    /// The names of what was left out, one of a kind; each is in `chart.csv`.
     fn left_out(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let out = |e: &&Entry| e.status == Status::LeftOut;
-        let name = |e: &Entry| {
-            let seconds = e.expected_seconds.map_or(String::new(), time);
-            format!("  {} on {}: {seconds}", e.name(), e.grid)
+        let mut families: Vec<(String, Vec<f64>)> = Vec::new();
+        for e in (self.entries.iter()).filter(|e| e.status == Status::LeftOut) {
+            let name = format!("{} on {}", e.family(), e.grid);
+            let seconds = e.expected_seconds.unwrap_or(f64::NAN);
+            match families.iter_mut().find(|(other, _)| *other == name) {
+                Some((_, all)) => all.push(seconds),
+                None => families.push((name, vec![seconds])),
+            }
+        }
+        let line = |(name, all): &(String, Vec<f64>)| {
+            let [least, most] = ends(all);
+            match all.len() {
+                1 => format!("  {name}: {}", time(least)),
+                n => format!("  {name}, {n} settings: {} to {}", time(least), time(most)),
+            }
         };
-        let names: Vec<String> = self.entries.iter().filter(out).map(name).collect();
+        let names: Vec<String> = families.iter().map(line).collect();
         if !names.is_empty() {
             writeln!(
                 f,

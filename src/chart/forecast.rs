@@ -90,34 +90,24 @@ pub struct Forecast {
     measured: BTreeMap<Matrix, (Bounds, f64)>,
 }
 
-/// What a trial is expected to take.
-#[derive(Clone, Copy, Debug)]
-pub struct Expected {
-    /// Applications or solves.
-    pub work: f64,
-    /// Modes.
-    pub modes: usize,
-}
-
 impl Forecast {
-    /// What `case` will do, from a plan of some of its modes; its error where it cannot be planned.
+    /// Applications or solves that `case` will take, from a plan of some of its modes; its error where it cannot be planned.
     ///
     /// # Errors
     /// As [`WarpPlan::forecast`].
-    pub fn work(&self, case: &Case) -> Result<Expected> {
+    pub fn work(&self, case: &Case) -> Result<f64> {
         let known = self.measured.get(&matrix(case));
         let (bounds, ratio) = match known.filter(|_| case.method == Method::Schrodingerized) {
             Some((bounds, ratio)) => (bounds.clone(), *ratio),
             None => (Bounds::new(case)?.expected(), ASSUMED_RATIO),
         };
-        let (modes, work) = match case.method {
-            Method::Schrodingerized => WarpPlan::forecast(case, &bounds, ratio)?,
+        match case.method {
+            Method::Schrodingerized => WarpPlan::forecast(case, &bounds, ratio),
             Method::Classical => {
                 let steps: usize = classical_steps(case, &bounds).iter().sum();
-                (0, (stages(case) * steps * case.fields.len()) as f64)
+                Ok((stages(case) * steps * case.fields.len()) as f64)
             }
-        };
-        Ok(Expected { work, modes })
+        }
     }
 
     /// Whether bounds and norms of the case's matrix were measured: its forecast is then the plan's.
@@ -125,8 +115,8 @@ impl Forecast {
         case.method == Method::Classical || self.measured.contains_key(&matrix(case))
     }
 
-    /// Seconds of `case`, comparisons included.
-    pub fn seconds(&self, case: &Case, expected: &Expected) -> f64 {
+    /// Seconds of `case` for so much work, comparisons included.
+    pub fn seconds(&self, case: &Case, work: f64) -> f64 {
         let (kind, cells) = (Kind::of(case), case.space.cells() as f64);
         let known = self.rates.get(&kind).map(|rate| (kind, rate));
         let other = || (self.rates.iter().map(|(kind, rate)| (*kind, rate))).next_back();
@@ -142,7 +132,7 @@ impl Forecast {
             }
             None => RATE * kind.unit(),
         };
-        self.overhead(case) + rate * expected.work * cells
+        self.overhead(case) + rate * work * cells
     }
 
     /// Seconds besides the work.

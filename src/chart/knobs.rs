@@ -204,51 +204,8 @@ pub fn refused(case: &Case) -> Option<&'static str> {
     None
 }
 
-/// `space` with its cells times `numerator/denominator` on every axis, to the nearest number; `None` where an axis would have fewer than
-/// three.
-pub fn rescaled(space: &PhaseSpace, [numerator, denominator]: [usize; 2]) -> Option<PhaseSpace> {
-    const FEWEST: usize = 3;
-    let mut space = space.clone();
-    for axis in space.x.iter_mut().chain(&mut space.v) {
-        axis.cells = (2 * axis.cells)
-            .checked_mul(numerator)?
-            .checked_add(denominator)?
-            / (2 * denominator);
-        if axis.cells < FEWEST {
-            return None;
-        }
-    }
-    Some(space)
-}
-
 /// `64 x 64`.
 pub fn grid_name(space: &PhaseSpace) -> String {
     let cells: Vec<String> = space.shape().iter().map(usize::to_string).collect();
     cells.join(" x ")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::grid::Axis;
-
-    #[test]
-    fn grids_are_rescaled_to_the_nearest() {
-        let axis = |cells| Axis {
-            lower: -1.0,
-            upper: 2.0,
-            cells,
-        };
-        let space = PhaseSpace {
-            x: vec![axis(30)],
-            v: vec![axis(13)],
-        };
-        let cells = |factor| rescaled(&space, factor).map(|s| s.shape());
-        assert_eq!(cells([1, 1]), Some(vec![30, 13]));
-        assert_eq!(cells([1, 4]), Some(vec![8, 3]));
-        assert_eq!(cells([1, 2]), Some(vec![15, 7]));
-        assert_eq!(cells([2, 1]), Some(vec![60, 26]));
-        assert_eq!(cells([1, 8]), None);
-        assert_eq!(grid_name(&space), "30 x 13");
-    }
 }

@@ -3,6 +3,7 @@
 //! Colour and marker tell the profile or the method; whole lines with filled markers are what each panel is about, dashes and open markers the
 //! other treatments of growth. A thin grey line is a front, or what theory says.
 
+use super::verdict::ends;
 use super::{Chart, Entry};
 use crate::case::Method;
 use crate::figure::{Axis, Figure, Panel, Style};
@@ -30,11 +31,11 @@ pub fn figure(chart: &Chart) -> Figure {
         .caption(chart.sentences.join("\n"))
 }
 
-/// The points of what belongs to a series, from the left.
+/// The points of what belongs to a series, from above; equally high ones from the left.
 fn points(entries: &[&Entry], belongs: Belongs<'_>, point: Point) -> Vec<[f64; 2]> {
     let of = entries.iter().filter(|e| belongs(e));
     let mut points: Vec<[f64; 2]> = of.filter_map(|e| point(e)).collect();
-    points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(b[1].total_cmp(&a[1])));
+    points.sort_by(|a, b| b[1].total_cmp(&a[1]).then(a[0].total_cmp(&b[0])));
     points
 }
 
@@ -116,6 +117,7 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
         match k {
             0 => front(
                 panel,
+                "front, all by modes",
                 entries,
                 &|e| e.front_applications && planned(e),
                 point,
@@ -123,15 +125,20 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
             1 => {
                 let asked = |e: &&Entry| e.tolerance.filter(|_| planned(e));
                 let all: Vec<f64> = entries.iter().filter_map(asked).collect();
-                let least = all.iter().copied().fold(f64::INFINITY, f64::min);
-                let most = all.iter().copied().fold(0.0, f64::max);
+                let [least, most] = ends(&all);
                 let line = vec![[least, least], [most, most]];
                 match all.is_empty() {
                     true => panel,
                     false => panel.line("as asked for", Style::theory(), line),
                 }
             }
-            3 => front(panel, entries, &|e| e.front_until_measured, point),
+            3 => front(
+                panel,
+                "front, all by modes",
+                entries,
+                &|e| e.front_until_measured,
+                point,
+            ),
             _ => panel,
         }
     };
@@ -139,10 +146,16 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
 }
 
 /// A thin line along a front.
-fn front(panel: Panel, entries: &[&Entry], belongs: Belongs<'_>, point: Point) -> Panel {
+fn front(
+    panel: Panel,
+    label: &str,
+    entries: &[&Entry],
+    belongs: Belongs<'_>,
+    point: Point,
+) -> Panel {
     series(
         panel,
-        "front",
+        label,
         Style::theory(),
         points(entries, belongs, point),
     )
@@ -219,8 +232,21 @@ fn by_treatment(entries: &[&Entry], grid: &str) -> Panel {
     panel
 }
 
+/// The axis of memory: by logarithms where it spans more than a power of ten.
+fn memory_axis(entries: &[&Entry]) -> Axis {
+    let label = "peak memory of a rank, MiB";
+    let all: Vec<f64> = (entries.iter())
+        .filter_map(|e| Some(e.memory_bytes_per_rank? as f64))
+        .collect();
+    let [least, most] = ends(&all);
+    match most > 10.0 * least {
+        true => Axis::log(label),
+        false => Axis::linear(label),
+    }
+}
+
 /// Error to the exact solution against seconds and memory, each method over the grids.
-fn by_grid(entries: &[Entry], of: &str) -> [Panel; 2] {
+fn by_grid(entries: &[Entry], of: &str) -> Vec<Panel> {
     let all: Vec<&Entry> = entries.iter().collect();
     let what = match of {
         "f" => "relative L1 error to the exact solution",
@@ -232,16 +258,14 @@ fn by_grid(entries: &[Entry], of: &str) -> [Panel; 2] {
             Axis::log("seconds"),
             |e| Some([e.seconds?, e.error_exact?]),
         ),
-        (
-            "The same in memory",
-            Axis::log("peak memory of a rank, MiB"),
-            |e| Some([e.memory_bytes_per_rank? as f64 / 1048576.0, e.error_exact?]),
-        ),
+        ("The same in memory", memory_axis(&all), |e| {
+            Some([e.memory_bytes_per_rank? as f64 / 1048576.0, e.error_exact?])
+        }),
     ];
     let steps = |e: &Entry| e.cfl.is_none_or(|cfl| cfl == crate::case::DEFAULT_CFL);
     let loosest = super::programme::TOLERANCES[0];
     let first = profiles(&all).into_iter().next().unwrap_or_default();
-    panels.map(|(title, x, point)| {
+    let draw = |(k, (title, x, point)): (usize, (&str, Axis, Point))| {
         let mut panel = Panel::new(title, x, Axis::log(what));
         for (k, (name, limiter)) in [
             ("forward-euler", "none"),
@@ -280,9 +304,10 @@ fn by_grid(entries: &[Entry], of: &str) -> [Panel; 2] {
             panel = series(panel, &format!("{first}{name}"), style, points);
         }
         let belongs = |e: &Entry| e.front_exact && e.method == Method::Classical;
-        match panel.x.label == "seconds" {
-            true => front(panel, &all, &belongs, point),
-            false => panel,
+        match k {
+            0 => front(panel, "front, classical", &all, &belongs, point),
+            _ => panel,
         }
-    })
+    };
+    panels.into_iter().enumerate().map(draw).collect()
 }

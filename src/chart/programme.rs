@@ -1,15 +1,16 @@
 //! What is tried, in which order: every method once on the coarsest grid, then grids, then the knobs of each method, then all combinations.
 
-use super::knobs::{Setup, Treatment, rescaled};
+use super::knobs::{Setup, Treatment};
+use crate::advise::grids::Grids;
 use crate::case::{
     DEFAULT_BETA, DEFAULT_ORDER, Integrator, Limiter, ProfileChoice, PropagatorMethod,
 };
 use crate::grid::PhaseSpace;
 
-/// Cells of an axis over those of the case.
-const FACTORS: [[usize; 2]; 5] = [[1, 4], [1, 2], [1, 1], [2, 1], [4, 1]];
-/// The factor that is the case's own grid.
-const OWN: [usize; 2] = [1, 1];
+/// What the cells of an axis are divided by on coarser grids, and multiplied by on finer ones.
+const FACTORS: [usize; 2] = [2, 4];
+/// Coarser grids have at least so many cells on an axis.
+const FEWEST: usize = 3;
 
 /// Profiles that are compared.
 pub const PROFILES: [ProfileChoice; 6] = [
@@ -60,18 +61,43 @@ pub struct Programme {
 }
 
 impl Programme {
-    /// For a case on `space`; `usable` tells whether a coarser grid has `V` as the case's own grid has it. A finer one has all its faces.
-    pub fn new(space: &PhaseSpace, jumps: bool, usable: impl Fn(&PhaseSpace) -> bool) -> Self {
-        let mut own = 0;
+    /// For a case on `space`: finer grids have all its faces, coarser ones nearly as many cells as half and a quarter, `V`'s edges on faces
+    /// where that can be. `usable` tells whether `V` is on a coarser grid as it is on the case's own.
+    pub fn new(
+        space: &PhaseSpace,
+        near: &Grids,
+        jumps: bool,
+        usable: impl Fn(&PhaseSpace) -> bool,
+    ) -> Self {
+        let own = space.shape();
+        let with = |shape: &[usize]| {
+            let mut space = space.clone();
+            let axes = space.x.iter_mut().chain(&mut space.v);
+            axes.zip(shape)
+                .for_each(|(axis, cells)| axis.cells = *cells);
+            space
+        };
         let mut grids: Vec<PhaseSpace> = Vec::new();
-        for factor in FACTORS {
-            let scaled = rescaled(space, factor).filter(|s| factor[0] >= factor[1] || usable(s));
-            if factor == OWN {
-                own = grids.len();
+        for factor in FACTORS.into_iter().rev() {
+            let shape = near.scaled(&own, 1.0 / factor as f64);
+            let fewer = |(n, own): (&usize, &usize)| *n <= *own && *n >= FEWEST.min(*own);
+            let coarser = shape.iter().zip(&own).all(fewer) && shape != own;
+            let space = with(&shape);
+            if coarser && !grids.contains(&space) && usable(&space) {
+                grids.push(space);
             }
-            grids.extend(scaled);
         }
-        Self { grids, own, jumps }
+        let index = grids.len();
+        grids.push(space.clone());
+        for factor in FACTORS {
+            let shape: Option<Vec<usize>> = own.iter().map(|n| n.checked_mul(factor)).collect();
+            grids.extend(shape.map(|shape| with(&shape)));
+        }
+        Self {
+            grids,
+            own: index,
+            jumps,
+        }
     }
 
     fn treatments(&self) -> &'static [Treatment] {
@@ -252,45 +278,57 @@ fn sampled(points: usize) -> Setup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::Axis;
+    use crate::case::Case;
 
-    fn space(cells: usize) -> PhaseSpace {
-        let axis = Axis {
-            lower: 0.0,
-            upper: 1.0,
-            cells,
-        };
-        PhaseSpace {
-            x: vec![axis.clone()],
-            v: vec![axis],
-        }
+    /// A step at `x = 0` on `cells` cells.
+    fn case(cells: usize) -> Case {
+        let text = format!(
+            "[[axis]]\nx = {{ lower = -1, upper = 1, cells = {cells} }}\nv = {{ lower = -1, upper = 1, cells = 13 }}\n\
+             [[potential]]\nwhere = \"x < 0\"\nvalue = \"0.2\"\n[[potential]]\nvalue = \"0\"\n\
+             [initial]\nf = \"1\"\n[time]\nend = 1\n"
+        );
+        Case::parse("step.toml", &text, &[]).unwrap()
+    }
+
+    fn programme(cells: usize, jumps: bool) -> Programme {
+        let case = case(cells);
+        Programme::new(&case.space, &Grids::new(&case), jumps, |_| true)
     }
 
     #[test]
     fn every_combination_is_tried_once() {
-        let programme = Programme::new(&space(64), true, |_| true);
-        assert_eq!(programme.grids.len(), 5);
-        let grid = &programme.grids[programme.own];
-        assert_eq!(grid, &space(64));
-        let all = programme.everything(grid);
+        let first = programme(64, true);
+        assert_eq!(first.grids.len(), 5);
+        let grid = &first.grids[first.own];
+        assert_eq!(*grid, case(64).space);
+        let all = first.everything(grid);
         assert_eq!(all.len(), 6 * 3 * (2 * 5 + 2 * 4));
         assert!((0..all.len()).all(|i| !all[..i].contains(&all[i])));
         // Without a jump, the treatments are one.
-        let plain = Programme::new(&space(64), false, |_| true);
-        assert_eq!(plain.everything(grid).len(), 6 * (2 * 5 + 2 * 4));
+        assert_eq!(
+            programme(64, false).everything(grid).len(),
+            6 * (2 * 5 + 2 * 4)
+        );
         // Nothing of the first round is left out of the knobs.
-        let knobs = programme.every_knob(&programme.grids[0]);
-        assert!(programme.every_method().iter().all(|s| knobs.contains(s)));
+        let knobs = first.every_knob(&first.grids[0]);
+        assert!(first.every_method().iter().all(|s| knobs.contains(s)));
     }
 
     #[test]
-    fn grids_that_miss_the_jumps_are_left_aside() {
-        let programme = Programme::new(&space(64), true, |s| s.x[0].cells % 32 == 0);
-        let cells: Vec<usize> = programme.grids.iter().map(|s| s.x[0].cells).collect();
-        assert_eq!(cells, [32, 64, 128, 256]);
-        assert_eq!(programme.own, 1);
+    fn coarser_grids_keep_the_jump_on_a_face() {
+        let cells = |programme: &Programme| -> Vec<usize> {
+            programme.grids.iter().map(|s| s.x[0].cells).collect()
+        };
+        // A quarter of 66 is no even number, and an odd one has no face in the middle.
+        let found = programme(66, true);
+        assert_eq!(cells(&found), [18, 34, 66, 132, 264]);
+        assert_eq!(found.own, 2);
         // The case's own grid is always there.
-        let alone = Programme::new(&space(5), true, |_| false);
-        assert_eq!(alone.grids, [space(5), space(10), space(20)]);
+        let case = case(66);
+        let alone = Programme::new(&case.space, &Grids::new(&case), true, |_| false);
+        assert_eq!(cells(&alone), [66, 132, 264]);
+        assert_eq!(alone.own, 0);
+        // Too coarse.
+        assert_eq!(cells(&programme(4, true)), [4, 8, 16]);
     }
 }

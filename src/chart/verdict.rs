@@ -2,7 +2,6 @@
 
 use super::{Chart, Entry, Status};
 use crate::case::Method;
-use crate::run::calibrate::seconds_text;
 
 /// Accuracies that are asked for, loose to tight.
 const EXACT: [f64; 10] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];
@@ -14,6 +13,15 @@ pub fn short(x: f64) -> String {
         format!("{x}")
     } else {
         format!("{x:.0e}")
+    }
+}
+
+/// A number to two digits.
+fn figures(x: f64) -> String {
+    if (0.01..10.0).contains(&x) {
+        format!("{x:.2}")
+    } else {
+        format!("{x:.1e}")
     }
 }
 
@@ -59,9 +67,10 @@ fn ladder(
         .collect();
     if let Some(missed) = missed {
         parts.push(format!(
-            "none came within {} (closest: {}, {closest_error:.1e})",
+            "none came within {} (closest: {}, {})",
             short(missed),
-            name(closest)
+            name(closest),
+            figures(closest_error)
         ));
     }
     Some(parts.join("; "))
@@ -137,15 +146,23 @@ pub fn time(seconds: f64) -> String {
         s if s < 1e-3 => format!("{:.2} ms", 1e3 * s),
         s if s < 1.0 => format!("{:.1} ms", 1e3 * s),
         s if s < 100.0 => format!("{s:.1} s"),
-        s => seconds_text(s),
+        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
+        s if s < 3.6e6 => format!("{:.0} h", s / 3600.0),
+        s => format!("{:.0e} h", s / 3600.0),
     }
+}
+
+/// The least and the largest.
+pub fn ends(all: &[f64]) -> [f64; 2] {
+    let least = all.iter().copied().fold(f64::INFINITY, f64::min);
+    [least, all.iter().copied().fold(f64::NEG_INFINITY, f64::max)]
 }
 
 /// What was run and what was not.
 fn account(chart: &Chart) -> String {
     let count = |status| chart.entries.iter().filter(|e| e.status == status).count();
     let mut text = format!(
-        "{} trials on {} {} took {:.1} s of a budget of {} s; {} were refused",
+        "{} trials on {} {} took {:.1} s of a budget of {} s; refused: {}",
         count(Status::Done),
         chart.ranks,
         if chart.ranks == 1 { "rank" } else { "ranks" },
@@ -158,9 +175,8 @@ fn account(chart: &Chart) -> String {
         let expected: Vec<f64> = (chart.entries.iter())
             .filter_map(|e| e.expected_seconds)
             .collect();
-        let least = expected.iter().copied().fold(f64::INFINITY, f64::min);
-        let most = expected.iter().copied().fold(0.0, f64::max);
-        text += &format!(", {out} left out as they did not fit");
+        let [least, most] = ends(&expected);
+        text += &format!(", left out as they did not fit: {out}");
         if !expected.is_empty() {
             text += &format!(" (expected to take {} to {} each)", time(least), time(most));
         }

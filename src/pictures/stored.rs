@@ -2,7 +2,7 @@
 
 use crate::case::Case;
 use crate::error::{Error, Result};
-use crate::grid::{Axis, PhaseSpace};
+use crate::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::output::checksum::Slab;
 use crate::output::hdf5::axis_names;
 use crate::output::readback::{read_slab, read_text};
@@ -259,11 +259,8 @@ fn grid(file: &File) -> Read<PhaseSpace> {
             1 => 1.0,
             n => (last - first) / (n - 1) as f64,
         };
-        Ok(Axis {
-            lower: first - 0.5 * width,
-            upper: last + 0.5 * width,
-            cells: centres.len(),
-        })
+        let ends = [first - 0.5 * width, last + 0.5 * width];
+        Ok(Axis::new(ends[0], ends[1], centres.len()))
     };
     let there = |name: &&&str| file.link_exists(&format!("axis/{name}"));
     let n = ["x", "y", "z"].iter().filter(there).count();
@@ -274,7 +271,11 @@ fn grid(file: &File) -> Read<PhaseSpace> {
     if n == 0 {
         return Err("/axis: no axes".to_owned());
     }
-    Ok(PhaseSpace { x, v })
+    Ok(PhaseSpace {
+        x,
+        v,
+        periodic: [false; MAX_DIMENSION],
+    })
 }
 
 /// An attribute as text, whether it is one or a number.
