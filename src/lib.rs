@@ -35,6 +35,7 @@
 //! | [`quantum`] | oracles, sparsity, resources, readout of a quantum computer; circuits of tiny cases |
 //! | [`advise`] | which grid and set-up reach an accuracy of the density |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
+//! | [`pictures`], [`report`] | a finished run drawn, and as a page, from its files |
 //! | [`checkpoint`] | what is finished, on disk: a run that was stopped goes on |
 //! | [`stability`] | where methods fail: borders measured beside theory |
 //! | [`figure`] | pictures as data, to SVG and PNG |

@@ -228,7 +228,14 @@ pub(crate) fn short(value: f64) -> String {
             text
         }
     } else {
-        format!("{value:.3e}")
+        let text = format!("{value:.3e}");
+        match text.split_once('e') {
+            Some((digits, exponent)) if digits.contains('.') => {
+                let digits = digits.trim_end_matches('0').trim_end_matches('.');
+                format!("{digits}e{exponent}")
+            }
+            _ => text,
+        }
     }
 }
 
@@ -265,13 +272,20 @@ fn difference(a: &Plane, b: &Plane) -> Plane {
     }
 }
 
-/// Smallest and largest finite value of all; none where they are all the same.
+/// Smallest and largest finite value of all; wider where they differ by round-off or a tolerance only, so that what is constant looks so.
 fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> Option<[f64; 2]> {
+    /// Part of the values that must differ to be told apart.
+    const SEEN: f64 = 1e-3;
     let all = planes.into_iter().flat_map(|p| &p.values);
     let finite = all.filter(|v| v.is_finite());
     let [lower, upper] = finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, u], &v| {
         [l.min(v), u.max(v)]
     });
+    let least = SEEN * lower.abs().max(upper.abs());
+    if upper - lower < least {
+        let middle = 0.5 * (lower + upper);
+        return Some([middle - least, middle + least]);
+    }
     (lower < upper).then_some([lower, upper])
 }
 
@@ -357,8 +371,9 @@ mod tests {
             (-0.0125, "-0.0125"),
             (126.9287, "126.9"),
             (20.0, "20"),
+            (1e-6, "1e-6"),
             (12345.0, "12345"),
-            (3.25e-9, "3.250e-9"),
+            (3.25e-9, "3.25e-9"),
         ] {
             assert_eq!(short(value), text);
         }

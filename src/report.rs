@@ -11,8 +11,8 @@ use std::fmt::Write;
 
 /// How it looks: one column, light or dark as the reader's screen is; pictures on white.
 const STYLE: &str = "\
-:root{color-scheme:light dark;--ink:#222;--paper:#fff;--faint:#666;--line:#ccc;--ground:#f5f5f3;--bar:#0072b2}\
-@media(prefers-color-scheme:dark){:root{--ink:#ddd;--paper:#16181b;--faint:#999;--line:#444;--ground:#212429;--bar:#56b4e9}}\
+:root{color-scheme:light dark;--ink:#222;--paper:#fff;--faint:#666;--line:#ccc;--ground:#f5f5f3;--link:#0072b2}\
+@media(prefers-color-scheme:dark){:root{--ink:#ddd;--paper:#16181b;--faint:#999;--line:#444;--ground:#212429;--link:#56b4e9}}\
 body{font:16px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:68rem;margin:0 auto;padding:1rem 1.2rem 4rem}\
 h1{font-size:1.7rem;margin:.6rem 0 0}h2{font-size:1.25rem;margin:2.2rem 0 .6rem;border-bottom:1px solid var(--line)}\
 p{max-width:46rem}.faint{color:var(--faint)}\
@@ -22,9 +22,8 @@ th{font-weight:600}td.number{font-variant-numeric:tabular-nums}\
 pre{background:var(--ground);padding:.8rem;overflow-x:auto;font-size:.85rem;white-space:pre-wrap;overflow-wrap:anywhere}\
 figure{margin:1rem 0;background:#fff;border:1px solid var(--line);border-radius:4px;padding:.4rem;overflow-x:auto}\
 figure svg{display:block;max-width:100%;height:auto;margin:0 auto}\
-nav a{margin-right:1rem}a{color:var(--bar)}\
+nav a{margin-right:1rem}a{color:var(--link)}\
 .warning{border-left:4px solid #d55e00;padding:.2rem .8rem;background:var(--ground);margin:.4rem 0}\
-.bar{display:inline-block;height:.7rem;background:var(--bar);min-width:1px}\
 @media print{figure{break-inside:avoid}nav{display:none}}";
 
 /// What a report is made of.
@@ -403,16 +402,14 @@ impl Report<'_> {
         }
         let mut text = rows.table();
         let steps = steps(self.run);
-        let most = steps.iter().fold(0.0f64, |m, s| m.max(s.1));
-        if most > 0.0 {
-            text += "<table>\n<tr><th>step</th><th>seconds</th><th></th></tr>\n";
+        if !steps.is_empty() {
+            text += "<table>\n<tr><th>step</th><th>seconds</th></tr>\n";
             for (step, seconds) in steps {
                 let _ = writeln!(
                     text,
-                    "<tr><td>{}</td><td class=number>{}</td><td><span class=bar style=\"width:{:.1}rem\"></span></td></tr>",
+                    "<tr><td>{}</td><td class=number>{}</td></tr>",
                     escaped(step),
-                    short(seconds),
-                    16.0 * seconds / most
+                    short(seconds)
                 );
             }
             text += "</table>\n";
@@ -420,14 +417,41 @@ impl Report<'_> {
         text
     }
 
+    /// The chain of what is postselected, at the slice and in the window.
     fn probabilities(&self) -> String {
-        match &self.summary["probabilities"] {
-            Value::Null => String::new(),
-            found => {
-                "<p>With what probability the field would be measured: at the slice p◇ alone, and in the whole window in which it can be read.</p>\n".to_owned()
-                    + &all(found)
-            }
+        let found = &self.summary["probabilities"];
+        if found.is_null() {
+            return String::new();
         }
+        let mut text = "<p>With what probability a measurement would give the field.</p>\n<table>\n<tr><th></th><th>at p◇ alone</th>\
+                        <th>in the whole window in which it can be read</th></tr>\n"
+            .to_owned();
+        for (key, what) in [
+            ("in_p", "p is found there"),
+            (
+                "field_given_p",
+                "and not the auxiliary unknowns of the inflow",
+            ),
+            ("weights_given_field", "and the weights are undone"),
+            ("all", "all of it"),
+            ("repetitions", "repetitions until it succeeds"),
+            (
+                "amplification_rounds",
+                "or rounds of amplitude amplification",
+            ),
+            ("amplified_evolutions", "with so many evolutions"),
+        ] {
+            let [slice, window] = ["at_slice", "in_window"].map(|place| shown(&found[place][key]));
+            let _ = writeln!(
+                text,
+                "<tr><th>{what}</th><td class=number>{slice}</td><td class=number>{window}</td></tr>"
+            );
+        }
+        text += "</table>\n";
+        let mut rows = Rows::default();
+        rows.add("points N_p", &found["points"]);
+        rows.add("window in p", &found["window"]);
+        text + &rows.table()
     }
 
     fn said(&self) -> String {

@@ -392,13 +392,19 @@ fn another_run_beside() {
     let album = pictures::draw(&run, Some(&beside), &[]).unwrap();
     let maps = maps(figure(&album, "phase_space"));
     let titles: Vec<&str> = maps.iter().map(|m| m.0).collect();
-    assert!(
-        titles.contains(&"φ, classical") && titles.contains(&"φ, Schrödingerized"),
-        "{titles:?}"
-    );
+    let difference = "ψ, Schrödingerized − classical";
+    assert!(titles.contains(&difference), "{titles:?}");
     // Both are within the tolerance of the same, but not the same.
     let of = |title: &str| &maps.iter().find(|m| m.0 == title).unwrap().1.values;
-    let apart = results::distance(of("φ, Schrödingerized"), of("φ, classical"));
+    let stored = [&place, &other].map(|p| datasets(p.path()).unwrap()["/psi"].numbers());
+    assert!(
+        of(difference)
+            .iter()
+            .zip(&stored[0])
+            .zip(&stored[1])
+            .all(|((d, a), b)| *d == a - b)
+    );
+    let apart = results::distance(of("ψ, Schrödingerized"), &stored[1]);
     assert!(apart > 0.0 && apart < 1e-5, "{apart:e}");
     // The density with the discrete delta function: φ δ(ψ) sums to it.
     let (concentrated, density) = (

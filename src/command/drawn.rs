@@ -9,7 +9,7 @@ use crate::pictures::stored::Stored;
 use crate::pictures::{self, Album, Cut};
 use crate::plan::Bounds;
 use crate::report::Report;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Space with more cells than this is not looked at again for what a report says of the case.
 const MOST_POINTS: usize = 10_000_000;
@@ -56,7 +56,10 @@ pub fn plot(world: &World, args: &DrawnArgs) -> Result<Drawn> {
 pub fn report(world: &World, args: &DrawnArgs) -> Result<Drawn> {
     alone(world, || {
         let (run, album) = album(args)?;
-        let summary = summary(&args.directory)?;
+        let summary = run.summary.as_ref().map_err(|why| {
+            let what = "a directory that `phasewarp run` wrote is expected";
+            Error::Input(format!("{why}; {what}"))
+        })?;
         let said = match &run.case {
             Ok(case) if case.space.space_cells() <= MOST_POINTS => {
                 Some(understood(case, &Bounds::new(case)?))
@@ -65,7 +68,7 @@ pub fn report(world: &World, args: &DrawnArgs) -> Result<Drawn> {
         };
         let page = Report {
             run: &run,
-            summary: &summary,
+            summary,
             album: &album,
             understood: said.as_deref(),
         };
@@ -106,15 +109,4 @@ fn album(args: &DrawnArgs) -> Result<(Stored, Album)> {
     let cuts: Vec<Cut> = cuts.collect::<Result<_>>()?;
     let album = pictures::draw(&run, beside.as_ref(), &cuts)?;
     Ok((run, album))
-}
-
-/// `summary.json`.
-fn summary(directory: &Path) -> Result<serde_json::Value> {
-    let path = directory.join("summary.json");
-    let wrong = |why: &dyn std::fmt::Display| {
-        let what = "a directory that `phasewarp run` wrote is expected";
-        Error::Input(format!("{}: {why}; {what}", path.display()))
-    };
-    let text = std::fs::read_to_string(&path).map_err(|e| wrong(&e))?;
-    serde_json::from_str(&text).map_err(|e| wrong(&e))
 }

@@ -108,11 +108,14 @@ impl<'a, DB: DrawingBackend> Canvas<'a, DB> {
         self.root.draw(element).map_err(|e| e.to_string())
     }
 
-    /// A line through `places`.
+    /// A line through `places`; in pieces where it turns back on itself, since a bitmap's corner would stick out as far as it is sharp.
     pub fn line(&self, places: &[Place], colour: Colour, width: f64) -> Drawn {
-        let places: Vec<_> = places.iter().copied().map(pixels).collect();
+        let mut places: Vec<_> = places.iter().copied().map(pixels).collect();
+        places.dedup();
         let width = (width * PIXELS).round().max(1.0) as u32;
-        self.draw(&PathElement::new(places, rgb(colour).stroke_width(width)))
+        pieces(&places).into_iter().try_for_each(|piece| {
+            self.draw(&PathElement::new(piece, rgb(colour).stroke_width(width)))
+        })
     }
 
     /// The same in dashes, as `style` says.
@@ -230,6 +233,22 @@ impl<'a, DB: DrawingBackend> Canvas<'a, DB> {
     }
 }
 
+/// A line cut where it turns by more than a right angle.
+fn pieces(places: &[(i32, i32)]) -> Vec<Vec<(i32, i32)>> {
+    let along = |a: (i32, i32), b: (i32, i32)| [b.0 - a.0, b.1 - a.1].map(i64::from);
+    let mut pieces = Vec::new();
+    let mut first = 0;
+    for (k, corner) in places.windows(3).enumerate() {
+        let (u, v) = (along(corner[0], corner[1]), along(corner[1], corner[2]));
+        if u[0] * v[0] + u[1] * v[1] < 0 {
+            pieces.push(places[first..k + 2].to_vec());
+            first = k + 1;
+        }
+    }
+    pieces.push(places[first..].to_vec());
+    pieces
+}
+
 /// A line cut into dashes.
 fn dashed(places: &[Place], dashes: &[f64]) -> Vec<Vec<Place>> {
     let mut all = Vec::new();
@@ -266,6 +285,14 @@ fn dashed(places: &[Place], dashes: &[f64]) -> Vec<Vec<Place>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lines_are_cut_at_sharp_corners_only() {
+        let places = [(0, 0), (9, 0), (9, 9), (8, 0), (7, 9), (7, 20)];
+        let found = pieces(&places);
+        assert_eq!(found, [&places[..3], &places[2..4], &places[3..]]);
+        assert_eq!(pieces(&places[..1]), [&places[..1]]);
+    }
 
     #[test]
     fn dashes_are_as_long_as_they_should_be() {

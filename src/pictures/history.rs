@@ -82,14 +82,15 @@ const STEPS: [&str; 12] = [
     "write",
 ];
 
-/// The steps with their seconds, in the order of the run; those that are not known by name last.
+/// The steps with their seconds, in the order of the run; those that are not known by name last, those that took none left out.
 pub fn steps(run: &Stored) -> Vec<(&str, f64)> {
     let known = STEPS.iter().filter_map(|s| run.seconds.get_key_value(*s));
     let others = run
         .seconds
         .iter()
         .filter(|(s, _)| !STEPS.contains(&s.as_str()));
-    known.chain(others).map(|(s, t)| (s.as_str(), *t)).collect()
+    let all = known.chain(others).map(|(s, t)| (s.as_str(), *t));
+    all.filter(|(_, t)| *t > 0.0).collect()
 }
 
 /// Seconds by step, one after the other.
@@ -99,7 +100,7 @@ pub fn steps(run: &Stored) -> Vec<(&str, f64)> {
 pub fn time(run: &Stored) -> Read<Figure> {
     let steps = steps(run);
     if steps.is_empty() {
-        return Err("there are no /timings in result.h5".to_owned());
+        return Err("there are no seconds in summary.json, nor /timings in result.h5".to_owned());
     }
     let mut now = 0.0;
     // The first is uppermost.

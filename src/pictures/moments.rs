@@ -62,24 +62,31 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
     .into_iter()
     .enumerate()
     {
+        // What stands for what is said once.
+        let said = |text: &str| {
+            if name == "velocity" {
+                text.to_owned()
+            } else {
+                String::new()
+            }
+        };
         let mut panel = Panel::new(label, Axis::linear("x"), Axis::linear(label));
         if name == "velocity"
             && let Ok(curve) = branches(run)
         {
-            panel = panel.line("exact velocities", Style::theory(), curve);
+            panel = panel.line("exact, by branch", Style::theory(), curve);
+        }
+        // Points, and below the lines, so that all are seen where they agree.
+        if let Some(beside) = runs.beside {
+            let points = over_space(run, &beside.list(name)?);
+            panel = panel.points(said(&runs.names[1]), Style::of(1).hollow(), points);
         }
         if let Some(exact) = &exact {
             let points = over_space(run, &exact[k]);
-            panel = panel.line("exact", Style::of(2).plain(), points);
+            panel = panel.line(said("exact"), Style::of(2).plain(), points);
         }
-        for (place, (r, label)) in runs.each().enumerate() {
-            let points = over_space(run, &r.list(name)?);
-            panel = match place {
-                0 => panel.line(label, Style::of(0).plain(), points),
-                // Points beside the line, so that both are seen where they agree.
-                _ => panel.points(label, Style::of(1).hollow(), points),
-            };
-        }
+        let points = over_space(run, &run.list(name)?);
+        panel = panel.line(said(&runs.names[0]), Style::of(0).plain(), points);
         for at in jumps(run, 0, &cut) {
             panel = panel.vertical("", at);
         }
@@ -194,7 +201,11 @@ pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
 /// Rows of maps; short ones side by side.
 fn figure(run: &Stored, what: &str, rows: Vec<Vec<Panel>>, caption: &str) -> Figure {
     let width = rows.first().map_or(1, Vec::len);
-    let columns = if width == 1 { rows.len().min(3) } else { width };
+    let columns = match width {
+        1 => rows.len().min(3),
+        4 => 2,
+        _ => width,
+    };
     let panels = rows.into_iter().flatten().collect();
     Figure::new(format!("{what} at t = {}", short(run.time)), panels)
         .columns(columns)

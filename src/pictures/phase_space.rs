@@ -2,7 +2,7 @@
 
 use super::stored::{Plane, Read, Stored};
 use super::{Cut, Runs, difference, jumps, map, range, short};
-use crate::figure::{Figure, Panel, Style};
+use crate::figure::{Axis, Figure, Panel, Style};
 use crate::observables::level_sets::concentrate;
 use crate::output::checksum::Slab;
 
@@ -34,12 +34,8 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         }
         panels.extend(row);
     }
-    let columns = (panels.len() / n).max(1);
-    let columns = if columns > 4 {
-        columns.div_ceil(2)
-    } else {
-        columns
-    };
+    let row = (panels.len() / n).max(1);
+    let columns = if row > 3 { row.div_ceil(2) } else { row };
     let time = short(run.time);
     let what = if measure {
         "Measure-valued data: f = φ δ(ψ), with the paper's discrete delta function in one dimension."
@@ -99,13 +95,21 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
     Ok(panels)
 }
 
-/// `φ δ(ψ)` in one dimension, then `φ` and every `ψ`.
+/// In one dimension the exact velocity and `φ δ(ψ)`; then `φ` and every `ψ`, and how they differ from those of the run beside.
 fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
     let run = runs.run;
     let n = run.dimension();
     let at = (plane, &cut.0[..]);
     let mut panels = Vec::new();
     if n == 1 {
+        if run.has("multivalued") {
+            let [x, v] = plane.map(|a| {
+                let axis = run.axis(a);
+                Axis::linear(run.names()[a]).within(axis.lower, axis.upper)
+            });
+            let curve = branches(run)?;
+            panels.push(Panel::new("exact velocity", x, v).line("", Style::of(0).plain(), curve));
+        }
         let found: Read<Vec<(Plane, &str)>> = (runs.each())
             .filter(|(r, _)| r.case.is_ok())
             .map(|(r, name)| Ok((concentrated(r)?, name)))
@@ -113,27 +117,30 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>>
         let found = found?;
         let shared = range(found.iter().map(|(p, _)| p));
         for (field, name) in found.into_iter().rev() {
-            let panel = map(run, plane, format!("φ δ(ψ), {name}"), field, shared);
-            panels.push(match branches(run) {
-                Ok(curve) => panel.line("exact velocity", Style::of(4).plain(), curve),
-                Err(_) => panel,
-            });
+            let title = format!("φ δ(ψ), {name}");
+            panels.push(map(run, plane, title, field, shared));
         }
     }
-    for (r, name) in runs.each() {
-        let phi = r.plane("phi", None, at)?;
-        let shared = range([&phi]);
-        panels.push(map(run, plane, format!("φ, {name}"), phi, shared));
-        for (component, axis) in ["x", "y", "z"].iter().enumerate().take(n) {
-            let psi = r.plane("psi", Some(component), at)?;
-            let shared = range([&psi]);
-            let title = match n {
-                1 => format!("ψ, {name}"),
-                _ => format!("ψ_{axis}, {name}"),
-            };
-            panels.push(map(run, plane, title, psi, shared));
+    let psi = |a: usize| match n {
+        1 => "ψ".to_owned(),
+        _ => format!("ψ_{}", ["x", "y", "z"][a]),
+    };
+    let mut fields = vec![("φ".to_owned(), "phi", None)];
+    fields.extend((0..n).map(|a| (psi(a), "psi", Some(a))));
+    let mut apart = Vec::new();
+    for (label, name, component) in fields {
+        let field = run.plane(name, component, at)?;
+        if let Some(beside) = runs.beside {
+            let other = difference(&field, &beside.plane(name, component, at)?);
+            let shared = range([&other]);
+            let title = format!("{label}, {} − {}", runs.names[0], runs.names[1]);
+            apart.push(map(run, plane, title, other, shared));
         }
+        let shared = range([&field]);
+        let title = format!("{label}, {}", runs.names[0]);
+        panels.push(map(run, plane, title, field, shared));
     }
+    panels.extend(apart);
     Ok(panels)
 }
 

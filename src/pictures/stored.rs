@@ -8,6 +8,7 @@ use crate::output::hdf5::axis_names;
 use crate::output::readback::{read_slab, read_text};
 use hdf5::types::VarLenUnicode;
 use hdf5::{Dataset, File, Location};
+use serde::Deserialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -38,7 +39,9 @@ pub struct Stored {
     pub provenance: BTreeMap<String, String>,
     /// Time of the fields.
     pub time: f64,
-    /// Seconds by step.
+    /// `summary.json`; why it cannot be read.
+    pub summary: Read<Value>,
+    /// Seconds by step: of the summary, which knows all of them, or of the file.
     pub seconds: BTreeMap<String, f64>,
     file: File,
 }
@@ -98,12 +101,12 @@ impl Stored {
             });
         let plan = read_text(&file.dataset("plan").map_err(said)?).map_err(said)?;
         let plan = serde_json::from_str(&plan).map_err(|e| format!("/plan: {e}"))?;
-        let mut seconds = BTreeMap::new();
-        if let Ok(timings) = file.group("timings") {
-            for name in timings.attr_names().map_err(said)? {
-                seconds.insert(name.clone(), number(&timings, &name).map_err(said)?);
-            }
-        }
+        let summary = summary(directory);
+        let steps = summary.as_ref().ok().map(|s| &s["seconds"]);
+        let seconds = match steps.and_then(|s| BTreeMap::deserialize(s).ok()) {
+            Some(seconds) => seconds,
+            None => timings(&file).map_err(said)?,
+        };
         let space = match &case {
             Ok(case) => case.space.clone(),
             Err(_) => found,
@@ -117,6 +120,7 @@ impl Stored {
             plan,
             provenance,
             time,
+            summary,
             seconds,
             file,
         })
@@ -276,6 +280,29 @@ fn grid(file: &File) -> Read<PhaseSpace> {
         v,
         periodic: [false; MAX_DIMENSION],
     })
+}
+
+/// `summary.json` of a directory.
+fn summary(directory: &Path) -> Read<Value> {
+    let path = directory.join("summary.json");
+    let wrong = |why: &dyn std::fmt::Display| format!("{}: {why}", path.display());
+    let text = std::fs::read_to_string(&path).map_err(|e| wrong(&e))?;
+    serde_json::from_str(&text).map_err(|e| wrong(&e))
+}
+
+/// `/timings`, where the file has them.
+fn timings(file: &File) -> hdf5::Result<BTreeMap<String, f64>> {
+    if !file.link_exists("timings") {
+        return Ok(BTreeMap::new());
+    }
+    let timings = file.group("timings")?;
+    let names = timings.attr_names()?;
+    (names.into_iter())
+        .map(|name| {
+            let seconds = number(&timings, &name)?;
+            Ok((name, seconds))
+        })
+        .collect()
 }
 
 /// An attribute as text, whether it is one or a number.
