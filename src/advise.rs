@@ -24,7 +24,7 @@ use crate::error::{Error, Result};
 use crate::plan::{Bounds, Plan, Resources, bytes_text};
 use crate::propagate::order as order_of_step;
 use crate::run;
-use reach::{DISCRETISATION, Reach, reach};
+use reach::{DISCRETISATION, Reach, look, reach};
 use serde::Serialize;
 use trials::{Scheme, Trials, distance};
 
@@ -37,9 +37,11 @@ const FOR_MODES: f64 = 0.05;
 /// The smallest tolerance that is advised.
 const SMALLEST_TOLERANCE: f64 = 1e-12;
 /// More cells than this in space are not planned for.
-const MOST_SPACE_CELLS: f64 = 2e7;
+const MOST_SPACE_CELLS: f64 = 4e6;
 /// More cells than this are not planned for.
 const MOST_CELLS: f64 = 1e11;
+/// Bytes a cell of a run, by modes and classical, where none is planned.
+const BYTES: [f64; 2] = [340.0, 70.0];
 /// An application of a mode counts as so much of an update: eight modes go through memory together.
 const MODE: f64 = 0.25;
 /// A solve of an implicit step counts as so many updates.
@@ -300,18 +302,21 @@ fn name(method: Method, scheme: Scheme, jumps: bool) -> String {
 fn warnings(case: &Case, entries: &[Entry]) -> Vec<String> {
     let mut warnings = Vec::new();
     let names = ["x", "y", "z"];
-    for entry in entries.iter().filter(|e| e.refused.is_none()) {
-        if !entry.order.settled && entry.known == Known::Extrapolated {
+    let can = || entries.iter().filter(|e| e.refused.is_none());
+    let unsettled: Vec<String> = can()
+        .filter(|e| !e.order.settled && e.known == Known::Extrapolated)
+        .map(|e| format!("{} ({})", e.name, report::pairs(&e.order)))
+        .collect();
+    if !unsettled.is_empty() {
+        warnings.push(format!(
+            "the order has not settled from grid to grid, the lower of the last two is counted on where errors fall, and the grid may be finer or coarser than it need be: {}",
+            unsettled.join("; ")
+        ));
+    }
+    for (axis, name) in names.iter().enumerate() {
+        if can().any(|e| e.moved_edges.contains(&axis)) {
             warnings.push(format!(
-                "{}: the order has not settled from grid to grid ({}); the lower of the last two is counted on where errors fall, and the grid may be finer or coarser than it need be",
-                entry.name,
-                report::pairs(&entry.order)
-            ));
-        }
-        for &axis in &entry.moved_edges {
-            warnings.push(format!(
-                "{}: no grid nearby has faces on all edges of V across {}; they are moved to the nearest faces, which is part of the error",
-                entry.name, names[axis]
+                "no grid nearby has faces on all edges of V across {name}; they are moved to the nearest faces, which is part of the error"
             ));
         }
     }
@@ -433,8 +438,12 @@ impl Study<'_> {
             return None;
         }
         if space > MOST_SPACE_CELLS || entry.cells > MOST_CELLS {
-            // A state and what stands beside it.
-            let bytes = entry.cells * 100.0 / self.world.group().size() as f64;
+            let [by_modes, classical] = BYTES;
+            let each = match target.method {
+                Method::Schrodingerized => by_modes,
+                Method::Classical => classical,
+            };
+            let bytes = entry.cells * each / self.world.group().size() as f64;
             entry.memory_bytes_per_rank = bytes;
             entry.refused = Some(format!(
                 "it takes {} = {:.1e} cells, about {} a rank",
@@ -633,22 +642,20 @@ impl Study<'_> {
         reach: &Reach,
     ) -> Result<Option<Given>> {
         let shape = self.case.space.shape();
-        let exact = trials.may(scheme, &shape, 1.0)?;
-        let measured = if exact {
-            trials.error(scheme, &shape).unwrap_or(None)
-        } else {
-            None
-        };
-        let (error, known) = match (measured, reach.levels.last()) {
-            (Some(error), _) => (error, Known::Measured),
+        let looked = look(trials, scheme, &shape, &reach.order, 1.0).unwrap_or(None);
+        let (error, known) = match (looked, reach.levels.last()) {
+            (Some(looked), _) => looked,
             (None, Some(level)) => {
-                // By cells in all, as the axes' own part is not known.
-                let cells = |shape: &[usize]| shape.iter().map(|&n| n as f64).product::<f64>();
-                let finer = (cells(&shape) / cells(&level.shape)).powf(1.0 / shape.len() as f64);
-                (
-                    level.error * finer.powf(-reach.order.counted_on),
-                    Known::Extrapolated,
-                )
+                // Each part of the error by its own axes' cells.
+                let n = shape.len() / 2;
+                let finer = |axes: std::ops::Range<usize>| {
+                    let ratio = |k: usize| shape[k] as f64 / level.shape[k] as f64;
+                    let product: f64 = axes.map(ratio).product();
+                    product.powf(-reach.order.counted_on / n as f64)
+                };
+                let part = reach.part_of_space;
+                let ratio = part * finer(0..n) + (1.0 - part) * finer(n..2 * n);
+                (level.error * ratio, Known::Extrapolated)
             }
             (None, None) => return Ok(None),
         };

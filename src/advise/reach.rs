@@ -140,7 +140,7 @@ impl Ladder {
 }
 
 /// The error of `scheme` on `shape`, where the budget allows to find out; without an exact solution from a grid twice as fine. Collective.
-fn look(
+pub fn look(
     trials: &mut Trials<'_>,
     scheme: Scheme,
     shape: &[usize],

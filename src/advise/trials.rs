@@ -117,8 +117,15 @@ impl<'a> Trials<'a> {
         self.exact.is_some()
     }
 
-    /// Updates that a trial counts as.
+    /// Updates that a trial counts as; more than any budget for a grid so large that one update is.
+    ///
+    /// # Errors
+    /// Where `V` is not finite.
     pub fn updates(&self, case: &Case) -> Result<f64> {
+        let cells: f64 = case.space.axes().map(|a| a.cells as f64).product();
+        if cells > self.seconds * UPDATES {
+            return Ok(f64::INFINITY);
+        }
         let bounds = Bounds::new(case)?;
         let steps: usize = classical_steps(case, &bounds).iter().sum();
         let each = match case.limiter {
@@ -126,7 +133,7 @@ impl<'a> Trials<'a> {
             // Three stages a step.
             Limiter::Minmod | Limiter::VanLeer => 3.0 * WITH_SLOPES,
         };
-        Ok(each * steps as f64 * (case.space.cells() * case.fields.len()) as f64)
+        Ok(each * steps as f64 * cells * case.fields.len() as f64)
     }
 
     /// Whether so many updates more may be tried, with a share of what the budget holds. By count, and by rank 0's clock should that be much slower
