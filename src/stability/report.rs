@@ -178,6 +178,10 @@ fn drawn(panel: &Panel) -> figure::Panel {
         curve.points.iter().map(|p| [p.x, of(p)]).collect()
     };
     let mut out = figure::Panel::new(&*panel.title, axis(&panel.x), axis(&panel.y));
+    for (k, curve) in panel.curves.iter().enumerate() {
+        out = out.line(&*curve.name, Style::of(k), line(curve, |p| p.measured));
+    }
+    // Above, where it would be hidden.
     let mut label = "theory";
     let mut before: Vec<Vec<[f64; 2]>> = Vec::new();
     for curve in &panel.curves {
@@ -186,9 +190,6 @@ fn drawn(panel: &Panel) -> figure::Panel {
             out = out.line(std::mem::take(&mut label), Style::theory(), theory.clone());
             before.push(theory);
         }
-    }
-    for (k, curve) in panel.curves.iter().enumerate() {
-        out = out.line(&*curve.name, Style::of(k), line(curve, |p| p.measured));
     }
     for border in &panel.borders {
         if let (Some(label), Some(at)) = (&border.line, border.theory) {

@@ -69,7 +69,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             Err(Error::Tolerance { smallest, .. }) => Some(smallest),
             Ok(_) => Some(NONE),
             Err(error) => {
-                notes.push(format!("{name}: {error}"));
+                // Too many modes for the smallest: where it is is not known.
                 refused = Some(error.to_string());
                 None
             }
@@ -78,7 +78,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         let mut costly = false;
         let asked = ASKED
             .into_iter()
-            .filter(|&a| smallest.is_some_and(|s| a > s));
+            .filter(|&a| smallest.is_none_or(|s| a > s));
         let asked: Vec<f64> = asked.chain(smallest).collect();
         for &asked in &asked {
             case.tolerance = asked;
