@@ -1,6 +1,7 @@
 //! Fronts, sentences and files of trials that were made up.
 
 use super::files::{COLUMNS, csv};
+use super::knobs::Setup;
 use super::verdict::{sentences, winners};
 use super::*;
 use crate::case::{Integrator, Limiter, ProfileChoice, PropagatorMethod};

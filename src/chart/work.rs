@@ -1,0 +1,313 @@
+//! The trials of a chart: run, refused or left out, one after the other.
+//!
+//! Rank 0's clock decides. What is told beforehand follows from numbers that all ranks share, so that a setting that is left out costs two short
+//! messages; once the budget is used up, nothing is decided any more, and no rank waits for another.
+
+use super::forecast::Forecast;
+use super::knobs::{Setup, refused};
+use super::programme::{Programme, Setting};
+use super::{Entry, Status};
+use crate::case::{Case, Limiter};
+use crate::communicator::{Group, World};
+use crate::error::{Error, Result};
+use crate::grid::PhaseSpace;
+use crate::plan::{Bounds, Resources};
+use crate::reduce::{Reductions, reduced};
+use crate::run::trial::{Trial, trial};
+use crate::run::{Assembled, memory_per_rank, refuse_hopeless_here};
+use std::time::Instant;
+
+/// No trial takes more of the budget than this, so that there is breadth, and one that takes longer than expected does little harm.
+const LARGEST_PART: f64 = 0.125;
+/// A trial is begun where so many times what it is expected to take is left.
+const MARGIN: f64 = 1.3;
+/// Methods are compared on the finest grid where all profiles' first trials take no more of the budget than this together.
+const COMPARED: f64 = 0.1;
+/// A trial that takes no more of the budget than this is run so often: a few milliseconds are noisy.
+const QUICK: f64 = 5e-4;
+const REPEATS: usize = 3;
+/// What telling how long trials will take may take of the budget.
+const FORECASTING: f64 = 0.1;
+
+/// What rank 0 decides of a setting.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Decision {
+    LeaveOut,
+    Refuse,
+    Run,
+}
+
+/// What a scene needs of a grid, by what that depends on.
+type Needed = ((Vec<usize>, String), (PhaseSpace, Reductions));
+
+/// The chart while it is made.
+pub(super) struct Work<'a> {
+    world: &'a World,
+    all: Group,
+    case: &'a Case,
+    /// Whether `V` does.
+    jumps: bool,
+    /// Seconds.
+    budget: f64,
+    started: Instant,
+    /// Whether the budget is used up.
+    over: bool,
+    /// Seconds that forecasts took on this rank.
+    forecasting: f64,
+    forecast: Forecast,
+    needed: Vec<Needed>,
+    seen: Vec<Setting>,
+    /// What became of each setting.
+    pub entries: Vec<Entry>,
+    /// Why the first trial failed that did.
+    pub first_error: Option<Error>,
+}
+
+impl<'a> Work<'a> {
+    /// Begins now, for so many seconds.
+    pub fn new(world: &'a World, case: &'a Case, jumps: bool, budget: f64) -> Self {
+        Self {
+            world,
+            all: world.group(),
+            case,
+            jumps,
+            budget,
+            started: Instant::now(),
+            over: false,
+            forecasting: 0.0,
+            forecast: Forecast::default(),
+            needed: Vec::new(),
+            seen: Vec::new(),
+            entries: Vec::new(),
+            first_error: None,
+        }
+    }
+
+    /// Whether anything ran.
+    pub fn has_results(&self) -> bool {
+        self.entries.iter().any(|e| e.status == Status::Done)
+    }
+
+    /// Seconds since the beginning, by this rank's clock.
+    pub fn elapsed(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
+    /// Rank 0's numbers. Collective.
+    fn told<const N: usize>(&self, mut numbers: [f64; N]) -> [f64; N] {
+        if self.all.rank() > 0 {
+            numbers = [f64::NEG_INFINITY; N];
+        }
+        self.all.max_into(&mut numbers);
+        numbers
+    }
+
+    /// Rank 0's decision. Collective.
+    fn decided(&self, mine: Decision) -> Decision {
+        let code = match mine {
+            Decision::LeaveOut => 0.0,
+            Decision::Refuse => 1.0,
+            Decision::Run => 2.0,
+        };
+        match self.told([code])[0] {
+            c if c < 0.5 => Decision::LeaveOut,
+            c if c < 1.5 => Decision::Refuse,
+            _ => Decision::Run,
+        }
+    }
+
+    /// Whether `seconds` more fit, of a trial. The very first always does.
+    fn fits(&self, seconds: f64) -> bool {
+        let room = self.elapsed() + MARGIN * seconds <= self.budget;
+        !self.has_results() || (room && seconds <= LARGEST_PART * self.budget)
+    }
+
+    /// Tries `settings` in order, each once. Collective.
+    pub fn through(&mut self, settings: Vec<Setting>) {
+        for setting in settings {
+            if !self.seen.contains(&setting) {
+                let entry = self.attempt(&setting);
+                self.entries.push(entry);
+                self.seen.push(setting);
+            }
+        }
+    }
+
+    /// One setting: run, refused or left out. Collective.
+    fn attempt(&mut self, (space, setup): &Setting) -> Entry {
+        let mut case = setup.settle(self.case, space, None);
+        let jumps = self.jumps;
+        let named = |entry: Entry| Entry {
+            as_given: *setup == Setup::Given,
+            paper: matches!(setup, Setup::Paper { .. }),
+            no_jump: !jumps,
+            ..entry
+        };
+        let refusal = |case: &Case, reason: String| Entry {
+            reason: Some(reason),
+            ..named(Entry::of(case, Status::Refused))
+        };
+        let left_out = |case: &Case, seconds: f64| Entry {
+            expected_seconds: Some(seconds),
+            ..named(Entry::of(case, Status::LeftOut))
+        };
+        if let Some(why) = refused(&case) {
+            return refusal(&case, why.to_owned());
+        }
+        if !self.over {
+            let used_up = self.has_results() && self.elapsed() > self.budget;
+            self.over = self.told([f64::from(used_up)])[0] > 0.5;
+        }
+        if self.over {
+            let (seconds, _) = self.expected(&self.known(&case).unwrap_or(case.clone()));
+            return left_out(&case, seconds);
+        }
+        // What runs has no more cells than the scene needs.
+        let mut needed = match self.needed(&case) {
+            Ok(needed) => needed,
+            Err(error) => return refusal(&case, self.failed(error)),
+        };
+        if setup.needs_bounds() {
+            let least = self.forecast.overhead(&needed);
+            let mine = match self.fits(least) {
+                true => Decision::Run,
+                false => Decision::LeaveOut,
+            };
+            if self.decided(mine) != Decision::Run {
+                return left_out(&case, least);
+            }
+            match self.measured(&needed) {
+                Ok(bounds) => case = setup.settle(self.case, space, Some(&bounds)),
+                Err(error) => return refusal(&case, self.failed(error)),
+            }
+            needed.warp = case.warp;
+        }
+        let (seconds, error) = self.expected(&needed);
+        let mine = match &error {
+            // With what was measured it is the plan's own; else the trial tells.
+            Some(_) if self.forecast.knows(&needed) => Decision::Refuse,
+            _ if self.fits(seconds) => Decision::Run,
+            _ => Decision::LeaveOut,
+        };
+        match self.decided(mine) {
+            Decision::LeaveOut => return left_out(&case, seconds),
+            Decision::Refuse => {
+                return refusal(&case, error.map_or(String::new(), |e| e.to_string()));
+            }
+            Decision::Run => {}
+        }
+        match self.timed(&needed) {
+            Ok((trial, [seconds, solve, total])) => {
+                (self.forecast).learn(&needed, &trial.plan, [solve, total]);
+                named(Entry::done(&case, &trial, [seconds, total]))
+            }
+            Err(error) => refusal(&case, self.failed(error)),
+        }
+    }
+
+    /// The reason for a refusal; the first is kept for when nothing runs.
+    fn failed(&mut self, error: Error) -> String {
+        let reason = error.to_string();
+        self.first_error.get_or_insert(error);
+        reason
+    }
+
+    /// Seconds that a trial of `case` is expected to take, and why it cannot be planned if it cannot; where there is no time to
+    /// plan it, or where it is much too long without its work, what it takes at least.
+    fn expected(&mut self, case: &Case) -> (f64, Option<Error>) {
+        let least = self.forecast.overhead(case);
+        let spent = self.forecasting > FORECASTING * self.budget;
+        if self.has_results() && (spent || least > LARGEST_PART * self.budget) {
+            return (least, None);
+        }
+        let began = Instant::now();
+        let work = self.forecast.work(case);
+        self.forecasting += began.elapsed().as_secs_f64();
+        match work {
+            Ok(work) => (self.forecast.seconds(case, work), None),
+            Err(error) => (least, Some(error)),
+        }
+    }
+
+    /// What the needs of a scene depend on.
+    fn key(case: &Case) -> (Vec<usize>, String) {
+        let slopes = case.limiter != Limiter::None;
+        let what = format!("{:?} {:?} {slopes}", case.interface, case.method);
+        (case.space.shape(), what)
+    }
+
+    /// `case` with no more cells than it needs, where that was found before.
+    fn known(&self, case: &Case) -> Option<Case> {
+        let key = Self::key(case);
+        let (_, (space, reductions)) = self.needed.iter().find(|(other, _)| *other == key)?;
+        Some(Case {
+            space: space.clone(),
+            reductions: reductions.clone(),
+            ..case.clone()
+        })
+    }
+
+    /// `case` with no more cells than it needs. Collective.
+    fn needed(&mut self, case: &Case) -> Result<Case> {
+        if let Some(known) = self.known(case) {
+            return Ok(known);
+        }
+        let found = reduced(&self.all, case)?;
+        let found_of = (found.space.clone(), found.reductions.clone());
+        self.needed.push((Self::key(case), found_of));
+        Ok(found)
+    }
+
+    /// A trial, and its seconds for the result, to solve and in all: of a quick one the least of a few. Collective.
+    fn timed(&self, case: &Case) -> Result<(Trial, [f64; 3])> {
+        let once = || -> Result<(Trial, [f64; 3])> {
+            let began = Instant::now();
+            let trial = trial(self.world, case)?;
+            let solve = trial.summary.solve_seconds;
+            let mine = [trial.seconds, solve, began.elapsed().as_secs_f64()];
+            Ok((trial, self.told(mine)))
+        };
+        let (trial, mut least) = once()?;
+        for _ in 1..REPEATS {
+            if least[2] > QUICK * self.budget {
+                break;
+            }
+            let (_, again) = once()?;
+            least = std::array::from_fn(|k| least[k].min(again[k]));
+        }
+        Ok((trial, least))
+    }
+
+    /// Bounds of the case's matrix, measured where they must be. Collective.
+    fn measured(&self, case: &Case) -> Result<Bounds> {
+        refuse_hopeless_here(self.world, case)?;
+        let here = Resources {
+            ranks: self.all.size(),
+            ranks_x: None,
+            memory_per_rank: Some(memory_per_rank(&self.all)),
+        };
+        let found = Assembled::new(self.world, case, &Bounds::new(case)?, (&here, 1))?;
+        Ok(found.bounds)
+    }
+
+    /// The finest grid, up to the case's own, where comparing methods is affordable: that of rank 0. Collective.
+    pub fn comparable(&self, programme: &Programme) -> PhaseSpace {
+        let seconds = |(space, setup): &Setting| {
+            let case = setup.settle(self.case, space, None);
+            let case = self.known(&case).unwrap_or(case);
+            match self.forecast.work(&case) {
+                Ok(work) => self.forecast.seconds(&case, work),
+                // It is refused, and costs nothing.
+                Err(_) => 0.0,
+            }
+        };
+        let affordable = |space: &PhaseSpace| {
+            let all: f64 = programme.profiles(space).iter().map(seconds).sum();
+            all <= COMPARED * self.budget
+        };
+        let candidates = &programme.grids[..=programme.own];
+        let finest = candidates.iter().rposition(affordable).unwrap_or(0);
+        let finest = self.told([finest as f64])[0] as usize;
+        candidates[finest.min(programme.own)].clone()
+    }
+}
