@@ -219,8 +219,11 @@ impl Album {
 
 /// Four digits, without zeros that say nothing.
 pub(crate) fn short(value: f64) -> String {
-    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
-        let digits = 3 - value.abs().max(1e-300).log10().floor().max(-4.0) as i32;
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    if (1e-3..1e5).contains(&value.abs()) {
+        let digits = 3 - value.abs().log10().floor().max(-4.0) as i32;
         let text = format!("{value:.*}", digits.max(0) as usize);
         if text.contains('.') {
             text.trim_end_matches('0').trim_end_matches('.').to_owned()
@@ -366,6 +369,7 @@ mod tests {
     fn short_numbers() {
         for (value, text) in [
             (0.0, "0"),
+            (-0.0, "0"),
             (1.0, "1"),
             (0.1, "0.1"),
             (-0.0125, "-0.0125"),

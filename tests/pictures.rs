@@ -172,6 +172,23 @@ fn curve(figure: &Figure, panel: usize, wanted: &str) -> Vec<[f64; 2]> {
     found.unwrap_or_else(|| panic!("no curve {wanted}"))
 }
 
+/// The two uppermost lines of a panel.
+fn lines(figure: &Figure, panel: usize) -> [Vec<[f64; 2]>; 2] {
+    let line = |layer: &Layer| match layer {
+        Layer::Line { points, .. } => Some(points.clone()),
+        _ => None,
+    };
+    let all: Vec<_> = figure.panels[panel]
+        .layers
+        .iter()
+        .filter_map(line)
+        .collect();
+    let [.., below, above] = &all[..] else {
+        panic!("panel {panel} has {} lines", all.len())
+    };
+    [below.clone(), above.clone()]
+}
+
 fn maps(figure: &Figure) -> Vec<(&str, &Map)> {
     let panels = figure.panels.iter();
     let of = |layer| match layer {
@@ -224,17 +241,16 @@ fn numbers_drawn_are_those_of_the_file() {
 
     let moments = figure(&album, "moments");
     for (panel, name) in ["density", "momentum", "velocity"].iter().enumerate() {
-        let points = curve(moments, panel, "Schrödingerized");
+        // The run lies uppermost, the exact solution below it.
+        let [_, points] = lines(moments, panel);
         let values: Vec<f64> = points.iter().map(|p| p[1]).collect();
         assert_eq!(values, stored[&format!("/{name}")].numbers(), "{name}");
         let x: Vec<f64> = points.iter().map(|p| p[0]).collect();
         assert_eq!(x, stored["/axis/x"].numbers());
     }
     // The exact density is that of the exact field.
-    let total: f64 = curve(moments, 0, "exact")
-        .iter()
-        .map(|p| p[1] * 3.0 / 26.0)
-        .sum();
+    let [exact_density, _] = lines(moments, 0);
+    let total: f64 = exact_density.iter().map(|p| p[1] * 3.0 / 26.0).sum();
     let cells: f64 = exact.iter().map(|f| f * 9.0 / (26.0 * 23.0)).sum();
     assert!((total - cells).abs() < 1e-12);
 
@@ -255,7 +271,7 @@ fn numbers_drawn_are_those_of_the_file() {
     };
     let ratio = summary.number("norm_ratio_planned").unwrap();
     assert!(worst(true) <= 1e-6 / ratio, "{:e}", worst(true));
-    assert!(worst(false) > 1e-3, "{:e}", worst(false));
+    assert!(worst(false) > 1e-4, "{:e}", worst(false));
 
     let modes = figure(&album, "modes");
     let work: f64 = curve(modes, 1, "").iter().map(|p| p[1]).sum();
@@ -350,7 +366,7 @@ fn what_is_missing_is_said() {
     refused(&["plot", &at(&place), "-o", &file], "output directory");
     refused(&["report", &at(&place), "-o", &file], "output directory");
 
-    // As of an older program: a dataset and a part of the plan are not there.
+    // As of an older program: datasets are not there, then the summary.
     let path = place.path().join("result.h5");
     let stored = hdf5::File::open_rw(&path).unwrap();
     stored.unlink("velocity").unwrap();
@@ -363,12 +379,13 @@ fn what_is_missing_is_said() {
         "{}",
         done.output
     );
-    assert!(done.output.contains("time: left out"), "{}", done.output);
     assert_eq!(
         names(&place.path().join("plots"), ".svg"),
-        ["modes", "phase_space", "profile"]
+        ["modes", "phase_space", "profile", "time"]
     );
     std::fs::remove_file(place.path().join("summary.json")).unwrap();
+    let done = Job::new(["plot", &at(&place)]).succeed().unwrap();
+    assert!(done.output.contains("time: left out"), "{}", done.output);
     refused(&["report", &at(&place)], "summary.json");
 }
 
@@ -450,6 +467,8 @@ fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<Stri
             "--disable-client-side-phishing-detection",
             "--hide-scrollbars",
         ])
+        // The browser itself asks for nothing either.
+        .arg("--host-resolver-rules=MAP * ~NOTFOUND")
         .arg("--disable-features=OptimizationHints,MediaRouter,Translate")
         .arg(format!("--user-data-dir={}", profile.path().display()))
         .arg(format!("--window-size={width},2400"))
@@ -465,16 +484,17 @@ fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<Stri
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// Addresses beyond this machine's files that a log of the browser's network names as those of requests of a page.
+/// What pages, not the browser itself, asked for beyond this machine's files, by a log of the browser's network.
 fn requests(log: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(log).unwrap();
-    let pieces = text
-        .split("\"url\":\"")
-        .skip(1)
-        .filter_map(|rest| rest.split('"').next());
-    let beyond =
-        |url: &&str| url.starts_with("http:") || url.starts_with("https:") || url.starts_with("ws");
-    pieces.filter(beyond).map(str::to_owned).collect()
+    let beyond = |line: &&str| {
+        line.contains("\"initiator\":\"")
+            && !line.contains("\"initiator\":\"not an origin\"")
+            && ["http:", "https:", "ws:", "wss:"]
+                .iter()
+                .any(|scheme| line.contains(&format!("\"url\":\"{scheme}")))
+    };
+    text.lines().filter(beyond).map(str::to_owned).collect()
 }
 
 #[test]

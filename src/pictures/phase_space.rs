@@ -35,7 +35,10 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         panels.extend(row);
     }
     let row = (panels.len() / n).max(1);
-    let columns = if row > 3 { row.div_ceil(2) } else { row };
+    let columns = match row {
+        4 => 2,
+        row => row.min(3),
+    };
     let time = short(run.time);
     let what = if measure {
         "Measure-valued data: f = φ δ(ψ), with the paper's discrete delta function in one dimension."

@@ -21,55 +21,73 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
     let whole = |list: &[f64]| list.iter().map(|c| *c as u64).collect::<BTreeSet<_>>();
     let cells: Vec<u64> = whole(&cell).into_iter().collect();
     let place = |row: usize| cells.iter().position(|c| *c == cell[row] as u64);
+    // What may be off by more than so many times the largest value tells nothing, and would hide the rest.
+    const TELLING: f64 = 10.0;
+    let mut hidden = 0;
     let mut panels = Vec::new();
     for kind in whole(&observable) {
-        let rows: Vec<usize> = (0..cell.len())
-            .filter(|&r| observable[r] as u64 == kind)
-            .collect();
+        let of_kind = |r: &usize| observable[*r] as u64 == kind;
+        let rows: Vec<usize> = (0..cell.len()).filter(of_kind).collect();
+        let along = |first: u64| ["x", "y", "z"][(kind.saturating_sub(first) as usize).min(2)];
         let name = match kind {
             0 => "density".to_owned(),
-            1..=3 => format!("momentum along {}", ["x", "y", "z"][kind as usize - 1]),
-            k => format!(
-                "mean velocity along {}",
-                ["x", "y", "z"][(k as usize - 4).min(2)]
-            ),
+            1..=3 => format!("momentum along {}", along(1)),
+            _ => format!("mean velocity along {}", along(4)),
         };
-        let mut panel = Panel::new(name.clone(), Axis::linear("cell read"), Axis::linear(name));
+        // The density has every estimator, and says which is which.
+        let said = |label: &str| {
+            if kind == 0 {
+                label.to_owned()
+            } else {
+                String::new()
+            }
+        };
+        let numbers = cells.iter().map(u64::to_string).collect();
+        let axis = Axis::named("number of the cell", numbers);
+        let mut panel = Panel::new(name.clone(), axis, Axis::linear(name));
         let values = rows
             .iter()
             .filter_map(|&r| Some([place(r)? as f64, value[r]]));
-        panel = panel.points("of the field", Style::of(2), values.collect());
-        for (k, kind) in Estimator::ALL.into_iter().enumerate() {
-            let mine = rows.iter().filter(|&&r| estimator[r] as u64 == k as u64);
-            let points: Vec<([f64; 2], [f64; 2])> = mine
-                .filter_map(|&r| {
-                    // Side by side.
-                    let at = place(r)? as f64 + 0.12 * (k as f64 + 1.0);
-                    let (lower, upper) = (estimate[r] - bound[r], estimate[r] + bound[r]);
-                    let known = lower.is_finite() && upper.is_finite();
-                    known.then_some(([at, estimate[r]], [lower, upper]))
-                })
-                .collect();
+        panel = panel.points(said("of the field"), Style::of(2), values.collect());
+        let largest = rows
+            .iter()
+            .fold(0.0f64, |most, &r| most.max(value[r].abs()));
+        for (k, estimator_of) in Estimator::ALL.into_iter().enumerate() {
+            let mut points = Vec::new();
+            for &r in rows.iter().filter(|&&r| estimator[r] as u64 == k as u64) {
+                let (Some(at), true) = (place(r), (estimate[r] + bound[r]).is_finite()) else {
+                    continue;
+                };
+                if bound[r] > TELLING * largest {
+                    hidden += 1;
+                    continue;
+                }
+                // Side by side.
+                let at = at as f64 + 0.1 * (k as f64 + 1.0);
+                let ends = [estimate[r] - bound[r], estimate[r] + bound[r]];
+                points.push(([at, estimate[r]], ends));
+            }
             if !points.is_empty() {
-                let style = Style::of(if k < 2 { k } else { k + 1 });
                 panel = panel.with(Layer::Intervals {
-                    label: kind.name().to_owned(),
-                    style,
+                    label: said(estimator_of.name()),
+                    style: Style::of(if k < 2 { k } else { k + 1 }),
                     points,
                 });
             }
         }
         panels.push(panel);
     }
-    let listed: Vec<String> = cells
-        .iter()
-        .enumerate()
-        .map(|(k, c)| format!("{k}: cell {c}"))
-        .collect();
+    let left_out = match hidden {
+        0 => String::new(),
+        hidden => format!(
+            " Left out: {hidden} estimates that may be off by more than {TELLING} times the largest value."
+        ),
+    };
+    let caption = "What a quantum computer would tell, with bounds that hold with probability 0.95 (mean velocities: 0.90).";
     Ok(Some(
-        Figure::new("Readout", panels).columns(3).frame(320.0, 260.0).caption(format!(
-            "What a quantum computer would tell, with bounds that hold with probability 0.95 (mean velocities: 0.90). {}.",
-            listed.join(", ")
-        )),
+        Figure::new("Readout", panels)
+            .columns(3)
+            .frame(320.0, 260.0)
+            .caption(format!("{caption}{left_out}")),
     ))
 }

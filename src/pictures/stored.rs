@@ -92,12 +92,11 @@ impl Stored {
         let overrides: Vec<String> = overrides.lines().map(str::to_owned).collect();
         let name = provenance.get("case_file").map_or("case", String::as_str);
         let found = grid(&file)?;
-        let cells = |space: &PhaseSpace| space.axes().map(|a| a.cells).collect::<Vec<_>>();
         let case =
             (Case::parse(name, &text, &overrides).map_err(|e| e.to_string())).and_then(|case| {
-                let same = cells(&case.space) == cells(&found);
-                let why = || "its grid is not that of the result".to_owned();
-                if same { Ok(case) } else { Err(why()) }
+                let space = as_stored(&case.space, &found)
+                    .ok_or_else(|| "its grid is not that of the result".to_owned())?;
+                Ok(Case { space, ..case })
             });
         let plan = read_text(&file.dataset("plan").map_err(said)?).map_err(said)?;
         let plan = serde_json::from_str(&plan).map_err(|e| format!("/plan: {e}"))?;
@@ -246,6 +245,26 @@ fn average(values: impl Iterator<Item = f64>) -> f64 {
     let finite = values.filter(|v| v.is_finite());
     let (sum, count) = finite.fold((0.0, 0usize), |(sum, count), v| (sum + v, count + 1));
     sum / count as f64
+}
+
+/// The grid of a case as a result has it that has these cells: an axis along which nothing varies may have one.
+fn as_stored(whole: &PhaseSpace, found: &PhaseSpace) -> Option<PhaseSpace> {
+    let axes = |whole: &[Axis], found: &[Axis]| -> Option<Vec<Axis>> {
+        let same = |(whole, found): (&Axis, &Axis)| match found.cells {
+            cells if cells == whole.cells => Some(whole.clone()),
+            1 => Some(whole.merged()),
+            _ => None,
+        };
+        if whole.len() != found.len() {
+            return None;
+        }
+        whole.iter().zip(found).map(same).collect()
+    };
+    Some(PhaseSpace {
+        x: axes(&whole.x, &found.x)?,
+        v: axes(&whole.v, &found.v)?,
+        ..whole.clone()
+    })
 }
 
 /// The grid from the centres of its cells, where the case is not understood.
