@@ -26,7 +26,7 @@ use crate::propagate::order as order_of_step;
 use crate::run;
 use reach::{DISCRETISATION, Reach, look, reach};
 use serde::Serialize;
-use trials::{Scheme, Trials, distance};
+use trials::{Scheme, Trials, distance, updates_of};
 
 /// Most of the accuracy that Schrödingerization may take.
 const SCHRODINGERIZATION: f64 = 0.1;
@@ -409,7 +409,7 @@ impl Study<'_> {
             settings,
         };
         let wanted = DISCRETISATION * self.wanted.accuracy;
-        if reach.levels.is_empty() {
+        if reach.order.pairs.is_empty() && reach.known == Known::Extrapolated {
             entry.refused = Some(
                 "the budget does not hold two grids to compare; a longer --budget does".to_owned(),
             );
@@ -490,8 +490,8 @@ impl Study<'_> {
     ) -> Result<()> {
         let target = scheme.classical(&trials.plain, &reach.shape);
         let mut entry = self.entry(trials, &target, scheme, reach, jumps);
-        if self.plan(&mut entry, &target).is_some() {
-            let updates = trials.updates(&target)?;
+        if let Some(plan) = self.plan(&mut entry, &target) {
+            let updates = updates_of(&target, &plan.bounds);
             entry.seconds_measured = trials.knows_run(scheme, &reach.shape);
             entry.seconds = if entry.seconds_measured {
                 Some(trials.run(scheme, &reach.shape)?.seconds)

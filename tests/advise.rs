@@ -77,7 +77,7 @@ fn written(place: &Path, text: &str) -> Result<String, String> {
 /// it is about the same.
 #[test]
 fn advice_on_a_smooth_problem_is_right() {
-    check_all(&["2e-1", "8e-2"], |accuracy| {
+    check_all(&["1e-1", "4e-2"], |accuracy| {
         let epsilon: f64 = accuracy.parse().map_err(|_| "no number")?;
         let place = directory();
         let path = written(place.path(), SMOOTH)?;
@@ -164,13 +164,13 @@ fn advice_is_the_same_on_any_ranks() {
         ("example1.toml", "1e-1", &[][..]),
         ("barrier2d.toml", "4e-1", &[][..]),
         ("inflow_barrier.toml", "1e-1", &[][..]),
-        ("example2.toml", "3e-1", &["exact={}"][..]),
+        ("example2.toml", "3e-1", &[][..]),
     ];
     check_all(&rows, |(name, accuracy, settings)| {
         let told = |ranks: usize| {
             let job = advise(&case(name), accuracy)
                 .set(settings)
-                .with(["--budget", "120s"]);
+                .with(["--budget", "60s"]);
             let mut advised = read(&job.on(ranks).succeed()?)?;
             let best = advised["best"]
                 .as_u64()
@@ -209,7 +209,7 @@ fn what_is_out_of_reach_is_refused() {
         (vec!["--accuracy", "1e-9"], "cells"),
         (vec!["--accuracy", "0"], "above 0 and below 1"),
         (vec!["--accuracy", "1.5"], "above 0 and below 1"),
-        (vec!["--budget", "-3"], "above 0"),
+        (vec!["--budget", "0"], "above 0"),
         (
             vec!["--accuracy", "1e-1", "--budget", "1e-6"],
             "a longer --budget",

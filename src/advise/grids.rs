@@ -91,7 +91,12 @@ impl Grids {
     pub fn halved(&self, shape: &[usize]) -> Option<Vec<usize>> {
         let n = self.x.len();
         let halves = (shape.iter().enumerate()).all(|(k, &cells)| {
-            cells % 2 == 0 && cells >= 4 && (k >= n || self.keeps(k, cells / 2))
+            let (divisor, edges) = if k < n {
+                (2, self.keeps(k, cells / 2))
+            } else {
+                (4, true)
+            };
+            cells.is_multiple_of(divisor) && edges
         });
         halves.then(|| shape.iter().map(|n| n / 2).collect())
     }

@@ -17,7 +17,7 @@ const MOST_STRETCH: f64 = 4.0;
 /// So many grids are tried where they are cheap, whether or not they are needed: they tell the order.
 const ENOUGH_LEVELS: usize = 5;
 /// What is cheap, as a part of what the scheme has.
-const CHEAP: f64 = 0.1;
+const CHEAP: f64 = 0.02;
 /// Part of the budget for the grids that orders are found on; the rest is for what follows from them.
 const FOR_LEVELS: f64 = 0.6;
 

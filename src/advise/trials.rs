@@ -16,9 +16,9 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Updates of a cell that count as a second of the budget: a third of what a core does on grids that fit into its cache. Counted
-/// rather than timed, so that the same is tried on every machine and on any ranks.
-pub const UPDATES: f64 = 5e7;
+/// Updates of a cell that count as a second of the budget: a third of what a core does or less. Counted rather than timed, so that
+/// the same is tried on every machine and on any ranks.
+const UPDATES: f64 = 2e7;
 /// An update with slopes counts as so many.
 const WITH_SLOPES: f64 = 8.0;
 /// The exact density is averaged over at most so many points of phase space, where the cells themselves are no more.
@@ -117,23 +117,13 @@ impl<'a> Trials<'a> {
         self.exact.is_some()
     }
 
-    /// Updates that a trial counts as; more than any budget for a grid so large that one update is.
-    ///
-    /// # Errors
-    /// Where `V` is not finite.
-    pub fn updates(&self, case: &Case) -> Result<f64> {
+    /// Updates that a trial counts as; infinitely many for a grid so large that one of each of its cells is beyond the budget.
+    fn updates(&self, case: &Case) -> Result<f64> {
         let cells: f64 = case.space.axes().map(|a| a.cells as f64).product();
         if cells > self.seconds * UPDATES {
             return Ok(f64::INFINITY);
         }
-        let bounds = Bounds::new(case)?;
-        let steps: usize = classical_steps(case, &bounds).iter().sum();
-        let each = match case.limiter {
-            Limiter::None => 1.0,
-            // Three stages a step.
-            Limiter::Minmod | Limiter::VanLeer => 3.0 * WITH_SLOPES,
-        };
-        Ok(each * steps as f64 * cells * case.fields.len() as f64)
+        Ok(updates_of(case, &Bounds::new(case)?))
     }
 
     /// Whether so many updates more may be tried, with a share of what the budget holds. By count, and by rank 0's clock should that be much slower
@@ -191,7 +181,7 @@ impl<'a> Trials<'a> {
         let key = key(scheme, shape);
         if !self.done.contains_key(&key) {
             let case = scheme.classical(&self.plain, shape);
-            let updates = self.updates(&case)?;
+            let updates = updates_of(&case, &Bounds::new(&case)?);
             let found = self.measure(&case, updates)?;
             self.done.insert(key.clone(), found);
         }
@@ -265,6 +255,18 @@ impl<'a> Trials<'a> {
             .max_by(|a, b| a.1.updates.total_cmp(&b.1.updates))
             .map(|(_, found)| found.seconds / found.updates)
     }
+}
+
+/// Updates that a classical run of a case with these bounds takes, those with slopes counted for what they are.
+pub fn updates_of(case: &Case, bounds: &Bounds) -> f64 {
+    let cells: f64 = case.space.axes().map(|a| a.cells as f64).product();
+    let steps: usize = classical_steps(case, bounds).iter().sum();
+    let each = match case.limiter {
+        Limiter::None => 1.0,
+        // Three stages a step.
+        Limiter::Minmod | Limiter::VanLeer => 3.0 * WITH_SLOPES,
+    };
+    each * steps as f64 * cells * case.fields.len() as f64
 }
 
 fn key(scheme: Scheme, shape: &[usize]) -> (Interface, Limiter, Vec<usize>) {
