@@ -11,11 +11,13 @@
 //! An axis keeps its place: it has one cell as long as all of them ([`Part::Merged`](crate::grid::Part)), so that mass and momentum are
 //! right, or is a window of the case's cells ([`Part::Window`](crate::grid::Part)), whose centres have the same bits. Results are
 //! put back onto the case's velocities, zero where none were kept, and with `output.expand` onto all of its grid ([`shown`]).
+//!
+//! Explicit steps are as long as the fastest cell allows: on fewer cells they would be longer, and their error another one. They keep the grid.
 
 mod reached;
 pub mod shown;
 
-use crate::case::{Case, Exact, Method};
+use crate::case::{Case, Exact, Integrator, Method};
 use crate::communicator::Group;
 use crate::error::Result;
 use crate::expression::Expression;
@@ -123,6 +125,10 @@ fn needs_all(case: &Case) -> Option<&'static str> {
         ("initial.warped", case.start.is_some()),
         ("output.warped_field", case.warped_field),
         ("[readout]", case.readout.is_some()),
+        (
+            "solver.classical.integrator, whose steps are as long as the grid allows",
+            case.method == Method::Classical && case.integrator != Integrator::Exponential,
+        ),
     ];
     keys.into_iter()
         .find(|(_, given)| *given)

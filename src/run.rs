@@ -518,7 +518,8 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
         Some(ExactSolution::Moments(exact)) => {
             let [density, velocity] =
                 moment_errors(&communicator.world, &case.space, &found, exact);
-            summary.mass_exact = Some(total(&exact.density));
+            let world = &communicator.world;
+            summary.mass_exact = Some(integral(world, &case.space, &exact.density));
             summary.error_density_l1 = Some(density);
             summary.error_velocity_l1 = Some(velocity);
         }

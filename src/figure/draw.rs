@@ -1,7 +1,7 @@
 //! From a figure to pixels and paths: where things stand.
 
 use super::canvas::{Anchor, Canvas, Drawn, PIXELS, Place, text_width, wrapped};
-use super::palette::{FAINT, GRID, INK, PAPER, Style, sequential};
+use super::palette::{FAINT, GRID, INK, Style, sequential};
 use super::ticks::{Tick, ticks};
 use super::{Axis, Figure, Layer, Map, Panel, Scale};
 use plotters::prelude::*;
@@ -12,6 +12,8 @@ const TITLE: f64 = 14.0;
 const HEADING: f64 = 11.5;
 const LABEL: f64 = 10.5;
 const SMALL: f64 = 9.5;
+/// Bold letters are wider by this factor.
+const BOLD: f64 = 1.12;
 /// Around all.
 const MARGIN: f64 = 12.0;
 /// Between a frame and the next panel's.
@@ -278,12 +280,18 @@ impl<'a> Frame<'a> {
 
     fn draw<DB: DrawingBackend>(&self, canvas: &Canvas<'_, DB>) -> Drawn {
         let [[left, top], [right, bottom]] = self.corners;
-        canvas.text(
-            &self.panel.title,
-            [left, top - 12.0],
-            (HEADING, INK),
-            (Anchor::Left, false, true),
-        )?;
+        // A long title goes on in a second, smaller line.
+        let title = &self.panel.title;
+        let lines = match text_width(title, HEADING) * BOLD <= right - left {
+            true => vec![title.clone()],
+            false => wrapped(title, SMALL, (right - left) / BOLD),
+        };
+        let size = if lines.len() > 1 { SMALL } else { HEADING };
+        for (k, line) in lines.iter().take(2).enumerate() {
+            let above = 12.0 + 11.0 * (lines.len().min(2) as f64 - 1.0 - k as f64) - 2.0 * k as f64;
+            let at = [left, top - above];
+            canvas.text(line, at, (size, INK), (Anchor::Left, false, true))?;
+        }
         let tick = |axis: &Axis, ends, length: f64| -> Vec<Tick> {
             if axis.names.is_empty() {
                 return ticks(ends, axis.scale, wanted(length));
@@ -519,12 +527,12 @@ impl<'a> Frame<'a> {
         let [[_, top], [right, bottom]] = self.corners;
         let x = right + 10.0;
         let [lower, upper] = map_range(map);
-        const STEPS: usize = 64;
-        for k in 0..STEPS {
-            let y = |k: usize| bottom - (bottom - top) * k as f64 / STEPS as f64;
-            let colour = sequential((k as f64 + 0.5) / STEPS as f64);
-            canvas.rectangle([[x, y(k + 1)], [x + BAR, y(k)]], colour)?;
-        }
+        let size = [BAR, bottom - top].map(|length| (length * PIXELS).round() as u32);
+        let shade = |row: u32| sequential(1.0 - (f64::from(row) + 0.5) / f64::from(size[1]));
+        let colours: Vec<u8> = (0..size[1])
+            .flat_map(|row| std::iter::repeat_n(shade(row), size[0] as usize).flatten())
+            .collect();
+        canvas.picture([x, top], size, &colours)?;
         for t in ticks([lower, upper], Scale::Linear, wanted(bottom - top)) {
             let y = bottom - (bottom - top) * (t.at - lower) / (upper - lower);
             canvas.line(&[[x + BAR, y], [x + BAR + 3.0, y]], INK, 0.9)?;
@@ -533,7 +541,6 @@ impl<'a> Frame<'a> {
             canvas.text(label, at, (SMALL, INK), (Anchor::Left, false, false))?;
         }
         let at = [x + 0.5 * BAR, top - 10.0];
-        canvas.rectangle([[x, top - 16.0], [x + BAR, top - 4.0]], PAPER)?;
         canvas.text(
             &map.label,
             at,
