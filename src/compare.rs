@@ -7,7 +7,7 @@ use crate::observables::{Moments, integral, power_sum};
 use crate::output::summary::Summary;
 use crate::plan::{Plan, WarpPlan};
 use crate::problem::Problem;
-use crate::propagate::order;
+use crate::propagate::{order, round_off};
 
 /// A result whose norm fell this much further than planned may miss its tolerance.
 const RATIO_MARGIN: f64 = 1.2;
@@ -124,7 +124,7 @@ pub fn estimate(
                 .sum();
             // Every stage of an inflow that depends on time rounds anew.
             let stages = plan.bounds.stages.max(1) as f64;
-            let noise = f64::EPSILON * stages.sqrt() * amplification * ratio;
+            let noise = round_off(plan.steps) * stages.sqrt() * amplification * ratio;
             let round_off = ROUND_OFF_MARGIN * noise / warp.seen;
             summary.fields[k].error_estimate = Some(estimate).filter(|e| e.is_finite());
             if found.is_none_or(|(e, _)| estimate > e) {

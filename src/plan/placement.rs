@@ -4,6 +4,7 @@ use super::Bounds;
 use crate::case::{Case, Coefficients, Delta, Interface, LARGEST_TOLERANCE, RecoveryMethod, Warp};
 use crate::error::{Error, Result};
 use crate::profile::{Demand, Form, Profile, Series, Shape, Window};
+use crate::propagate;
 use crate::recover::{Reading, shown};
 use std::f64::consts::PI;
 
@@ -234,6 +235,7 @@ fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
         0.0
     };
     let mut demand = Demand::new(tolerance, growth, decay, width + second);
+    demand.round_off = propagate::round_off(propagate::steps(&case.propagator, time));
     demand.recovery = warp.recovery;
     demand.interval = warp.interval;
     demand.sampled = warp.coefficients == Coefficients::Sampled;

@@ -111,11 +111,16 @@ impl Designed {
         // False where the growth is not known, too.
         let least = demand.tolerance * libm::exp(-demand.growth);
         let [lower, upper] = domain(demand);
-        least >= SMALLEST
+        least >= SMALLEST * coarser(demand)
             && upper - lower <= LONGEST
             && demand.interval.is_none()
             && !demand.sampled
     }
+}
+
+/// How many times more than by arithmetic itself modes are rounded.
+fn coarser(demand: &Demand) -> f64 {
+    demand.round_off / f64::EPSILON
 }
 
 /// `ln 1/ε`, relative to the largest value on the domain, `e^{Λ⁺}`.
@@ -134,13 +139,13 @@ fn with_gap(circle: &Circle, demand: &Demand, gap: f64) -> Option<Polynomial> {
     let (tolerance, digits) = (demand.tolerance, digits(demand));
     let cutoff = libm::tan(FRAC_PI_2 * digits / ROOM);
     // Of the digits that are asked for, the last are lost to round-off first: a larger penalty.
-    let eta = 5e-15 * libm::exp(0.12 * (digits - 20.7).max(0.0));
+    let eta = 5e-15 * coarser(demand) * libm::exp(0.12 * (digits - 20.7).max(0.0));
     let design = |upper: f64, share: f64, digits: f64| {
         let place = Place::new([lower, upper], gap);
         let guess = 1 + (place.period * cutoff / TAU) as usize;
         least(guess, 2 * guess + 40, |modes| {
             let g = place.fit(circle, modes, eta);
-            let kept = g.keeps_digits(digits * tolerance);
+            let kept = g.keeps_digits(digits * tolerance, demand.round_off);
             (kept && g.meets(circle, [lower, upper], share * tolerance)).then_some(g)
         })
     };
@@ -157,7 +162,7 @@ fn with_gap(circle: &Circle, demand: &Demand, gap: f64) -> Option<Polynomial> {
     let mut long = short.continued(end, period, guess + guess / 8 + 40);
     let modes = least(guess, long.modes(), |modes| {
         let g = long.truncated(modes);
-        let kept = g.keeps_digits(tolerance);
+        let kept = g.keeps_digits(tolerance, demand.round_off);
         (kept && g.meets(circle, [lower, upper], SHARE * tolerance)).then_some(modes)
     })?;
     long.coefficients.truncate(modes);
@@ -259,10 +264,10 @@ impl Polynomial {
         }
     }
 
-    /// `Σ|c_l| ≤ ε/(20 ε_machine)`, over both signs of `l`.
-    fn keeps_digits(&self, tolerance: f64) -> bool {
+    /// `Σ|c_l| ≤ ε/(20 r)` for modes rounded by `r`, over both signs of `l`.
+    fn keeps_digits(&self, tolerance: f64, round_off: f64) -> bool {
         let sum: f64 = self.coefficients.iter().map(|c| c.norm_sqr().sqrt()).sum();
-        2.0 * sum <= tolerance / (20.0 * f64::EPSILON)
+        2.0 * sum <= tolerance / (20.0 * round_off)
     }
 
     /// `|g − e^{−p}|` at points as close as a sixth of the shortest wave's half, and closer to the ends; of very many modes as far

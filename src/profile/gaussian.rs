@@ -46,21 +46,24 @@ impl Gaussian {
     /// the next period's `e^{−p−P}` does not reach in (this matters for short times); cut-off
     /// `μ_max² = 1 + 2(ln 1/ε − p0)/σ²`. Among widths `σ` the one of least `P μ_max (μ_max + 1)`, what a run costs.
     pub fn plan(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Option<Self> {
-        Self::candidates(tolerance, growth, decay, reach)
+        Self::candidates(&Demand::new(tolerance, growth, decay, reach))
             .min_by(|a, b| a.cost().total_cmp(&b.cost()))
     }
 
     /// What [`plan`](Self::plan) chooses from, by rising width.
-    fn candidates(
-        tolerance: f64,
-        growth: f64,
-        decay: f64,
-        reach: f64,
-    ) -> impl Iterator<Item = Self> {
+    fn candidates(demand: &Demand) -> impl Iterator<Item = Self> + use<> {
+        let &Demand {
+            tolerance,
+            growth,
+            decay,
+            reach,
+            round_off,
+            ..
+        } = demand;
         const WIDTHS: i32 = 600;
         let z = normal_quantile(tolerance);
         let digits = -tolerance.ln();
-        let room = (tolerance / (20.0 * f64::EPSILON)).ln();
+        let room = (tolerance / (20.0 * round_off)).ln();
         (0..=WIDTHS).filter_map(move |i| {
             // 0.05 to 20, in equal ratios.
             let sigma = 0.05 * 400f64.powf(f64::from(i) / f64::from(WIDTHS));
@@ -97,7 +100,7 @@ impl Gaussian {
             };
             (profile, window)
         };
-        Self::candidates(demand.tolerance, demand.growth, demand.decay, demand.reach)
+        Self::candidates(demand)
             .map(moved)
             .filter(|(profile, window)| demand.admits(profile, window))
             .min_by(|(_, a), (_, b)| {

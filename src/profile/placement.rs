@@ -27,6 +27,8 @@ pub struct Demand {
     pub sampled: bool,
     /// Whether the shortest period is wanted instead of the cheapest run.
     pub shortest: bool,
+    /// What a mode is rounded by, relative to its norm; [`f64::EPSILON`] or more.
+    pub round_off: f64,
 }
 
 impl Demand {
@@ -43,6 +45,7 @@ impl Demand {
             interval: None,
             sampled: false,
             shortest: false,
+            round_off: f64::EPSILON,
         }
     }
 
@@ -108,14 +111,14 @@ impl Demand {
         inside && long && (!self.sampled || small)
     }
 
-    /// Whether a reading amplified by `e^{point}` keeps its digits: `e^{p◇} Σ|c_l| ≤ ε/(20 ε_machine)`, `Σ|c_l| ≤ 2`.
+    /// Whether a reading amplified by `e^{point}` keeps its digits: `e^{p◇} Σ|c_l| ≤ ε/(20 r)` for a round-off `r`, `Σ|c_l| ≤ 2`.
     pub fn keeps_digits(&self, point: f64) -> bool {
         point <= self.highest_point()
     }
 
     /// The largest `p◇` that [`keeps_digits`](Self::keeps_digits).
     pub fn highest_point(&self) -> f64 {
-        (self.tolerance / (40.0 * f64::EPSILON)).ln()
+        (self.tolerance / (40.0 * self.round_off)).ln()
     }
 }
 
