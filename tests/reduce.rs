@@ -231,6 +231,16 @@ fn results_have_the_velocities_of_the_case() {
     let f = all["/f"].numbers();
     assert!(f.iter().step_by(9).all(|f| *f == 0.0), "vy = -0.8");
     assert!(summary.number("minimum").expect("a number") <= 0.0);
+    // And the report finds its case in them.
+    let place = here.path().display().to_string();
+    let finished = Job::new(["report", &place]).succeed().expect("a report");
+    let html = std::fs::read_to_string(here.path().join("report.html")).expect("a page");
+    let known = html.contains("nothing varies along it") && !html.contains("not understood");
+    assert!(
+        known,
+        "{}",
+        finished.report("the case is not that of the result")
+    );
 }
 
 /// Each reduction by itself, by its key.
