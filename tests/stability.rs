@@ -146,10 +146,12 @@ fn the_plateau_begins_and_ends_where_theory_says() {
                 expect(left <= theory + 0.3, || {
                     format!("{name}, {kind}: {left}, {theory}")
                 })?;
+                // Theory adds the magnitudes of what every mode rounds.
                 let [right, theory] = border(&all, "recovery", &format!("{kind}: round-off"))?;
-                expect((right - theory).abs() < 2.5 && right > left + 4.0, || {
-                    format!("{name}, {kind}: ends at {right}, {theory}")
-                })?;
+                expect(
+                    (theory - 0.5..theory + 3.0).contains(&right) && right > left + 4.0,
+                    || format!("{name}, {kind}: ends at {right}, {theory}"),
+                )?;
             }
             let points = &panel(&all, "recovery")?["curves"][0]["points"];
             let points = points.as_array().ok_or("no points")?;
@@ -168,7 +170,7 @@ fn the_plateau_begins_and_ends_where_theory_says() {
     );
 }
 
-/// Both ends of the interval: no error that theory has not, and refused is what is too short by more than a fifth.
+/// Both ends of the interval: no error that theory has not, and a run keeps its tolerance on the shortest that it accepts.
 #[test]
 fn intervals_fail_where_theory_says() {
     let grid = ["axis.0.x.cells=20", "axis.0.v.cells=15"];
@@ -182,9 +184,9 @@ fn intervals_fail_where_theory_says() {
         expect(right <= theory + 0.5 && right > 0.7 * theory, || {
             format!("{name}: R = {right}, {theory}")
         })?;
-        let [refused, left] = border(&all, "interval", "runs refuse")?;
-        expect(refused <= 0.9 * left, || {
-            format!("{name}: {refused}, {left}")
+        let [error, tolerance] = border(&all, "interval", "a run accepts")?;
+        expect(error <= tolerance, || {
+            format!("{name}: {error}, tolerance {tolerance}")
         })
     });
 }
