@@ -53,10 +53,10 @@ impl Kind {
         }
     }
 
-    /// How a unit's time a cell grows with the cells: that of sparse factors does.
+    /// How a unit's time a cell grows with the cells, beside that on a small grid: that of sparse factors does.
     fn growth(self, cells: f64) -> f64 {
         match self {
-            Self::Solves => cells.sqrt(),
+            Self::Solves => (cells / 1024.0).sqrt(),
             _ => 1.0,
         }
     }
