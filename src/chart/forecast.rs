@@ -53,10 +53,10 @@ impl Kind {
         }
     }
 
-    /// How a unit's time a cell grows with the cells: that of sparse factors does.
+    /// How a unit's time a cell grows with the cells, beside that on a small grid: that of sparse factors does.
     fn growth(self, cells: f64) -> f64 {
         match self {
-            Self::Solves => cells.sqrt(),
+            Self::Solves => (cells / 1024.0).sqrt(),
             _ => 1.0,
         }
     }
@@ -96,10 +96,9 @@ impl Forecast {
     /// # Errors
     /// As [`WarpPlan::forecast`].
     pub fn work(&self, case: &Case) -> Result<f64> {
-        let known = self.measured.get(&matrix(case));
-        let (bounds, ratio) = match known.filter(|_| case.method == Method::Schrodingerized) {
-            Some((bounds, ratio)) => (bounds.clone(), *ratio),
-            None => (Bounds::new(case)?.expected(), ASSUMED_RATIO),
+        let (bounds, ratio) = match case.method {
+            Method::Schrodingerized => self.bounds(case)?,
+            Method::Classical => (Bounds::new(case)?, ASSUMED_RATIO),
         };
         match case.method {
             Method::Schrodingerized => WarpPlan::forecast(case, &bounds, ratio),
@@ -108,6 +107,36 @@ impl Forecast {
                 Ok((stages(case) * steps * case.fields.len()) as f64)
             }
         }
+    }
+
+    /// Bounds and norms of the case's matrix: as measured, or with the growth that was measured on the grid nearest to it, which goes with
+    /// the cells of an axis.
+    fn bounds(&self, case: &Case) -> Result<(Bounds, f64)> {
+        let wanted = matrix(case);
+        if let Some((bounds, ratio)) = self.measured.get(&wanted) {
+            return Ok((bounds.clone(), *ratio));
+        }
+        let found = Bounds::new(case)?;
+        let count = |shape: &[usize]| shape.iter().product::<usize>();
+        let cells = count(&wanted.0);
+        let nearest = (self.measured.iter())
+            .filter(|((_, what), _)| *what == wanted.1)
+            .min_by_key(|((shape, _), _)| count(shape).abs_diff(cells));
+        let Some(((shape, _), (known, ratio))) = nearest else {
+            return Ok((found.expected(), ASSUMED_RATIO));
+        };
+        let finer = (cells as f64 / count(shape) as f64).powf(1.0 / shape.len() as f64);
+        let growth = match found.growth.is_finite() {
+            true => found.growth,
+            false => known.growth.max(0.0) * finer.max(1.0),
+        };
+        let bounds = Bounds {
+            growth,
+            decay: 2.0 * found.rate + growth,
+            stages: known.stages,
+            ..found
+        };
+        Ok((bounds, *ratio))
     }
 
     /// Whether bounds and norms of the case's matrix were measured: its forecast is then the plan's.

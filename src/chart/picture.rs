@@ -31,12 +31,12 @@ pub fn figure(chart: &Chart) -> Figure {
         .caption(chart.sentences.join("\n"))
 }
 
-/// The points of what belongs to a series, from above; equally high ones from the left.
+/// The points of what belongs to a series: from coarse grids to fine ones, on a grid from large errors to small ones.
 fn points(entries: &[&Entry], belongs: Belongs<'_>, point: Point) -> Vec<[f64; 2]> {
-    let of = entries.iter().filter(|e| belongs(e));
-    let mut points: Vec<[f64; 2]> = of.filter_map(|e| point(e)).collect();
-    points.sort_by(|a, b| b[1].total_cmp(&a[1]).then(a[0].total_cmp(&b[0])));
-    points
+    let error = |e: &Entry| e.error_semidiscrete.unwrap_or(0.0);
+    let mut of: Vec<&Entry> = entries.iter().filter(|e| belongs(e)).copied().collect();
+    of.sort_by(|a, b| (a.cells.cmp(&b.cells)).then(error(b).total_cmp(&error(a))));
+    of.into_iter().filter_map(point).collect()
 }
 
 /// A panel with one series more, if it has any points.
@@ -153,12 +153,9 @@ fn front(
     belongs: Belongs<'_>,
     point: Point,
 ) -> Panel {
-    series(
-        panel,
-        label,
-        Style::theory(),
-        points(entries, belongs, point),
-    )
+    let mut along = points(entries, belongs, point);
+    along.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    series(panel, label, Style::theory(), along)
 }
 
 /// Seconds: propagators of the designed profile, classical steps, the paper's set-up.
