@@ -413,7 +413,7 @@ impl Study<'_> {
             entry.refused = Some(
                 "the budget does not hold two grids to compare; a longer --budget does".to_owned(),
             );
-        } else if !(entry.error <= wanted * (1.0 + 1e-9)) {
+        } else if entry.error.is_nan() || entry.error > wanted * (1.0 + 1e-9) {
             entry.refused = Some(if reach.order.falls() {
                 format!(
                     "the error is {:.1e} on {}, and no finer grid was found that reaches it within --budget",
