@@ -220,6 +220,13 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
         None => None,
     };
     let mut entries = study.entries;
+    let warnings = warnings(case, &entries);
+    // By work, which no clock counts; the case's own interface where it is the same.
+    let work = |e: &Entry| e.applications * e.cells;
+    let best = (entries.iter())
+        .filter(|e| e.refused.is_none() && e.method == Method::Schrodingerized)
+        .min_by(|a, b| work(a).total_cmp(&work(b)))
+        .map(|e| e.name.clone());
     let place = |e: &Entry| (e.refused.is_some(), e.seconds.unwrap_or(f64::INFINITY));
     entries.sort_by(|a, b| {
         let (a, b) = (place(a), place(b));
@@ -236,20 +243,13 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
             reasons.join(". ")
         )));
     }
-    // By work, which no clock counts.
-    let work = |e: &Entry| e.applications * e.cells;
-    let best = (entries.iter().enumerate())
-        .filter(|(_, e)| e.refused.is_none() && e.method == Method::Schrodingerized)
-        .min_by(|a, b| work(a.1).total_cmp(&work(b.1)))
-        .map(|(k, _)| k);
-    let warnings = warnings(case, &entries);
     Ok(Advised {
         title: case.title.clone(),
         accuracy: wanted.accuracy,
         ranks: world.group().size(),
         exact: trials.knows(),
         given,
-        best,
+        best: best.and_then(|name| entries.iter().position(|e| e.name == name)),
         entries,
         left_out: study.left_out,
         warnings,
@@ -413,7 +413,7 @@ impl Study<'_> {
             entry.refused = Some(
                 "the budget does not hold two grids to compare; a longer --budget does".to_owned(),
             );
-        } else if !(entry.error <= wanted * (1.0 + 1e-9)) {
+        } else if entry.error.is_nan() || entry.error > wanted * (1.0 + 1e-9) {
             entry.refused = Some(if reach.order.falls() {
                 format!(
                     "the error is {:.1e} on {}, and no finer grid was found that reaches it within --budget",

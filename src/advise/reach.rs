@@ -223,7 +223,7 @@ pub fn reach(
         Known::Estimated
     };
     let between =
-        (levels.windows(2)).find(|pair| pair[0].error > wanted && pair[1].error <= wanted);
+        (levels.windows(2)).rfind(|pair| pair[0].error > wanted && pair[1].error <= wanted);
     let mut result = Reach {
         shape: finest.shape.clone(),
         error: finest.error,
@@ -233,7 +233,7 @@ pub fn reach(
         part_of_space: part,
     };
     if let Some([coarse, fine]) = between {
-        // Between two grids, by the order that they show.
+        // Between two grids, by the order that they show; all finer ones reach it too, not one by chance.
         (result.shape, result.error) = (fine.shape.clone(), fine.error);
         let slope = (coarse.error / fine.error).log2();
         let mut scale = (coarse.error / wanted).log2() / slope;
