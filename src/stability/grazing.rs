@@ -158,7 +158,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     let (measured, theory) = (highest(|p| p.measured), highest(|p| p.theory));
     let place = measured.map_or(f64::NAN, |p| p.x);
     let borders = vec![
-        Border::new(
+        Border::place(
             format!("lambda+ T at the case's jump of {height:.4}"),
             Some(own.measured),
             Some(own.theory),

@@ -118,8 +118,9 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             let last = points.last().map_or(0.1, |p| p.x);
             notes.push(format!("{name}: below {last:.0e} it takes too long here"));
         }
+        // What ended for its cost has not come to the smallest.
         let reached = (points.iter().map(|p| p.measured))
-            .filter(|e| e.is_finite())
+            .filter(|e| e.is_finite() && !costly)
             .reduce(f64::min);
         borders.push(Border::new(
             format!("{name}: smallest error, beside the smallest tolerance planned"),
