@@ -50,6 +50,8 @@ pub struct Curve {
     pub name: String,
     /// By rising `x`.
     pub points: Vec<Point>,
+    /// Whether theory only bounds what is measured.
+    pub bound: bool,
 }
 
 /// Where something begins to fail.
@@ -63,6 +65,8 @@ pub struct Border {
     pub theory: Option<f64>,
     /// Measured over theory, where that is not about zero.
     pub ratio: Option<f64>,
+    /// Whether theory only bounds what is measured.
+    pub bound: bool,
     /// What stands beside a line across the figure at the theory's value.
     #[serde(skip)]
     line: Option<String>,
@@ -77,6 +81,7 @@ impl Border {
             measured,
             theory,
             ratio: both.map(|(measured, theory)| measured / theory),
+            bound: false,
             line: None,
         }
     }
@@ -86,6 +91,14 @@ impl Border {
         Self {
             ratio: None,
             ..Self::new(name, measured, theory)
+        }
+    }
+
+    /// What theory only bounds.
+    fn bounded(self) -> Self {
+        Self {
+            bound: true,
+            ..self
         }
     }
 
@@ -147,7 +160,7 @@ pub struct Panel {
 }
 
 /// The panels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Name {
     /// Step of the explicit methods.
@@ -180,6 +193,25 @@ impl Name {
         Self::Step,
         Self::Tolerance,
     ];
+    /// In the order in which they are measured: those that take seconds first, then those that take what there is.
+    const BY_COST: [Self; 8] = [
+        Self::Delta,
+        Self::Cfl,
+        Self::Interval,
+        Self::Recovery,
+        Self::Step,
+        Self::Tolerance,
+        Self::Grazing,
+        Self::Growth,
+    ];
+
+    /// Whether it seldom takes an eighth of the budget, so that two shares may be set aside for it.
+    fn is_cheap(self) -> bool {
+        matches!(
+            self,
+            Self::Delta | Self::Cfl | Self::Interval | Self::Recovery
+        )
+    }
 }
 
 /// A panel that a case does not have.
@@ -220,13 +252,13 @@ pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Re
         return Err(Error::Input(what.to_owned()));
     }
     let mut budget = Budget::new(world, limit);
-    let wanted: Vec<Name> = (Name::ALL.into_iter())
+    let wanted: Vec<Name> = (Name::BY_COST.into_iter())
         .filter(|name| only.is_empty() || only.contains(name))
         .collect();
     let scene = scene::plain(case);
     let (mut panels, mut left_out) = (Vec::new(), Vec::new());
     for (done, &name) in wanted.iter().enumerate() {
-        budget.share(wanted.len() - done);
+        budget.share(wanted.len() - done, name.is_cheap());
         let found = match name {
             _ if budget.over() => Ok(Err("the budget is used up".to_owned())),
             Name::Cfl => explicit::panel(world, &scene, &budget),
@@ -247,6 +279,8 @@ pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Re
             }),
         }
     }
+    panels.sort_by_key(|panel| panel.name);
+    left_out.sort_by_key(|left_out| left_out.name);
     Ok(Stability {
         title: if case.title.is_empty() {
             case.name.clone()

@@ -127,6 +127,15 @@ fn growth_of_example_1_by_refinement() {
         let [measured, theory] = ["measured", "theory"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
         assert!(theory <= 1.02 * measured && measured < 2.5 * theory, "{p}");
     }
+    // The sentence is of the grid that the borders are of, and says no more than its points.
+    let verdict = panel(&all, "growth").unwrap()["verdict"].to_string();
+    let finest = curve("conservative").last().map(|p| p["x"].clone());
+    let finest = finest.and_then(|x| x.as_f64()).unwrap_or(f64::NAN);
+    let conservative = "conservative: does not amplify";
+    assert!(verdict.contains(conservative), "{verdict}");
+    assert!(verdict.contains(&format!("at {finest} cells")), "{verdict}");
+    let on_it = format!("conservative: lambda+ at {finest} cells");
+    border(&all, "growth", &on_it).unwrap();
     for p in curve("hat, dissipative weights") {
         let [measured, theory] = ["measured", "theory"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
         assert!(measured <= theory + 1e-6 && theory < 1.5, "{p}");
@@ -253,6 +262,8 @@ fn accepted_tolerances_are_kept() {
     let grid = ["axis.0.x.cells=16", "axis.0.v.cells=14"];
     let all = found(&stability("example1.toml", "tolerance").set(&grid).on(2)).unwrap();
     let found = panel(&all, "tolerance").unwrap();
+    let verdict = found["verdict"].to_string();
+    assert!(verdict.contains("designed down to"), "{verdict}");
     for name in ["designed", "gaussian"] {
         let [reached, smallest] = border(&all, "tolerance", name).unwrap();
         assert!(
@@ -283,13 +294,14 @@ fn the_same_numbers_on_any_ranks() {
     let reference = csv(1).unwrap();
     for line in reference.lines().skip(1) {
         // The names hold commas, in quotes.
-        let numbers = line
+        let fields: Vec<&str> = line
             .rsplit('"')
             .next()
             .unwrap_or_default()
             .split(',')
-            .count();
-        assert_eq!(numbers, 4, "{line}");
+            .collect();
+        assert_eq!(fields.len(), 5, "{line}");
+        assert!(["theory", "bound"].contains(&fields[4]), "{line}");
     }
     check_all(&[2, 3, 4], |&ranks| {
         expect(csv(ranks)? == reference, || {

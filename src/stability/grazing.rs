@@ -191,6 +191,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         curves: vec![Curve {
             name: "hat, no weights".to_owned(),
             points,
+            bound: false,
         }],
         borders,
         verdict,

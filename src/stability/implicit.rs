@@ -20,13 +20,22 @@ const FEWEST: u32 = 4;
 /// … to.
 const MOST: u32 = 12;
 
-/// The slope of `ln y` over `ln x` between the points with the two shortest steps whose error is that of the step.
-fn slope(points: &[Point]) -> Option<f64> {
+/// The slope of `ln y` over `ln x` between the points with the two shortest steps whose error is that of the step, and those steps.
+fn slope(points: &[Point]) -> Option<(f64, [f64; 2])> {
     let mut fine = points
         .iter()
         .filter(|p| p.measured > 20.0 * TOLERANCE && p.measured < 0.3);
     let (a, b) = (fine.next()?, fine.next()?);
-    Some((b.measured / a.measured).ln() / (b.x / a.x).ln())
+    let slope = (b.measured / a.measured).ln() / (b.x / a.x).ln();
+    Some((slope, [a.x, b.x]))
+}
+
+/// Of points by rising step, the one with the longest step of which no shorter one makes the error smaller by a tenth.
+fn stalled(points: &[Point]) -> Option<usize> {
+    let shorter = |k: usize| points[..k].iter().map(|p| p.measured);
+    (1..points.len())
+        .rev()
+        .find(|&k| shorter(k).fold(f64::INFINITY, f64::min) >= 0.9 * points[k].measured)
 }
 
 /// The step at which `of` crosses `level`, on the line between its neighbours in logarithms.
@@ -106,22 +115,37 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         }
         points.reverse();
         let expected = order(method) as f64;
-        let found = slope(&points);
+        let stalled = stalled(&points);
+        // Beyond, what is seen is not the step's.
+        let found = slope(&points[stalled.unwrap_or(0)..]);
         let enough = crossing(&points, level, |p| p.measured);
         let theory = crossing(&points, level, |p| p.theory);
-        borders.push(Border::new(format!("{name}: order"), found, Some(expected)));
+        borders.push(Border::new(
+            format!("{name}: order"),
+            found.map(|f| f.0),
+            Some(expected),
+        ));
         borders.push(Border::new(
             format!("{name}: step of an error of {level:e}"),
             enough,
             theory,
         ));
         verdict += &match found {
-            Some(order) => format!("{name} converges with order {order:.2} (theory {expected}). "),
-            None => format!("{name}: no two steps are short enough for an order. "),
+            Some((order, [short, long])) => format!(
+                "{name} converges with order {order:.2} (theory {expected}) between the steps {long:.2e} and {short:.2e}. "
+            ),
+            None => format!("{name}: no two steps whose error is that of the step show an order. "),
         };
+        if let Some((from, shortest)) = stalled.map(|k| points[k]).zip(points.first()) {
+            verdict += &format!(
+                "From a step of {:.2e} on its error no longer falls: {:.1e} there, {:.1e} at the shortest, {:.2e}. ",
+                from.x, from.measured, shortest.measured, shortest.x
+            );
+        }
         curves.push(Curve {
             name: name.to_owned(),
             points,
+            bound: false,
         });
     }
     if curves.iter().all(|c| c.points.is_empty()) {
@@ -141,4 +165,33 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         verdict,
         notes,
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An error that falls to the shortest step, one that turns, one that stays.
+    #[test]
+    fn where_errors_no_longer_fall() {
+        let points = |errors: &[f64]| -> Vec<Point> {
+            let point = |(k, &measured): (usize, &f64)| Point {
+                x: f64::from(1u32 << k),
+                measured,
+                theory: f64::NAN,
+            };
+            errors.iter().enumerate().map(point).collect()
+        };
+        let [falls, turns, stays] = [
+            points(&[1e-4, 4e-4, 1.6e-3, 6.4e-3]),
+            points(&[8e-4, 4e-4, 1e-4, 4e-4, 1.6e-3]),
+            points(&[1e-3, 1e-3, 1e-3]),
+        ];
+        assert_eq!(stalled(&falls), None);
+        assert_eq!(stalled(&turns), Some(2));
+        assert_eq!(stalled(&stays), Some(2));
+        let (order, steps) = slope(&turns[2..]).expect("it falls there");
+        assert!((order - 2.0).abs() < 1e-12 && steps == [4.0, 8.0]);
+        assert_eq!(stalled(&[]), None);
+    }
 }

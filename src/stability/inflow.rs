@@ -113,6 +113,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     let curve = |name: &str, points: Vec<Point>| Curve {
         name: name.to_owned(),
         points,
+        bound: true,
     };
     Ok(Ok(Panel {
         name: Name::Delta,

@@ -162,7 +162,7 @@ pub fn recovery(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         let [left_theory, right_theory] = plateau(&points, level, |p| p.theory);
         let number = |x: Option<f64>| x.map_or("nowhere".to_owned(), |x| format!("{x:.2}"));
         verdict += &format!(
-            "{name}: lambda+ T = {:.3}; the error is below {level:.1e} from p = {} (theory {}) to p = {} ({}). ",
+            "{name}: lambda+ T = {:.3}; the error is below {level:.1e} from p = {} (bound {}) to p = {} (bound {}). ",
             extent[0],
             number(left),
             number(left_theory),
@@ -174,20 +174,15 @@ pub fn recovery(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             Some(extent[0]),
             Some(yardstick.bounds().growth * case.end),
         );
-        borders.push(growth);
-        borders.push(Border::place(
-            format!("{name}: plateau begins"),
-            left,
-            left_theory,
-        ));
-        borders.push(Border::new(
-            format!("{name}: round-off ends it"),
-            right,
-            right_theory,
-        ));
+        borders.push(growth.bounded());
+        let begins = format!("{name}: plateau begins");
+        borders.push(Border::place(begins, left, left_theory).bounded());
+        let ends = format!("{name}: round-off ends it");
+        borders.push(Border::new(ends, right, right_theory).bounded());
         curves.push(Curve {
             name: name.to_owned(),
             points,
+            bound: true,
         });
     }
     if curves.is_empty() {
@@ -299,28 +294,40 @@ pub fn interval(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         let reached = trial(world, &case)?.summary.error_semidiscrete;
         shortest = Some(far - enough).zip(reached);
     }
-    let number = |x: Option<f64>| x.map_or("not found".to_owned(), |x| format!("{x:.2}"));
+    // Whether all lengths were tried.
+    let all = long == 0 && right.len() > LENGTHS as usize;
+    let unknown = if all {
+        "(not located: the error does not cross it)"
+    } else {
+        "(not located within the budget)"
+    };
+    let number = |x: Option<f64>| x.map_or(unknown.to_owned(), |x| format!("{x:.2}"));
     let verdict = format!(
-        "The error is below {level:.1e} for L up to {} (theory {}), beyond which the field wraps around, and for R from {} on (theory {}), short of \
-         which e^(-p) is cut off. Runs refuse what is too short for their own profile, here L above {}.",
+        "The error is below {level:.1e} for L up to {} (bound {}), beyond which the field wraps around, and for R from {} on (bound {}), short of \
+         which e^(-p) is cut off. The bounds hold for any data; a case's may do with shorter intervals. {}",
         number(left_end),
         number(left_theory),
         number(right_end),
         number(right_theory),
-        number(shortest.map(|s| s.0))
+        match shortest {
+            Some((end, _)) => format!("Runs refuse what is too short for their own profile, here L above {end:.2}."),
+            None => "Runs refuse what is too short for their own profile; from which L on was not located.".to_owned(),
+        }
     );
     let borders = vec![
-        Border::new("left end L: the field wraps around", left_end, left_theory),
-        Border::new("right end R: exp(-p) is cut off", right_end, right_theory),
+        Border::new("left end L: the field wraps around", left_end, left_theory).bounded(),
+        Border::new("right end R: exp(-p) is cut off", right_end, right_theory).bounded(),
         Border::new(
             "shortest that a run accepts: its error, beside its tolerance",
             shortest.map(|s| s.1),
             Some(case.tolerance),
-        ),
+        )
+        .bounded(),
     ];
     let curve = |name: &str, points: Vec<Point>| Curve {
         name: name.to_owned(),
         points,
+        bound: true,
     };
     Ok(Ok(Panel {
         name: Name::Interval,

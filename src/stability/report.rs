@@ -21,6 +21,11 @@ fn number(x: Option<f64>) -> String {
     }
 }
 
+/// What theory's number is.
+fn kind(bound: bool) -> &'static str {
+    if bound { "bound" } else { "theory" }
+}
+
 /// Cells along each axis.
 fn cells(shape: &[usize]) -> String {
     let cells: Vec<String> = shape.iter().map(usize::to_string).collect();
@@ -61,8 +66,8 @@ impl Stability {
             .unwrap_or(0);
         let _ = writeln!(
             text,
-            "\n  {:<width$} {:>12} {:>12} {:>9}",
-            "border", "measured", "theory", "ratio"
+            "\n  {:<width$} {:>12} {:>12} {:>6} {:>9}",
+            "border", "measured", "by theory", "", "ratio"
         );
         for panel in &self.panels {
             let _ = writeln!(
@@ -77,14 +82,16 @@ impl Stability {
                 measured,
                 theory,
                 ratio,
+                bound,
                 ..
             } in &panel.borders
             {
                 let ratio = ratio.map_or("-".to_owned(), |r| format!("{r:.3}"));
+                let kind = if theory.is_some() { kind(*bound) } else { "" };
                 let (measured, theory) = (number(*measured), number(*theory));
                 let _ = writeln!(
                     text,
-                    "  {name:<width$} {measured:>12} {theory:>12} {ratio:>9}"
+                    "  {name:<width$} {measured:>12} {theory:>12} {kind:>6} {ratio:>9}"
                 );
             }
             text += &wrapped(&panel.verdict, "    ");
@@ -102,9 +109,9 @@ impl Stability {
         text
     }
 
-    /// A line a point: panel, series, x, measured, theory; an empty field where there is no number.
+    /// A line a point: panel, series, x, measured, theory, and whether that is a `theory` or only a `bound`; an empty field where there is no number.
     pub fn csv(&self) -> String {
-        let mut text = "panel,series,x,measured,theory\n".to_owned();
+        let mut text = "panel,series,x,measured,theory,kind\n".to_owned();
         let field = |x: f64| {
             if x.is_finite() {
                 format!("{x:e}")
@@ -116,7 +123,8 @@ impl Stability {
             for curve in curves {
                 for p in &curve.points {
                     let numbers = [p.x, p.measured, p.theory].map(field).join(",");
-                    let _ = writeln!(text, "{},\"{}\",{numbers}", word(*name), curve.name);
+                    let (name, kind) = (word(*name), kind(curve.bound));
+                    let _ = writeln!(text, "{name},\"{}\",{numbers},{kind}", curve.name);
                 }
             }
         }
@@ -148,7 +156,7 @@ impl Stability {
             panels.len().clamp(1, 2)
         };
         let caption = format!(
-            "{}: where methods fail. Markers: measured; grey dashes: theory. {}",
+            "{}: where methods fail. Markers: measured; grey dashes: theory, or bounds by theory. {}",
             self.title,
             self.left_out
                 .iter()
@@ -182,12 +190,13 @@ fn drawn(panel: &Panel) -> figure::Panel {
         out = out.line(&*curve.name, Style::of(k), line(curve, |p| p.measured));
     }
     // Above, where it would be hidden.
-    let mut label = "theory";
+    let mut labels = [kind(false), kind(true)];
     let mut before: Vec<Vec<[f64; 2]>> = Vec::new();
     for curve in &panel.curves {
         let theory = line(curve, |p| p.theory);
         if theory.iter().any(|p| p[1].is_finite()) && !before.contains(&theory) {
-            out = out.line(std::mem::take(&mut label), Style::theory(), theory.clone());
+            let label = std::mem::take(&mut labels[usize::from(curve.bound)]);
+            out = out.line(label, Style::theory(), theory.clone());
             before.push(theory);
         }
     }

@@ -1,6 +1,5 @@
 //! The case as sweeps take it: without what only output is made of, and on fewer cells.
 
-use super::budget::Budget;
 use crate::case::{Case, Interface, Limiter, Method};
 use crate::communicator::World;
 use crate::error::{Error, Result};
@@ -137,21 +136,60 @@ pub fn growth(found: &mut Assembled) -> Result<f64> {
     Ok(extremes.highest.value)
 }
 
-/// The last number between `low` and `high` of which `found` still says yes, by bisection; none where it says no to `low` or yes to `high`, or
-/// where the budget ends before it is known. `found` says the same on all ranks. Collective.
+/// What a search for a border came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Located {
+    /// The last number that is still right.
+    At(f64),
+    /// The first that was tried is not.
+    Below(f64),
+    /// The last that was tried is.
+    Beyond(f64),
+    /// The budget ended before it was known.
+    Unknown,
+}
+
+impl Located {
+    /// Where it is, if it was found.
+    pub fn at(self) -> Option<f64> {
+        match self {
+            Self::At(x) => Some(x),
+            _ => None,
+        }
+    }
+}
+
+impl std::fmt::Display for Located {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::At(x) => write!(out, "{x:.3}"),
+            Self::Below(x) => write!(out, "something below {x}"),
+            Self::Beyond(x) => write!(out, "something beyond {x}"),
+            Self::Unknown => out.write_str("(not located within the budget)"),
+        }
+    }
+}
+
+/// The last number between `low` and `high` of which `found` still says yes, by so many halvings. Of `over`, which is asked before each, and of
+/// `found` the answers are the same on all ranks. Collective.
 pub fn border(
     (mut low, mut high): (f64, f64),
-    budget: &Budget,
+    halvings: usize,
+    over: impl Fn() -> bool,
     mut found: impl FnMut(f64) -> bool,
-) -> Option<f64> {
-    /// Halvings.
-    const STEPS: usize = 20;
-    if budget.over() || !found(low) || found(high) {
-        return None;
+) -> Located {
+    if over() {
+        return Located::Unknown;
     }
-    for _ in 0..STEPS {
-        if budget.over() {
-            return None;
+    if !found(low) {
+        return Located::Below(low);
+    }
+    if found(high) {
+        return Located::Beyond(high);
+    }
+    for _ in 0..halvings {
+        if over() {
+            return Located::Unknown;
         }
         let middle = 0.5 * (low + high);
         if found(middle) {
@@ -160,5 +198,5 @@ pub fn border(
             high = middle;
         }
     }
-    Some(0.5 * (low + high))
+    Located::At(0.5 * (low + high))
 }

@@ -59,8 +59,9 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         ranks: world.group().size(),
         ..Resources::default()
     };
-    let (mut curves, mut borders, mut notes) = (Vec::new(), Vec::new(), note(whole, &case));
+    let (mut curves, mut borders, notes) = (Vec::new(), Vec::new(), note(whole, &case));
     let mut refused = None;
+    let (mut kept, mut missed, mut ended) = (Vec::new(), Vec::new(), Vec::new());
     for (name, profile) in profiles {
         case.warp.profile = profile;
         // What the plan says it can do.
@@ -114,23 +115,35 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
                 Err(error) => refused = Some(error.to_string()),
             }
         }
+        let tried: Vec<Point> = (points.iter().copied())
+            .filter(|p| p.measured.is_finite())
+            .collect();
+        let misses = tried.iter().find(|p| p.measured > p.theory);
+        let last = tried.last().map(|p| p.x);
+        match (misses, last) {
+            (Some(p), _) => missed.push(format!("{name} at {:.1e} ({:.1e})", p.x, p.measured)),
+            (None, Some(last)) => kept.push(format!("{name} down to {last:.1e}")),
+            (None, None) if !costly => ended.push(format!("{name} (refused)")),
+            (None, None) => {}
+        }
         if costly {
-            let last = points.last().map_or(0.1, |p| p.x);
-            notes.push(format!("{name}: below {last:.0e} it takes too long here"));
+            ended.push(match last {
+                Some(last) => format!("{name} below {last:.0e} (takes too long here)"),
+                None => format!("{name} (takes too long here)"),
+            });
         }
         // What ended for its cost has not come to the smallest.
-        let reached = (points.iter().map(|p| p.measured))
-            .filter(|e| e.is_finite() && !costly)
+        let complete = !costly && (misses.is_some() || last == smallest);
+        let reached = (tried.iter().map(|p| p.measured))
+            .filter(|_| complete)
             .reduce(f64::min);
-        borders.push(Border::new(
-            format!("{name}: smallest error, beside the smallest tolerance planned"),
-            reached,
-            smallest,
-        ));
+        let name_of = format!("{name}: smallest error, beside the smallest tolerance planned");
+        borders.push(Border::new(name_of, reached, smallest).bounded());
         points.reverse();
         curves.push(Curve {
             name: name.to_owned(),
             points,
+            bound: true,
         });
     }
     curves.retain(|c| !c.points.is_empty());
@@ -138,25 +151,24 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         let why = refused.unwrap_or_else(|| "nothing could be tried within the budget".to_owned());
         return Ok(Err(why));
     }
-    let kept = |c: &Curve| {
-        c.points
-            .iter()
-            .all(|p| p.measured.is_nan() || p.measured <= p.theory)
-    };
-    let missed: Vec<&str> = (curves.iter().filter(|c| !kept(c)))
-        .map(|c| c.name.as_str())
-        .collect();
     let best = (borders.iter())
         .filter_map(|b| Some((b.theory?, &b.name)))
         .min_by(|a, b| a.0.total_cmp(&b.0));
-    let mut verdict = match missed.is_empty() {
-        true => "Every profile keeps every tolerance that its plan accepts. ".to_owned(),
-        false => format!("Tolerances missed: {}. ", missed.join(", ")),
-    };
+    let mut verdict = String::new();
+    for (what, list) in [
+        ("Every tolerance tried was kept by", kept),
+        ("Tolerances were missed by", missed),
+        ("Not tried:", ended),
+    ] {
+        if !list.is_empty() {
+            verdict += &format!("{what} {}. ", list.join(", "));
+        }
+    }
     if let Some((smallest, name)) = best {
         let name = name.split(':').next().unwrap_or_default();
-        verdict +=
-            &format!("The smallest that is accepted is {smallest:.1e} ({name}); runs refuse less.");
+        verdict += &format!(
+            "The smallest that a plan accepts is {smallest:.1e} ({name}); runs refuse less."
+        );
     }
     Ok(Ok(Panel {
         name: Name::Tolerance,
