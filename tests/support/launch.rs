@@ -324,6 +324,10 @@ fn untag(text: &str) -> [String; 3] {
 /// The rank of a mark at the start of `text`, and what follows it.
 fn mark(text: &str) -> Option<(usize, &str)> {
     let (job, after) = text.strip_prefix('[')?.split_once(']')?;
+    // A bracket of the text may stand right before a mark.
+    if job.contains('[') {
+        return None;
+    }
     let after = (after.strip_prefix("<stdout>:")).or_else(|| after.strip_prefix("<stderr>:"))?;
     Some((job.rsplit(',').next()?.parse().ok()?, after))
 }
