@@ -34,6 +34,10 @@ const SCHRODINGERIZATION: f64 = 0.1;
 const FOR_GRIDS: f64 = 0.7;
 /// Part of the budget for a first run by modes, on a coarse grid.
 const FOR_MODES: f64 = 0.05;
+/// Part of the budget, at most, for the case as it stands.
+const FOR_CASE: f64 = 0.1;
+/// What is expected to take more seconds than these, 30 days, is an estimate and no advice.
+const LONGEST: f64 = 30.0 * 86400.0;
 /// The smallest tolerance that is advised.
 const SMALLEST_TOLERANCE: f64 = 1e-12;
 /// More cells than this in space are not planned for.
@@ -86,6 +90,8 @@ pub struct Entry {
     pub shape: Vec<usize>,
     /// All of them.
     pub cells: f64,
+    /// Those that are left to compute on, where the case has more than it needs.
+    pub computed_cells: f64,
     /// `solver.tolerance`.
     pub tolerance: Option<f64>,
     /// Relative L1 error of the density.
@@ -110,6 +116,8 @@ pub struct Entry {
     pub seconds_measured: bool,
     /// What forbids it, in words; absent where it can be run.
     pub refused: Option<String>,
+    /// Why this is an estimate and no advice, in words; absent where it is advice.
+    pub estimate: Option<String>,
     /// What `--set` takes.
     pub settings: Vec<String>,
     /// The whole command.
@@ -142,7 +150,7 @@ pub struct Advised {
     pub exact: bool,
     /// The case as it stands.
     pub given: Option<Given>,
-    /// The best Schrödingerized set-up, by position in `entries`.
+    /// The best Schrödingerized set-up that is no mere estimate, by position in `entries`.
     pub best: Option<usize>,
     /// What reaches the accuracy, quickest first; then what cannot be run.
     pub entries: Vec<Entry>,
@@ -170,7 +178,7 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
         },
     )?;
     let exact = case.exact.clone();
-    let mut trials = Trials::new(world, plain, exact, wanted.budget);
+    let mut trials = Trials::new(world, plain, exact, wanted.budget)?;
     let start = trials.grids.coarsest(&case.space.shape());
     let bounds = Bounds::new(case)?;
     let mut study = Study {
@@ -182,12 +190,35 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
         entries: Vec::new(),
     };
     let schemes = study.schemes(bounds.jumps);
-    let mut found: Vec<(Scheme, Reach)> = Vec::new();
+    let own = own_scheme(case);
+    let own_shape = case.space.shape();
     let mut failure = None;
+    // The case as it stands before anything else, so that its error is not extrapolated where it is had for little.
+    if trials.is_cheap(own, &own_shape, FOR_CASE)? {
+        let twice = trials.grids.twice(&own_shape);
+        let known = match trials.error(own, &own_shape) {
+            Ok(None) if trials.is_cheap(own, &twice, FOR_CASE)? => {
+                trials.run(own, &twice).map(|_| ())
+            }
+            other => other.map(|_| ()),
+        };
+        if let Err(error) = known {
+            study.left_out.push(format!(
+                "{} as it stands: {error}",
+                name(Method::Classical, own, bounds.jumps)
+            ));
+        }
+    }
+    // A coarse grid may see nothing where data are narrow.
+    if trials.knows_run(own, &own_shape) && trials.run(own, &study.start).is_err() {
+        study.start.clone_from(&own_shape);
+    }
+    let mut found: Vec<(Scheme, Reach)> = Vec::new();
     for (k, &scheme) in schemes.iter().enumerate() {
         // Most of the budget is for grids, each scheme its share of it; the rest for what is advised.
         let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
-        match reach(&mut trials, scheme, &study.start, wanted.accuracy, share) {
+        let grids = (&study.start[..], &own_shape[..]);
+        match reach(&mut trials, scheme, grids, wanted.accuracy, share) {
             Ok(reach) => found.push((scheme, reach)),
             Err(error) => {
                 study.left_out.push(format!(
@@ -207,24 +238,27 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
             study.schrodingerized(&mut trials, *scheme, reach, bounds.jumps)?;
         }
     }
-    let own = found.iter().find(|(scheme, _)| {
-        let limiter = if case.method == Method::Classical {
-            case.limiter
-        } else {
-            Limiter::None
-        };
-        (scheme.interface, scheme.limiter) == (case.interface, limiter)
-    });
+    let own = found.iter().find(|(scheme, _)| *scheme == own);
     let given = match own {
         Some((scheme, reach)) => study.given(&mut trials, *scheme, reach)?,
         None => None,
     };
     let mut entries = study.entries;
+    for entry in &mut entries {
+        if entry.method == Method::Schrodingerized
+            && !entry.seconds_measured
+            && let (Some(rate), true) = (trials.rate_by_modes(), entry.applications > 0.0)
+        {
+            entry.seconds = Some(rate * MODE * entry.applications * entry.computed_cells);
+        }
+        entry.estimate = estimate(entry);
+    }
     let warnings = warnings(case, &entries);
     // By work, which no clock counts; the case's own interface where it is the same.
-    let work = |e: &Entry| e.applications * e.cells;
+    let work = |e: &Entry| e.applications * e.computed_cells;
     let best = (entries.iter())
-        .filter(|e| e.refused.is_none() && e.method == Method::Schrodingerized)
+        .filter(|e| e.refused.is_none() && e.estimate.is_none())
+        .filter(|e| e.method == Method::Schrodingerized)
         .min_by(|a, b| work(a).total_cmp(&work(b)))
         .map(|e| e.name.clone());
     let place = |e: &Entry| (e.refused.is_some(), e.seconds.unwrap_or(f64::INFINITY));
@@ -233,14 +267,14 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
         a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
     });
     if entries.iter().all(|e| e.refused.is_some()) {
-        let reasons: Vec<String> = (entries.iter())
-            .map(|e| format!("{}: {}", e.name, e.refused.as_deref().unwrap_or_default()))
-            .collect();
+        // One reason: that of the fewest cells.
+        let nearest = (entries.iter()).min_by(|a, b| a.cells.total_cmp(&b.cells));
+        let reason = nearest.map_or(String::new(), |e| {
+            format!("{}: {}", e.name, e.refused.as_deref().unwrap_or_default())
+        });
         return Err(Error::Input(format!(
-            "{}: --accuracy {:e} of the density is out of reach. {}",
-            case.name,
-            wanted.accuracy,
-            reasons.join(". ")
+            "{}: --accuracy {:e} of the density is out of reach. With the fewest cells, {}",
+            case.name, wanted.accuracy, reason
         )));
     }
     Ok(Advised {
@@ -254,6 +288,17 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
         left_out: study.left_out,
         warnings,
     })
+}
+
+/// The scheme of the case as it stands.
+fn own_scheme(case: &Case) -> Scheme {
+    Scheme {
+        interface: case.interface,
+        limiter: match case.method {
+            Method::Classical => case.limiter,
+            Method::Schrodingerized => Limiter::None,
+        },
+    }
 }
 
 /// The case with what is planned, and nothing but the field at its end.
@@ -296,6 +341,22 @@ fn name(method: Method, scheme: Scheme, jumps: bool) -> String {
         _ => "",
     };
     format!("{what}{interface}{weights}")
+}
+
+/// Why what was found is an estimate and no advice.
+fn estimate(entry: &Entry) -> Option<String> {
+    if entry.refused.is_some() {
+        return None;
+    }
+    if entry.known == Known::Extrapolated && entry.order.pairs.len() < 2 {
+        return Some("not settled within this budget; a longer --budget does".to_owned());
+    }
+    match entry.seconds {
+        Some(seconds) if seconds > LONGEST => {
+            Some("not settled within this budget; it is expected to take more than 30 days on these ranks".to_owned())
+        }
+        _ => None,
+    }
 }
 
 /// What the user should know.
@@ -393,6 +454,9 @@ impl Study<'_> {
             limiter: scheme.limiter,
             shape: reach.shape.clone(),
             cells: reach.shape.iter().map(|&n| n as f64).product(),
+            computed_cells: (trials.merged(target).space.axes())
+                .map(|a| a.cells as f64)
+                .product(),
             tolerance: None,
             error: reach.error,
             known: reach.known,
@@ -405,6 +469,7 @@ impl Study<'_> {
             seconds: None,
             seconds_measured: false,
             refused: None,
+            estimate: None,
             command: command(self.case, &settings),
             settings,
         };
@@ -432,30 +497,35 @@ impl Study<'_> {
     }
 
     /// Plans `target`, or says why it cannot be run. Collective.
-    fn plan(&self, entry: &mut Entry, target: &Case) -> Option<Plan> {
-        let space: f64 = target.space.x.iter().map(|a| a.cells as f64).product();
+    fn plan(&self, trials: &Trials<'_>, entry: &mut Entry, target: &Case) -> Option<Plan> {
+        let merged = trials.merged(target);
+        let space: f64 = merged.space.x.iter().map(|a| a.cells as f64).product();
         if entry.refused.is_some() {
             return None;
         }
-        if space > MOST_SPACE_CELLS || entry.cells > MOST_CELLS {
+        if space > MOST_SPACE_CELLS || entry.computed_cells > MOST_CELLS {
             let [by_modes, classical] = BYTES;
             let each = match target.method {
                 Method::Schrodingerized => by_modes,
                 Method::Classical => classical,
             };
-            let bytes = entry.cells * each / self.world.group().size() as f64;
+            let bytes = entry.computed_cells * each / self.world.group().size() as f64;
             entry.memory_bytes_per_rank = bytes;
-            entry.refused = Some(format!(
-                "it takes {} = {:.1e} cells, about {} a rank",
-                report::shape(&entry.shape),
-                entry.cells,
-                bytes_text(bytes.min(1e18) as u64)
-            ));
+            entry.refused = Some(if entry.cells > report::MOST_SHOWN {
+                format!("it takes {}", report::grid(&entry.shape))
+            } else {
+                format!(
+                    "it takes {}, about {} a rank",
+                    report::grid(&entry.shape),
+                    bytes_text(bytes as u64)
+                )
+            });
             return None;
         }
         match run::plan(self.world, target, &self.resources()) {
             Ok(plan) => {
                 entry.memory_bytes_per_rank = plan.memory() as f64;
+                entry.computed_cells = plan.cells as f64;
                 entry.applications = match &plan.warp {
                     Some(warp) => warp.applications as f64,
                     None => {
@@ -470,11 +540,7 @@ impl Study<'_> {
                 Some(plan)
             }
             Err(error) => {
-                entry.refused = Some(format!(
-                    "on {} = {:.1e} cells: {error}",
-                    report::shape(&entry.shape),
-                    entry.cells
-                ));
+                entry.refused = Some(format!("on {}: {error}", report::grid(&entry.shape)));
                 None
             }
         }
@@ -490,8 +556,9 @@ impl Study<'_> {
     ) -> Result<()> {
         let target = scheme.classical(&trials.plain, &reach.shape);
         let mut entry = self.entry(trials, &target, scheme, reach, jumps);
-        if let Some(plan) = self.plan(&mut entry, &target) {
-            let updates = updates_of(&target, &plan.bounds);
+        if self.plan(trials, &mut entry, &target).is_some() {
+            let merged = trials.merged(&target);
+            let updates = updates_of(&merged, &Bounds::new(&merged)?);
             entry.seconds_measured = trials.knows_run(scheme, &reach.shape);
             entry.seconds = if entry.seconds_measured {
                 Some(trials.run(scheme, &reach.shape)?.seconds)
@@ -514,6 +581,7 @@ impl Study<'_> {
         for level in reach.levels.iter().rev().skip(1) {
             let mut case = scheme.schrodingerized(&trials.plain, &level.shape);
             case.tolerance = tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE);
+            let case = trials.merged(&case);
             let bounds = Bounds::new(&case)?;
             let plan = Plan::provisional(&case, &bounds, &self.resources());
             if plan.is_ok_and(|plan| trials.is_small(mode_updates(&plan), FOR_MODES)) {
@@ -547,7 +615,7 @@ impl Study<'_> {
             0.1 * allowed
         };
         let mut target = scheme.schrodingerized(&trials.plain, &coarse);
-        let mut measured = None;
+        let mut measured: Option<f64> = None;
         let (resources, left_out) = (self.resources(), &mut self.left_out);
         let mut leave_out = |error: Error| {
             let what = name(Method::Schrodingerized, scheme, jumps);
@@ -575,8 +643,7 @@ impl Study<'_> {
                 }
             };
             let part = distance(&found.density, &density);
-            let rate = found.seconds / found.updates.max(1.0);
-            measured = Some((part, rate));
+            measured = Some(part);
             if part <= allowed || tolerance <= SMALLEST_TOLERANCE {
                 break;
             }
@@ -592,16 +659,10 @@ impl Study<'_> {
         let mut entry = self.entry(trials, &target, scheme, reach, jumps);
         entry.tolerance = Some(tolerance);
         let bound = guaranteed.then_some(tolerance * spread);
-        let mut part = measured
-            .map(|m| m.0)
-            .into_iter()
-            .chain(bound)
-            .reduce(f64::max);
-        if let Some(plan) = self.plan(&mut entry, &target) {
+        let mut part = measured.into_iter().chain(bound).reduce(f64::max);
+        if let Some(plan) = self.plan(trials, &mut entry, &target) {
             let updates = mode_updates(&plan);
-            let rate = measured
-                .map(|(_, rate)| rate)
-                .or_else(|| trials.rate(scheme));
+            let rate = trials.rate_by_modes().or_else(|| trials.rate(scheme));
             entry.seconds = rate.map(|rate| rate * updates);
             if trials.allows(updates, 1.0) && trials.may(scheme, &reach.shape, 1.0)? {
                 match trials.measure(&target, updates) {

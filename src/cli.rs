@@ -114,7 +114,7 @@ pub enum Command {
         #[command(flatten)]
         case: CaseArgs,
         /// Relative L1 error of the density at the end
-        #[arg(long, value_name = "EPSILON", default_value = "1e-2", value_parser = parse_accuracy)]
+        #[arg(long, value_name = "EPSILON", default_value = "1e-2", value_parser = parse_accuracy, allow_negative_numbers = true)]
         accuracy: f64,
         /// Time for all trials, about
         #[arg(long, value_name = "TIME", default_value = "60s", value_parser = parse_duration)]

@@ -210,6 +210,7 @@ fn what_is_out_of_reach_is_refused() {
         (vec!["--accuracy", "1e-9"], "out of reach"),
         (vec!["--accuracy", "1e-9"], "cells"),
         (vec!["--accuracy", "0"], "above 0 and below 1"),
+        (vec!["--accuracy", "-1"], "above 0 and below 1"),
         (vec!["--accuracy", "1.5"], "above 0 and below 1"),
         (vec!["--budget", "0"], "above 0"),
         (

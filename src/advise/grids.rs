@@ -18,6 +18,8 @@ pub struct Grids {
     x: Vec<Axis>,
     /// Where regions of `V` end, by space axis; `None` where there are too many places: a curved edge is on no faces.
     edges: Vec<Option<Vec<f64>>>,
+    /// The axes of the `2n` along which nothing varies: a run has one cell there, so that they keep the case's.
+    merged: Vec<bool>,
 }
 
 impl Grids {
@@ -26,7 +28,39 @@ impl Grids {
         Self {
             x: case.space.x.clone(),
             edges: region_edges(case),
+            merged: vec![false; 2 * case.space.dimension()],
         }
+    }
+
+    /// With axes of the `2n` that runs merge.
+    pub fn with_merged(self, merged: Vec<bool>) -> Self {
+        Self { merged, ..self }
+    }
+
+    /// The axes of the `2n` that runs merge to one cell.
+    pub fn merged(&self) -> &[bool] {
+        &self.merged
+    }
+
+    /// `shape`, twice as fine along the axes that are not merged.
+    pub fn twice(&self, shape: &[usize]) -> Vec<usize> {
+        (shape.iter().zip(&self.merged))
+            .map(|(&cells, merged)| if *merged { cells } else { 2 * cells })
+            .collect()
+    }
+
+    /// `shape`, its axes of space (`of_space`) or of velocity twice as fine but for merged ones.
+    pub fn doubled(&self, shape: &[usize], of_space: bool) -> Vec<usize> {
+        let twice = self.twice(shape);
+        (0..shape.len())
+            .map(|k| {
+                if (k < self.x.len()) == of_space {
+                    twice[k]
+                } else {
+                    shape[k]
+                }
+            })
+            .collect()
     }
 
     /// Number of space dimensions.
@@ -71,11 +105,17 @@ impl Grids {
     /// The coarsest grid that is tried.
     pub fn coarsest(&self, own: &[usize]) -> Vec<usize> {
         let fewest = FEWEST[self.x.len() - 1];
-        let enough = |k: u32| own.iter().all(|&n| n >> k >= fewest.min(n));
+        let enough = |k: u32| {
+            let mut axes = own.iter().zip(&self.merged);
+            axes.all(|(&n, merged)| *merged || n >> k >= fewest.min(n))
+        };
         let halvings = (0..=COARSEST).rev().find(|&k| enough(k)).unwrap_or(0);
         let divisor = f64::from(1u32 << halvings);
         (own.iter().enumerate())
-            .map(|(k, &n)| self.near(k, n as f64 / divisor, fewest.min(n)))
+            .map(|(k, &n)| match self.merged[k] {
+                true => n,
+                false => self.near(k, n as f64 / divisor, fewest.min(n)),
+            })
             .collect()
     }
 
@@ -83,14 +123,23 @@ impl Grids {
     pub fn scaled(&self, shape: &[usize], scale: f64) -> Vec<usize> {
         (shape.iter().enumerate())
             // Not a cell more where a product misses a whole number by round-off.
-            .map(|(k, &n)| self.near(k, n as f64 * scale * (1.0 - 1e-12), 2))
+            .map(|(k, &n)| match self.merged[k] {
+                true => n,
+                false => self.near(k, n as f64 * scale * (1.0 - 1e-12), 2),
+            })
             .collect()
     }
 
     /// Half of `shape`, where it has one that is not too coarse and loses no edge.
     pub fn halved(&self, shape: &[usize]) -> Option<Vec<usize>> {
         let n = self.x.len();
+        if self.merged.iter().all(|&merged| merged) {
+            return None;
+        }
         let halves = (shape.iter().enumerate()).all(|(k, &cells)| {
+            if self.merged[k] {
+                return true;
+            }
             let (divisor, edges) = if k < n {
                 (2, self.keeps(k, cells / 2))
             } else {
@@ -98,7 +147,11 @@ impl Grids {
             };
             cells.is_multiple_of(divisor) && edges
         });
-        halves.then(|| shape.iter().map(|n| n / 2).collect())
+        halves.then(|| {
+            (shape.iter().zip(&self.merged))
+                .map(|(&n, merged)| if *merged { n } else { n / 2 })
+                .collect()
+        })
     }
 
     /// `shape` with space axes so many times finer against the velocity axes, a power of two: the velocity axes coarser if they can
@@ -106,39 +159,32 @@ impl Grids {
     pub fn stretched(&self, shape: &[usize], ratio: f64) -> Vec<usize> {
         let n = self.x.len();
         let mut shape = shape.to_vec();
+        let free = |axes: std::ops::Range<usize>| -> Vec<usize> {
+            axes.filter(|&k| !self.merged[k]).collect()
+        };
+        let (space, velocity) = (free(0..n), free(n..2 * n));
+        if space.is_empty() || velocity.is_empty() {
+            return shape;
+        }
         for _ in 0..ratio.log2().abs().round() as usize {
             let (finer, coarser) = if ratio > 1.0 {
-                (0..n, n..2 * n)
+                (&space, &velocity)
             } else {
-                (n..2 * n, 0..n)
+                (&velocity, &space)
             };
-            let halves = coarser.clone().all(|k| {
+            let halves = coarser.iter().all(|&k| {
                 shape[k].is_multiple_of(if k < n { 2 } else { 4 })
                     && shape[k] >= 8
                     && (k >= n || self.keeps(k, shape[k] / 2))
             });
             if halves {
-                coarser.for_each(|k| shape[k] /= 2);
+                coarser.iter().for_each(|&k| shape[k] /= 2);
             } else {
-                finer.for_each(|k| shape[k] *= 2);
+                finer.iter().for_each(|&k| shape[k] *= 2);
             }
         }
         shape
     }
-}
-
-/// `shape` with its axes of space (`of_space`) or of velocity twice as fine.
-pub fn doubled(shape: &[usize], of_space: bool) -> Vec<usize> {
-    let n = shape.len() / 2;
-    (shape.iter().enumerate())
-        .map(|(k, &cells)| {
-            if (k < n) == of_space {
-                2 * cells
-            } else {
-                cells
-            }
-        })
-        .collect()
 }
 
 /// Averages of cell values on a box of `from` cells an axis over the cells of the same box cut into `to`; what a cell of the one
@@ -179,6 +225,7 @@ mod tests {
         Grids {
             x: vec![axis],
             edges: vec![Some(edges.to_vec())],
+            merged: vec![false; 2],
         }
     }
 
@@ -195,6 +242,23 @@ mod tests {
         assert_eq!(grids.stretched(&[12, 16], 4.0), [12, 4]);
         // 3 would miss an edge and be coarser than what is tried; v gets finer instead.
         assert_eq!(grids.stretched(&[12, 16], 0.25), [6, 32]);
+    }
+
+    #[test]
+    fn merged_axes_keep_their_cells() {
+        let axis = || Axis::new(-1.0, 1.0, 32);
+        let grids = Grids {
+            x: vec![axis(), axis()],
+            edges: vec![None, None],
+            merged: vec![false, true, false, true],
+        };
+        let shape = [32, 3, 16, 5];
+        assert_eq!(grids.coarsest(&shape), [8, 3, 4, 5]);
+        assert_eq!(grids.scaled(&shape, 1.5), [48, 3, 24, 5]);
+        assert_eq!(grids.twice(&shape), [64, 3, 32, 5]);
+        assert_eq!(grids.doubled(&shape, false), [32, 3, 32, 5]);
+        assert_eq!(grids.halved(&shape), Some(vec![16, 3, 8, 5]));
+        assert_eq!(grids.stretched(&shape, 2.0), [32, 3, 8, 5]);
     }
 
     #[test]

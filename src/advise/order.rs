@@ -4,8 +4,8 @@ use serde::Serialize;
 
 /// An error that falls less than with this power of the cells' width does not fall.
 pub const LEAST: f64 = 0.1;
-/// Orders of one sequence that differ by more are not settled.
-const SPREAD: f64 = 0.25;
+/// Orders of one sequence that differ by a larger part are not settled.
+const SPREAD: f64 = 0.15;
 /// What is assumed where one pair of grids is all there is: that of a discontinuous solution.
 pub const ASSUMED: f64 = 0.5;
 /// No scheme here is of a higher order for long.
@@ -20,7 +20,7 @@ pub struct Order {
     pub order: f64,
     /// The lower of the last two, where errors fall at all: what is counted on.
     pub counted_on: f64,
-    /// Whether the last two agree.
+    /// Whether the last two agree within 15 %, and none of the last three is negative.
     pub settled: bool,
 }
 
@@ -37,9 +37,12 @@ impl Order {
             [.., before, last] => (
                 0.5 * (before + last),
                 before.min(last),
-                (before - last).abs() <= SPREAD,
+                (before - last).abs() <= SPREAD * before.abs().max(last.abs()),
             ),
         };
+        // Nor where errors grew just before.
+        let recent = &pairs[pairs.len().saturating_sub(3)..];
+        let settled = settled && recent.iter().all(|&q| q >= 0.0);
         let known = |q: f64| {
             if q.is_finite() {
                 q.min(HIGHEST)
@@ -103,6 +106,17 @@ mod tests {
         // A pair that did not fall is no reason to expect that none will.
         let uneven = Order::of(&[0.11, 0.12, 0.06]);
         assert!(uneven.falls() && !uneven.settled && uneven.counted_on == uneven.order);
+        // Still climbing; and settled.
+        let of_orders = |orders: &[f64]| {
+            let mut errors = vec![1.0];
+            for q in orders {
+                errors.push(errors[errors.len() - 1] * (-q).exp2());
+            }
+            Order::of(&errors)
+        };
+        assert!(!of_orders(&[-0.44, 0.43, 0.67, 0.79]).settled);
+        assert!(!of_orders(&[-0.1, 0.7, 0.72]).settled);
+        assert!(of_orders(&[-0.44, 0.6, 0.7, 0.75]).settled);
         let stuck = Order::of(&[0.06, 0.059, 0.0591]);
         assert!(!stuck.falls());
         // Exact on both: nothing to divide.

@@ -1,6 +1,5 @@
 //! From a few coarse grids to the coarsest one whose density is as exact as asked for.
 
-use super::grids::doubled;
 use super::order::Order;
 use super::trials::{Scheme, Trials};
 use crate::error::Result;
@@ -106,7 +105,14 @@ impl Ladder {
             let levels = ladder.levels();
             let there = levels.last().is_some_and(|level| level.error <= wanted);
             let last = &ladder.shapes[ladder.shapes.len() - 1];
-            let next: Vec<usize> = last.iter().map(|n| 2 * n).collect();
+            let next = trials.grids.twice(last);
+            if next == *last {
+                // Nothing varies along any axis.
+                if !exact {
+                    ladder.found.push(0.0);
+                }
+                break;
+            }
             let enough = ladder.found.len() >= ENOUGH_LEVELS;
             // Two orders tell whether they are settled.
             let more = ladder.found.len() < 3 || trials.is_cheap(scheme, &next, CHEAP * share)?;
@@ -153,7 +159,7 @@ pub fn look(
     if let Some(error) = trials.error(scheme, shape)? {
         return Ok(Some((error, Known::Measured)));
     }
-    let twice: Vec<usize> = shape.iter().map(|n| 2 * n).collect();
+    let twice = trials.grids.twice(shape);
     if !trials.may(scheme, &twice, share)? {
         return Ok(None);
     }
@@ -163,8 +169,9 @@ pub fn look(
 
 /// Part of space in the change that a grid makes which is twice as fine along space, and along velocities. Collective.
 fn part_of_space(trials: &mut Trials<'_>, scheme: Scheme, shape: &[usize]) -> Result<f64> {
-    let space = trials.distance(scheme, shape, &doubled(shape, true))?;
-    let velocity = trials.distance(scheme, shape, &doubled(shape, false))?;
+    let [space, velocity] = [true, false].map(|of_space| trials.grids.doubled(shape, of_space));
+    let space = trials.distance(scheme, shape, &space)?;
+    let velocity = trials.distance(scheme, shape, &velocity)?;
     Ok(if space + velocity > 0.0 {
         space / (space + velocity)
     } else {
@@ -182,7 +189,7 @@ fn stretch(part: f64, dimension: usize) -> f64 {
     powers.exp2().clamp(1.0 / MOST_STRETCH, MOST_STRETCH)
 }
 
-/// The coarsest grid on which the density by `scheme` is within `accuracy`, beginning with the coarse grid `start`; no more than the `share` of the
+/// The coarsest grid on which the density by `scheme` is within `accuracy`, beginning with the coarse grid `start`, or on the case's `own`; no more than the `share` of the
 /// budget is spent. Collective.
 ///
 /// # Errors
@@ -190,16 +197,16 @@ fn stretch(part: f64, dimension: usize) -> f64 {
 pub fn reach(
     trials: &mut Trials<'_>,
     scheme: Scheme,
-    start: &[usize],
+    (start, own): (&[usize], &[usize]),
     accuracy: f64,
     share: f64,
 ) -> Result<Reach> {
     let wanted = DISCRETISATION * accuracy;
-    let second: Vec<usize> = start.iter().map(|n| 2 * n).collect();
+    let second = trials.grids.twice(start);
     let mut part = 0.5;
     let mut first = start.to_vec();
-    let affordable = trials.may(scheme, &doubled(&second, true), 0.3 * share)?;
-    if affordable && trials.may(scheme, &doubled(&second, false), 0.3 * share)? {
+    let affordable = trials.may(scheme, &trials.grids.doubled(&second, true), 0.3 * share)?;
+    if affordable && trials.may(scheme, &trials.grids.doubled(&second, false), 0.3 * share)? {
         part = part_of_space(trials, scheme, &second)?;
         first = (trials.grids).stretched(start, stretch(part, trials.grids.dimension()));
     }
@@ -253,9 +260,9 @@ pub fn reach(
         }
     } else if finest.error > wanted {
         if !result.order.falls() {
-            // No grid does.
+            // No finer grid does.
             result.known = Known::Extrapolated;
-            return Ok(result);
+            return as_it_stands(trials, scheme, own, wanted, result);
         }
         let mut scale = result.order.refinement(finest.error, wanted);
         result.known = Known::Extrapolated;
@@ -277,11 +284,31 @@ pub fn reach(
         // No grid is too coarse.
         (result.shape, result.error) = (coarsest.shape.clone(), coarsest.error);
     }
-    let affordable = trials.may(scheme, &doubled(&result.shape, true), share)?;
-    if affordable && trials.may(scheme, &doubled(&result.shape, false), share)? {
+    result = as_it_stands(trials, scheme, own, wanted, result)?;
+    let affordable = trials.may(scheme, &trials.grids.doubled(&result.shape, true), share)?;
+    if affordable && trials.may(scheme, &trials.grids.doubled(&result.shape, false), share)? {
         result.part_of_space = part_of_space(trials, scheme, &result.shape)?;
     }
     Ok(result)
+}
+
+/// The case's `own` grid instead, where it was measured there, and does with fewer cells or where nothing else does. Collective.
+fn as_it_stands(
+    trials: &mut Trials<'_>,
+    scheme: Scheme,
+    own: &[usize],
+    wanted: f64,
+    mut found: Reach,
+) -> Result<Reach> {
+    let better = found.error > wanted || cells(own) < cells(&found.shape);
+    if better
+        && trials.knows_run(scheme, own)
+        && let Some(error) = trials.error(scheme, own)?
+        && error <= wanted
+    {
+        (found.shape, found.error, found.known) = (own.to_vec(), error, Known::Measured);
+    }
+    Ok(found)
 }
 
 fn cells(shape: &[usize]) -> f64 {

@@ -1,6 +1,7 @@
 //! Advice as people read it.
 
 use super::{Advised, Entry, Known, Order, Parts};
+use crate::case::Method;
 use crate::plan::bytes_text;
 use crate::run::calibrate::seconds_text;
 use std::fmt;
@@ -9,6 +10,18 @@ use std::fmt;
 pub fn shape(shape: &[usize]) -> String {
     let cells: Vec<String> = shape.iter().map(usize::to_string).collect();
     cells.join(" x ")
+}
+
+/// Grids of more cells are not spelled out.
+pub const MOST_SHOWN: f64 = 1e15;
+
+/// `128 x 128 = 1.638e4 cells`.
+pub fn grid(cells: &[usize]) -> String {
+    let all: f64 = cells.iter().map(|&n| n as f64).product();
+    if all > MOST_SHOWN {
+        return "more than 1e15 cells".to_owned();
+    }
+    format!("{} = {all:.3e} cells", shape(cells))
 }
 
 /// Orders by pairs of grids, coarsest first.
@@ -51,15 +64,18 @@ fn entry(f: &mut fmt::Formatter<'_>, entry: &Entry) -> fmt::Result {
     if let Some(reason) = &entry.refused {
         return writeln!(f, "  cannot be had: {reason}");
     }
+    if let Some(why) = &entry.estimate {
+        writeln!(f, "  an estimate, not advice: {why}")?;
+    }
+    let computed = if entry.computed_cells < entry.cells {
+        format!(", {:.3e} of them computed", entry.computed_cells)
+    } else {
+        String::new()
+    };
     let tolerance = entry
         .tolerance
         .map_or(String::new(), |t| format!(", tolerance {t:e}"));
-    writeln!(
-        f,
-        "  grid    {} = {:.3e} cells{tolerance}",
-        shape(&entry.shape),
-        entry.cells
-    )?;
+    writeln!(f, "  grid    {}{computed}{tolerance}", grid(&entry.shape))?;
     writeln!(
         f,
         "  error   {:.2e}, {}: {}",
@@ -107,8 +123,12 @@ impl fmt::Display for Advised {
         };
         writeln!(
             f,
-            "Relative L1 error of the density at most {:e}, on {} ranks; errors are {against}.",
-            self.accuracy, self.ranks
+            "Relative L1 error of the density at most {:e}, on {}; errors are {against}.",
+            self.accuracy,
+            match self.ranks {
+                1 => "1 rank".to_owned(),
+                ranks => format!("{ranks} ranks"),
+            }
         )?;
         if let Some(given) = &self.given {
             writeln!(f, "\nThe case as it stands: {}", shape(&given.shape))?;
@@ -123,6 +143,14 @@ impl fmt::Display for Advised {
         if let Some(best) = self.best.and_then(|k| self.entries.get(k)) {
             write!(f, "\nAdvised: ")?;
             entry(f, best)?;
+        } else if let Some(why) = (self.entries.iter())
+            .filter(|e| e.method == Method::Schrodingerized)
+            .find_map(|e| e.estimate.as_deref())
+        {
+            writeln!(
+                f,
+                "\nNothing is advised: {why}. Estimates are listed below."
+            )?;
         }
         writeln!(f, "\nAll that was tried, quickest first:\n")?;
         for one in &self.entries {

@@ -5,11 +5,12 @@ use crate::case::{Case, Exact, Integrator, Interface, Limiter, Method};
 use crate::characteristics::Tracer;
 use crate::characteristics::sheet::exact_moments;
 use crate::communicator::{Group, World};
-use crate::error::Result;
-use crate::grid::PhaseSpace;
+use crate::error::{Error, Result};
+use crate::grid::{Axis, Part, PhaseSpace};
 use crate::partition::split;
 use crate::plan::{Bounds, classical_steps};
 use crate::potential::for_each_cell;
+use crate::reduce::reduced;
 use crate::run::trial::{Trial, trial};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -89,14 +90,21 @@ pub struct Trials<'a> {
     spent: f64,
     done: BTreeMap<(Interface, Limiter, Vec<usize>), Found>,
     densities: BTreeMap<Vec<usize>, Vec<f64>>,
+    /// Seconds and updates of all runs by modes.
+    by_modes: [f64; 2],
 }
 
 impl<'a> Trials<'a> {
-    /// Of `plain`, compared with `exact`, for about so many seconds.
-    pub fn new(world: &'a World, plain: Case, exact: Option<Exact>, seconds: f64) -> Self {
-        Self {
+    /// Of `plain`, compared with `exact`, for about so many seconds. Collective.
+    ///
+    /// # Errors
+    /// As [`reduced`].
+    pub fn new(world: &'a World, plain: Case, exact: Option<Exact>, seconds: f64) -> Result<Self> {
+        let needed = reduced(&world.group(), &plain)?;
+        let merged = |axis: &Axis| matches!(axis.part, Part::Merged { .. });
+        Ok(Self {
             world,
-            grids: Grids::new(&plain),
+            grids: Grids::new(&plain).with_merged(needed.space.axes().map(merged).collect()),
             plain,
             exact,
             started: Instant::now(),
@@ -104,7 +112,23 @@ impl<'a> Trials<'a> {
             spent: 0.0,
             done: BTreeMap::new(),
             densities: BTreeMap::new(),
+            by_modes: [0.0; 2],
+        })
+    }
+
+    /// `case` as its runs merge it: explicit steps keep the grid.
+    pub fn merged(&self, case: &Case) -> Case {
+        let mut case = case.clone();
+        if case.limiter == Limiter::None {
+            let space = &mut case.space;
+            let axes = space.x.iter_mut().chain(&mut space.v);
+            for (axis, merged) in axes.zip(self.grids.merged()) {
+                if *merged && axis.cells > 1 {
+                    *axis = axis.merged();
+                }
+            }
         }
+        case
     }
 
     /// All ranks.
@@ -119,6 +143,7 @@ impl<'a> Trials<'a> {
 
     /// Updates that a trial counts as; infinitely many for a grid so large that one of each of its cells is beyond the budget.
     fn updates(&self, case: &Case) -> Result<f64> {
+        let case = &self.merged(case);
         let cells: f64 = case.space.axes().map(|a| a.cells as f64).product();
         if cells > self.seconds * UPDATES {
             return Ok(f64::INFINITY);
@@ -181,7 +206,8 @@ impl<'a> Trials<'a> {
         let key = key(scheme, shape);
         if !self.done.contains_key(&key) {
             let case = scheme.classical(&self.plain, shape);
-            let updates = updates_of(&case, &Bounds::new(&case)?);
+            let merged = self.merged(&case);
+            let updates = updates_of(&merged, &Bounds::new(&merged)?);
             let found = self.measure(&case, updates)?;
             self.done.insert(key.clone(), found);
         }
@@ -191,14 +217,20 @@ impl<'a> Trials<'a> {
     /// Runs `case`, which counts as so many updates. Collective.
     ///
     /// # Errors
-    /// As [`trial`].
+    /// As [`trial`]; [`Error::Input`] where the density is zero everywhere.
     pub fn measure(&mut self, case: &Case, updates: f64) -> Result<Found> {
         self.spent += updates;
         let found = trial(self.world, case)?;
         let group = self.group();
         let density = whole(&group, &case.space, &found.share, &found.moments.density);
+        refuse_nothing(&density, &case.space)?;
+        let seconds = group.max(found.seconds);
+        if case.method == Method::Schrodingerized {
+            self.by_modes[0] += seconds;
+            self.by_modes[1] += updates;
+        }
         Ok(Found {
-            seconds: group.max(found.seconds),
+            seconds,
             updates,
             spread: spread(&group, &case.space, &found, &density),
             density,
@@ -230,6 +262,7 @@ impl<'a> Trials<'a> {
             .schrodingerized(&self.plain, shape);
             self.spent += self.updates_to_compare(shape);
             let found = exact_density(&self.group(), &case, exact)?;
+            refuse_nothing(&found, &case.space)?;
             self.densities.insert(shape.to_vec(), found);
         }
         Ok(Some(distance(density, &self.densities[shape])))
@@ -244,6 +277,12 @@ impl<'a> Trials<'a> {
         let finer = &self.run(scheme, fine)?.density;
         let finer = averaged(finer, &fine[..n], &coarse[..n]);
         Ok(distance(&self.run(scheme, coarse)?.density, &finer))
+    }
+
+    /// Seconds of an update by modes: all runs together, so that what takes less work is not said to take longer.
+    pub fn rate_by_modes(&self) -> Option<f64> {
+        let [seconds, updates] = self.by_modes;
+        (updates > 0.0).then_some(seconds / updates)
     }
 
     /// Seconds of an update of `scheme`, from the largest trial.
@@ -271,6 +310,19 @@ pub fn updates_of(case: &Case, bounds: &Bounds) -> f64 {
 
 fn key(scheme: Scheme, shape: &[usize]) -> (Interface, Limiter, Vec<usize>) {
     (scheme.interface, scheme.limiter, shape.to_vec())
+}
+
+/// An error relative to nothing is none.
+fn refuse_nothing(density: &[f64], space: &PhaseSpace) -> Result<()> {
+    let size: f64 = density.iter().map(|rho| rho.abs()).sum();
+    if size > 0.0 && size.is_finite() {
+        return Ok(());
+    }
+    let what = if size == 0.0 { "zero" } else { "not finite" };
+    Err(Error::Input(format!(
+        "the density is {what}: a relative error has no meaning (at the end, on {} cells)",
+        super::report::shape(&space.shape())
+    )))
 }
 
 /// `Σ |a − b| / Σ |b|`.

@@ -110,6 +110,12 @@ impl fmt::Display for Calibration {
 
 /// Seconds for people, with what `--time` of a batch system takes where they are many.
 pub fn seconds_text(seconds: f64) -> String {
+    if !seconds.is_finite() {
+        return "unknown".to_owned();
+    }
+    if seconds >= 1e12 {
+        return format!("{seconds:.0e} s");
+    }
     if seconds < 100.0 {
         return format!("{seconds:.2e} s");
     }

@@ -32,16 +32,19 @@ pub fn points(series: &Series) -> usize {
     if series.alone && modes > 1 {
         return 2 * (modes - 1);
     }
-    let smooth = |n: &usize| {
-        let mut rest = *n;
-        for factor in [2, 3, 5] {
-            while rest.is_multiple_of(factor) {
-                rest /= factor;
-            }
+    // Over all 3^b 5^c below the power of two that would do; never an endless search, whatever the number of modes.
+    let least = 2 * modes.max(1);
+    let mut points = least.next_power_of_two();
+    let mut fives = 1usize;
+    while fives < points {
+        let mut odd = fives;
+        while odd < points {
+            points = points.min(odd * least.div_ceil(odd).next_power_of_two().max(2));
+            odd = odd.saturating_mul(3);
         }
-        rest == 1
-    };
-    (2 * modes..).step_by(2).find(smooth).unwrap_or(2 * modes)
+        fives = fives.saturating_mul(5);
+    }
+    points
 }
 
 impl Transform {
