@@ -45,6 +45,8 @@ pub struct Axis {
     pub range: Option<[f64; 2]>,
     /// Names at 0, 1, … instead of numbers.
     pub names: Vec<String>,
+    /// Whether its values are whole numbers.
+    pub whole: bool,
 }
 
 impl Axis {
@@ -55,6 +57,7 @@ impl Axis {
             scale: Scale::Linear,
             range: None,
             names: Vec::new(),
+            whole: false,
         }
     }
 
@@ -73,6 +76,12 @@ impl Axis {
             names,
             ..Self::linear(label)
         }
+    }
+
+    /// Of whole numbers.
+    pub fn whole(mut self) -> Self {
+        self.whole = true;
+        self
     }
 
     /// From `lower` to `upper`.
@@ -95,6 +104,8 @@ pub struct Map {
     pub values: Vec<f64>,
     /// Values at the ends of the colours; those of the data where there are none.
     pub range: Option<[f64; 2]>,
+    /// Whether they are differences, with zero in the middle of the range: other colours, and white for zero.
+    pub differences: bool,
     /// What the values are.
     pub label: String,
 }

@@ -23,7 +23,7 @@ pub mod stored;
 pub use history::steps;
 
 use crate::error::{Error, Result};
-use crate::figure::{Axis, Figure, Map, Panel};
+use crate::figure::{Axis, Figure, Layer, Map, Panel};
 use crate::potential::Potential;
 use std::path::{Path, PathBuf};
 use stored::{Plane, Read, Stored};
@@ -70,6 +70,7 @@ impl Cut {
             return Err(wrong(why));
         }
         let mut cut = Self::middle(run);
+        let mut named = Vec::new();
         for part in text.split(',') {
             let (name, place) = (part.split_once('='))
                 .ok_or_else(|| wrong(format!("\"{part}\" is not NAME=POSITION, as x=0.1")))?;
@@ -80,6 +81,10 @@ impl Cut {
                     names.join(", ")
                 ))
             })?;
+            if named.contains(&a) {
+                return Err(wrong(format!("{} is given twice", names[a])));
+            }
+            named.push(a);
             let axis = run.axis(a);
             let place: f64 = place
                 .trim()
@@ -263,9 +268,33 @@ fn map(
         shape: plane.shape,
         values: plane.values,
         range,
+        differences: false,
         label: String::new(),
     })
 }
+
+/// The same with a difference of values as large as `scale`: zero is in the middle, and round-off looks like zero.
+fn apart(run: &Stored, axes: [usize; 2], title: String, plane: Plane, scale: f64) -> Panel {
+    let most = largest([&plane]).max(ROUND_OFF * scale);
+    let range = (most > 0.0).then_some([-most, most]);
+    let mut panel = map(run, axes, title, plane, range);
+    for layer in &mut panel.layers {
+        if let Layer::Map(map) = layer {
+            map.differences = true;
+        }
+    }
+    panel
+}
+
+/// Largest finite value, without signs.
+fn largest<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> f64 {
+    let all = planes.into_iter().flat_map(|p| &p.values);
+    all.filter(|v| v.is_finite())
+        .fold(0.0, |most, v| v.abs().max(most))
+}
+
+/// Part of what a quantity may be that is round-off.
+const ROUND_OFF: f64 = 1e-12;
 
 /// The difference of two planes, `a − b`.
 fn difference(a: &Plane, b: &Plane) -> Plane {
@@ -275,8 +304,8 @@ fn difference(a: &Plane, b: &Plane) -> Plane {
     }
 }
 
-/// Smallest and largest finite value of all; wider where they differ by round-off or a tolerance only, so that what is constant looks so.
-fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> Option<[f64; 2]> {
+/// Smallest and largest finite value of all; wider where they differ by round-off of `scale` or a tolerance only, so that what is constant looks so.
+fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>, scale: f64) -> Option<[f64; 2]> {
     /// Part of the values that must differ to be told apart.
     const SEEN: f64 = 1e-3;
     let all = planes.into_iter().flat_map(|p| &p.values);
@@ -284,7 +313,10 @@ fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> Option<[f64; 2]> {
     let [lower, upper] = finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, u], &v| {
         [l.min(v), u.max(v)]
     });
-    let least = SEEN * lower.abs().max(upper.abs());
+    if lower > upper {
+        return None;
+    }
+    let least = (SEEN * lower.abs().max(upper.abs())).max(ROUND_OFF * scale);
     if upper - lower < least {
         let middle = 0.5 * (lower + upper);
         return Some([middle - least, middle + least]);
@@ -292,7 +324,8 @@ fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> Option<[f64; 2]> {
     (lower < upper).then_some([lower, upper])
 }
 
-/// Faces at which `V` jumps along space axis `a`, on the line through the cut; none where the case is not understood.
+/// Faces at which `V` jumps along space axis `a`, on the line through the cut; none where the case is not understood. The closing face of a periodic
+/// axis is there twice, at both ends.
 fn jumps(run: &Stored, a: usize, cut: &Cut) -> Vec<f64> {
     let Ok(case) = &run.case else {
         return Vec::new();
@@ -309,17 +342,28 @@ fn jumps(run: &Stored, a: usize, cut: &Cut) -> Vec<f64> {
         potential.jump_below(&cell, a) != 0.0
     };
     let places = ranges[a].clone();
-    let found: Vec<usize> = places
-        .filter(|&i| i > 0)
+    // Below the first cell there is a jump only where the axis closes.
+    let mut found: Vec<usize> = places
         .filter({
             let mut jump = jump;
             move |&i| jump(i)
         })
         .collect();
+    if found.first() == Some(&0) {
+        found.push(run.axis(a).cells);
+    }
     found
         .into_iter()
         .map(|i| run.axis(a).face(i as i64))
         .collect()
+}
+
+/// Of faces where `V` jumps along axis `a`: the sentence for those at the frame, which hides their lines.
+fn closing(run: &Stored, a: usize, jumps: &[f64]) -> String {
+    match jumps.contains(&run.axis(a).lower) {
+        true => format!(" V jumps too where {} closes, at its ends.", run.names()[a]),
+        false => String::new(),
+    }
 }
 
 /// Borders in a plane of two space axes along which `V` jumps, as pieces of lines with NaN between.
@@ -350,11 +394,20 @@ fn borders(run: &Stored, plane: [usize; 2], cut: &Cut) -> Vec<[f64; 2]> {
                 let face = |a: usize, k: usize| run.axis(a).face(k as i64);
                 [face(plane[0], i + di), face(plane[1], j + dj)]
             };
-            if i > 0 && potential.jump_below(&cell, plane[0]) != 0.0 {
+            // Below the first cell there is a jump only where the axis closes: at both ends.
+            if potential.jump_below(&cell, plane[0]) != 0.0 {
                 points.extend([corner(0, 0), corner(0, 1), [f64::NAN; 2]]);
+                if i == 0 {
+                    let end = lengths[0];
+                    points.extend([corner(end, 0), corner(end, 1), [f64::NAN; 2]]);
+                }
             }
-            if j > 0 && potential.jump_below(&cell, plane[1]) != 0.0 {
+            if potential.jump_below(&cell, plane[1]) != 0.0 {
                 points.extend([corner(0, 0), corner(1, 0), [f64::NAN; 2]]);
+                if j == 0 {
+                    let end = lengths[1];
+                    points.extend([corner(0, end), corner(1, end), [f64::NAN; 2]]);
+                }
             }
         }
     }
@@ -364,6 +417,21 @@ fn borders(run: &Stored, plane: [usize; 2], cut: &Cut) -> Vec<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn round_off_is_no_structure() {
+        let plane = |values: &[f64]| Plane {
+            shape: [1, values.len()],
+            values: values.to_vec(),
+        };
+        let noise = plane(&[5e-18, -5e-18, f64::NAN]);
+        let [lower, upper] = range([&noise], 2.0).unwrap();
+        assert!(lower < -1e-12 && upper > 1e-12);
+        assert_eq!(range([&noise], 0.0), Some([-5e-18, 5e-18]));
+        assert_eq!(range([&plane(&[0.0, 2.0])], 2.0), Some([0.0, 2.0]));
+        assert_eq!(range([&plane(&[f64::NAN])], 2.0), None);
+        assert_eq!(largest([&plane(&[1.0, -3.0, f64::NAN])]), 3.0);
+    }
 
     #[test]
     fn short_numbers() {

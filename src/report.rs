@@ -17,7 +17,7 @@ body{font:16px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper)
 h1{font-size:1.7rem;margin:.6rem 0 0}h2{font-size:1.25rem;margin:2.2rem 0 .6rem;border-bottom:1px solid var(--line)}\
 p{max-width:46rem}.faint{color:var(--faint)}\
 table{border-collapse:collapse;margin:.6rem 0;display:block;max-width:100%;overflow-x:auto}\
-th,td{text-align:left;padding:.15rem 1rem .15rem 0;vertical-align:top;border-bottom:1px solid var(--line);overflow-wrap:anywhere}\
+th,td{text-align:left;padding:.15rem 1rem .15rem 0;vertical-align:top;border-bottom:1px solid var(--line);overflow-wrap:break-word}\
 th{font-weight:600}td.number{font-variant-numeric:tabular-nums}\
 pre{background:var(--ground);padding:.8rem;overflow-x:auto;font-size:.85rem;white-space:pre-wrap;overflow-wrap:anywhere}\
 figure{margin:1rem 0;background:#fff;border:1px solid var(--line);border-radius:4px;padding:.4rem;overflow-x:auto}\
@@ -34,8 +34,46 @@ pub struct Report<'a> {
     pub summary: &'a Value,
     /// Its pictures.
     pub album: &'a Album,
-    /// What `phasewarp check` says of the case, where it can be said.
-    pub understood: Option<&'a str>,
+    /// What `phasewarp check` says of the case; why nothing can be said.
+    pub understood: std::result::Result<&'a str, &'a str>,
+}
+
+/// What a summary lacks, by the section that misses it, and why that is so.
+pub fn missing(summary: &Value) -> Vec<(String, String)> {
+    let mut all = Vec::new();
+    for (section, keys) in [
+        (
+            "errors",
+            &[
+                "tolerance",
+                "error_estimate",
+                "mass",
+                "mass_initial",
+                "fields",
+            ][..],
+        ),
+        (
+            "cost",
+            &[
+                "wall_seconds",
+                "ranks",
+                "cells",
+                "memory_planned_bytes_per_rank",
+            ][..],
+        ),
+        ("probabilities", &["probabilities"][..]),
+        ("warnings", &["warnings"][..]),
+    ] {
+        // What is null is known not to be there.
+        let lacks: Vec<&str> = (keys.iter().copied())
+            .filter(|key| summary.get(key).is_none())
+            .collect();
+        if !lacks.is_empty() {
+            let why = format!("there is no {} in summary.json", lacks.join(", no "));
+            all.push((section.to_owned(), why));
+        }
+    }
+    all
 }
 
 /// `text` as HTML shows it.
@@ -114,34 +152,6 @@ impl Rows {
     }
 }
 
-/// A value and the keys that lead to it, objects taken apart.
-fn leaves<'v>(prefix: &str, value: &'v Value, out: &mut Vec<(String, &'v Value)>) {
-    match value {
-        Value::Object(map) if !map.contains_key("label") => {
-            for (key, value) in map {
-                let key = if prefix.is_empty() {
-                    key.clone()
-                } else {
-                    format!("{prefix}.{key}")
-                };
-                leaves(&key, value, out);
-            }
-        }
-        _ => out.push((prefix.to_owned(), value)),
-    }
-}
-
-/// Every value of an object in a table.
-fn all(value: &Value) -> String {
-    let mut found = Vec::new();
-    leaves("", value, &mut found);
-    let mut rows = Rows::default();
-    for (key, value) in found {
-        rows.add(&key, value);
-    }
-    rows.table()
-}
-
 impl Report<'_> {
     /// The page.
     ///
@@ -165,7 +175,7 @@ impl Report<'_> {
                 self.probabilities(),
             ),
             ("understood", "What was understood", self.said()),
-            ("plan", "Plan", all(&self.run.plan)),
+            ("plan", "Plan", self.plan()),
             ("case", "Case", self.case()),
             ("provenance", "Provenance", self.provenance()),
         ];
@@ -175,7 +185,7 @@ impl Report<'_> {
              <meta name=viewport content=\"width=device-width, initial-scale=1\">\n\
              <meta http-equiv=Content-Security-Policy content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:\">\n\
              <title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n{}<nav>",
-            self.summary_in_words()
+            self.summary_in_words() + &self.lacking()
         );
         for (id, heading, _) in &parts {
             let _ = write!(page, "<a href=\"#{id}\">{heading}</a> ");
@@ -455,9 +465,119 @@ impl Report<'_> {
     }
 
     fn said(&self) -> String {
-        self.understood.map_or(String::new(), |text| {
-            format!("<pre>{}</pre>\n", escaped(text))
-        })
+        match self.understood {
+            Ok(text) => format!("<pre>{}</pre>\n", escaped(text)),
+            Err(why) => format!(
+                "<p>Nothing can be said of the case by this program: {}.</p>\n",
+                escaped(why)
+            ),
+        }
+    }
+
+    /// What is not in the page though a run writes it.
+    fn lacking(&self) -> String {
+        let missing = missing(self.summary);
+        let items: Vec<String> = (missing.iter())
+            .map(|(section, why)| format!("{section}: {}", escaped(why)))
+            .collect();
+        if items.is_empty() {
+            return String::new();
+        }
+        format!(
+            "<p class=warning>Left out or incomplete here: {}.</p>\n",
+            items.join("; ")
+        )
+    }
+
+    /// The plan's numbers that matter, with words and units.
+    fn plan(&self) -> String {
+        let plan = &self.run.plan;
+        let (bounds, warp) = (&plan["bounds"], &plan["warp"]);
+        let mut rows = Rows::default();
+        let number = |value: &Value| value.as_f64().map(short);
+        let word = |value: &Value| value.as_str().map(str::to_owned);
+        let mut row = |what: &str, text: Option<String>| {
+            if let Some(text) = text.filter(|t| !t.is_empty()) {
+                rows.text(what, &escaped(&text));
+            }
+        };
+        let list = |value: &Value, between: &str| {
+            let all = value.as_array()?.iter().map(shown);
+            Some(all.collect::<Vec<_>>().join(between))
+        };
+        row(
+            "grid that is computed on",
+            (list(&plan["shape"], " × ").zip(number(&plan["cells"])))
+                .map(|(shape, cells)| format!("{shape} = {cells} cells")),
+        );
+        row("fields", number(&plan["fields"]));
+        row("method", word(&plan["method"]));
+        row("rows at jumps of V", word(&plan["interface"]));
+        row("final time T", number(&plan["time"]));
+        let scene = [
+            ("jumps", "V jumps"),
+            ("inflow", "something may enter"),
+            ("weighted", "dissipative weights"),
+        ];
+        let scene: Vec<&str> = (scene.into_iter())
+            .filter(|(key, _)| bounds[key].as_bool() == Some(true))
+            .map(|(_, text)| text)
+            .collect();
+        row("scene", Some(scene.join(", ")));
+        if warp.is_null() {
+            row("steps", number(&plan["classical_steps"]));
+            let limiter = word(&plan["limiter"]).filter(|l| l != "none");
+            row("limiter of the slopes", limiter);
+            return rows.table();
+        }
+        row("tolerance, relative", number(&plan["tolerance"]));
+        row(
+            "spectrum of the symmetric part S",
+            (number(&bounds["decay"]).zip(number(&bounds["growth"]))).map(|(decay, growth)| {
+                format!("within [−{decay}, {growth}] in 1/time, guaranteed")
+            }),
+        );
+        let kind = word(&warp["profile"]["kind"]);
+        row(
+            "profile g(p)",
+            Some(kind.unwrap_or_else(|| "that of initial.warped".to_owned())),
+        );
+        row("period in p", number(&warp["series"]["period"]));
+        for (k, reading) in (warp["readings"].as_array().into_iter().flatten()).enumerate() {
+            let what = match k {
+                0 => "read at p◇",
+                _ => "second reading, for the error estimate, at",
+            };
+            let by = word(&reading["method"]).filter(|m| m != "point");
+            let by = by.map_or(String::new(), |m| format!(", by {}", m.replace('-', " ")));
+            row(what, number(&reading["point"]).map(|p| p + &by));
+        }
+        row("modes", number(&warp["modes"]));
+        row("points of w in p, all kept", number(&warp["points"]));
+        let step = number(&plan["propagation"]["step"]);
+        let step = step.map_or(String::new(), |s| format!(", steps of {s}"));
+        let method = word(&plan["propagation"]["method"]);
+        row("propagator", method.map(|m| m.replace('-', " ") + &step));
+        let work = warp["work"].as_array().into_iter().flatten();
+        let work: Vec<f64> = work.filter_map(Value::as_f64).collect();
+        let solves = warp["solves"].as_f64().filter(|s| *s > 0.0);
+        let unit = match solves {
+            Some(_) => "solves",
+            None => "applications of the matrix",
+        };
+        if !work.is_empty() {
+            let least = work.iter().fold(f64::INFINITY, |m, w| m.min(*w));
+            let most = work.iter().fold(0.0f64, |m, w| m.max(*w));
+            let text = format!("{least} to {most} {unit}");
+            row("a mode takes", Some(text));
+        }
+        let all = solves.or_else(|| warp["applications"].as_f64());
+        row("all modes take", all.map(|n| format!("{n} {unit}")));
+        row(
+            "round-off is amplified by at most",
+            number(&warp["amplification"]),
+        );
+        rows.table()
     }
 
     fn case(&self) -> String {
@@ -498,11 +618,23 @@ mod tests {
             escaped("<b a=\"1\" c='2'>&\u{1}\n"),
             "&lt;b a=&quot;1&quot; c=&#39;2&#39;&gt;&amp;\u{fffd}\n"
         );
-        let value = serde_json::json!({ "<k>": ["<v>"] });
-        assert!(!all(&value).contains("<k>") && !all(&value).contains("<v>"));
+        let value = shown(&serde_json::json!({ "<k>": ["<v>"] }));
+        assert!(!value.contains("<k>") && !value.contains("<v>"));
         assert_eq!(
             shown(&serde_json::json!({ "label": "exact", "value": 0.25 })),
             "0.25 <span class=faint>exact</span>"
         );
+    }
+
+    #[test]
+    fn what_a_summary_lacks_is_named() {
+        let sections = missing(&serde_json::json!({}));
+        assert_eq!(sections.len(), 4);
+        assert!(sections[0].1.contains("no error_estimate"));
+        let known = serde_json::json!({ "probabilities": null, "warnings": [], "cells": 4 });
+        let sections = missing(&known);
+        let names: Vec<&str> = sections.iter().map(|s| s.0.as_str()).collect();
+        assert_eq!(names, ["errors", "cost"]);
+        assert!(!sections[1].1.contains("cells"));
     }
 }

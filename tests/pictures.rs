@@ -314,6 +314,7 @@ fn planes_are_cut_where_asked() {
     }
     for (text, words) in [
         ("q=1", "no axis"),
+        ("y=0.1,y=0.2", "given twice"),
         ("x", "NAME=POSITION"),
         ("x=9", "goes from"),
         ("x=nan", "goes from"),

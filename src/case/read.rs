@@ -879,7 +879,8 @@ fn read_reduce(solver: &Table<'_>) -> Result<Allowed> {
         return Ok(Allowed::all(solver.boolean("reduce")?.unwrap_or(true)));
     }
     let table = solver
-        .table("reduce")?
+        .table("reduce")
+        .map_err(|_| solver.error("reduce", "true, false or a table expected"))?
         .knowing(&["axes", "velocities", "inflow", "modes"])?;
     let allowed = |key| Ok(table.boolean(key)?.unwrap_or(true));
     Ok(Allowed {

@@ -1,6 +1,7 @@
 //! `phasewarp plot` and `phasewarp report`: a finished run as pictures, and as a page.
 
 use super::{say, understood};
+use crate::case::Case;
 use crate::cli::DrawnArgs;
 use crate::communicator::World;
 use crate::error::{Error, Result};
@@ -8,7 +9,9 @@ use crate::output::failure;
 use crate::pictures::stored::Stored;
 use crate::pictures::{self, Album, Cut};
 use crate::plan::Bounds;
-use crate::report::Report;
+use crate::reduce::reduced;
+use crate::report::{self, Report};
+use crate::run;
 use std::path::PathBuf;
 
 /// Space with more cells than this is not looked at again for what a report says of the case.
@@ -52,25 +55,28 @@ pub fn plot(world: &World, args: &DrawnArgs) -> Result<Drawn> {
 /// Writes a report; the first rank reads and writes. Collective.
 ///
 /// # Errors
-/// As [`plot`]; [`Error::Input`] where there is no `summary.json`.
+/// As [`plot()`]; [`Error::Input`] where there is no `summary.json`.
 pub fn report(world: &World, args: &DrawnArgs) -> Result<Drawn> {
+    let group = world.group();
+    let opened = group.agree(match group.rank() {
+        0 => album(args).map(Some),
+        _ => Ok(None),
+    })?;
+    let said = said(world, opened.as_ref().map(|(run, _)| run));
     alone(world, || {
-        let (run, album) = album(args)?;
+        let Some((run, album)) = opened else {
+            return Ok(nothing());
+        };
         let summary = run.summary.as_ref().map_err(|why| {
             let what = "a directory that `phasewarp run` wrote is expected";
             Error::Input(format!("{why}; {what}"))
         })?;
-        let said = match &run.case {
-            Ok(case) if case.space.space_cells() <= MOST_POINTS => {
-                Some(understood(case, &Bounds::new(case)?))
-            }
-            _ => None,
-        };
+        let missing = report::missing(summary);
         let page = Report {
             run: &run,
             summary,
             album: &album,
-            understood: said.as_deref(),
+            understood: said.as_deref().map_err(String::as_str),
         };
         let page = page.html()?;
         let directory = args.output.as_ref().unwrap_or(&args.directory);
@@ -80,20 +86,53 @@ pub fn report(world: &World, args: &DrawnArgs) -> Result<Drawn> {
         })?;
         let path = directory.join("report.html");
         std::fs::write(&path, page).map_err(|e| failure(&path, &e))?;
+        let mut left_out = album.left_out;
+        left_out.extend(missing);
+        if let Err(why) = said {
+            left_out.push(("what was understood".to_owned(), why));
+        }
         Ok(Drawn {
             files: vec![path],
-            left_out: album.left_out,
+            left_out,
         })
     })
+}
+
+/// What `phasewarp check` says of the case of a run, which the first rank has: without what the run left out too. Why nothing is said, otherwise. Collective.
+fn said(world: &World, run: Option<&Stored>) -> std::result::Result<String, String> {
+    let group = world.group();
+    // Name, text and overrides; or why they are not understood.
+    let told = run.map(|run| match &run.case {
+        Ok(case) if case.space.space_cells() > MOST_POINTS => {
+            Err(format!("more than {MOST_POINTS} cells of space"))
+        }
+        Ok(case) => Ok((&case.name, &run.text, &run.overrides)),
+        Err(why) => Err(why.clone()),
+    });
+    let told = told.and_then(|told| serde_json::to_string(&told).ok());
+    let told = group.broadcast_text(&told.unwrap_or_default());
+    type Told = std::result::Result<(String, String, Vec<String>), String>;
+    let told: Told = serde_json::from_str(&told).map_err(|e| e.to_string())?;
+    let (name, text, overrides) = told?;
+    let found = || -> Result<String> {
+        let case = Case::parse(&name, &text, &overrides)?;
+        let case = reduced(&group, &*run::with_start(&group, &case)?)?;
+        Ok(understood(&case, &Bounds::new(&case)?))
+    };
+    found().map_err(|e| e.to_string())
+}
+
+/// Of ranks that write nothing.
+fn nothing() -> Drawn {
+    Drawn {
+        files: Vec::new(),
+        left_out: Vec::new(),
+    }
 }
 
 /// What the first rank does; the others learn how it went. Collective.
 fn alone(world: &World, work: impl FnOnce() -> Result<Drawn>) -> Result<Drawn> {
     let group = world.group();
-    let nothing = || Drawn {
-        files: Vec::new(),
-        left_out: Vec::new(),
-    };
     group.agree(if group.rank() == 0 {
         work()
     } else {

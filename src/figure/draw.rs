@@ -1,7 +1,7 @@
 //! From a figure to pixels and paths: where things stand.
 
 use super::canvas::{Anchor, Canvas, Drawn, PIXELS, Place, text_width, wrapped};
-use super::palette::{FAINT, GRID, INK, Style, sequential};
+use super::palette::{Colour, FAINT, GRID, INK, Style, diverging, sequential};
 use super::ticks::{Tick, ticks};
 use super::{Axis, Figure, Layer, Map, Panel, Scale};
 use plotters::prelude::*;
@@ -23,6 +23,8 @@ const BELOW: f64 = 44.0;
 const LINE: f64 = 15.0;
 /// A legend's sample, and what is beside it.
 const SAMPLE: f64 = 26.0;
+/// Values that differ by less, relative to the largest, are one.
+const ROUND_OFF: f64 = 1e-12;
 /// Of a heat map's bar.
 const BAR: f64 = 12.0;
 
@@ -139,10 +141,30 @@ fn wanted(length: f64) -> usize {
     (length / 62.0).round().max(2.0) as usize
 }
 
+/// Ticks of an axis without names on so many points; at whole numbers where it has only such.
+fn numbered(axis: &Axis, ends: [f64; 2], length: f64) -> Vec<Tick> {
+    if !axis.whole || axis.scale == Scale::Log {
+        return ticks(ends, axis.scale, wanted(length));
+    }
+    let most = (ends[1] - ends[0]).clamp(1.0, 100.0) as usize;
+    let mut all = ticks(ends, axis.scale, wanted(length).min(most));
+    all.retain(|t| t.at.fract() == 0.0);
+    all
+}
+
+/// The colours of a map.
+fn colours(map: &Map) -> fn(f64) -> Colour {
+    if map.differences {
+        diverging
+    } else {
+        sequential
+    }
+}
+
 fn room_left(panel: &Panel, frame: [f64; 2]) -> f64 {
     let ends = ends(panel);
     let named = panel.y.names.iter().map(|name| text_width(name, SMALL));
-    let numbers = ticks(ends[1], panel.y.scale, wanted(frame[1]));
+    let numbers = numbered(&panel.y, ends[1], frame[1]);
     let numbers = numbers.iter().filter_map(|t| t.label.as_deref());
     let widest = if panel.y.names.is_empty() {
         numbers.map(|l| text_width(l, SMALL)).fold(0.0, f64::max)
@@ -226,10 +248,13 @@ fn ends(panel: &Panel) -> [[f64; 2]; 2] {
                 [lower / part, upper * part]
             }
             (true, Scale::Linear) => {
-                let part = if upper > lower {
+                let largest = upper.abs().max(lower.abs());
+                let part = if upper - lower > ROUND_OFF * largest {
                     0.05 * (upper - lower)
+                } else if largest > 0.0 {
+                    0.5 * largest
                 } else {
-                    0.5 * upper.abs().max(1e-300)
+                    1.0
                 };
                 [lower - part, upper + part]
             }
@@ -294,7 +319,7 @@ impl<'a> Frame<'a> {
         }
         let tick = |axis: &Axis, ends, length: f64| -> Vec<Tick> {
             if axis.names.is_empty() {
-                return ticks(ends, axis.scale, wanted(length));
+                return numbered(axis, ends, length);
             }
             let named = axis.names.iter().enumerate();
             named
@@ -504,6 +529,7 @@ impl<'a> Frame<'a> {
         if size.contains(&0) || map.values.len() != map.shape[0] * map.shape[1] {
             return Ok(());
         }
+        let shade = colours(map);
         let mut colours = Vec::with_capacity(3 * (size[0] * size[1]) as usize);
         for row in 0..size[1] {
             for column in 0..size[0] {
@@ -516,7 +542,7 @@ impl<'a> Frame<'a> {
                 };
                 let (i, j) = (cell(0, at(0, column)), cell(1, 1.0 - at(1, row)));
                 let value = map.values[i * map.shape[1] + j];
-                colours.extend(sequential((value - lower) / (upper - lower)));
+                colours.extend(shade((value - lower) / (upper - lower)));
             }
         }
         canvas.picture(corner, size, &colours)
@@ -528,7 +554,8 @@ impl<'a> Frame<'a> {
         let x = right + 10.0;
         let [lower, upper] = map_range(map);
         let size = [BAR, bottom - top].map(|length| (length * PIXELS).round() as u32);
-        let shade = |row: u32| sequential(1.0 - (f64::from(row) + 0.5) / f64::from(size[1]));
+        let along = colours(map);
+        let shade = |row: u32| along(1.0 - (f64::from(row) + 0.5) / f64::from(size[1]));
         let colours: Vec<u8> = (0..size[1])
             .flat_map(|row| std::iter::repeat_n(shade(row), size[0] as usize).flatten())
             .collect();
@@ -645,6 +672,7 @@ mod tests {
             shape: [3, 5],
             values: (0..15).map(f64::from).collect(),
             range: None,
+            differences: false,
             label: "f".into(),
         };
         let lines = Panel::new(
@@ -681,6 +709,29 @@ mod tests {
         let phase = Panel::new("f", Axis::linear("x"), Axis::linear("v")).map(map);
         Figure::new("All kinds", vec![lines, bars, empty, phase])
             .caption("A sentence that is long enough to be broken somewhere. ".repeat(6))
+    }
+
+    #[test]
+    fn axes_of_whole_numbers_and_of_a_single_value() {
+        let axis = Axis::linear("applications").whole();
+        for ends in [[27.9, 29.1], [0.0, 3.0], [0.0, 250.0], [-1.0, 1.0]] {
+            let all = numbered(&axis, ends, 280.0);
+            assert!(!all.is_empty());
+            for tick in all {
+                let label = tick.label.unwrap_or_default();
+                assert!(label.parse::<i64>().is_ok(), "{label}");
+            }
+        }
+        for (values, expected) in [
+            ([0.0, 0.0], [-1.0, 1.0]),
+            ([2.0, 2.0], [1.0, 3.0]),
+            ([2.0, 2.0 + 1e-15], [1.0, 3.0]),
+        ] {
+            let points = vec![[0.0, values[0]], [1.0, values[1]]];
+            let panel = Panel::new("", Axis::linear("x"), Axis::linear("y"));
+            let found = ends(&panel.line("", Style::of(0), points))[1];
+            assert!((0..2).all(|k| (found[k] - expected[k]).abs() < 1e-12));
+        }
     }
 
     #[test]

@@ -32,6 +32,10 @@ const SEQUENTIAL: [Colour; 5] = [
     [254, 232, 56],
 ];
 
+/// Ends of a map of differences, blue below and vermilion above; zero is white.
+const BELOW: Colour = [0, 90, 160];
+const ABOVE: Colour = [200, 80, 0];
+
 /// Shape of a marker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Marker {
@@ -130,10 +134,10 @@ impl Style {
     }
 }
 
-/// The colour of `fraction` in [0, 1] of the way along a heat map's bar; grey for what is no number.
+/// The colour of `fraction` in [0, 1] of the way along a heat map's bar; the ground for what is no number.
 pub fn sequential(fraction: f64) -> Colour {
     if fraction.is_nan() {
-        return GRID;
+        return PAPER;
     }
     let place = fraction.clamp(0.0, 1.0) * (SEQUENTIAL.len() - 1) as f64;
     let below = (place as usize).min(SEQUENTIAL.len() - 2);
@@ -141,6 +145,19 @@ pub fn sequential(fraction: f64) -> Colour {
     let (a, b) = (SEQUENTIAL[below], SEQUENTIAL[below + 1]);
     std::array::from_fn(|c| {
         (f64::from(a[c]) + part * (f64::from(b[c]) - f64::from(a[c]))).round() as u8
+    })
+}
+
+/// The same for differences: white halfway along, where zero is, and darker with the distance from it.
+pub fn diverging(fraction: f64) -> Colour {
+    if fraction.is_nan() {
+        return PAPER;
+    }
+    let apart = 2.0 * fraction.clamp(0.0, 1.0) - 1.0;
+    let end = if apart < 0.0 { BELOW } else { ABOVE };
+    std::array::from_fn(|c| {
+        let (white, end) = (f64::from(PAPER[c]), f64::from(end[c]));
+        (white + apart.abs() * (end - white)).round() as u8
     })
 }
 
@@ -177,7 +194,23 @@ mod tests {
             .collect();
         assert!(all.windows(2).all(|w| w[1] > w[0] - 1e-4));
         assert!(all[100] - all[0] > 0.7);
-        assert_eq!(sequential(f64::NAN), GRID);
+        assert_eq!(sequential(f64::NAN), PAPER);
+        // No value looks like nothing.
+        assert!((0..=100).all(|k| sequential(k as f64 / 100.0) != PAPER));
         assert_eq!(sequential(7.0), sequential(1.0));
+    }
+
+    #[test]
+    fn differences_grow_darker_both_ways() {
+        assert_eq!(diverging(0.5), PAPER);
+        assert_eq!((diverging(-3.0), diverging(2.0)), (BELOW, ABOVE));
+        let all: Vec<f64> = (0..=50)
+            .map(|k| lightness(diverging(0.5 + k as f64 / 100.0)))
+            .collect();
+        assert!(all.windows(2).all(|w| w[1] < w[0]));
+        let all: Vec<f64> = (0..=50)
+            .map(|k| lightness(diverging(0.5 - k as f64 / 100.0)))
+            .collect();
+        assert!(all.windows(2).all(|w| w[1] < w[0]));
     }
 }

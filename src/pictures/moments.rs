@@ -2,9 +2,41 @@
 
 use super::phase_space::branches;
 use super::stored::{Plane, Read, Stored};
-use super::{Cut, Runs, borders, difference, jumps, map, range, short};
-use crate::figure::{Axis, Figure, Panel, Style};
+use super::{Cut, Runs, apart, borders, closing, difference, jumps, largest, map, range, short};
+use crate::figure::{Axis, Figure, Layer, Panel, Style};
 use crate::output::checksum::Slab;
+
+/// Where a density as large as `largest` (where that is seen) is too small for a mean velocity: round-off, or within what it may be off.
+fn nothing(run: &Stored, largest: f64) -> f64 {
+    /// Part of the largest that is round-off.
+    const ROUND_OFF: f64 = 1e-10;
+    let number = |key: &str| run.summary.as_ref().ok().and_then(|s| s[key].as_f64());
+    let estimate = number("error_estimate").unwrap_or(0.0).min(1.0);
+    // The mean of all of space, where what is seen holds nothing.
+    let volume: f64 = (run.space.x.iter()).map(|a| a.upper - a.lower).product();
+    let mean = number("mass").map_or(0.0, |mass| (mass / volume).abs());
+    largest.max(mean) * estimate.max(ROUND_OFF)
+}
+
+/// A mean velocity without what is round-off over round-off.
+fn sensible(velocity: &mut [f64], density: &[f64], nothing: f64) {
+    for (velocity, density) in velocity.iter_mut().zip(density) {
+        if density.abs() <= nothing {
+            *velocity = f64::NAN;
+        }
+    }
+}
+
+/// The list `name` of a run in one dimension; velocities where there is something.
+fn listed(run: &Stored, name: &str) -> Read<Vec<f64>> {
+    let mut values = run.list(name)?;
+    if name == "velocity" {
+        let density = run.list("density")?;
+        let most = density.iter().fold(0.0f64, |m, d| m.max(d.abs()));
+        sensible(&mut values, &density, nothing(run, most));
+    }
+    Ok(values)
+}
 
 /// Values over the space axis, as points.
 fn over_space(run: &Stored, values: &[f64]) -> Vec<[f64; 2]> {
@@ -52,7 +84,7 @@ fn exact(run: &Stored) -> Read<Option<[Vec<f64>; 3]>> {
 pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
     let run = runs.run;
     let exact = exact(run)?;
-    let cut = Cut::middle(run);
+    let faces = jumps(run, 0, &Cut::middle(run));
     let mut panels = Vec::new();
     for (k, (name, label)) in [
         ("density", "density"),
@@ -78,16 +110,16 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
         }
         // Points, and below the lines, so that all are seen where they agree.
         if let Some(beside) = runs.beside {
-            let points = over_space(run, &beside.list(name)?);
+            let points = over_space(run, &listed(beside, name)?);
             panel = panel.points(said(&runs.names[1]), Style::of(1).hollow(), points);
         }
         if let Some(exact) = &exact {
             let points = over_space(run, &exact[k]);
             panel = panel.line(said("exact"), Style::of(2).plain(), points);
         }
-        let points = over_space(run, &run.list(name)?);
+        let points = over_space(run, &listed(run, name)?);
         panel = panel.line(said(&runs.names[0]), Style::of(0).plain(), points);
-        for at in jumps(run, 0, &cut) {
+        for &at in &faces {
             panel = panel.vertical("", at);
         }
         panels.push(panel);
@@ -102,7 +134,9 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
             .columns(3)
             .frame(320.0, 240.0)
             .caption(format!(
-                "Density ∫f dv, momentum ∫v f dv, and their ratio.{what}"
+                "Density ∫f dv, momentum ∫v f dv, and their ratio where there is something.{what}{}{}",
+                if faces.is_empty() { "" } else { " Vertical lines: where V jumps." },
+                closing(run, 0, &faces)
             )),
     )
 }
@@ -133,37 +167,54 @@ fn row(
 ) -> Read<Vec<Panel>> {
     let run = runs.run;
     let at = (plane, &cut.0[..run.dimension()]);
-    let computed: Read<Vec<Plane>> = (runs.each())
-        .map(|(r, _)| r.plane(name, component, at))
-        .collect();
+    let read = |r: &Stored| -> Read<Plane> {
+        let mut found = r.plane(name, component, at)?;
+        if name == "velocity" {
+            let density = r.plane("density", None, at)?;
+            let nothing = nothing(r, largest([&density]));
+            sensible(&mut found.values, &density.values, nothing);
+        }
+        Ok(found)
+    };
+    let computed: Read<Vec<Plane>> = runs.each().map(|(r, _)| read(r)).collect();
     let computed = computed?;
     let named = format!("{name}_exact");
     let exact = match run.has(&named) {
         true => Some(run.plane(&named, component, at)?),
         false => None,
     };
-    let shared = range(computed.iter().chain(&exact));
+    // What is there has the velocities of the box.
+    let scale = match component {
+        Some(a) => {
+            let axis = run.axis(run.dimension() + a);
+            axis.lower.abs().max(axis.upper.abs())
+        }
+        None => largest(computed.iter().chain(&exact)),
+    };
+    let shared = range(computed.iter().chain(&exact), scale);
     let border = borders(run, plane, cut);
-    let show = |title: &str, field: Plane, range| {
-        let title = titled(run, title, plane, cut);
-        let panel = map(run, plane, title, field, range);
+    let bordered = |panel: Panel| {
         if border.is_empty() {
             return panel;
         }
         panel.line("", Style::theory(), border.clone())
     };
+    let show = |title: &str, field: Plane| {
+        let title = titled(run, title, plane, cut);
+        bordered(map(run, plane, title, field, shared))
+    };
     let names: Vec<&str> = runs.each().map(|(_, name)| name).collect();
     let mut panels = Vec::new();
     if let Some(exact) = &exact {
-        panels.push(show(&format!("{label}, exact"), exact.clone(), shared));
+        panels.push(show(&format!("{label}, exact"), exact.clone()));
     }
     for (field, name) in computed.iter().zip(&names).rev() {
-        panels.push(show(&format!("{label}, {name}"), field.clone(), shared));
+        panels.push(show(&format!("{label}, {name}"), field.clone()));
     }
     if let (Some(exact), Some(field)) = (&exact, computed.first()) {
         let field = difference(field, exact);
-        let own = range([&field]);
-        panels.push(show(&format!("{label}, {} − exact", names[0]), field, own));
+        let title = titled(run, &format!("{label}, {} − exact", names[0]), plane, cut);
+        panels.push(bordered(apart(run, plane, title, field, scale)));
     }
     Ok(panels)
 }
@@ -176,8 +227,7 @@ pub fn density(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
     let rows: Read<Vec<Vec<Panel>>> = (planes(runs.run.dimension()).into_iter())
         .map(|plane| row(runs, ("density", None), "density", (plane, cut)))
         .collect();
-    let caption = "∫f dv. Dashed: where V jumps.";
-    Ok(figure(runs.run, "Density", rows?, caption))
+    Ok(figure(runs.run, "Density", rows?, ("∫f dv.", cut)))
 }
 
 /// In more dimensions: each component of the mean velocity, on the same planes.
@@ -194,19 +244,26 @@ pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
             row(runs, ("velocity", Some(component)), label, (plane, cut))
         })
         .collect();
-    let caption = "Momentum over density; grey where there is nothing. Dashed: where V jumps.";
-    Ok(figure(runs.run, "Mean velocity", rows?, caption))
+    let caption = "Momentum over density; white where there is nothing.";
+    Ok(figure(runs.run, "Mean velocity", rows?, (caption, cut)))
 }
 
 /// Rows of maps; short ones side by side.
-fn figure(run: &Stored, what: &str, rows: Vec<Vec<Panel>>, caption: &str) -> Figure {
+fn figure(run: &Stored, what: &str, rows: Vec<Vec<Panel>>, (caption, cut): (&str, &Cut)) -> Figure {
     let width = rows.first().map_or(1, Vec::len);
     let columns = match width {
         1 => rows.len().min(3),
         4 => 2,
         _ => width,
     };
-    let panels = rows.into_iter().flatten().collect();
+    let panels: Vec<Panel> = rows.into_iter().flatten().collect();
+    let mut caption = caption.to_owned();
+    if (panels.iter().flat_map(|p| &p.layers)).any(|l| matches!(l, Layer::Line { .. })) {
+        caption += " Dashed: where V jumps.";
+    }
+    for a in 0..run.dimension() {
+        caption += &closing(run, a, &jumps(run, a, cut));
+    }
     Figure::new(format!("{what} at t = {}", short(run.time)), panels)
         .columns(columns)
         .frame(300.0, 260.0)

@@ -1,7 +1,7 @@
 //! Fields in phase space: all of it in one dimension, planes (x_a, v_a) in more.
 
 use super::stored::{Plane, Read, Stored};
-use super::{Cut, Runs, difference, jumps, map, range, short};
+use super::{Cut, Runs, apart, closing, difference, jumps, largest, map, range, short};
 use crate::figure::{Axis, Figure, Panel, Style};
 use crate::observables::level_sets::concentrate;
 use crate::output::checksum::Slab;
@@ -15,7 +15,13 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
     let n = run.dimension();
     let measure = run.has("phi");
     let mut panels = Vec::new();
+    let mut lines = String::new();
     for a in 0..n {
+        let faces = jumps(run, a, cut);
+        if !faces.is_empty() && lines.is_empty() {
+            " Vertical lines: where V jumps.".clone_into(&mut lines);
+        }
+        lines += &closing(run, a, &faces);
         let plane = [a, n + a];
         let mut row = if measure {
             level_sets(runs, plane, cut)?
@@ -27,7 +33,7 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
             if !place.is_empty() {
                 panel.title = format!("{} at {place}", panel.title);
             }
-            for at in jumps(run, a, cut) {
+            for &at in &faces {
                 *panel = std::mem::replace(panel, Panel::new("", panel.x.clone(), panel.y.clone()))
                     .vertical("", at);
             }
@@ -45,11 +51,9 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
     } else {
         "Cell averages of f."
     };
-    let lines = if run.case.is_ok() {
-        " Vertical lines: where V jumps."
-    } else {
-        " The case file is not understood by this program: jumps of V are not shown."
-    };
+    if run.case.is_err() {
+        lines += " The case file is not understood by this program: jumps of V are not shown.";
+    }
     let averaged = if (0..2 * n).any(|a| run.axis(a).cells > super::stored::FINEST) {
         " Finer grids than can be shown are averaged."
     } else {
@@ -73,12 +77,10 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
         true => Some(run.plane("exact", None, at)?),
         false => None,
     };
-    let shared = range(computed.iter().chain(&exact));
+    let scale = largest(computed.iter().chain(&exact));
+    let shared = range(computed.iter().chain(&exact), scale);
     let show = |title: String, field: &Plane| map(run, plane, title, field.clone(), shared);
-    let apart = |title: String, field: Plane| {
-        let range = range([&field]);
-        map(run, plane, title, field, range)
-    };
+    let apart = |title: String, field: Plane| apart(run, plane, title, field, scale);
     let names: Vec<&str> = runs.each().map(|(_, name)| name).collect();
     let mut panels = Vec::new();
     panels.extend(exact.iter().map(|e| show("exact".to_owned(), e)));
@@ -118,7 +120,7 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>>
             .map(|(r, name)| Ok((concentrated(r)?, name)))
             .collect();
         let found = found?;
-        let shared = range(found.iter().map(|(p, _)| p));
+        let shared = range(found.iter().map(|(p, _)| p), 0.0);
         for (field, name) in found.into_iter().rev() {
             let title = format!("φ δ(ψ), {name}");
             panels.push(map(run, plane, title, field, shared));
@@ -130,20 +132,19 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>>
     };
     let mut fields = vec![("φ".to_owned(), "phi", None)];
     fields.extend((0..n).map(|a| (psi(a), "psi", Some(a))));
-    let mut apart = Vec::new();
+    let mut differences = Vec::new();
     for (label, name, component) in fields {
         let field = run.plane(name, component, at)?;
         if let Some(beside) = runs.beside {
             let other = difference(&field, &beside.plane(name, component, at)?);
-            let shared = range([&other]);
             let title = format!("{label}, {} − {}", runs.names[0], runs.names[1]);
-            apart.push(map(run, plane, title, other, shared));
+            differences.push(apart(run, plane, title, other, largest([&field])));
         }
-        let shared = range([&field]);
+        let shared = range([&field], 0.0);
         let title = format!("{label}, {}", runs.names[0]);
         panels.push(map(run, plane, title, field, shared));
     }
-    panels.extend(apart);
+    panels.extend(differences);
     Ok(panels)
 }
 

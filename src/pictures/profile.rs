@@ -220,7 +220,7 @@ pub fn modes(run: &Stored) -> Read<Option<Figure>> {
     let work = Panel::new(
         format!("{label} of a mode"),
         Axis::linear("wavenumber μ"),
-        Axis::linear(label),
+        Axis::linear(label).whole(),
     )
     .line("", style, work.collect());
     let some = if every > 1 {

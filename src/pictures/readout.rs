@@ -24,6 +24,21 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
     // What may be off by more than so many times the largest value tells nothing, and would hide the rest.
     const TELLING: f64 = 10.0;
     let mut hidden = 0;
+    let densest = (value.iter().zip(&observable))
+        .filter(|(v, o)| **o == 0.0 && v.is_finite())
+        .fold(0.0f64, |most, (v, _)| most.max(v.abs()));
+    // Density, momenta and mean velocities at most, by the velocities of the box.
+    let possible = |kind: u64| {
+        let fastest = |a: u64| {
+            let v = run.axis(run.dimension() + (a as usize).min(run.dimension() - 1));
+            v.lower.abs().max(v.upper.abs())
+        };
+        match kind {
+            0 => densest,
+            1..=3 => densest * fastest(kind - 1),
+            _ => fastest(kind - 4),
+        }
+    };
     let mut panels = Vec::new();
     for kind in whole(&observable) {
         let of_kind = |r: &usize| observable[*r] as u64 == kind;
@@ -49,9 +64,15 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
             .iter()
             .filter_map(|&r| Some([place(r)? as f64, value[r]]));
         panel = panel.points(said("of the field"), Style::of(2), values.collect());
-        let largest = rows
+        let found = rows
             .iter()
             .fold(0.0f64, |most, &r| most.max(value[r].abs()));
+        // What is round-off is measured by what could be there.
+        let largest = if found > 1e-10 * possible(kind) {
+            found
+        } else {
+            possible(kind)
+        };
         for (k, estimator_of) in Estimator::ALL.into_iter().enumerate() {
             let mut points = Vec::new();
             for &r in rows.iter().filter(|&&r| estimator[r] as u64 == k as u64) {
@@ -80,7 +101,7 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
     let left_out = match hidden {
         0 => String::new(),
         hidden => format!(
-            " Left out: {hidden} estimates that may be off by more than {TELLING} times the largest value."
+            " Left out: {hidden} estimates that may be off by more than {TELLING} times the largest value (where all are zero, that there could be)."
         ),
     };
     let caption = "What a quantum computer would tell, with bounds that hold with probability 0.95 (mean velocities: 0.90).";
