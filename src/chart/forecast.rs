@@ -85,7 +85,7 @@ struct Rate {
 #[derive(Debug, Default)]
 pub struct Forecast {
     rates: BTreeMap<Kind, Rate>,
-    /// Seconds besides the work by method, cells: the last.
+    /// Seconds besides the work by method and cells: the least, as others on the machine only add to it.
     overheads: BTreeMap<(bool, usize), f64>,
     measured: BTreeMap<Matrix, (Bounds, f64)>,
 }
@@ -203,7 +203,9 @@ impl Forecast {
                 *known = rate;
             }
         }
-        (self.overheads).insert((modes, cells), (total - solve).max(0.0));
+        let besides = (total - solve).max(0.0);
+        let least = (self.overheads).entry((modes, cells)).or_insert(besides);
+        *least = least.min(besides);
         if let Some(warp) = &plan.warp {
             (self.measured).insert(matrix(case), (plan.bounds.clone(), warp.ratio));
         }
