@@ -15,6 +15,9 @@ type Belongs<'a> = &'a dyn Fn(&Entry) -> bool;
 
 const SEMIDISCRETE: &str = "error to the semi-discrete solution";
 
+/// Which trials are of a series, where nothing but they themselves tells.
+type Choice = fn(&Entry) -> bool;
+
 /// All panels, and the sentences below.
 pub fn figure(chart: &Chart) -> Figure {
     let compared: Vec<&Entry> = (chart.entries.iter())
@@ -203,7 +206,7 @@ fn by_treatment(entries: &[&Entry], grid: &str) -> Panel {
         Axis::log("applications of the matrix"),
         Axis::log(SEMIDISCRETE),
     );
-    let treatments: [(&str, fn(&Entry) -> bool); 4] = [
+    let treatments: [(&str, Choice); 4] = [
         ("weights", |e| e.weights == Some(true) && !e.no_jump),
         ("conservative", |e| {
             e.weights == Some(false) && e.interface == "conservative" && !e.no_jump
@@ -282,7 +285,7 @@ fn by_grid(entries: &[Entry], of: &str) -> Vec<Panel> {
             };
             panel = series(panel, label, Style::of(k), points(&all, &belongs, point));
         }
-        let treatments: [(&str, fn(&Entry) -> bool); 2] = [
+        let treatments: [(&str, Choice); 2] = [
             ("", usual),
             (", conservative", |e| {
                 e.weights == Some(false) && e.interface == "conservative" && !e.no_jump

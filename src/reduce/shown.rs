@@ -159,6 +159,9 @@ mod tests {
         assert_eq!(out.len(), 54);
         // Nothing is here, and nothing is put.
         assert!(put(&axes, &[1..1, 0..1, 0..2], Vec::new()).is_empty());
-        assert_eq!(put(&axes[..1], &[1..4], vec![1.0; 3]), [1.0; 3]);
+        assert_eq!(
+            put(&axes[..1], std::slice::from_ref(&(1..4)), vec![1.0; 3]),
+            [1.0; 3]
+        );
     }
 }
