@@ -192,7 +192,7 @@ fn lines(figure: &Figure, panel: usize) -> [Vec<[f64; 2]>; 2] {
 fn maps(figure: &Figure) -> Vec<(&str, &Map)> {
     let panels = figure.panels.iter();
     let of = |layer| match layer {
-        &Layer::Map(ref map) => Some(map),
+        Layer::Map(map) => Some(map),
         _ => None,
     };
     panels
