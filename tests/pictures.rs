@@ -191,7 +191,7 @@ fn lines(figure: &Figure, panel: usize) -> [Vec<[f64; 2]>; 2] {
 
 fn maps(figure: &Figure) -> Vec<(&str, &Map)> {
     let panels = figure.panels.iter();
-    let of = |layer| match layer {
+    let of = |layer: &Layer| match layer {
         Layer::Map(map) => Some(map),
         _ => None,
     };
