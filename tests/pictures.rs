@@ -244,7 +244,15 @@ fn numbers_drawn_are_those_of_the_file() {
         // The run lies uppermost, the exact solution below it.
         let [_, points] = lines(moments, panel);
         let values: Vec<f64> = points.iter().map(|p| p[1]).collect();
-        assert_eq!(values, stored[&format!("/{name}")].numbers(), "{name}");
+        let expected = stored[&format!("/{name}")].numbers();
+        let density = stored["/density"].numbers();
+        let most = density.iter().fold(0.0f64, |m, d| m.max(d.abs()));
+        for ((value, expected), density) in values.iter().zip(expected).zip(density) {
+            // No mean velocity of what may be nothing.
+            let nothing = value.is_nan() && *name == "velocity" && density.abs() < 1e-5 * most;
+            assert!(*value == expected || nothing, "{name}: {value} {expected}");
+        }
+        assert!(values.iter().filter(|v| v.is_finite()).count() > 5);
         let x: Vec<f64> = points.iter().map(|p| p[0]).collect();
         assert_eq!(x, stored["/axis/x"].numbers());
     }
@@ -384,6 +392,15 @@ fn what_is_missing_is_said() {
         names(&place.path().join("plots"), ".svg"),
         ["modes", "phase_space", "profile", "time"]
     );
+    // A summary that says nothing: a report names what it lacks, in the page and beside it.
+    std::fs::write(place.path().join("summary.json"), "{}").unwrap();
+    let done = Job::new(["report", &at(&place)]).on(2).succeed().unwrap();
+    let page = std::fs::read_to_string(place.path().join("report.html")).unwrap();
+    for text in ["no wall_seconds", "no error_estimate", "no probabilities"] {
+        assert!(done.output.contains(text) && page.contains(text), "{text}");
+    }
+    // What was understood is what check says, without what the run left out too.
+    assert!(page.contains("reduced modes l &lt; 0"));
     std::fs::remove_file(place.path().join("summary.json")).unwrap();
     let done = Job::new(["plot", &at(&place)]).succeed().unwrap();
     assert!(done.output.contains("time: left out"), "{}", done.output);
