@@ -203,6 +203,40 @@ fn advice_is_the_same_on_any_ranks() {
     });
 }
 
+/// Nothing is no reference for a relative error; axes that a run merges keep their cells.
+#[test]
+fn a_zero_density_is_refused_and_merged_axes_are_kept() {
+    let rows = [("0", false), ("exp(-8*(x^2 + vx^2 + vy^2))", true)];
+    check_all(&rows, |(f, answered)| {
+        let text = format!(
+            r#"
+            axis = [
+                {{ x = {{ lower = -1, upper = 1, cells = 12 }}, v = {{ lower = -1, upper = 1, cells = 8 }} }},
+                {{ x = {{ lower = 0, upper = 1, cells = 6, boundary = "periodic" }}, v = {{ lower = -1, upper = 1, cells = 4 }} }},
+            ]
+            potential = [{{ value = "x^2/4" }}]
+            initial.f = "{f}"
+            time.end = 0.2
+            "#
+        );
+        let place = directory();
+        let path = written(place.path(), &text)?;
+        if !answered {
+            let finished = advise(&path, "1e-1").within(60).run()?;
+            let says = "a relative error has no meaning";
+            return match finished.code == Some(2) && finished.errors.contains(says) {
+                true => Ok(()),
+                false => Err(finished.report(&format!("exit code 2 and \"{says}\" expected"))),
+            };
+        }
+        let advised = read(&advise(&path, "2e-1").within(120).succeed()?)?;
+        for entry in advised["entries"].as_array().into_iter().flatten() {
+            require(numbers(&entry["shape"])[1] == 6.0, entry, "cells along y")?;
+        }
+        require(advised["best"].is_u64(), &advised, "nothing by modes")
+    });
+}
+
 /// What no grid that fits reaches is refused, with the grid that would; so is what advice cannot be given on.
 #[test]
 fn what_is_out_of_reach_is_refused() {

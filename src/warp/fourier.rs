@@ -162,6 +162,13 @@ mod tests {
     }
 
     #[test]
+    fn points_of_no_modes_end() {
+        let mut none = series().remove(1);
+        none.coefficients.clear();
+        assert_eq!(points(&none), 2);
+    }
+
+    #[test]
     fn points_show_every_mode() {
         for series in series() {
             let n = points(&series);
