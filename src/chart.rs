@@ -102,15 +102,16 @@ impl Chart {
         let (mine, others): (Vec<Setting>, Vec<Setting>) =
             own.into_iter().partition(|(space, _)| *space == case.space);
         work.through(mine);
-        let (compared, compared_why) = work.comparable(&programme);
-        work.through(programme.every_knob(&compared));
-        work.through(others);
-        work.through(programme.everything(&compared));
+        // What fails on two grids, whatever the method, fails on all.
         if !work.has_results()
             && let Some(error) = work.first_error
         {
             return Err(error);
         }
+        let (compared, compared_why) = work.comparable(&programme);
+        work.through(programme.every_knob(&compared));
+        work.through(others);
+        work.through(programme.everything(&compared));
         let mut chart = Self {
             title: match case.title.is_empty() {
                 true => case.name.clone(),

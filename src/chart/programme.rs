@@ -109,8 +109,10 @@ impl Programme {
         let treatments = self.treatments();
         let first = |profile| warped(profile, treatments[0], PropagatorMethod::Chebyshev, FIRST);
         let designed = PROFILES[0];
+        // A classical one and one by modes first, should there be time for no more.
         let mut setups = classical();
-        setups.extend(PROFILES.map(first));
+        setups.insert(1, first(designed));
+        setups.extend(PROFILES[1..].iter().map(|&profile| first(profile)));
         setups.extend(
             treatments[1..]
                 .iter()

@@ -166,7 +166,11 @@ impl<'a> Work<'a> {
     /// Whether there is no time to look for what the scene of `case` needs, or its trial takes too long anyway.
     fn too_late(&self, case: &Case, setup: &Setup, least: f64) -> bool {
         let seconds = self.looking.0 * case.space.cells() as f64;
-        let spent = self.forecasting + seconds > FORECASTING * self.budget;
+        // Another look at the coarsest grid is not dear where the first was not, and without it there is no breadth.
+        let cells = |((shape, _), _): &Needed| shape.iter().product::<usize>();
+        let fewest = self.needed.iter().map(cells).min();
+        let larger = fewest.is_some_and(|fewest| case.space.cells() > fewest);
+        let spent = larger && self.forecasting + seconds > FORECASTING * self.budget;
         self.has_results() && (spent || !self.fits(setup, least + seconds))
     }
 
