@@ -32,7 +32,7 @@ use crate::plan::Bounds;
 use crate::potential::overlooked;
 use crate::run::refuse_hopeless_here;
 use front::front;
-use knobs::grid_name;
+use knobs::{Setup, grid_name};
 use programme::{Programme, Setting};
 use serde::Serialize;
 use std::time::Duration;
@@ -59,6 +59,10 @@ pub struct Chart {
     pub grid: String,
     /// The grid on which methods are compared.
     pub compared_on: String,
+    /// Why that is not the case's own, where it is not.
+    pub compared_why: Option<String>,
+    /// Whether the solution is zero, so that nothing is relative to its size.
+    pub zero: bool,
     /// Which method to take at which accuracy.
     pub sentences: Vec<String>,
     /// The trials.
@@ -92,6 +96,7 @@ impl Chart {
         });
         let mut work = Work::new(world, case, jumps, budget.as_secs_f64());
         work.through(programme.every_method());
+        work.through(vec![(case.space.clone(), Setup::Given)]);
         let own = programme.every_grid();
         // The case's own grid first: the others tell less.
         let (mine, others): (Vec<Setting>, Vec<Setting>) =
@@ -103,7 +108,7 @@ impl Chart {
         {
             return Err(error);
         }
-        let compared = work.comparable(&programme);
+        let (compared, compared_why) = work.comparable(&programme);
         work.through(programme.every_knob(&compared));
         work.through(others);
         work.through(programme.everything(&compared));
@@ -123,6 +128,8 @@ impl Chart {
             }),
             grid: grid_name(&case.space),
             compared_on: grid_name(&compared),
+            compared_why,
+            zero: work.zero == Some(true),
             sentences: Vec::new(),
             entries: work.entries,
         };

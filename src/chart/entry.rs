@@ -26,8 +26,10 @@ pub struct Entry {
     pub status: Status,
     /// Why it was refused.
     pub reason: Option<String>,
-    /// Seconds it would take, comparisons included, where it was left out; at least, where there was no time to plan it.
+    /// Seconds it would take, comparisons included, where it was left out.
     pub expected_seconds: Option<f64>,
+    /// Whether it would take longer: those seconds are without its work, which there was no time to plan, or those of a coarser grid.
+    pub expected_at_least: bool,
     /// Whether it is the case as its file has it.
     pub as_given: bool,
     /// Whether it is the paper's set-up.
@@ -86,10 +88,12 @@ pub struct Entry {
     pub error_estimate: Option<f64>,
     /// With what probability a measurement finds the field in the window of `p` where it can be read.
     pub probability_window: Option<f64>,
-    /// The same at `p◇` alone.
+    /// The same at `p◇` alone, the slice.
     pub probability_slice: Option<f64>,
     /// Applications over the larger of the two: what it takes until the field is measured.
     pub until_measured: Option<f64>,
+    /// Which of the two that is: `window` or `slice`.
+    pub measured_by: Option<String>,
     /// Whether no other of its kind (classical, by modes) is as close to the exact solution in as few seconds.
     pub front_exact: bool,
     /// Whether no other of its kind on its grid is as close to the semi-discrete solution in as few seconds.
@@ -113,6 +117,7 @@ impl Entry {
             status,
             reason: None,
             expected_seconds: None,
+            expected_at_least: false,
             as_given: false,
             paper: false,
             method: case.method,
@@ -144,6 +149,7 @@ impl Entry {
             probability_window: None,
             probability_slice: None,
             until_measured: None,
+            measured_by: None,
             front_exact: false,
             front_seconds: false,
             front_applications: false,
@@ -168,6 +174,11 @@ impl Entry {
         let field = relative(summary.error_l1, summary.exact_l1);
         let likely = window.into_iter().chain(slice).fold(0.0, f64::max);
         let until = applications.map(|n| n as f64 / likely);
+        let until = until.filter(|n| modes && n.is_finite());
+        let by = match window.is_some_and(|p| p == likely) {
+            true => "window",
+            false => "slice",
+        };
         Self {
             modes: modes.then_some(summary.modes),
             applications,
@@ -181,7 +192,8 @@ impl Entry {
             error_estimate: (summary.error_estimate).filter(|_| summary.error_estimate_reliable),
             probability_window: window,
             probability_slice: slice,
-            until_measured: until.filter(|n| modes && n.is_finite()),
+            until_measured: until,
+            measured_by: until.map(|_| by.to_owned()),
             warnings: summary.warnings.clone(),
             ..Self::of(case, Status::Done)
         }
@@ -192,17 +204,24 @@ impl Entry {
         self.integrator.as_deref() == Some(&word(&Integrator::Exponential))
     }
 
+    /// The integrator, the paper's set-up or the profile: what is left out is counted by it.
+    pub fn method_name(&self) -> String {
+        let own = match (&self.integrator, &self.profile) {
+            _ if self.as_given => "the case as given".to_owned(),
+            _ if self.paper => "the paper's set-up".to_owned(),
+            (Some(integrator), _) => integrator.clone(),
+            (None, profile) => profile.clone().unwrap_or_default(),
+        };
+        match &self.limiter {
+            Some(limiter) if *limiter != word(&Limiter::None) && !self.as_given => {
+                format!("{limiter}, {own}")
+            }
+            _ => own,
+        }
+    }
+
     /// What it is, in words, without the grid.
     pub fn name(&self) -> String {
-        self.words(true)
-    }
-
-    /// The same without what is turned to make it more accurate.
-    pub fn family(&self) -> String {
-        self.words(false)
-    }
-
-    fn words(&self, knobs: bool) -> String {
         let mut parts: Vec<String> = Vec::new();
         if self.as_given {
             parts.push("as given:".to_owned());
@@ -214,19 +233,15 @@ impl Entry {
         let limiter = self.limiter.clone().filter(|l| *l != without);
         parts.extend(limiter.map(|l| format!("{l},")));
         parts.extend(self.integrator.clone());
-        if knobs {
-            parts.extend(self.cfl.map(|cfl| format!("at CFL {cfl}")));
-        }
+        parts.extend(self.cfl.map(|cfl| format!("at CFL {cfl}")));
         parts.extend(self.profile.clone());
         if self.coefficients == Some(word(&Coefficients::Sampled)) {
             parts.push("sampled".to_owned());
         }
         parts.extend(self.propagator.clone());
-        if knobs {
-            parts.extend(self.step.map(|step| format!("in steps of {step:.2e}")));
-            parts.extend(self.tolerance.map(|t| format!("to {t:.0e}")));
-            parts.extend(self.points.map(|n| format!("with N_p = {n}")));
-        }
+        parts.extend(self.step.map(|step| format!("in steps of {step:.2e}")));
+        parts.extend(self.tolerance.map(|t| format!("to {t:.0e}")));
+        parts.extend(self.points.map(|n| format!("with N_p = {n}")));
         match self.weights {
             Some(_) if self.no_jump => {}
             Some(true) => parts.push("(weights)".to_owned()),

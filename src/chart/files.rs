@@ -1,6 +1,6 @@
 //! `chart.csv`, `chart.json`, and the table on the terminal.
 
-use super::verdict::{ends, time};
+use super::verdict::expected;
 use super::{Chart, Entry, Status, picture};
 use crate::error::{Error, Result};
 use crate::output::failure;
@@ -9,10 +9,11 @@ use std::fmt;
 use std::path::Path;
 
 /// Columns of `chart.csv`: all of an [`Entry`], in its order.
-pub const COLUMNS: [&str; 39] = [
+pub const COLUMNS: [&str; 41] = [
     "status",
     "reason",
     "expected_seconds",
+    "expected_at_least",
     "as_given",
     "paper",
     "method",
@@ -44,6 +45,7 @@ pub const COLUMNS: [&str; 39] = [
     "probability_window",
     "probability_slice",
     "until_measured",
+    "measured_by",
     "front_exact",
     "front_seconds",
     "front_applications",
@@ -118,8 +120,6 @@ impl Chart {
 
 impl fmt::Display for Chart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}, on a front:\n", self.title)?;
-        let error = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.2e}"));
         let fronts = |e: &Entry| {
             let marks = [
                 ('e', e.front_exact),
@@ -135,46 +135,13 @@ impl fmt::Display for Chart {
             .collect();
         let key = |e: &&Entry| (e.cells, e.method as u8);
         rows.sort_by_key(key);
-        let names: Vec<String> = rows.iter().map(|e| e.name()).collect();
-        let width = names
-            .iter()
-            .map(|n| n.chars().count())
-            .max()
-            .unwrap_or(0)
-            .max(6);
-        let grid = rows.iter().map(|e| e.grid.len()).max().unwrap_or(0).max(4);
-        writeln!(
-            f,
-            "{:<grid$}  {:<width$}  {:>9}  {:>13}  {:>9}  {:>12}  {:>7}  {:>11}  front",
-            "grid",
-            "method",
-            "exact",
-            "semi-discrete",
-            "seconds",
-            "applications",
-            "MiB",
-            "probability"
-        )?;
-        for (e, name) in rows.iter().zip(&names) {
-            let applications = e.applications.map_or("-".to_owned(), |n| n.to_string());
-            let memory = e.memory_bytes_per_rank;
-            let memory = memory.map_or("-".to_owned(), |m| format!("{:.0}", m as f64 / 1048576.0));
-            writeln!(
-                f,
-                "{:<grid$}  {name:<width$}  {:>9}  {:>13}  {:>9}  {applications:>12}  {memory:>7}  {:>11}  {}",
-                e.grid,
-                error(e.error_exact),
-                error(e.error_semidiscrete),
-                e.seconds.map_or("-".to_owned(), |s| format!("{s:.4}")),
-                error(e.probability_window.or(e.probability_slice)),
-                fronts(e)
-            )?;
+        match rows.is_empty() {
+            true => writeln!(f, "{}: no trial is on a front\n", self.title)?,
+            false => {
+                writeln!(f, "{}, on a front:\n", self.title)?;
+                table(f, &rows, &fronts)?;
+            }
         }
-        writeln!(
-            f,
-            "\nfronts: e exact error against seconds; to the semi-discrete solution of the grid: s against seconds, a against applications, m against \
-             applications until it is measured; classical methods and modes apart\n"
-        )?;
         for sentence in &self.sentences {
             writeln!(f, "{sentence}")?;
         }
@@ -182,32 +149,82 @@ impl fmt::Display for Chart {
     }
 }
 
+/// A line of names, then one a trial.
+fn table(
+    f: &mut fmt::Formatter<'_>,
+    rows: &[&Entry],
+    fronts: &dyn Fn(&Entry) -> String,
+) -> fmt::Result {
+    let error = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.2e}"));
+    let names: Vec<String> = rows.iter().map(|e| e.name()).collect();
+    let width = names
+        .iter()
+        .map(|n| n.chars().count())
+        .max()
+        .unwrap_or(0)
+        .max(6);
+    let grid = rows.iter().map(|e| e.grid.len()).max().unwrap_or(0).max(4);
+    writeln!(
+        f,
+        "{:<grid$}  {:<width$}  {:>9}  {:>13}  {:>9}  {:>12}  {:>7}  {:>9}  {:>8}  front",
+        "grid",
+        "method",
+        "exact",
+        "semi-discrete",
+        "seconds",
+        "applications",
+        "MiB",
+        "P(window)",
+        "P(slice)"
+    )?;
+    for (e, name) in rows.iter().zip(&names) {
+        let applications = e.applications.map_or("-".to_owned(), |n| n.to_string());
+        let memory = e.memory_bytes_per_rank;
+        let memory = memory.map_or("-".to_owned(), |m| format!("{:.0}", m as f64 / 1048576.0));
+        writeln!(
+            f,
+            "{:<grid$}  {name:<width$}  {:>9}  {:>13}  {:>9}  {applications:>12}  {memory:>7}  {:>9}  {:>8}  {}",
+            e.grid,
+            error(e.error_exact),
+            error(e.error_semidiscrete),
+            e.seconds.map_or("-".to_owned(), |s| format!("{s:.4}")),
+            error(e.probability_window),
+            error(e.probability_slice),
+            fronts(e)
+        )?;
+    }
+    writeln!(
+        f,
+        "\nfronts: e exact error against seconds; to the semi-discrete solution of the grid: s against seconds, a against applications, m against \
+             applications until it is measured; classical methods and modes apart. P: probability of finding the field in the window of p, or in the slice at p◇\n"
+    )?;
+    Ok(())
+}
+
 impl Chart {
-    /// The names of what was left out, one of a kind; each is in `chart.csv`.
+    /// How much was left out of each method; each setting is in `chart.csv` and `chart.json`.
     fn left_out(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut families: Vec<(String, Vec<f64>)> = Vec::new();
+        let mut methods: Vec<(String, Vec<&Entry>)> = Vec::new();
         for e in (self.entries.iter()).filter(|e| e.status == Status::LeftOut) {
-            let name = format!("{} on {}", e.family(), e.grid);
-            let seconds = e.expected_seconds.unwrap_or(f64::NAN);
-            match families.iter_mut().find(|(other, _)| *other == name) {
-                Some((_, all)) => all.push(seconds),
-                None => families.push((name, vec![seconds])),
+            let name = e.method_name();
+            match methods.iter_mut().find(|(other, _)| *other == name) {
+                Some((_, all)) => all.push(e),
+                None => methods.push((name, vec![e])),
             }
         }
-        let line = |(name, all): &(String, Vec<f64>)| {
-            let [least, most] = ends(all);
-            match all.len() {
-                1 => format!("  {name}: {}", time(least)),
-                n => format!("  {name}, {n} settings: {} to {}", time(least), time(most)),
-            }
-        };
-        let names: Vec<String> = families.iter().map(line).collect();
-        if !names.is_empty() {
-            writeln!(
-                f,
-                "\nleft out, with the time expected:\n{}",
-                names.join("\n")
-            )?;
+        if methods.is_empty() {
+            return Ok(());
+        }
+        writeln!(
+            f,
+            "\nleft out, with the time expected of each (all of them in chart.csv):"
+        )?;
+        for (name, all) in methods {
+            let settings = match all.len() {
+                1 => "1 setting".to_owned(),
+                n => format!("{n} settings"),
+            };
+            writeln!(f, "  {name}: {settings}, {}", expected(&all))?;
         }
         Ok(())
     }

@@ -1,11 +1,11 @@
 //! How long a trial will take, from its plan and from the trials before it.
 //!
 //! ```text
-//! seconds = overhead(grid) + rate · work · cells,     work: applications or solves over all modes and fields
+//! seconds = a + b · cells + rate · work · cells,     work: applications or solves over all modes and fields
 //! ```
 //!
-//! The rate of a kind of work is that of the longest trial of it so far; the overhead (matrix, weights, plan, what the result is compared
-//! with) goes with the cells.
+//! The rate of a kind of work is that of the longest trial of it so far; the overhead `a + b · cells` (matrix, weights, plan, what the result is
+//! compared with) is from the quickest trials of the coarsest and of the finest grid.
 
 use crate::case::{Case, Integrator, Limiter, Method, PropagatorMethod};
 use crate::error::Result;
@@ -19,6 +19,8 @@ const RATE: f64 = 5e-9;
 const OVERHEAD: f64 = 3e-6;
 /// Vectors that leave the cache may take so much longer than those the rate is from.
 const COLDER: f64 = 2.0;
+/// So many seconds of a trial may be starting up, whatever the cells, while only one grid was tried.
+const STARTING: f64 = 0.2;
 
 /// Work that goes at a rate of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -85,8 +87,10 @@ struct Rate {
 #[derive(Debug, Default)]
 pub struct Forecast {
     rates: BTreeMap<Kind, Rate>,
-    /// Seconds besides the work by method and cells: the least, as others on the machine only add to it.
-    overheads: BTreeMap<(bool, usize), f64>,
+    /// Seconds besides the work: whether by modes and whether compared with the semi-discrete solution, then by cells the least.
+    overheads: BTreeMap<(bool, bool), BTreeMap<usize, f64>>,
+    /// Bounds before anything is measured, of matrices by modes and of others.
+    bare: BTreeMap<(Matrix, bool), Bounds>,
     measured: BTreeMap<Matrix, (Bounds, f64)>,
 }
 
@@ -95,10 +99,10 @@ impl Forecast {
     ///
     /// # Errors
     /// As [`WarpPlan::forecast`].
-    pub fn work(&self, case: &Case) -> Result<f64> {
+    pub fn work(&mut self, case: &Case) -> Result<f64> {
         let (bounds, ratio) = match case.method {
             Method::Schrodingerized => self.bounds(case)?,
-            Method::Classical => (Bounds::new(case)?, ASSUMED_RATIO),
+            Method::Classical => (self.bare(case)?, ASSUMED_RATIO),
         };
         match case.method {
             Method::Schrodingerized => WarpPlan::forecast(case, &bounds, ratio),
@@ -111,12 +115,12 @@ impl Forecast {
 
     /// Bounds and norms of the case's matrix: as measured, or with the growth that was measured on the grid nearest to it, which goes with
     /// the cells of an axis.
-    fn bounds(&self, case: &Case) -> Result<(Bounds, f64)> {
+    fn bounds(&mut self, case: &Case) -> Result<(Bounds, f64)> {
         let wanted = matrix(case);
         if let Some((bounds, ratio)) = self.measured.get(&wanted) {
             return Ok((bounds.clone(), *ratio));
         }
-        let found = Bounds::new(case)?;
+        let found = self.bare(case)?;
         let count = |shape: &[usize]| shape.iter().product::<usize>();
         let cells = count(&wanted.0);
         let nearest = (self.measured.iter())
@@ -137,6 +141,17 @@ impl Forecast {
             ..found
         };
         Ok((bounds, *ratio))
+    }
+
+    /// Bounds of the case's matrix without a measurement; found once a matrix.
+    fn bare(&mut self, case: &Case) -> Result<Bounds> {
+        let key = (matrix(case), case.method == Method::Schrodingerized);
+        if let Some(known) = self.bare.get(&key) {
+            return Ok(known.clone());
+        }
+        let found = Bounds::new(case)?;
+        self.bare.insert(key, found.clone());
+        Ok(found)
     }
 
     /// Whether bounds and norms of the case's matrix were measured: its forecast is then the plan's.
@@ -161,27 +176,17 @@ impl Forecast {
             }
             None => RATE * kind.unit(),
         };
-        self.overhead(case) + rate * work * cells
+        self.overhead(case, cells) + rate * work * cells
     }
 
-    /// Seconds besides the work.
-    pub fn overhead(&self, case: &Case) -> f64 {
+    /// Seconds besides the work, on so many cells.
+    pub fn overhead(&self, case: &Case, cells: f64) -> f64 {
         let modes = case.method == Method::Schrodingerized;
-        let cells = case.space.cells();
-        let of = |modes: bool| {
-            (self.overheads.iter())
-                .filter(|((m, _), _)| *m == modes)
-                .min_by_key(|((_, c), _)| c.abs_diff(cells))
-        };
-        match of(modes).or_else(|| of(!modes)) {
-            Some(((_, known), seconds)) => {
-                let larger = cells as f64 / *known as f64;
-                // The steps of a comparison grow with the cells of an axis.
-                let axes = case.space.shape().len() as f64;
-                seconds * larger * larger.powf(1.0 / axes).max(1.0)
-            }
-            None => OVERHEAD * cells as f64,
-        }
+        let alike = |of: &(bool, bool)| (of.0 != modes, of.1 != case.verify);
+        let nearest = self.overheads.iter().min_by_key(|(of, _)| alike(of));
+        nearest.map_or(OVERHEAD * cells, |(_, known)| {
+            overhead(known, cells, case.space.shape().len())
+        })
     }
 
     /// A trial of `case` with this plan took so many seconds to solve and in all.
@@ -203,13 +208,32 @@ impl Forecast {
                 *known = rate;
             }
         }
-        let besides = (total - solve).max(0.0);
-        let least = (self.overheads).entry((modes, cells)).or_insert(besides);
-        *least = least.min(besides);
+        let overhead = (total - solve).max(0.0);
+        let known = self.overheads.entry((modes, case.verify)).or_default();
+        let least = known.entry(cells).or_insert(overhead);
+        *least = least.min(overhead);
         if let Some(warp) = &plan.warp {
             (self.measured).insert(matrix(case), (plan.bounds.clone(), warp.ratio));
         }
     }
+}
+
+/// `a + b · cells` through the seconds known of the fewest and of the most cells; grows with the cells, at least by [`OVERHEAD`] a cell where
+/// that is not more than what is known. Beyond them the steps of a comparison grow with the cells of an axis.
+fn overhead(known: &BTreeMap<usize, f64>, cells: f64, axes: usize) -> f64 {
+    let ends = known.iter().next().zip(known.iter().next_back());
+    let Some(((&few, &little), (&many, &much))) = ends else {
+        return OVERHEAD * cells;
+    };
+    let (few, many) = (few as f64, many as f64);
+    let fixed = match many > few {
+        true => little - (much - little) / (many - few) * few,
+        false => (little - OVERHEAD * few).min(STARTING),
+    };
+    let fixed = fixed.clamp(0.0, little.min(much));
+    let each = ((much - fixed) / many).max(OVERHEAD.min(much / many));
+    let longer = (cells / many).powf(1.0 / axes.max(1) as f64).max(1.0);
+    fixed + each * cells * longer
 }
 
 /// Applications of a step.
@@ -217,5 +241,25 @@ fn stages(case: &Case) -> usize {
     match case.integrator {
         Integrator::SspRk3 => 3,
         Integrator::ForwardEuler | Integrator::Exponential => 1,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn overheads_grow_with_the_cells_and_starting_up_does_not() {
+        // A slow start on 16 x 16 says little about 64 x 64.
+        let noisy = BTreeMap::from([(256, 0.13)]);
+        let found = overhead(&noisy, 4096.0, 2);
+        assert!((0.13..0.3).contains(&found), "{found}");
+        // Two grids give both parts back.
+        let both = BTreeMap::from([(100, 0.05 + 100.0 * 1e-4), (400, 0.05 + 400.0 * 1e-4)]);
+        assert!((overhead(&both, 200.0, 2) - 0.07).abs() < 1e-12);
+        for known in [noisy, both, BTreeMap::from([(100, 0.4), (400, 0.1)])] {
+            let all = [100.0, 400.0, 1600.0, 6400.0].map(|cells| overhead(&known, cells, 2));
+            assert!(all.windows(2).all(|two| two[0] < two[1]), "{all:?}");
+        }
     }
 }

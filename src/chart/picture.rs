@@ -6,7 +6,7 @@
 use super::verdict::ends;
 use super::{Chart, Entry};
 use crate::case::Method;
-use crate::figure::{Axis, Figure, Panel, Style};
+use crate::figure::{Axis, Figure, Marker, Panel, Style};
 
 /// Coordinates of an entry in a panel.
 type Point = fn(&Entry) -> Option<[f64; 2]>;
@@ -95,13 +95,13 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
             |e| Some([e.tolerance?, e.error_semidiscrete?]),
         ),
         (
-            "Probability of measuring the field, by profile",
+            "Probability of finding the field: in the window whole, in the slice dashed",
             Axis::log("applications of the matrix"),
-            Axis::log("probability (window)"),
+            Axis::log("probability"),
             |e| Some([e.applications? as f64, e.probability_window?]),
         ),
         (
-            "Until it is measured, by profile",
+            "Until it is measured (window or slice, the likelier), by profile",
             Axis::log("applications / probability"),
             Axis::log(SEMIDISCRETE),
             |e| Some([e.until_measured?, e.error_semidiscrete?]),
@@ -114,8 +114,17 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
             let belongs = |e: &Entry| {
                 planned(e) && usual(e) && is(&e.propagator, "chebyshev") && is(&e.profile, profile)
             };
-            let points = points(entries, &belongs, point);
-            panel = series(panel, profile, Style::of(style), points);
+            let drawn = points(entries, &belongs, point);
+            panel = series(panel, profile, Style::of(style), drawn);
+            if k == 2 {
+                let slice: Point = |e| Some([e.applications? as f64, e.probability_slice?]);
+                panel = series(
+                    panel,
+                    &format!("{profile}, slice"),
+                    Style::of(style).hollow().dashed(1),
+                    points(entries, &belongs, slice),
+                );
+            }
         }
         match k {
             0 => front(
@@ -126,7 +135,10 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
                 point,
             ),
             1 => {
-                let asked = |e: &&Entry| e.tolerance.filter(|_| planned(e));
+                let asked = |e: &&Entry| {
+                    e.tolerance
+                        .filter(|_| planned(e) && e.error_semidiscrete.is_some())
+                };
                 let all: Vec<f64> = entries.iter().filter_map(asked).collect();
                 let [least, most] = ends(&all);
                 let line = vec![[least, least], [most, most]];
@@ -148,7 +160,7 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
     panels.into_iter().enumerate().map(draw).collect()
 }
 
-/// A thin line along a front.
+/// A thin line along a front, with an open marker at each of its trials.
 fn front(
     panel: Panel,
     label: &str,
@@ -158,7 +170,11 @@ fn front(
 ) -> Panel {
     let mut along = points(entries, belongs, point);
     along.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    series(panel, label, Style::theory(), along)
+    let style = Style {
+        marker: Some(Marker::Circle),
+        ..Style::theory()
+    };
+    series(panel, label, style, along)
 }
 
 /// Seconds: propagators of the designed profile, classical steps, the paper's set-up.

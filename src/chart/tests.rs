@@ -62,6 +62,8 @@ fn chart(entries: Vec<Entry>) -> Chart {
         exact: Some("f".to_owned()),
         grid: "16 x 14".to_owned(),
         compared_on: "16 x 14".to_owned(),
+        compared_why: None,
+        zero: false,
         sentences: Vec::new(),
         entries,
     }
@@ -113,7 +115,7 @@ fn sentences_name_who_wins_and_what_nothing_reaches() {
     assert_eq!(
         text[1],
         "Of the semi-discrete solution on 16 x 14 (relative l2), by modes: within 0.01 designed chebyshev to 1e-3 (weights), \
-         500.0 ms; none came within 1e-4 (closest: designed chebyshev to 1e-3 (weights), 1.0e-3)."
+         500.0 ms; none came within 1e-4 (closest: designed chebyshev to 1e-3 (weights), 1.0e-3; left out for the budget: 1)."
     );
     assert!(
         text[2].contains("within 0.01 designed chebyshev to 1e-3 (weights), 1.0e4"),
@@ -136,10 +138,35 @@ fn sentences_name_who_wins_and_what_nothing_reaches() {
         ..chart
     }
     .to_string();
+    assert!(table.contains("designed: 1 setting, 21 min"), "{table}");
+}
+
+#[test]
+fn what_is_not_compared_or_not_defined_is_said() {
+    let mut nothing = made_up(true, [0.1, 1e-3], 100);
+    nothing.error_semidiscrete = None;
+    let zero = Chart {
+        zero: true,
+        compared_why: Some("it takes too long".to_owned()),
+        grid: "64 x 64".to_owned(),
+        ..chart(vec![nothing])
+    };
+    let text = sentences(&zero);
+    assert!(text[0].starts_with("The solution is zero"), "{text:?}");
+    let why = "Methods are compared on 16 x 14, not on the case's own 64 x 64: it takes too long.";
+    assert_eq!(text[1], why);
+    // What was left out could have come closer.
+    let mut finer = made_up(false, [0.0, 0.0], 0);
+    finer.status = Status::LeftOut;
+    (finer.seconds, finer.error_exact, finer.cells) = (None, None, 10_000);
+    (finer.expected_seconds, finer.expected_at_least) = (Some(70.0), true);
+    let text = sentences(&chart(vec![made_up(false, [0.1, 0.2], 9), finer]));
     assert!(
-        table.contains("designed chebyshev (weights) on 16 x 14: 21 min"),
-        "{table}"
+        text[0].contains("settings on finer grids were left out for the budget"),
+        "{text:?}"
     );
+    let last = text.last().unwrap();
+    assert!(last.contains("at least 70.0 s each"), "{last}");
 }
 
 #[test]

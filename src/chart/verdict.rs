@@ -49,12 +49,12 @@ pub fn winners<'a>(
     (found, None)
 }
 
-/// `within 0.1 …, 0.02 s; within 0.03 …; none came within 0.01 (closest …)`.
+/// `within 0.1 …, 0.02 s; within 0.03 …; none came within 0.01 (closest …)`; `besides` tells of the closest what was left out.
 fn ladder(
     entries: &[&Entry],
     accuracies: &[f64],
     point: impl Fn(&Entry) -> Option<[f64; 2]>,
-    [name, cost]: [&dyn Fn(&Entry) -> String; 2],
+    [name, cost, besides]: [&dyn Fn(&Entry) -> String; 3],
 ) -> Option<String> {
     let error = |e: &Entry| point(e).map(|[_, error]| error).filter(|e| e.is_finite());
     let closest = (entries.iter())
@@ -67,10 +67,11 @@ fn ladder(
         .collect();
     if let Some(missed) = missed {
         parts.push(format!(
-            "none came within {} (closest: {}, {})",
+            "none came within {} (closest: {}, {}{})",
             short(missed),
             name(closest),
-            figures(closest_error)
+            figures(closest_error),
+            besides(closest)
         ));
     }
     Some(parts.join("; "))
@@ -97,7 +98,8 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
         };
         for (kind, entries) in &kinds {
             let point = |e: &Entry| Some([e.seconds?, e.error_exact?]);
-            let ladder = ladder(entries, &EXACT, point, [&anywhere, &seconds]);
+            let besides = |closest: &Entry| unseen(chart, closest);
+            let ladder = ladder(entries, &EXACT, point, [&anywhere, &seconds, &besides]);
             found.extend(ladder.map(|l| format!("Of {of} (relative L1), {kind}: {l}.")));
         }
     }
@@ -109,7 +111,8 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
             .copied()
             .collect();
         let point = |e: &Entry| Some([e.seconds?, e.error_semidiscrete?]);
-        let ladder_ = ladder(&entries, &SEMIDISCRETE, point, [&here, &seconds]);
+        let besides = |closest: &Entry| unseen_there(chart, closest);
+        let ladder_ = ladder(&entries, &SEMIDISCRETE, point, [&here, &seconds, &besides]);
         let reference = entries.iter().find(|e| e.is_reference());
         let also = reference.map_or(String::new(), |e| {
             format!(
@@ -127,17 +130,87 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
         .collect();
     let point = |e: &Entry| Some([e.until_measured?, e.error_semidiscrete?]);
     let until = |e: &Entry| {
+        let by = (e.measured_by.as_ref()).map_or(String::new(), |by| format!(" ({by})"));
         e.until_measured
-            .map_or(String::new(), |n| format!("{n:.1e}"))
+            .map_or(String::new(), |n| format!("{n:.1e}{by}"))
     };
-    let measured = ladder(&entries, &SEMIDISCRETE, point, [&here, &until]);
+    let besides = |closest: &Entry| unseen_there(chart, closest);
+    let measured = ladder(&entries, &SEMIDISCRETE, point, [&here, &until, &besides]);
     found.extend(measured.map(|l| {
         format!(
             "On a quantum computer, by applications over the probability of measuring the field: {l}."
         )
     }));
+    let mut without: Vec<String> = Vec::new();
+    for e in &entries {
+        if e.probability_window.is_none() && e.probability_slice.is_some() {
+            let profile = e.profile.clone().unwrap_or_default();
+            if !without.contains(&profile) {
+                without.push(profile);
+            }
+        }
+    }
+    if !without.is_empty() {
+        let names = without.join(", ");
+        found.push(format!(
+            "Trials by {names} have no window of p whose probability is known: theirs is that of the slice at p◇."
+        ));
+    }
+    if found.is_empty() && chart.zero {
+        found.push(
+            "The solution is zero: no error relative to its size is defined, and no method is better than another."
+                .to_owned(),
+        );
+    }
+    if let Some(why) = &chart.compared_why {
+        found.push(format!(
+            "Methods are compared on {grid}, not on the case's own {}: {why}.",
+            chart.grid
+        ));
+    }
     found.push(account(chart));
     found
+}
+
+/// What was left out that could have come closer to the exact solution than `closest`.
+fn unseen(chart: &Chart, closest: &Entry) -> String {
+    let out = (chart.entries.iter())
+        .filter(|e| e.status == Status::LeftOut && e.method == closest.method);
+    let slopes = |e: &Entry| e.limiter.as_ref().is_some_and(|l| l != "none");
+    let finer = out.clone().any(|e| e.cells > closest.cells);
+    let steeper = !slopes(closest) && out.clone().any(|e| e.cells >= closest.cells && slopes(e));
+    let what = match (finer, steeper) {
+        (true, true) => "settings on finer grids and limiters",
+        (true, false) => "settings on finer grids",
+        (false, true) => "limiters",
+        (false, false) => return String::new(),
+    };
+    format!("; {what} were left out for the budget")
+}
+
+/// The same of the semi-discrete solution, on its grid.
+fn unseen_there(chart: &Chart, closest: &Entry) -> String {
+    let out = (chart.entries.iter()).filter(|e| {
+        e.status == Status::LeftOut && e.method == closest.method && e.grid == closest.grid
+    });
+    match out.count() {
+        0 => String::new(),
+        n => format!("; left out for the budget: {n}"),
+    }
+}
+
+/// Seconds that are expected of `entries`: one number, or the least and the most.
+pub fn expected(entries: &[&Entry]) -> String {
+    let all: Vec<f64> = entries.iter().filter_map(|e| e.expected_seconds).collect();
+    let [least, most] = ends(&all).map(time);
+    let bound = match entries.iter().any(|e| e.expected_at_least) {
+        true => "at least ",
+        false => "",
+    };
+    match least == most {
+        true => format!("{bound}{least}"),
+        false => format!("{bound}{least} to {most}"),
+    }
 }
 
 /// Seconds for people.
@@ -172,14 +245,13 @@ fn account(chart: &Chart) -> String {
     );
     let out = count(Status::LeftOut);
     if out > 0 {
-        let expected: Vec<f64> = (chart.entries.iter())
-            .filter_map(|e| e.expected_seconds)
+        let all: Vec<&Entry> = (chart.entries.iter())
+            .filter(|e| e.status == Status::LeftOut)
             .collect();
-        let [least, most] = ends(&expected);
-        text += &format!(", left out as they did not fit: {out}");
-        if !expected.is_empty() {
-            text += &format!(" (expected to take {} to {} each)", time(least), time(most));
-        }
+        text += &format!(
+            ", left out as they did not fit: {out} (expected to take {} each)",
+            expected(&all)
+        );
     }
     text + "."
 }

@@ -6,6 +6,7 @@
 use super::forecast::Forecast;
 use super::knobs::{Setup, refused};
 use super::programme::{Programme, Setting};
+use super::verdict::time;
 use super::{Entry, Status};
 use crate::case::{Case, Limiter};
 use crate::communicator::{Group, World};
@@ -19,6 +20,8 @@ use std::time::Instant;
 
 /// No trial takes more of the budget than this, so that there is breadth, and one that takes longer than expected does little harm.
 const LARGEST_PART: f64 = 0.125;
+/// The case as it is given may take so much.
+const GIVEN_PART: f64 = 0.25;
 /// A trial is begun where so many times what it is expected to take is left.
 const MARGIN: f64 = 1.3;
 /// Methods are compared on the finest grid where all profiles' first trials take no more of the budget than this together.
@@ -28,6 +31,10 @@ const QUICK: f64 = 5e-4;
 const REPEATS: usize = 3;
 /// What telling how long trials will take may take of the budget.
 const FORECASTING: f64 = 0.1;
+/// Seconds a cell takes to find what a scene needs, before that is measured.
+const LOOKING: f64 = 1e-7;
+/// That is measured where it takes so many seconds.
+const MEASURABLE: f64 = 0.01;
 
 /// What rank 0 decides of a setting.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -54,6 +61,8 @@ pub(super) struct Work<'a> {
     over: bool,
     /// Seconds that forecasts took on this rank.
     forecasting: f64,
+    /// Seconds a cell took to find what a scene needs, and of how many cells that is from.
+    looking: (f64, usize),
     forecast: Forecast,
     needed: Vec<Needed>,
     seen: Vec<Setting>,
@@ -61,6 +70,8 @@ pub(super) struct Work<'a> {
     pub entries: Vec<Entry>,
     /// Why the first trial failed that did.
     pub first_error: Option<Error>,
+    /// Whether the solution is zero everywhere, once a trial told.
+    pub zero: Option<bool>,
 }
 
 impl<'a> Work<'a> {
@@ -75,11 +86,13 @@ impl<'a> Work<'a> {
             started: Instant::now(),
             over: false,
             forecasting: 0.0,
+            looking: (LOOKING, 0),
             forecast: Forecast::default(),
             needed: Vec::new(),
             seen: Vec::new(),
             entries: Vec::new(),
             first_error: None,
+            zero: None,
         }
     }
 
@@ -117,9 +130,48 @@ impl<'a> Work<'a> {
     }
 
     /// Whether `seconds` more fit, of a trial. The very first always does.
-    fn fits(&self, seconds: f64) -> bool {
+    fn fits(&self, setup: &Setup, seconds: f64) -> bool {
         let room = self.elapsed() + MARGIN * seconds <= self.budget;
-        !self.has_results() || (room && seconds <= LARGEST_PART * self.budget)
+        let part = match setup {
+            Setup::Given => GIVEN_PART,
+            _ => LARGEST_PART,
+        };
+        !self.has_results() || (room && seconds <= part * self.budget)
+    }
+
+    /// What `setup` took, or would take, on grids of fewer cells: on `cells` it does not take less.
+    fn on_coarser(&self, setup: &Setup, cells: usize) -> f64 {
+        let known = self.seen.iter().zip(&self.entries);
+        let coarser = known.filter(|((space, other), _)| other == setup && space.cells() < cells);
+        coarser
+            .filter_map(|(_, e)| e.expected_seconds.or(e.total_seconds))
+            .fold(0.0, f64::max)
+    }
+
+    /// What a trial takes at least, before it is known how many cells its scene needs: the part of them that it needed on another grid.
+    fn least(&self, case: &Case) -> f64 {
+        let (_, what) = Self::key(case);
+        let cells = case.space.cells() as f64;
+        let alike = self
+            .needed
+            .iter()
+            .rev()
+            .find(|((_, other), _)| *other == what);
+        let part = alike.map_or(1.0, |((shape, _), (space, _))| {
+            space.cells() as f64 / shape.iter().product::<usize>() as f64
+        });
+        self.forecast.overhead(case, part * cells)
+    }
+
+    /// Whether there is no time to look for what the scene of `case` needs, or its trial takes too long anyway.
+    fn too_late(&self, case: &Case, setup: &Setup, least: f64) -> bool {
+        let seconds = self.looking.0 * case.space.cells() as f64;
+        // Another look at the coarsest grid is not dear where the first was not, and without it there is no breadth.
+        let cells = |((shape, _), _): &Needed| shape.iter().product::<usize>();
+        let fewest = self.needed.iter().map(cells).min();
+        let larger = fewest.is_some_and(|fewest| case.space.cells() > fewest);
+        let spent = larger && self.forecasting + seconds > FORECASTING * self.budget;
+        self.has_results() && (spent || !self.fits(setup, least + seconds))
     }
 
     /// Tries `settings` in order, each once. Collective.
@@ -147,8 +199,10 @@ impl<'a> Work<'a> {
             reason: Some(reason),
             ..named(Entry::of(case, Status::Refused))
         };
-        let left_out = |case: &Case, seconds: f64| Entry {
-            expected_seconds: Some(seconds),
+        let coarser = self.on_coarser(setup, space.cells());
+        let left_out = |case: &Case, seconds: f64, at_least: bool| Entry {
+            expected_seconds: Some(seconds.max(coarser)),
+            expected_at_least: at_least || coarser > seconds,
             ..named(Entry::of(case, Status::LeftOut))
         };
         if let Some(why) = refused(&case) {
@@ -159,8 +213,14 @@ impl<'a> Work<'a> {
             self.over = self.told([f64::from(used_up)])[0] > 0.5;
         }
         if self.over {
-            let (seconds, _) = self.expected(&self.known(&case).unwrap_or(case.clone()));
-            return left_out(&case, seconds);
+            return left_out(&case, self.least(&case), true);
+        }
+        if self.known(&case).is_none() {
+            let least = self.least(&case);
+            let late = self.too_late(&case, setup, least);
+            if self.told([f64::from(late)])[0] > 0.5 {
+                return left_out(&case, least, true);
+            }
         }
         // What runs has no more cells than the scene needs.
         let mut needed = match self.needed(&case) {
@@ -168,13 +228,13 @@ impl<'a> Work<'a> {
             Err(error) => return refusal(&case, self.failed(error)),
         };
         if setup.needs_bounds() {
-            let least = self.forecast.overhead(&needed);
-            let mine = match self.fits(least) {
+            let least = self.forecast.overhead(&needed, needed.space.cells() as f64);
+            let mine = match self.fits(setup, least) {
                 true => Decision::Run,
                 false => Decision::LeaveOut,
             };
             if self.decided(mine) != Decision::Run {
-                return left_out(&case, least);
+                return left_out(&case, least, true);
             }
             match self.measured(&needed) {
                 Ok(bounds) => case = setup.settle(self.case, space, Some(&bounds)),
@@ -182,15 +242,15 @@ impl<'a> Work<'a> {
             }
             needed.warp = case.warp;
         }
-        let (seconds, error) = self.expected(&needed);
+        let (seconds, at_least, error) = self.expected(&needed);
         let mine = match &error {
             // With what was measured it is the plan's own; else the trial tells.
             Some(_) if self.forecast.knows(&needed) => Decision::Refuse,
-            _ if self.fits(seconds) => Decision::Run,
+            _ if self.fits(setup, seconds) => Decision::Run,
             _ => Decision::LeaveOut,
         };
         match self.decided(mine) {
-            Decision::LeaveOut => return left_out(&case, seconds),
+            Decision::LeaveOut => return left_out(&case, seconds, at_least),
             Decision::Refuse => {
                 return refusal(&case, error.map_or(String::new(), |e| e.to_string()));
             }
@@ -199,6 +259,12 @@ impl<'a> Work<'a> {
         match self.timed(&needed) {
             Ok((trial, [seconds, solve, total])) => {
                 (self.forecast).learn(&needed, &trial.plan, [solve, total]);
+                if self.zero.is_none() {
+                    let all = trial.fields.iter().flatten();
+                    let mut largest = [all.fold(0.0, |largest, f| f64::max(largest, f.abs()))];
+                    self.all.max_into(&mut largest);
+                    self.zero = Some(largest[0] == 0.0);
+                }
                 named(Entry::done(&case, &trial, [seconds, total]))
             }
             Err(error) => refusal(&case, self.failed(error)),
@@ -213,19 +279,19 @@ impl<'a> Work<'a> {
     }
 
     /// Seconds that a trial of `case` is expected to take, and why it cannot be planned if it cannot; where there is no time to
-    /// plan it, or where it is much too long without its work, what it takes at least.
-    fn expected(&mut self, case: &Case) -> (f64, Option<Error>) {
-        let least = self.forecast.overhead(case);
+    /// plan it, or where it is much too long without its work, what it takes at least, and that it is that.
+    fn expected(&mut self, case: &Case) -> (f64, bool, Option<Error>) {
+        let least = (self.forecast).overhead(case, case.space.cells() as f64);
         let spent = self.forecasting > FORECASTING * self.budget;
         if self.has_results() && (spent || least > LARGEST_PART * self.budget) {
-            return (least, None);
+            return (least, true, None);
         }
         let began = Instant::now();
         let work = self.forecast.work(case);
         self.forecasting += began.elapsed().as_secs_f64();
         match work {
-            Ok(work) => (self.forecast.seconds(case, work), None),
-            Err(error) => (least, Some(error)),
+            Ok(work) => (self.forecast.seconds(case, work), false, None),
+            Err(error) => (least, true, Some(error)),
         }
     }
 
@@ -252,7 +318,15 @@ impl<'a> Work<'a> {
         if let Some(known) = self.known(case) {
             return Ok(known);
         }
-        let found = reduced(&self.all, case)?;
+        let began = Instant::now();
+        let found = reduced(&self.all, case);
+        let took = began.elapsed().as_secs_f64();
+        self.forecasting += took;
+        let cells = case.space.cells();
+        if took > MEASURABLE && cells >= self.looking.1 {
+            self.looking = (took / cells as f64, cells);
+        }
+        let found = found?;
         let found_of = (found.space.clone(), found.reductions.clone());
         self.needed.push((Self::key(case), found_of));
         Ok(found)
@@ -290,24 +364,59 @@ impl<'a> Work<'a> {
         Ok(found.bounds)
     }
 
-    /// The finest grid, up to the case's own, where comparing methods is affordable: that of rank 0. Collective.
-    pub fn comparable(&self, programme: &Programme) -> PhaseSpace {
-        let seconds = |(space, setup): &Setting| {
-            let case = setup.settle(self.case, space, None);
-            let case = self.known(&case).unwrap_or(case);
-            match self.forecast.work(&case) {
-                Ok(work) => self.forecast.seconds(&case, work),
-                // It is refused, and costs nothing.
-                Err(_) => 0.0,
-            }
-        };
-        let affordable = |space: &PhaseSpace| {
-            let all: f64 = programme.profiles(space).iter().map(seconds).sum();
-            all <= COMPARED * self.budget
-        };
+    /// The finest grid, up to the case's own, where comparing methods is affordable: that of rank 0; and why it is not the case's own.
+    /// Collective.
+    pub fn comparable(&mut self, programme: &Programme) -> (PhaseSpace, Option<String>) {
         let candidates = &programme.grids[..=programme.own];
-        let finest = candidates.iter().rposition(affordable).unwrap_or(0);
+        let mut finest = 0;
+        let mut why = None;
+        for (k, space) in candidates.iter().enumerate().rev() {
+            let dearer = self.too_dear(&programme.profiles(space));
+            if dearer.is_none() {
+                finest = k;
+                break;
+            }
+            if k == programme.own {
+                why = dearer;
+            }
+        }
         let finest = self.told([finest as f64])[0] as usize;
-        candidates[finest.min(programme.own)].clone()
+        let finest = finest.min(programme.own);
+        (
+            candidates[finest].clone(),
+            why.filter(|_| finest < programme.own),
+        )
+    }
+
+    /// Why these trials are too dear together to compare methods where they are.
+    fn too_dear(&mut self, settings: &[Setting]) -> Option<String> {
+        let allowed = COMPARED * self.budget;
+        if self.elapsed() > self.budget {
+            return Some("the budget was used up before it".to_owned());
+        }
+        let began = Instant::now();
+        let (mut sum, mut least) = (0.0, false);
+        for (space, setup) in settings {
+            let case = setup.settle(self.case, space, None);
+            let overhead = self.least(&case);
+            if sum + overhead > allowed {
+                (sum, least) = (sum + overhead, true);
+                break;
+            }
+            let case = self.known(&case).unwrap_or(case);
+            // What is refused costs nothing.
+            if let Ok(work) = self.forecast.work(&case) {
+                sum += self.forecast.seconds(&case, work);
+            }
+        }
+        self.forecasting += began.elapsed().as_secs_f64();
+        (sum > allowed).then(|| {
+            format!(
+                "a trial of each profile there is expected to take {}{} in all, more than {} of the budget",
+                if least { "at least " } else { "" },
+                time(sum),
+                time(allowed)
+            )
+        })
     }
 }

@@ -47,7 +47,8 @@ fn linear([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
         .collect()
 }
 
-/// Powers of ten, every so many with a label; where there are less than two, 2 and 5 times them too.
+/// Powers of ten, every so many with a label; where there are less than two, 2 and 5 times them too; where that is one label or none, as on
+/// a linear axis.
 fn logarithmic([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
     let (first, last) = (
         (lower.log10() - 1e-9).floor() as i32,
@@ -73,7 +74,11 @@ fn logarithmic([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
             all.push(Tick { at, label });
         }
     }
-    all
+    let labels = all.iter().filter(|tick| tick.label.is_some()).count();
+    match few && labels < 2 && lower < upper {
+        true => linear([lower, upper], wanted),
+        false => all,
+    }
 }
 
 /// `10⁻³`; `1` and `10` as they are.
