@@ -182,18 +182,7 @@ pub enum Name {
 }
 
 impl Name {
-    /// All of them.
-    pub const ALL: [Self; 8] = [
-        Self::Cfl,
-        Self::Growth,
-        Self::Recovery,
-        Self::Interval,
-        Self::Delta,
-        Self::Grazing,
-        Self::Step,
-        Self::Tolerance,
-    ];
-    /// In the order in which they are measured: those that take seconds first, then those that take what there is.
+    /// All of them, in the order in which they are measured: those that take seconds first, then those that take what there is.
     const BY_COST: [Self; 8] = [
         Self::Delta,
         Self::Cfl,
