@@ -191,10 +191,12 @@ fn lines(figure: &Figure, panel: usize) -> [Vec<[f64; 2]>; 2] {
 
 fn maps(figure: &Figure) -> Vec<(&str, &Map)> {
     let panels = figure.panels.iter();
-    let of = |layer: &Layer| match layer {
-        Layer::Map(map) => Some(map),
-        _ => None,
-    };
+    fn of(layer: &Layer) -> Option<&Map> {
+        match layer {
+            Layer::Map(map) => Some(map),
+            _ => None,
+        }
+    }
     panels
         .flat_map(|p| {
             p.layers
