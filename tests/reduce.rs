@@ -146,6 +146,37 @@ fn answers_are_those_of_the_whole_grid() {
     });
 }
 
+/// Of measure-valued data the exact mass and the errors of the moments are those of the whole grid too.
+#[test]
+fn moments_of_level_sets_are_those_of_the_whole_grid() {
+    let settings: &[&str] = &[
+        "axis.0.x.cells=12",
+        "axis.1.x={lower=-0.3, upper=0.2, cells=7, boundary='periodic'}",
+        "potential.0.where=x > 0",
+        "initial.density=0 if x > -0.1 else 1",
+        "initial.velocity=['0.4 if x > 0 else 0.6', '0.5']",
+    ];
+    for ranks in [1, 3] {
+        let row = ("example3.toml", settings, ranks);
+        let (with, without) = (directory(), directory());
+        let less = run(&row, &[]).solve(with.path()).unwrap();
+        let all = run(&row, &["solver.reduce=false"])
+            .solve(without.path())
+            .unwrap();
+        let cells = [&less, &all].map(|run| run.number("cells").unwrap());
+        assert_eq!(7.0 * cells[0], cells[1]);
+        for key in [
+            "mass",
+            "mass_exact",
+            "error_density_l1",
+            "error_velocity_l1",
+        ] {
+            let [a, b] = [&less, &all].map(|run| run.number(key).unwrap());
+            assert!(b > 0.0 && (a - b).abs() <= 1e-6 * b, "{key}: {a:e}, {b:e}");
+        }
+    }
+}
+
 /// The same bits on any ranks, whatever is left out.
 #[test]
 fn bits_do_not_depend_on_ranks() {
