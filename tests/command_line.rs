@@ -317,6 +317,7 @@ fn intervals_too_short_are_refused_with_what_is_needed() {
                 "axis.0.x.cells=20",
                 "axis.0.v.cells=16",
                 "solver.verify=true",
+                "solver.reduce={axes=false, velocities=false}",
                 &format!("solver.tolerance={tolerance}"),
                 &format!("solver.warp.profile={profile}"),
                 &format!("solver.warp.coefficients={coefficients}"),
