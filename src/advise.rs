@@ -4,7 +4,7 @@
 //! without Schrödingerization, each grid twice as fine as the one before; without `[exact]` the error is that of Richardson: from the distance `d` to a grid
 //! twice as fine, `e = d/(1 − 2^{−q})`. The order `q` is measured and not assumed: discontinuous solutions have about 1/2. The grid that
 //! reaches the accuracy lies between two that were tried, or follows from the order; it is tried itself where the budget allows.
-//! Schrödingerization adds at most a tenth of the accuracy: its tolerance follows from the norms of `f` ([`trials::Found::spread`]) and is tried on a coarse grid.
+//! Schrödingerization adds at most a tenth of the accuracy: its tolerance follows from the norms of `f` (`trials::Found::spread`) and is tried on a coarse grid.
 //!
 //! What is tried is decided by counted work; of the clock only so much that rank 0 stops what takes far longer than counted on.
 

@@ -1,9 +1,9 @@
 //! `phasewarp chart`: accuracy against cost, method by method.
 //!
-//! The methods are run on one case over a range of their knobs ([`programme`]), within a budget of time: breadth first, each trial
-//! only where what it will take fits ([`forecast`]). Rank 0's clock decides, for all. What ran, what was refused and what was left out are the
-//! [`Entry`]s; from them follow Pareto fronts ([`front`]), the sentences that say which method to take ([`verdict`]), files ([`files`])
-//! and the picture ([`picture`]).
+//! The methods are run on one case over a range of their knobs (`programme`), within a budget of time: breadth first, each trial
+//! only where what it will take fits (`forecast`). Rank 0's clock decides, for all. What ran, what was refused and what was left out are the
+//! [`Entry`]s; from them follow Pareto fronts (`front`), the sentences that say which method to take (`verdict`), files (`files`)
+//! and the picture (`picture`).
 //!
 //! Two errors are told apart: the distance to the exact solution, where one is named, which is mostly the grid's; and the distance to the exact
 //! solution of the semi-discrete system, which is the method's own.

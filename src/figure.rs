@@ -1,7 +1,7 @@
 //! Figures as data, drawn to SVG and PNG.
 //!
 //! A [`Figure`] is panels in a grid, with a sentence below; a [`Panel`] is axes and what is drawn between them. One way of drawing serves both
-//! formats ([`draw`]); fonts are in the program. Series differ in marker and dash as well as in colour, and heat maps grow lighter with the value: all can
+//! formats (`draw`); fonts are in the program. Series differ in marker and dash as well as in colour, and heat maps grow lighter with the value: all can
 //! be read in grey and by the colour-blind ([`palette`]).
 //!
 //! ```

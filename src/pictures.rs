@@ -2,13 +2,13 @@
 //!
 //! | picture | what it shows | where |
 //! |---|---|---|
-//! | `phase_space` | fields on the planes (x_a, v_a), beside the exact ones | [`phase_space`] |
-//! | `moments`; `density`, `velocity` | in one dimension as lines, in more as maps | [`moments`] |
-//! | `history` | mass, energy and, in one dimension, density at the output times | [`history`] |
-//! | `profile` | `g(p)`, where it is read, and how it differs from `e^{−p}` where that matters | [`profile`] |
-//! | `modes` | weights and applications by wavenumber | [`profile`] |
-//! | `plateau`, `readout` | readings at other `p`; what a quantum computer would tell | [`profile`], [`readout`] |
-//! | `time` | seconds by step | [`history`] |
+//! | `phase_space` | fields on the planes (x_a, v_a), beside the exact ones | `phase_space` |
+//! | `moments`; `density`, `velocity` | in one dimension as lines, in more as maps | `moments` |
+//! | `history` | mass, energy and, in one dimension, density at the output times | `history` |
+//! | `profile` | `g(p)`, where it is read, and how it differs from `e^{−p}` where that matters | `profile` |
+//! | `modes` | weights and applications by wavenumber | `profile` |
+//! | `plateau`, `readout` | readings at other `p`; what a quantum computer would tell | `profile`, `readout` |
+//! | `time` | seconds by step | `history` |
 //!
 //! What a run has none of (a classical one of profiles) has no picture. What its files lack is left out, and said. A second run on the
 //! same grid can be drawn beside the first.

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | a space axis, to one cell | `V`, `f(0)`, inflow and exact solution do not name it, and it is periodic or nothing moves along it | every cell along it holds the same at all times: `Σ_i` of the transport terms vanishes cell by cell |
 //! | its velocity axis, to one cell | they do not name that either | nothing pushes along it, so that every velocity holds the same |
-//! | velocities beyond a box | nothing is there at time zero, nothing enters, and no row takes from a cell that is reached | their cells stay exactly zero ([`reached`]) |
+//! | velocities beyond a box | nothing is there at time zero, nothing enters, and no row takes from a cell that is reached | their cells stay exactly zero (`reached`) |
 //! | auxiliary unknowns | nothing enters | they are zero |
 //! | modes `l < 0` | always | data and `A` are real: `w_{−l}` is the conjugate of `w_l` |
 //!

@@ -46,7 +46,7 @@ pub struct Stored {
     file: File,
 }
 
-/// A dataset over two axes, averaged where the grid is finer than [`FINEST`].
+/// A dataset over two axes, averaged where the grid is finer than `FINEST`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plane {
     /// Cells along both.
