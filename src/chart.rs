@@ -22,11 +22,11 @@ mod work;
 
 pub use entry::{Entry, Status};
 
-use crate::advise::grids::Grids;
 use crate::case::{Case, Method};
 use crate::communicator::World;
 use crate::error::{Error, Result};
 use crate::grid::PhaseSpace;
+use crate::grids::Grids;
 use crate::output::provenance::GIT;
 use crate::plan::Bounds;
 use crate::potential::overlooked;

@@ -33,7 +33,7 @@
 //! | [`varying`] | inflow that depends on time, in steps |
 //! | [`characteristics`], [`observables`], [`spectrum`] | the exact solution, of measure-valued data too; moments, level sets; eigenvalues of `S` |
 //! | [`quantum`] | oracles, sparsity, resources, readout of a quantum computer; circuits of tiny cases |
-//! | [`advise`] | which grid and set-up reach an accuracy of the density |
+//! | [`advise`], [`grids`] | which grid and set-up reach an accuracy of the density; other grids over the same box |
 //! | [`run`], [`compare`], [`output`], [`progress`], [`system`] | the driver; errors; files; what is said meanwhile; memory |
 //! | [`pictures`], [`report`] | a finished run drawn, and as a page, from its files |
 //! | [`checkpoint`] | what is finished, on disk: a run that was stopped goes on |
@@ -59,6 +59,7 @@ pub mod error;
 pub mod expression;
 pub mod figure;
 pub mod grid;
+pub mod grids;
 pub mod matrix;
 pub mod observables;
 pub mod output;

@@ -23,7 +23,6 @@ use std::path::Path;
 /// [`Error::Directory`].
 pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<()> {
     let attempt = || -> std::io::Result<()> {
-        std::fs::create_dir_all(directory)?;
         let warped = warped::names(case);
         let names = ["result.h5", xdmf::NAME, "summary.json", "readout.csv"];
         for name in names.into_iter().chain(warped.iter().map(String::as_str)) {
@@ -33,21 +32,35 @@ pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<()> {
                 )));
             }
         }
-        let probe = directory.join(".phasewarp-can-write");
-        std::fs::write(&probe, b"")?;
-        std::fs::remove_file(&probe)
+        Ok(())
     };
     let result = if world.rank() == 0 {
-        attempt()
-            .map_err(|e| Error::Directory {
-                path: directory.to_owned(),
-                reason: e.to_string(),
-            })
+        make(directory)
+            .and_then(|()| attempt().map_err(|e| refused(directory, &e)))
             .and_then(|()| hdf5::enough_room(directory, case))
     } else {
         Ok(())
     };
     world.agree(result)
+}
+
+/// Makes `directory` and makes sure that it can be written. On one rank.
+///
+/// # Errors
+/// [`Error::Directory`].
+pub fn make(directory: &Path) -> Result<()> {
+    let probe = directory.join(".phasewarp-can-write");
+    std::fs::create_dir_all(directory)
+        .and_then(|()| std::fs::write(&probe, b""))
+        .and_then(|()| std::fs::remove_file(&probe))
+        .map_err(|e| refused(directory, &e))
+}
+
+fn refused(directory: &Path, why: &std::io::Error) -> Error {
+    Error::Directory {
+        path: directory.to_owned(),
+        reason: why.to_string(),
+    }
 }
 
 /// An [`Error::Output`] about `path`.

@@ -210,10 +210,7 @@ impl Album {
     /// # Errors
     /// [`Error::Directory`], [`Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<Vec<PathBuf>> {
-        std::fs::create_dir_all(directory).map_err(|e| Error::Directory {
-            path: directory.to_owned(),
-            reason: e.to_string(),
-        })?;
+        crate::output::make(directory)?;
         let mut written = Vec::new();
         for picture in &self.pictures {
             written.extend(picture.figure.write(directory, &picture.name)?);

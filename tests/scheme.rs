@@ -1064,21 +1064,8 @@ fn first_order_convergence_without_a_jump() {
                 .map(|i| case.space.point(&case.space.cell(i)))
                 .map(|p| [p[0], p[3]])
                 .collect();
-            // Classical Runge–Kutta, in steps far below what the error in space needs.
-            let steps = (Bounds::new(&case).expect("V is finite").rate * TIME).ceil();
-            let dt = TIME / steps;
-            let mut f: Vec<f64> = points.iter().map(|[x, v]| cloud(*x, *v)).collect();
-            for _ in 0..steps as usize {
-                let mut stage = f.clone();
-                for k in [4.0, 3.0, 2.0, 1.0] {
-                    let apply = |row: &Vec<(usize, f64)>| -> f64 {
-                        row.iter().map(|&(j, a)| a * stage[j]).sum()
-                    };
-                    let change: Vec<f64> = matrix.iter().map(apply).collect();
-                    stage = f.iter().zip(&change).map(|(f, a)| f + dt / k * a).collect();
-                }
-                f = stage;
-            }
+            let f = points.iter().map(|[x, v]| cloud(*x, *v)).collect();
+            let f = evolved(&case, &matrix, f, TIME);
             // x' = v, v' = −x, traced back.
             let (s, c) = TIME.sin_cos();
             let error: f64 = (points.iter().zip(&f))
@@ -1255,20 +1242,8 @@ fn first_order_convergence_around_a_periodic_axis() {
             let points: Vec<[f64; 6]> = (0..case.space.cells())
                 .map(|i| case.space.point(&case.space.cell(i)))
                 .collect();
-            let steps = (Bounds::new(&case).expect("V is finite").rate * TIME).ceil();
-            let dt = TIME / steps;
-            let mut f: Vec<f64> = points.iter().map(|p| tracer.value(p, 0.0)).collect();
-            for _ in 0..steps as usize {
-                let mut stage = f.clone();
-                for k in [4.0, 3.0, 2.0, 1.0] {
-                    let apply = |row: &Vec<(usize, f64)>| -> f64 {
-                        row.iter().map(|&(j, a)| a * stage[j]).sum()
-                    };
-                    let change: Vec<f64> = matrix.iter().map(apply).collect();
-                    stage = f.iter().zip(&change).map(|(f, a)| f + dt / k * a).collect();
-                }
-                f = stage;
-            }
+            let f = points.iter().map(|p| tracer.value(p, 0.0)).collect();
+            let f = evolved(&case, &matrix, f, TIME);
             let error: f64 = (points.iter().zip(&f))
                 .map(|(p, f)| (f - tracer.value(p, TIME)).abs())
                 .sum();
@@ -1279,4 +1254,21 @@ fn first_order_convergence_around_a_periodic_axis() {
         let order = (pair[0] / pair[1]).log2();
         assert!((0.8..1.2).contains(&order), "order {order}: {errors:?}");
     }
+}
+
+/// `exp(A time) f` by the classical Runge–Kutta method for linear systems, in steps far below what the error in space needs.
+fn evolved(case: &Case, matrix: &[Vec<(usize, f64)>], mut f: Vec<f64>, time: f64) -> Vec<f64> {
+    let steps = (Bounds::new(case).expect("V is finite").rate * time).ceil();
+    let dt = time / steps;
+    for _ in 0..steps as usize {
+        let mut stage = f.clone();
+        for k in [4.0, 3.0, 2.0, 1.0] {
+            let apply =
+                |row: &Vec<(usize, f64)>| -> f64 { row.iter().map(|&(j, a)| a * stage[j]).sum() };
+            let change: Vec<f64> = matrix.iter().map(apply).collect();
+            stage = f.iter().zip(&change).map(|(f, a)| f + dt / k * a).collect();
+        }
+        f = stage;
+    }
+    f
 }

@@ -1,12 +1,12 @@
 //! Runs on trial grids, each done once, and their densities' errors.
 
-use super::grids::{Grids, averaged};
 use crate::case::{Case, Exact, Integrator, Interface, Limiter, Method};
 use crate::characteristics::Tracer;
 use crate::characteristics::sheet::exact_moments;
 use crate::communicator::{Group, World};
 use crate::error::{Error, Result};
 use crate::grid::{Axis, Part, PhaseSpace};
+use crate::grids::{Grids, averaged};
 use crate::partition::split;
 use crate::plan::{Bounds, classical_steps};
 use crate::potential::for_each_cell;

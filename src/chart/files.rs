@@ -2,7 +2,7 @@
 
 use super::verdict::expected;
 use super::{Chart, Entry, Status, picture};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::output::failure;
 use serde_json::Value;
 use std::fmt;
@@ -84,21 +84,6 @@ pub fn csv(entries: &[Entry]) -> String {
         text += &(fields.join(",") + "\n");
     }
     text
-}
-
-/// Makes `directory` and makes sure that it can be written. On one rank.
-///
-/// # Errors
-/// [`Error::Directory`].
-pub fn prepare(directory: &Path) -> Result<()> {
-    let probe = directory.join(".phasewarp-can-write");
-    let attempt = std::fs::create_dir_all(directory)
-        .and_then(|()| std::fs::write(&probe, b""))
-        .and_then(|()| std::fs::remove_file(&probe));
-    attempt.map_err(|e| Error::Directory {
-        path: directory.to_owned(),
-        reason: e.to_string(),
-    })
 }
 
 impl Chart {

@@ -1,11 +1,11 @@
 //! What is tried, in which order: every method once on the coarsest grid, then grids, then the knobs of each method, then all combinations.
 
 use super::knobs::{Setup, Treatment};
-use crate::advise::grids::Grids;
 use crate::case::{
     DEFAULT_BETA, DEFAULT_ORDER, Integrator, Limiter, ProfileChoice, PropagatorMethod,
 };
 use crate::grid::PhaseSpace;
+use crate::grids::Grids;
 
 /// What the cells of an axis are divided by on coarser grids, and multiplied by on finer ones.
 const FACTORS: [usize; 2] = [2, 4];

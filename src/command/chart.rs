@@ -14,7 +14,7 @@ use std::time::Duration;
 pub fn chart(world: &World, case: &Case, budget: Duration, directory: &Path) -> Result<Chart> {
     let all = world.group();
     let writable = match all.rank() {
-        0 => crate::chart::files::prepare(directory),
+        0 => crate::output::make(directory),
         _ => Ok(()),
     };
     all.agree(writable)?;

@@ -80,10 +80,7 @@ pub fn report(world: &World, args: &DrawnArgs) -> Result<Drawn> {
         };
         let page = page.html()?;
         let directory = args.output.as_ref().unwrap_or(&args.directory);
-        std::fs::create_dir_all(directory).map_err(|e| Error::Directory {
-            path: directory.clone(),
-            reason: e.to_string(),
-        })?;
+        crate::output::make(directory)?;
         let path = directory.join("report.html");
         std::fs::write(&path, page).map_err(|e| failure(&path, &e))?;
         let mut left_out = album.left_out;

@@ -3,6 +3,7 @@
 use crate::case::{Case, Interface, Method};
 use crate::communicator::{Communicator, World};
 use crate::error::{Error, LESS_MEMORY, Result};
+use crate::grids::refined;
 use crate::partition::Block;
 use crate::plan::{Bounds, Plan, Resources, bytes_text};
 use crate::problem::Problem;
@@ -59,14 +60,7 @@ pub struct Found {
 /// [`Error::Memory`] before anything is computed if one of the grids does not fit; as [`Problem::new`].
 pub fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result<Vec<Found>> {
     let grids: Vec<Case> = (refine.iter())
-        .map(|&factor| {
-            let mut case = case.clone();
-            let space = &mut case.space;
-            for axis in space.x.iter_mut().chain(&mut space.v) {
-                axis.cells *= factor;
-            }
-            case
-        })
+        .map(|&factor| refined(case, factor))
         .collect();
     let mut plans = Vec::new();
     for case in &grids {

@@ -20,7 +20,7 @@ pub fn stability(
     let group = world.group();
     // Before it takes a minute: whether there is a place for what is found.
     let made = match group.rank() {
-        0 => std::fs::create_dir_all(directory).map_err(|e| crate::output::failure(directory, &e)),
+        0 => crate::output::make(directory),
         _ => Ok(()),
     };
     group.agree(made)?;

@@ -322,10 +322,7 @@ impl Export {
     /// # Errors
     /// [`Error::Directory`], [`Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        std::fs::create_dir_all(directory).map_err(|e| Error::Directory {
-            path: directory.to_owned(),
-            reason: e.to_string(),
-        })?;
+        crate::output::make(directory)?;
         let write = |name: &str, bytes: &[u8]| {
             let path = directory.join(name);
             std::fs::write(&path, bytes).map_err(|e| output::failure(&path, &e))

@@ -2,11 +2,12 @@
 
 use super::budget::Budget;
 use super::grazing::expected_growth;
-use super::scene::{assembled, coarsened, growth, refined, with_interface};
+use super::scene::{assembled, coarsened, growth, with_interface};
 use super::{Border, Curve, Found, Name, Panel, Point, Scale};
 use crate::case::{Case, Interface};
 use crate::communicator::World;
 use crate::error::Result;
+use crate::grids::refined;
 use crate::plan::Bounds;
 
 /// Cells that the sweep begins with.

@@ -131,12 +131,11 @@ impl Stability {
         text
     }
 
-    /// Writes `stability.csv`, `stability.json` and the figures into `directory`, which is made.
+    /// Writes `stability.csv`, `stability.json` and the figures into `directory`.
     ///
     /// # Errors
     /// [`crate::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        std::fs::create_dir_all(directory).map_err(|e| failure(directory, &e))?;
         let path = directory.join("stability.json");
         let json = serde_json::to_string_pretty(self).map_err(|e| failure(&path, &e))? + "\n";
         for (name, text) in [("stability.csv", self.csv()), ("stability.json", json)] {

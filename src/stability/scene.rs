@@ -83,16 +83,6 @@ pub fn note(case: &Case, used: &Case) -> Vec<String> {
     notes
 }
 
-/// `case` with `factor` times the cells along every axis.
-pub fn refined(case: &Case, factor: usize) -> Case {
-    let mut case = case.clone();
-    let space = &mut case.space;
-    for axis in space.x.iter_mut().chain(&mut space.v) {
-        axis.cells *= factor;
-    }
-    case
-}
-
 /// `case` with `factor` times its potential.
 ///
 /// # Errors

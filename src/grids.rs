@@ -1,4 +1,5 @@
-//! Grids that are tried: cells along each axis such that edges of `V` stay on faces.
+//! Other grids over the box of a case, for [`advise`](crate::advise), [`chart`](crate::chart) and [`stability`](crate::stability): cells along each axis such that edges of
+//! `V` stay on faces.
 
 use crate::case::Case;
 use crate::grid::Axis;
@@ -12,6 +13,16 @@ const FARTHEST: f64 = 0.3;
 const FEWEST: [usize; 3] = [8, 4, 4];
 /// The coarsest grid has the case's cells over at most two to this power.
 const COARSEST: u32 = 3;
+
+/// `case` with `factor` times the cells along every axis.
+pub fn refined(case: &Case, factor: usize) -> Case {
+    let mut case = case.clone();
+    let space = &mut case.space;
+    for axis in space.x.iter_mut().chain(&mut space.v) {
+        axis.cells *= factor;
+    }
+    case
+}
 
 /// Grids over the box of a case.
 pub struct Grids {
