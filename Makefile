@@ -72,13 +72,13 @@ examples: build ## figures 2 to 5 of the paper from runs of our own, into docs/e
 quantum: build readers ## the error budget from the continuous problem to a measured density, into docs/quantum.md
 	$(or $(CARGO_TARGET_DIR),target)/readers/bin/python scripts/quantum.py --ranks $(RANKS) $(ARGS)
 
-readers: ## install, for tests/readers.rs, a Python with h5py, xarray and VTK into target/readers
+readers: ## install, for tests/cli/readers.rs, a Python with h5py, xarray and VTK into target/readers
 	@scripts/setup.sh --readers
 
-qiskit: ## install, for tests/simulator.rs, a Python with Qiskit into target/qiskit
+qiskit: ## install, for tests/cli/simulator.rs, a Python with Qiskit into target/qiskit
 	@scripts/setup.sh --qiskit
 
-browser: ## install, for tests/pictures.rs, a Chromium that opens reports (Debian, Ubuntu)
+browser: ## install, for tests/cli/pictures/browser.rs, a Chromium that opens reports (Debian, Ubuntu)
 	@scripts/setup.sh --browser
 chart: $(foreach n,1 2 3,chart-$(n)) ## accuracy against cost for examples 1 to 3, into docs/charts/ (BUDGET= for each; two ranks)
 

@@ -5,7 +5,7 @@
 #   scripts/setup.sh --check         check only
 #   scripts/setup.sh --readers       a Python with what tests/readers.py reads results with, in target/readers (half a minute)
 #   scripts/setup.sh --qiskit        a Python with what tests/simulator.py runs circuits with, in target/qiskit (half a minute)
-#   scripts/setup.sh --browser       a Chromium for tests/pictures.rs, by apt-get (a minute)
+#   scripts/setup.sh --browser       a Chromium for tests/cli/pictures/browser.rs, by apt-get (a minute)
 #   scripts/setup.sh --environment   print what cargo needs set to find parallel HDF5: "HDF5_DIR=…", mostly nothing
 #
 # Exit code 0 when everything is there, 1 when something is missing. Silent and instant when there is nothing to do.

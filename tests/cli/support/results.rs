@@ -1,5 +1,4 @@
 //! Reads `result.h5`: every dataset, bit for bit.
-#![allow(dead_code)] // each test program uses its own part
 
 use std::collections::BTreeMap;
 use std::path::Path;

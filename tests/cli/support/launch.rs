@@ -1,21 +1,21 @@
 //! Starts the program, alone or under mpirun: with a time limit that ends the job, a cap on its memory, and no more
 //! ranks at work at a time, over all tests, than the machine bears.
-#![allow(dead_code)] // each test program uses its own part
 
-use serde_json::Value;
+use super::outcome::{Finished, Summary, untag};
 use std::io::{Read, Seek};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Ranks at work at a time. Starting and stopping a job is mostly waiting: more than the two cores of a small machine.
-const SLOTS: usize = 6;
+pub const SLOTS: usize = 6;
+
 /// Address space of mpirun and of each rank where a job is capped.
 const MEMORY_CAP: u64 = 8 << 30;
 
 static FREE: Mutex<usize> = Mutex::new(SLOTS);
+
 static FREED: Condvar = Condvar::new();
 
 /// Slots taken until dropped.
@@ -294,225 +294,9 @@ fn end(child: &mut Child) {
     let _ = child.wait();
 }
 
-fn read(file: &mut std::fs::File) -> String {
+pub fn read(file: &mut std::fs::File) -> String {
     let mut bytes = Vec::new();
     let _ = file.rewind();
     let _ = file.read_to_end(&mut bytes);
     String::from_utf8_lossy(&bytes).into_owned()
-}
-
-/// What rank 0, the other ranks and mpirun itself said. mpirun marks every piece it gets from a rank, also in the middle
-/// of a line, with `[job,rank]<stdout>:`.
-fn untag(text: &str) -> [String; 3] {
-    let mut said = [const { String::new() }; 3];
-    for line in text.split_inclusive('\n') {
-        let (mut speaker, mut rest) = (2, line);
-        while !rest.is_empty() {
-            if let Some((rank, after)) = mark(rest) {
-                (speaker, rest) = (rank.min(1), after);
-                continue;
-            }
-            let next = rest.char_indices().skip(1).find(|&(_, c)| c == '[');
-            let (piece, after) = rest.split_at(next.map_or(rest.len(), |(at, _)| at));
-            said[speaker].push_str(piece);
-            rest = after;
-        }
-    }
-    said
-}
-
-/// The rank of a mark at the start of `text`, and what follows it.
-fn mark(text: &str) -> Option<(usize, &str)> {
-    let (job, after) = text.strip_prefix('[')?.split_once(']')?;
-    // A bracket of the text may stand right before a mark.
-    if job.contains('[') {
-        return None;
-    }
-    let after = (after.strip_prefix("<stdout>:")).or_else(|| after.strip_prefix("<stderr>:"))?;
-    Some((job.rsplit(',').next()?.parse().ok()?, after))
-}
-
-/// A job that came to its end.
-#[derive(Clone, Debug)]
-pub struct Finished {
-    /// The command.
-    pub command: String,
-    /// Exit code of mpirun or of the program; none when a signal ended it.
-    pub code: Option<i32>,
-    /// Standard output of rank 0.
-    pub output: String,
-    /// Standard error of rank 0.
-    pub errors: String,
-    /// What other ranks said, on either.
-    pub others: String,
-    /// What mpirun itself complained about.
-    pub launcher: String,
-    /// Seconds from start to end.
-    pub seconds: f64,
-}
-
-impl Finished {
-    /// `what` went wrong, with the command and all that was said.
-    pub fn report(&self, what: &str) -> String {
-        let ending = match self.code {
-            Some(code) => format!("exit code {code}"),
-            None => "ended by a signal".to_owned(),
-        };
-        let mut text = format!(
-            "{what}\n  command: {}\n  {ending} after {:.1} s",
-            self.command, self.seconds
-        );
-        // mpirun's own words about an exit code that is not 0 say nothing new.
-        let launcher = if self.errors.is_empty() {
-            self.launcher.as_str()
-        } else {
-            ""
-        };
-        for (who, said) in [
-            ("stdout", self.output.as_str()),
-            ("stderr", &self.errors),
-            ("other ranks", &self.others),
-            ("mpirun", launcher),
-        ] {
-            // Without the frames of a crash.
-            let lines = said.lines().filter(|l| !l.starts_with('['));
-            let said = lines.collect::<Vec<_>>().join("\n");
-            let said: String = said.trim_end().chars().take(1500).collect();
-            if !said.is_empty() {
-                text += &format!("\n  {who}: {}", said.replace('\n', "\n    "));
-            }
-        }
-        text
-    }
-}
-
-/// `summary.json` of a run, with the command that made it.
-#[derive(Clone, Debug)]
-pub struct Summary {
-    /// The command.
-    pub command: String,
-    /// The file.
-    pub value: Value,
-}
-
-impl Summary {
-    /// A number that must be there.
-    pub fn number(&self, key: &str) -> Result<f64, String> {
-        self.value[key].as_f64().ok_or_else(|| {
-            format!(
-                "summary.json: {key} is {}, a number expected\n  command: {}",
-                self.value[key], self.command
-            )
-        })
-    }
-
-    /// A yes or no that must be there.
-    pub fn boolean(&self, key: &str) -> Result<bool, String> {
-        self.value[key].as_bool().ok_or_else(|| {
-            format!(
-                "summary.json: {key} is {}, true or false expected\n  command: {}",
-                self.value[key], self.command
-            )
-        })
-    }
-
-    /// An error that names the command, unless `holds`.
-    pub fn require(&self, holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
-        if holds {
-            Ok(())
-        } else {
-            Err(format!("{}\n  command: {}", what(), self.command))
-        }
-    }
-}
-
-/// Checks every row of a table, several at a time, and fails with all that failed.
-pub fn check_all<T: Sync>(rows: &[T], check: impl Fn(&T) -> Result<(), String> + Sync) {
-    assert!(!rows.is_empty(), "a table without rows tests nothing");
-    let next = AtomicUsize::new(0);
-    let failures = Mutex::new(Vec::new());
-    std::thread::scope(|scope| {
-        for _ in 0..SLOTS.min(rows.len()) {
-            scope.spawn(|| {
-                while let Some(row) = rows.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    if let Err(failure) = check(row) {
-                        let mut failures = failures.lock().unwrap_or_else(PoisonError::into_inner);
-                        failures.push(failure);
-                    }
-                }
-            });
-        }
-    });
-    let failures = failures
-        .into_inner()
-        .unwrap_or_else(PoisonError::into_inner);
-    assert!(
-        failures.is_empty(),
-        "{} of {} failed:\n\n{}\n",
-        failures.len(),
-        rows.len(),
-        failures.join("\n\n")
-    );
-}
-
-/// The case files, sorted by name.
-pub fn cases() -> Vec<String> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases");
-    let mut names: Vec<String> = std::fs::read_dir(&folder)
-        .unwrap_or_else(|e| panic!("{}: {e}", folder.display()))
-        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
-        .filter(|name| name.ends_with(".toml"))
-        .collect();
-    names.sort();
-    assert!(names.len() >= 7, "cases/: only {names:?}");
-    names
-}
-
-/// What makes a case small enough for tests that go through all of them, faces still on the jumps; nothing for most.
-pub fn shrunk(name: &str) -> &'static [&'static str] {
-    match name {
-        "barriers.toml" => &["axis.0.x.cells=60", "axis.0.v.cells=41", "time.end=1.2"],
-        "harmonic_step.toml" => &["axis.0.x.cells=48", "axis.0.v.cells=43"],
-        "lens2d.toml" => &[
-            "axis.0.x.cells=18",
-            "axis.0.v.cells=7",
-            "axis.1.x.cells=7",
-            "axis.1.v.cells=4",
-            "time.end=1.0",
-        ],
-        "periodic2d.toml" => &[
-            "axis.0.x.cells=12",
-            "axis.0.v.cells=7",
-            "axis.1.x.cells=5",
-            "axis.1.v.cells=5",
-        ],
-        "quantum_dot2d.toml" => &[
-            "axis.0.x.cells=12",
-            "axis.0.v.cells=8",
-            "axis.1.x.cells=12",
-            "axis.1.v.cells=7",
-        ],
-        "step_slope3d.toml" => &[
-            "axis.0.x.cells=6",
-            "axis.0.v.cells=5",
-            "axis.1.x.cells=4",
-            "axis.1.v.cells=4",
-            "axis.2.x.cells=3",
-            "axis.2.v.cells=4",
-        ],
-        _ => &[],
-    }
-}
-
-/// Path of a case file.
-pub fn case(name: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("cases")
-        .join(name);
-    path.display().to_string()
-}
-
-/// A directory of its own below `target/`, deleted when the test is over.
-pub fn directory() -> tempfile::TempDir {
-    tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a temporary directory below target/")
 }

@@ -1,12 +1,7 @@
 //! `[readout]` from outside: what a run tells of some cells as a quantum computer would.
 
-#[path = "support/launch.rs"]
-mod launch;
-#[path = "support/results.rs"]
-mod results;
-
-use launch::{Job, case, check_all, directory};
-use results::{datasets, differences};
+use crate::support::{Job, case, check_all, directory};
+use crate::support::{datasets, differences};
 use serde_json::Value;
 use std::path::Path;
 

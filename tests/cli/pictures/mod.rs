@@ -1,21 +1,12 @@
-//! `phasewarp plot` and `phasewarp report`: every case in pictures, the numbers drawn are the file's, and a browser opens the page.
-//!
-//! The browser's test is skipped, and says so, where there is none; `make browser` installs one. A failure where
-//! `PHASEWARP_BROWSER=required`, as `.ci/run` sets it once it is installed.
+//! `phasewarp plot` and `phasewarp report`: every case in pictures, the numbers drawn are the file's.
 
-#[path = "support/launch.rs"]
-mod launch;
-#[path = "support/results.rs"]
-mod results;
+mod browser;
 
-use launch::{Job, case, cases, check_all, directory, shrunk};
+use crate::support::{Job, case, cases, check_all, datasets, directory, distance, shrunk};
 use phasewarp::figure::{Figure, Layer, Map};
 use phasewarp::pictures::stored::Stored;
 use phasewarp::pictures::{self, Album, Cut};
-use results::datasets;
-use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 
 /// Grids small enough to be solved and drawn in a moment, where [`shrunk`] says nothing.
 fn tiny(name: &str) -> &'static [&'static str] {
@@ -60,7 +51,7 @@ fn read_svg(path: &Path) -> Result<String, String> {
     Ok(words.collect::<Vec<_>>().join(" "))
 }
 
-fn names(directory: &Path, ending: &str) -> Vec<String> {
+pub fn names(directory: &Path, ending: &str) -> Vec<String> {
     let entries = std::fs::read_dir(directory).into_iter().flatten();
     let all = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
     let mut names: Vec<String> = all
@@ -441,7 +432,7 @@ fn another_run_beside() {
             .zip(&stored[1])
             .all(|((d, a), b)| *d == a - b)
     );
-    let apart = results::distance(of("ψ, Schrödingerized"), &stored[1]);
+    let apart = distance(of("ψ, Schrödingerized"), &stored[1]);
     assert!(apart > 0.0 && apart < 1e-5, "{apart:e}");
     // The density with the discrete delta function: φ δ(ψ) sums to it.
     let (concentrated, density) = (
@@ -451,144 +442,5 @@ fn another_run_beside() {
     for (line, density) in concentrated.chunks(16).zip(density) {
         let sum: f64 = line.iter().map(|f| f * 3.2 / 16.0).sum();
         assert!((sum - density).abs() < 1e-12, "{sum} {density}");
-    }
-}
-
-fn browser() -> Option<PathBuf> {
-    let path = std::env::var_os("PATH")?;
-    let names = ["chromium", "chromium-browser", "google-chrome"];
-    let places: Vec<PathBuf> = std::env::split_paths(&path).collect();
-    let all = names
-        .iter()
-        .flat_map(|name| places.iter().map(move |p| p.join(name)));
-    all.into_iter().find(|p| p.is_file())
-}
-
-/// Runs the browser on a page, in a window of this width, with `more` options; what it prints.
-fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<String, String> {
-    let profile = directory();
-    let mut command = Command::new(browser);
-    command
-        .args([
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-dev-shm-usage",
-            "--no-first-run",
-        ])
-        .args([
-            "--disable-background-networking",
-            "--disable-component-update",
-            "--disable-sync",
-            "--disable-default-apps",
-        ])
-        .args([
-            "--disable-domain-reliability",
-            "--disable-client-side-phishing-detection",
-            "--hide-scrollbars",
-        ])
-        // The browser itself asks for nothing either.
-        .arg("--host-resolver-rules=MAP * ~NOTFOUND")
-        .arg("--disable-features=OptimizationHints,MediaRouter,Translate")
-        .arg(format!("--user-data-dir={}", profile.path().display()))
-        .arg(format!("--window-size={width},2400"))
-        .args(more)
-        .arg(format!("file://{}", page.display()))
-        .env("HOME", profile.path());
-    let output = command
-        .output()
-        .map_err(|e| format!("{}: {e}", browser.display()))?;
-    if !output.status.success() {
-        return Err(String::from_utf8_lossy(&output.stderr).into_owned());
-    }
-    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
-}
-
-/// What pages, not the browser itself, asked for beyond this machine's files, by a log of the browser's network.
-fn requests(log: &Path) -> Vec<String> {
-    let text = std::fs::read_to_string(log).unwrap();
-    let beyond = |line: &&str| {
-        line.contains("\"initiator\":\"")
-            && !line.contains("\"initiator\":\"not an origin\"")
-            && ["http:", "https:", "ws:", "wss:"]
-                .iter()
-                .any(|scheme| line.contains(&format!("\"url\":\"{scheme}")))
-    };
-    text.lines().filter(beyond).map(str::to_owned).collect()
-}
-
-#[test]
-fn a_browser_opens_the_report() {
-    let Some(browser) = browser() else {
-        let why = "no chromium, chromium-browser or google-chrome; `make browser` installs one";
-        let required = std::env::var("PHASEWARP_BROWSER").is_ok_and(|v| v == "required");
-        assert!(!required, "{why}");
-        // Not through the test's own output, which is shown of failures only.
-        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/pictures.rs: {why}");
-        return;
-    };
-    let place = directory();
-    let marked =
-        "title=\"</title><script>document.title='x'</script><img src=http://127.0.0.1:9/a.png>\"";
-    let settings = [
-        "axis.0.x.cells=40",
-        "axis.0.v.cells=38",
-        "output.moments_every=0.25",
-        marked,
-    ];
-    let job = Job::new(["run", &case("example1.toml")])
-        .set(&settings)
-        .on(2);
-    job.solve(place.path()).unwrap();
-    Job::new(["report", &place.path().display().to_string()])
-        .succeed()
-        .unwrap();
-    let page = place.path().join("report.html");
-    let pictures = album(place.path()).pictures.len();
-    assert!(pictures >= 6);
-
-    // It is not blank, and asks for nothing.
-    let (shot, log) = (place.path().join("shot.png"), place.path().join("net.json"));
-    let log_to = |log: &Path| format!("--log-net-log={}", log.display());
-    let options = [format!("--screenshot={}", shot.display()), log_to(&log)];
-    open(&browser, &page, 1200, &options).unwrap();
-    let (width, height) = look_at(&shot).unwrap();
-    assert_eq!((width, height), (1200, 2400));
-    assert_eq!(requests(&log), Vec::<String>::new());
-    // Control: a page that does is noticed.
-    let asking = place.path().join("asking.html");
-    std::fs::write(&asking, "<img src=http://127.0.0.1:9/a.png>").unwrap();
-    open(
-        &browser,
-        &asking,
-        600,
-        &[log_to(&log), "--dump-dom".to_owned()],
-    )
-    .unwrap();
-    assert!(requests(&log).iter().any(|url| url.contains("127.0.0.1:9")));
-
-    // Every picture has its place, nothing sticks out sideways; asked of the page by a script, which it does not allow itself.
-    let text = std::fs::read_to_string(&page).unwrap();
-    let policy = text
-        .lines()
-        .find(|l| l.contains("Content-Security-Policy"))
-        .unwrap();
-    let script = "<script>const wide=e=>e.getBoundingClientRect().width>250;document.body.innerHTML=\
-        'pictures='+[...document.querySelectorAll('figure svg')].filter(wide).length+\
-        ' marked='+document.querySelectorAll('img:not(svg *)').length+\
-        ' over='+(document.documentElement.scrollWidth-document.documentElement.clientWidth)</script></body>";
-    let measured = place.path().join("measured.html");
-    std::fs::write(
-        &measured,
-        text.replace(policy, "").replace("</body>", script),
-    )
-    .unwrap();
-    for width in [1200, 600] {
-        let said = open(&browser, &measured, width, &["--dump-dom".to_owned()]).unwrap();
-        let expected = format!("pictures={pictures} marked=0 over=0");
-        assert!(
-            said.contains(&expected),
-            "{width}: {expected} expected, {said}"
-        );
     }
 }

@@ -1,9 +1,6 @@
 //! `phasewarp chart` from outside: every case, alone and under mpirun, within its budget; what the files hold.
 
-#[path = "support/launch.rs"]
-mod launch;
-
-use launch::{Job, case, cases, check_all, directory, shrunk};
+use crate::support::{Job, case, cases, check_all, directory, shrunk};
 use serde_json::Value;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};

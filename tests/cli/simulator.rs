@@ -3,14 +3,7 @@
 //! Qiskit's part is skipped, and said so, where there is no Python with it; `make qiskit` installs it. A failure where
 //! `PHASEWARP_QISKIT=required`, as `.ci/run` sets it once it is installed.
 
-#[path = "support/launch.rs"]
-mod launch;
-#[path = "support/python.rs"]
-mod python;
-#[path = "support/results.rs"]
-mod results;
-
-use launch::{Job, case, check_all, directory};
+use crate::support::{Job, case, check_all, directory, python};
 use std::io::Write;
 use std::path::Path;
 
@@ -101,7 +94,7 @@ fn qiskit_finds_the_same_amplitudes() {
         let required = std::env::var("PHASEWARP_QISKIT").is_ok_and(|v| v == "required");
         assert!(!required, "{why}");
         // Not through the test's own output, which is shown of failures only.
-        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/simulator.rs: {why}");
+        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/cli/simulator.rs: {why}");
         return;
     };
     check_all(EXPORTS, |(name, settings)| {
@@ -151,11 +144,11 @@ fn what_is_read_from_the_exported_state_is_the_field() {
         let job = Job::new(["run", &case(name)]).set(&settings);
         let summary = job.solve(solved.path())?;
         let field = vector(&exported.path().join("field.npy"))?;
-        let expected = results::field(solved.path())?;
-        let distance = results::distance(&field, &expected);
+        let expected = crate::support::field(solved.path())?;
+        let apart = crate::support::distance(&field, &expected);
         let tolerance = summary.number("tolerance")?;
-        summary.require(distance <= 2.0 * tolerance, || {
-            format!("{distance:e} from the field of a run")
+        summary.require(apart <= 2.0 * tolerance, || {
+            format!("{apart:e} from the field of a run")
         })?;
         // The probability of the slice is that of the run, but for the number of points and where exactly the slice is.
         let text = std::fs::read_to_string(exported.path().join("description.json"));

@@ -3,12 +3,7 @@
 //! Skipped, and said so, where there is no Python with these packages; `make readers` installs them. A failure where
 //! `PHASEWARP_READERS=required`, as `.ci/run` sets it once they are installed.
 
-#[path = "support/launch.rs"]
-mod launch;
-#[path = "support/python.rs"]
-mod python;
-
-use launch::{Job, case, check_all, directory};
+use crate::support::{Job, case, check_all, directory, python};
 use std::io::Write;
 use std::path::Path;
 
@@ -26,7 +21,7 @@ fn results_open_in_other_programs() {
         let required = std::env::var("PHASEWARP_READERS").is_ok_and(|v| v == "required");
         assert!(!required, "{why}");
         // Not through the test's own output, which is shown of failures only.
-        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/readers.rs: {why}");
+        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/cli/readers.rs: {why}");
         return;
     };
     const ODD: &[&str] = &["axis.0.x.cells=23", "axis.0.v.cells=17"];

@@ -1,12 +1,7 @@
 //! What a scene does not need is left out, and nothing else: the answer is that of the whole grid.
 
-#[path = "support/launch.rs"]
-mod launch;
-#[path = "support/results.rs"]
-mod results;
-
-use launch::{Finished, Job, case, check_all, directory};
-use results::{datasets, differences, distance};
+use crate::support::{Finished, Job, case, check_all, directory, field};
+use crate::support::{datasets, differences, distance};
 
 /// A case, what makes it small or another, and how many ranks it runs on.
 type Row = (&'static str, &'static [&'static str], usize);
@@ -283,7 +278,7 @@ fn each_can_be_switched_off() {
         let row: Row = ("example1.toml", &[], 2);
         let job = run(&row, &small).set(settings);
         let summary = job.solve(here.path()).expect("a run");
-        let f = results::field(here.path()).expect("a field");
+        let f = field(here.path()).expect("a field");
         let number = |key: &str| summary.number(key).expect("a number");
         (
             f,

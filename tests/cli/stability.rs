@@ -1,9 +1,6 @@
 //! `phasewarp stability` from outside: borders that are found stand where theory has them.
 
-#[path = "support/launch.rs"]
-mod launch;
-
-use launch::{Job, case, check_all, directory};
+use crate::support::{Job, case, check_all, directory};
 use serde_json::Value;
 use std::path::Path;
 

@@ -1,12 +1,7 @@
 //! `phasewarp advise` from outside: what it advises is run, and reaches the accuracy; half of it does not.
 
-#[path = "support/launch.rs"]
-mod launch;
-#[path = "support/results.rs"]
-mod results;
-
-use launch::{Finished, Job, case, check_all, directory};
-use results::datasets;
+use crate::support::datasets;
+use crate::support::{Finished, Job, case, check_all, directory};
 use serde_json::Value;
 use std::path::Path;
 

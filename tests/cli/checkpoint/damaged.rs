@@ -1,0 +1,297 @@
+//! Checkpoints that are damaged, missing, of another run, or that cannot be written.
+
+use super::{
+    Blow, OFTEN, WHOLE, copy, count, generations, io, manifest, run, same, stopped, struck,
+};
+use crate::support::{Job, Summary, case, check_all, datasets, differences, directory};
+use std::fs;
+use std::path::Path;
+use std::sync::LazyLock;
+use std::time::Duration;
+
+/// Something that happened to the newest generation of a checkpoint by two ranks, and what is said about it.
+type Damage = (
+    &'static str,
+    fn(&Path, &Path) -> std::io::Result<()>,
+    &'static str,
+);
+
+const DAMAGES: [Damage; 9] = [
+    (
+        "truncated",
+        |newest, _| {
+            let path = newest.join("rank-00001.bin");
+            let bytes = fs::read(&path)?;
+            fs::write(path, &bytes[..bytes.len() / 2])
+        },
+        "were written",
+    ),
+    (
+        "a bit flipped",
+        |newest, _| {
+            let path = newest.join("rank-00001.bin");
+            let mut bytes = fs::read(&path)?;
+            let middle = bytes.len() * 2 / 3;
+            bytes[middle] ^= 4;
+            fs::write(path, bytes)
+        },
+        "checksum",
+    ),
+    (
+        "a bit of the header flipped",
+        |newest, _| {
+            let path = newest.join("rank-00000.bin");
+            let mut bytes = fs::read(&path)?;
+            bytes[100] ^= 1;
+            fs::write(path, bytes)
+        },
+        "checksum",
+    ),
+    (
+        "empty",
+        |newest, _| fs::write(newest.join("rank-00000.bin"), b""),
+        "0 bytes",
+    ),
+    (
+        "missing",
+        |newest, _| fs::remove_file(newest.join("rank-00001.bin")),
+        "No such file",
+    ),
+    (
+        "ranks swapped",
+        |newest, _| {
+            let [a, b] = ["rank-00000.bin", "rank-00001.bin"].map(|name| newest.join(name));
+            let kept = fs::read(&a)?;
+            fs::copy(&b, &a)?;
+            fs::write(&b, kept)
+        },
+        "rank-0000",
+    ),
+    (
+        "a file of the older generation",
+        |newest, older| {
+            fs::copy(older.join("rank-00001.bin"), newest.join("rank-00001.bin")).map(|_| ())
+        },
+        "rank-00001.bin",
+    ),
+    (
+        "the manifest of the older generation",
+        |newest, older| {
+            fs::copy(older.join("manifest.json"), newest.join("manifest.json")).map(|_| ())
+        },
+        "manifest.json is that of",
+    ),
+    (
+        "a number of the manifest changed",
+        |newest, _| {
+            let path = newest.join("manifest.json");
+            let text = fs::read_to_string(&path)?;
+            fs::write(path, text.replacen("\"stage\": 0", "\"stage\": 1", 1))
+        },
+        "not as it was written",
+    ),
+];
+
+#[test]
+fn damaged_checkpoints_are_refused_and_the_older_one_used() {
+    LazyLock::force(&WHOLE);
+    let sound = stopped(2).expect("a stopped run");
+    check_all(&DAMAGES, |(what, damage, said)| {
+        let directory = directory();
+        let path = directory.path();
+        io(copy(sound.path(), path))?;
+        let [newest, older] = &generations(path)[..] else {
+            return Err(format!("{what}: two generations expected"));
+        };
+        io(damage(newest, older))?;
+        let older_done = manifest(older)?["matvecs"].as_u64();
+        // The second start finds the first one's result in place, and nothing to go on from.
+        let finished = run().on(2).into(path).with(["--resume"]).succeed()?;
+        let name = newest
+            .file_name()
+            .and_then(|n| n.to_str())
+            .unwrap_or_default();
+        if !(finished.errors.contains(said) && finished.errors.contains(name)) {
+            return Err(finished.report(&format!("{what}: \"{said}\" expected")));
+        }
+        let text = io(fs::read_to_string(path.join("summary.json")))?;
+        let summary = Summary {
+            command: finished.command,
+            value: serde_json::from_str(&text).map_err(|e| e.to_string())?,
+        };
+        same(path, &summary)?;
+        let here = count(&summary, "matvecs_here")?;
+        summary.require(older_done == Some((WHOLE.1 - here) as u64), || {
+            format!("{what}: the older generation was not used")
+        })
+    });
+}
+
+#[test]
+fn without_a_valid_checkpoint_a_run_does_not_go_on() {
+    let sound = stopped(2).expect("a stopped run");
+    // Both damaged.
+    let directory = directory();
+    io(copy(sound.path(), directory.path())).expect("a copy");
+    for generation in generations(directory.path()) {
+        fs::write(generation.join("rank-00000.bin"), b"").expect("a file");
+    }
+    let go_on = |job: Job, path: &Path| job.into(path).with(["--resume"]).run().expect("a run");
+    let finished = go_on(run().on(3), directory.path());
+    assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
+    assert!(
+        finished.errors.contains("without --resume"),
+        "{}",
+        finished.errors
+    );
+    // Of another case.
+    let finished = go_on(run().on(2).set(&["time.end=0.9"]), sound.path());
+    assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
+    assert!(
+        finished.errors.contains("time.end is 1 there, 0.9 here"),
+        "{}",
+        finished.errors
+    );
+    // Of the same case, said in another way, and stored in another.
+    let differently = [
+        "axis.0.v.cells=26",
+        "output.compression=1",
+        "output.xdmf=true",
+        "checkpoint.minutes=7",
+        "solver.tolerance=0.001",
+        "title=another",
+    ];
+    let copied = self::directory();
+    io(copy(sound.path(), copied.path())).expect("a copy");
+    let finished = go_on(run().on(2).set(&differently), copied.path());
+    assert_eq!(finished.code, Some(0), "{}", finished.report("goes on"));
+    let said = finished.errors.contains("going on from");
+    assert!(said, "{}", finished.errors);
+    let found = datasets(copied.path()).expect("datasets");
+    assert_eq!(found["/f"], WHOLE.0["/f"]);
+    // None at all: from the beginning.
+    let empty = self::directory();
+    let finished = go_on(run().on(2), empty.path());
+    assert_eq!(finished.code, Some(0), "{}", finished.report("done"));
+    assert!(
+        finished.errors.contains("starts from its beginning"),
+        "{}",
+        finished.errors
+    );
+    // Not asked for: from the beginning, with a warning.
+    let finished = run().on(2).into(sound.path()).succeed().expect("a run");
+    assert!(
+        finished.errors.contains("replaces it"),
+        "{}",
+        finished.errors
+    );
+    assert!(!sound.path().join("checkpoint").exists());
+}
+
+#[test]
+fn a_run_from_a_file_does_not_go_on_from_another() {
+    let files = directory();
+    let grid = [
+        "axis.0.x.cells=24",
+        "axis.0.v.cells=18",
+        "scheme.interface=conservative",
+        "solver.tolerance=1e-2",
+        "exact={f='0'}",
+    ];
+    let field = |name: &str, settings: &[&str]| {
+        let place = files.path().join(name);
+        let job = Job::new(["run", &case("example1.toml"), "--mode", "full"]).set(&grid);
+        let job = job.set(&["solver.warp.profile=exponential", "time.end=0.1"]);
+        job.set(settings)
+            .on(2)
+            .solve(&place)
+            .expect("a warped field");
+        place.join("warped_f.h5")
+    };
+    let points = "solver.warp.points=1024";
+    let written = field("first", &[points]);
+    let others = [
+        field("values", &[points, "time.end=0.2"]),
+        field("points", &["solver.warp.points=1280"]),
+    ];
+    let start = files.path().join("start.h5");
+    fs::copy(&written, &start).expect("a copy");
+    let from = format!("initial={{warped='{}'}}", start.display());
+    let run = || {
+        Job::new(["run", &case("example1.toml")])
+            .set(&grid)
+            .set(&[&from])
+    };
+    let cut = directory();
+    let path = cut.path();
+    let job = run().on(2).set(&[OFTEN]).into(path);
+    let finished = struck(&job, Blow::Signal, |_| generations(path).len() == 2).expect("a run");
+    assert_eq!(finished.code, Some(75), "{}", finished.report("stopped"));
+    let go_on = || {
+        run()
+            .on(3)
+            .into(path)
+            .with(["--resume"])
+            .run()
+            .expect("a run")
+    };
+    for other in others {
+        fs::copy(other, &start).expect("a copy");
+        let finished = go_on();
+        assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
+        let said = finished.errors.contains("initial.warped has changed");
+        assert!(said, "{}", finished.errors);
+    }
+    fs::copy(&written, &start).expect("a copy");
+    let finished = go_on();
+    assert_eq!(finished.code, Some(0), "{}", finished.report("goes on"));
+    assert!(
+        finished.errors.contains("going on from"),
+        "{}",
+        finished.errors
+    );
+    let whole = directory();
+    run().on(1).solve(whole.path()).expect("a whole run");
+    let [found, expected] = [path, whole.path()].map(|d| datasets(d).expect("datasets"));
+    let differing = differences(&found, &expected);
+    assert!(differing.is_empty(), "{differing:?}");
+}
+
+#[test]
+fn a_checkpoint_that_cannot_be_written_stops_no_run_but_one_that_was_to_stop() {
+    LazyLock::force(&WHOLE);
+    // Files may not grow to the size of a rank's, which holds 82 sums; the results may.
+    let wide = || {
+        run()
+            .on(2)
+            .set(&["output.plateau.points=80", OFTEN])
+            .files_up_to(700)
+    };
+    let directory = directory();
+    let finished = wide().into(directory.path()).succeed().expect("a run");
+    assert!(
+        finished.errors.contains("the run goes on"),
+        "{}",
+        finished.errors
+    );
+    assert!(finished.errors.contains("rank-0000"), "{}", finished.errors);
+    let all = datasets(directory.path()).expect("datasets");
+    assert_eq!(all["/f"], WHOLE.0["/f"]);
+
+    let directory = self::directory();
+    let path = directory.path();
+    let job = wide().set(&["checkpoint.minutes=0"]).into(path);
+    let finished = struck(&job, Blow::Signal, |since| {
+        since > Duration::from_millis(700)
+    })
+    .expect("a run");
+    assert_eq!(finished.code, Some(1), "{}", finished.report("an error"));
+    assert!(finished.errors.contains("rank-0000"), "{}", finished.errors);
+
+    // Something is in the way.
+    let directory = self::directory();
+    let path = directory.path();
+    fs::write(path.join("checkpoint"), b"a file").expect("a file");
+    let summary = run().on(2).set(&[OFTEN]).solve(path).expect("a run");
+    same(path, &summary).expect("the whole run");
+}

@@ -1,0 +1,201 @@
+//! Runs that are stopped and go on: whatever happened, the end has the bits of a run that nothing happened to.
+
+mod damaged;
+mod stopped;
+
+use crate::support::{Finished, Job, Stored, Summary, case, datasets, differences, directory};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::LazyLock;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// About a second and a half on two ranks: 129 batches of modes.
+const LONG: [&str; 5] = [
+    "solver.tolerance=1e-3",
+    "solver.warp.profile=exponential",
+    "solver.warp.points=2048",
+    "axis.0.x.cells=40",
+    "axis.0.v.cells=26",
+];
+
+/// A checkpoint after nearly every batch.
+pub const OFTEN: &str = "checkpoint.minutes=0.00001";
+
+/// A result and its summary.
+pub type Result<T> = std::result::Result<T, String>;
+
+pub fn run() -> Job {
+    Job::new(["run", &case("example1.toml")]).set(&LONG)
+}
+
+/// What a run gives that nothing happens to.
+pub static WHOLE: LazyLock<(BTreeMap<String, Stored>, usize)> = LazyLock::new(|| {
+    let whole = directory();
+    let summary = run().on(2).solve(whole.path()).expect("a whole run");
+    let matvecs = count(&summary, "matvecs").expect("matvecs");
+    assert_eq!(count(&summary, "matvecs_here"), Ok(matvecs));
+    assert_eq!(summary.boolean("resumed"), Ok(false));
+    assert_eq!(count(&summary, "checkpoints"), Ok(0));
+    (datasets(whole.path()).expect("datasets"), matvecs)
+});
+
+pub fn count(summary: &Summary, key: &str) -> Result<usize> {
+    summary.number(key).map(|n| n as usize)
+}
+
+pub fn io<T>(result: std::io::Result<T>) -> Result<T> {
+    result.map_err(|e| e.to_string())
+}
+
+/// Goes on from what is in `directory`, to the end, and compares with the whole run, bit for bit; every application that the
+/// checkpoint holds is done once.
+pub fn ends_well(job: Job, directory: &Path) -> Result<Summary> {
+    let done = match newest(directory) {
+        Some(newest) => manifest(&newest)?["matvecs"].as_u64().unwrap_or(0) as usize,
+        None => 0,
+    };
+    let summary = job.with(["--resume"]).solve(directory)?;
+    same(directory, &summary)?;
+    let (here, all) = (count(&summary, "matvecs_here")?, WHOLE.1);
+    summary.require(here + done == all, || {
+        format!("{done} applications in the checkpoint and {here} after it are not {all}")
+    })?;
+    summary.require(!directory.join("checkpoint").exists(), || {
+        "the checkpoints of a finished run are still there".to_owned()
+    })?;
+    Ok(summary)
+}
+
+/// Whether the results are those of the whole run.
+pub fn same(directory: &Path, summary: &Summary) -> Result<()> {
+    let differing = differences(&datasets(directory)?, &WHOLE.0);
+    summary.require(differing.is_empty(), || {
+        format!("differs from the whole run in {differing:?}")
+    })?;
+    let (found, expected) = (count(summary, "matvecs")?, WHOLE.1);
+    summary.require(found == expected, || {
+        format!("{found} applications, {expected} in the whole run")
+    })
+}
+
+/// The generations in `directory`, newest first; complete ones only.
+pub fn generations(directory: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(directory.join("checkpoint"));
+    let mut found: Vec<PathBuf> = (entries.into_iter().flatten().flatten())
+        .map(|entry| entry.path())
+        .filter(|path| path.join("manifest.json").exists())
+        .collect();
+    found.sort();
+    found.reverse();
+    found
+}
+
+pub fn newest(directory: &Path) -> Option<PathBuf> {
+    generations(directory).into_iter().next()
+}
+
+pub fn manifest(generation: &Path) -> Result<Value> {
+    let text = io(fs::read_to_string(generation.join("manifest.json")))?;
+    let value: Value = serde_json::from_str(&text).map_err(|e| e.to_string())?;
+    Ok(value["manifest"].clone())
+}
+
+/// A number in [0, 1) for `seed`.
+pub fn random(seed: u64) -> f64 {
+    let z = (seed + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+fn send(signal: &str, process: u32) {
+    let _ = Command::new("kill")
+        .args([signal, &process.to_string()])
+        .status();
+}
+
+/// The processes that `parent` started.
+fn children(parent: u32) -> Vec<u32> {
+    let path = format!("/proc/{parent}/task/{parent}/children");
+    let text = fs::read_to_string(path).unwrap_or_default();
+    text.split_whitespace()
+        .filter_map(|id| id.parse().ok())
+        .collect()
+}
+
+fn is_alive(process: u32) -> bool {
+    // A zombie has ended.
+    let text = fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
+    !text.is_empty() && !text.contains(") Z")
+}
+
+/// What a run is stopped by.
+#[derive(Clone, Copy, Debug)]
+pub enum Blow {
+    /// SIGKILL of this rank.
+    Rank(usize),
+    /// SIGKILL of mpirun.
+    Launcher,
+    /// SIGUSR1 to mpirun.
+    Signal,
+}
+
+/// Runs a job and deals it a blow at the first moment that `now` finds right; all its ranks have ended when this returns.
+pub fn struck(job: &Job, blow: Blow, mut now: impl FnMut(Duration) -> bool) -> Result<Finished> {
+    let (mut ranks, mut struck) = (Vec::new(), false);
+    let finished = job.clone().closely().run_while(|mpirun, since| {
+        if struck {
+            return;
+        }
+        ranks = children(mpirun.id());
+        if ranks.is_empty() || !now(since) {
+            return;
+        }
+        struck = true;
+        match blow {
+            Blow::Rank(rank) => send("-KILL", ranks[rank.min(ranks.len() - 1)]),
+            Blow::Launcher => send("-KILL", mpirun.id()),
+            Blow::Signal => send("-USR1", mpirun.id()),
+        }
+    })?;
+    // Ranks that lost their mpirun end by themselves, a moment later.
+    let waiting = Instant::now();
+    while ranks.iter().any(|&rank| is_alive(rank)) {
+        if waiting.elapsed() > Duration::from_secs(20) {
+            return Err(finished.report("ranks outlive mpirun by 20 s"));
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    Ok(finished)
+}
+
+/// A run with checkpoints, stopped by SIGUSR1 when two are there.
+pub fn stopped(ranks: usize) -> Result<TempDir> {
+    let directory = directory();
+    let path = directory.path();
+    let job = run().on(ranks).set(&[OFTEN]).into(path);
+    let finished = struck(&job, Blow::Signal, |_| generations(path).len() == 2)?;
+    if finished.code == Some(75) && finished.errors.contains("--resume") {
+        Ok(directory)
+    } else {
+        Err(finished.report("exit code 75 expected, and how to go on"))
+    }
+}
+
+pub fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
+    fs::create_dir_all(to)?;
+    for entry in fs::read_dir(from)? {
+        let entry = entry?;
+        let target = to.join(entry.file_name());
+        if entry.path().is_dir() {
+            copy(&entry.path(), &target)?;
+        } else {
+            fs::copy(entry.path(), target)?;
+        }
+    }
+    Ok(())
+}

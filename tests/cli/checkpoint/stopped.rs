@@ -1,0 +1,282 @@
+//! Runs killed at any moment, told to stop, or out of time end with the same bits.
+
+use super::{
+    Blow, OFTEN, Result, WHOLE, count, ends_well, generations, manifest, newest, random, run,
+    stopped, struck,
+};
+use crate::support::{
+    Finished, Job, case, check_all, datasets, datasets_of, differences, directory,
+};
+use std::fs;
+use std::sync::LazyLock;
+use std::time::Duration;
+
+#[test]
+fn runs_killed_at_any_moment_end_with_the_same_bits() {
+    LazyLock::force(&WHOLE);
+    // Each is killed three times, then left alone; every start is on other ranks.
+    let rows: Vec<u64> = (0..6).collect();
+    check_all(&rows, |&row| {
+        let directory = directory();
+        let path = directory.path();
+        for strike in 0..3 {
+            let seed = 10 * row + strike;
+            let ranks = 1 + (row + strike) as usize % 4;
+            let blow = match seed % 3 {
+                0 => Blow::Launcher,
+                rank => Blow::Rank(rank as usize - 1),
+            };
+            let blocks = if ranks == 4 { "2" } else { "1" };
+            let job =
+                run()
+                    .on(ranks)
+                    .set(&[OFTEN])
+                    .into(path)
+                    .with(["--resume", "--ranks-x", blocks]);
+            let after = Duration::from_secs_f64(0.3 + 1.2 * random(seed));
+            let finished = struck(&job, blow, |since| since > after)?;
+            if finished.code == Some(0) {
+                break;
+            }
+        }
+        if path.join("summary.json").exists() {
+            // It was over before it was killed.
+            let differing = differences(&datasets(path)?, &WHOLE.0);
+            return match differing.is_empty() {
+                true => Ok(()),
+                false => Err(format!("row {row} differs in {differing:?}")),
+            };
+        }
+        let ranks = 1 + (row as usize + 3) % 4;
+        ends_well(run().on(ranks), path).map(|_| ())
+    });
+}
+
+#[test]
+fn runs_killed_while_they_write_a_checkpoint_end_with_the_same_bits() {
+    LazyLock::force(&WHOLE);
+    let rows = [
+        (2, Blow::Rank(0)),
+        (2, Blow::Rank(1)),
+        (3, Blow::Launcher),
+        (4, Blow::Rank(2)),
+    ];
+    check_all(&rows, |&(ranks, blow)| {
+        let directory = directory();
+        let path = directory.path();
+        let job = run().on(ranks).set(&[OFTEN]).into(path);
+        // In the middle of a generation that follows others: without a manifest.
+        let mut seen = 0;
+        let finished = struck(&job, blow, |_| {
+            let all = fs::read_dir(path.join("checkpoint"))
+                .into_iter()
+                .flatten()
+                .count();
+            let writes = generations(path).len() >= 2 && all > generations(path).len();
+            seen += usize::from(writes);
+            writes
+        })?;
+        if finished.code == Some(0) || seen == 0 {
+            return Err(finished.report("not killed"));
+        }
+        ends_well(run().on(5 - ranks), path).map(|_| ())
+    });
+}
+
+#[test]
+fn told_to_stop_a_run_leaves_a_checkpoint_for_any_ranks() {
+    LazyLock::force(&WHOLE);
+    let rows = [
+        (2, 2, "1"),
+        (2, 1, "1"),
+        (1, 3, "3"),
+        (3, 4, "2"),
+        (4, 2, "2"),
+    ];
+    check_all(&rows, |&(before, after, blocks)| {
+        let directory = stopped(before)?;
+        let path = directory.path();
+        let summary = ends_well(run().on(after).with(["--ranks-x", blocks]), path)?;
+        summary.require(summary.boolean("resumed")?, || "did not go on".to_owned())
+    });
+}
+
+/// Stops a run in stage number `stage`, goes on with it on other ranks, and compares everything with a run that nothing
+/// happened to.
+fn goes_on_in_stage(
+    job: &Job,
+    stage: u64,
+    ranks: [(usize, &str); 2],
+    numbers: &[&str],
+) -> Result<()> {
+    let [before, after] =
+        ranks.map(|(ranks, blocks)| job.clone().on(ranks).with(["--ranks-x", blocks]));
+    let whole = directory();
+    let expected = job.clone().on(2).solve(whole.path())?;
+    let cut = directory();
+    let path = cut.path();
+    let finished = struck(&before.set(&[OFTEN]).into(path), Blow::Signal, |_| {
+        let found = newest(path).and_then(|newest| manifest(&newest).ok());
+        found.is_some_and(|m| m["stage"] == stage)
+    })?;
+    if finished.code != Some(75) {
+        return Err(finished.report("exit code 75 expected"));
+    }
+    let summary = after.with(["--resume"]).solve(path)?;
+    for file in fs::read_dir(whole.path()).into_iter().flatten().flatten() {
+        let name = file.file_name();
+        if name.to_string_lossy().ends_with(".h5") {
+            let [found, expected] = [path, whole.path()].map(|d| datasets_of(&d.join(&name)));
+            let differing = differences(&found?, &expected?);
+            summary.require(differing.is_empty(), || {
+                format!("{name:?}: {differing:?} differ")
+            })?;
+        }
+    }
+    for key in numbers {
+        let (found, expected) = (&summary.value[key], &expected.value[key]);
+        summary.require(found == expected, || {
+            format!("{key}: {found}, {expected} expected")
+        })?;
+    }
+    let here = count(&summary, "matvecs_here")?;
+    summary.require(here < count(&expected, "matvecs")?.max(1), || {
+        "nothing was taken over".to_owned()
+    })
+}
+
+#[test]
+fn stages_that_are_finished_are_not_computed_again() {
+    // Density and level set one after the other, with moments before the end, an implicit method and a plateau.
+    let fields = Job::new(["run", &case("example2.toml")]).set(&[
+        "axis.0.x.cells=32",
+        "axis.0.v.cells=24",
+        "solver.tolerance=1e-2",
+        "solver.propagator={method='crank-nicolson',step=0.01}",
+        "solver.warp.profile=exponential",
+        "solver.warp.points=512",
+        "output.moments_every=0.5",
+        "output.plateau.points=3",
+    ]);
+    // All modes kept, with inflow: auxiliary unknowns move with their cells.
+    let kept = |more: &[&str]| {
+        Job::new(["run", &case("example2.toml"), "--mode", "full"])
+            .set(&[
+                "axis.0.x.cells=32",
+                "axis.0.v.cells=24",
+                "solver.tolerance=1e-2",
+                "solver.warp.profile=exponential",
+                "solver.warp.points=512",
+                "output.field_times=[0.3,0.6]",
+            ])
+            .set(more)
+    };
+    let told = [
+        "matvecs",
+        "solves",
+        "unitarity_defect",
+        "norm_kept",
+        "step_error",
+        "error_estimate",
+    ];
+    let rows = [
+        (fields, 1, [(2, "1"), (3, "1")]),
+        (kept(&[]), 1, [(2, "2"), (3, "3")]),
+        (kept(&[]), 4, [(3, "1"), (4, "2")]),
+        (
+            kept(&["solver.warp.inflow='full'"]),
+            0,
+            [(1, "1"), (4, "4")],
+        ),
+        (
+            kept(&["solver.warp.inflow='full'"]),
+            5,
+            [(4, "2"), (1, "1")],
+        ),
+    ];
+    check_all(&rows, |(job, stage, ranks)| {
+        goes_on_in_stage(job, *stage, *ranks, &told)
+    });
+}
+
+#[test]
+fn runs_stop_before_their_time_is_over_and_go_on() {
+    LazyLock::force(&WHOLE);
+    let directory = directory();
+    let path = directory.path();
+    // How long the start and the rest take depends on what else the machine does: neither too little nor enough for all.
+    let (mut pieces, mut seconds) = (0, 0.5_f64);
+    for attempt in 1.. {
+        let time = format!("{seconds}s");
+        let job = run()
+            .on(2)
+            .into(path)
+            .with(["--resume", "--walltime", &time]);
+        let finished = job.run().expect("a run");
+        let said = finished.errors.contains(&format!("--walltime {seconds}"));
+        match finished.code {
+            Some(75) if said && finished.seconds < seconds + 20.0 => pieces += 1,
+            Some(2) if said => seconds = (125.0 * seconds).ceil() / 100.0,
+            Some(0) if pieces == 0 => seconds = (80.0 * seconds).ceil() / 100.0,
+            Some(0) => break,
+            _ => panic!("{}", finished.report("exit code 75 or 0 expected, in time")),
+        }
+        assert!(attempt < 60, "{}", finished.report("makes no progress"));
+    }
+    assert!(pieces > 0);
+    let differing = differences(&datasets(path).expect("datasets"), &WHOLE.0);
+    assert!(differing.is_empty(), "{differing:?}");
+}
+
+#[test]
+fn a_time_too_short_for_anything_is_an_error() {
+    let directory = directory();
+    for ranks in [1, 3] {
+        let job = run()
+            .on(ranks)
+            .into(directory.path())
+            .with(["--walltime", "0.01"]);
+        let finished = job.run().expect("a run");
+        assert_eq!(finished.code, Some(2), "{}", finished.report("refused"));
+        assert!(
+            finished.errors.contains("--walltime 0.01"),
+            "{}",
+            finished.errors
+        );
+    }
+    assert!(!directory.path().join("checkpoint").exists());
+}
+
+#[test]
+fn what_is_finished_is_not_computed_again() {
+    let place = directory();
+    let path = place.path();
+    let first = [
+        "time.end=0.1",
+        "output.warped_field=true",
+        "solver.tolerance=0.01",
+    ];
+    let job = |settings: &[&str]| run().set(&first).set(settings).into(path).on(2);
+    job(&[]).succeed().expect("a run");
+    let said = |finished: &Finished| finished.output.contains("the run is finished");
+    let rows: [(&[&str], bool); 4] = [
+        (&[], true),
+        (&["checkpoint.minutes=3", "time.end=0.10"], true),
+        (&["output.compression=1"], false),
+        (&["time.end=0.05"], false),
+    ];
+    for (settings, finished) in rows {
+        let written = fs::read(path.join("summary.json")).expect("a summary");
+        let again = job(settings).with(["--resume"]).succeed().expect("a run");
+        assert_eq!(said(&again), finished, "{}", again.report("finished"));
+        let now = fs::read(path.join("summary.json")).expect("a summary");
+        assert_eq!(now == written, finished, "{settings:?}");
+    }
+    // Something is missing, or it was not asked.
+    fs::remove_file(path.join("warped_f.h5")).expect("a file");
+    let last = job(rows[3].0);
+    let again = last.clone().with(["--resume"]).succeed().expect("a run");
+    assert!(!said(&again), "{}", again.report("solved"));
+    let again = last.succeed().expect("a run");
+    assert!(!said(&again), "{}", again.report("solved"));
+}

@@ -1,0 +1,234 @@
+//! Mistakes on the command line are refused by every rank with one message; help is said once.
+
+use crate::support::{Job, case, check_all, directory, plan, refused, require, run};
+use std::path::{Path, PathBuf};
+
+#[test]
+fn mistakes_on_the_command_line_are_refused() {
+    let place = directory();
+    let out = place.path().join("out").display().to_string();
+    let (example, plane) = (case("example1.toml"), case("barrier2d.toml"));
+    let folder = place.path().display().to_string();
+    let says_folder = [folder.as_str(), "directory"];
+    let nowhere = place.path().join("nowhere.toml").display().to_string();
+    let rows: Vec<(Vec<&str>, &[&str])> = vec![
+        (vec!["chekc", &example], &["'chekc'", "'check'"]),
+        (vec!["check", &example, "--frobnicate"], &["'--frobnicate'"]),
+        (
+            vec!["run", &example, "--ouput", "x"],
+            &["'--ouput'", "'--output'"],
+        ),
+        (vec!["check"], &["<CASE>"]),
+        (vec!["check", &nowhere], &["nowhere.toml", "No such file"]),
+        (vec!["run", &nowhere], &["nowhere.toml", "No such file"]),
+        (vec!["check", &folder], &says_folder),
+        (
+            vec!["plan", &example, "--ranks", "0"],
+            &["'0'", "--ranks", "1..="],
+        ),
+        (vec!["plan", &example, "--ranks", "-1"], &["-1"]),
+        (
+            vec!["plan", &example, "--ranks", "two"],
+            &["'two'", "--ranks"],
+        ),
+        (
+            vec!["plan", &example, "--memory-per-rank", "4 parsecs"],
+            &["4 parsecs", "--memory-per-rank", "GiB"],
+        ),
+        (
+            vec!["plan", &example, "--ranks", "6", "--ranks-x", "4"],
+            &["--ranks-x", "4", "6", "1, 2, 3, 6"],
+        ),
+        (
+            vec!["run", &example, "-o", &out, "--ranks-x", "3"],
+            &["--ranks-x", "3 blocks", "2 ranks", "1, 2"],
+        ),
+        (
+            vec!["run", &example, "-o", &out, "--ranks-x", "0"],
+            &["--ranks-x", "0", "1 to 128"],
+        ),
+        (
+            vec!["run", &example, "-o", &out, "--ranks-x", "129"],
+            &["--ranks-x", "129", "128 cells"],
+        ),
+        (
+            vec!["run", &example, "-o", &out, "--ranks-x", "1,2"],
+            &["--ranks-x", "2 numbers", "1 x-axes"],
+        ),
+        (
+            vec!["run", &plane, "-o", &out, "--ranks-x", "2,2"],
+            &["--ranks-x", "4 blocks", "2 ranks"],
+        ),
+        (
+            vec![
+                "run",
+                &plane,
+                "-o",
+                &out,
+                "--ranks-x",
+                "1,99999999999999999999",
+            ],
+            &["--ranks-x"],
+        ),
+        (
+            vec![
+                "run",
+                &plane,
+                "-o",
+                &out,
+                "--ranks-x",
+                "4294967296,4294967296",
+            ],
+            &["--ranks-x", "4294967296"],
+        ),
+        (
+            vec!["run", &example, "-o", &out, "--ranks-x", "one"],
+            &["--ranks-x", "'one'"],
+        ),
+        (
+            vec!["run", &example, "-o", &out, "--mode", "fast"],
+            &["--mode", "'fast'", "streamed"],
+        ),
+        (vec!["run", &example, "-o", ""], &["--output"]),
+        (
+            vec!["spectrum", &example, "--steps", "1"],
+            &["--steps", "'1'"],
+        ),
+        (
+            vec!["spectrum", &example, "--refine", "1,0"],
+            &["--refine", "'0'", "1 to 64"],
+        ),
+        (
+            vec!["spectrum", &example, "--refine", "65"],
+            &["--refine", "'65'", "1 to 64"],
+        ),
+        (
+            vec!["spectrum", &example, "--refine", "1,two"],
+            &["--refine", "'two'", "1 to 64"],
+        ),
+    ];
+    check_all(&rows, |(arguments, says)| {
+        let job = Job::new(arguments.iter().copied());
+        refused(&job.on(2).within(20).run()?, says)
+    });
+    assert!(
+        !Path::new(&out).exists(),
+        "a refused run made its output directory"
+    );
+    // More ranks than x-cells and modes: 3 blocks at most, and 128 ranks planned.
+    let small = ["axis.0.x.cells=3", "axis.0.v.cells=2"];
+    let finished = plan("example1.toml", 128).set(&small).run().unwrap();
+    if finished.code != Some(0) {
+        refused(&finished, &["128 ranks"]).unwrap();
+    }
+}
+
+/// Every rank comes to its own end, with exit code 2, also where only one of them found the mistake.
+#[test]
+fn every_rank_ends_with_the_code() {
+    let (example, place) = (case("example1.toml"), directory());
+    let out = place.path().display().to_string();
+    let rows: [&[&str]; 8] = [
+        &["chekc"],
+        &["check", "nowhere.toml"],
+        &["check", &example, "--set", "solver.tolerance=0"],
+        &[
+            "run",
+            &example,
+            "-o",
+            &out,
+            "--set",
+            "solver.tolerance=1e-15",
+        ],
+        &["run", &example, "-o", &out, "--ranks-x", "2"],
+        &[
+            "run",
+            &example,
+            "-o",
+            &out,
+            "--set",
+            "axis.0.x.cells=10000000",
+        ],
+        &[
+            "run",
+            &example,
+            "-o",
+            &out,
+            "--ranks-x",
+            "3",
+            "--set",
+            "initial.f=sqrt(1.4 - x)",
+        ],
+        &[
+            "run",
+            &example,
+            "-o",
+            &out,
+            "--ranks-x",
+            "3",
+            "--set",
+            "initial.f=sqrt(x + 1.4)",
+        ],
+    ];
+    check_all(&rows, |arguments| {
+        let job = Job::new(arguments.iter().copied()).on(3).within(20);
+        let finished = job.telling_codes().run()?;
+        let said = finished.output.clone() + &finished.others;
+        let codes = said.matches("ended with 2").count();
+        require(codes == 3, &finished, || {
+            format!("{codes} of 3 ranks ended with 2")
+        })?;
+        let messages = finished.errors.matches("error: ").count();
+        require(messages == 1, &finished, || format!("{messages} messages"))
+    });
+}
+
+/// Nothing asked for: the usage, exit code 2. Help and version: said once, exit code 0.
+#[test]
+fn help_is_said_once() {
+    let finished = Job::new([""; 0]).on(2).run().unwrap();
+    assert!(
+        finished.code == Some(2) && finished.errors.matches("Usage:").count() == 1,
+        "{}",
+        finished.report("usage expected")
+    );
+    for (option, says) in [
+        ("--help", "Usage:"),
+        ("--version", env!("CARGO_PKG_VERSION")),
+    ] {
+        let finished = Job::new([option]).on(2).succeed().unwrap();
+        assert_eq!(
+            finished.output.matches(says).count(),
+            1,
+            "{}",
+            finished.report(option)
+        );
+    }
+}
+
+/// Exit code 2, before anything is computed, and what is there stays.
+#[test]
+fn an_output_directory_that_cannot_be_written_is_refused() {
+    let place = directory();
+    let file = place.path().join("file");
+    std::fs::write(&file, "kept").unwrap();
+    let made = |name: &str| {
+        let path = place.path().join(name);
+        std::fs::create_dir_all(path.join("result.h5")).unwrap();
+        path
+    };
+    let rows = [
+        file.clone(),
+        file.join("below"),
+        file.join("far/below"),
+        PathBuf::from("/proc/nowhere"),
+        PathBuf::from("/proc"),
+        PathBuf::from("/dev/null"),
+        made("occupied"),
+    ];
+    check_all(&rows, |path| {
+        let finished = run("example1.toml").into(path).on(2).within(20).run()?;
+        refused(&finished, &["output", &path.display().to_string()])
+    });
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept");
+}

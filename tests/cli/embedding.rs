@@ -1,0 +1,84 @@
+//! Embeddings of the inflow: tolerances are met with each, and what none can do is refused.
+
+use crate::support::{check_all, directory, meets_its_tolerance, refused, run};
+
+/// Every embedding, δ planned and given, a shift: the tolerance is met and the estimate is right.
+#[test]
+fn tolerances_are_met_with_every_embedding() {
+    let steady = [
+        "inflow_barrier.toml",
+        "axis.0.x.cells=32",
+        "axis.0.v.cells=36",
+    ];
+    let pulsed = [
+        "pulsed_inflow.toml",
+        "axis.0.x.cells=20",
+        "axis.0.v.cells=22",
+    ];
+    let mut rows = Vec::new();
+    for grid in [steady, pulsed] {
+        for embedding in ["boundary", "full", "scalar"] {
+            for delta in ["", "solver.warp.delta=max", "solver.warp.delta=30"] {
+                let embedding = format!("solver.warp.inflow={embedding}");
+                rows.push((grid, vec![embedding, delta.to_owned()]));
+            }
+        }
+        for shift in ["growth", "0.4", "-0.3", "-4"] {
+            rows.push((grid, vec![format!("solver.warp.shift={shift}")]));
+        }
+    }
+    check_all(&rows, |([name, x, v], settings)| {
+        let mut set = vec![*x, *v, "solver.verify=true", "solver.tolerance=1e-5"];
+        set.extend(
+            settings
+                .iter()
+                .map(String::as_str)
+                .filter(|s| !s.is_empty()),
+        );
+        let place = directory();
+        meets_its_tolerance(&run(name).on(2).set(&set).solve(place.path())?)
+    });
+}
+
+/// A δ so small that the enlarged system grows beyond all digits; a δ where nothing enters; inflow that is not finite at
+/// some time, or changes too fast.
+#[test]
+fn what_no_embedding_can_do() {
+    let rows: &[(&str, &[&str], &[&str])] = &[
+        (
+            "inflow_barrier.toml",
+            &["solver.warp.inflow=full", "solver.warp.delta=0.01"],
+            &["growth x time", "solver.warp.delta"],
+        ),
+        (
+            "pulsed_inflow.toml",
+            &["inflow.value='1/(t - 1.2)'"],
+            &["inflow.value", "inf", "t = 1.2", "must be finite"],
+        ),
+        (
+            "pulsed_inflow.toml",
+            &[
+                "axis.0.x.cells=8",
+                "axis.0.v.cells=6",
+                "inflow.value='sin(40000*t)'",
+            ],
+            &["inflow.value", "changes too fast", "8192 steps"],
+        ),
+    ];
+    check_all(rows, |(name, settings, says)| {
+        let place = directory();
+        refused(
+            &run(name).on(2).set(settings).into(place.path()).run()?,
+            says,
+        )
+    });
+    let place = directory();
+    let grid = [
+        "axis.0.x.cells=16",
+        "axis.0.v.cells=16",
+        "solver.warp.delta=2",
+    ];
+    let summary = run("example1.toml").set(&grid).solve(place.path()).unwrap();
+    let warnings = summary.value["warnings"].to_string();
+    assert!(warnings.contains("delta has no effect"), "{warnings}");
+}

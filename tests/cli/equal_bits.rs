@@ -1,0 +1,428 @@
+//! The same bits on every number of ranks and every process mesh.
+
+use crate::support::{case, check_all, datasets, differences, directory, run};
+use phasewarp::case::Case;
+use std::path::Path;
+
+/// Every way to split `ranks` into blocks along `axes` x-axes and mode groups: `--ranks-x`.
+fn meshes(axes: usize, ranks: usize) -> Vec<Vec<usize>> {
+    let mut all = vec![Vec::new()];
+    for _ in 0..axes {
+        all = (all.iter())
+            .flat_map(|mesh: &Vec<usize>| {
+                (1..=ranks)
+                    .map(move |parts| mesh.iter().copied().chain([parts]).collect::<Vec<_>>())
+            })
+            .filter(|mesh| ranks.is_multiple_of(mesh.iter().product()))
+            .collect();
+    }
+    all
+}
+
+#[test]
+fn every_mesh_is_listed() {
+    assert_eq!(meshes(1, 4), [[1], [2], [4]]);
+    assert_eq!(meshes(2, 3), [[1, 1], [1, 3], [3, 1]]);
+    assert_eq!(meshes(3, 4).len(), 10);
+}
+
+/// A run to be repeated on every mesh.
+struct Scene {
+    name: &'static str,
+    settings: &'static [&'static str],
+    axes: usize,
+    datasets: &'static [&'static str],
+}
+
+const LINE: &[&str] = &[
+    "/axis/component",
+    "/axis/vx",
+    "/axis/x",
+    "/case",
+    "/density",
+    "/exact",
+    "/f",
+    "/momentum",
+    "/plan",
+    "/velocity",
+    "/xdmf/plane_x/exact",
+    "/xdmf/plane_x/f",
+];
+
+const PLANE: &[&str] = &[
+    "/axis/component",
+    "/axis/vx",
+    "/axis/vy",
+    "/axis/x",
+    "/axis/y",
+    "/case",
+    "/density",
+    "/exact",
+    "/f",
+    "/momentum",
+    "/plan",
+    "/velocity",
+    "/xdmf/plane_x/f",
+    "/xdmf/plane_y/exact",
+    "/xdmf/space/density",
+    "/xdmf/space/velocity",
+];
+
+const SPACE: &[&str] = &[
+    "/axis/component",
+    "/axis/vx",
+    "/axis/vy",
+    "/axis/vz",
+    "/axis/x",
+    "/axis/y",
+    "/axis/z",
+    "/case",
+    "/density",
+    "/exact",
+    "/f",
+    "/momentum",
+    "/plan",
+    "/velocity",
+    "/xdmf/plane_z/f",
+    "/xdmf/space/density",
+    "/xdmf/space/momentum",
+];
+
+const MEASURE_LINE: &[&str] = &[
+    "/axis/component",
+    "/axis/point",
+    "/axis/vx",
+    "/axis/x",
+    "/density",
+    "/density_exact",
+    "/momentum",
+    "/multivalued/branch",
+    "/multivalued/density",
+    "/multivalued/v",
+    "/multivalued/x",
+    "/phi",
+    "/psi",
+    "/velocity",
+    "/velocity_exact",
+    "/xdmf/plane_x/phi",
+    "/xdmf/plane_x/psi_x",
+];
+
+const MEASURE_PLANE: &[&str] = &[
+    "/axis/vy",
+    "/axis/y",
+    "/density",
+    "/density_exact",
+    "/momentum",
+    "/phi",
+    "/psi",
+    "/velocity",
+    "/velocity_exact",
+];
+
+/// Compares a scene's results on every mesh of 1 to 4 ranks, and of 7 where `--ranks-x` is left to the program, with
+/// those of one rank.
+fn same_bits_everywhere(scene: &Scene) {
+    let reference = directory();
+    let job = || run(scene.name).set(scene.settings);
+    job().solve(reference.path()).unwrap();
+    let reference = datasets(reference.path()).unwrap();
+    for name in scene.datasets {
+        assert!(
+            reference.contains_key(*name),
+            "no {name} in result.h5: {}",
+            job().command()
+        );
+    }
+
+    let mut rows: Vec<(usize, Option<Vec<usize>>)> = Vec::new();
+    let settings: Vec<String> = scene.settings.iter().map(|s| s.to_string()).collect();
+    let space = Case::load(Path::new(&case(scene.name)), &settings)
+        .unwrap()
+        .space;
+    let whole =
+        |m: &Vec<usize>| (m.iter().enumerate()).all(|(a, m)| *m == 1 || !space.is_periodic(a));
+    for ranks in 1..=4 {
+        rows.push((ranks, None));
+        rows.extend(
+            meshes(scene.axes, ranks)
+                .into_iter()
+                .filter(whole)
+                .map(|m| (ranks, Some(m))),
+        );
+    }
+    rows.push((7, None));
+    check_all(&rows, |(ranks, mesh)| {
+        let place = directory();
+        let mut job = job().on(*ranks);
+        if let Some(mesh) = mesh {
+            let list: Vec<String> = mesh.iter().map(usize::to_string).collect();
+            job = job.with(["--ranks-x", &list.join(",")]);
+        }
+        let summary = job.solve(place.path())?;
+        // It really ran so.
+        let found = (&summary.value["ranks"], &summary.value["space_blocks"]);
+        summary.require(*found.0 == serde_json::json!(ranks), || {
+            format!("ranks: {}", found.0)
+        })?;
+        if let Some(mesh) = mesh {
+            let groups = ranks / mesh.iter().product::<usize>();
+            let as_asked = *found.1 == serde_json::json!(mesh)
+                && summary.value["mode_groups"] == serde_json::json!(groups);
+            summary.require(as_asked, || format!("space_blocks: {}", found.1))?;
+        }
+        let differ = differences(&datasets(place.path())?, &reference);
+        summary.require(differ.is_empty(), || {
+            format!("other bits than on one rank in {}", differ.join(", "))
+        })
+    });
+
+    // Control: a case changed by a billionth differs, in the field at least and not on the axes.
+    let place = directory();
+    let end = format!("time.end={}", 0.7 * (1.0 + 1e-9));
+    job().set(&[&end]).solve(place.path()).unwrap();
+    let differ = differences(&datasets(place.path()).unwrap(), &reference);
+    let field = if scene.datasets.contains(&"/phi") {
+        "/psi"
+    } else {
+        "/f"
+    };
+    assert!(
+        differ.contains(&field.to_owned()) && !differ.contains(&"/axis/x".to_owned()),
+        "a changed time.end changes {differ:?}"
+    );
+}
+
+#[test]
+fn same_bits_with_inflow() {
+    same_bits_everywhere(&Scene {
+        name: "inflow_barrier.toml",
+        settings: &["axis.0.x.cells=37", "axis.0.v.cells=29", "time.end=0.7"],
+        axes: 1,
+        datasets: LINE,
+    });
+}
+
+#[test]
+fn same_bits_with_samples_and_a_plateau() {
+    same_bits_everywhere(&Scene {
+        name: "example1.toml",
+        settings: &[
+            "axis.0.x.cells=23",
+            "axis.0.v.cells=17",
+            "time.end=0.7",
+            "solver.tolerance=1e-4",
+            "solver.warp.profile=smooth",
+            "solver.warp.coefficients=sampled",
+            "solver.warp.recovery_method=least-squares",
+            "output.plateau.points=3",
+        ],
+        axes: 1,
+        datasets: &["/f", "/plateau/distance", "/plateau/norm", "/plateau/p"],
+    });
+}
+
+#[test]
+fn same_bits_at_output_times() {
+    same_bits_everywhere(&Scene {
+        name: "inflow_barrier.toml",
+        settings: &[
+            "axis.0.x.cells=23",
+            "axis.0.v.cells=17",
+            "time.end=0.7",
+            "solver.tolerance=1e-4",
+            "output.moments_every=0.2",
+            "output.field_times=[0.3, 0.4]",
+            "output.chunks=[5, 6]",
+        ],
+        axes: 1,
+        datasets: &[
+            "/f",
+            "/history/f",
+            "/history/density",
+            "/history/mass",
+            "/axis/time",
+        ],
+    });
+}
+
+#[test]
+fn same_bits_with_a_common_auxiliary_unknown() {
+    same_bits_everywhere(&Scene {
+        name: "inflow_barrier.toml",
+        settings: &[
+            "axis.0.x.cells=35",
+            "axis.0.v.cells=27",
+            "time.end=0.7",
+            "solver.warp.inflow=scalar",
+        ],
+        axes: 1,
+        datasets: LINE,
+    });
+}
+
+#[test]
+fn same_bits_with_inflow_that_varies() {
+    same_bits_everywhere(&Scene {
+        name: "pulsed_inflow.toml",
+        settings: &[
+            "axis.0.x.cells=33",
+            "axis.0.v.cells=23",
+            "time.end=0.7",
+            "solver.tolerance=1e-4",
+            "solver.warp.inflow=full",
+        ],
+        axes: 1,
+        datasets: LINE,
+    });
+}
+
+#[test]
+fn same_bits_with_shifted_weights() {
+    same_bits_everywhere(&Scene {
+        name: "well.toml",
+        settings: &["axis.0.x.cells=39", "axis.0.v.cells=31", "time.end=0.7"],
+        axes: 1,
+        datasets: LINE,
+    });
+}
+
+#[test]
+fn same_bits_with_slopes_and_conservative_interface() {
+    same_bits_everywhere(&Scene {
+        name: "slope_jump.toml",
+        settings: &[
+            "axis.0.x.cells=41",
+            "axis.0.v.cells=27",
+            "time.end=0.7",
+            "scheme.interface=conservative",
+            "solver.tolerance=1e-9",
+        ],
+        axes: 1,
+        datasets: LINE,
+    });
+}
+
+#[test]
+fn same_bits_in_the_plane() {
+    same_bits_everywhere(&Scene {
+        name: "barrier2d.toml",
+        settings: &["axis.0.x.cells=13", "axis.1.x.cells=7", "time.end=0.7"],
+        axes: 2,
+        datasets: PLANE,
+    });
+}
+
+#[test]
+fn same_bits_around_periodic_axes() {
+    same_bits_everywhere(&Scene {
+        name: "periodic2d.toml",
+        settings: &["axis.0.x.cells=13", "axis.1.x.cells=5", "time.end=0.7"],
+        axes: 2,
+        datasets: PLANE,
+    });
+    same_bits_everywhere(&Scene {
+        name: "periodic2d.toml",
+        settings: &[
+            "axis.0.x.boundary=periodic",
+            "axis.1.x={lower=-0.5,upper=0.5,cells=6}",
+            "time.end=0.7",
+            "solver.method=classical",
+            "solver.classical.integrator=ssp-rk3",
+            "scheme.limiter=van-leer",
+        ],
+        axes: 2,
+        datasets: PLANE,
+    });
+}
+
+#[test]
+fn same_bits_in_space() {
+    same_bits_everywhere(&Scene {
+        name: "step3d.toml",
+        settings: &["axis.0.v.cells=7", "time.end=0.7", "inflow.value=initial"],
+        axes: 3,
+        datasets: SPACE,
+    });
+}
+
+#[test]
+fn same_bits_with_measure_valued_data() {
+    same_bits_everywhere(&Scene {
+        name: "example2.toml",
+        settings: &["axis.0.x.cells=38", "axis.0.v.cells=27", "time.end=0.7"],
+        axes: 1,
+        datasets: MEASURE_LINE,
+    });
+    same_bits_everywhere(&Scene {
+        name: "example3.toml",
+        settings: &[
+            "axis.0.x.cells=4",
+            "axis.0.v.cells=5",
+            "time.end=0.7",
+            "solver.tolerance=1e-3",
+            "output.delta_width=gradient",
+        ],
+        axes: 2,
+        datasets: MEASURE_PLANE,
+    });
+}
+
+#[test]
+fn same_bits_with_the_classical_method() {
+    same_bits_everywhere(&Scene {
+        name: "inflow_barrier.toml",
+        settings: &[
+            "axis.0.x.cells=37",
+            "axis.0.v.cells=29",
+            "time.end=0.7",
+            "solver.method=classical",
+        ],
+        axes: 1,
+        datasets: LINE,
+    });
+    same_bits_everywhere(&Scene {
+        name: "barrier2d.toml",
+        settings: &[
+            "axis.0.x.cells=13",
+            "axis.1.x.cells=7",
+            "time.end=0.7",
+            "solver.method=classical",
+            "solver.classical.integrator=ssp-rk3",
+        ],
+        axes: 2,
+        datasets: PLANE,
+    });
+}
+
+#[test]
+fn same_bits_with_slopes_of_both_kinds() {
+    same_bits_everywhere(&Scene {
+        name: "slope_jump.toml",
+        settings: &[
+            "axis.0.x.cells=37",
+            "axis.0.v.cells=29",
+            "time.end=0.7",
+            "inflow.value='1 + x*v'",
+            "solver.method=classical",
+            "solver.classical.integrator=ssp-rk3",
+            "scheme.limiter=van-leer",
+        ],
+        axes: 1,
+        datasets: LINE,
+    });
+    same_bits_everywhere(&Scene {
+        name: "barrier2d.toml",
+        settings: &[
+            "axis.0.x.cells=13",
+            "axis.1.x.cells=7",
+            "time.end=0.7",
+            "potential.0.value='0.2 + 0.1*x - 0.1*y'",
+            "solver.method=classical",
+            "solver.classical.integrator=forward-euler",
+            "scheme.limiter=minmod",
+        ],
+        axes: 2,
+        datasets: PLANE,
+    });
+}

@@ -1,0 +1,268 @@
+//! Runs against exact solutions: errors, their orders, bounds, refraction and mass.
+
+use crate::support::{
+    INTERFACES, Job, SLOPES, at_most, cases, check_all, datasets, directory, near, run, shrunk,
+};
+
+/// L1 error against the exact solution and its order, about ½: the solution jumps.
+#[test]
+fn error_of_example_1_against_the_exact_solution() {
+    let rows = [("hat", 0.4614, 0.3297), ("conservative", 0.4605, 0.3296)];
+    check_all(&rows, |&(interface, coarse, fine)| {
+        let error = |cells: usize, expected: f64| -> Result<f64, String> {
+            let place = directory();
+            let summary = run("example1.toml")
+                .on(2)
+                .set(&[
+                    &format!("axis.0.x.cells={cells}"),
+                    &format!("axis.0.v.cells={cells}"),
+                    &format!("scheme.interface={interface}"),
+                ])
+                .solve(place.path())?;
+            let l1 = summary.number("error_l1")?;
+            let outcome = near("error_l1", l1, expected, 1e-4);
+            summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+            // The same from the file: f and the exact solution are both there.
+            let stored = datasets(place.path())?;
+            let exact = stored
+                .get("/exact")
+                .ok_or_else(|| format!("no /exact in result.h5\n  command: {}", summary.command))?;
+            let volume = (3.0 / cells as f64).powi(2);
+            let pairs = stored["/f"].numbers().into_iter().zip(exact.numbers());
+            let sum: f64 = pairs.map(|(f, g)| (f - g).abs()).sum();
+            let outcome = near("error_l1 from result.h5", volume * sum, l1, 1e-12);
+            summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+            Ok(l1)
+        };
+        let order = (error(64, coarse)? / error(128, fine)?).log2();
+        near(&format!("order of error_l1, {interface}"), order, 0.5, 0.1)
+    });
+}
+
+/// The gain of slopes on example 1: the L1 error at two sizes. The figures of the hat interface are those of a separate
+/// implementation of the formulas; the conservative interface is next to it, as without slopes.
+#[test]
+fn slopes_gain_on_example_1() {
+    let rows = [
+        ("hat", "minmod", [0.2735, 0.1742], 1e-4),
+        ("hat", "van-leer", [0.2227, 0.1356], 1e-4),
+        ("conservative", "minmod", [0.2735, 0.1742], 2e-3),
+        ("conservative", "van-leer", [0.2227, 0.1356], 2e-3),
+    ];
+    check_all(&rows, |&(interface, limiter, expected, by)| {
+        for (cells, expected) in [64, 128].into_iter().zip(expected) {
+            let place = directory();
+            let job = run("example1.toml").on(2).set(&SLOPES).set(&[
+                &format!("axis.0.x.cells={cells}"),
+                &format!("axis.0.v.cells={cells}"),
+                &format!("scheme.interface={interface}"),
+                &format!("scheme.limiter={limiter}"),
+            ]);
+            let summary = job.solve(place.path())?;
+            let outcome = near("error_l1", summary.number("error_l1")?, expected, by);
+            summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        }
+        Ok(())
+    });
+}
+
+/// Monotone data, so without extrema: order 2 with slopes, order 1 without; transport alone, with a force, in the plane.
+#[test]
+fn slopes_are_of_second_order() {
+    // S rises from 0 to 1; what enters is 0, from the lower ends in x and the upper end in v.
+    let rise = |of: &str, at: f64, width: f64| format!("(1 + tanh(({of} - ({at}))/{width}))/2");
+    let line = |potential: &str, x: &str, v: &str| {
+        let f = |x: &str, v: &str| {
+            format!(
+                "{} * {}",
+                rise(x, -0.5, 0.5),
+                rise(&format!("2.5 - ({v})"), 0.0, 0.35)
+            )
+        };
+        (potential.to_owned(), f("x", "v"), f(x, v))
+    };
+    let transport = line("0", "x - v*t", "v");
+    let force = line("0.5*x", "x - v*t - 0.25*t^2", "v + 0.5*t");
+    let cloud = |x: &str, y: &str| format!("{} * {}", rise(x, -0.3, 0.5), rise(y, -0.2, 0.6));
+    let plane = (
+        "0".to_owned(),
+        cloud("x", "y"),
+        cloud("x - vx*t", "y - vy*t"),
+    );
+    // Name, scene, axes by refinement, end.
+    type Scene<'a> = (
+        &'a str,
+        &'a (String, String, String),
+        fn(usize) -> String,
+        f64,
+    );
+    let axes_line = |n: usize| {
+        format!(
+            "[[axis]]\nx = {{ lower = -4, upper = 5, cells = {} }}\nv = {{ lower = 0.5, upper = 4.5, cells = 6 }}\n",
+            72 * n
+        )
+    };
+    let axes_force = |n: usize| {
+        format!(
+            "[[axis]]\nx = {{ lower = -4, upper = 5, cells = {} }}\nv = {{ lower = 0.5, upper = 4.9, cells = {} }}\n",
+            36 * n,
+            22 * n
+        )
+    };
+    let axes_plane = |n: usize| {
+        format!(
+            "[[axis]]\nx = {{ lower = -3.5, upper = 3.5, cells = {} }}\nv = {{ lower = 0.4, upper = 1.2, cells = 3 }}\n\
+             [[axis]]\nx = {{ lower = -4, upper = 4, cells = {} }}\nv = {{ lower = 0.3, upper = 0.9, cells = 2 }}\n",
+            24 * n,
+            26 * n
+        )
+    };
+    let scenes: [Scene<'_>; 3] = [
+        ("transport", &transport, axes_line, 0.5),
+        ("force", &force, axes_force, 0.5),
+        ("plane", &plane, axes_plane, 0.6),
+    ];
+    let mut rows = Vec::new();
+    for scene in &scenes {
+        for (limiter, order) in [("none", 1.0), ("minmod", 2.0), ("van-leer", 2.0)] {
+            rows.push((scene, limiter, order));
+        }
+    }
+    check_all(
+        &rows,
+        |((name, (potential, initial, exact), axes, end), limiter, order)| {
+            let error = |n: usize| -> Result<f64, String> {
+                let place = directory();
+                let file = place.path().join("smooth.toml");
+                let text = format!(
+                    "{}[[potential]]\nvalue = \"{potential}\"\n[initial]\nf = \"{initial}\"\n[time]\nend = {end}\n\
+                 [scheme]\nlimiter = \"{limiter}\"\n[solver]\nmethod = \"classical\"\n\
+                 [solver.classical]\nintegrator = \"ssp-rk3\"\n[exact]\nf = \"{exact}\"\n",
+                    axes(n)
+                );
+                std::fs::write(&file, text).map_err(|e| e.to_string())?;
+                let job = Job::new(["run".to_owned(), file.display().to_string()]);
+                job.on(2).solve(place.path())?.number("error_l1")
+            };
+            let (coarse, fine) = (error(4)?, error(8)?);
+            let what = format!("order, {name}, {limiter} (errors {coarse:e}, {fine:e})");
+            near(&what, (coarse / fine).log2(), *order, 0.2)
+        },
+    );
+}
+
+/// With slopes and the longest step, nothing rises above the data and what enters, and nothing falls below.
+#[test]
+fn slopes_keep_the_bounds() {
+    let mut rows = Vec::new();
+    // Slopes do not go with an inflow that varies.
+    for name in (cases().into_iter()).filter(|name| name != "pulsed_inflow.toml") {
+        for (limiter, integrator) in [
+            ("minmod", "forward-euler"),
+            ("van-leer", "forward-euler"),
+            ("van-leer", "ssp-rk3"),
+        ] {
+            for interface in INTERFACES {
+                rows.push((name.clone(), limiter, integrator, interface));
+            }
+        }
+    }
+    check_all(&rows, |(name, limiter, integrator, interface)| {
+        let place = directory();
+        let summary = run(name)
+            .set(shrunk(name))
+            .set(&[
+                "solver.method=classical",
+                "solver.classical.cfl=1",
+                &format!("solver.classical.integrator={integrator}"),
+                &format!("scheme.limiter={limiter}"),
+                &format!("scheme.interface={interface}"),
+            ])
+            .solve(place.path())?;
+        // Every case has data and inflow between 0 and 1.
+        let (least, most) = (summary.number("minimum")?, summary.number("maximum")?);
+        summary.require(least >= -1e-14 && most <= 1.0 + 1e-14, || {
+            format!("f from {least:e} to {most}")
+        })
+    });
+}
+
+/// Snell's law: the velocity of the beam in the strip and behind it, from the moments in the file.
+#[test]
+fn the_lens_refracts_its_beam() {
+    let place = directory();
+    let cells = [36, 16];
+    let job = run("lens2d.toml").set(&[
+        "axis.1.x.cells=16",
+        "solver.method=classical",
+        "solver.classical.integrator=ssp-rk3",
+        "scheme.limiter=van-leer",
+    ]);
+    let summary = job.on(2).within(120).solve(place.path()).unwrap();
+    let stored = datasets(place.path()).unwrap();
+    let (density, momentum) = (stored["/density"].numbers(), stored["/momentum"].numbers());
+    let points = density.len();
+    assert_eq!(points, cells[0] * cells[1]);
+    // Fluxes through the strip of cells x from..to: Σ v_y f / Σ v_x f is the tangent of the beam's angle.
+    let tangent = |columns: std::ops::Range<usize>| {
+        let sum = |axis: usize| -> f64 {
+            columns
+                .clone()
+                .map(|i| {
+                    momentum[axis * points + i * cells[1]..][..cells[1]]
+                        .iter()
+                        .sum::<f64>()
+                })
+                .sum()
+        };
+        sum(1) / sum(0)
+    };
+    let (before, inside, behind) = (tangent(8..12), tangent(20..24), tangent(28..32));
+    // The mean of the beam is (0.8, 0.45); in the strip vx = √(0.64 − 0.3).
+    for (what, found, expected) in [
+        ("before", before, 0.45 / 0.8),
+        ("inside", inside, 0.45 / (0.64f64 - 0.3).sqrt()),
+        ("behind", behind, 0.45 / 0.8),
+    ] {
+        let off = (found / expected - 1.0).abs();
+        assert!(
+            off < 0.05,
+            "{what}: tan = {found:.4}, {expected:.4} expected: {}",
+            summary.command
+        );
+    }
+}
+
+/// Trapped and transmitted particles at both walls of the well, nobody at the ends of the box.
+#[test]
+fn conservative_interface_keeps_the_mass() {
+    let change = |settings: &[&str]| -> Result<f64, String> {
+        let place = directory();
+        let summary = run("well.toml")
+            .on(2)
+            .set(&["time.end=0.2"])
+            .set(settings)
+            .solve(place.path())?;
+        let (after, before) = (summary.number("mass")?, summary.number("mass_initial")?);
+        summary.require(before > 0.1, || format!("mass_initial {before}"))?;
+        Ok((after / before - 1.0).abs())
+    };
+    let conservative = "scheme.interface=conservative";
+    for (settings, limit) in [
+        ([conservative, "solver.method=classical"], 1e-12),
+        ([conservative, "solver.tolerance=2e-13"], 1e-12),
+    ] {
+        at_most(
+            &format!("change of mass, {settings:?}"),
+            change(&settings).unwrap(),
+            limit,
+        )
+        .unwrap();
+    }
+    // Control: the walls were met, where the hat interface makes mass.
+    let hat = change(&["scheme.interface=hat", "solver.method=classical"]).unwrap();
+    assert!(
+        hat > 1e-5,
+        "hat: change of mass {hat:e}; the well's walls were not met"
+    );
+}

@@ -1,0 +1,282 @@
+//! Runs that start from a warped field.
+
+use super::{POINTS, small, warped};
+use crate::dense::{self};
+use crate::support::{Job, Summary, case, check_all, directory, distance, field};
+use std::path::Path;
+
+/// A run to T and one from its file to T are one to 2T: in the field, and in the whole of w; on other ranks; streamed, full, and with a time
+/// between.
+#[test]
+fn runs_go_on_from_a_warped_field() {
+    let tolerances = ["1e-5", "1e-9"];
+    check_all(&tolerances, |tolerance| {
+        let asked: f64 = tolerance.parse().map_err(|_| "a tolerance")?;
+        let tolerance = format!("solver.tolerance={tolerance}");
+        let places = [directory(), directory(), directory(), directory()];
+        // Neither weights nor a profile that depend on the time, and next to nothing in the last mode, of which the points see the real
+        // part only.
+        let same = ["scheme.interface=conservative", "exact={f='0'}"];
+        let run = |end: f64| small(&[&tolerance, &format!("time.end={end}")]).set(&same);
+        let full = ["--mode", "full"];
+        let free = &[
+            "solver.warp.profile=smooth",
+            POINTS[0],
+            "solver.warp.points=4800",
+        ];
+        run(0.5)
+            .set(free)
+            .with(full)
+            .on(3)
+            .solve(places[0].path())?;
+        let file = places[0].path().join("warped_f.h5");
+        let from = format!("initial={{warped='{}'}}", file.display());
+        let second = run(0.5).set(&[&from, "solver.warp.recovery=1"]);
+        let summary = second.clone().with(full).on(2).solve(places[1].path())?;
+        run(1.0)
+            .set(free)
+            .set(&["solver.warp.recovery=1"])
+            .with(full)
+            .on(1)
+            .solve(places[2].path())?;
+        let streamed = second
+            .set(&["output.field_times=[0.2]"])
+            .on(4)
+            .solve(places[3].path())?;
+        let (found, p) = warped(places[1].path(), "f")?;
+        let (expected, other) = warped(places[2].path(), "f")?;
+        let moved = p
+            .iter()
+            .zip(&other)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max);
+        summary.require(p.len() == other.len() && moved < 1e-9, || {
+            "points".to_owned()
+        })?;
+        let off = distance(&found, &expected);
+        summary.require(off < 2.0 * asked, || format!("w is off by {off:e}"))?;
+        for place in [&places[1], &places[3]] {
+            let off = distance(&field(place.path())?, &field(places[2].path())?);
+            summary.require(off < 10.0 * asked, || format!("f is off by {off:e}"))?;
+        }
+        let warned = |s: &Summary| s.value["warnings"].to_string().contains("initial.warped");
+        summary.require(warned(&summary) && warned(&streamed), || {
+            "no warning".to_owned()
+        })?;
+        summary.require(summary.value["mass_initial"].is_null(), || {
+            "mass".to_owned()
+        })?;
+        summary.require(summary.value["error_estimate"].is_null(), || {
+            "estimate".to_owned()
+        })
+    });
+}
+
+/// The plan of a run that starts from a file has the file's points, whether it is measured or not.
+#[test]
+fn plans_of_runs_from_a_file_have_its_points() {
+    let place = directory();
+    let free = [
+        "solver.warp.profile=smooth",
+        POINTS[0],
+        "solver.warp.points=4800",
+    ];
+    let end = ["time.end=0.5", "solver.tolerance=1e-5"];
+    let first = small(&end).set(&free).with(["--mode", "full"]);
+    first.on(2).solve(place.path()).unwrap();
+    let file = place.path().join("warped_f.h5");
+    let from = format!("initial={{warped='{}'}}", file.display());
+    let rows: [(usize, &[&str]); 4] = [
+        (1, &[]),
+        (1, &["--calibrate"]),
+        (3, &["--calibrate"]),
+        (1, &["--calibrate", "--ranks", "2"]),
+    ];
+    check_all(&rows, |(ranks, options)| {
+        let plan = Job::new(["plan", &case("example1.toml")])
+            .set(&["axis.0.x.cells=14", "axis.0.v.cells=11", "exact={f='0'}"])
+            .set(&[&from, "output.warped_field=true"])
+            .set(&end)
+            .with(options.iter().copied());
+        let finished = plan.on(*ranks).succeed()?;
+        let said = |words: &str| finished.output.contains(words);
+        if said("2401 (l >= 0)") && said("at 4800 points in p") {
+            Ok(())
+        } else {
+            Err(finished.report("2401 modes, 4800 points expected"))
+        }
+    });
+}
+
+/// A field that no profile makes: not separable, every point and cell a value of its own. Its norm stays, and what is left after no time is what
+/// was in the file.
+#[test]
+fn any_field_may_be_the_start() {
+    let place = directory();
+    let path = place.path().join("start.h5");
+    let written = place.path().join("written.h5");
+    let (cells, velocities, points) = (7, 6, 50);
+    let value = |n: usize| dense::noise(n, 3);
+    let values: Vec<f64> = (0..cells * velocities * points).map(value).collect();
+    {
+        let file = hdf5::File::create(&written).unwrap();
+        file.create_group("axis").unwrap();
+        let list = |name: &str, values: &[f64]| {
+            let dataset = file.new_dataset::<f64>().shape(values.len());
+            dataset.create(name).unwrap().write(values).unwrap();
+        };
+        let case = dense::case("example1.toml", &["axis.0.x.cells=7", "axis.0.v.cells=6"]);
+        list("axis/x", &case.space.x[0].centres());
+        list("axis/vx", &case.space.v[0].centres());
+        let p: Vec<f64> = (0..points).map(|j| -3.0 + 0.2 * j as f64).collect();
+        list("axis/p", &p);
+        let w = file.new_dataset::<f64>().shape([cells, velocities, points]);
+        w.create("w").unwrap().write_raw(&values).unwrap();
+    }
+    // HDF5's lock lasts as long as any program that another test starts meanwhile and that inherits the open file.
+    std::fs::copy(&written, &path).unwrap();
+    let run = |end: f64, to: &Path| {
+        let from = format!("initial={{warped='{}'}}", path.display());
+        let end = format!("time.end={end}");
+        let settings = [
+            &from,
+            &end,
+            "solver.tolerance=1e-10",
+            "scheme.interface=conservative",
+        ];
+        let grid = ["axis.0.x.cells=7", "axis.0.v.cells=6"];
+        small(&grid)
+            .set(&settings)
+            .with(["--mode", "full"])
+            .on(3)
+            .solve(to)
+    };
+    let short = directory();
+    run(1e-9, short.path()).unwrap();
+    let (found, p) = warped(short.path(), "f").unwrap();
+    assert_eq!(p.len(), points);
+    let off = distance(&found, &values);
+    assert!(off < 1e-6, "{off:e}");
+    // Modes keep their norms, and so does the field but for what the mode N_p/2 shows of itself.
+    let long = directory();
+    run(0.2, long.path()).unwrap();
+    let (found, _) = warped(long.path(), "f").unwrap();
+    let norm = |w: &[f64]| {
+        // Without the mode N_p/2: the mean of each two neighbours' alternating part taken out.
+        let line = |line: &[f64]| {
+            let alternating: f64 = line
+                .iter()
+                .enumerate()
+                .map(|(j, w)| if j % 2 == 0 { *w } else { -w })
+                .sum::<f64>()
+                / points as f64;
+            line.iter()
+                .enumerate()
+                .map(|(j, w)| {
+                    (w - if j % 2 == 0 {
+                        alternating
+                    } else {
+                        -alternating
+                    })
+                    .powi(2)
+                })
+                .sum::<f64>()
+        };
+        w.chunks_exact(points).map(line).sum::<f64>().sqrt()
+    };
+    let (before, after) = (norm(&values), norm(&found));
+    assert!((after / before - 1.0).abs() < 1e-9, "{before} {after}");
+    assert!(distance(&found, &values) > 0.1, "nothing moved");
+}
+
+/// What makes no sense is refused by name, before anything is run.
+#[test]
+fn senseless_starts_are_refused() {
+    let place = directory();
+    small(&[])
+        .with(["--mode", "full"])
+        .solve(place.path())
+        .unwrap();
+    let file = place.path().join("warped_f.h5").display().to_string();
+    let from = format!("initial={{warped='{file}'}}");
+    let rows: [(&[&str], &[&str]); 13] = [
+        (&["initial={warped=5}"], &["initial.warped", "text"]),
+        (&["initial={warped=''}"], &["initial.warped", "path"]),
+        (
+            &["initial={warped='no.h5'}"],
+            &["initial.warped", "no.h5", "No such file"],
+        ),
+        (
+            &["initial={warped='../README.md'}"],
+            &["initial.warped", "README.md"],
+        ),
+        (
+            &[&format!("initial.warped='{file}'")],
+            &["initial.f", "either initial.warped"],
+        ),
+        (
+            &[&from, "axis.0.x.cells=13"],
+            &["initial.warped", "[14, 11", "[13, 11]"],
+        ),
+        (
+            &[&from, "axis.0.v.upper=1.6"],
+            &["initial.warped", "/axis/vx", "1.6"],
+        ),
+        (
+            &[&from, "inflow.value=1"],
+            &["initial.warped", "nothing may enter"],
+        ),
+        (
+            &[&from, "solver.method=classical"],
+            &["initial.warped", "schrodingerized"],
+        ),
+        (
+            &[&from, "exact={kind='characteristics'}"],
+            &["initial.warped", "exact.f"],
+        ),
+        (
+            &[&from, "solver.verify=true"],
+            &["solver.verify", "initial.warped"],
+        ),
+        (
+            &[&from, "solver.warp.points=64"],
+            &["solver.warp.points", "initial.warped"],
+        ),
+        (
+            &[&from, "solver.warp.recovery=250"],
+            &["solver.warp.recovery", "250", "points"],
+        ),
+    ];
+    check_all(&rows, |(settings, says)| {
+        let to = directory();
+        for ranks in [1, 2] {
+            let finished = small(settings).into(to.path()).on(ranks).run()?;
+            let said = &finished.errors;
+            if finished.code != Some(2) || !says.iter().all(|words| said.contains(words)) {
+                return Err(finished.report(&format!("refused with {says:?} expected")));
+            }
+        }
+        Ok(())
+    });
+    // Paths are from the case file's directory, whatever the working directory.
+    let home = directory();
+    let text = std::fs::read_to_string(case("example1.toml")).unwrap();
+    std::fs::write(home.path().join("case.toml"), text).unwrap();
+    std::fs::copy(&file, home.path().join("start.h5")).unwrap();
+    let job = Job::new(["run", &home.path().join("case.toml").display().to_string()]);
+    let settings = [
+        "axis.0.x.cells=14",
+        "axis.0.v.cells=11",
+        "exact={f='0'}",
+        "initial={warped='start.h5'}",
+    ];
+    job.set(&settings).solve(home.path()).unwrap();
+    // check and plan look at the file as well.
+    for command in ["plan", "check"] {
+        let job = Job::new([command, &case("example1.toml")]).set(&settings[..3]);
+        let finished = job.clone().set(&[&from]).run().unwrap();
+        assert_eq!(finished.code, Some(0), "{}", finished.report(command));
+        let finished = job.set(&["initial={warped='no.h5'}"]).run().unwrap();
+        assert_eq!(finished.code, Some(2), "{}", finished.report(command));
+    }
+}

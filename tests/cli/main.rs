@@ -1,0 +1,36 @@
+//! The program from outside: started as a user starts it, alone and under mpirun, on the cases of `cases/`, changed by
+//! `--set`.
+
+mod advise;
+mod chart;
+mod checkpoint;
+mod command_line;
+mod embedding;
+mod equal_bits;
+mod exact_solutions;
+mod full;
+mod measure_valued;
+mod memory;
+mod output_times;
+mod pictures;
+mod plans;
+mod profiles;
+mod random_cases;
+mod readers;
+mod readout;
+mod reduce;
+mod refused_files;
+mod refused_formulas;
+mod refused_settings;
+mod refused_sizes;
+mod resources;
+mod result_files;
+mod simulator;
+mod spectrum;
+mod stability;
+mod support;
+mod tolerances;
+mod warnings;
+
+#[path = "../support/dense.rs"]
+mod dense;

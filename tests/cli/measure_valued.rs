@@ -1,0 +1,179 @@
+//! Measure-valued data: the level-set fields and their moments.
+
+use crate::support::{
+    INTERFACES, Job, case, check, check_all, datasets, directory, distance, refused, run,
+};
+
+/// The fields `phi`, `psi_x` of one run, with one matrix and one pass over the modes, are those of runs of their own with
+/// plain data: the same bits by the classical method, within the tolerance by the other, whose plan follows the field.
+#[test]
+fn fields_of_one_run_are_those_of_runs_of_their_own() {
+    let size = ["axis.0.x.cells=38", "axis.0.v.cells=30", "time.end=0.9"];
+    let measure: String = std::fs::read_to_string(case("example2.toml")).unwrap();
+    let w = "0.9 if x <= -2 else 0.9 - 0.225*(x + 2)^2 if x <= 0 else -0.9 + 0.225*(x - 2)^2 if x < 2 else -0.9";
+    let (before, after) = (
+        measure.find("[initial]").unwrap(),
+        measure.find("[time]").unwrap(),
+    );
+    let plain = |f: &str| {
+        format!(
+            "{}[initial]\nf = \"{f}\"\n[inflow]\nvalue = \"initial\"\n{}",
+            &measure[..before],
+            &measure[after..]
+        )
+    };
+    let place = directory();
+    let file = |name: &str, text: String| {
+        let path = place.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.display().to_string()
+    };
+    let runs = [
+        file("measure.toml", measure.clone()),
+        file("phi.toml", plain("1")),
+        file("psi.toml", plain(&format!("v - ({w})"))),
+    ];
+    for (method, limit) in [("classical", 0.0), ("schrodingerized", 2e-9)] {
+        let solved = runs.each_ref().map(|path| {
+            let results = directory();
+            let job = Job::new(["run", path]).set(&size).set(&[
+                &format!("solver.method={method}"),
+                "solver.tolerance=1e-9",
+                "exact={}",
+            ]);
+            job.on(2).solve(results.path()).unwrap();
+            datasets(results.path()).unwrap()
+        });
+        let [together, phi, psi] = solved;
+        for (name, alone) in [("/phi", phi), ("/psi", psi)] {
+            let found = distance(&together[name].numbers(), &alone["/f"].numbers());
+            assert!(found <= limit, "{method}: {name} differs by {found:e}");
+        }
+    }
+}
+
+/// Example 2: errors of density and mean velocity fall with the cells, and the mass with them towards the exact one,
+/// 4 + 2 · 0.9 · 1.8.
+#[test]
+fn error_of_example_2_against_the_exact_moments() {
+    for interface in INTERFACES {
+        let rows = [64, 256].map(|cells| {
+            let place = directory();
+            let summary = run("example2.toml")
+                .set(&[
+                    "solver.method=classical",
+                    &format!("scheme.interface={interface}"),
+                    &format!("axis.0.x.cells={cells}"),
+                    &format!("axis.0.v.cells={cells}"),
+                ])
+                .solve(place.path())
+                .unwrap();
+            let number = |key: &str| summary.number(key).unwrap();
+            assert!((number("mass_exact") - 7.24).abs() < 1e-6);
+            let mass = (number("mass") - number("mass_exact")).abs();
+            let errors = ["error_density_l1", "error_velocity_l1"].map(number);
+            [errors[0], errors[1], mass]
+        });
+        let [coarse, fine] = rows;
+        for (k, limit) in [1.3, 0.25, 0.3].into_iter().enumerate() {
+            let falls = fine[k] < 0.8 * coarse[k] && fine[k] < limit;
+            assert!(falls, "{interface}: {coarse:?} {fine:?}");
+        }
+    }
+}
+
+/// Moments in the file are those of its `phi` and `psi` by the paper's formula, recomputed here in two dimensions.
+#[test]
+fn moments_of_example_3_are_those_of_its_level_sets() {
+    let place = directory();
+    run("example3.toml").on(2).solve(place.path()).unwrap();
+    let all = datasets(place.path()).unwrap();
+    let numbers = |name: &str| all[name].numbers();
+    let (phi, psi, density) = (numbers("/phi"), numbers("/psi"), numbers("/density"));
+    let (momentum, axis) = (numbers("/momentum"), numbers("/axis/vx"));
+    let (n, h) = (8, 0.075);
+    let mut most: f64 = 0.0;
+    for x in 0..n * n {
+        let at = |a: usize, i: usize, j: usize| psi[((a * n * n + x) * n + i) * n + j];
+        let around = |i: usize| (i.saturating_sub(1), (i + 1).min(n - 1));
+        let (mut rho, mut m) = (0.0, 0.0);
+        for i in 0..n {
+            for j in 0..n {
+                let ((a, b), (c, d)) = (around(i), around(j));
+                let by_x = |k| (at(k, b, j) - at(k, a, j)) / ((b - a) as f64 * h);
+                let by_y = |k| (at(k, i, d) - at(k, i, c)) / ((d - c) as f64 * h);
+                let determinant: f64 = by_x(0) * by_y(1) - by_y(0) * by_x(1);
+                let omega = determinant.abs().max(1.0) * h;
+                let mut f = phi[(x * n + i) * n + j] * h * h;
+                for k in 0..2 {
+                    let y = at(k, i, j) / omega;
+                    let bell = (1.0 + (std::f64::consts::PI * y).cos()) / (2.0 * omega);
+                    f *= if y.abs() <= 1.0 { bell } else { 0.0 };
+                }
+                rho += f;
+                m += axis[i] * f;
+            }
+        }
+        assert!(
+            (rho - density[x]).abs() < 1e-12,
+            "{x}: {rho} {}",
+            density[x]
+        );
+        assert!((m - momentum[x]).abs() < 1e-12, "{x}: {m}");
+        most = most.max(rho);
+    }
+    assert!(most > 1.0);
+}
+
+#[test]
+fn mistakes_in_measure_valued_data_are_refused() {
+    let rows: &[(&str, &[&str])] = &[
+        ("initial.f=1", &["initial.f", "either"]),
+        (
+            "initial.velocity=[]",
+            &["initial.velocity", "0 formulas", "list of 1"],
+        ),
+        (
+            "initial.velocity=[\"0\", \"1\"]",
+            &["initial.velocity", "2 formulas", "list of 1"],
+        ),
+        (
+            "initial.velocity=0.9*x",
+            &["initial.velocity", "a list of formulas"],
+        ),
+        (
+            "initial.velocity=[true]",
+            &["initial.velocity", "a list of formulas"],
+        ),
+        (
+            "initial.velocity=[\"v\"]",
+            &["initial.velocity", "unknown name \"v\""],
+        ),
+        (
+            "initial.density=v^2",
+            &["initial.density", "unknown name \"v\""],
+        ),
+        ("initial.density=sqrt(x)", &["initial.density", "NaN"]),
+        (
+            "initial.velocity=[\"sqrt(x)\"]",
+            &["initial.velocity", "NaN"],
+        ),
+        ("exact={f=\"x\"}", &["exact.f", "measure-valued"]),
+        (
+            "output.delta_width=wide",
+            &["output.delta_width", "determinant", "gradient"],
+        ),
+        (
+            "initial={density=\"1\"}",
+            &["initial.velocity", "list of 1"],
+        ),
+        (
+            "initial={velocity=[\"1\"]}",
+            &["initial.density", "missing"],
+        ),
+    ];
+    check_all(rows, |(setting, says)| {
+        let finished = check("example2.toml").set(&[setting]).run()?;
+        refused(&finished, says)
+    });
+}

@@ -1,0 +1,107 @@
+//! Fields and moments before the end are those of shorter runs.
+
+use crate::support::{at_most, check_all, datasets, directory, distance, near, run};
+
+/// What is written before the end is what runs that end there find, fields and moments, by modes and classically; with the same
+/// sums of moments whether the fields are kept or not.
+#[test]
+fn results_before_the_end_are_those_of_shorter_runs() {
+    let grid = ["axis.0.x.cells=40", "axis.0.v.cells=33"];
+    let measure = [
+        "axis.0.x.cells=7",
+        "axis.1.x.cells=6",
+        "axis.0.v.cells=5",
+        "axis.1.v.cells=6",
+    ];
+    let modes = ["solver.tolerance=1e-7"];
+    let classical = ["solver.method=classical"];
+    let rows = [
+        ("example1.toml", &grid[..], &modes[..], 0.36),
+        ("example1.toml", &grid, &classical, 0.36),
+        ("inflow_barrier.toml", &grid, &modes, 0.1),
+        ("example3.toml", &measure, &modes, 0.1),
+        ("example3.toml", &measure, &classical, 0.1),
+    ];
+    check_all(&rows, |&(name, grid, method, time)| {
+        let (long, short) = (directory(), directory());
+        let at = format!("output.field_times=[{time}, {}]", 0.5 * time);
+        let every = format!("output.moments_every={}", 0.25 * time);
+        let job = run(name).set(grid).set(method).set(&["solver.verify=true"]);
+        let summary = job.clone().set(&[&at, &every]).on(3).solve(long.path())?;
+        // Which may be one leg more or less at the end, where the interval divides the time.
+        let end = format!("time.end={time}");
+        job.set(&[&end]).on(2).solve(short.path())?;
+        let (long, short) = (datasets(long.path())?, datasets(short.path())?);
+        let times = long["/axis/time"].numbers();
+        let place = times.iter().position(|t| (t - time).abs() < 1e-12);
+        let place = place.ok_or_else(|| format!("{time} is not among {times:?}"))?;
+        let wanted = place == 3 && long["/axis/field_time"].numbers() == [0.5 * time, time];
+        summary.require(wanted, || format!("/time: {times:?}"))?;
+        let close = |dataset: &str, k: usize| {
+            let all = long[&format!("/history{dataset}")].numbers();
+            let one = short[dataset].numbers();
+            // There is nothing to compare where there is no mean velocity.
+            let found: Vec<f64> = all[k * one.len()..(k + 1) * one.len()].to_vec();
+            let (found, one): (Vec<f64>, Vec<f64>) = (found.into_iter().zip(one))
+                .filter(|(a, b)| !a.is_nan() || !b.is_nan())
+                .unzip();
+            at_most(dataset, distance(&found, &one), 2e-6)
+        };
+        let density = if name == "example3.toml" {
+            ["/phi", "/psi"].as_slice()
+        } else {
+            &["/f"]
+        };
+        density.iter().try_for_each(|dataset| close(dataset, 1))?;
+        ["/density", "/momentum"]
+            .iter()
+            .try_for_each(|dataset| close(dataset, 3))?;
+        // The last of the history is the end.
+        let last = times.len() - 1;
+        for dataset in ["/density", "/momentum"] {
+            let (all, end) = (
+                &long[&format!("/history{dataset}")].bytes,
+                &long[dataset].bytes,
+            );
+            let same = all[last * end.len()..] == end[..];
+            summary.require(same, || {
+                format!("the last of /history{dataset} is not {dataset}")
+            })?;
+        }
+        let mass = long["/history/mass"].numbers();
+        near("mass", mass[last], summary.number("mass")?, 1e-15)
+    });
+}
+
+/// Moments alone, and those of fields that are written at the same times, are the same but for round-off; the field at the end is
+/// the same to the last bit.
+#[test]
+fn moments_alone_are_those_of_the_field() {
+    let (alone, with) = (directory(), directory());
+    let job = run("barrier2d.toml").set(&[
+        "axis.0.x.cells=9",
+        "axis.1.v.cells=7",
+        "solver.tolerance=1e-8",
+    ]);
+    job.clone()
+        .set(&["output.moment_times=[0.1, 0.2]"])
+        .on(2)
+        .solve(alone.path())
+        .unwrap();
+    job.set(&["output.field_times=[0.1, 0.2]"])
+        .on(3)
+        .solve(with.path())
+        .unwrap();
+    let (alone, with) = (
+        datasets(alone.path()).unwrap(),
+        datasets(with.path()).unwrap(),
+    );
+    assert!(!alone.contains_key("/history/f") && with.contains_key("/history/f"));
+    for name in ["density", "momentum", "mass", "kinetic_energy"] {
+        let [a, b] = [&alone, &with].map(|all| all[&format!("/history/{name}")].numbers());
+        let off = distance(&a, &b);
+        // Round-off of the sums over velocities, amplified by the recovery.
+        assert!(off < 1e-9, "{name}: {off:e}");
+    }
+    assert_eq!(alone["/f"], with["/f"]);
+}

@@ -1,0 +1,272 @@
+//! `phasewarp plan` and `check`: what a run will do, made without solving, is what it does.
+
+use crate::support::{
+    Finished, Job, case, cases, check, check_all, directory, near, plan, require, run, shrunk,
+};
+use std::path::Path;
+
+#[test]
+fn check_prints_what_was_understood() {
+    check_all(&cases(), |name| {
+        let finished = check(name).succeed()?;
+        let text = std::fs::read_to_string(case(name)).map_err(|e| e.to_string())?;
+        let value: toml::Value = toml::from_str(&text).map_err(|e| format!("{name}: {e}"))?;
+        let title = value["title"].as_str().unwrap_or_default();
+        let mut says = vec![title.to_owned()];
+        for axis in value["axis"].as_array().into_iter().flatten() {
+            for part in ["x", "v"] {
+                says.push(format!("{} cells", axis[part]["cells"]));
+            }
+        }
+        for region in value["potential"].as_array().into_iter().flatten() {
+            says.push(region["value"].as_str().unwrap_or("?").to_owned());
+        }
+        for words in &says {
+            let said = !words.is_empty() && finished.output.contains(words.as_str());
+            require(said, &finished, || format!("\"{words}\" is not said"))?;
+        }
+        require(!finished.output.contains("warning"), &finished, || {
+            "no warning expected".into()
+        })
+    });
+}
+
+#[test]
+fn plan_works_for_every_case_and_number_of_ranks() {
+    let mut rows = Vec::new();
+    for name in cases() {
+        for ranks in [1, 2, 3, 4, 5, 6, 7, 64] {
+            rows.push((name.clone(), ranks));
+        }
+    }
+    check_all(&rows, |(name, ranks)| {
+        let plan = || plan(name, *ranks).set(shrunk(name));
+        let finished = plan().with(["--json"]).succeed()?;
+        let value: serde_json::Value = serde_json::from_str(&finished.output)
+            .map_err(|e| finished.report(&format!("no JSON: {e}")))?;
+        let mesh = &value["layout"]["mesh"];
+        let blocks = mesh["space"].as_array().into_iter().flatten();
+        let ranks_of_mesh: u64 = blocks
+            .chain([&mesh["groups"]])
+            .filter_map(|n| n.as_u64())
+            .product();
+        require(ranks_of_mesh == *ranks as u64, &finished, || {
+            format!("a mesh of {ranks_of_mesh} ranks: {mesh}")
+        })?;
+        // The text says the same; looked at for one number and for many.
+        if ![2, 64].contains(ranks) {
+            return Ok(());
+        }
+        let text = plan().succeed()?;
+        let applications = planned(&finished, &value)?.applications;
+        for words in [
+            "memory",
+            "modes",
+            "degree",
+            &format!("{applications}"),
+            &format!("{ranks}"),
+        ] {
+            require(text.output.contains(words), &text, || {
+                format!("\"{words}\" is not said")
+            })?;
+        }
+        Ok(())
+    });
+}
+
+/// What a plan promises.
+struct Planned {
+    applications: f64,
+    /// Bytes a rank.
+    memory: f64,
+}
+
+fn planned(finished: &Finished, value: &serde_json::Value) -> Result<Planned, String> {
+    let applications = value["warp"]["applications"].as_f64();
+    let arrays = value["layout"]["arrays"].as_array().into_iter().flatten();
+    let memory: f64 = arrays.filter_map(|a| a[1].as_f64()).sum();
+    match applications {
+        Some(applications) if memory > 0.0 => Ok(Planned {
+            applications,
+            memory,
+        }),
+        _ => Err(finished.report("no warp.applications or layout.arrays in the plan")),
+    }
+}
+
+/// The plan, made without solving, against the run: applications within 20 %.
+#[test]
+fn plans_are_kept() {
+    let mut rows = Vec::new();
+    for name in cases() {
+        for tolerance in ["1e-3", "1e-9"] {
+            rows.push((name.clone(), format!("solver.tolerance={tolerance}")));
+        }
+    }
+    check_all(&rows, |(name, tolerance)| {
+        let small = shrunk(name);
+        let job = plan(name, 2).set(small).set(&[tolerance]);
+        let finished = job.with(["--json"]).succeed()?;
+        let value =
+            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let plan = planned(&finished, &value)?;
+        let place = directory();
+        let job = run(name).set(small).set(&[tolerance]).on(2);
+        let summary = job.solve(place.path())?;
+        let done = summary.number("matvecs")?;
+        let outcome = near(
+            "applications planned over done",
+            plan.applications / done,
+            1.0,
+            0.2,
+        );
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        let memory = summary.number("memory_planned_bytes_per_rank")?;
+        let outcome = near(
+            "memory planned alone over planned in the run",
+            plan.memory / memory,
+            1.0,
+            0.2,
+        );
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())
+    });
+}
+
+/// `plan --calibrate` makes the plan of the run that it is started like, by every method, and tells its seconds, of which the steps make up the
+/// whole. How near they are is measured by `make calibration`; timings decide no test.
+#[test]
+fn calibrated_plans_are_those_of_the_run() {
+    let rows = [
+        (1, "example1.toml", vec!["solver.tolerance=1e-9"]),
+        (
+            2,
+            "example1.toml",
+            vec!["solver.tolerance=1e-9", "output.moments_every=0.3"],
+        ),
+        (
+            3,
+            "example3.toml",
+            vec!["axis.0.x.cells=12", "axis.1.x.cells=11"],
+        ),
+        (4, "inflow_barrier.toml", vec![]),
+        (2, "pulsed_inflow.toml", vec![]),
+        (
+            2,
+            "example1.toml",
+            vec!["solver.propagator.method=krylov", "axis.0.x.cells=64"],
+        ),
+        (
+            2,
+            "step_up.toml",
+            vec![
+                "solver.propagator={method='crank-nicolson',step=0.05}",
+                "solver.tolerance=1e-2",
+            ],
+        ),
+        (
+            1,
+            "example1.toml",
+            vec![
+                "solver.method=classical",
+                "solver.classical.integrator=ssp-rk3",
+                "solver.classical.cfl=0.02",
+            ],
+        ),
+    ];
+    let compare = |ranks: usize, name: &str, settings: &[&str]| {
+        let job = Job::new(["plan", &case(name), "--calibrate", "--json"]).set(settings);
+        let finished = job.on(ranks).succeed()?;
+        let value: serde_json::Value =
+            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let place = directory();
+        let job = run(name).set(settings).on(ranks);
+        let summary = job.solve(place.path())?;
+        let blocks = summary.value["space_blocks"] == value["layout"]["mesh"]["space"];
+        require(blocks, &finished, || "not the mesh of the run".to_owned())?;
+        // The same modes, where a plan was made for them.
+        let modes = value["warp"]["modes"].as_f64().unwrap_or(0.0);
+        let outcome = near("modes planned", modes, summary.number("modes")?, 0.0);
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        let seconds = |key: &str| value["calibration"][key].as_f64().unwrap_or(f64::NAN);
+        let (solve, wall) = (seconds("solve_seconds"), seconds("wall_seconds"));
+        let sensible = solve > 0.0 && wall > solve && wall.is_finite();
+        require(sensible, &finished, || format!("{solve} s of {wall} s"))
+    };
+    check_all(&rows, |(ranks, name, settings)| {
+        compare(*ranks, name, settings)
+    });
+}
+
+/// Fewer ranks than the run will have measure for it; nodes are counted and their memory is kept to.
+#[test]
+fn plans_for_nodes() {
+    let nodes = [
+        "--ranks",
+        "64",
+        "--memory-per-node",
+        "2GiB",
+        "--ranks-per-node",
+        "16",
+    ];
+    let job = || Job::new(["plan", &case("example1.toml")]).with(nodes);
+    let rows = [1, 2, 3];
+    check_all(&rows, |ranks| {
+        let finished = job().with(["--calibrate"]).on(*ranks).succeed()?;
+        for words in [
+            "64 = ",
+            "nodes           4 of 16 ranks",
+            "--ranks-x",
+            "not the ranks of the run",
+            "to solve",
+        ] {
+            require(finished.output.contains(words), &finished, || {
+                format!("\"{words}\" is not said")
+            })?;
+        }
+        let small = Job::new(["plan", &case("example1.toml"), "--ranks", "64"]);
+        let refused = small
+            .with(["--memory-per-node", "100MiB", "--ranks-per-node", "16"])
+            .run()?;
+        require(
+            refused.code == Some(2) && refused.errors.contains("6.2 MiB"),
+            &refused,
+            || "100 MiB for 16 ranks are enough".to_owned(),
+        )
+    });
+}
+
+#[test]
+fn every_case_is_in_the_readme() {
+    let readme = std::fs::read_to_string(case("README.md")).unwrap();
+    let papers = [
+        "paper/example1.toml",
+        "paper/example2.toml",
+        "paper/example3.toml",
+    ];
+    let all: Vec<String> = (cases().into_iter())
+        .chain(papers.map(str::to_owned))
+        .collect();
+    check_all(&all, |name| {
+        let row = readme
+            .lines()
+            .find(|l| l.starts_with(&format!("| `{name}` |")));
+        let row = row.ok_or_else(|| format!("cases/README.md has no row for {name}"))?;
+        // The row's number of cells is the file's.
+        let all = plan(name, 1).set(&["solver.reduce=false"]);
+        let finished = all.with(["--json"]).succeed()?;
+        let value: serde_json::Value =
+            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let cells = format!("= {} |", value["cells"]);
+        require(row.contains(&cells), &finished, || {
+            format!("cases/README.md: \"{row}\" does not end with \"{cells}\"")
+        })
+    });
+    for word in readme.split(|c: char| !(c.is_alphanumeric() || "_./".contains(c))) {
+        if let Some(name) = word.strip_prefix("cases/").filter(|n| n.ends_with(".toml")) {
+            assert!(
+                Path::new(&case(name)).is_file(),
+                "cases/README.md names {name}"
+            );
+        }
+    }
+}

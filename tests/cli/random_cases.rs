@@ -1,0 +1,189 @@
+//! Cases put together at random, and fields of any size: solved to the tolerance, or refused.
+
+use crate::support::{
+    INTERFACES, Job, at_most, check_all, datasets, differences, directory, refused, run,
+    solved_or_refused,
+};
+
+/// Scenes put together at random, the same ones every time: solved to the tolerance, with the same bits on more ranks, or
+/// refused; whatever the estimate says is of the right size.
+#[test]
+fn random_scenes_are_solved_or_refused() {
+    let seeds: Vec<u64> = (0..60).collect();
+    let solved = std::sync::atomic::AtomicUsize::new(0);
+    check_all(&seeds, |&seed| {
+        let (place, more) = (directory(), directory());
+        let path = place.path().join("scene.toml");
+        let mut choices = Choices(seed);
+        let text = scene(&mut choices);
+        let told = |message: String| format!("{message}\n  of scene {seed}:\n{text}");
+        std::fs::write(&path, &text).map_err(|e| e.to_string())?;
+        let path = path.display().to_string();
+        let finished = Job::new(["run", &path]).into(place.path()).run()?;
+        if finished.code == Some(2) {
+            return refused(&finished, &[]).map_err(told);
+        }
+        let job = Job::new(["run", &path]).on(choices.of(&[2, 3, 4]));
+        let summary = job.solve(more.path()).map_err(told)?;
+        let differ = differences(&datasets(place.path())?, &datasets(more.path())?);
+        let same = differ.is_empty();
+        summary
+            .require(same, || {
+                format!("other bits than on one rank in {}", differ.join(", "))
+            })
+            .map_err(told)?;
+        if summary.value["error_semidiscrete"].is_null() {
+            let nothing = summary.value["maximum"] == 0.0 && summary.value["minimum"] == 0.0;
+            return summary
+                .require(nothing, || {
+                    "no error_semidiscrete of a field that is there".into()
+                })
+                .map_err(told);
+        }
+        solved.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let error = summary.number("error_semidiscrete")?;
+        let outcome = at_most("error_semidiscrete", error, summary.number("tolerance")?);
+        summary
+            .require(outcome.is_ok(), || outcome.unwrap_err())
+            .map_err(told)?;
+        let ratio = summary.number("error_estimate")? / error;
+        let silent = !summary.boolean("error_estimate_reliable")?;
+        summary
+            .require(silent || (1.0 / 6.0..=6.0).contains(&ratio), || {
+                format!("the estimate is {ratio:.3} times the true error, and called reliable")
+            })
+            .map_err(told)
+    });
+    // Most scenes hold something that can be solved.
+    let solved = solved.into_inner();
+    assert!(
+        solved > seeds.len() / 2,
+        "only {solved} of {} solved",
+        seeds.len()
+    );
+}
+
+/// A sequence of choices that depends on its seed alone (SplitMix64).
+struct Choices(u64);
+
+impl Choices {
+    fn of<T: Copy>(&mut self, list: &[T]) -> T {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut h = self.0;
+        h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        list[((h ^ (h >> 31)) % list.len() as u64) as usize]
+    }
+}
+
+/// A case in one or two dimensions: standing, grazing, trapped and escaping particles, edges off the faces, forces,
+/// inflow, boxes on one side of zero, single cells.
+fn scene(choices: &mut Choices) -> String {
+    let dimension = choices.of(&[1, 1, 2]);
+    let mut text = String::new();
+    for _ in 0..dimension {
+        let cells = if dimension == 1 {
+            [4, 5, 8, 17, 32, 40]
+        } else {
+            [1, 2, 3, 4, 5, 8]
+        };
+        let (x, width) = (
+            choices.of(&[-1.5, -1.0, -0.3, 0.2]),
+            choices.of(&[0.5, 1.0, 2.0, 3.0]),
+        );
+        let (v, speeds) = (
+            choices.of(&[-1.2, -1.0, -0.5, 0.0, 0.3]),
+            choices.of(&[0.4, 1.0, 2.0, 3.0]),
+        );
+        text += &format!(
+            "[[axis]]\nx = {{ lower = {x}, upper = {}, cells = {} }}\nv = {{ lower = {v}, upper = {}, cells = {} }}\n",
+            x + width,
+            choices.of(&cells),
+            v + speeds,
+            choices.of(&cells),
+        );
+    }
+    let values = [
+        "0", "0.2", "-0.3", "5", "0.2*x", "0.1*x^2", "1e-6", "sin(3*x)", "100",
+    ];
+    for _ in 0..choices.of(&[0, 1, 1, 2]) {
+        let place = choices.of(&["x < 0", "abs(x) < 0.5", "x < 0.5", "x > 0.3 && x < 0.6"]);
+        text += &format!(
+            "[[potential]]\nwhere = \"{place}\"\nvalue = \"{}\"\n",
+            choices.of(&values)
+        );
+    }
+    text += &format!("[[potential]]\nvalue = \"{}\"\n", choices.of(&values));
+    let fields = [
+        "1",
+        "exp(-x^2 - vx^2)",
+        "1 if x < 0 else 0",
+        "x*vx",
+        "1e-8",
+        "sin(30*x)",
+        "1e9*abs(vx)",
+    ];
+    text += &format!("[initial]\nf = \"{}\"\n", choices.of(&fields));
+    let inflows = [
+        "0",
+        "0",
+        "0",
+        "1",
+        "initial",
+        "exp(-vx^2)",
+        "1e-3",
+        "1e3",
+        "-1 if vx > 0 else 0",
+    ];
+    text += &format!("[inflow]\nvalue = \"{}\"\n", choices.of(&inflows));
+    text += &format!(
+        "[time]\nend = {}\n",
+        choices.of(&["1e-4", "0.01", "0.1", "0.5", "1"])
+    );
+    text += &format!("[scheme]\ninterface = \"{}\"\n", choices.of(&INTERFACES));
+    let tolerances = ["0.1", "1e-2", "1e-3", "1e-6", "1e-9", "1e-11"];
+    text += &format!(
+        "[solver]\nverify = true\ntolerance = {}\n",
+        choices.of(&tolerances)
+    );
+    let weights = choices.of(&["dissipative", "dissipative", "none"]);
+    text + &format!("[solver.warp]\nweights = \"{weights}\"\n")
+}
+
+/// Units are the user's: a field of any size is solved to the tolerance, or refused; never a zero instead.
+#[test]
+fn fields_of_any_size_are_solved_or_refused() {
+    let rows = ["1e-300", "1e-200", "1e-100", "1e100", "1e200", "1e300"];
+    check_all(&rows, |factor| {
+        let place = directory();
+        let finished = run("step_up.toml")
+            .set(&[
+                "axis.0.x.cells=32",
+                "axis.0.v.cells=32",
+                "solver.verify=true",
+                &format!("initial.f=\"{factor}*exp(-20*((x+0.6)^2+(v-0.7)^2))\""),
+            ])
+            .into(place.path())
+            .run()?;
+        solved_or_refused(&finished, place.path(), 1e-6, &["initial.f"])
+    });
+}
+
+/// When (almost) nothing is left of the field, an error relative to it cannot be promised: met or refused.
+#[test]
+fn what_is_left_of_a_field_is_solved_or_refused() {
+    let rows = ["14", "30", "46", "54", "62"];
+    check_all(&rows, |end| {
+        let place = directory();
+        let job = run("step_up.toml").set(&[
+            "axis.0.x.cells=4",
+            "axis.0.v.cells=6",
+            "axis.0.v.lower=0.5",
+            &format!("time.end={end}"),
+            "solver.tolerance=0.1",
+            "solver.verify=true",
+        ]);
+        let finished = job.into(place.path()).run()?;
+        solved_or_refused(&finished, place.path(), 0.1, &["time.end"])
+    });
+}

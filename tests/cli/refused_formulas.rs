@@ -1,0 +1,153 @@
+//! Formulas that are not finite, and files that are no case, are refused with a short message.
+
+use crate::support::{Job, case, check, check_all, directory, refused, run};
+
+/// Longer than this is no message.
+const LONGEST_MESSAGE: usize = 2000;
+
+const NOT_FINITE: &[(&str, &str, &[&str])] = &[
+    ("initial.f", "sqrt(-x)", &["NaN", "x = 0.0", "v = -1.4"]),
+    (
+        "initial.f",
+        "1/(x - 0.01171875)",
+        &["inf", "x = 0.01171875"],
+    ),
+    ("initial.f", "exp(800*abs(v))", &["inf", "v = -1.4"]),
+    // Found by one rank only, which need not be the first.
+    ("initial.f", "sqrt(1.4 - x)", &["NaN", "x = 1.4"]),
+    ("potential.0.value", "1/(x + 1.5)", &["inf", "x = -1.5"]),
+    ("potential.0.value", "sqrt(-1.4 - x)", &["NaN", "x = -1.3"]),
+    ("inflow.value", "ln(v)", &["NaN", "v = -"]),
+    ("inflow.value", "1e308*v^2*1e10", &["inf", "x = -1.5"]),
+];
+
+/// A formula that yields no number somewhere: named, with its text, the value and the place.
+#[test]
+fn formulas_that_are_not_finite_are_named_with_the_place() {
+    check_all(NOT_FINITE, |(key, formula, says)| {
+        let place = directory();
+        let job = run("example1.toml").set(&[&format!("{key}=\"{formula}\"")]);
+        let job = job.with(["--ranks-x", "2"]).into(place.path());
+        let finished = job.on(2).within(20).run()?;
+        let says: Vec<&str> = says.iter().copied().chain([*formula, *key]).collect();
+        refused(&finished, &says)
+    });
+}
+
+/// `check` refuses what `run` will refuse for its formulas.
+#[test]
+fn check_finds_formulas_that_are_not_finite() {
+    check_all(NOT_FINITE, |(key, formula, says)| {
+        let job = check("example1.toml").set(&[&format!("{key}=\"{formula}\"")]);
+        refused(&job.run()?, says)
+    });
+}
+
+/// A condition that yields no number is a mistake too, not false.
+#[test]
+fn conditions_that_are_not_finite_are_refused() {
+    let job = check("example1.toml").set(&["potential.0.where=\"sqrt(x)\""]);
+    refused(&job.run().unwrap(), &["where", "sqrt(x)", "NaN"]).unwrap();
+}
+
+/// An exact solution that yields no number is found before the solve, not after it.
+#[test]
+fn exact_solution_is_checked_before_the_solve() {
+    let place = directory();
+    let job = run("example1.toml").set(&["exact={f=\"sqrt(-x)\"}"]);
+    let finished = job.into(place.path()).on(2).within(20).run().unwrap();
+    refused(&finished, &["exact.f", "sqrt(-x)", "NaN", "x = 0.0"]).unwrap();
+}
+
+/// A file that is none, or cannot be one.
+#[test]
+fn files_that_are_no_case_are_refused() {
+    let deep = |open: &str, middle: &str, close: &str| {
+        format!(
+            "a = {}{middle}{}\n",
+            open.repeat(20_000),
+            close.repeat(20_000)
+        )
+    };
+    let text = std::fs::read_to_string(case("example1.toml")).unwrap();
+    let formula = |f: String| text.replace("value = \"0.2\"", &format!("value = \"{f}\""));
+    let rows: Vec<(&str, Vec<u8>, &[&str])> = vec![
+        ("empty", b"".to_vec(), &["axis", "1 to 3"]),
+        ("comment", b"# nothing\n".to_vec(), &["axis"]),
+        ("prose", b"this is not a case file\n".to_vec(), &[":1:"]),
+        (
+            "binary",
+            vec![0x89, b'H', b'D', b'F', 0xff, 0xfe, 0],
+            &["UTF-8"],
+        ),
+        ("zeros", vec![0; 1000], &[]),
+        ("json", b"{\"axis\": 3}".to_vec(), &[":1:"]),
+        ("large", vec![b'#'; (1 << 20) + 1], &["1048576"]),
+        ("lists", deep("[", "", "]").into_bytes(), &["recurs"]),
+        ("tables", deep("{a=", "1", "}").into_bytes(), &["recurs"]),
+        (
+            "key",
+            format!("{}a = 1\n", "a.".repeat(20_000)).into_bytes(),
+            &["recurs"],
+        ),
+        (
+            "heading",
+            format!("[{}a]\n", "a.".repeat(20_000)).into_bytes(),
+            &["recurs"],
+        ),
+        (
+            "parentheses",
+            formula(format!("{}1{}", "(".repeat(60), ")".repeat(60))).into_bytes(),
+            &["potential.0.value", "nested"],
+        ),
+        (
+            "functions",
+            formula(format!("{}x{}", "abs(".repeat(900), ")".repeat(900))).into_bytes(),
+            &["potential.0.value", "nested"],
+        ),
+        (
+            "signs",
+            formula(format!("{}x", "-".repeat(9_000))).into_bytes(),
+            &["potential.0.value", "nested"],
+        ),
+        (
+            "powers",
+            formula(format!("x{}", "^x".repeat(4_000))).into_bytes(),
+            &["potential.0.value", "nested"],
+        ),
+        (
+            "terms",
+            formula(format!("x{}", "+x".repeat(6_000))).into_bytes(),
+            &["potential.0.value", "10000"],
+        ),
+    ];
+    check_all(&rows, |(name, bytes, says)| {
+        let place = directory();
+        let path = place.path().join(format!("{name}.toml"));
+        std::fs::write(&path, bytes).map_err(|e| e.to_string())?;
+        let path = path.display().to_string();
+        let finished = Job::new(["check", &path]).on(2).within(20).run()?;
+        let says: Vec<&str> = says.iter().copied().chain([path.as_str()]).collect();
+        refused(&finished, &says)
+    });
+    // The longest list of terms that is read does no harm.
+    let place = directory();
+    let path = place.path().join("long.toml");
+    std::fs::write(&path, formula(format!("x{}", "+x".repeat(4_900)))).unwrap();
+    Job::new(["check", &path.display().to_string()])
+        .succeed()
+        .unwrap();
+}
+
+/// Messages can be read: a value of thousands of characters is not repeated in full.
+#[test]
+fn messages_stay_short() {
+    let long = format!("initial.f=\"{}\"", "-".repeat(9_000));
+    let finished = check("example1.toml").set(&[&long]).run().unwrap();
+    refused(&finished, &["initial.f"]).unwrap();
+    let length = finished.errors.chars().count();
+    assert!(
+        length <= LONGEST_MESSAGE,
+        "a message of {length} characters"
+    );
+}

@@ -1,0 +1,180 @@
+//! Mistakes in `--set`, and in keys that depend on each other, are refused with their text.
+
+use crate::support::{Job, SLOPES, check, check_all, directory, edited, refused, run};
+
+/// A key that must be there and is misspelt: missing, and the nearest to it is known.
+/// Slopes are not linear: refused wherever a matrix is needed.
+#[test]
+fn slopes_where_none_can_be_are_refused() {
+    let rows: &[(&[&str], &[&str])] = &[
+        (&[], &["schrodingerized", "not linear", "ssp-rk3"]),
+        (&SLOPES[..1], &["exponential", "not linear", "ssp-rk3"]),
+        (
+            &[SLOPES[0], SLOPES[1], "solver.verify=true"],
+            &["solver.verify"],
+        ),
+    ];
+    check_all(rows, |(settings, says)| {
+        let job = check("example1.toml")
+            .set(&["scheme.limiter=van-leer"])
+            .set(settings);
+        let finished = job.on(2).run()?;
+        refused(&finished, says)?;
+        refused(&finished, &["scheme.limiter", "van-leer"])
+    });
+    let job = check("example1.toml").set(&["scheme.limiter=superbee"]);
+    let finished = job.set(&SLOPES).on(2).run().unwrap();
+    refused(&finished, &["superbee", "minmod", "van-leer"]).unwrap();
+}
+
+#[test]
+fn misspelt_keys_that_must_be_there_are_named() {
+    let place = directory();
+    let (path, line) = edited(place.path(), "end = 1.0", "edn = 1.0");
+    let path = path.display().to_string();
+    let finished = Job::new(["check", &path]).run().unwrap();
+    let location = format!("{path}:{line}:");
+    refused(&finished, &["edn", "mean \"end\"", &location]).unwrap();
+}
+
+/// An implicit method without its step, in the file or set from outside.
+#[test]
+fn a_missing_step_is_named_with_its_place() {
+    let place = directory();
+    for method in ["crank-nicolson", "backward-euler"] {
+        let new = format!("method = \"{method}\"");
+        let (path, _) = edited(place.path(), "method = \"chebyshev\"", &new);
+        let path = path.display().to_string();
+        let finished = Job::new(["check", &path]).run().unwrap();
+        refused(&finished, &["solver.propagator.step", "missing", &path]).unwrap();
+        let setting = format!("solver.propagator.method={method}");
+        let finished = check("example1.toml").set(&[&setting]).run().unwrap();
+        refused(&finished, &["solver.propagator.step", "missing"]).unwrap();
+    }
+}
+
+#[test]
+fn mistakes_in_a_set_option_are_named_with_its_text() {
+    let rows: &[(&str, &[&str])] = &[
+        (
+            "solver.tolerence=1e-3",
+            &["solver.tolerence", "mean \"tolerance\""],
+        ),
+        ("solvre.tolerance=1e-3", &["solvre", "mean \"solver\""]),
+        (
+            "solver.tolerance=small",
+            &["solver.tolerance", "\"small\"", "number"],
+        ),
+        ("solver.tolerance=", &["solver.tolerance", "number"]),
+        (
+            "solver.tolerance=1",
+            &["solver.tolerance = 1", "at most 0.1"],
+        ),
+        (
+            "solver.tolerance=-1e-3",
+            &["solver.tolerance = -1e-3", "above 0"],
+        ),
+        ("axis.0.x.cells=0", &["axis.0.x.cells = 0", "at least 1"]),
+        ("axis.0.x.cells=-3", &["axis.0.x.cells = -3", "at least 1"]),
+        ("axis.5.x.cells=3", &["\"5\"", "axis", "1 entries"]),
+        ("axis.x.x.cells=3", &["\"x\"", "axis", "index"]),
+        ("axis.0.x.cells.more=3", &["axis.0.x.cells", "not a table"]),
+        (
+            "axis.0.x.upper=-2",
+            &["axis.0.x.upper = -2", "above", "-1.5"],
+        ),
+        ("time.end=inf", &["time.end = inf", "finite"]),
+        (
+            "solver.propagator.step=0.1",
+            &["solver.propagator.step = 0.1", "Chebyshev", "leave it out"],
+        ),
+        (
+            "solver.propagator.method=crank",
+            &["solver.propagator.method", "\"crank-nicolson\""],
+        ),
+        (
+            "solver.propagator={method='crank-nicolson',step=0}",
+            &["solver.propagator.step = 0", "above 0"],
+        ),
+        (
+            "solver.propagator={method='krylov',step=-0.1}",
+            &["solver.propagator.step = -0.1", "above 0"],
+        ),
+        (
+            "solver.propagator={method='backward-euler',step=1e-9}",
+            &["solver.propagator.step = 1e-9", "steps"],
+        ),
+        ("time.end=nan", &["time.end = nan", "finite"]),
+        ("initial.f=x + * v", &["initial.f", "character 5"]),
+        ("inflow.value=1 +", &["inflow.value"]),
+        ("potential=[]", &["potential", "at least one"]),
+        ("potential=3", &["potential", "list of tables"]),
+        (
+            "scheme.interface=hats",
+            &["scheme.interface", "mean \"hat\""],
+        ),
+        ("time", &["key=value"]),
+        ("=3", &["key"]),
+    ];
+    check_all(rows, |(setting, says)| {
+        let finished = check("example1.toml")
+            .set(&[setting])
+            .on(2)
+            .within(20)
+            .run()?;
+        let text = format!("--set {setting}: ");
+        let says: Vec<&str> = says.iter().copied().chain([text.as_str()]).collect();
+        refused(&finished, &says)
+    });
+}
+
+/// Mistakes that only the grid or the plan brings to light say in which file they are.
+#[test]
+fn late_mistakes_name_the_file() {
+    let rows = [
+        ("value = \"0.2\"", "value = \"1/(x + 1.5)\"", "potential"),
+        ("tolerance = 1e-6", "tolerance = 1e-15", "solver.tolerance"),
+    ];
+    check_all(&rows, |(old, new, key)| {
+        let place = directory();
+        let (path, _) = edited(place.path(), old, new);
+        let path = path.display().to_string();
+        let finished = Job::new(["plan", &path]).run()?;
+        refused(&finished, &[key, &path])
+    });
+}
+
+/// Where periodic axes are asked for and where they are not to be had.
+#[test]
+fn boundaries_that_cannot_be_are_refused() {
+    let rows: [(&[&str], &[&str], &[&str]); 4] = [
+        (
+            &["axis.0.x.boundary=reflecting"],
+            &[],
+            &["axis.0.x.boundary", "reflecting", "periodic"],
+        ),
+        (
+            &["axis.0.v.boundary=periodic"],
+            &[],
+            &["axis.0.v.boundary", "velocity"],
+        ),
+        (
+            &["axis.0.x.boundry=periodic"],
+            &[],
+            &["boundry", "boundary"],
+        ),
+        (
+            &[],
+            &["--ranks-x", "1,2"],
+            &["--ranks-x", "2 blocks", "y", "periodic"],
+        ),
+    ];
+    check_all(&rows, |(settings, arguments, says)| {
+        let place = directory();
+        let job = run("periodic2d.toml")
+            .set(settings)
+            .with(arguments.iter().copied());
+        let finished = job.on(2).into(place.path()).run()?;
+        refused(&finished, says)
+    });
+}

@@ -1,0 +1,118 @@
+//! Grids beyond the memory and absurd scales are refused soon.
+
+use crate::support::{
+    Job, SECONDS_TO_REFUSE, case, check_all, directory, plan, refused, solved_or_refused,
+};
+
+/// More cells than there is memory for: refused before anything is allocated, whatever is to be done with them.
+#[test]
+fn grids_beyond_the_memory_are_refused() {
+    let rows: &[(&str, [&str; 2], &[&str])] = &[
+        (
+            "run",
+            ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"],
+            &[],
+        ),
+        (
+            "plan",
+            ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"],
+            &[],
+        ),
+        (
+            "check",
+            ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"],
+            &[],
+        ),
+        ("run", ["axis.0.x.cells=40000", "axis.0.v.cells=40000"], &[]),
+        (
+            "run",
+            ["axis.0.x.cells=40000", "axis.0.v.cells=40000"],
+            &["solver.method=classical"],
+        ),
+        (
+            "run",
+            ["axis.0.x.cells=1000000000", "axis.0.v.cells=2"],
+            &[],
+        ),
+        (
+            "run",
+            ["axis.0.x.cells=2", "axis.0.v.cells=1000000000"],
+            &[],
+        ),
+        (
+            "run",
+            ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000"],
+            &["scheme.interface=conservative"],
+        ),
+    ];
+    check_all(rows, |(command, cells, settings)| {
+        let place = directory();
+        let mut job = Job::new([*command, &case("example1.toml")])
+            .set(cells)
+            .set(settings);
+        if *command == "run" {
+            job = job.into(place.path());
+        }
+        refused(&job.on(2).within(20).capped().run()?, &["memory", "cells"])
+    });
+    let plan = plan("example1.toml", 4).with(["--memory-per-rank", "1MB"]);
+    refused(&plan.run().unwrap(), &["memory", "needed", "976.6 KiB"]).unwrap();
+}
+
+/// However many cells, `plan` and `check` answer or refuse.
+#[test]
+fn plan_and_check_of_absurd_grids_do_not_hang() {
+    let mut rows = Vec::new();
+    for command in ["plan", "check"] {
+        for cells in [
+            ["axis.0.x.cells=1000000000", "axis.0.v.cells=2"],
+            ["axis.0.x.cells=1000000000000", "axis.0.v.cells=1"],
+            ["axis.0.x.cells=1000000", "axis.0.v.cells=1000000"],
+        ] {
+            rows.push((command, cells));
+        }
+    }
+    check_all(&rows, |(command, cells)| {
+        let job = Job::new([*command, &case("example1.toml")]).set(cells);
+        let finished = job.within(SECONDS_TO_REFUSE as u64).capped().run()?;
+        match finished.code {
+            Some(0) => Ok(()),
+            _ => refused(&finished, &["memory"]),
+        }
+    });
+}
+
+/// Numbers that are finite and yet absurd: too long, too fast, too fine. Solved, or refused naming a key.
+#[test]
+fn absurd_scales_are_refused() {
+    let rows: &[(&str, &[&str])] = &[
+        ("run", &["time.end=1e300"]),
+        ("run", &["time.end=1e300", "scheme.interface=conservative"]),
+        ("run", &["time.end=1e8"]),
+        ("plan", &["time.end=1e8"]),
+        ("plan", &["time.end=1e300"]),
+        ("run", &["time.end=1e-100"]),
+        ("run", &["axis.0.v.upper=1e10"]),
+        ("run", &["axis.0.v.upper=1e150"]),
+        ("run", &["axis.0.v.lower=-1e300", "axis.0.v.upper=1e300"]),
+        ("run", &["axis.0.x.lower=-1e-10", "axis.0.x.upper=1e-10"]),
+        ("run", &["potential.0.value=1e10*x"]),
+        ("run", &["potential.0.value=1e300*x"]),
+        ("run", &["inflow.value=1e300"]),
+    ];
+    check_all(rows, |(command, settings)| {
+        let place = directory();
+        let small = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
+        let mut job = Job::new([*command, &case("example1.toml")])
+            .set(&small)
+            .set(settings);
+        if *command == "run" {
+            job = job.set(&["solver.verify=true"]).into(place.path());
+        }
+        let finished = job.on(2).within(20).capped().run()?;
+        if *command == "plan" && finished.code == Some(0) {
+            return Ok(());
+        }
+        solved_or_refused(&finished, place.path(), 1e-6, &[])
+    });
+}

@@ -1,0 +1,248 @@
+//! Files of results: older ones stay when a run is refused, storage, attributes, checksums, where they go.
+
+use crate::support::{Job, case, check_all, datasets, differences, directory, refused, run};
+use std::collections::BTreeMap;
+
+/// A refused run leaves older results as they are; a good one replaces them.
+#[test]
+fn refused_runs_leave_older_results() {
+    let place = directory();
+    let small = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
+    let solve = |settings: &[&str]| {
+        run("example1.toml")
+            .set(&small)
+            .set(settings)
+            .into(place.path())
+    };
+    let contents = || -> BTreeMap<String, Vec<u8>> {
+        std::fs::read_dir(place.path())
+            .unwrap()
+            .map(|e| e.unwrap())
+            .map(|e| {
+                (
+                    e.file_name().into_string().unwrap(),
+                    std::fs::read(e.path()).unwrap(),
+                )
+            })
+            .collect()
+    };
+    solve(&[]).on(2).succeed().unwrap();
+    let before = contents();
+    assert_eq!(
+        before.keys().collect::<Vec<_>>(),
+        ["fields.xdmf", "result.h5", "summary.json"]
+    );
+    for bad in [
+        "solver.tolerance=1e-15",
+        "initial.f=sqrt(-x)",
+        "axis.0.x.cells=0",
+    ] {
+        let finished = solve(&[bad]).on(2).run().unwrap();
+        refused(&finished, &[]).unwrap();
+        assert!(
+            contents() == before,
+            "{}",
+            finished.report("older results changed")
+        );
+    }
+    solve(&["time.end=0.5"]).on(2).succeed().unwrap();
+    let after = contents();
+    assert_eq!(
+        after.keys().collect::<Vec<_>>(),
+        before.keys().collect::<Vec<_>>()
+    );
+    assert!(
+        after["result.h5"] != before["result.h5"],
+        "result.h5 was not replaced"
+    );
+}
+
+/// However the fields are stored, they are the same, on any ranks; also where a rank has none of them.
+#[test]
+fn same_bits_compressed_and_in_chunks() {
+    const ODD: [&str; 2] = ["axis.0.x.cells=23", "axis.0.v.cells=17"];
+    const FEW: [&str; 2] = ["axis.0.x.cells=3", "axis.0.v.cells=6"];
+    let scenes: [(&str, &[&str], &str, &[usize]); 4] = [
+        ("example1.toml", &ODD, "[5,4]", &[1, 2, 3, 4]),
+        ("example1.toml", &FEW, "[2,5]", &[1, 2, 4, 7]),
+        ("example2.toml", &ODD, "[100,3]", &[2, 3]),
+        ("barrier2d.toml", &[], "[5,3,4,6]", &[1, 2, 3, 4]),
+    ];
+    for (name, settings, shape, ranks) in scenes {
+        let plain = directory();
+        run(name).set(settings).solve(plain.path()).unwrap();
+        let reference = datasets(plain.path()).unwrap();
+        let mut rows = Vec::new();
+        for &ranks in ranks {
+            let chunks = format!("output.chunks={shape}");
+            rows.push((ranks, vec!["output.compression=6".to_owned()]));
+            rows.push((ranks, vec![chunks.clone()]));
+            rows.push((ranks, vec![chunks, "output.compression=1".to_owned()]));
+        }
+        check_all(&rows, |(ranks, storage)| {
+            let place = directory();
+            let storage: Vec<&str> = storage.iter().map(String::as_str).collect();
+            let job = run(name).set(settings).set(&storage).on(*ranks);
+            let summary = job.solve(place.path())?;
+            let mut differ = differences(&datasets(place.path())?, &reference);
+            // The text of the case does not hold what is set, but the plan is the same.
+            differ.retain(|name| name != "/case");
+            summary.require(differ.is_empty(), || {
+                format!("other bits than plain in {}", differ.join(", "))
+            })?;
+            // It really is stored so.
+            let file =
+                hdf5::File::open(place.path().join("result.h5")).map_err(|e| e.to_string())?;
+            let density = file.dataset("density").map_err(|e| e.to_string())?;
+            let filters = usize::from(storage.iter().any(|s| s.contains("compression"))) * 2;
+            let found = (density.is_chunked(), density.filters().len());
+            summary.require(found == (true, filters), || format!("stored as {found:?}"))
+        });
+    }
+    // Control: what compresses takes less room.
+    let size = |settings: &[&str]| {
+        let place = directory();
+        let job = run("example1.toml").set(&["initial.f=0.5"]).set(settings);
+        job.solve(place.path()).unwrap();
+        std::fs::metadata(place.path().join("result.h5"))
+            .unwrap()
+            .len()
+    };
+    let (plain, compressed) = (size(&[]), size(&["output.compression=1"]));
+    assert!(
+        2 * compressed < plain,
+        "{compressed} bytes, {plain} without"
+    );
+}
+
+/// What is said about a run in its file is true; what is not wanted is not written.
+#[test]
+fn results_say_what_made_them() {
+    let place = directory();
+    let settings = ["time.end=0.5", "axis.0.x.cells=24", "axis.0.v.cells=16"];
+    let job = run("example1.toml").set(&settings).on(3);
+    let summary = job.solve(place.path()).unwrap();
+    let attribute = |name: &str| {
+        let file = hdf5::File::open(place.path().join("result.h5")).unwrap();
+        let text = file
+            .attr(name)
+            .unwrap()
+            .read_scalar::<hdf5::types::VarLenUnicode>();
+        text.unwrap_or_else(|e| panic!("{name}: {e}")).to_string()
+    };
+    let file = hdf5::File::open(place.path().join("result.h5")).unwrap();
+    assert_eq!(file.attr("ranks").unwrap().read_scalar::<u64>().unwrap(), 3);
+    assert_eq!(
+        file.attr("time").unwrap().read_scalar::<f64>().unwrap(),
+        0.5
+    );
+    drop(file);
+    assert!(attribute("command").ends_with(&format!("-o {}", place.path().display())));
+    assert!(attribute("case_file").ends_with("cases/example1.toml"));
+    assert!(
+        attribute("rustc").starts_with("rustc 1."),
+        "{}",
+        attribute("rustc")
+    );
+    assert!(attribute("mpi").contains(" v") && attribute("hdf5").starts_with("1."));
+    assert_eq!(summary.value["git"].as_str(), Some(&attribute("git")[..]));
+    let version = Job::new(["--version"]).succeed().unwrap().output;
+    assert!(version.contains(&attribute("git")), "{version}");
+    // Now, to a minute or so, in whatever time zone this is.
+    let now = std::process::Command::new("date")
+        .args(["-u", "+%FT%H"])
+        .output()
+        .unwrap();
+    let (now, date) = (String::from_utf8(now.stdout).unwrap(), attribute("date"));
+    let turned = date.contains(":59:");
+    assert!(date.starts_with(now.trim()) || turned, "{date}, not {now}");
+    let stored = datasets(place.path()).unwrap();
+    let case_text = std::fs::read(case("example1.toml")).unwrap();
+    assert_eq!(stored["/case"].bytes, case_text);
+
+    // Without what is shown by ParaView, and what an earlier run left of it.
+    assert!(place.path().join("fields.xdmf").is_file());
+    assert!(stored.contains_key("/xdmf/plane_x/f"));
+    job.set(&["output.xdmf=false"]).solve(place.path()).unwrap();
+    assert!(!place.path().join("fields.xdmf").exists());
+    let names: Vec<String> = datasets(place.path()).unwrap().into_keys().collect();
+    assert!(!names.iter().any(|name| name.contains("xdmf")), "{names:?}");
+}
+
+/// A file that is not as it was written is told, on any ranks, with the dataset that differs.
+#[test]
+fn damaged_results_are_found() {
+    let place = directory();
+    run("example2.toml")
+        .set(&["axis.0.x.cells=23", "axis.0.v.cells=17", "time.end=0.3"])
+        .on(2)
+        .solve(place.path())
+        .unwrap();
+    let path = place.path().join("result.h5");
+    let whole = std::fs::read(&path).unwrap();
+    let look = |ranks: usize| {
+        let directory = place.path().display().to_string();
+        Job::new(["check-result", &directory]).on(ranks).within(20)
+    };
+    for ranks in 1..=4 {
+        let finished = look(ranks).succeed().unwrap();
+        assert!(
+            finished.output.contains("datasets as written"),
+            "{}",
+            finished.output
+        );
+    }
+    let found = |bytes: &[u8], ranks: usize, says: &str| {
+        std::fs::write(&path, bytes).unwrap();
+        let finished = look(ranks).run().unwrap();
+        let told = finished.code == Some(1) && finished.errors.contains(says);
+        assert!(
+            told && finished.others.is_empty(),
+            "{}",
+            finished.report(says)
+        );
+    };
+    for name in [
+        "/psi",
+        "/density",
+        "/axis/x",
+        "/multivalued/v",
+        "/xdmf/plane_x/phi",
+    ] {
+        let file = hdf5::File::open(&path).unwrap();
+        let dataset = file.dataset(name).unwrap();
+        let last = dataset.offset().unwrap() as usize + 8 * dataset.size() - 1;
+        drop((dataset, file));
+        let mut bytes = whole.clone();
+        bytes[last] ^= 0x40;
+        for ranks in [1, 3] {
+            found(
+                &bytes,
+                ranks,
+                &format!("dataset {name} is not as it was written"),
+            );
+        }
+        std::fs::write(&path, &whole).unwrap();
+    }
+    // A letter of the case.
+    let title = whole.windows(8).position(|w| w == b"[[axis]]").unwrap();
+    let mut bytes = whole.clone();
+    bytes[title + 3] = b'A';
+    found(&bytes, 2, "dataset /case");
+    found(&whole[..whole.len() / 2], 2, "truncated file");
+    found(&[], 2, "result.h5");
+    found(b"no HDF5 at all", 2, "result.h5");
+    std::fs::remove_file(&path).unwrap();
+    refused(&look(2).run().unwrap(), &["result.h5"]).unwrap();
+    std::fs::create_dir(&path).unwrap();
+    refused(&look(2).run().unwrap(), &["result.h5", "no file"]).unwrap();
+}
+
+/// Without `-o`, results go to `results/<name of the case>`.
+#[test]
+fn results_have_a_place_by_default() {
+    let place = directory();
+    run("step3d.toml").inside(place.path()).succeed().unwrap();
+    assert!(place.path().join("results/step3d/summary.json").is_file());
+    assert!(place.path().join("results/step3d/result.h5").is_file());
+}

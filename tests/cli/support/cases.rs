@@ -1,0 +1,102 @@
+//! The case files, what makes them small, and directories for results.
+
+use super::launch::Job;
+use std::path::{Path, PathBuf};
+
+/// The case files, sorted by name.
+pub fn cases() -> Vec<String> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases");
+    let mut names: Vec<String> = std::fs::read_dir(&folder)
+        .unwrap_or_else(|e| panic!("{}: {e}", folder.display()))
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+        .filter(|name| name.ends_with(".toml"))
+        .collect();
+    names.sort();
+    assert!(names.len() >= 7, "cases/: only {names:?}");
+    names
+}
+
+/// What makes a case small enough for tests that go through all of them, faces still on the jumps; nothing for most.
+pub fn shrunk(name: &str) -> &'static [&'static str] {
+    match name {
+        "barriers.toml" => &["axis.0.x.cells=60", "axis.0.v.cells=41", "time.end=1.2"],
+        "harmonic_step.toml" => &["axis.0.x.cells=48", "axis.0.v.cells=43"],
+        "lens2d.toml" => &[
+            "axis.0.x.cells=18",
+            "axis.0.v.cells=7",
+            "axis.1.x.cells=7",
+            "axis.1.v.cells=4",
+            "time.end=1.0",
+        ],
+        "periodic2d.toml" => &[
+            "axis.0.x.cells=12",
+            "axis.0.v.cells=7",
+            "axis.1.x.cells=5",
+            "axis.1.v.cells=5",
+        ],
+        "quantum_dot2d.toml" => &[
+            "axis.0.x.cells=12",
+            "axis.0.v.cells=8",
+            "axis.1.x.cells=12",
+            "axis.1.v.cells=7",
+        ],
+        "step_slope3d.toml" => &[
+            "axis.0.x.cells=6",
+            "axis.0.v.cells=5",
+            "axis.1.x.cells=4",
+            "axis.1.v.cells=4",
+            "axis.2.x.cells=3",
+            "axis.2.v.cells=4",
+        ],
+        _ => &[],
+    }
+}
+
+/// Path of a case file.
+pub fn case(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("cases")
+        .join(name);
+    path.display().to_string()
+}
+
+/// A directory of its own below `target/`, deleted when the test is over.
+pub fn directory() -> tempfile::TempDir {
+    tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a temporary directory below target/")
+}
+
+/// What a run with slopes needs.
+pub const SLOPES: [&str; 2] = [
+    "solver.method=classical",
+    "solver.classical.integrator=ssp-rk3",
+];
+
+pub const INTERFACES: [&str; 2] = ["hat", "conservative"];
+
+pub fn run(name: &str) -> Job {
+    Job::new(["run", &case(name)])
+}
+
+pub fn check(name: &str) -> Job {
+    Job::new(["check", &case(name)])
+}
+
+pub fn plan(name: &str, ranks: usize) -> Job {
+    Job::new(["plan", &case(name), "--ranks", &ranks.to_string()])
+}
+
+/// `cases/example1.toml` with the one occurrence of `old` replaced, written into `place`; the file and the line of it.
+pub fn edited(place: &Path, old: &str, new: &str) -> (PathBuf, usize) {
+    let text = std::fs::read_to_string(case("example1.toml")).unwrap();
+    let found: Vec<usize> = text.match_indices(old).map(|(at, _)| at).collect();
+    assert_eq!(
+        found.len(),
+        1,
+        "\"{old}\" occurs {} times in example1.toml",
+        found.len()
+    );
+    let line = 1 + text[..found[0]].matches('\n').count();
+    let path = place.join("edited.toml");
+    std::fs::write(&path, text.replace(old, new)).unwrap();
+    (path, line)
+}

@@ -1,0 +1,15 @@
+//! What the tests of the command line share: cases, starting the program, checks, and reading results.
+
+pub mod python;
+
+mod cases;
+mod checks;
+mod launch;
+mod outcome;
+mod results;
+
+pub use cases::*;
+pub use checks::*;
+pub use launch::Job;
+pub use outcome::{Finished, Summary};
+pub use results::*;

@@ -1,0 +1,128 @@
+//! What a job said and left: its streams by rank, its exit code, its summary.
+
+use serde_json::Value;
+
+/// What rank 0, the other ranks and mpirun itself said. mpirun marks every piece it gets from a rank, also in the middle
+/// of a line, with `[job,rank]<stdout>:`.
+pub fn untag(text: &str) -> [String; 3] {
+    let mut said = [const { String::new() }; 3];
+    for line in text.split_inclusive('\n') {
+        let (mut speaker, mut rest) = (2, line);
+        while !rest.is_empty() {
+            if let Some((rank, after)) = mark(rest) {
+                (speaker, rest) = (rank.min(1), after);
+                continue;
+            }
+            let next = rest.char_indices().skip(1).find(|&(_, c)| c == '[');
+            let (piece, after) = rest.split_at(next.map_or(rest.len(), |(at, _)| at));
+            said[speaker].push_str(piece);
+            rest = after;
+        }
+    }
+    said
+}
+
+/// The rank of a mark at the start of `text`, and what follows it.
+fn mark(text: &str) -> Option<(usize, &str)> {
+    let (job, after) = text.strip_prefix('[')?.split_once(']')?;
+    // A bracket of the text may stand right before a mark.
+    if job.contains('[') {
+        return None;
+    }
+    let after = (after.strip_prefix("<stdout>:")).or_else(|| after.strip_prefix("<stderr>:"))?;
+    Some((job.rsplit(',').next()?.parse().ok()?, after))
+}
+
+/// A job that came to its end.
+#[derive(Clone, Debug)]
+pub struct Finished {
+    /// The command.
+    pub command: String,
+    /// Exit code of mpirun or of the program; none when a signal ended it.
+    pub code: Option<i32>,
+    /// Standard output of rank 0.
+    pub output: String,
+    /// Standard error of rank 0.
+    pub errors: String,
+    /// What other ranks said, on either.
+    pub others: String,
+    /// What mpirun itself complained about.
+    pub launcher: String,
+    /// Seconds from start to end.
+    pub seconds: f64,
+}
+
+impl Finished {
+    /// `what` went wrong, with the command and all that was said.
+    pub fn report(&self, what: &str) -> String {
+        let ending = match self.code {
+            Some(code) => format!("exit code {code}"),
+            None => "ended by a signal".to_owned(),
+        };
+        let mut text = format!(
+            "{what}\n  command: {}\n  {ending} after {:.1} s",
+            self.command, self.seconds
+        );
+        // mpirun's own words about an exit code that is not 0 say nothing new.
+        let launcher = if self.errors.is_empty() {
+            self.launcher.as_str()
+        } else {
+            ""
+        };
+        for (who, said) in [
+            ("stdout", self.output.as_str()),
+            ("stderr", &self.errors),
+            ("other ranks", &self.others),
+            ("mpirun", launcher),
+        ] {
+            // Without the frames of a crash.
+            let lines = said.lines().filter(|l| !l.starts_with('['));
+            let said = lines.collect::<Vec<_>>().join("\n");
+            let said: String = said.trim_end().chars().take(1500).collect();
+            if !said.is_empty() {
+                text += &format!("\n  {who}: {}", said.replace('\n', "\n    "));
+            }
+        }
+        text
+    }
+}
+
+/// `summary.json` of a run, with the command that made it.
+#[derive(Clone, Debug)]
+pub struct Summary {
+    /// The command.
+    pub command: String,
+    /// The file.
+    pub value: Value,
+}
+
+impl Summary {
+    /// A number that must be there.
+    pub fn number(&self, key: &str) -> Result<f64, String> {
+        self.value[key].as_f64().ok_or_else(|| {
+            format!(
+                "summary.json: {key} is {}, a number expected\n  command: {}",
+                self.value[key], self.command
+            )
+        })
+    }
+
+    /// A yes or no that must be there.
+    pub fn boolean(&self, key: &str) -> Result<bool, String> {
+        self.value[key].as_bool().ok_or_else(|| {
+            format!(
+                "summary.json: {key} is {}, true or false expected\n  command: {}",
+                self.value[key], self.command
+            )
+        })
+    }
+
+    /// An error that names the command, unless `holds`.
+    pub fn require(&self, holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
+        if holds {
+            Ok(())
+        } else {
+            Err(format!("{}\n  command: {}", what(), self.command))
+        }
+    }
+}

@@ -1,0 +1,380 @@
+//! Tolerances: what is asked for is met, the estimate of the error is right or says that it cannot tell.
+
+use crate::support::{
+    INTERFACES, at_most, case, cases, check_all, datasets, directory, distance, field,
+    meets_its_tolerance, near, plan, refused, require, run, shrunk,
+};
+
+const TOLERANCES: [&str; 4] = ["1e-3", "1e-6", "1e-9", "1e-11"];
+
+/// Every case, both interfaces: the tolerance is met, the estimate is right or says that it cannot tell, every mode is
+/// unitary. Measured by the program itself (`solver.verify`).
+#[test]
+fn tolerances_are_met_in_every_case() {
+    let mut rows = Vec::new();
+    for name in cases() {
+        for interface in INTERFACES {
+            for tolerance in TOLERANCES {
+                rows.push((name.clone(), interface, tolerance));
+            }
+        }
+    }
+    check_all(&rows, |(name, interface, tolerance)| {
+        let place = directory();
+        let job = run(name).on(2).set(shrunk(name)).set(&[
+            "solver.verify=true",
+            &format!("scheme.interface={interface}"),
+            &format!("solver.tolerance={tolerance}"),
+        ]);
+        let summary = job.solve(place.path())?;
+        meets_its_tolerance(&summary)
+    });
+}
+
+/// Every case by every other propagator: Krylov meets the tolerance; the implicit methods are as far from the exact solution as
+/// the error that they report, say so, and run with split space too.
+#[test]
+fn every_propagator_runs_in_every_case() {
+    let mut rows = Vec::new();
+    // What an inflow that varies refuses is tried elsewhere.
+    for name in (cases().into_iter()).filter(|name| name != "pulsed_inflow.toml") {
+        rows.push((name.clone(), "krylov", "1e-6", None, 2));
+        rows.push((name.clone(), "crank-nicolson", "1e-2", Some(30.0), 2));
+        rows.push((name.clone(), "backward-euler", "1e-2", Some(60.0), 1));
+    }
+    check_all(&rows, |(name, method, tolerance, steps, ranks)| {
+        let place = directory();
+        let mut job = run(name).on(*ranks).set(&[
+            "solver.verify=true",
+            &format!("solver.propagator.method={method}"),
+            &format!("solver.tolerance={tolerance}"),
+        ]);
+        // Grids small enough to be quick.
+        job = job.set(shrunk(name));
+        if ["example1", "slope", "step_up", "well"]
+            .iter()
+            .any(|n| name.starts_with(n))
+        {
+            job = job.set(&["axis.0.x.cells=48", "axis.0.v.cells=40"]);
+        }
+        let Some(steps) = steps else {
+            return meets_its_tolerance(&job.solve(place.path())?);
+        };
+        let text = std::fs::read_to_string(case(name)).map_err(|e| e.to_string())?;
+        let sooner = shrunk(name).iter();
+        let end: f64 = (sooner.filter_map(|s| s.strip_prefix("time.end=")))
+            .chain(text.lines().filter_map(|l| l.trim().strip_prefix("end = ")))
+            .find_map(|l| l.split_whitespace().next()?.parse().ok())
+            .ok_or("no end in the file")?;
+        let step = format!("solver.propagator.step={}", end / steps);
+        let summary = job.set(&[&step]).solve(place.path())?;
+        let (error, estimate) = (
+            summary.number("error_semidiscrete")?,
+            summary.number("error_estimate")?,
+        );
+        let told = summary.boolean("error_estimate_reliable")?;
+        let ratio = estimate / error;
+        summary.require(!told || (1.0 / 3.0..=3.0).contains(&ratio), || {
+            format!("error_estimate {estimate:e}, error {error:e}")
+        })?;
+        let leading = summary.number("step_error")?;
+        let warned = summary.value["warnings"]
+            .to_string()
+            .contains("solver.propagator.step");
+        summary.require(warned == (leading > summary.number("tolerance")?), || {
+            format!("step_error {leading:e}, warned: {warned}")
+        })?;
+        let (solves, modes) = (summary.number("solves")?, summary.number("modes")?);
+        let fields = summary.value["fields"].as_array().map_or(0, Vec::len) as f64;
+        summary.require(solves == steps * modes * fields, || {
+            format!("{solves} solves")
+        })?;
+        let kept = summary.number("norm_kept")?;
+        if *method == "crank-nicolson" {
+            let defect = summary.number("unitarity_defect")?;
+            summary.require(defect <= 1.0 && (kept - 1.0).abs() < 1e-11, || {
+                format!("norm kept {kept}, unitarity_defect {defect}")
+            })
+        } else {
+            let silent = summary.value["unitarity_defect"].is_null();
+            summary.require(silent && kept < 0.999, || format!("norm kept {kept}"))
+        }
+    });
+}
+
+/// The distance taken here, between the files of two runs, not by the program; on different numbers of ranks.
+#[test]
+fn distance_between_files_is_what_was_asked_for() {
+    let rows = [
+        ("example1.toml", "hat", 1e-6),
+        ("barrier2d.toml", "conservative", 1e-9),
+        ("inflow_barrier.toml", "hat", 1e-9),
+        ("well.toml", "hat", 1e-11),
+        ("step3d.toml", "conservative", 1e-3),
+    ];
+    check_all(&rows, |&(name, interface, tolerance)| {
+        let (warped, exact) = (directory(), directory());
+        let interface = format!("scheme.interface={interface}");
+        let asked = format!("solver.tolerance={tolerance:e}");
+        let job = run(name).set(&[&interface, &asked, "solver.verify=true"]);
+        let summary = job.on(3).solve(warped.path())?;
+        run(name)
+            .set(&[
+                &interface,
+                "solver.method=classical",
+                "solver.classical.integrator=exponential",
+            ])
+            .on(1)
+            .solve(exact.path())?;
+        let (f, reference) = (field(warped.path())?, field(exact.path())?);
+        let found = distance(&f, &reference);
+        let outcome = at_most("distance between the files", found, tolerance)
+            .and_then(|()| {
+                let said = summary.number("error_semidiscrete")?;
+                near(
+                    "error_semidiscrete over that distance",
+                    said / found,
+                    1.0,
+                    0.01,
+                )
+            })
+            // The comparison can fail: a thousandth of the tolerance is not met.
+            .and_then(|()| match at_most("", found, 1e-3 * tolerance) {
+                Ok(()) => Err(format!(
+                    "distance {found:e}: not a run at tolerance {tolerance:e}"
+                )),
+                Err(_) => Ok(()),
+            });
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())
+    });
+}
+
+/// The reference itself: forward Euler and SSP-RK3 tend to the exponential with orders 1 and 3.
+#[test]
+fn classical_integrators_converge_to_the_exponential() {
+    let solve = |settings: &[&str]| -> Result<Vec<f64>, String> {
+        let place = directory();
+        run("well.toml")
+            .set(&["solver.method=classical"])
+            .set(settings)
+            .on(2)
+            .solve(place.path())?;
+        field(place.path())
+    };
+    let reference = solve(&[]).unwrap();
+    let rows = [("forward-euler", 1.0, 0.05), ("ssp-rk3", 3.0, 0.2)];
+    check_all(&rows, |&(integrator, order, cfl)| {
+        let error = |cfl: f64| -> Result<f64, String> {
+            let f = solve(&[
+                &format!("solver.classical.integrator={integrator}"),
+                &format!("solver.classical.cfl={cfl}"),
+            ])?;
+            Ok(distance(&f, &reference))
+        };
+        let (coarse, fine) = (error(cfl)?, error(cfl / 2.0)?);
+        let what = format!("order of {integrator} (errors {coarse:e}, {fine:e})");
+        near(&what, (coarse / fine).log2(), order, 0.15)
+    });
+}
+
+/// Applications of example 1 stay below those of the prototypes: of the designed profile, which is what is planned, and, at most 15 % above
+/// them, of the Gaussian.
+#[test]
+fn applications_stay_near_the_prototype() {
+    let rows = [
+        ("planned", 64, 1e-3, 0.8e3),
+        ("planned", 64, 1e-6, 1.4e3),
+        ("planned", 64, 1e-9, 2.4e3),
+        ("planned", 64, 1e-11, 4.5e3),
+        ("planned", 128, 1e-3, 1.8e3),
+        ("planned", 128, 1e-6, 3.4e3),
+        ("planned", 128, 1e-9, 6.9e3),
+        ("planned", 128, 1e-11, 15e3),
+        ("gaussian", 64, 1e-6, 1.15 * 4.4e3),
+        ("gaussian", 64, 1e-11, 1.15 * 16.6e3),
+        ("gaussian", 128, 1e-3, 1.15 * 7.4e3),
+        ("gaussian", 128, 1e-9, 1.15 * 24.8e3),
+    ];
+    check_all(&rows, |&(profile, cells, tolerance, prototype)| {
+        let place = directory();
+        let summary = run("example1.toml")
+            .on(2)
+            .set(&[
+                &format!("axis.0.x.cells={cells}"),
+                &format!("axis.0.v.cells={cells}"),
+                &format!("solver.tolerance={tolerance:e}"),
+                &format!("solver.warp.profile={profile}"),
+                "solver.verify=true",
+            ])
+            .solve(place.path())?;
+        meets_its_tolerance(&summary)?;
+        let done = summary.number("matvecs")?;
+        let outcome = at_most("matvecs", done, prototype);
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        // Counted as done, and as planned: the two agree.
+        let stored = &datasets(place.path())?["/plan"].bytes;
+        let text = String::from_utf8_lossy(stored);
+        let plan: serde_json::Value =
+            serde_json::from_str(text.trim_end_matches('\0')).map_err(|e| format!("/plan: {e}"))?;
+        let planned = plan["warp"]["applications"].as_f64();
+        summary.require(planned == Some(done), || {
+            format!("matvecs {done}, but /plan in result.h5 says {planned:?}")
+        })
+    });
+}
+
+/// However short the time and however small the tolerance: met, with an estimate that is right or says that it cannot
+/// tell.
+#[test]
+fn estimate_is_right_or_silent_at_the_edges() {
+    let small = ["axis.0.x.cells=32", "axis.0.v.cells=32"];
+    let rows: [(&str, &[&str]); 6] = [
+        ("example1.toml", &["time.end=0.001"]),
+        (
+            "example1.toml",
+            &["time.end=1e-10", "solver.tolerance=1e-2"],
+        ),
+        ("example1.toml", &["time.end=0.01", "solver.tolerance=1e-9"]),
+        ("example1.toml", &["solver.tolerance=2e-14"]),
+        ("example1.toml", &["solver.tolerance=1e-12"]),
+        ("slope_jump.toml", &["time.end=10", "solver.tolerance=0.1"]),
+    ];
+    check_all(&rows, |(name, settings)| {
+        let place = directory();
+        let job = run(name)
+            .set(&small)
+            .set(settings)
+            .set(&["solver.verify=true"]);
+        let summary = job.solve(place.path())?;
+        let (error, estimate) = (
+            summary.number("error_semidiscrete")?,
+            summary.number("error_estimate")?,
+        );
+        let outcome = at_most("error_semidiscrete", error, summary.number("tolerance")?);
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        let reliable = summary.boolean("error_estimate_reliable")?;
+        let ratio = estimate / error;
+        summary.require(!reliable || (1.0 / 3.0..=3.0).contains(&ratio), || {
+            format!("error_estimate {estimate:e} is {ratio:.3} times the true error {error:e}, and called reliable")
+        })
+    });
+}
+
+/// Nothing moves: no rate, no spectrum, and the field stays what it was.
+#[test]
+fn standing_particles_stay() {
+    let rows = INTERFACES.map(|interface| format!("scheme.interface={interface}"));
+    check_all(&rows, |interface| {
+        let place = directory();
+        let job = run("step_up.toml").set(&[
+            "axis.0.v.lower=-1",
+            "axis.0.v.upper=1",
+            "axis.0.v.cells=1",
+            "initial.f=1 + x^2",
+            interface,
+        ]);
+        let summary = job.solve(place.path())?;
+        let f = field(place.path())?;
+        let cells = f.len() as f64;
+        let expected: Vec<f64> = (0..f.len())
+            .map(|i| 1.0 + (-1.5 + 3.0 * (i as f64 + 0.5) / cells).powi(2))
+            .collect();
+        let outcome = at_most("distance from f(0)", distance(&f, &expected), 1e-6);
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())
+    });
+}
+
+/// The smallest tolerance that a refusal names is accepted when it is asked for, and met.
+#[test]
+fn smallest_tolerance_is_accepted_and_met() {
+    let smallest = |name: &str, settings: &[&str]| -> Result<String, String> {
+        let job = plan(name, 1).set(settings).set(&["solver.tolerance=1e-15"]);
+        let finished = job.run()?;
+        refused(&finished, &["tolerance", "1e-15"])?;
+        let words = finished.errors.split_whitespace();
+        let mut after = words.skip_while(|w| *w != "than").skip(1);
+        let number = after.next().unwrap_or_default().to_owned();
+        let is_number = number.parse::<f64>().is_ok_and(|x| x > 1e-15 && x < 1e-9);
+        require(is_number, &finished, || {
+            "no smallest tolerance named".into()
+        })?;
+        Ok(number)
+    };
+    check_all(&cases(), |name| {
+        let small = shrunk(name);
+        let number = smallest(name, small)?;
+        let job = plan(name, 1).set(small);
+        let job = job.set(&[&format!("solver.tolerance={number}")]);
+        job.succeed().map(|_| ())
+    });
+    let small = ["axis.0.x.cells=24", "axis.0.v.cells=20"];
+    let number = smallest("slope_jump.toml", &small).unwrap();
+    let place = directory();
+    let summary = run("slope_jump.toml")
+        .set(&small)
+        .set(&[&format!("solver.tolerance={number}"), "solver.verify=true"])
+        .on(2)
+        .solve(place.path())
+        .unwrap();
+    let error = summary.number("error_semidiscrete").unwrap();
+    at_most(&summary.command, error, number.parse().unwrap()).unwrap();
+}
+
+/// Any number of cells, odd ones with a standing velocity among them, and boxes of a single cell.
+#[test]
+fn any_number_of_cells_is_solved() {
+    let mut rows = Vec::new();
+    for interface in INTERFACES {
+        for cells in [1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 17] {
+            rows.push((
+                interface,
+                format!("axis.0.v.cells={cells}"),
+                "axis.0.x.cells=20",
+            ));
+            rows.push((
+                interface,
+                format!("axis.0.x.cells={cells}"),
+                "axis.0.v.cells=20",
+            ));
+        }
+    }
+    check_all(&rows, |(interface, cells, others)| {
+        let place = directory();
+        let job = run("step_up.toml").set(&[
+            &format!("scheme.interface={interface}"),
+            cells,
+            others,
+            "solver.verify=true",
+        ]);
+        let summary = job.solve(place.path())?;
+        // One row of cells may hold nothing at all.
+        if summary.number("mass_initial")? == 0.0 {
+            let largest = summary.number("maximum")?;
+            return summary.require(largest == 0.0, || format!("maximum {largest} of nothing"));
+        }
+        let error = summary.number("error_semidiscrete")?;
+        let outcome = at_most("error_semidiscrete", error, summary.number("tolerance")?);
+        summary.require(outcome.is_ok(), || outcome.unwrap_err())
+    });
+}
+
+/// Numbers of ranks that divide nothing.
+#[test]
+fn odd_numbers_of_ranks_run() {
+    let mut rows = Vec::new();
+    for name in ["step3d.toml", "well.toml", "inflow_barrier.toml"] {
+        for ranks in [5, 6, 7] {
+            rows.push((name, ranks));
+        }
+    }
+    check_all(&rows, |(name, ranks)| {
+        let place = directory();
+        let summary = run(name)
+            .on(*ranks)
+            .set(&["solver.verify=true"])
+            .solve(place.path())?;
+        let found = summary.number("ranks")?;
+        summary.require(found == *ranks as f64, || format!("ranks: {found}"))?;
+        meets_its_tolerance(&summary)
+    });
+}

@@ -1,0 +1,51 @@
+//! Warnings are said once, and stand in the summary.
+
+use crate::support::{check, check_all, directory, require, run};
+
+/// An edge inside a cell is moved to a face: said, with the distance, by `check`, by `run` and in `summary.json`.
+#[test]
+fn region_edges_off_the_faces_give_a_warning() {
+    // Cells of 3/128 = 0.0234375; the nearest centre decides.
+    let rows = [
+        ("x < 0.01", "0.010000", "1.00e-2"),
+        ("x < 0.015", "0.015000", "8.44e-3"),
+        ("x < -0.005", "-0.005000", "5.00e-3"),
+    ];
+    check_all(&rows, |(condition, edge, by)| {
+        let setting = format!("potential.0.where=\"{condition}\"");
+        let says = ["warning: potential", "x = ", edge, by];
+        let finished = check("example1.toml").set(&[&setting]).succeed()?;
+        for words in says {
+            require(finished.output.contains(words), &finished, || {
+                format!("\"{words}\" is not said")
+            })?;
+        }
+        let place = directory();
+        let job = run("example1.toml").set(&[&setting, "time.end=0.01"]).on(2);
+        let finished = job.clone().into(place.path()).succeed()?;
+        for words in says {
+            let times = finished.errors.matches(words).count();
+            require(times == 1, &finished, || {
+                format!("\"{words}\" is said {times} times")
+            })?;
+        }
+        let text = std::fs::read_to_string(place.path().join("summary.json")).unwrap_or_default();
+        let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+        let warnings = value["warnings"].to_string();
+        require(
+            warnings.contains(edge) && warnings.contains(by),
+            &finished,
+            || format!("warnings in summary.json: {warnings}"),
+        )
+    });
+    // Control: an edge on a face, and one that is on a face of this grid alone.
+    for condition in ["x < 0", "x < 0.0234375"] {
+        let setting = format!("potential.0.where=\"{condition}\"");
+        let finished = check("example1.toml").set(&[&setting]).succeed().unwrap();
+        assert!(
+            !finished.output.contains("warning"),
+            "{}",
+            finished.report("no warning expected")
+        );
+    }
+}

@@ -1,0 +1,8 @@
+//! The library without MPI: the scheme against its definition, series, and random case files.
+
+mod chebyshev;
+mod fuzz_case;
+mod scheme;
+
+#[path = "../support/dense.rs"]
+mod dense;

@@ -1,0 +1,251 @@
+//! Order of convergence, the potential on the grid, and periodic axes.
+
+use super::Lattice;
+use super::paper::assert_same_system;
+use super::{ROUND_OFF, scenes};
+use crate::dense::{System, case};
+use phasewarp::case::Case;
+use phasewarp::characteristics::Tracer;
+use phasewarp::plan::Bounds;
+use phasewarp::potential::Potential;
+use phasewarp::scheme::{Row, Scheme};
+
+/// The rows of `A`, for products.
+fn rows(case: &Case) -> Vec<Vec<(usize, f64)>> {
+    let scheme = Scheme::whole(case).expect("V is finite");
+    let mut row = Row::default();
+    (0..case.space.cells())
+        .map(|i| {
+            scheme.row(&mut row, i);
+            row.entries.clone()
+        })
+        .collect()
+}
+
+/// A cloud in a harmonic potential turns about the origin: first-order convergence to it.
+#[test]
+fn first_order_convergence_without_a_jump() {
+    const TIME: f64 = 0.5;
+    let cloud = |x: f64, v: f64| (-((x - 0.4).powi(2) + (v + 0.2).powi(2)) / 0.5).exp();
+    let errors: Vec<f64> = [32, 64, 128]
+        .into_iter()
+        .map(|cells| {
+            let axis = format!("{{ lower = -4.0, upper = 4.0, cells = {cells} }}");
+            let text = format!(
+                "[[axis]]\nx = {axis}\nv = {axis}\n[[potential]]\nvalue = \"x^2/2\"\n\
+                 [initial]\nf = \"0\"\n[time]\nend = {TIME}\n"
+            );
+            let case = Case::parse("turning cloud", &text, &[]).expect("a good case");
+            let matrix = rows(&case);
+            let points: Vec<[f64; 2]> = (0..case.space.cells())
+                .map(|i| case.space.point(&case.space.cell(i)))
+                .map(|p| [p[0], p[3]])
+                .collect();
+            let f = points.iter().map(|[x, v]| cloud(*x, *v)).collect();
+            let f = evolved(&case, &matrix, f, TIME);
+            // x' = v, v' = −x, traced back.
+            let (s, c) = TIME.sin_cos();
+            let error: f64 = (points.iter().zip(&f))
+                .map(|([x, v], f)| (f - cloud(c * x - s * v, s * x + c * v)).abs())
+                .sum();
+            error * case.space.cell_volume()
+        })
+        .collect();
+    for pair in errors.windows(2) {
+        let order = (pair[0] / pair[1]).log2();
+        assert!((0.8..1.2).contains(&order), "order {order}: {errors:?}");
+    }
+}
+
+/// One potential covers both sides of the scheme's `rise`: a face is seen the same way from its two cells.
+#[test]
+fn the_potential_on_the_grid() {
+    for scene in scenes() {
+        let space = &scene.case.space;
+        let found = Potential::whole(&scene.case).expect("V is finite");
+        let mut jumps = 0;
+        for index in (0..space.cells()).step_by(space.velocity_cells()) {
+            let cell = space.cell(index);
+            for (a, axis) in space.x.iter().enumerate() {
+                let lattice = Lattice::new(axis);
+                let point = |i: i64| {
+                    let mut centre = [0.0; 3];
+                    for (b, other) in space.x.iter().enumerate() {
+                        centre[b] = Lattice::new(other).centre(cell[b] as i64);
+                    }
+                    centre[a] = lattice.centre(i);
+                    centre
+                };
+                let value = |i: i64, face: i64| {
+                    let mut at = point(i);
+                    at[a] = lattice.lower_face(face);
+                    (scene.potential)(point(i), at)
+                };
+                let i = cell[a] as i64;
+                let close =
+                    |x: f64, y: f64| assert!((x - y).abs() < 1e-14, "{}: {x} {y}", scene.name);
+                close(
+                    found.slope(&cell, a) * lattice.width,
+                    value(i, i + 1) - value(i, i),
+                );
+                let n = lattice.cells;
+                let (first, last) = (i == 0, i + 1 == n);
+                let below = match (first, space.is_periodic(a)) {
+                    (false, _) => value(i, i) - value(i - 1, i),
+                    (true, false) => 0.0,
+                    (true, true) => value(0, 0) - value(n - 1, n),
+                };
+                close(found.jump_below(&cell, a), below);
+                let above = match (last, space.is_periodic(a)) {
+                    (false, _) => value(i + 1, i + 1) - value(i, i + 1),
+                    (true, false) => 0.0,
+                    (true, true) => value(0, 0) - value(n - 1, n),
+                };
+                close(found.jump_above(&cell, a), above);
+                jumps += usize::from(below.abs() > 0.01);
+            }
+        }
+        assert!(jumps > 0 && found.jumps().contains(&true), "{}", scene.name);
+    }
+}
+
+/// Without a potential each velocity has the circulant of upwind transport: `−c` on the diagonal, `c` from the cell behind, around the
+/// end too. Written down for one axis, and for another that it stands beside.
+#[test]
+fn transport_around_a_periodic_axis_is_a_circulant() {
+    for cells in [1, 2, 3, 7] {
+        let text = format!(
+            "[[axis]]\nx = {{ lower = -0.4, upper = 1.0, cells = {cells}, boundary = 'periodic' }}\n\
+             v = {{ lower = -1.0, upper = 1.5, cells = 5 }}\n[[potential]]\nvalue = '0.3'\n\
+             [initial]\nf = '0'\n[inflow]\nvalue = '1'\n[time]\nend = 1.0\n"
+        );
+        let case = Case::parse("circulant", &text, &[]).expect("a good case");
+        let found = System::of_rows(&case);
+        let (h, v) = (1.4 / cells as f64, [-0.75, -0.25, 0.25, 0.75, 1.25f64]);
+        let mut expected = System::zero(5 * cells);
+        for i in 0..cells {
+            for (j, v) in v.iter().enumerate() {
+                let behind = (i + if *v > 0.0 { cells - 1 } else { 1 }) % cells;
+                let rate = v.abs() / h;
+                expected.generator.add(5 * i + j, 5 * i + j, -rate);
+                expected.generator.add(5 * i + j, 5 * behind + j, rate);
+            }
+        }
+        // Nothing enters, columns sum to zero: particles are neither made nor lost.
+        assert_same_system(&format!("{cells} cells"), &found, &expected);
+        assert!(found.inflow.iter().chain(&found.draw).all(|b| *b == 0.0));
+        for j in 0..5 * cells {
+            let sum: f64 = (0..5 * cells).map(|i| found.generator.at(i, j)).sum();
+            assert!(sum.abs() < 1e-13, "column {j}: {sum}");
+        }
+    }
+}
+
+/// Where nothing depends on a periodic axis, `A` does not change when everything is moved on along it: to the last bit.
+#[test]
+fn rows_move_on_along_a_periodic_axis() {
+    for interface in ["hat", "conservative"] {
+        let settings = [
+            "axis.0.x.cells=6",
+            "axis.0.v.cells=6",
+            "axis.1.v.cells=4",
+            "potential.0.value='0.1*x'",
+            &format!("scheme.interface='{interface}'"),
+        ];
+        let case = case("periodic2d.toml", &settings);
+        let space = &case.space;
+        let all = rows(&case);
+        let cells = space.x[1].cells;
+        let moved = |index: usize, by: usize| {
+            let mut cell = space.cell(index);
+            cell[1] = (cell[1] + by) % cells;
+            space.index(&cell)
+        };
+        for (i, row) in all.iter().enumerate() {
+            for by in [1, 3, cells - 1] {
+                let mut expected: Vec<_> = row.iter().map(|&(j, a)| (moved(j, by), a)).collect();
+                expected.sort_unstable_by_key(|e| e.0);
+                assert_eq!(all[moved(i, by)], expected, "{interface}: row {i} by {by}");
+            }
+        }
+    }
+}
+
+/// With the conservative interface and all around periodic, columns sum to zero wherever no velocity leaves its box.
+#[test]
+fn a_conservative_interface_around_a_periodic_axis_keeps_the_mass() {
+    let step = "example1.toml";
+    let size = [
+        "axis.0.x={lower=-1.5,upper=1.5,cells=6,boundary='periodic'}",
+        "axis.0.v.cells=24",
+        "scheme.interface='conservative'",
+    ];
+    let found = System::of_rows(&case(step, &size)).generator;
+    let scale = found.largest();
+    let mut kept = 0;
+    for j in 0..found.size {
+        let sum: f64 = (0..found.size).map(|i| found.at(i, j)).sum();
+        // The fastest 6 of 24 velocities at both ends may gain more than the box holds; √(0.75² + 0.4) is far inside.
+        if (6..18).contains(&(j % 24)) {
+            assert!(sum.abs() < ROUND_OFF * scale, "column {j}: {sum}");
+            kept += 1;
+        }
+    }
+    assert_eq!(kept, 72);
+    // Control: the box with ends loses what leaves it.
+    let ends = ["axis.0.x.cells=6", size[1], size[2]];
+    let open = System::of_rows(&case(step, &ends)).generator;
+    let lost = |j: usize| (0..open.size).map(|i| open.at(i, j)).sum::<f64>();
+    assert!((0..open.size).any(|j| (6..18).contains(&(j % 24)) && lost(j) < -0.1 * scale));
+}
+
+/// A bump that goes around the end, over a smooth potential: first-order convergence to the exact solution.
+#[test]
+fn first_order_convergence_around_a_periodic_axis() {
+    const TIME: f64 = 0.8;
+    let errors: Vec<f64> = [64, 128, 256]
+        .into_iter()
+        .map(|cells| {
+            let text = format!(
+                "[[axis]]\nx = {{ lower = -0.5, upper = 0.5, cells = {cells}, boundary = 'periodic' }}\n\
+                 v = {{ lower = 0.2, upper = 1.8, cells = {} }}\n\
+                 [[potential]]\nvalue = '0.03*cos(2*pi*x)'\n\
+                 [initial]\nf = 'exp(cos(2*pi*(x - 0.2)) - ((v - 1)/0.25)^2)'\n[time]\nend = {TIME}\n",
+                cells / 2
+            );
+            let case = Case::parse("bump", &text, &[]).expect("a good case");
+            let tracer = Tracer::new(&case).expect("V is finite");
+            let matrix = rows(&case);
+            let points: Vec<[f64; 6]> = (0..case.space.cells())
+                .map(|i| case.space.point(&case.space.cell(i)))
+                .collect();
+            let f = points.iter().map(|p| tracer.value(p, 0.0)).collect();
+            let f = evolved(&case, &matrix, f, TIME);
+            let error: f64 = (points.iter().zip(&f))
+                .map(|(p, f)| (f - tracer.value(p, TIME)).abs())
+                .sum();
+            error * case.space.cell_volume()
+        })
+        .collect();
+    for pair in errors.windows(2) {
+        let order = (pair[0] / pair[1]).log2();
+        assert!((0.8..1.2).contains(&order), "order {order}: {errors:?}");
+    }
+}
+
+/// `exp(A time) f` by the classical Runge–Kutta method for linear systems, in steps far below what the error in space needs.
+fn evolved(case: &Case, matrix: &[Vec<(usize, f64)>], mut f: Vec<f64>, time: f64) -> Vec<f64> {
+    let steps = (Bounds::new(case).expect("V is finite").rate * time).ceil();
+    let dt = time / steps;
+    for _ in 0..steps as usize {
+        let mut stage = f.clone();
+        for k in [4.0, 3.0, 2.0, 1.0] {
+            let apply =
+                |row: &Vec<(usize, f64)>| -> f64 { row.iter().map(|&(j, a)| a * stage[j]).sum() };
+            let change: Vec<f64> = matrix.iter().map(apply).collect();
+            stage = f.iter().zip(&change).map(|(f, a)| f + dt / k * a).collect();
+        }
+        f = stage;
+    }
+    f
+}
