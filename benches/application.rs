@@ -8,12 +8,13 @@
 use criterion::{Criterion, Throughput};
 mod support;
 
-use phasewarp::communicator::{Communicator, GhostExchange, World};
+use phasewarp::base::machine::cache_per_core;
+use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::matrix::blocking::Blocking;
 use phasewarp::matrix::kernel::InstructionSet;
-use phasewarp::matrix::{BlockMatrix, LANES, Lanes, StepConstants};
-use phasewarp::partition::{Block, Mesh};
-use phasewarp::system::cache_per_core;
+use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
+use phasewarp::parallel::communicator::{Communicator, GhostExchange, World};
+use phasewarp::parallel::partition::{Block, Mesh};
 use std::hint::black_box;
 use std::time::Duration;
 use support::{constants, load};

@@ -6,9 +6,10 @@
 
 mod support;
 
-use phasewarp::communicator::{Communicator, GhostExchange, World};
-use phasewarp::matrix::{BlockMatrix, LANES, Lanes, StepConstants};
-use phasewarp::partition::{Block, Mesh};
+use phasewarp::matrix::block_matrix::BlockMatrix;
+use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
+use phasewarp::parallel::communicator::{Communicator, GhostExchange, World};
+use phasewarp::parallel::partition::{Block, Mesh};
 use std::process::Command;
 use std::time::Instant;
 use support::{constants, load};

@@ -1,38 +1,37 @@
 //! The subcommands.
 
-mod chart;
-mod drawn;
-mod export;
-mod resources;
-mod spectrum;
-mod stability;
+pub mod chart;
+pub mod cli;
+pub mod drawn;
+pub mod export;
+pub mod resources;
+pub mod spectrum;
+pub mod stability;
+pub mod understood;
 
-use crate::advise::{Wanted, advise};
-use crate::case::{self, Case, Data, Method};
-use crate::cli::{CaseArgs, Cli, Command, Mode, RecordFormat};
-use crate::communicator::World;
-use crate::error::{Error, Result};
-use crate::output::finished::is_finished;
-use crate::output::readback;
-use crate::output::summary::Summary;
+use crate::base::error::{Error, Result};
+use crate::base::log::{report, say};
+use crate::base::machine;
+use crate::command::cli::{CaseArgs, Cli, Command, Mode, RecordFormat};
+use crate::command::understood::understood;
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::World;
+use crate::plan::Plan;
 use crate::plan::advice::{Advice, Node};
-use crate::plan::{Bounds, Plan, Resources};
-use crate::reduce::reduced;
-use crate::run::calibrate::{self, Calibration};
-use crate::run::{self, Options};
-use crate::system;
-use std::io::Write;
+use crate::plan::here::refuse_hopeless_here;
+use crate::plan::layout::Resources;
+use crate::problem::case;
+use crate::problem::case::Case;
+use crate::results::finished::is_finished;
+use crate::results::readback;
+use crate::results::summary::Summary;
+use crate::run;
+use crate::run::Options;
+use crate::scheme::reduce::reduced;
+use crate::study::advise::{Wanted, advise};
+use crate::study::calibrate;
+use crate::study::calibrate::Calibration;
 use std::path::{Path, PathBuf};
-
-/// Prints a line; a reader that went away (`| head`) is no error.
-fn say(line: &str) {
-    let _ = writeln!(std::io::stdout(), "{line}");
-}
-
-/// Prints a line to standard error; one that cannot be written is no reason to stop.
-pub fn report(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{line}");
-}
 
 /// Carries out a command. Collective.
 ///
@@ -65,7 +64,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 ranks_x: ranks_x.clone(),
                 resume: *resume,
                 walltime: *walltime,
-                stop: system::stop_flag(),
+                stop: machine::stop_flag(),
             };
             let summary = run::run(world, &case, &directory, &options)?;
             if speaks {
@@ -108,7 +107,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 (run::plan(world, &case, &resources)?, None)
             };
             // As if all its ranks were started here.
-            let here = run::memory_per_rank(&world.group()) as f64;
+            let here = crate::plan::here::memory_per_rank(&world.group()) as f64;
             let here = here * world.group().size() as f64 / ranks as f64;
             let advice = Advice::new(&case, &plan, &resources, node, here as u64);
             if speaks && *json {
@@ -130,7 +129,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             let case = load(world, case)?;
             let all = world.group();
             let case = reduced(&all, &*run::with_start(&all, &case)?)?;
-            run::refuse_hopeless_here(world, &case)?;
+            refuse_hopeless_here(world, &case)?;
             let bounds = Bounds::new(&case)?;
             let resources = Resources {
                 ranks: world.group().size(),
@@ -155,13 +154,13 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             }
         }
         Command::Plot { drawn } => {
-            let drawn = drawn::plot(world, drawn)?;
+            let drawn = crate::command::drawn::plot(world, drawn)?;
             if speaks {
                 drawn.tell();
             }
         }
         Command::Report { drawn } => {
-            let drawn = drawn::report(world, drawn)?;
+            let drawn = crate::command::drawn::report(world, drawn)?;
             if speaks {
                 drawn.tell();
             }
@@ -175,7 +174,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             let directory = output
                 .clone()
                 .unwrap_or_else(|| beside(&case.name, "chart"));
-            let chart = chart::chart(world, &case, *budget, &directory)?;
+            let chart = crate::command::chart::chart(world, &case, *budget, &directory)?;
             if speaks {
                 say(chart.to_string().trim_end());
                 say(&format!("files in {}", directory.display()));
@@ -186,7 +185,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             let directory = output
                 .clone()
                 .unwrap_or_else(|| default_directory(&case.name).join("quantum"));
-            let description = export::export(world, &case, &directory)?;
+            let description = crate::command::export::export(world, &case, &directory)?;
             if speaks {
                 if let Some(why) = &description.preparation {
                     report(&format!("warning: no preparation.qasm: {why}"));
@@ -230,7 +229,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 return Err(Error::Input(what.to_owned()));
             }
             if *optimise {
-                let ranking = resources::optimise(world, &case)?;
+                let ranking = crate::command::resources::optimise(world, &case)?;
                 if speaks {
                     say(&match format {
                         RecordFormat::Text => ranking.to_string().trim().to_owned(),
@@ -239,7 +238,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 }
                 return Ok(());
             }
-            let record = resources::count(world, &case)?;
+            let record = crate::command::resources::count(world, &case)?;
             let json = match format {
                 RecordFormat::Text => None,
                 RecordFormat::Json => serde_json::to_value(&record).ok(),
@@ -263,7 +262,8 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             let directory = output
                 .clone()
                 .unwrap_or_else(|| beside(&case.name, "stability"));
-            let found = stability::stability(world, &case, &directory, (only, *budget))?;
+            let found =
+                crate::command::stability::stability(world, &case, &directory, (only, *budget))?;
             if speaks {
                 say(found.table().trim_end());
                 say(&format!("files in {}", directory.display()));
@@ -276,11 +276,11 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             json,
         } => {
             let case = load(world, case)?;
-            let found = spectrum::measure(world, &case, refine, *steps as usize)?;
+            let found = crate::command::spectrum::measure(world, &case, refine, *steps as usize)?;
             if speaks && *json {
                 say(&serde_json::to_string_pretty(&found).unwrap_or_default());
             } else if speaks {
-                say(spectrum::table(&found).trim_end());
+                say(crate::command::spectrum::table(&found).trim_end());
             }
         }
     }
@@ -301,7 +301,7 @@ struct Planned<'a> {
 fn load(world: &World, args: &CaseArgs) -> Result<Case> {
     let group = world.group();
     let text = if group.rank() == 0 {
-        case::read_text(&args.case)
+        case::read::read_text(&args.case)
     } else {
         Ok(String::new())
     };
@@ -348,138 +348,4 @@ fn closing_line(summary: &Summary, directory: &Path) -> String {
         line += &format!(", L1 distance to the exact solution {l1:.4}");
     }
     format!("{line}; results in {}", directory.display())
-}
-
-fn understood(case: &Case, bounds: &Bounds) -> String {
-    let mut text = format!(
-        "{}\n",
-        if case.title.is_empty() {
-            &case.name
-        } else {
-            &case.title
-        }
-    );
-    let names = crate::output::hdf5::axis_names(case.space.dimension());
-    let periodic = case.space.periodic.iter().take(case.space.dimension());
-    let closed = periodic.copied().chain(std::iter::repeat(false));
-    for ((name, axis), closed) in names.iter().zip(case.space.whole().axes()).zip(closed) {
-        text += &format!(
-            "{name:<3} [{}, {}]  {} cells of {:.6}{}\n",
-            axis.lower,
-            axis.upper,
-            axis.cells,
-            axis.width(),
-            if closed { ", periodic" } else { "" }
-        );
-    }
-    for region in &case.potential {
-        let condition = region.condition.as_ref().map_or("elsewhere", |c| c.text());
-        text += &format!("V = {}  where {condition}\n", region.value.text());
-    }
-    if let Data::Measure { density, velocity } = &case.data {
-        let list: Vec<&str> = velocity.iter().map(|w| w.text()).collect();
-        let (density, list) = (density.text(), list.join("; "));
-        text +=
-            &format!("measure-valued: density {density}, velocity {list}; f = phi delta(psi)\n");
-    }
-    if let (Some(start), Some([lower, upper]), Some(points)) =
-        (&case.start, case.warp.interval, case.warp.points)
-    {
-        text += &format!(
-            "w(0) = {}: {points} points in p from {lower}, {upper} is one period on; nothing enters\n",
-            start.path.display()
-        );
-    }
-    for field in case.fields.iter().filter(|_| case.start.is_none()) {
-        text += &format!("{}(0) = {}\n", field.name, field.initial.text());
-        text += &match &field.inflow {
-            case::Inflow::Formula(f) => format!("inflow = {}\n", f.text()),
-            case::Inflow::Initial => {
-                format!("inflow = {}(0) at the ghost centres\n", field.name)
-            }
-        };
-    }
-    text += &format!(
-        "T = {}, interface {}, method {}, tolerance {:e}\n",
-        case.end,
-        word(&case.interface),
-        word(&case.method),
-        case.tolerance
-    );
-    text += &match case.method {
-        Method::Classical => format!(
-            "integrator {}, cfl {}, limiter {}\n",
-            word(&case.integrator),
-            case.cfl,
-            word(&case.limiter)
-        ),
-        Method::Schrodingerized => format!(
-            "profile {}, coefficients {}, recovery by {}, inflow {}, delta {}, shift {}, propagator {}\n",
-            match case.start {
-                Some(_) => "that of initial.warped".to_owned(),
-                None => word(&case.warp.profile),
-            },
-            word(&case.warp.coefficients),
-            word(&case.warp.recovery_method),
-            word(&case.warp.inflow),
-            word(&case.warp.delta),
-            word(&case.warp.shift),
-            word(&case.propagator)
-        ),
-    };
-    if let Some(readout) = &case.readout {
-        let effort = match readout.effort {
-            case::Effort::Given { shots, evaluations } => {
-                format!("{shots} shots, {evaluations} evaluations")
-            }
-            case::Effort::Accuracy(accuracy) => format!("to {accuracy:e}"),
-        };
-        let (cells, seed) = (readout.cells.len(), readout.seed);
-        text += &format!("readout of {cells} cells: {effort}, seed {seed}\n");
-    }
-    for line in &case.reductions.dropped {
-        text += &format!("reduced {line}\n");
-    }
-    for line in &case.reductions.kept {
-        text += &format!("kept    {line}\n");
-    }
-    let growth = if bounds.growth.is_finite() {
-        format!("at most {:.4}", bounds.growth)
-    } else {
-        "known once it is assembled".to_owned()
-    };
-    text += &format!(
-        "{} cells; largest rate {:.4}; growth of S {growth}{}\n",
-        case.space.cells(),
-        bounds.rate,
-        if bounds.weighted {
-            " with dissipative weights"
-        } else {
-            ""
-        }
-    );
-    text
-}
-
-/// A choice as the case file writes it, its parameters behind it.
-pub(crate) fn word(choice: &impl serde::Serialize) -> String {
-    fn text(value: &serde_json::Value) -> Option<String> {
-        match value {
-            serde_json::Value::Null => None,
-            serde_json::Value::String(text) => Some(text.clone()),
-            serde_json::Value::Object(map) => {
-                let names = |key: &str| ["kind", "method", "given"].contains(&key);
-                let first = map.iter().find(|(key, _)| names(key.as_str()));
-                let mut parts: Vec<String> = first.and_then(|(_, v)| text(v)).into_iter().collect();
-                let others = map.iter().filter(|(key, _)| !names(key.as_str()));
-                parts.extend(others.filter_map(|(k, v)| Some(format!("({k} {})", text(v)?))));
-                Some(parts.join(" "))
-            }
-            other => Some(other.to_string()),
-        }
-    }
-    serde_json::to_value(choice)
-        .ok()
-        .and_then(|value| text(&value))
-        .unwrap_or_default()
 }

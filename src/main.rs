@@ -1,15 +1,16 @@
 //! Parses the command line, starts MPI, calls the library, turns an error into an exit code.
 
 use clap::Parser;
-use phasewarp::cli::Cli;
-use phasewarp::command::{execute, report};
-use phasewarp::communicator::World;
-use phasewarp::system;
+use phasewarp::base::log::report;
+use phasewarp::base::machine;
+use phasewarp::command::cli::Cli;
+use phasewarp::command::execute;
+use phasewarp::parallel::communicator::World;
 
 fn main() {
-    system::ignore_file_size_signal();
+    machine::ignore_file_size_signal();
     // From now on SIGUSR1 asks a run for a checkpoint and its end.
-    system::stop_flag();
+    machine::stop_flag();
     let Some(world) = World::start() else {
         report("phasewarp: MPI could not be started");
         std::process::exit(1);
@@ -28,7 +29,7 @@ fn main() {
                 if error.leaves_files_open() {
                     // Closing them, or MPI with them, would wait for ranks that do not come.
                     world.group().barrier();
-                    system::leave(error.exit_code());
+                    machine::leave(error.exit_code());
                 }
                 error.exit_code()
             }

@@ -7,188 +7,26 @@
 //! | [`implicit`] | Crank–Nicolson, backward Euler | second, first order in the step | steps, each a solve |
 
 pub mod chebyshev;
+pub mod classical;
 pub mod commutator_free;
 pub mod implicit;
 pub mod krylov;
-mod shifted;
+pub mod limiter;
+pub mod method;
+pub mod shifted;
+pub mod time_dependent_inflow;
 
-use crate::case::{Case, Propagation, PropagatorMethod};
-use crate::communicator::{GhostExchange, Group};
-use crate::error::Result;
+use crate::base::error::Result;
+use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::blocking::Blocking;
-use crate::matrix::{BlockMatrix, LANES, Lanes};
-use crate::partition::Mesh;
-use crate::plan::{Bounds, Plan, WarpPlan};
-use crate::reproducible::FixedPoint;
-use chebyshev::Interval;
-use num_complex::Complex64;
-use std::ops::Range;
-
-/// What is propagated: the matrix on this rank, how its ranks exchange, and what is known of it.
-pub struct Evolution<'a> {
-    /// The rows of `(S, K)`.
-    pub matrix: &'a BlockMatrix,
-    /// Exchange of ghosts, for rows of [`Lanes`].
-    pub exchange: &'a mut GhostExchange,
-    /// The ranks that split space.
-    pub space: &'a Group,
-    /// Bound on `max |A_ii|`.
-    pub rate: f64,
-    /// Bound on `λ⁺`.
-    pub growth: f64,
-    /// `T`.
-    pub time: f64,
-    /// Space cells and auxiliary unknowns over the space group: terms of a norm.
-    pub terms: usize,
-}
-
-impl Evolution<'_> {
-    /// Sums of `term(row)` over all unknowns, by lane, where a sum's terms add up to no more than `bounds[l]` in magnitude:
-    /// over the velocities at each point of space, then exactly over space and ranks, so that the bits do not depend on
-    /// the partition. Collective over the space group; allocates nothing.
-    pub fn lane_sums(
-        &self,
-        bounds: &[f64; LANES],
-        mut term: impl FnMut(usize) -> [f64; LANES],
-    ) -> [f64; LANES] {
-        let fixed = bounds.map(|bound| FixedPoint::new(2.0 * bound, self.terms));
-        let mut totals = [0i64; 2 * LANES];
-        for rows in pieces(self.matrix) {
-            let mut sums = [0.0; LANES];
-            for i in rows {
-                let term = term(i);
-                for l in 0..LANES {
-                    sums[l] += term[l];
-                }
-            }
-            for l in 0..LANES {
-                let parts = fixed[l].split(sums[l]);
-                totals[2 * l] += parts[0];
-                totals[2 * l + 1] += parts[1];
-            }
-        }
-        self.space.sum_integers(&mut totals);
-        std::array::from_fn(|l| fixed[l].join([totals[2 * l], totals[2 * l + 1]]))
-    }
-}
-
-/// The rows that are always together on a rank: the velocities at each point of space, then each auxiliary unknown; one that
-/// the ranks share on the first of them.
-fn pieces(matrix: &BlockMatrix) -> impl Iterator<Item = Range<usize>> {
-    let (nv, cells) = (matrix.block.velocity_cells, matrix.block.cells());
-    let points = (0..cells / nv).map(move |c| c * nv..(c + 1) * nv);
-    points.chain((cells..matrix.counted_rows()).map(|i| i..i + 1))
-}
-
-/// This rank's rows of what is propagated.
-#[derive(Clone, Copy)]
-pub enum Start<'a> {
-    /// A real vector, the same in every mode.
-    Real(&'a [f64]),
-    /// A complex vector a mode.
-    Lanes(&'a [Lanes]),
-}
-
-impl Start<'_> {
-    /// Row `i` of every lane.
-    pub fn row(&self, i: usize) -> Lanes {
-        match self {
-            Start::Real(state) => {
-                let mut row = Lanes::ZERO;
-                row.0[..LANES].fill(state[i]);
-                row
-            }
-            Start::Lanes(state) => state[i],
-        }
-    }
-}
-
-/// A state to propagate and the norms of its lanes.
-#[derive(Clone, Copy)]
-pub struct Initial<'a> {
-    /// The state.
-    pub state: Start<'a>,
-    /// By lane, its norm over all ranks of the space group, or a bound on it.
-    pub norms: [f64; LANES],
-}
-
-impl<'a> Initial<'a> {
-    /// The real vector `state` of norm `norm` in every mode.
-    pub fn real(state: &'a [f64], norm: f64) -> Self {
-        Self {
-            state: Start::Real(state),
-            norms: [norm; LANES],
-        }
-    }
-}
-
-/// A batch to propagate.
-#[derive(Clone, Debug)]
-pub struct BatchSpec {
-    /// Lanes in use.
-    pub modes: usize,
-    /// `μ` by lane; unused lanes repeat the last.
-    pub wavenumbers: [f64; LANES],
-    /// Relative error that each lane is allowed.
-    pub tolerances: [f64; LANES],
-    /// What the plan says each lane's mode takes: applications (Chebyshev: its degree), or steps of an implicit method, which are
-    /// as many in every lane; unused lanes repeat the last.
-    pub work: [usize; LANES],
-}
-
-impl BatchSpec {
-    /// Most work of a lane.
-    pub fn largest_work(&self) -> usize {
-        self.work.iter().copied().max().unwrap_or(0)
-    }
-}
-
-/// What is known of a propagated batch.
-#[derive(Clone, Copy, Debug)]
-pub struct BatchReport {
-    /// Factor of each lane that [`Propagator::state`] leaves out.
-    pub phases: [Complex64; LANES],
-    /// Bound on the relative error of each lane from cutting a series or a Krylov space, or from solving to a residual; the
-    /// norm must not change by more, round-off aside. The error of an implicit step is not in it.
-    pub tails: [f64; LANES],
-    /// Whether the method keeps the norm.
-    pub unitary: bool,
-    /// Applications of `(−iμS + K)`, over the modes of the batch: for a Chebyshev series the terms of each mode's own, whatever
-    /// the others take.
-    pub applications: usize,
-    /// Linear systems solved, over the modes of the batch.
-    pub solves: usize,
-}
-
-/// A method that applies `exp(−iHT)` to the modes of a batch. Scratch is made once; propagating allocates nothing, but for
-/// what factorising a mode's matrix takes.
-pub trait Propagator {
-    /// Propagates `initial` in every lane. Collective over the space group.
-    ///
-    /// # Errors
-    /// Where the method does not converge, on all ranks of the space group.
-    fn propagate(
-        &mut self,
-        system: &mut Evolution<'_>,
-        batch: &BatchSpec,
-        initial: &Initial<'_>,
-    ) -> Result<BatchReport>;
-
-    /// `w(T)` of the batch that was propagated last, on this rank's rows, but for the lanes' phases.
-    fn state(&self) -> &[Lanes];
-
-    /// Leading term of the error that the time step leaves in [`state`](Self::state); `None` where the method meets its
-    /// tolerance by itself.
-    fn step_error(&self) -> Option<&[Lanes]> {
-        None
-    }
-
-    /// Bound on the norm of [`step_error`](Self::step_error) for wavenumbers up to `mu` and so many steps, beside that of the
-    /// initial state.
-    fn largest_step_error(&self, _system: &Evolution<'_>, _mu: f64, _steps: usize) -> f64 {
-        0.0
-    }
-}
+use crate::matrix::bounds::Bounds;
+use crate::matrix::lanes::{LANES, Lanes};
+use crate::parallel::partition::Mesh;
+use crate::plan::Plan;
+use crate::problem::case::{Case, Propagation, PropagatorMethod};
+use crate::propagate::chebyshev::Interval;
+use crate::propagate::method::{Company, Propagator};
+use crate::schrodingerization::warp_plan::WarpPlan;
 
 /// The propagator of the plan, with its scratch.
 ///
@@ -200,27 +38,22 @@ pub fn propagator(
     matrix: &BlockMatrix,
 ) -> Result<Box<dyn Propagator>> {
     Ok(match plan.propagation.method {
-        PropagatorMethod::Chebyshev => {
-            Box::new(chebyshev::Chebyshev::new(matrix, warp.largest_work()))
-        }
-        PropagatorMethod::Krylov => Box::new(krylov::Krylov::new(matrix, plan.propagation.step)),
+        PropagatorMethod::Chebyshev => Box::new(crate::propagate::chebyshev::Chebyshev::new(
+            matrix,
+            warp.largest_work(),
+        )),
+        PropagatorMethod::Krylov => Box::new(crate::propagate::krylov::Krylov::new(
+            matrix,
+            plan.propagation.step,
+        )),
         PropagatorMethod::CrankNicolson | PropagatorMethod::BackwardEuler => {
             let order = order(plan.propagation.method);
             let split = plan.layout.mesh.blocks() > 1;
-            Box::new(implicit::Implicit::new(matrix, order, split)?)
+            Box::new(crate::propagate::implicit::Implicit::new(
+                matrix, order, split,
+            )?)
         }
     })
-}
-
-/// How the modes of a batch go together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Company {
-    /// Side by side in the lanes, each with the bits it would have alone: a batch takes as long as its longest mode.
-    Independent,
-    /// Side by side, and what one takes is seen in the bits of the others: batches are fixed blocks of neighbours.
-    Coupled,
-    /// One after the other, each with the bits it would have alone: a batch takes as long as its modes together.
-    Sequential,
 }
 
 /// How the modes of a batch go together.
@@ -269,10 +102,12 @@ pub fn work(
 ) -> usize {
     let half_width = Interval::new(mu, bounds.rate, bounds.growth).half_width;
     match case.propagator.method {
-        PropagatorMethod::Chebyshev => chebyshev::degree(scratch, half_width * time, tolerance),
+        PropagatorMethod::Chebyshev => {
+            crate::propagate::chebyshev::degree(scratch, half_width * time, tolerance)
+        }
         PropagatorMethod::Krylov => {
             let longest = case.propagator.step.unwrap_or(time).min(time);
-            krylov::applications(scratch, half_width, (time, longest), tolerance)
+            crate::propagate::krylov::applications(scratch, half_width, (time, longest), tolerance)
         }
         PropagatorMethod::CrankNicolson | PropagatorMethod::BackwardEuler => {
             steps(&case.propagator, time)
@@ -315,9 +150,9 @@ pub fn arrays(case: &Case, bounds: &Bounds, mesh: &Mesh, sizes: &Sizes) -> Vec<(
     match case.propagator.method {
         PropagatorMethod::Chebyshev => {
             let bytes = if case.varies() {
-                commutator_free::CommutatorFree::BYTES_PER_ROW
+                crate::propagate::commutator_free::CommutatorFree::BYTES_PER_ROW
             } else {
-                chebyshev::Chebyshev::BYTES_PER_ROW
+                crate::propagate::chebyshev::Chebyshev::BYTES_PER_ROW
             };
             let order = Blocking::bytes_per_row(case.space.velocity_cells());
             vec![
@@ -329,15 +164,15 @@ pub fn arrays(case: &Case, bounds: &Bounds, mesh: &Mesh, sizes: &Sizes) -> Vec<(
             ]
         }
         PropagatorMethod::Krylov => {
-            let vectors = krylov::DIMENSION as u64 + 1;
+            let vectors = crate::propagate::krylov::DIMENSION as u64 + 1;
             vec![
                 (batch, lanes * sizes.rows),
                 ("Krylov space".to_owned(), vectors * lanes * sizes.length),
             ]
         }
         PropagatorMethod::CrankNicolson | PropagatorMethod::BackwardEuler => {
-            let vectors = implicit::vectors(mesh.blocks() > 1) as u64;
-            let bytes = shifted::factor_bytes(case, bounds, mesh);
+            let vectors = crate::propagate::implicit::vectors(mesh.blocks() > 1) as u64;
+            let bytes = crate::propagate::shifted::factor_bytes(case, bounds, mesh);
             vec![
                 (batch, 2 * lanes * sizes.rows),
                 (

@@ -1,104 +1,57 @@
 //! The driver: a flat list of named, timed steps.
 
-mod assembled;
-pub mod calibrate;
-mod measure;
-mod solve;
+pub mod assembled;
+pub mod compare;
+pub mod measure;
+pub mod solve;
 pub mod trial;
-pub mod yardstick;
 
-pub use assembled::Assembled;
-
-use crate::case::{Case, Delta, Exact, Integrator, Method};
-use crate::characteristics::Tracer;
-use crate::characteristics::sheet::exact_moments;
-use crate::checkpoint::{Fingerprint, Generation, Store, Times};
-use crate::classical::Classical;
-use crate::command::report;
-use crate::communicator::{Communicator, Group, World};
-use crate::compare::{Norms, estimate, include_step_error, moment_errors};
-use crate::error::{Error, Result};
+use crate::base::error::{Error, Result};
+use crate::base::log::report;
+use crate::base::machine;
+use crate::base::progress::Progress;
+use crate::base::stopwatch::Stopwatch;
+use crate::matrix::block_matrix::{sample, sample_with};
+use crate::matrix::bounds::Bounds;
 use crate::matrix::kernel::InstructionSet;
-use crate::matrix::{Lanes, sample, sample_with};
-use crate::observables::{Moments, integral, moments, power_sum, totals};
-use crate::output::history::Early;
-use crate::output::provenance::{self, provenance};
-use crate::output::summary::{FieldSummary, Summary};
-use crate::output::warped::Given;
-use crate::output::{self, hdf5::ExactSolution, hdf5::PlateauPoint, hdf5::slices};
-use crate::partition::{Block, split};
-use crate::plan::{
-    ASSUMED_RATIO, Bounds, Plan, Resources, WarpPlan, classical_steps, refuse_hopeless,
-};
-use crate::potential::{StrayEdge, overlooked};
-use crate::problem::Problem;
-use crate::progress::Progress;
-use crate::quantum::{
-    self, Figure,
-    probability::{Probabilities, points},
-    readout::Readout,
-};
-use crate::recover::Reading;
-use crate::reduce::{reduced, shown::Shown};
-use crate::system;
-use solve::{Checkpointing, Files, Solution, Warped, integrate, solve};
+use crate::matrix::lanes::Lanes;
+use crate::matrix::observables::{Moments, integral, moments, power_sum, totals};
+use crate::parallel::communicator::{Communicator, Group, World};
+use crate::plan::here::{memory_per_rank, refuse_hopeless_here};
+use crate::plan::layout::{Resources, refuse_hopeless};
+use crate::plan::{ASSUMED_RATIO, Plan};
+use crate::problem::case::{Case, Delta, Exact, Integrator, Method};
+use crate::problem::exact::Tracer;
+use crate::problem::exact::sheet::exact_moments;
+use crate::problem::potential::{StrayEdge, overlooked};
+use crate::propagate::classical::{Classical, classical_steps};
+use crate::quantum::figure::Figure;
+use crate::quantum::probability::{Probabilities, points};
+use crate::quantum::readout::Readout;
+use crate::results;
+use crate::results::dataset::Results;
+use crate::results::dataset::{Early, ExactSolution, PlateauPoint, slices};
+use crate::results::shown::Shown;
+use crate::results::summary::{FieldSummary, Summary};
+use crate::results::warped::Given;
+use crate::results::{provenance, result_file};
+use crate::run::assembled::Assembled;
+use crate::run::compare::{Norms, estimate, include_step_error, moment_errors};
+use crate::run::solve::{Checkpointing, Files, Solution, Warped, integrate, solve};
+use crate::scheme::reduce::reduced;
+use crate::schrodingerization::recovery::Reading;
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::checkpoint::store::{Generation, Store};
+use crate::solve::checkpoint::watch::Times;
+use crate::solve::place::Place;
+use crate::solve::snapshot::Fingerprint;
+use crate::solve::system::{Norms as StateNorms, Problem};
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::{Duration, Instant};
-
-/// Seconds by step.
-struct Stopwatch {
-    seconds: BTreeMap<String, f64>,
-    started: Instant,
-    last: Instant,
-}
-
-impl Stopwatch {
-    fn start() -> Self {
-        let now = Instant::now();
-        Self {
-            seconds: BTreeMap::new(),
-            started: now,
-            last: now,
-        }
-    }
-
-    /// `seconds` of what the next lap is about to count were `name`'s.
-    fn part(&mut self, name: &str, seconds: f64) {
-        *self.seconds.entry(name.to_owned()).or_default() += seconds;
-        self.last += Duration::from_secs_f64(seconds);
-    }
-
-    /// What was done since the last lap took the time since then.
-    fn lap(&mut self, name: &str) {
-        *self.seconds.entry(name.to_owned()).or_default() += self.last.elapsed().as_secs_f64();
-        self.last = Instant::now();
-    }
-}
-
-/// Bytes a rank of `world` may take: its node's free memory over the ranks there, the least over all. Collective.
-pub fn memory_per_rank(world: &Group) -> u64 {
-    let mine = system::available_memory() as f64 / world.ranks_on_node() as f64;
-    -world.max(-mine) as u64
-}
-
-/// Refuses a grid that does not fit into this machine's memory. Collective.
-///
-/// # Errors
-/// [`Error::Memory`].
-pub fn refuse_hopeless_here(world: &World, case: &Case) -> Result<()> {
-    let all = world.group();
-    let here = Resources {
-        ranks: all.size(),
-        ranks_x: None,
-        memory_per_rank: Some(memory_per_rank(&all)),
-    };
-    refuse_hopeless(case, &here)
-}
+use std::time::Duration;
 
 /// The plan a run on `resources` would have, with growth and norms measured on `world`'s ranks where that is cheap
 /// (a fraction of a second) or cannot be done without. Collective.
@@ -178,7 +131,7 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     } = compute(world, case, Some((directory, options)))?;
 
     // 10. Write.
-    let results = output::hdf5::Results {
+    let results = Results {
         case: &shown,
         plan: &plan,
         share: &share,
@@ -190,12 +143,12 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
         plateau: &plateau,
         readout: readout.as_ref(),
         seconds: &watch.seconds.clone(),
-        provenance: &provenance(world, case),
+        provenance: &provenance::provenance(world, case),
     };
-    let grids = output::hdf5::write(&all, directory, &results)?;
+    let grids = result_file::write(&all, directory, &results)?;
     let written = if speaks {
-        output::xdmf::write(directory, case.end, &grids)
-            .and_then(|()| output::warped::remove_older(directory, case))
+        results::xdmf::write(directory, case.end, &grids)
+            .and_then(|()| results::warped::remove_older(directory, case))
     } else {
         Ok(())
     };
@@ -271,7 +224,7 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
     let mut plan = Plan::provisional(case, &bounds, &resources)?;
     resources.ranks_x = Some(plan.layout.mesh.space.clone());
     if let Some((directory, _)) = files {
-        output::prepare(&all, directory, &shown.case)?;
+        results::prepare(&all, directory, &shown.case)?;
     }
     let communicator = Communicator::new(world, &plan.layout.mesh);
     let mut warnings = warnings(case);
@@ -313,7 +266,7 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
             (plan.warp.as_ref().and_then(|w| w.points), files)
         {
             let room = if speaks {
-                output::warped::enough_room(directory, case, points)
+                results::warped::enough_room(directory, case, points)
             } else {
                 Ok(())
             };
@@ -352,7 +305,7 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
     }
     watch.lap("observables");
     let seconds = watch.seconds.clone();
-    let provenance = provenance(world, case);
+    let provenance = provenance::provenance(world, case);
     let besides = files.map(|(directory, options)| Files {
         warped: Warped {
             directory,
@@ -529,7 +482,7 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
     // 9. What a quantum computer would tell of them.
     let readout = case.readout.as_ref().map(|_| {
         let discrete = (&problem, &place);
-        measure::readout(&communicator.world, case, discrete, results[0], &summary)
+        crate::run::measure::readout(&communicator.world, case, discrete, results[0], &summary)
     });
     if readout.is_some() {
         watch.lap("readout");
@@ -605,58 +558,8 @@ fn earlier(
     Ok(found)
 }
 
-/// This rank's part of the grid.
-struct Place {
-    /// The space block.
-    block: Block,
-    /// `ranges[g]`: cells of the block that rank `g` of its mode groups keeps of the result.
-    ranges: Vec<Range<usize>>,
-    /// This rank's of them.
-    mine: Range<usize>,
-    /// The same as space cells, one range an x-axis.
-    share: Vec<Range<usize>>,
-}
-
-impl Place {
-    fn new(case: &Case, plan: &Plan, communicator: &Communicator) -> Self {
-        let mesh = &plan.layout.mesh;
-        let (in_space, group) = (communicator.space.rank(), communicator.modes.rank());
-        let block = Block::new(&case.space, mesh, in_space);
-        let leading = 0..block.ranges[0].len();
-        let layer = block.cells() / leading.len();
-        let ranges: Vec<Range<usize>> = (0..mesh.groups)
-            .map(|g| {
-                let piece = split(&leading, mesh.groups, g);
-                piece.start * layer..piece.end * layer
-            })
-            .collect();
-        Self {
-            mine: ranges[group].clone(),
-            share: mesh.share(&case.space, in_space, group),
-            ranges,
-            block,
-        }
-    }
-
-    /// Its part of the grid on which results are shown.
-    fn shown(&self, shown: &Shown, plan: &Plan, communicator: &Communicator) -> Self {
-        let mesh = &plan.layout.mesh;
-        let block = Block::new(&shown.case.space, mesh, communicator.space.rank());
-        let share = shown.share(&self.share);
-        let leading = &block.ranges[0];
-        let layer = block.cells() / leading.len();
-        let from = |i: usize| (i.max(leading.start) - leading.start) * layer;
-        Self {
-            mine: from(share[0].start)..from(share[0].end),
-            ranges: Vec::new(),
-            share,
-            block,
-        }
-    }
-}
-
 /// The exact solution on this rank's share: `f` at cell centres, or density and velocity as cell averages.
-fn exact_solution(case: &Case, place: &Place) -> Result<Option<ExactSolution>> {
+pub(crate) fn exact_solution(case: &Case, place: &Place) -> Result<Option<ExactSolution>> {
     let (space, block) = (&case.space, &place.block);
     Ok(match &case.exact {
         None => None,
@@ -688,7 +591,7 @@ fn norms_found(
     communicator: &Communicator,
     place: &Place,
     field: &[f64],
-) -> quantum::probability::Norms {
+) -> StateNorms {
     let world = &communicator.world;
     let velocities = problem.matrix.block.velocity_cells;
     let pi = &problem.weights.pi[place.mine.clone()];
@@ -696,7 +599,7 @@ fn norms_found(
         |term: &dyn Fn(usize) -> f64| power_sum(world, velocities, field.len(), 2, term).sqrt();
     let start = &problem.states[0];
     let [_, auxiliary] = problem.norms_of_parts(communicator, start);
-    quantum::probability::Norms {
+    StateNorms {
         start: problem.norm(communicator, start, false),
         weighted: norm(&|i| pi[i].sqrt() * field[i]),
         field: norm(&|i| field[i]),
@@ -797,7 +700,7 @@ impl Summary {
 
     /// What is known at the end: seconds, and the memory that was taken. Collective.
     fn finish(&mut self, world: &Group, watch: Stopwatch) {
-        self.memory_peak_bytes_per_rank = world.max_count(system::peak_memory() as usize) as u64;
+        self.memory_peak_bytes_per_rank = world.max_count(machine::peak_memory() as usize) as u64;
         self.solve_seconds = watch.seconds.get("solve").copied().unwrap_or(0.0);
         self.wall_seconds = watch.started.elapsed().as_secs_f64();
         self.seconds = watch.seconds;

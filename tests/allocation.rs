@@ -1,20 +1,24 @@
 //! The run loop allocates nothing: a counting allocator around the propagation of a batch by each propagator.
 
-use phasewarp::case::{Case, Integrator};
-use phasewarp::classical::Classical;
-use phasewarp::classical::limiter::Reconstruction;
-use phasewarp::communicator::{Communicator, World};
-use phasewarp::matrix::LANES;
-use phasewarp::partition::{Block, Mesh};
-use phasewarp::plan::{Bounds, Plan, Resources};
-use phasewarp::problem::Problem;
-use phasewarp::progress::Progress;
+use phasewarp::base::progress::Progress;
+use phasewarp::matrix::bounds::Bounds;
+use phasewarp::matrix::lanes::LANES;
+use phasewarp::parallel::communicator::{Communicator, World};
+use phasewarp::parallel::partition::{Block, Mesh};
+use phasewarp::plan::Plan;
+use phasewarp::plan::layout::Resources;
+use phasewarp::problem::case::{Case, Integrator};
 use phasewarp::propagate::chebyshev::Chebyshev;
+use phasewarp::propagate::classical::Classical;
 use phasewarp::propagate::commutator_free::CommutatorFree;
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
-use phasewarp::propagate::{BatchSpec, Evolution, Initial, Propagator, propagator};
-use phasewarp::warp::{self, Besides, Leg, Task};
+use phasewarp::propagate::limiter::Reconstruction;
+use phasewarp::propagate::method::{BatchSpec, Evolution, Initial, Propagator};
+use phasewarp::propagate::propagator;
+use phasewarp::solve::modes;
+use phasewarp::solve::modes::{Besides, Leg, Task};
+use phasewarp::solve::system::Problem;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -91,7 +95,7 @@ fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
     assert!(batches.len() > 1, "{name}");
     let few = [1, batches.len()].map(|count| {
         allocations(|| {
-            let recovered = warp::run(
+            let recovered = modes::run(
                 &Task {
                     communicator,
                     warp,

@@ -1,7 +1,7 @@
 //! What the benches of the fused step share.
 
-use phasewarp::case::Case;
-use phasewarp::matrix::{LANES, StepConstants};
+use phasewarp::matrix::lanes::{LANES, StepConstants};
+use phasewarp::problem::case::Case;
 
 /// A case of the repository, with settings.
 pub fn load(case: &str, set: &[String]) -> Case {

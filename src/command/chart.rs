@@ -1,20 +1,20 @@
 //! `phasewarp chart`: runs the trials, writes the files.
 
-use crate::case::Case;
-use crate::chart::Chart;
-use crate::communicator::World;
-use crate::error::Result;
+use crate::base::error::Result;
+use crate::parallel::communicator::World;
+use crate::problem::case::Case;
+use crate::study::chart::Chart;
 use std::path::Path;
 use std::time::Duration;
 
 /// Makes the chart of `case` within `budget` and writes it into `directory`. Collective.
 ///
 /// # Errors
-/// As [`Chart::new`]; [`crate::error::Error::Directory`], [`crate::error::Error::Output`] where it cannot be written.
+/// As [`Chart::new`]; [`crate::base::error::Error::Directory`], [`crate::base::error::Error::Output`] where it cannot be written.
 pub fn chart(world: &World, case: &Case, budget: Duration, directory: &Path) -> Result<Chart> {
     let all = world.group();
     let writable = match all.rank() {
-        0 => crate::output::make(directory),
+        0 => crate::base::disk::make(directory),
         _ => Ok(()),
     };
     all.agree(writable)?;

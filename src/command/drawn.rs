@@ -1,17 +1,19 @@
 //! `phasewarp plot` and `phasewarp report`: a finished run as pictures, and as a page.
 
-use super::{say, understood};
-use crate::case::Case;
-use crate::cli::DrawnArgs;
-use crate::communicator::World;
-use crate::error::{Error, Result};
-use crate::output::failure;
-use crate::pictures::stored::Stored;
-use crate::pictures::{self, Album, Cut};
-use crate::plan::Bounds;
-use crate::reduce::reduced;
-use crate::report::{self, Report};
+use crate::base::disk::failure;
+use crate::base::error::{Error, Result};
+use crate::base::log::say;
+use crate::command::cli::DrawnArgs;
+use crate::command::understood::understood;
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::World;
+use crate::problem::case::Case;
+use crate::results::pictures;
+use crate::results::pictures::stored::Stored;
+use crate::results::pictures::{Album, Cut};
+use crate::results::report::{Report, missing};
 use crate::run;
+use crate::scheme::reduce::reduced;
 use std::path::PathBuf;
 
 /// Space with more cells than this is not looked at again for what a report says of the case.
@@ -71,7 +73,7 @@ pub fn report(world: &World, args: &DrawnArgs) -> Result<Drawn> {
             let what = "a directory that `phasewarp run` wrote is expected";
             Error::Input(format!("{why}; {what}"))
         })?;
-        let missing = report::missing(summary);
+        let missing = missing(summary);
         let page = Report {
             run: &run,
             summary,
@@ -80,7 +82,7 @@ pub fn report(world: &World, args: &DrawnArgs) -> Result<Drawn> {
         };
         let page = page.html()?;
         let directory = args.output.as_ref().unwrap_or(&args.directory);
-        crate::output::make(directory)?;
+        crate::base::disk::make(directory)?;
         let path = directory.join("report.html");
         std::fs::write(&path, page).map_err(|e| failure(&path, &e))?;
         let mut left_out = album.left_out;

@@ -1,11 +1,14 @@
 //! `phasewarp export-quantum`: what a simulator of quantum computers takes of a tiny case.
 
-use crate::case::Case;
-use crate::communicator::World;
-use crate::error::{Error, Result};
-use crate::plan::{Bounds, Plan, Resources};
+use crate::base::error::{Error, Result};
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::World;
+use crate::plan::Plan;
+use crate::plan::here::{memory_per_rank, refuse_hopeless_here};
+use crate::plan::layout::Resources;
+use crate::problem::case::Case;
 use crate::quantum::export::{Description, Export, refuse};
-use crate::run::{self, Assembled};
+use crate::run::assembled::Assembled;
 use std::path::Path;
 
 /// Exports `case` into `directory`: every rank has the whole of it, the first one writes. Collective.
@@ -14,14 +17,14 @@ use std::path::Path;
 /// As [`refuse`], [`Assembled::new`], [`Plan::new`], [`Export::new`] and [`Export::write`].
 pub fn export(world: &World, case: &Case, directory: &Path) -> Result<Description> {
     refuse(case)?;
-    run::refuse_hopeless_here(world, case)?;
+    refuse_hopeless_here(world, case)?;
     let all = world.group();
     let here = Resources {
         ranks: all.size(),
         ranks_x: Some(vec![1; case.space.dimension()]),
-        memory_per_rank: Some(run::memory_per_rank(&all)),
+        memory_per_rank: Some(memory_per_rank(&all)),
     };
-    let width = size_of::<crate::matrix::Lanes>() / 8;
+    let width = size_of::<crate::matrix::lanes::Lanes>() / 8;
     let mut system = Assembled::new(world, case, &Bounds::new(case)?, (&here, width))?;
     let plan = Plan::with_bounds(case, system.bounds.clone(), &here, system.ratio)?;
     let Some(warp) = &plan.warp else {

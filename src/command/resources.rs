@@ -1,14 +1,17 @@
 //! `phasewarp resources`: what the case takes on a quantum computer.
 
-use crate::case::{Case, Method};
-use crate::communicator::World;
-use crate::error::{Error, Result};
-use crate::plan::{Bounds, Plan, Resources};
+use crate::base::error::{Error, Result};
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::World;
+use crate::plan::Plan;
+use crate::plan::here::{memory_per_rank, refuse_hopeless_here};
+use crate::plan::layout::Resources;
+use crate::problem::case::{Case, Method};
 use crate::quantum::access::largest_parts;
 use crate::quantum::optimise::{Ranking, System, choices, deltas};
-use crate::quantum::probability::Norms;
 use crate::quantum::resources::Record;
-use crate::run::{self, Assembled};
+use crate::run::assembled::Assembled;
+use crate::solve::system::Norms;
 
 /// Assembles `case` on all ranks and counts. Collective.
 ///
@@ -90,12 +93,12 @@ fn here(world: &World) -> Resources {
     Resources {
         ranks: all.size(),
         ranks_x: None,
-        memory_per_rank: Some(run::memory_per_rank(&all)),
+        memory_per_rank: Some(memory_per_rank(&all)),
     }
 }
 
 fn assembled(world: &World, case: &Case) -> Result<Assembled> {
-    run::refuse_hopeless_here(world, case)?;
+    refuse_hopeless_here(world, case)?;
     Assembled::new(world, case, &Bounds::new(case)?, (&here(world), 1))
 }
 

@@ -1,14 +1,18 @@
 //! `phasewarp spectrum`: growth and decay of `S`, measured and guaranteed, with and without weights, by refinement.
 
-use crate::case::{Case, Interface, Method};
-use crate::communicator::{Communicator, World};
-use crate::error::{Error, LESS_MEMORY, Result};
-use crate::grids::refined;
-use crate::partition::Block;
-use crate::plan::{Bounds, Plan, Resources, bytes_text};
-use crate::problem::Problem;
-use crate::run;
-use crate::spectrum::{self, End, Extremes};
+use crate::base::error::{Error, LESS_MEMORY, Result};
+use crate::base::text::bytes_text;
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::{Communicator, World};
+use crate::parallel::partition::Block;
+use crate::plan::Plan;
+use crate::plan::here::{memory_per_rank, refuse_hopeless_here};
+use crate::plan::layout::Resources;
+use crate::problem::case::{Case, Interface, Method};
+use crate::problem::refine::refined;
+use crate::solve::spectrum;
+use crate::solve::spectrum::{End, Extremes};
+use crate::solve::system::Problem;
 use serde::Serialize;
 
 /// The system whose `S` is looked at.
@@ -107,19 +111,19 @@ fn plan(world: &World, case: &Case) -> Result<(Bounds, Plan)> {
     if cells > MOST_CELLS {
         return Err(Error::Memory {
             needed: format!("{:.1e} bytes", 120.0 * cells),
-            available: bytes_text(run::memory_per_rank(&world.group())),
+            available: bytes_text(memory_per_rank(&world.group())),
             detail: format!("{cells:.3e} cells"),
             remedies: LESS_MEMORY.to_owned(),
         });
     }
     let mut classical = case.clone();
     classical.method = Method::Classical;
-    run::refuse_hopeless_here(world, &classical)?;
+    refuse_hopeless_here(world, &classical)?;
     let bounds = Bounds::new(case)?;
     let resources = Resources {
         ranks: world.group().size(),
         ranks_x: None,
-        memory_per_rank: Some(run::memory_per_rank(&world.group())),
+        memory_per_rank: Some(memory_per_rank(&world.group())),
     };
     let plan = Plan::with_bounds(&classical, bounds.clone(), &resources, 1.0)?;
     Ok((bounds, plan))

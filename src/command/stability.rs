@@ -1,9 +1,10 @@
 //! `phasewarp stability`: measures, writes, and says what was found.
 
-use crate::case::Case;
-use crate::communicator::World;
-use crate::error::Result;
-use crate::stability::{self, Name, Stability};
+use crate::base::error::Result;
+use crate::parallel::communicator::World;
+use crate::problem::case::Case;
+use crate::study::stability;
+use crate::study::stability::{Name, Stability};
 use std::path::Path;
 use std::time::Duration;
 
@@ -20,7 +21,7 @@ pub fn stability(
     let group = world.group();
     // Before it takes a minute: whether there is a place for what is found.
     let made = match group.rank() {
-        0 => crate::output::make(directory),
+        0 => crate::base::disk::make(directory),
         _ => Ok(()),
     };
     group.agree(made)?;

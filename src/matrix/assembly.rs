@@ -6,12 +6,13 @@
 //! periodic, the last layer is next to the first: what the first gives to it waits, and its rows are evaluated beforehand for what
 //! they give to the first.
 
-use super::rows::{Builder, Entry};
-use super::{BlockMatrix, Entering, Inflow};
-use crate::case::{Case, Embedding};
-use crate::error::Result;
-use crate::partition::{Block, Place};
-use crate::scheme::{Row, Scheme};
+use crate::base::error::Result;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::embedding::{Entering, Inflow};
+use crate::matrix::rows::{Builder, Entry};
+use crate::parallel::partition::{Block, Place};
+use crate::problem::case::{Case, Embedding};
+use crate::scheme::rows::{Row, Scheme};
 
 /// What a row of `A` adds to row `row` of a layer.
 #[derive(Clone, Copy)]
@@ -129,7 +130,7 @@ impl BlockMatrix {
     /// Assembles this rank's rows; couplings to auxiliary unknowns are zero until [`couple`](Self::couple).
     ///
     /// # Errors
-    /// [`crate::error::Error::Formula`] where `V` or the inflow is not finite. Not collective.
+    /// [`crate::base::error::Error::Formula`] where `V` or the inflow is not finite. Not collective.
     pub fn assemble(case: &Case, block: Block) -> Result<Self> {
         let scheme = Scheme::new(case, &block.wide_ranges())?;
         let nv = block.velocity_cells;

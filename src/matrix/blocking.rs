@@ -24,9 +24,11 @@
 //! of those go on by one. So there is one message a step as without blocking, whatever the neighbour's depth, nothing is computed
 //! twice, and all but a margin of [`Shape::depth`] cells is done while the first message is under way.
 
-use super::{BlockMatrix, Lanes, StartRow, StepConstants, kernel};
-use crate::communicator::GhostExchange;
-use crate::system::cache_per_core;
+use crate::base::machine::cache_per_core;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::kernel;
+use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
+use crate::parallel::communicator::GhostExchange;
 use std::ops::Range;
 
 /// Most steps in one trip.
@@ -235,7 +237,7 @@ impl Tiling {
         let mut next = 0;
         for cell in 0..matrix.block.space_cells() {
             for part in 0..parts {
-                let range = crate::partition::split(&(0..velocities), parts, part);
+                let range = crate::parallel::partition::split(&(0..velocities), parts, part);
                 let rows =
                     number(cell * velocities + range.start)..number(cell * velocities + range.end);
                 let first = next;

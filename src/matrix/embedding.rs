@@ -9,7 +9,7 @@
 //! | scalar | one `r` | `f_i' = … + κ_i r`, `κ_i = b_i/δ`, `r(0) = δ` |
 //!
 //! **Growth.** With `g_i = −Σ_j A_ij`, the rate at which row `i` draws on the inflow, and the certificate `γ` of the weights,
-//! `xᵀ S x ≤ Σ (γ − ½ g_i) x_i² + κ_i x_i r_i` (see [`crate::weights`]). So `λ⁺` is at most the largest of `γ`, 0 and
+//! `xᵀ S x ≤ Σ (γ − ½ g_i) x_i² + κ_i x_i r_i` (see [`crate::matrix::weights`]). So `λ⁺` is at most the largest of `γ`, 0 and
 //!
 //! ```text
 //! boundary, full:  λ_i = ½ (c_i + √(c_i² + κ_i²)),   c_i = γ − ½ g_i
@@ -19,7 +19,7 @@
 //! which is at most `γ` or `θ = max κ_i²/(2 g_i)` or, for the scalar, `θ = Σ κ_i²/(2 g_i)`, whichever is larger.
 //!
 //! **`δ`.** A given one means `κ_i = |b_i|/δ`, so `r_i(0) = ±δ` (the paper's `diag(b)/δ`, up to the signs of the unknowns).
-//! Planned, `θ` is [`crate::plan::INFLOW_GROWTH`]`/T`: `κ_i² = 2 g_i θ` for each row on its own, and for the scalar
+//! Planned, `θ` is [`crate::matrix::bounds::INFLOW_GROWTH`]`/T`: `κ_i² = 2 g_i θ` for each row on its own, and for the scalar
 //! `δ² = Σ b_i²/(2 g_i θ)`. Several fields share one matrix: `|b_i|` is then the largest over the fields.
 //!
 //! In weighted unknowns an auxiliary unknown has the weight of its row, the scalar
@@ -28,11 +28,12 @@
 //! Every rank of the space group has a copy of the scalar; its row is a sum over all ranks, exact in fixed point, so the
 //! same bits everywhere. That takes two reductions an application.
 
-use super::{BlockMatrix, LANES, Lanes, StepConstants};
-use crate::case::{Case, Delta, Field, MOST_FIELDS};
-use crate::communicator::{GhostExchange, Group};
-use crate::plan::INFLOW_GROWTH;
-use crate::scheme::Row;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::bounds::INFLOW_GROWTH;
+use crate::matrix::lanes::{LANES, Lanes, StepConstants};
+use crate::parallel::communicator::{GhostExchange, Group};
+use crate::problem::case::{Case, Delta, Field, MOST_FIELDS};
+use crate::scheme::rows::Row;
 use std::ops::Range;
 
 /// A row with an auxiliary unknown, its own or the common one.
@@ -70,7 +71,7 @@ pub struct Entering {
 
 impl Entering {
     /// Adds a row.
-    pub(super) fn push(&mut self, row: &Row) {
+    pub(crate) fn push(&mut self, row: &Row) {
         self.ghosts.extend_from_slice(&row.ghosts);
         self.ends.push(self.ghosts.len());
     }
@@ -247,7 +248,7 @@ impl BlockMatrix {
 
     /// What couplings that are no entries of the matrix add to a step of the rows `range` of [`inflow`](Self::inflow) and of
     /// their auxiliary unknowns, but for a common one.
-    pub(super) fn step_couplings(
+    pub(crate) fn step_couplings(
         &self,
         constants: &StepConstants,
         (range, couplings): (Range<usize>, &[f64]),
@@ -267,7 +268,7 @@ impl BlockMatrix {
 
     /// The common auxiliary unknown's part of a step: `y_r ← a(−iμ − 1) ½ Σ κ_i x_i + y_r`, the rest of its row being
     /// done. Collective over the space group.
-    pub(super) fn step_shared(
+    pub(crate) fn step_shared(
         &self,
         exchange: &GhostExchange,
         constants: &StepConstants,

@@ -9,58 +9,10 @@
 //! Vectors are `[row][re: B lanes][im: B lanes]`: every operation is vertical over modes. The same loop is compiled
 //! three times, for AVX-512, for AVX2 with FMA and for any processor; which one runs is decided once at start.
 
-use super::BlockMatrix;
-use crate::communicator::VectorRow;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants, multiply_add};
 use std::ops::Range;
 use std::sync::OnceLock;
-
-/// Modes in a batch, `B`.
-pub const LANES: usize = 8;
-
-/// A row of a batch vector: real parts, then imaginary parts.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C, align(64))]
-pub struct Lanes(pub [f64; 2 * LANES]);
-
-impl Lanes {
-    /// All zero.
-    pub const ZERO: Lanes = Lanes([0.0; 2 * LANES]);
-}
-
-impl VectorRow for Lanes {
-    const WIDTH: usize = 2 * LANES;
-    fn numbers(&self) -> &[f64] {
-        &self.0
-    }
-    fn numbers_mut(&mut self) -> &mut [f64] {
-        &mut self.0
-    }
-}
-
-/// What a step needs besides the matrix, per lane.
-#[derive(Clone, Debug)]
-#[repr(C, align(64))]
-pub struct StepConstants {
-    /// `a`.
-    pub scale: [f64; LANES],
-    /// `c`, the centre of the spectral interval.
-    pub shift: [f64; LANES],
-    /// `μ`.
-    pub wavenumber: [f64; LANES],
-    /// What of the start is added.
-    pub coefficient: [f64; LANES],
-}
-
-/// A row of the vector that a series is of.
-pub trait StartRow: Copy {
-    /// Adds `coefficient` times row `i` of `start` to `out`.
-    fn add<const FMA: bool>(
-        start: &[Self],
-        i: usize,
-        coefficient: &[f64; LANES],
-        out: &mut [f64; 2 * LANES],
-    );
-}
 
 /// Nothing is added.
 impl StartRow for () {
@@ -82,27 +34,6 @@ impl StartRow for f64 {
             out[l] = multiply_add::<FMA>(coefficient[l], value, out[l]);
         }
     }
-}
-
-/// A complex vector a lane.
-impl StartRow for Lanes {
-    #[inline(always)]
-    fn add<const FMA: bool>(
-        start: &[Self],
-        i: usize,
-        coefficient: &[f64; LANES],
-        out: &mut [f64; 2 * LANES],
-    ) {
-        let Lanes(value) = &start[i];
-        for part in 0..2 * LANES {
-            out[part] = multiply_add::<FMA>(coefficient[part % LANES], value[part], out[part]);
-        }
-    }
-}
-
-#[inline(always)]
-fn multiply_add<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
-    if FMA { a.mul_add(b, c) } else { a * b + c }
 }
 
 /// The loop over rows. `FMA` only where the processor has it: elsewhere `mul_add` is a slow library call.

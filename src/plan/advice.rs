@@ -1,8 +1,10 @@
 //! What to ask a batch system for: the process mesh and why, memory of a node.
 
-use super::layout::{LARGEST_POINTS, takes_points};
-use super::{Bounds, Layout, Plan, Resources, bytes_text};
-use crate::case::Case;
+use crate::base::text::bytes_text;
+use crate::matrix::bounds::Bounds;
+use crate::plan::Plan;
+use crate::plan::layout::{LARGEST_POINTS, Layout, Resources, takes_points};
+use crate::problem::case::Case;
 use serde::Serialize;
 use std::fmt;
 
@@ -183,7 +185,7 @@ fn joined(blocks: &[usize]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::Resources;
+    use crate::plan::layout::Resources;
 
     #[test]
     fn the_largest_number_of_points_just_fits() {

@@ -4,8 +4,8 @@
 //! the last. No other choice has a cheaper batch anywhere: the `b − 1` costliest hold at most `(b − 1) B` modes, so the
 //! `b`-th of any choice costs at least as much as mode `(b − 1) B + 1` of that order. What is left is to deal whole batches.
 
-use crate::matrix::LANES;
-use crate::propagate::Company;
+use crate::matrix::lanes::LANES;
+use crate::propagate::method::Company;
 use serde::Serialize;
 use std::cmp::Reverse;
 use std::collections::BTreeSet;

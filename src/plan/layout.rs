@@ -1,31 +1,31 @@
 //! Who computes what, and in how much memory: the process mesh of least modelled cost that fits.
 
-use super::balance::{self, Batch};
-use super::{Bounds, MOST_MODES, WarpPlan};
-use crate::case::{Case, Data, Embedding, Exact, Limiter, Method};
-use crate::characteristics::sheet::curve_points;
-use crate::error::{Error, LESS_MEMORY, Result};
-use crate::matrix::{Inflow, LANES, Lanes};
-use crate::observables::MOMENTS;
-use crate::output::warped::buffer_bytes;
-use crate::partition::{Block, Mesh};
-use crate::profile::Profile;
-use crate::propagate::{self, Company, Sizes, cost_of_splitting};
-use crate::reduce::shown;
-use crate::scheme::transport_rate;
-use crate::warp::KeptModes;
+use crate::base::error::{Error, LESS_MEMORY, Result};
+use crate::base::text::bytes_text;
+use crate::matrix::bounds::Bounds;
+use crate::matrix::lanes::Lanes;
+use crate::parallel::partition::{Block, Mesh};
+use crate::plan::balance;
+use crate::plan::balance::Batch;
+use crate::plan::memory::{arrays, memory_of_points};
+use crate::problem::case::{Case, Exact, Method};
+use crate::propagate;
+use crate::propagate::cost_of_splitting;
+use crate::schrodingerization::placement::MOST_MODES;
+use crate::schrodingerization::profile::Profile;
+use crate::schrodingerization::warp_plan::WarpPlan;
 use serde::Serialize;
 use std::collections::BTreeSet;
 
 /// Resident memory of the program and its libraries, HDF5's buffers included: measured 25 MiB on one rank, 30 on four, which share
 /// more buffers of MPI.
-const PROGRAM_BYTES: u64 = 30 << 20;
+pub(crate) const PROGRAM_BYTES: u64 = 30 << 20;
 
 /// What HDF5 takes for each chunk of a dataset while it is written, whatever is in it.
-const CHUNK_BYTES: u64 = 5 << 10;
+pub(crate) const CHUNK_BYTES: u64 = 5 << 10;
 
 /// The most points `N_p` that are planned for.
-pub(super) const LARGEST_POINTS: usize = 2 * MOST_MODES - 2;
+pub(crate) const LARGEST_POINTS: usize = 2 * MOST_MODES - 2;
 
 /// What an exchange takes, in rows of a step: a round of messages, and a ghost that is packed, sent and unpacked. Measured
 /// within a node (docs/performance.md): 4 µs and 40 ns beside 7 to 20 ns a row.
@@ -91,7 +91,7 @@ pub fn refuse_hopeless(case: &Case, resources: &Resources) -> Result<()> {
 }
 
 impl Layout {
-    pub(super) fn new(
+    pub(crate) fn new(
         case: &Case,
         bounds: &Bounds,
         warp: Option<&WarpPlan>,
@@ -127,7 +127,7 @@ impl Layout {
     }
 
     /// Every split of `ranks` into blocks × groups, fewest blocks first.
-    pub(super) fn every(
+    pub(crate) fn every(
         case: &Case,
         bounds: &Bounds,
         warp: Option<&WarpPlan>,
@@ -160,7 +160,7 @@ impl Layout {
 
     /// The most points `N_p` of which a run on `resources` can keep all modes, and the mesh that it takes; none where no memory is given
     /// or not even two fit. Depends on nothing that `N_p` changes.
-    pub(super) fn largest_points(
+    pub(crate) fn largest_points(
         case: &Case,
         bounds: &Bounds,
         warp: &WarpPlan,
@@ -193,7 +193,7 @@ impl Layout {
     }
 
     /// Modelled time of the slowest group, in applications of a mode on the whole grid.
-    pub(super) fn cost(&self, case: &Case, warp: Option<&WarpPlan>) -> f64 {
+    pub(crate) fn cost(&self, case: &Case, warp: Option<&WarpPlan>) -> f64 {
         let costs = self.groups.iter().map(|group| balance::cost(group));
         let group = match warp {
             Some(_) => costs.max().unwrap_or(0) as f64,
@@ -204,7 +204,7 @@ impl Layout {
     }
 
     /// Rows of the fullest block, and what splitting space adds, in rows.
-    pub(super) fn rows(&self, case: &Case, warp: Option<&WarpPlan>) -> (f64, f64) {
+    pub(crate) fn rows(&self, case: &Case, warp: Option<&WarpPlan>) -> (f64, f64) {
         let fullest = Block::new(&case.space, &self.mesh, 0);
         let rows = fullest.cells() as f64;
         if self.mesh.blocks() == 1 {
@@ -285,7 +285,7 @@ fn fewer_points(case: &Case, bounds: &Bounds, warp: &WarpPlan, resources: &Resou
 }
 
 /// Whether `solver.warp.points` can be given: a designed profile is no function on the line, a file has its own.
-pub(super) fn takes_points(warp: &WarpPlan) -> bool {
+pub(crate) fn takes_points(warp: &WarpPlan) -> bool {
     !matches!(warp.profile, None | Some(Profile::Designed(_)))
 }
 
@@ -302,28 +302,6 @@ fn most_points(most: usize, limit: u64, memory: impl Fn(usize) -> u64) -> Option
         }
     }
     Some(2 * low).filter(|points| *points > 0)
-}
-
-/// Planned bytes on the fullest rank of `mesh` for a run that keeps all modes of `points` points in `p`.
-fn memory_of_points(
-    case: &Case,
-    bounds: &Bounds,
-    warp: &WarpPlan,
-    (mesh, points): (&Mesh, usize),
-) -> u64 {
-    let modes = points / 2 + 1;
-    let piece = match propagate::company(case.propagator.method) {
-        Company::Independent | Company::Coupled => LANES,
-        Company::Sequential => 1,
-    };
-    let most = modes.min(piece * modes.div_ceil(piece).div_ceil(mesh.groups));
-    let warp = WarpPlan {
-        points: Some(points),
-        modes,
-        ..warp.clone()
-    };
-    let list = arrays(case, bounds, Some(&warp), (mesh, most));
-    list.iter().map(|a| a.1).sum()
 }
 
 fn mesh_of(case: &Case, space: &[usize], ranks: usize) -> Result<Mesh> {
@@ -395,192 +373,6 @@ fn split_axes(case: &Case, blocks: usize) -> Option<Vec<usize>> {
     let mut best = None;
     visit(case, 0, blocks, &mut Vec::new(), &mut best);
     best.map(|(_, parts)| parts)
-}
-
-/// The arrays of the fullest rank, in bytes, where a rank has at most `most` modes.
-fn arrays(
-    case: &Case,
-    bounds: &Bounds,
-    warp: Option<&WarpPlan>,
-    (mesh, most): (&Mesh, usize),
-) -> Vec<(String, u64)> {
-    let n = case.space.dimension() as u64;
-    let space_block: u64 = case
-        .space
-        .x
-        .iter()
-        .zip(&mesh.space)
-        .map(|(a, p)| a.cells.div_ceil(*p) as u64)
-        .product();
-    let velocities = case.space.velocity_cells() as u64;
-    let cells = space_block * velocities;
-    let ghosts: u64 = (case.space.x.iter().zip(&mesh.space))
-        .filter(|(_, p)| **p > 1)
-        .map(|(a, p)| {
-            let sides = if *p > 2 { 2 } else { 1 };
-            sides * cells / a.cells.div_ceil(*p) as u64
-        })
-        .sum();
-    // Inflow rows lie on the box's ends: half of each of the two x-ends of an axis that has ends.
-    let ends: u64 = (case.space.x.iter().zip(case.space.periodic))
-        .filter(|(_, periodic)| !periodic)
-        .map(|(a, _)| cells / a.cells as u64)
-        .sum();
-    // Rows that are listed as inflow, and auxiliary unknowns.
-    let (listed, inflow) = match (bounds.inflow, case.warp.inflow) {
-        (false, _) => (0, 0),
-        (true, Embedding::Boundary) => (ends, ends),
-        (true, Embedding::Full) => (cells, cells),
-        (true, Embedding::Scalar) => (ends, 1),
-    };
-    let rows = cells + inflow;
-    let length = rows + ghosts;
-    let force = u64::from(bounds.rate > transport_rate(&case.space));
-    let entries = rows * (1 + 2 * n + 2 * n * force);
-    // Rows that repeat are stored once: those of cells of a kind whose neighbours are of a kind. Weights differ from cell to cell.
-    let around = bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32);
-    let distinct = match bounds.weighted {
-        true => rows,
-        false => rows.min(velocities * around + 2 * inflow),
-    };
-    let mut list = vec![
-        ("program and libraries".to_owned(), PROGRAM_BYTES),
-        (
-            "matrix (S, K)".to_owned(),
-            4 * rows + (20 * entries + 8 * rows) / rows * distinct + 16 * space_block,
-        ),
-        (
-            "states, weights".to_owned(),
-            8 * (1 + case.fields.len() as u64) * length,
-        ),
-    ];
-    let chunks = case.storage.most_chunks(&case.space) as u64;
-    if chunks > 0 {
-        list.push(("chunks being written".to_owned(), CHUNK_BYTES * chunks));
-    }
-    if listed > 0 {
-        let each = size_of::<Inflow>() as u64;
-        list.push((
-            "inflow".to_owned(),
-            listed * (each + 8 * bounds.stages as u64),
-        ));
-    }
-    if let Some(warp) = warp {
-        let sizes = Sizes {
-            rows,
-            length,
-            entries,
-        };
-        list.extend(propagate::arrays(case, bounds, mesh, &sizes));
-        if let Some(points) = warp.points {
-            let most = most as u64;
-            let ranks = (most, mesh.groups as u64);
-            list.push(("kept modes".to_owned(), KeptModes::bytes(rows, most)));
-            list.push((
-                "buffers of the transpose".to_owned(),
-                buffer_bytes(warp.modes as u64, points as u64, cells, ranks),
-            ));
-        }
-        // Sums of one field at a time, on the block; fields, on a rank's share of it.
-        let fields = case.fields.len() as u64;
-        let (readings, plateau) = (warp.readings.len() as u64, warp.plateau.len() as u64);
-        let steps = u64::from(propagate::order(case.propagator.method) > 0);
-        let layers = case.space.x[0].cells.div_ceil(mesh.space[0]);
-        let share = cells / layers as u64 * layers.div_ceil(mesh.groups) as u64;
-        let sums = 16 * (readings + plateau + steps) * cells;
-        list.push(("recovery sums".to_owned(), sums));
-        if case.start.is_some() && case.times.is_empty() {
-            list.push((
-                "start of a batch".to_owned(),
-                size_of::<Lanes>() as u64 * rows,
-            ));
-        }
-        if !case.times.is_empty() {
-            // Where a batch stands between two legs; sums and results at the output times.
-            list.push(("between legs".to_owned(), size_of::<Lanes>() as u64 * rows));
-            list.push((
-                "output times".to_owned(),
-                early_bytes(case, space_block, share),
-            ));
-        }
-        let recovered = 8 * ((readings + steps) * fields + plateau) * share;
-        list.push(("recovered fields".to_owned(), recovered));
-        list.push(("ghost exchange".to_owned(), 2 * 128 * ghosts));
-    } else {
-        // Initial values and results beside the vectors of the integrator.
-        let fields = case.fields.len() as u64;
-        list.push(("fields".to_owned(), 8 * 2 * fields * cells));
-        list.push(("integrator".to_owned(), 8 * 4 * length));
-        if !case.times.is_empty() {
-            list.push(("output times".to_owned(), early_bytes(case, 0, cells)));
-        }
-        if case.limiter != Limiter::None {
-            // One slope an unknown, two neighbours a space cell and axis; faces at the box's ends and at about as many jumps.
-            let ends: u64 = case
-                .space
-                .x
-                .iter()
-                .map(|a| 4 * cells / a.cells as u64)
-                .sum();
-            let lines = force * u64::from(bounds.inflow) * cells / case.space.v[0].cells as u64;
-            let slopes = 8 * length + 16 * n * space_block + 72 * ends + 8 * n * lines;
-            list.push(("slopes".to_owned(), slopes));
-        }
-    }
-    // The results on the grid on which they are shown, where that is another; of the exact solution there is no other.
-    let shown = shown::grid(case);
-    let layers = (shown.x.iter().zip(&mesh.space)).map(|(a, p)| a.cells.div_ceil(*p) as u64);
-    let there = layers.product::<u64>() * shown.velocity_cells() as u64;
-    if shown != case.space {
-        let layers = shown.x[0].cells.div_ceil(mesh.space[0]);
-        // One cell is not shared among the groups.
-        let groups = mesh.groups.min(case.space.x[0].cells);
-        let share = there / layers as u64 * layers.div_ceil(groups) as u64;
-        let times = 1 + case.times.iter().filter(|t| t.fields).count() as u64;
-        let fields = case.fields.len() as u64;
-        list.push(("results as shown".to_owned(), 8 * fields * times * share));
-    }
-    if case.exact.is_some() {
-        let points = case.space.space_cells() as u64;
-        let values = match case.data {
-            Data::Density => 8 * there,
-            // Mass and momentum, what is made of them, and the curve, whose arrays grow by doubling.
-            Data::Measure { .. } => 32 * (1 + n) * points + 64 * curve_points(case) as u64,
-        };
-        list.push(("exact solution".to_owned(), values + 80 * points));
-    }
-    list
-}
-
-/// Sums, of one field at a time, and results at the output times, on a rank with so many points of space in its block (none
-/// where nothing is added up) and so many cells of the results.
-fn early_bytes(case: &Case, points: u64, share: u64) -> u64 {
-    let velocities = case.space.velocity_cells() as u64;
-    let numbers = |fields: bool| match (fields, &case.data) {
-        (false, Data::Density) => MOMENTS as u64,
-        _ => velocities,
-    };
-    let each = |fields: bool| {
-        let results = case.fields.len() as u64 * numbers(fields) + 2 * MOMENTS as u64;
-        16 * points * numbers(fields) + 8 * share / velocities * results
-    };
-    case.times.iter().map(|t| each(t.fields)).sum()
-}
-
-/// Bytes for people.
-pub fn bytes_text(bytes: u64) -> String {
-    const UNITS: [&str; 5] = ["B", "KiB", "MiB", "GiB", "TiB"];
-    let mut value = bytes as f64;
-    let mut unit = 0;
-    while value >= 1024.0 && unit + 1 < UNITS.len() {
-        value /= 1024.0;
-        unit += 1;
-    }
-    if unit == 0 {
-        format!("{bytes} B")
-    } else {
-        format!("{value:.1} {}", UNITS[unit])
-    }
 }
 
 #[cfg(test)]

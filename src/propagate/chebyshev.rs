@@ -19,7 +19,7 @@
 //! the modes of a batch. Each lane has a degree of its own, with zeros above it, so its bits do not depend on the others'.
 //!
 //! **The interval is guaranteed, not estimated.** Let `A = B − diag(d)`, `B ≥ 0`, in weighted unknowns with growth bound
-//! `γ` (see [`crate::weights`]). For a unit vector, `x*(D A D⁻¹)x = −δ + β` with `δ = Σ d_i |x_i|²` in `[0, d]` and
+//! `γ` (see [`crate::matrix::weights`]). For a unit vector, `x*(D A D⁻¹)x = −δ + β` with `δ = Σ d_i |x_i|²` in `[0, d]` and
 //! `|β| ≤ δ + γ`; and `x*Hx = μ Re(β − δ) − Im β`, so
 //!
 //! ```text
@@ -29,11 +29,12 @@
 //! `d` being the largest of the `d_i`. It is narrower than the sum of the bounds for `μS` and `iK`, and needs no
 //! reduction over ranks.
 
-use crate::communicator::GhostExchange;
-use crate::error::Result;
+use crate::base::error::Result;
+use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::blocking::Blocking;
-use crate::matrix::{BlockMatrix, LANES, Lanes, StartRow, StepConstants};
-use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator, Start};
+use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
+use crate::parallel::communicator::GhostExchange;
+use crate::propagate::method::{BatchReport, BatchSpec, Evolution, Initial, Propagator, Start};
 use num_complex::Complex64;
 
 /// Interval that holds the spectrum of `H = μS + iK`.
@@ -145,7 +146,7 @@ pub fn degree(scratch: &mut Vec<f64>, tau: f64, tail: f64) -> usize {
 /// Scratch of the Chebyshev propagator for one rank; made once, used for every batch.
 pub struct Chebyshev {
     /// `b_k`; in the end `w(T)` of the batch, but for the lanes' phases.
-    pub(super) current: Vec<Lanes>,
+    pub(crate) current: Vec<Lanes>,
     /// `b_{k+1}`.
     previous: Vec<Lanes>,
     /// `a_k` by lane, `LANES` to a degree.
@@ -188,7 +189,7 @@ impl Chebyshev {
     }
 
     /// The coefficients of `exp(−iHt)`, `t = time`, up to the degree of each lane, and what the steps need.
-    pub(super) fn prepare(
+    pub(crate) fn prepare(
         &mut self,
         batch: &BatchSpec,
         (rate, growth, time): (f64, f64, f64),
@@ -233,7 +234,7 @@ impl Chebyshev {
 
     /// The series of degree `degree` from [`prepare`](Self::prepare) of `start`, into `current`; with the `couplings` of a
     /// stage, if the inflow varies. Collective over the space group.
-    pub(super) fn series<R: StartRow>(
+    pub(crate) fn series<R: StartRow>(
         &mut self,
         matrix: &BlockMatrix,
         exchange: &mut GhostExchange,

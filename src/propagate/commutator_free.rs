@@ -1,11 +1,12 @@
 //! Propagation where the inflow depends on time: a product of exponentials, each a Chebyshev series (see
-//! [`crate::varying`]).
+//! [`crate::propagate::time_dependent_inflow`]).
 
-use crate::matrix::{BlockMatrix, LANES, Lanes};
-use crate::plan::WarpPlan;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::lanes::{LANES, Lanes};
 use crate::propagate::chebyshev::{Chebyshev, Interval, bessel_series, degree};
-use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
-use crate::varying::Schedule;
+use crate::propagate::method::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
+use crate::propagate::time_dependent_inflow::Schedule;
+use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
 
 /// Relative errors below this are round-off, whatever the plan's series leaves.
@@ -60,7 +61,7 @@ impl Propagator for CommutatorFree<'_> {
         system: &mut Evolution<'_>,
         batch: &BatchSpec,
         initial: &Initial<'_>,
-    ) -> crate::error::Result<BatchReport> {
+    ) -> crate::base::error::Result<BatchReport> {
         let stages = self.schedule.stages();
         let time = system.time / stages as f64;
         let span = (system.rate, system.growth, time);

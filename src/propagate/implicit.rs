@@ -17,11 +17,12 @@
 //!
 //! Modes go one after the other: one set of factors is kept.
 
-use crate::error::Result;
-use crate::matrix::{BlockMatrix, LANES, Lanes};
+use crate::base::error::Result;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::lanes::{LANES, Lanes};
 use crate::propagate::chebyshev::Interval;
+use crate::propagate::method::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
 use crate::propagate::shifted::{REFINEMENTS, RESTART, Shifted};
-use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
 use num_complex::Complex64;
 
 /// Crank–Nicolson (order 2) or backward Euler (order 1), with the scratch of one rank.
@@ -47,7 +48,7 @@ impl Implicit {
     /// The method of `order` 1 or 2; `split` says that space is split over ranks.
     ///
     /// # Errors
-    /// [`crate::error::Error::Factors`]. Not collective.
+    /// [`crate::base::error::Error::Factors`]. Not collective.
     pub fn new(matrix: &BlockMatrix, order: usize, split: bool) -> Result<Self> {
         Ok(Self {
             order,

@@ -22,10 +22,11 @@
 //! A step is as long as either bound allows within the mode's tolerance times `τ/T`, so the whole run keeps it. The basis is
 //! not reorthogonalised: lost orthogonality costs the exponential no accuracy (Druskin and Knizhnerman 1991).
 
-use crate::error::Result;
-use crate::matrix::{BlockMatrix, LANES, Lanes, StepConstants};
+use crate::base::error::Result;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::lanes::{LANES, Lanes, StepConstants};
 use crate::propagate::chebyshev::{Interval, bessel_series};
-use crate::propagate::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
+use crate::propagate::method::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
 use num_complex::Complex64;
 
 /// Largest dimension `m` of the Krylov space.

@@ -7,15 +7,15 @@
 //!
 //! Sums over ranks go through fixed-point integers: the bits depend on how space is split, not on timing or mode groups.
 
-use crate::case::Case;
-use crate::error::{Error, Result};
-use crate::matrix::BlockMatrix;
-use crate::partition::Mesh;
-use crate::plan::Bounds;
+use crate::base::error::{Error, Result};
+use crate::base::fixed_point::FixedPoint;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::bounds::Bounds;
+use crate::parallel::partition::Mesh;
+use crate::problem::case::Case;
 use crate::propagate::chebyshev::Interval;
-use crate::propagate::{Evolution, pieces};
-use crate::reproducible::FixedPoint;
-use crate::scheme::transport_rate;
+use crate::propagate::method::{Evolution, pieces};
+use crate::scheme::rows::transport_rate;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::lu::{LuRef, NumericLu, SymbolicLu, factorize_symbolic_lu};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};

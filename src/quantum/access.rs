@@ -12,12 +12,12 @@
 //! of the face. What is not computed on the fly is data that a quantum computer would load: the weights `π`, one number a cell, and
 //! the couplings of the inflow.
 
-use crate::case::Case;
-use crate::error::Result;
-use crate::grid::PhaseSpace;
-use crate::matrix::BlockMatrix;
-use crate::problem::Problem;
-use crate::scheme::{Row, Scheme};
+use crate::base::error::Result;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::problem::case::Case;
+use crate::problem::grid::PhaseSpace;
+use crate::scheme::rows::{Row, Scheme};
+use crate::solve::system::Problem;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
@@ -60,7 +60,7 @@ impl<'a> SparseAccess<'a> {
     /// The oracles of `case` for `points` modes on a period `period`; `problem` is its whole grid on this rank.
     ///
     /// # Errors
-    /// [`crate::error::Error::Formula`] where `V` is not finite.
+    /// [`crate::base::error::Error::Formula`] where `V` is not finite.
     pub fn new(
         case: &'a Case,
         problem: &'a Problem,

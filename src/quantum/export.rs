@@ -19,22 +19,23 @@
 //! | `transform.qasm` | `Φ` on the p-register, OpenQASM 3 |
 //! | `preparation.qasm` | `w(0)` from zeros, by uniformly controlled rotations; where the amplitudes are real |
 
-mod circuit;
-mod numpy;
+pub mod circuit;
+pub mod numpy;
 
-use super::access::{Scratch, SparseAccess};
-use super::probability::points;
-use crate::case::{Case, Data, Method};
-use crate::communicator::Communicator;
-use crate::error::{Error, Result};
-use crate::matrix::{LANES, Lanes};
-use crate::observables::VelocityFactors;
-use crate::output;
-use crate::plan::{Bounds, WarpPlan};
-use crate::problem::Problem;
-use crate::profile::Series;
+use crate::base::disk::failure;
+use crate::base::error::{Error, Result};
+use crate::matrix::bounds::Bounds;
+use crate::matrix::lanes::{LANES, Lanes};
+use crate::matrix::observables::VelocityFactors;
+use crate::parallel::communicator::Communicator;
+use crate::problem::case::{Case, Data, Method};
 use crate::propagate::chebyshev::{Chebyshev, Interval, degree};
-use crate::propagate::{BatchSpec, Evolution, Initial, Propagator};
+use crate::propagate::method::{BatchSpec, Evolution, Initial, Propagator};
+use crate::quantum::access::{Scratch, SparseAccess};
+use crate::quantum::probability::points;
+use crate::schrodingerization::profile::series::Series;
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::system::Problem;
 use num_complex::Complex64;
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -121,7 +122,7 @@ pub fn refuse(case: &Case) -> Result<()> {
     if case.start.is_some() {
         return wrong("initial.warped: a start u(0) g(p) is exported, and a file holds any");
     }
-    let names = crate::output::hdf5::axis_names(case.space.dimension());
+    let names = crate::problem::grid::axis_names(case.space.dimension());
     for (name, axis) in names.iter().zip(case.space.axes()) {
         if !axis.cells.is_power_of_two() {
             return wrong(&format!(
@@ -273,7 +274,13 @@ impl Export {
         let (preparation, reason) = if imaginary <= 1e-13 * size {
             let mut system = problem.states[0][..rows].to_vec();
             system.resize(unknowns, 0.0);
-            (Some(circuit::preparation(&amplitudes, &system)), None)
+            (
+                Some(crate::quantum::export::circuit::preparation(
+                    &amplitudes,
+                    &system,
+                )),
+                None,
+            )
         } else {
             let why = format!(
                 "the amplitudes in p are complex (imaginary parts up to {:.1e}): the coefficient of the mode -N_p/2 has no partner. \
@@ -308,7 +315,7 @@ impl Export {
                 preparation: reason,
             },
             hamiltonian: hamiltonian(case, problem, (points, series.period), unknowns)?,
-            transform: circuit::transform(bits(points)),
+            transform: crate::quantum::export::circuit::transform(bits(points)),
             modes,
             states,
             field,
@@ -322,25 +329,43 @@ impl Export {
     /// # Errors
     /// [`Error::Directory`], [`Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        crate::output::make(directory)?;
+        crate::base::disk::make(directory)?;
         let write = |name: &str, bytes: &[u8]| {
             let path = directory.join(name);
-            std::fs::write(&path, bytes).map_err(|e| output::failure(&path, &e))
+            std::fs::write(&path, bytes).map_err(|e| failure(&path, &e))
         };
-        write("initial_modes.npy", &numpy::complex(&self.modes[0]))?;
-        write("final_modes.npy", &numpy::complex(&self.modes[1]))?;
-        write("initial.npy", &numpy::complex(&self.states[0]))?;
-        write("final.npy", &numpy::complex(&self.states[1]))?;
-        write("field.npy", &numpy::real(&self.field))?;
-        write("weights.npy", &numpy::real(&self.weights))?;
+        write(
+            "initial_modes.npy",
+            &crate::quantum::export::numpy::complex(&self.modes[0]),
+        )?;
+        write(
+            "final_modes.npy",
+            &crate::quantum::export::numpy::complex(&self.modes[1]),
+        )?;
+        write(
+            "initial.npy",
+            &crate::quantum::export::numpy::complex(&self.states[0]),
+        )?;
+        write(
+            "final.npy",
+            &crate::quantum::export::numpy::complex(&self.states[1]),
+        )?;
+        write(
+            "field.npy",
+            &crate::quantum::export::numpy::real(&self.field),
+        )?;
+        write(
+            "weights.npy",
+            &crate::quantum::export::numpy::real(&self.weights),
+        )?;
         write("hamiltonian.mtx", self.hamiltonian.as_bytes())?;
         write("transform.qasm", self.transform.as_bytes())?;
         if let Some(preparation) = &self.preparation {
             write("preparation.qasm", preparation.as_bytes())?;
         }
         let path = directory.join("description.json");
-        let text = serde_json::to_string_pretty(&self.description)
-            .map_err(|e| output::failure(&path, &e))?;
+        let text =
+            serde_json::to_string_pretty(&self.description).map_err(|e| failure(&path, &e))?;
         write("description.json", (text + "\n").as_bytes())
     }
 

@@ -3,11 +3,13 @@
 //! They pull apart: a profile with few modes has a low `‖H‖_max` and hides the solution deep in its state; a large `δ` fills the state with
 //! auxiliary unknowns, a small one couples them strongly. Every choice is planned as a run would be, to the same tolerance.
 
-use super::Figure;
-use super::probability::{Norms, Probabilities, points};
-use super::resources::walk;
-use crate::case::{Case, Coefficients, Delta, ProfileChoice};
-use crate::plan::{Bounds, WarpPlan};
+use crate::matrix::bounds::Bounds;
+use crate::problem::case::{Case, Coefficients, Delta, ProfileChoice};
+use crate::quantum::figure::Figure;
+use crate::quantum::probability::{Probabilities, points};
+use crate::quantum::resources::walk;
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::system::Norms;
 use serde::Serialize;
 use std::fmt;
 
@@ -207,7 +209,7 @@ impl fmt::Display for Ranking {
                 Some(Delta::Largest) => "max".to_owned(),
                 Some(Delta::Given(delta)) => format!("{delta:.2e}"),
             };
-            let profile = crate::command::word(&choice.profile);
+            let profile = crate::base::text::word(&choice.profile);
             if let Figure::Unavailable { because } = &choice.recovery {
                 writeln!(f, "{profile:<22}{delta:>10}   unavailable: {because}")?;
                 continue;

@@ -15,25 +15,14 @@
 //! **The window** ends where the field is no longer read right: at `p` the state's part at rate `s` of the spectrum of `−ST` is read from
 //! `g(p + s)`, so that `g` must be `e^{−p}` within `ε e^{−p}` on `[p − Λ⁺, p + Λ⁻]`. That is looked up in the series itself.
 
-use super::Figure;
-use crate::plan::{Bounds, WarpPlan};
-use crate::profile::Series;
+use crate::matrix::bounds::Bounds;
+use crate::quantum::figure::Figure;
+use crate::schrodingerization::profile::series::Series;
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::system::Norms;
 use num_complex::Complex64;
 use rustfft::FftPlanner;
 use serde::Serialize;
-
-/// Norms of the vectors whose ratios are probabilities.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Norms {
-    /// `‖u(0)‖`.
-    pub start: f64,
-    /// `‖√π f(T)‖`.
-    pub weighted: f64,
-    /// `‖f(T)‖`.
-    pub field: f64,
-    /// `‖r‖`, which does not change.
-    pub auxiliary: f64,
-}
 
 /// What is postselected one after the other, and what that costs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -77,7 +66,7 @@ pub struct Probabilities {
 
 /// `N_p` of a plan: its own, or both signs of the modes it has.
 pub fn points(series: &Series) -> usize {
-    crate::warp::fourier::points(series)
+    crate::schrodingerization::profile::series::points(series)
 }
 
 /// `Σ_l |c_l|²` over the modes of both signs.

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! The enlarged state holds `√π f`: there the weights are undone in `ζ`, which costs nothing, and as `π ≥ 1` never more than to undo them in the
-//! state, which has a probability of its own ([`super::probability`]). Without weights these are the paper's.
+//! state, which has a probability of its own ([`crate::quantum::probability`]). Without weights these are the paper's.
 //!
 //! Each overlap is measured as [`measurement`] says, the counts drawn at random from their exact distributions. What is drawn depends on the seed, the
 //! cell, the observable and the estimator only, so that it is the same on any ranks and beside any other cells.
@@ -23,21 +23,18 @@
 //! A measurement of the x-register alone is none of the density: it gives the cell `i` with probability `Σ_j f_ij²/C_f²` (the paper's last
 //! remark there), which is told as `basis_probability`.
 
-mod files;
+pub mod files;
 pub mod measurement;
 pub mod random;
-mod reader;
+pub mod reader;
 
-pub use files::numbers;
-pub use reader::Source;
-
-use super::Figure;
-use crate::case::{Case, Data, Method};
-use crate::communicator::Group;
-use crate::grid::MAX_DIMENSION;
-use crate::observables::VelocityFactors;
-use measurement::CONFIDENCE;
-use reader::Reader;
+use crate::matrix::observables::VelocityFactors;
+use crate::parallel::communicator::Group;
+use crate::problem::case::{Case, Data, Method};
+use crate::problem::grid::MAX_DIMENSION;
+use crate::quantum::figure::Figure;
+use crate::quantum::readout::measurement::CONFIDENCE;
+use crate::quantum::readout::reader::{Reader, Source};
 use serde::Serialize;
 
 /// Which number is read.

@@ -8,16 +8,18 @@
 //! **Regimes.** Where the solution has discontinuities at interfaces only, `N = ε^{−1}` cells an axis, elsewhere `ε^{−2}` (paper, theorems of sections 4
 //! to 6); `Δp = ε`, `‖H‖_max = Σ_a (N_xa + N_va)/Δp`, `d = Σ Q_a + n`. Forward Euler takes `n² T ε^{−(2n+1)}` or `n² T ε^{−(4n+2)}` operations.
 
-use super::Figure;
-use super::access::extremes;
-use super::probability::{Chain, Norms, Probabilities, points};
-use super::sparsity::{self, Sparsity, q};
-use crate::case::{Case, Interface};
-use crate::communicator::Group;
-use crate::error::Result;
-use crate::plan::{Bounds, WarpPlan};
-use crate::problem::Problem;
+use crate::base::error::Result;
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::Group;
+use crate::problem::case::{Case, Interface};
 use crate::propagate::chebyshev::degree;
+use crate::quantum::access::extremes;
+use crate::quantum::figure::Figure;
+use crate::quantum::probability::{Chain, Probabilities, points};
+use crate::quantum::sparsity;
+use crate::quantum::sparsity::{Sparsity, q};
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::system::{Norms, Problem};
 use serde::Serialize;
 use std::fmt;
 

@@ -10,14 +10,14 @@
 //! `Q + 5` in one dimension, `Q_1 + Q_2 + 7` in two, both with a diagonal of the inflow). They are made for the hat function on a
 //! velocity axis whose cells lie symmetrically about zero; what else is measured is measured without a bound.
 
-use crate::case::{Case, Interface};
-use crate::communicator::Group;
-use crate::error::Result;
-use crate::grid::describe_point;
-use crate::matrix::BlockMatrix;
-use crate::partition::{Block, Place};
-use crate::potential::Potential;
-use crate::scheme::{Row, Scheme};
+use crate::base::error::Result;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::parallel::communicator::Group;
+use crate::parallel::partition::{Block, Place};
+use crate::problem::case::{Case, Interface};
+use crate::problem::grid::describe_point;
+use crate::problem::potential::Potential;
+use crate::scheme::rows::{Row, Scheme};
 use serde::Serialize;
 
 /// Most nonzeros of a row, or a column, and where.
@@ -97,7 +97,7 @@ impl Fullest {
 /// Counts the nonzeros of `case`'s matrices; `matrix` are this rank's rows of `(S, K)`, weighted as in a run. Collective over `space`.
 ///
 /// # Errors
-/// [`crate::error::Error::Formula`] where `V` is not finite.
+/// [`crate::base::error::Error::Formula`] where `V` is not finite.
 pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Sparsity> {
     let n = case.space.dimension();
     let block = &matrix.block;

@@ -1,11 +1,13 @@
 //! A case assembled on all ranks without being run, for what is measured of it before a plan is made.
 
-use crate::case::Case;
-use crate::communicator::{Communicator, World};
-use crate::error::Result;
-use crate::partition::Block;
-use crate::plan::{Bounds, Plan, Resources};
-use crate::problem::Problem;
+use crate::base::error::Result;
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::{Communicator, World};
+use crate::parallel::partition::Block;
+use crate::plan::Plan;
+use crate::plan::layout::Resources;
+use crate::problem::case::Case;
+use crate::solve::system::Problem;
 
 /// The problem on this rank, and what was measured of it.
 pub struct Assembled {

@@ -1,16 +1,17 @@
 //! `[readout]`: what a quantum computer would tell of the result.
 
-use super::Place;
-use crate::case::Case;
-use crate::communicator::Group;
-use crate::output::summary::Summary;
-use crate::problem::Problem;
+use crate::parallel::communicator::Group;
+use crate::problem::case::Case;
 use crate::propagate::order;
-use crate::quantum::Figure;
-use crate::quantum::readout::{Readout, Source, refused};
+use crate::quantum::figure::Figure;
+use crate::quantum::readout::reader::Source;
+use crate::quantum::readout::{Readout, refused};
+use crate::results::summary::Summary;
+use crate::solve::place::Place;
+use crate::solve::system::Problem;
 
 /// Reads from `field`, the first one, on this rank's share, with what the summary says of it so far. Collective.
-pub(super) fn readout(
+pub(crate) fn readout(
     world: &Group,
     case: &Case,
     (problem, place): (&Problem, &Place),

@@ -1,31 +1,39 @@
 //! From the discrete problem to the fields at `T`: by modes, or classically.
 
-use super::Place;
-use crate::case::{Case, Integrator, WarpedStart};
-use crate::checkpoint::{Checkpoints, Generation, Resumed, Store, Times};
-use crate::classical::limiter::Reconstruction;
-use crate::classical::{Classical, EXACT, duhamel_panels};
-use crate::communicator::{Communicator, GhostExchange};
-use crate::compare::Norms;
-use crate::error::{Error, Result};
-use crate::observables::{MOMENTS, Moments, VelocityFactors, moments, totals};
-use crate::output::hdf5::{About, slices};
-use crate::output::history::Early;
-use crate::output::summary::Summary;
-use crate::output::warped::{self, Given, Spread};
-use crate::plan::{Plan, WarpPlan, classical_steps, cost};
-use crate::problem::Problem;
-use crate::progress::Progress;
+use crate::base::error::{Error, Result};
+use crate::base::progress::Progress;
+use crate::matrix::observables::{MOMENTS, Moments, VelocityFactors, moments, totals};
+use crate::parallel::communicator::{Communicator, GhostExchange};
+use crate::plan::Plan;
+use crate::plan::balance::cost;
+use crate::problem::case::{Case, Integrator, WarpedStart};
+use crate::propagate::classical::{Classical, EXACT, classical_steps, duhamel_panels};
 use crate::propagate::commutator_free::CommutatorFree;
-use crate::propagate::{Evolution, Initial, Propagator, propagator};
-use crate::warp::{self, Besides, Keeping, KeptModes, Leg, MomentsOf, Passage, Task};
+use crate::propagate::limiter::Reconstruction;
+use crate::propagate::method::{Evolution, Initial, Propagator};
+use crate::propagate::propagator;
+use crate::results::dataset::{About, Early, slices};
+use crate::results::summary::Summary;
+use crate::results::warped;
+use crate::results::warped::{Given, Spread};
+use crate::run::compare::Norms;
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::checkpoint::store::{Generation, Store};
+use crate::solve::checkpoint::watch::Times;
+use crate::solve::checkpoint::{Checkpoints, Resumed};
+use crate::solve::kept::{KeptModes, Passage};
+use crate::solve::modes;
+use crate::solve::modes::{Besides, Keeping, Leg, Task};
+use crate::solve::place::Place;
+use crate::solve::sum::MomentsOf;
+use crate::solve::system::Problem;
 use num_complex::Complex64;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
 /// What was solved for, on this rank's share.
-pub(super) struct Solution {
+pub(crate) struct Solution {
     /// Every field at `T` by each reading: `[field][reading]`.
     pub fields: Vec<Vec<Vec<f64>>>,
     /// The first field by each reading of the plateau.
@@ -37,14 +45,14 @@ pub(super) struct Solution {
 }
 
 /// Where warped fields are written, and what is said about them besides case and plan.
-pub(super) struct Warped<'a> {
+pub(crate) struct Warped<'a> {
     pub directory: &'a Path,
     pub seconds: &'a BTreeMap<String, f64>,
     pub provenance: &'a [(&'static str, String)],
 }
 
 /// How a run by modes makes checkpoints.
-pub(super) struct Checkpointing<'a> {
+pub(crate) struct Checkpointing<'a> {
     /// Where they are.
     pub store: &'a mut Store,
     /// The one to go on from.
@@ -54,7 +62,7 @@ pub(super) struct Checkpointing<'a> {
 }
 
 /// What a run writes while it goes on.
-pub(super) struct Files<'a> {
+pub(crate) struct Files<'a> {
     /// The warped fields.
     pub warped: Warped<'a>,
     /// Where it is by modes.
@@ -71,7 +79,7 @@ struct Found {
 }
 
 /// Every field at `T`, and what is wanted before; in silence where no `files` are written. Collective.
-pub(super) fn solve(
+pub(crate) fn solve(
     case: &Case,
     plan: &Plan,
     communicator: &Communicator,
@@ -335,7 +343,7 @@ fn by_modes(
         keeping: keeping.as_mut(),
         checkpoints: checkpoints.as_mut(),
     };
-    let recovered = warp::run(&task, &mut system, &mut *propagator, &mut progress, besides)?;
+    let recovered = modes::run(&task, &mut system, &mut *propagator, &mut progress, besides)?;
     drop(kept);
     progress.finish();
     summary.checkpoints = checkpoints.map_or(0, |c| c.written);
@@ -425,7 +433,7 @@ fn begin(
 }
 
 /// `state ← state(time)` by the classical method. Collective over the space group.
-pub(super) fn integrate(
+pub(crate) fn integrate(
     classical: &mut Classical<'_>,
     exchange: &mut GhostExchange,
     integrator: Integrator,

@@ -1,14 +1,14 @@
 //! A case that is run for its numbers: in memory, in silence, and measured alone, though others ran before it.
 
-use super::{Computed, compute};
-use crate::case::Case;
-use crate::communicator::World;
-use crate::error::Result;
-use crate::observables::Moments;
-use crate::output::hdf5::ExactSolution;
-use crate::output::summary::Summary;
+use crate::base::error::Result;
+use crate::base::machine;
+use crate::matrix::observables::Moments;
+use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::system;
+use crate::problem::case::Case;
+use crate::results::dataset::ExactSolution;
+use crate::results::summary::Summary;
+use crate::run::{Computed, compute};
 use std::ops::Range;
 
 /// Steps of a run that only compare its result with others.
@@ -35,9 +35,9 @@ pub struct Trial {
 /// Runs `case` without writing or saying anything. Collective over all ranks.
 ///
 /// # Errors
-/// As [`super::run`], but for files.
+/// As [`crate::run::run`], but for files.
 pub fn trial(world: &World, case: &Case) -> Result<Trial> {
-    system::reset_peak_memory();
+    machine::reset_peak_memory();
     let case = Case {
         warped_field: false,
         // What it is compared with has all of the grid.

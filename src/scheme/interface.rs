@@ -1,7 +1,7 @@
 //! Transmission and reflection at a face: where the velocity `ξ_j` that leaves the face comes from.
 
-use crate::case::Interface;
-use crate::grid::Axis;
+use crate::problem::case::Interface;
+use crate::problem::grid::Axis;
 
 /// On which side of the face a source lies, seen from the cell being updated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

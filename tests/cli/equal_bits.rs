@@ -1,7 +1,7 @@
 //! The same bits on every number of ranks and every process mesh.
 
 use crate::support::{case, check_all, datasets, differences, directory, run};
-use phasewarp::case::Case;
+use phasewarp::problem::case::Case;
 use std::path::Path;
 
 /// Every way to split `ranks` into blocks along `axes` x-axes and mode groups: `--ranks-x`.

@@ -22,35 +22,45 @@ use dense_twins::*;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use num_complex::Complex64;
-use phasewarp::case::{
+use phasewarp::base::error::Error;
+use phasewarp::base::progress::Progress;
+use phasewarp::matrix::block_matrix::{BlockMatrix, Part};
+use phasewarp::matrix::blocking::{Blocking, Shape};
+use phasewarp::matrix::bounds::{Bounds, INFLOW_GROWTH};
+use phasewarp::matrix::kernel;
+use phasewarp::matrix::kernel::InstructionSet;
+use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
+use phasewarp::matrix::observables::{MOMENTS, VelocityFactors};
+use phasewarp::matrix::weights::Weights;
+use phasewarp::parallel::communicator::vote::Vote;
+use phasewarp::parallel::communicator::{Communicator, GhostExchange, Group, World};
+use phasewarp::parallel::partition::{Block, Mesh, Place, split};
+use phasewarp::plan::Plan;
+use phasewarp::plan::balance::Batch;
+use phasewarp::plan::layout::Resources;
+use phasewarp::problem::case::{
     Case, Coefficients, Delta, Embedding, Integrator, Limiter, Method, OutputTime, ProfileChoice,
     Propagation, PropagatorMethod, RecoveryMethod, Shift,
 };
-use phasewarp::checkpoint::watch::{Verdict, Watch};
-use phasewarp::checkpoint::{Standing, Times};
-use phasewarp::classical::limiter::{Reconstruction, longest_step};
-use phasewarp::classical::{Classical, EXACT, duhamel_panels};
-use phasewarp::communicator::{Communicator, GhostExchange, Group, Vote, World};
-use phasewarp::error::Error;
-use phasewarp::matrix::blocking::{Blocking, Shape};
-use phasewarp::matrix::kernel::{self, InstructionSet};
-use phasewarp::matrix::{BlockMatrix, LANES, Lanes, Part, StepConstants};
-use phasewarp::observables::{MOMENTS, VelocityFactors};
-use phasewarp::partition::{Block, Mesh, Place, split};
-use phasewarp::plan::{Batch, Bounds, INFLOW_GROWTH, Plan, Resources, WarpPlan};
-use phasewarp::problem::Problem;
-use phasewarp::progress::Progress;
 use phasewarp::propagate::chebyshev::{Chebyshev, Interval, bessel_series};
+use phasewarp::propagate::classical::{Classical, EXACT, duhamel_panels};
 use phasewarp::propagate::commutator_free::CommutatorFree;
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
-use phasewarp::propagate::{
-    BatchReport, BatchSpec, Company, Evolution, Initial, Propagator, company, propagator, work,
+use phasewarp::propagate::limiter::{Reconstruction, longest_step};
+use phasewarp::propagate::method::{
+    BatchReport, BatchSpec, Company, Evolution, Initial, Propagator,
 };
-use phasewarp::spectrum::{extremes, gershgorin};
-use phasewarp::varying;
-use phasewarp::warp::{self, Besides, Leg, MomentsOf, Task};
-use phasewarp::weights::Weights;
+use phasewarp::propagate::time_dependent_inflow;
+use phasewarp::propagate::{company, propagator, work};
+use phasewarp::schrodingerization::warp_plan::WarpPlan;
+use phasewarp::solve::checkpoint::watch::{Standing, Times};
+use phasewarp::solve::checkpoint::watch::{Verdict, Watch};
+use phasewarp::solve::modes;
+use phasewarp::solve::modes::{Besides, Leg, Task};
+use phasewarp::solve::spectrum::{extremes, gershgorin};
+use phasewarp::solve::sum::MomentsOf;
+use phasewarp::solve::system::Problem;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::ops::Range;

@@ -119,7 +119,7 @@ pub fn stream_in(
     };
     let shares = shares(&problem.matrix.block, mesh.groups);
     let group = weighted.communicator.modes.rank();
-    let recovered = warp::run(
+    let recovered = modes::run(
         &Task {
             communicator: &weighted.communicator,
             warp: warp_plan,
@@ -219,7 +219,7 @@ pub fn recovered_field(world: &World) {
                 let shares = shares(&problem.matrix.block, mesh.groups);
                 let group = weighted.communicator.modes.rank();
                 let batches = &plan.layout.groups[group];
-                let recovered = warp::run(
+                let recovered = modes::run(
                     &Task {
                         communicator: &weighted.communicator,
                         warp: warp_plan,
@@ -408,7 +408,7 @@ pub fn results_before_the_end(world: &World) {
                     factors: &factors,
                     pi: &problem.weights.pi[..problem.matrix.block.cells()],
                 };
-                let recovered = warp::run(
+                let recovered = modes::run(
                     &Task {
                         communicator: &weighted.communicator,
                         warp: warp_plan,
@@ -591,7 +591,7 @@ pub fn fields_in_one_pass(world: &World) {
         };
         let mut recover = |initial: &[Initial<'_>]| {
             let mut propagator = propagator(&plan, warp_plan, system.matrix).expect("a propagator");
-            let recovered = warp::run(
+            let recovered = modes::run(
                 &Task {
                     communicator: &communicator,
                     warp: warp_plan,

@@ -169,7 +169,7 @@ pub fn varying_inflow_directly(world: &World) {
             let block = Block::new(&case.space, &mesh, communicator.space.rank());
             let matrix = BlockMatrix::assemble(case, block).expect("finite formulas");
             order(&format!("{name}, commutator-free"), 4.0, 16, &mut |steps| {
-                let values = varying::stage_values(case, &matrix, steps);
+                let values = time_dependent_inflow::stage_values(case, &matrix, steps);
                 let rows = matrix.inflow.len();
                 run(&mut |classical, exchange, state| {
                     for stage in 0..2 * steps {
@@ -196,7 +196,10 @@ pub fn varying_inflow_by_modes(world: &World) {
                 let mut weighted = scene.weighted(world, &twin.case, &mesh);
                 let (problem, bounds) = (&mut weighted.problem, &weighted.bounds);
                 let schedule = problem.schedule.as_ref().expect("steps");
-                assert!(schedule.error <= varying::TIME_SHARE * tolerance, "{name}");
+                assert!(
+                    schedule.error <= time_dependent_inflow::TIME_SHARE * tolerance,
+                    "{name}"
+                );
                 assert_eq!(bounds.stages, 2 * schedule.steps);
                 let communicator = &weighted.communicator;
                 let ratio = problem.probe(communicator, bounds.rate, &[twin.case.end]);

@@ -1,12 +1,13 @@
 //! Full runs: the distributed transpose, and the warped field as a file.
 
 use super::*;
-use phasewarp::communicator::Transpose;
-use phasewarp::output::hdf5::About;
-use phasewarp::output::readback;
-use phasewarp::output::warped::{self, Given, Spread};
-use phasewarp::profile::Series;
-use phasewarp::warp::{KeptModes, Passage};
+use phasewarp::parallel::communicator::transpose::Transpose;
+use phasewarp::results::dataset::About;
+use phasewarp::results::readback;
+use phasewarp::results::warped;
+use phasewarp::results::warped::{Given, Spread};
+use phasewarp::schrodingerization::profile::series::Series;
+use phasewarp::solve::kept::{KeptModes, Passage};
 use std::path::PathBuf;
 
 /// Mode `l` of cell `cell`: any numbers, the same on any ranks.

@@ -2,8 +2,8 @@
 #![allow(dead_code)] // each test program uses its own part
 
 use num_complex::Complex64;
-use phasewarp::case::Case;
-use phasewarp::scheme::{Row, Scheme};
+use phasewarp::problem::case::Case;
+use phasewarp::scheme::rows::{Row, Scheme};
 use std::path::Path;
 
 /// The file `name` of `cases/`, with overrides as `--set` takes them.

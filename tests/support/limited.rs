@@ -1,8 +1,8 @@
 //! Slow and obvious: the right-hand side with limited slopes, cell by cell from the formulas, on the whole grid.
 #![allow(dead_code)] // each test program uses its own part
 
-use phasewarp::case::{Case, Interface, Limiter};
-use phasewarp::grid::{Cell, PhaseSpace};
+use phasewarp::problem::case::{Case, Interface, Limiter};
+use phasewarp::problem::grid::{Cell, PhaseSpace};
 use phasewarp::scheme::interface::{Side, sources, velocity};
 
 /// What a face takes something from.
@@ -44,7 +44,7 @@ impl Limited<'_> {
     fn potential(&self, cell: &Cell, point: &[f64; 6]) -> f64 {
         let mut centre = self.space.point(cell);
         centre[3..].fill(0.0);
-        let holds = |c: &phasewarp::expression::Expression| c.holds(&centre) == Some(true);
+        let holds = |c: &phasewarp::problem::formula::Expression| c.holds(&centre) == Some(true);
         let region = (self.case.potential.iter())
             .find(|r| r.condition.as_ref().is_none_or(holds))
             .expect("the last region holds everywhere");

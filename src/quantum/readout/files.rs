@@ -1,10 +1,10 @@
 //! What is read, as columns of `result.h5` and as `readout.csv`.
 
-use super::{Estimator, Readout, quoted};
-use crate::case::Case;
-use crate::error::Result;
-use crate::output;
-use crate::quantum::Figure;
+use crate::base::disk::failure;
+use crate::base::error::Result;
+use crate::problem::case::Case;
+use crate::quantum::figure::Figure;
+use crate::quantum::readout::{Estimator, Readout, quoted};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -68,10 +68,10 @@ impl Readout {
     /// Writes `readout.csv` into `directory`.
     ///
     /// # Errors
-    /// [`crate::error::Error::Output`].
+    /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
         let path = directory.join("readout.csv");
-        std::fs::write(&path, self.csv()).map_err(|e| output::failure(&path, &e))
+        std::fs::write(&path, self.csv()).map_err(|e| failure(&path, &e))
     }
 
     /// A line for every row and estimator, with a heading. Numbers that are not known are empty; the last column says why.

@@ -21,7 +21,7 @@
 //! **Shots.** Hoeffding: `|2k/N − 1 − o| > ε` has probability at most `2e^{−Nε²/2}`. Chernoff: `|√(k/N) − o| > ε` at most `2e^{−Nε²}`, as the relative
 //! entropy of two coins is at least the square of the distance of the roots.
 
-use super::random::Stream;
+use crate::quantum::readout::random::Stream;
 use std::f64::consts::PI;
 
 /// Probability with which a bound of this file holds, at least.
@@ -172,8 +172,8 @@ pub fn preparations(evaluations: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::random::Purpose;
     use super::*;
+    use crate::quantum::readout::random::Purpose;
 
     fn stream(seed: u64) -> Stream {
         let purpose = Purpose {

@@ -1,14 +1,15 @@
 //! From the field at a cell to overlaps, and from those to what each estimator says.
 
-use super::measurement::{self, Estimate, MOST_EVALUATIONS, MOST_SHOTS};
-use super::random::{Purpose, Stream};
-use super::{Estimator, Measured, Observable, Row, quoted};
-use crate::case::{self, Case, Effort};
-use crate::communicator::Group;
-use crate::grid::MAX_DIMENSION;
-use crate::observables::VelocityFactors;
-use crate::quantum::Figure;
+use crate::matrix::observables::VelocityFactors;
+use crate::parallel::communicator::Group;
+use crate::problem::case;
+use crate::problem::case::{Case, Effort};
+use crate::problem::grid::MAX_DIMENSION;
+use crate::quantum::figure::Figure;
 use crate::quantum::probability::Probabilities;
+use crate::quantum::readout::measurement::{Estimate, MOST_EVALUATIONS, MOST_SHOTS};
+use crate::quantum::readout::random::{Purpose, Stream};
+use crate::quantum::readout::{Estimator, Measured, Observable, Row, measurement, quoted};
 use std::ops::Range;
 
 /// The recovered field on a rank's share, and the states that hold it.
@@ -35,7 +36,7 @@ impl Source<'_> {
 }
 
 /// `‖x‖`.
-pub(super) fn norm(x: impl Iterator<Item = f64>) -> f64 {
+pub(crate) fn norm(x: impl Iterator<Item = f64>) -> f64 {
     x.map(|x| x * x).sum::<f64>().sqrt()
 }
 
@@ -54,17 +55,17 @@ struct Moment {
 }
 
 /// What is computed from the field at a cell; known to all ranks.
-pub(super) struct CellSums {
-    /// `Σ_j q_j f_j` for each of [`crate::observables::MOMENTS`] kinds of `q`.
+pub(crate) struct CellSums {
+    /// `Σ_j q_j f_j` for each of [`crate::matrix::observables::MOMENTS`] kinds of `q`.
     moments: [f64; MAX_DIMENSION + 1],
     /// `Σ_j q_j²/π_j`.
     unweighted: [f64; MAX_DIMENSION + 1],
     /// `Σ_j f_j²`.
-    pub(super) square: f64,
+    pub(crate) square: f64,
 }
 
 /// All that the rows have in common.
-pub(super) struct Reader<'a> {
+pub(crate) struct Reader<'a> {
     pub case: &'a Case,
     pub source: &'a Source<'a>,
     pub readout: &'a case::Readout,
@@ -73,7 +74,7 @@ pub(super) struct Reader<'a> {
 
 impl Reader<'_> {
     /// Sums over the velocities at `cell`, which is on one rank; on all. Collective over `world`.
-    pub(super) fn sums(&self, world: &Group, cell: &[usize]) -> CellSums {
+    pub(crate) fn sums(&self, world: &Group, cell: &[usize]) -> CellSums {
         let mut sums = self.sums_here(cell);
         // The other ranks add zero bits.
         let everywhere = |x: &mut f64| *x = f64::from_bits(world.sum_modulo(x.to_bits()));
@@ -84,7 +85,7 @@ impl Reader<'_> {
     }
 
     /// The same on this rank's share; zeros where it has not the cell.
-    pub(super) fn sums_here(&self, cell: &[usize]) -> CellSums {
+    pub(crate) fn sums_here(&self, cell: &[usize]) -> CellSums {
         let share = self.source.share;
         let velocities = self.factors.cells();
         let mut sums = CellSums {
@@ -111,7 +112,7 @@ impl Reader<'_> {
     }
 
     /// The rows of a cell.
-    pub(super) fn rows(&self, cell: &[usize], sums: &CellSums) -> Vec<Row> {
+    pub(crate) fn rows(&self, cell: &[usize], sums: &CellSums) -> Vec<Row> {
         let n = self.case.space.dimension();
         let volume = self.case.space.velocity_volume();
         let row = |observable| Row::at(self.case, cell, observable);

@@ -1,9 +1,10 @@
 //! Overlaps against vectors written out, estimators against what they should say.
 
-use super::random::{Purpose, Stream};
-use super::reader::norm;
 use super::*;
-use crate::quantum::probability::{Chain, Norms, Probabilities};
+use crate::quantum::probability::{Chain, Probabilities};
+use crate::quantum::readout::random::{Purpose, Stream};
+use crate::quantum::readout::reader::norm;
+use crate::solve::system::Norms;
 use std::ops::Range;
 
 /// Two dimensions, 2 × 3 space cells and 3 × 2 velocities.

@@ -79,7 +79,10 @@ fn a_browser_opens_the_report() {
         let required = std::env::var("PHASEWARP_BROWSER").is_ok_and(|v| v == "required");
         assert!(!required, "{why}");
         // Not through the test's own output, which is shown of failures only.
-        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/cli/pictures/browser.rs: {why}");
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED: tests/cli/pictures/browser.rs: {why}"
+        );
         return;
     };
     let place = directory();

@@ -3,9 +3,10 @@
 mod browser;
 
 use crate::support::{Job, case, cases, check_all, datasets, directory, distance, shrunk};
-use phasewarp::figure::{Figure, Layer, Map};
-use phasewarp::pictures::stored::Stored;
-use phasewarp::pictures::{self, Album, Cut};
+use phasewarp::results::figure::{Figure, Layer, Map};
+use phasewarp::results::pictures;
+use phasewarp::results::pictures::stored::Stored;
+use phasewarp::results::pictures::{Album, Cut};
 use std::path::Path;
 
 /// Grids small enough to be solved and drawn in a moment, where [`shrunk`] says nothing.

@@ -6,9 +6,11 @@
 mod mutate;
 
 use mutate::{TERMS, WORDS, apply, change};
-use phasewarp::case::{Case, Exact, Inflow};
-use phasewarp::expression::Expression;
-use phasewarp::plan::{Bounds, Plan, Resources};
+use phasewarp::matrix::bounds::Bounds;
+use phasewarp::plan::Plan;
+use phasewarp::plan::layout::Resources;
+use phasewarp::problem::case::{Case, Exact, Inflow};
+use phasewarp::problem::formula::Expression;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestError, TestRng, TestRunner};
 use std::cell::Cell;

@@ -4,11 +4,11 @@ use super::Lattice;
 use super::paper::assert_same_system;
 use super::{ROUND_OFF, scenes};
 use crate::dense::{System, case};
-use phasewarp::case::Case;
-use phasewarp::characteristics::Tracer;
-use phasewarp::plan::Bounds;
-use phasewarp::potential::Potential;
-use phasewarp::scheme::{Row, Scheme};
+use phasewarp::matrix::bounds::Bounds;
+use phasewarp::problem::case::Case;
+use phasewarp::problem::exact::Tracer;
+use phasewarp::problem::potential::Potential;
+use phasewarp::scheme::rows::{Row, Scheme};
 
 /// The rows of `A`, for products.
 fn rows(case: &Case) -> Vec<Vec<(usize, f64)>> {

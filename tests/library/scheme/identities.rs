@@ -3,13 +3,13 @@
 use super::paper::assert_same_system;
 use super::{ROUND_OFF, conservative, scenes};
 use crate::dense::{Dense, System, assert_same, case};
-use phasewarp::case::{Case, Inflow, Interface};
-use phasewarp::expression::Expression;
-use phasewarp::grid::{Axis, PhaseSpace};
-use phasewarp::plan::Bounds;
-use phasewarp::potential::Potential;
+use phasewarp::matrix::bounds::Bounds;
+use phasewarp::problem::case::{Case, Inflow, Interface};
+use phasewarp::problem::formula::Expression;
+use phasewarp::problem::grid::{Axis, PhaseSpace};
+use phasewarp::problem::potential::Potential;
 use phasewarp::scheme::interface::{sources, velocity};
-use phasewarp::scheme::{Row, Scheme};
+use phasewarp::scheme::rows::{Row, Scheme};
 use proptest::prelude::*;
 
 /// What holds for every case: signs, row sums and what they leave to the inflow, order of the entries, the bound on the

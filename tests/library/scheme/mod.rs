@@ -5,8 +5,8 @@ mod identities;
 mod paper;
 
 use crate::dense::case;
-use phasewarp::case::{Case, Interface};
-use phasewarp::grid::Axis;
+use phasewarp::problem::case::{Case, Interface};
+use phasewarp::problem::grid::Axis;
 
 /// What two ways to compute an entry may differ by, relative to the largest entry.
 const ROUND_OFF: f64 = 1e-12;

@@ -1,0 +1,13 @@
+//! The ground: errors, text, log lines, directories, the machine, checksums, fixed-point sums.
+//!
+//! Uses no other room.
+
+pub mod checksum;
+pub mod disk;
+pub mod error;
+pub mod fixed_point;
+pub mod log;
+pub mod machine;
+pub mod progress;
+pub mod stopwatch;
+pub mod text;

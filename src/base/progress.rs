@@ -1,0 +1,68 @@
+//! What rank 0 says while a run goes on: a bar on a terminal, a line every few seconds otherwise.
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::IsTerminal;
+use std::time::{Duration, Instant};
+
+/// Seconds between lines where there is no terminal.
+const SECONDS_BETWEEN_LINES: f64 = 5.0;
+
+/// Progress of a rank's work, in units of its modelled cost.
+pub struct Progress {
+    bar: Option<ProgressBar>,
+    speaks: bool,
+    name: &'static str,
+    done: usize,
+    total: usize,
+    started: Instant,
+    last: Instant,
+}
+
+impl Progress {
+    /// Silent except on the rank that `speaks`; `total` is the work to come, of what `name` says.
+    pub fn new(speaks: bool, name: &'static str, total: usize) -> Self {
+        let bar = (speaks && std::io::stderr().is_terminal()).then(|| {
+            let style = ProgressStyle::with_template("{msg} {wide_bar} {percent}% ETA {eta}");
+            ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr())
+                .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+                .with_message(name)
+        });
+        Self {
+            bar,
+            speaks,
+            name,
+            done: 0,
+            total,
+            started: Instant::now(),
+            last: Instant::now(),
+        }
+    }
+
+    /// Says nothing.
+    pub fn silent() -> Self {
+        Self::new(false, "", 0)
+    }
+
+    /// `work` more is done.
+    pub fn advance(&mut self, work: usize) {
+        self.done += work;
+        if let Some(bar) = &self.bar {
+            bar.set_position(self.done as u64);
+        } else if self.speaks
+            && self.last.elapsed() > Duration::from_secs_f64(SECONDS_BETWEEN_LINES)
+        {
+            self.last = Instant::now();
+            let fraction = self.done as f64 / self.total.max(1) as f64;
+            let left = self.started.elapsed().as_secs_f64() * (1.0 / fraction - 1.0);
+            let line = format!("{} {:.0} %, {left:.0} s to go", self.name, 100.0 * fraction);
+            crate::base::log::report(&line);
+        }
+    }
+
+    /// Takes the bar away.
+    pub fn finish(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

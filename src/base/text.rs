@@ -1,0 +1,40 @@
+//! Words and numbers as they are printed.
+
+/// A choice as the case file writes it, its parameters behind it.
+pub(crate) fn word(choice: &impl serde::Serialize) -> String {
+    fn text(value: &serde_json::Value) -> Option<String> {
+        match value {
+            serde_json::Value::Null => None,
+            serde_json::Value::String(text) => Some(text.clone()),
+            serde_json::Value::Object(map) => {
+                let names = |key: &str| ["kind", "method", "given"].contains(&key);
+                let first = map.iter().find(|(key, _)| names(key.as_str()));
+                let mut parts: Vec<String> = first.and_then(|(_, v)| text(v)).into_iter().collect();
+                let others = map.iter().filter(|(key, _)| !names(key.as_str()));
+                parts.extend(others.filter_map(|(k, v)| Some(format!("({k} {})", text(v)?))));
+                Some(parts.join(" "))
+            }
+            other => Some(other.to_string()),
+        }
+    }
+    serde_json::to_value(choice)
+        .ok()
+        .and_then(|value| text(&value))
+        .unwrap_or_default()
+}
+
+/// Bytes for people.
+pub fn bytes_text(bytes: u64) -> String {
+    const UNITS: [&str; 5] = ["B", "KiB", "MiB", "GiB", "TiB"];
+    let mut value = bytes as f64;
+    let mut unit = 0;
+    while value >= 1024.0 && unit + 1 < UNITS.len() {
+        value /= 1024.0;
+        unit += 1;
+    }
+    if unit == 0 {
+        format!("{bytes} B")
+    } else {
+        format!("{value:.1} {}", UNITS[unit])
+    }
+}

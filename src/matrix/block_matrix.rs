@@ -1,0 +1,349 @@
+//! The distributed block matrix `(S, K)`, `S = (A+Aᵀ)/2`, `K = (A−Aᵀ)/2`, assembled from the scheme's rows.
+//!
+//! One pattern carries both: per entry a local column, `s` and `k`. `Aᵀ`'s rows come from the rows of the ghost layer,
+//! computed here, so assembling needs no communication. A row's entries stand in the order of their global columns, so
+//! sums have the same bits on any partition.
+//!
+//! Unknowns of a rank: its cells, then its auxiliary unknowns (see [`crate::matrix::embedding`]), then its ghosts.
+
+use crate::base::error::Result;
+use crate::matrix::embedding::{Entering, Inflow};
+use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
+use crate::matrix::rows::Rows;
+use crate::parallel::communicator::{GhostExchange, Group};
+use crate::parallel::partition::Block;
+use crate::problem::grid::{PhaseSpace, describe_point};
+use num_complex::Complex64;
+use std::ops::Range;
+
+/// Which matrix is applied to a real vector.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// `A = S + K`.
+    Generator,
+    /// `Aᵀ = S − K`.
+    Transpose,
+    /// `S`.
+    Symmetric,
+}
+
+/// The rows of `(S, K)` that belong to this rank.
+pub struct BlockMatrix {
+    /// The block's numbering.
+    pub block: Block,
+    /// The rows that have an auxiliary unknown, or a share in the common one, in their order.
+    pub inflow: Vec<Inflow>,
+    /// Where a varying inflow comes from, row by row of `inflow`; empty for a constant one.
+    pub entering: Entering,
+    /// Whether one auxiliary unknown, of which every rank has a copy, serves all rows.
+    pub(crate) shared: bool,
+    /// Whether that has couplings, which its row sums over all ranks.
+    pub(crate) summed: bool,
+    /// Whether this rank's copy of it counts in sums: that of the block with the lowest corner.
+    pub(crate) counts_shared: bool,
+    /// Rows of `inflow` over all ranks.
+    pub(crate) inflow_rows: usize,
+    /// Value of an auxiliary unknown that is coupled to nothing.
+    pub(crate) uncoupled: f64,
+    pub(crate) rows: Rows,
+    /// Runs of rows without ghost columns, and the others.
+    pub(crate) interior: Vec<Range<usize>>,
+    pub(crate) border: Vec<Range<usize>>,
+}
+
+impl BlockMatrix {
+    /// The matrix of `rows`, and what enters: the rows listed, where from, and whether they share an unknown.
+    pub(crate) fn new(
+        block: Block,
+        rows: Rows,
+        (inflow, entering, shared): (Vec<Inflow>, Entering, bool),
+    ) -> Self {
+        let mut this = Self {
+            counts_shared: block.ranges.iter().all(|r| r.start == 0),
+            block,
+            inflow,
+            entering,
+            shared,
+            summed: false,
+            inflow_rows: 0,
+            uncoupled: 0.0,
+            rows,
+            interior: Vec::new(),
+            border: Vec::new(),
+        };
+        this.find_border();
+        this
+    }
+
+    /// Sorts the rows into runs that need ghosts and runs that do not.
+    fn find_border(&mut self) {
+        let rows = self.rows();
+        let touches = |i: usize| self.rows.row(i).any(|(column, ..)| column >= rows);
+        let (mut interior, mut border): (Vec<Range<usize>>, Vec<Range<usize>>) = Default::default();
+        for i in 0..rows {
+            let list = if touches(i) {
+                &mut border
+            } else {
+                &mut interior
+            };
+            match list.last_mut() {
+                Some(last) if last.end == i => last.end = i + 1,
+                _ => list.push(i..i + 1),
+            }
+        }
+        (self.interior, self.border) = (interior, border);
+    }
+
+    /// Auxiliary unknowns of this rank.
+    pub fn auxiliaries(&self) -> usize {
+        if self.shared { 1 } else { self.inflow.len() }
+    }
+
+    /// The global number of the cell to which each of them belongs; the largest there is for the common one.
+    pub fn auxiliary_cells(&self) -> Vec<u64> {
+        if self.shared {
+            return vec![u64::MAX];
+        }
+        let nv = self.block.velocity_cells;
+        let mut firsts = vec![0; self.block.space_cells()];
+        self.block
+            .for_each_own(|global, local| firsts[local / nv] = global);
+        let cell = |row: usize| (firsts[row / nv] + row % nv) as u64;
+        self.inflow
+            .iter()
+            .map(|aux| cell(aux.row as usize))
+            .collect()
+    }
+
+    /// Unknowns of this rank: cells and auxiliary ones.
+    pub fn rows(&self) -> usize {
+        self.block.cells() + self.auxiliaries()
+    }
+
+    /// The row of the unknown that all ranks share, where there is one; [`row`](Self::row) lists this rank's part of it.
+    pub fn shared_row(&self) -> Option<usize> {
+        self.shared.then(|| self.block.cells())
+    }
+
+    /// The first so many rows count in sums over ranks; a copy of a common unknown, the last row, counts once.
+    pub fn counted_rows(&self) -> usize {
+        self.rows() - usize::from(self.shared && !self.counts_shared)
+    }
+
+    /// Length of vectors the matrix is applied to: rows and ghosts.
+    pub fn length(&self) -> usize {
+        self.rows() + self.block.ghosts()
+    }
+
+    /// Number of entries.
+    pub fn entries(&self) -> usize {
+        self.rows.entries()
+    }
+
+    /// Rows that are stored: those that repeat, once.
+    pub fn distinct_rows(&self) -> usize {
+        self.rows.templates()
+    }
+
+    /// Bytes that the rows take.
+    pub fn bytes(&self) -> usize {
+        self.rows.bytes()
+    }
+
+    /// The entries of local row `i`: `(local column, s, k)`, in the order of global columns; of a common auxiliary
+    /// unknown's row, those to this rank's cells.
+    pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
+        let common = if self.shared && i == self.block.cells() {
+            &self.inflow[..]
+        } else {
+            &[]
+        };
+        let half = |aux: &Inflow| (aux.row as usize, 0.5 * aux.coupling, -0.5 * aux.coupling);
+        self.rows.row(i).chain(common.iter().map(half))
+    }
+
+    /// Replaces `A` by `D A D⁻¹`, `D = diag(√π)`; `pi` covers rows and ghosts.
+    pub fn scale(&mut self, pi: &[f64]) {
+        self.rows = self.rows.changed(|i, entries| {
+            for (column, s, k) in entries {
+                let j = *column as usize;
+                if i == j {
+                    continue;
+                }
+                let ratio = (pi[i] / pi[j]).sqrt();
+                let forward = (*s + *k) * ratio;
+                let back = (*s - *k) / ratio;
+                *s = 0.5 * (forward + back);
+                *k = 0.5 * (forward - back);
+            }
+        });
+    }
+
+    fn apply_rows(&self, rows: &[Range<usize>], part: Part, y: &mut [f64], x: &[f64]) {
+        // A loop each, so that the choice is made once.
+        match part {
+            Part::Generator => self.sum_entries(rows, |s, k| s + k, y, x),
+            Part::Transpose => self.sum_entries(rows, |s, k| s - k, y, x),
+            Part::Symmetric => self.sum_entries(rows, |s, _| s, y, x),
+        }
+    }
+
+    #[inline(always)]
+    fn sum_entries(
+        &self,
+        runs: &[Range<usize>],
+        entry: impl Fn(f64, f64) -> f64,
+        y: &mut [f64],
+        x: &[f64],
+    ) {
+        assert!(x.len() >= self.rows.reach(), "vector and matrix do not fit");
+        for run in runs {
+            for (i, y) in run.clone().zip(&mut y[run.clone()]) {
+                *y = (self.rows.row(i))
+                    // SAFETY: every column is below the reach of the rows.
+                    .map(|(j, s, k)| entry(s, k) * unsafe { x.get_unchecked(j) })
+                    .fold(0.0, |sum, term| sum + term);
+            }
+        }
+    }
+
+    /// `y ← (S ± K) x` or `S x` for real vectors; `x`'s ghosts are refreshed. Collective over the space group.
+    pub fn apply(&self, exchange: &mut GhostExchange, part: Part, y: &mut [f64], x: &mut [f64]) {
+        let rows = self.rows();
+        exchange.start(&x[..rows]);
+        self.apply_rows(&self.interior, part, y, x);
+        exchange.finish(&mut x[rows..]);
+        self.apply_rows(&self.border, part, y, x);
+        if self.summed && part != Part::Generator {
+            let share = |aux: &Inflow| [aux.coupling * x[aux.row as usize]];
+            let [sum] =
+                (exchange.group()).sum_lanes(self.inflow_rows, self.inflow.iter().map(share));
+            y[self.block.cells()] = if part == Part::Transpose {
+                sum
+            } else {
+                0.5 * sum
+            };
+        }
+    }
+
+    /// One fused step for a batch of modes, `x`'s ghosts being refreshed: `y ← a((−iμS + K)x + icx) + y + coefficient · start`,
+    /// with `couplings` to the auxiliary unknowns that are no entries of the matrix: those of a stage where the inflow varies,
+    /// row by row of [`inflow`](Self::inflow). Collective over the space group.
+    pub fn step<R: StartRow>(
+        &self,
+        exchange: &mut GhostExchange,
+        constants: &StepConstants,
+        couplings: Option<&[f64]>,
+        y: &mut [Lanes],
+        x: &mut [Lanes],
+        start: &[R],
+    ) {
+        let rows = self.rows();
+        let step = crate::matrix::kernel::stepper();
+        exchange.start(&x[..rows]);
+        for run in &self.interior {
+            step(self, run.clone(), constants, y, x, start);
+        }
+        exchange.finish(&mut x[rows..]);
+        for run in &self.border {
+            step(self, run.clone(), constants, y, x, start);
+        }
+        if self.summed {
+            let couplings = self.inflow.iter().map(|aux| aux.coupling);
+            self.step_shared(exchange, constants, couplings, y, x);
+        }
+        if let Some(couplings) = couplings {
+            self.step_couplings(constants, (0..self.inflow.len(), couplings), y, x);
+            if self.shared {
+                self.step_shared(exchange, constants, couplings.iter().copied(), y, x);
+            }
+        }
+    }
+
+    /// `y ← (−iμS + K)x` for one mode, `x`'s ghosts being refreshed. Collective over the space group.
+    pub fn apply_mode(
+        &self,
+        exchange: &mut GhostExchange,
+        mu: f64,
+        y: &mut [Complex64],
+        x: &mut [Complex64],
+    ) {
+        let rows = self.rows();
+        let apply = |runs: &[Range<usize>], y: &mut [Complex64], x: &[Complex64]| {
+            for i in runs.iter().cloned().flatten() {
+                let mut sum = Complex64::ZERO;
+                for (j, s, k) in self.rows.row(i) {
+                    sum += Complex64::new(k, -mu * s) * x[j];
+                }
+                y[i] = sum;
+            }
+        };
+        exchange.start(&x[..rows]);
+        apply(&self.interior, y, x);
+        exchange.finish(&mut x[rows..]);
+        apply(&self.border, y, x);
+    }
+
+    /// Sum over all unknowns of the group of `term(local row)`, not negative and at most `bound` a space cell: first
+    /// over the velocities at one point of space, which are always together, then exactly.
+    pub fn sum_rows(
+        &self,
+        group: &Group,
+        bound: f64,
+        count: usize,
+        term: impl Fn(usize) -> f64,
+    ) -> f64 {
+        let nv = self.block.velocity_cells;
+        let cells = self.block.cells();
+        let space = (0..cells / nv).map(|c| (c * nv..(c + 1) * nv).map(&term).sum::<f64>());
+        let aux = (cells..self.counted_rows()).map(&term);
+        group.sum(bound, count, space.chain(aux))
+    }
+}
+
+/// `value` at the centres of the block's cells `cells`.
+pub fn sample_with(
+    space: &PhaseSpace,
+    block: &Block,
+    cells: &Range<usize>,
+    value: impl Fn(&[f64; 6]) -> f64,
+) -> Vec<f64> {
+    let mut values = Vec::with_capacity(cells.len());
+    block.for_each_own(|global, local| {
+        for v in 0..block.velocity_cells {
+            if cells.contains(&(local + v)) {
+                values.push(value(&space.point(&space.cell(global + v))));
+            }
+        }
+    });
+    values
+}
+
+/// A formula at the centres of this rank's cells.
+///
+/// # Errors
+/// [`crate::base::error::Error::Formula`] where `f0` is not finite. Not collective.
+pub fn sample(
+    space: &PhaseSpace,
+    block: &Block,
+    formula: &crate::problem::formula::Expression,
+    time: f64,
+) -> Result<Vec<f64>> {
+    let mut values = Vec::with_capacity(block.cells());
+    let mut failure = None;
+    block.for_each_own(|global, _| {
+        for v in 0..block.velocity_cells {
+            let point = space.point(&space.cell(global + v));
+            let [x, y, z, vx, vy, vz] = point;
+            let value = formula.eval(&[x, y, z, vx, vy, vz, time]);
+            if !value.is_finite() && failure.is_none() {
+                failure = Some(formula.undefined(value, describe_point(space.dimension(), &point)));
+            }
+            values.push(value);
+        }
+    });
+    match failure {
+        Some(error) => Err(error),
+        None => Ok(values),
+    }
+}

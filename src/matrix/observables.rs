@@ -1,0 +1,178 @@
+//! Moments of the result and norms of its error, on a rank's share of space; velocities are never split.
+//!
+//! The result is `f` itself or, for measure-valued data, `φ Π_a δ(ψ_a)` (see [`level_sets`]).
+
+pub mod level_sets;
+
+use crate::parallel::communicator::Group;
+use crate::problem::case::{Case, Data};
+use crate::problem::grid::{PhaseSpace, for_each_cell};
+use crate::scheme::interface::velocity;
+use std::ops::Range;
+
+/// Density below this fraction of the largest gives no mean velocity.
+const VACUUM: f64 = 1e-12;
+
+/// Moments at the points of a share of space.
+#[derive(Clone, Debug, Default)]
+pub struct Moments {
+    /// `ρ = ∫ f dv`.
+    pub density: Vec<f64>,
+    /// `m_a = ∫ v_a f dv`, one vector an axis.
+    pub momentum: Vec<Vec<f64>>,
+    /// `u_a = m_a/ρ`; NaN where there is (almost) nothing.
+    pub velocity: Vec<Vec<f64>>,
+    /// `½ ∫ |v|² f dv`.
+    pub kinetic: Vec<f64>,
+}
+
+/// Moments that are kept at a point: density, momentum along three axes, kinetic energy.
+pub const MOMENTS: usize = 5;
+
+/// What a velocity cell adds to the moments, for each unit of `f` in it.
+pub struct VelocityFactors {
+    each: Vec<[f64; MOMENTS]>,
+    volume: f64,
+}
+
+impl VelocityFactors {
+    /// Those of the velocity cells of `space`.
+    pub fn new(space: &PhaseSpace) -> Self {
+        let mut each = Vec::with_capacity(space.velocity_cells());
+        let ranges: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.cells).collect();
+        for_each_cell(&ranges, |j| {
+            let (mut v, mut square) = ([0.0; 3], 0.0);
+            for (v, (axis, j)) in v.iter_mut().zip(space.v.iter().zip(j)) {
+                *v = velocity(axis, *j as i64);
+                square += axis.mean_square().unwrap_or(*v * *v);
+            }
+            let energy = 0.5 * square;
+            each.push([1.0, v[0], v[1], v[2], energy]);
+        });
+        Self {
+            each,
+            volume: space.velocity_volume(),
+        }
+    }
+
+    /// Number of velocity cells.
+    pub fn cells(&self) -> usize {
+        self.each.len()
+    }
+
+    /// `(1, v_x, v_y, v_z, ½|v|²)` of each; missing axes are 0.
+    pub fn each(&self) -> &[[f64; MOMENTS]] {
+        &self.each
+    }
+
+    /// `(Σ_j q_j²)^½` of each moment's factors `q`.
+    pub fn norms(&self) -> [f64; MOMENTS] {
+        std::array::from_fn(|m| self.each.iter().map(|q| q[m] * q[m]).sum::<f64>().sqrt())
+    }
+
+    /// The sums over the velocity cells at each point of what `f` holds.
+    pub fn at_points<'a>(&'a self, f: &'a [f64]) -> impl Iterator<Item = [f64; MOMENTS]> + 'a {
+        f.chunks_exact(self.cells()).map(|cells| self.sums(cells))
+    }
+
+    /// The sums over the velocity cells at a point.
+    fn sums(&self, cells: &[f64]) -> [f64; MOMENTS] {
+        let mut sums = [0.0; MOMENTS];
+        for (value, factors) in cells.iter().zip(&self.each) {
+            for (sum, factor) in sums.iter_mut().zip(factors) {
+                *sum += factor * value;
+            }
+        }
+        sums
+    }
+}
+
+impl Moments {
+    /// From the sums over the velocity cells at each point of a share of space in `n` dimensions. Collective over `world`
+    /// (the largest density).
+    pub fn of_sums(
+        world: &Group,
+        n: usize,
+        factors: &VelocityFactors,
+        sums: impl Iterator<Item = [f64; MOMENTS]>,
+    ) -> Self {
+        let mut moments = Moments {
+            momentum: vec![Vec::new(); n],
+            velocity: vec![Vec::new(); n],
+            ..Moments::default()
+        };
+        for [rho, x, y, z, energy] in sums {
+            moments.density.push(rho * factors.volume);
+            moments.kinetic.push(energy * factors.volume);
+            for (momentum, m) in moments.momentum.iter_mut().zip([x, y, z]) {
+                momentum.push(m * factors.volume);
+            }
+        }
+        let largest = world.max(moments.density.iter().fold(0.0, |m: f64, r| m.max(r.abs())));
+        for (momentum, velocity) in moments.momentum.iter().zip(&mut moments.velocity) {
+            let mean = |(rho, m): (&f64, &f64)| {
+                let present = rho.abs() > VACUUM * largest;
+                if present { m / rho } else { f64::NAN }
+            };
+            velocity.extend(moments.density.iter().zip(momentum).map(mean));
+        }
+        moments
+    }
+}
+
+/// Moments of the result whose fields are `fields`, in the order of `case.fields`, each given on a share of space with
+/// all velocities. Collective over `world`.
+pub fn moments(world: &Group, case: &Case, fields: &[&[f64]]) -> Moments {
+    let space = &case.space;
+    let factors = VelocityFactors::new(space);
+    let nv = factors.cells();
+    let mut concentrated = vec![0.0; nv];
+    let sums = (0..fields[0].len() / nv).map(|point| {
+        let here = point * nv..(point + 1) * nv;
+        match &case.data {
+            Data::Density => factors.sums(&fields[0][here]),
+            Data::Measure { .. } => {
+                let psi: Vec<&[f64]> = fields[1..].iter().map(|f| &f[here.clone()]).collect();
+                let phi = &fields[0][here];
+                crate::matrix::observables::level_sets::concentrate(
+                    &mut concentrated,
+                    space,
+                    case.delta_width,
+                    phi,
+                    &psi,
+                );
+                factors.sums(&concentrated)
+            }
+        }
+    });
+    Moments::of_sums(world, space.dimension(), &factors, sums)
+}
+
+/// Sum over space of a moment times the volume of a space cell. Collective over `world`.
+pub fn integral(world: &Group, space: &PhaseSpace, moment: &[f64]) -> f64 {
+    let volume: f64 = space.x.iter().map(|a| a.width()).product();
+    world.sum_terms(moment) * volume
+}
+
+/// Mass and kinetic energy in all of space. Collective over `world`.
+pub fn totals(world: &Group, space: &PhaseSpace, moments: &Moments) -> [f64; 2] {
+    [&moments.density, &moments.kinetic].map(|moment| integral(world, space, moment))
+}
+
+/// `Σ |a_i|^power` by point of space, then exactly over all. Collective over `world`.
+pub fn power_sum(
+    world: &Group,
+    velocities: usize,
+    count: usize,
+    power: i32,
+    term: impl Fn(usize) -> f64,
+) -> f64 {
+    let terms: Vec<f64> = (0..count / velocities)
+        .map(|c| {
+            (c * velocities..(c + 1) * velocities)
+                .map(|i| term(i).abs().powi(power))
+                .sum()
+        })
+        .collect();
+    world.sum_terms(&terms)
+}

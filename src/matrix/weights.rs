@@ -1,0 +1,205 @@
+//! Dissipative weights: a diagonal change of norm in which the hat interface does not grow.
+//!
+//! `A` has off-diagonals ≥ 0 and row sums ≤ 0, but at an interface some column sums are positive, so `S` has positive
+//! eigenvalues that grow like `1/Δx`. For any `π > 0` with `D = diag(√π)`, Cauchy–Schwarz in the form
+//!
+//! ```text
+//! Σ π_i y_i A_ij y_j ≤ ½ Σ π_i (A1)_i y_i² + ½ Σ (Aᵀπ)_j y_j²
+//! ```
+//!
+//! gives `λ⁺(sym D A D⁻¹) ≤ ½ max_j (Aᵀπ)_j/π_j`: the certificate. Weights that make it small solve the M-matrix system
+//! `(Aᵀ − s I) π' = −e`, `e_j = max(0, (Aᵀ1)_j)`, `π = 1 + π'`, by Jacobi sweeps. Where every particle leaves what lies
+//! behind it for good, `s = 0` is solved exactly by as many sweeps as the longest path has cells, and `λ⁺ = 0`. Where
+//! particles are trapped (a well), `Aᵀ` is singular: after so many sweeps `s > 0` takes over, until the first certificate
+//! that suffices. Maxima only: the same on any ranks.
+
+use crate::base::error::{Error, Result};
+use crate::matrix::block_matrix::{BlockMatrix, Part};
+use crate::parallel::communicator::{GhostExchange, Group};
+
+/// Jacobi contracts by `d/(d + s)` a sweep; after this many times `d/s` sweeps nothing is left to gain.
+const MOST_SWEEPS: f64 = 100.0;
+/// A certificate this fraction of what suffices is as good as zero.
+const NEGLIGIBLE: f64 = 1e-6;
+
+/// Largest of the values; NaN if one is.
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(f64::NEG_INFINITY, |m, x| {
+        if x.is_nan() || m.is_nan() {
+            f64::NAN
+        } else {
+            m.max(x)
+        }
+    })
+}
+
+/// The bound on `λ⁺` takes off-diagonal entries `(row, column, A_ij)` that are not negative.
+fn not_negative(entries: impl Iterator<Item = (usize, usize, f64)>) -> Result<()> {
+    for (row, column, value) in entries {
+        if row != column && (value.is_nan() || value < 0.0) {
+            return Err(Error::Negative { row, column, value });
+        }
+    }
+    Ok(())
+}
+
+/// `π` and what is known of it.
+#[derive(Clone, Debug)]
+pub struct Weights {
+    /// `π ≥ 1`, for the rows and ghosts of the matrix; 1 for auxiliary unknowns until they are coupled.
+    pub pi: Vec<f64>,
+    /// `½ max (Aᵀπ)/π`, a bound on `λ⁺`.
+    pub certificate: f64,
+    /// Jacobi sweeps done.
+    pub sweeps: usize,
+    /// `max √π / min √π`.
+    pub spread: f64,
+}
+
+impl Weights {
+    /// `π = 1`, with its certificate, for `matrix` as it is.
+    pub fn none(matrix: &BlockMatrix, exchange: &mut GhostExchange, space: &Group) -> Self {
+        let mut state = State::new(matrix);
+        let certificate = state.certificate(matrix, exchange, space);
+        Self {
+            pi: vec![1.0; matrix.length()],
+            certificate,
+            sweeps: 0,
+            spread: 1.0,
+        }
+    }
+
+    /// Weights whose certificate is at most `limit`, better where it costs little: from the system without shift for
+    /// `patience` sweeps, then with `shift > limit`. Collective over the space group.
+    ///
+    /// # Errors
+    /// [`Error::Negative`] where the bound does not hold; [`Error::Weights`] if the sweeps do not get there.
+    pub fn dissipative(
+        matrix: &BlockMatrix,
+        exchange: &mut GhostExchange,
+        space: &Group,
+        (shift, limit): (f64, f64),
+        patience: usize,
+    ) -> Result<Self> {
+        let cells = matrix.block.cells();
+        let entries = (0..cells).flat_map(|i| matrix.row(i).map(move |(j, s, k)| (i, j, s + k)));
+        space.agree(not_negative(entries))?;
+        let mut state = State::new(matrix);
+        let mut sweeps = 0;
+        let rate = space.max(state.diagonal.iter().copied().fold(0.0, f64::max));
+        let most_sweeps = patience.saturating_add((MOST_SWEEPS * rate / shift) as usize);
+        let certificate = loop {
+            let certificate = state.certificate(matrix, exchange, space);
+            let patient = sweeps < patience;
+            if certificate <= if patient { NEGLIGIBLE * limit } else { limit } {
+                break certificate;
+            }
+            if sweeps == most_sweeps || certificate.is_nan() {
+                return Err(Error::Weights {
+                    certificate,
+                    limit,
+                    sweeps,
+                });
+            }
+            state.sweep(shift, patient);
+            sweeps += 1;
+        };
+        let mut pi: Vec<f64> = state.extra.iter().map(|p| 1.0 + p).collect();
+        let rows = matrix.rows();
+        exchange.start(&pi[..rows]);
+        exchange.finish(&mut pi[rows..]);
+        let own = &pi[..cells];
+        let most = space.max(largest(own.iter().copied()));
+        let least = -space.max(largest(own.iter().map(|p| -p)));
+        Ok(Self {
+            pi,
+            certificate,
+            sweeps,
+            spread: (most / least).sqrt(),
+        })
+    }
+}
+
+struct State {
+    /// `π' = π − 1`, rows and ghosts.
+    extra: Vec<f64>,
+    /// `Aᵀ π`.
+    image: Vec<f64>,
+    /// `−A_ii`.
+    diagonal: Vec<f64>,
+    /// `e_j − (Aᵀ1)_j`: what turns `Aᵀπ` into `Aᵀπ' + e`.
+    offset: Vec<f64>,
+    cells: usize,
+    pi: Vec<f64>,
+}
+
+impl State {
+    fn new(matrix: &BlockMatrix) -> Self {
+        let (cells, length) = (matrix.block.cells(), matrix.length());
+        let diagonal = (0..cells)
+            .map(|i| {
+                matrix
+                    .row(i)
+                    .filter(|&(j, ..)| j == i)
+                    .map(|(_, s, _)| -s)
+                    .sum()
+            })
+            .collect();
+        Self {
+            extra: vec![0.0; length],
+            image: vec![0.0; length],
+            diagonal,
+            offset: Vec::new(),
+            cells,
+            pi: vec![1.0; length],
+        }
+    }
+
+    /// Computes `Aᵀπ` and from it `½ max (Aᵀπ)/π` over the cells.
+    fn certificate(
+        &mut self,
+        matrix: &BlockMatrix,
+        exchange: &mut GhostExchange,
+        space: &Group,
+    ) -> f64 {
+        for (pi, extra) in self.pi[..self.cells].iter_mut().zip(&self.extra) {
+            *pi = 1.0 + extra;
+        }
+        matrix.apply(exchange, Part::Transpose, &mut self.image, &mut self.pi);
+        if self.offset.is_empty() {
+            // First call: π = 1, the image is the column sums.
+            self.offset = self.image[..self.cells]
+                .iter()
+                .map(|&c| c.max(0.0) - c)
+                .collect();
+        }
+        let quotients = self.image[..self.cells].iter().zip(&self.pi);
+        0.5 * space.max(largest(quotients.map(|(image, pi)| image / pi)))
+    }
+
+    /// `π' ← (Bᵀπ' + e)/(d + s)`, with `Bᵀπ' = Aᵀπ' + dπ'` and `A = B − d`. What nothing leaves (`d = 0`, particles at rest)
+    /// has the shift always; elsewhere only where it is not to be `patient`.
+    fn sweep(&mut self, shift: f64, patient: bool) {
+        for i in 0..self.cells {
+            let d = self.diagonal[i];
+            let shift = if patient && d > 0.0 { 0.0 } else { shift };
+            let right = self.image[i] + self.offset[i] + d * self.extra[i];
+            self.extra[i] = (right / (d + shift)).max(0.0);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn negative_entries_are_refused() {
+        let good = [(0, 0, -2.0), (0, 1, 1.0), (1, 1, -1.0), (1, 0, 0.0)];
+        assert!(not_negative(good.into_iter()).is_ok());
+        let bad = good.into_iter().chain([(2, 1, -1e-3)]);
+        let message = not_negative(bad).map_err(|e| e.to_string());
+        assert!(message.is_err_and(|m| m.contains("row 2") && m.contains("-1e-3")));
+        assert!(not_negative([(0, 1, f64::NAN)].into_iter()).is_err());
+    }
+}

@@ -1,0 +1,578 @@
+//! What knows MPI, here and in the files below: start and end, groups of ranks, agreement on errors, exact reductions, ghost exchange.
+//!
+//! Serial is one rank. Nothing here depends on timing; reductions are of integers, maxima and minima only, so results
+//! are the same bits on any number of ranks.
+
+pub mod transpose;
+pub mod vote;
+
+use crate::base::error::{Error, Result};
+use crate::base::fixed_point::FixedPoint;
+use crate::parallel::partition::{Block, Mesh};
+use mpi::collective::SystemOperation;
+use mpi::ffi;
+use mpi::topology::{Color, SimpleCommunicator};
+use mpi::traits::*;
+use mpi::traits::{Communicator as _, CommunicatorCollectives};
+use num_complex::Complex64;
+use std::ops::Range;
+use std::time::Instant;
+
+/// MPI, from initialisation to the end of the process.
+pub struct World {
+    universe: mpi::environment::Universe,
+    /// Seconds that MPI took to start.
+    pub start_seconds: f64,
+    /// When the program began to start it.
+    pub started: Instant,
+}
+
+impl World {
+    /// Starts MPI; from here on a panic on any rank ends the whole job.
+    ///
+    /// Returns `None` when MPI was started before.
+    pub fn start() -> Option<Self> {
+        let started = Instant::now();
+        let universe = mpi::initialize()?;
+        let start_seconds = started.elapsed().as_secs_f64();
+        let hook = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            hook(info);
+            if mpi::environment::is_initialized() && !mpi::environment::is_finalized() {
+                let world = SimpleCommunicator::world();
+                let line = format!("phasewarp: rank {} stopped; ending the job", world.rank());
+                crate::base::log::report(&line);
+                world.abort(1);
+            }
+        }));
+        Some(Self {
+            universe,
+            start_seconds,
+            started,
+        })
+    }
+
+    /// All ranks, as one group.
+    pub fn group(&self) -> Group {
+        Group {
+            communicator: self.universe.world(),
+        }
+    }
+
+    /// Name and version of the MPI library.
+    pub fn library(&self) -> String {
+        let text = mpi::environment::library_version().unwrap_or_default();
+        text.split(',').next().unwrap_or("").trim().to_owned()
+    }
+}
+
+/// Most elements handed to MPI in one call; counts are C ints, and a bounded piece keeps MPI's own buffers small.
+const MOST_AT_ONCE: usize = 1 << 20;
+
+/// A group of ranks.
+pub struct Group {
+    communicator: SimpleCommunicator,
+}
+
+impl Group {
+    /// This process's rank in the group.
+    pub fn rank(&self) -> usize {
+        self.communicator.rank() as usize
+    }
+
+    /// Number of ranks.
+    pub fn size(&self) -> usize {
+        self.communicator.size() as usize
+    }
+
+    /// Waits for all.
+    pub fn barrier(&self) {
+        self.communicator.barrier();
+    }
+
+    /// The communicator as HDF5 takes it.
+    pub fn raw(&self) -> ffi::MPI_Comm {
+        self.communicator.as_raw()
+    }
+
+    /// Rank 0's text, on every rank.
+    pub fn broadcast_text(&self, text: &str) -> String {
+        let root = self.communicator.process_at_rank(0);
+        let mut length = text.len() as u64;
+        root.broadcast_into(&mut length);
+        let mut bytes = if self.rank() == 0 {
+            text.as_bytes().to_vec()
+        } else {
+            vec![0; length as usize]
+        };
+        for piece in bytes.chunks_mut(MOST_AT_ONCE) {
+            root.broadcast_into(piece);
+        }
+        String::from_utf8_lossy(&bytes).into_owned()
+    }
+
+    /// Largest value over the ranks, elementwise; NaN on any rank gives NaN. Allocates nothing.
+    pub fn max_into(&self, values: &mut [f64]) {
+        const PIECE: usize = 512;
+        let (mut keys, mut result) = ([0u64; PIECE], [0u64; PIECE]);
+        for piece in values.chunks_mut(PIECE) {
+            let (keys, result) = (&mut keys[..piece.len()], &mut result[..piece.len()]);
+            // MPI_MAX leaves open what it does with NaN: it is carried as infinity's successor in an integer order.
+            for (key, &value) in keys.iter_mut().zip(&*piece) {
+                *key = ordered_key(value);
+            }
+            self.communicator
+                .all_reduce_into(&*keys, result, SystemOperation::max());
+            for (value, &key) in piece.iter_mut().zip(&*result) {
+                *value = from_ordered_key(key);
+            }
+        }
+    }
+
+    /// Largest value over the ranks, NaN if one is; allocates nothing.
+    pub fn max(&self, value: f64) -> f64 {
+        let mut largest = 0u64;
+        self.communicator.all_reduce_into(
+            &ordered_key(value),
+            &mut largest,
+            SystemOperation::max(),
+        );
+        from_ordered_key(largest)
+    }
+
+    /// Sum of counts over the ranks.
+    pub fn sum_count(&self, value: usize) -> usize {
+        let mut sum = 0u64;
+        self.communicator
+            .all_reduce_into(&(value as u64), &mut sum, SystemOperation::sum());
+        sum as usize
+    }
+
+    /// Largest count over the ranks.
+    pub fn max_count(&self, value: usize) -> usize {
+        let mut max = 0u64;
+        self.communicator
+            .all_reduce_into(&(value as u64), &mut max, SystemOperation::max());
+        max as usize
+    }
+
+    /// Whether all ranks give the same number.
+    pub fn same(&self, value: u64) -> bool {
+        let mut largest = [0u64; 2];
+        self.communicator
+            .all_reduce_into(&[value, !value], &mut largest, SystemOperation::max());
+        largest[0] == !largest[1]
+    }
+
+    /// Adds a few integers over the ranks, elementwise, in place; allocates nothing.
+    pub fn sum_integers(&self, values: &mut [i64]) {
+        let mut result = [0i64; 32];
+        for piece in values.chunks_mut(result.len()) {
+            let result = &mut result[..piece.len()];
+            self.communicator
+                .all_reduce_into(&*piece, result, SystemOperation::sum());
+            piece.copy_from_slice(result);
+        }
+    }
+
+    /// Sum over the ranks, modulo 2^64.
+    pub fn sum_modulo(&self, value: u64) -> u64 {
+        let mut sum = 0u64;
+        self.communicator
+            .all_reduce_into(&value, &mut sum, SystemOperation::sum());
+        sum
+    }
+
+    /// Adds integers over the ranks to rank `root`; elsewhere `values` are left as they are. Collective.
+    pub fn sum_integers_to(&self, root: usize, values: &mut [i64]) {
+        if self.size() == 1 {
+            return;
+        }
+        let process = self.communicator.process_at_rank(root as i32);
+        let mine = self.rank() == root;
+        let mut result = vec![
+            0i64;
+            if mine {
+                values.len().min(MOST_AT_ONCE)
+            } else {
+                0
+            }
+        ];
+        for piece in values.chunks_mut(MOST_AT_ONCE) {
+            if mine {
+                let result = &mut result[..piece.len()];
+                process.reduce_into_root(&*piece, result, SystemOperation::sum());
+                piece.copy_from_slice(result);
+            } else {
+                process.reduce_into(&*piece, SystemOperation::sum());
+            }
+        }
+    }
+
+    /// The numbers of all ranks, as many each, rank after rank, on rank 0; nothing elsewhere. Collective.
+    pub fn gather_counts(&self, values: &[u64]) -> Vec<u64> {
+        let root = self.communicator.process_at_rank(0);
+        if self.rank() > 0 {
+            root.gather_into(values);
+            return Vec::new();
+        }
+        let mut all = vec![0; values.len() * self.size()];
+        root.gather_into_root(values, &mut all[..]);
+        all
+    }
+
+    /// Sum of `count` terms in all, of magnitude at most `bound`, the same bits on any ranks; `terms` are this rank's.
+    /// NaN for a bound that is not finite.
+    pub fn sum(&self, bound: f64, count: usize, terms: impl Iterator<Item = f64>) -> f64 {
+        if !bound.is_finite() {
+            return f64::NAN;
+        }
+        let fixed = FixedPoint::new(bound, count);
+        let mut total = [0i64; 2];
+        for term in terms {
+            let parts = fixed.split(term);
+            total[0] += parts[0];
+            total[1] += parts[1];
+        }
+        self.sum_integers(&mut total);
+        fixed.join(total)
+    }
+
+    /// Sums of `N` numbers side by side over `count` terms in all, the same bits on any ranks; `terms` are this rank's. The
+    /// largest of each is found first. NaN where a term is not finite. Allocates nothing.
+    pub fn sum_lanes<const N: usize>(
+        &self,
+        count: usize,
+        terms: impl Iterator<Item = [f64; N]> + Clone,
+    ) -> [f64; N] {
+        let mut bounds = [0.0f64; N];
+        for term in terms.clone() {
+            for (bound, x) in bounds.iter_mut().zip(term) {
+                if x.is_nan() || x.abs() > *bound {
+                    *bound = if bound.is_nan() { *bound } else { x.abs() };
+                }
+            }
+        }
+        self.max_into(&mut bounds);
+        let fixed = bounds.map(|b| FixedPoint::new(if b.is_finite() { b } else { 0.0 }, count));
+        let mut totals = [[0i64; 2]; N];
+        for term in terms {
+            for l in 0..N {
+                let parts = fixed[l].split(term[l]);
+                totals[l][0] += parts[0];
+                totals[l][1] += parts[1];
+            }
+        }
+        self.sum_integers(totals.as_flattened_mut());
+        std::array::from_fn(|l| {
+            if bounds[l].is_finite() {
+                fixed[l].join(totals[l])
+            } else {
+                f64::NAN
+            }
+        })
+    }
+
+    /// Sum over the ranks of terms whose bound is not known beforehand: the largest is found first.
+    pub fn sum_terms(&self, terms: &[f64]) -> f64 {
+        let largest = terms.iter().fold(0.0, |m: f64, t| m.max(t.abs()));
+        let bound = self.max(if terms.iter().any(|t| t.is_nan()) {
+            f64::NAN
+        } else {
+            largest
+        });
+        let count = self.sum_count(terms.len());
+        if !bound.is_finite() {
+            return f64::NAN;
+        }
+        self.sum(bound, count, terms.iter().copied())
+    }
+
+    /// Makes all ranks agree: `Ok` only if every rank has it, otherwise the lowest failing rank's error on all.
+    ///
+    /// # Errors
+    /// That error; [`Error::Remote`] where it is another rank's.
+    pub fn agree<T>(&self, result: Result<T>) -> Result<T> {
+        let size = self.size();
+        let mine = if result.is_err() { self.rank() } else { size } as u64;
+        let mut first = 0u64;
+        self.communicator
+            .all_reduce_into(&mine, &mut first, SystemOperation::min());
+        let first = first as usize;
+        if first == size {
+            return result;
+        }
+        let root = self.communicator.process_at_rank(first as i32);
+        let (mut about, mut message) = match &result {
+            Err(error) if self.rank() == first => (
+                [error.exit_code(), i32::from(error.leaves_files_open())],
+                error.to_string().into_bytes(),
+            ),
+            _ => ([0, 0], Vec::new()),
+        };
+        let mut length = message.len() as u64;
+        root.broadcast_into(&mut about[..]);
+        root.broadcast_into(&mut length);
+        message.resize(length as usize, 0);
+        root.broadcast_into(&mut message[..]);
+        match result {
+            Err(error) if self.rank() == first => Err(error),
+            _ => Err(Error::Remote {
+                rank: first,
+                message: String::from_utf8_lossy(&message).into_owned(),
+                code: about[0],
+                files_open: about[1] != 0,
+            }),
+        }
+    }
+
+    /// Number of ranks that share this rank's memory.
+    pub fn ranks_on_node(&self) -> usize {
+        self.communicator.split_shared(0).size() as usize
+    }
+
+    /// The ranks that give the same `color`, in the order of their ranks.
+    fn split(&self, color: usize) -> Group {
+        let color = Color::with_value(color as i32);
+        Group {
+            communicator: self
+                .communicator
+                .split_by_color(color)
+                .unwrap_or_else(|| self.communicator.duplicate()),
+        }
+    }
+}
+
+/// Maps floats to integers in the same order, NaN above all.
+fn ordered_key(value: f64) -> u64 {
+    if value.is_nan() {
+        return u64::MAX;
+    }
+    let bits = (value + 0.0).to_bits();
+    if bits >> 63 == 0 {
+        bits | 1 << 63
+    } else {
+        !bits
+    }
+}
+
+fn from_ordered_key(key: u64) -> f64 {
+    if key == u64::MAX {
+        f64::NAN
+    } else if key >> 63 == 1 {
+        f64::from_bits(key & !(1 << 63))
+    } else {
+        f64::from_bits(!key)
+    }
+}
+
+/// The process mesh as communicators.
+pub struct Communicator {
+    /// All ranks.
+    pub world: Group,
+    /// The ranks that share this rank's modes and split space.
+    pub space: Group,
+    /// The ranks that share this rank's space block and split the modes.
+    pub modes: Group,
+}
+
+impl Communicator {
+    /// Splits `world` into the process mesh (see [`crate::parallel::partition`]).
+    pub fn new(world: &World, mesh: &Mesh) -> Self {
+        let world = world.group();
+        let rank = world.rank();
+        Self {
+            space: world.split(rank / mesh.blocks()),
+            modes: world.split(rank % mesh.blocks()),
+            world,
+        }
+    }
+}
+
+/// A row of a distributed vector: so many numbers side by side.
+pub trait VectorRow: Copy {
+    /// Numbers a row.
+    const WIDTH: usize;
+    /// The numbers.
+    fn numbers(&self) -> &[f64];
+    /// The numbers, to be written.
+    fn numbers_mut(&mut self) -> &mut [f64];
+}
+
+impl VectorRow for f64 {
+    const WIDTH: usize = 1;
+    fn numbers(&self) -> &[f64] {
+        std::slice::from_ref(self)
+    }
+    fn numbers_mut(&mut self) -> &mut [f64] {
+        std::slice::from_mut(self)
+    }
+}
+
+impl VectorRow for Complex64 {
+    const WIDTH: usize = 2;
+    fn numbers(&self) -> &[f64] {
+        // SAFETY: a complex number is its real and its imaginary part, in this order (`repr(C)`).
+        unsafe { std::slice::from_raw_parts(std::ptr::from_ref(self).cast(), 2) }
+    }
+    fn numbers_mut(&mut self) -> &mut [f64] {
+        // SAFETY: as above.
+        unsafe { std::slice::from_raw_parts_mut(std::ptr::from_mut(self).cast(), 2) }
+    }
+}
+
+/// Exchange of ghost rows with the neighbouring blocks, for vectors of up to `width` numbers a row.
+pub struct GhostExchange {
+    group: Group,
+    neighbours: Vec<Neighbour>,
+    requests: Vec<ffi::MPI_Request>,
+}
+
+struct Neighbour {
+    rank: i32,
+    rows: Vec<u32>,
+    ghosts: Range<usize>,
+    send: Vec<f64>,
+    receive: Vec<f64>,
+}
+
+impl GhostExchange {
+    /// The exchange of `block`'s ghosts over the ranks of `space`, with buffers for `width` numbers a row. Collective over
+    /// `space`.
+    pub fn new(space: &Group, block: &Block, width: usize) -> Self {
+        let neighbours: Vec<Neighbour> = block
+            .exchanges()
+            .into_iter()
+            .map(|(rank, rows, ghosts)| Neighbour {
+                rank: rank as i32,
+                send: vec![0.0; rows.len() * width],
+                receive: vec![0.0; ghosts.len() * width],
+                rows,
+                ghosts,
+            })
+            .collect();
+        let pieces: usize = neighbours
+            .iter()
+            .map(|n| n.send.len().div_ceil(MOST_AT_ONCE) + n.receive.len().div_ceil(MOST_AT_ONCE))
+            .sum();
+        Self {
+            group: Group {
+                communicator: space.communicator.duplicate(),
+            },
+            neighbours,
+            requests: Vec::with_capacity(pieces),
+        }
+    }
+
+    /// The ranks that exchange.
+    pub fn group(&self) -> &Group {
+        &self.group
+    }
+
+    /// Sends the rows the neighbours need, of `vector`, and posts the receives.
+    pub fn start<R: VectorRow>(&mut self, vector: &[R]) {
+        let communicator = self.group.communicator.as_raw();
+        self.requests.clear();
+        for neighbour in &mut self.neighbours {
+            let length = neighbour.ghosts.len() * R::WIDTH;
+            for piece in neighbour.receive[..length].chunks_mut(MOST_AT_ONCE) {
+                let mut request = std::mem::MaybeUninit::uninit();
+                // SAFETY: the buffer lives in `self` and is not touched until `finish` has waited for the request.
+                unsafe {
+                    ffi::MPI_Irecv(
+                        piece.as_mut_ptr().cast(),
+                        piece.len() as i32,
+                        ffi::RSMPI_DOUBLE,
+                        neighbour.rank,
+                        0,
+                        communicator,
+                        request.as_mut_ptr(),
+                    );
+                    self.requests.push(request.assume_init());
+                }
+            }
+        }
+        for neighbour in &mut self.neighbours {
+            let length = neighbour.rows.len() * R::WIDTH;
+            for (out, &row) in neighbour.send[..length]
+                .chunks_exact_mut(R::WIDTH)
+                .zip(&neighbour.rows)
+            {
+                out.copy_from_slice(vector[row as usize].numbers());
+            }
+            for piece in neighbour.send[..length].chunks(MOST_AT_ONCE) {
+                let mut request = std::mem::MaybeUninit::uninit();
+                // SAFETY: as above; the send buffer is only written by the next `start`.
+                unsafe {
+                    ffi::MPI_Isend(
+                        piece.as_ptr().cast(),
+                        piece.len() as i32,
+                        ffi::RSMPI_DOUBLE,
+                        neighbour.rank,
+                        0,
+                        communicator,
+                        request.as_mut_ptr(),
+                    );
+                    self.requests.push(request.assume_init());
+                }
+            }
+        }
+    }
+
+    /// Waits, and puts what was received into `ghosts` (the ghost rows of the vector).
+    pub fn finish<R: VectorRow>(&mut self, ghosts: &mut [R]) {
+        if self.requests.is_empty() {
+            return;
+        }
+        // SAFETY: every request was made by `start` and is completed here once.
+        unsafe {
+            ffi::MPI_Waitall(
+                self.requests.len() as i32,
+                self.requests.as_mut_ptr(),
+                ffi::RSMPI_STATUSES_IGNORE,
+            );
+        }
+        self.requests.clear();
+        for neighbour in &self.neighbours {
+            let rows = &mut ghosts[neighbour.ghosts.clone()];
+            for (row, piece) in rows
+                .iter_mut()
+                .zip(neighbour.receive.chunks_exact(R::WIDTH))
+            {
+                row.numbers_mut().copy_from_slice(piece);
+            }
+        }
+    }
+}
+
+impl Drop for GhostExchange {
+    fn drop(&mut self) {
+        debug_assert!(self.requests.is_empty(), "an exchange was not finished");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_keep_the_order() {
+        let list = [
+            f64::NEG_INFINITY,
+            -1e300,
+            -1.0,
+            -1e-300,
+            0.0,
+            1e-300,
+            2.0,
+            f64::INFINITY,
+        ];
+        for pair in list.windows(2) {
+            assert!(ordered_key(pair[0]) < ordered_key(pair[1]));
+        }
+        for value in list {
+            assert_eq!(from_ordered_key(ordered_key(value)), value);
+        }
+        assert!(from_ordered_key(ordered_key(f64::NAN)).is_nan());
+    }
+}

@@ -1,0 +1,168 @@
+//! Distributed transpose: between ranks that have some modes of every cell and ranks that have every mode of some cells.
+//!
+//! ```text
+//! by mode   rank g has  x_l(i)  for its own modes l and all cells i
+//! by cell   rank g has  x_l(i)  for all modes l and its own cells i
+//! ```
+//!
+//! The caller goes through the cells in rounds, of at most so many cells a rank, so that buffers stay small whatever the field. In a
+//! round the ranks go in a ring: in step `s` each sends to `rank + s` and receives from `rank − s`, in pieces whose number of elements is
+//! a C int; what a rank sends to itself is copied.
+
+use crate::parallel::communicator::{Group, MOST_AT_ONCE};
+use mpi::point_to_point::send_receive_into;
+use mpi::traits::Communicator as _;
+use num_complex::Complex64;
+use std::ops::Range;
+
+/// Who has which modes, and the buffers of an exchange.
+pub struct Transpose<'a> {
+    group: &'a Group,
+    /// `modes[g]`: the modes of rank `g`, in the order in which it keeps them.
+    modes: Vec<Vec<usize>>,
+    /// Number of all modes.
+    count: usize,
+    /// Most cells of a rank in a round.
+    cells: usize,
+    /// Most elements of a message.
+    most: usize,
+    send: Vec<Complex64>,
+    receive: Vec<Complex64>,
+}
+
+impl<'a> Transpose<'a> {
+    /// For the `modes` of each rank of `group`, which are the numbers `0..` each once, and rounds of at most `cells` cells a rank.
+    pub fn new(group: &'a Group, modes: Vec<Vec<usize>>, cells: usize) -> Self {
+        Self::in_pieces(group, modes, cells, MOST_AT_ONCE)
+    }
+
+    /// The same with messages of at most `most` elements.
+    pub fn in_pieces(group: &'a Group, modes: Vec<Vec<usize>>, cells: usize, most: usize) -> Self {
+        assert_eq!(modes.len(), group.size(), "a list of modes for each rank");
+        let buffer = vec![Complex64::ZERO; buffer(&modes, cells)];
+        Self {
+            count: modes.iter().map(Vec::len).sum(),
+            send: buffer.clone(),
+            receive: buffer,
+            group,
+            modes,
+            cells,
+            most,
+        }
+    }
+
+    /// Number of all modes.
+    pub fn modes(&self) -> usize {
+        self.count
+    }
+
+    /// Number of ranks.
+    pub fn size(&self) -> usize {
+        self.group.size()
+    }
+
+    /// This rank among them.
+    pub fn rank(&self) -> usize {
+        self.group.rank()
+    }
+
+    /// From modes to cells: `all[(i − cells[rank].start)·modes + l] = by_mode[k·stride + i]`, `l` being the `k`-th mode of the rank that has
+    /// it, for the cells `cells[rank]` of each rank. Collective over the group; allocates nothing.
+    pub fn to_cells(
+        &mut self,
+        (by_mode, stride): (&[Complex64], usize),
+        cells: &[Range<usize>],
+        all: &mut [Complex64],
+    ) {
+        let (rank, size, count) = (self.rank(), self.size(), self.count);
+        let own = cells[rank].len();
+        for step in 0..size {
+            let (to, from) = ((rank + step) % size, (rank + size - step) % size);
+            if step == 0 {
+                for (k, &l) in self.modes[rank].iter().enumerate() {
+                    let line = &by_mode[k * stride..][cells[rank].clone()];
+                    scatter(line, all, (l, count));
+                }
+                continue;
+            }
+            let length = cells[to].len();
+            for k in 0..self.modes[rank].len() {
+                let line = &by_mode[k * stride..][cells[to].clone()];
+                self.send[k * length..][..length].copy_from_slice(line);
+            }
+            let outgoing = self.modes[rank].len() * length;
+            self.swap((to, outgoing), (from, self.modes[from].len() * own));
+            for (k, &l) in self.modes[from].iter().enumerate() {
+                scatter(&self.receive[k * own..][..own], all, (l, count));
+            }
+        }
+    }
+
+    /// The way back of [`to_cells`](Self::to_cells). Collective over the group; allocates nothing.
+    pub fn to_modes(
+        &mut self,
+        all: &[Complex64],
+        cells: &[Range<usize>],
+        (by_mode, stride): (&mut [Complex64], usize),
+    ) {
+        let (rank, size, count) = (self.rank(), self.size(), self.count);
+        let own = cells[rank].len();
+        for step in 0..size {
+            let (to, from) = ((rank + step) % size, (rank + size - step) % size);
+            if step == 0 {
+                for (k, &l) in self.modes[rank].iter().enumerate() {
+                    let line = &mut by_mode[k * stride..][cells[rank].clone()];
+                    gather(line, all, (l, count));
+                }
+                continue;
+            }
+            for (k, &l) in self.modes[to].iter().enumerate() {
+                gather(&mut self.send[k * own..][..own], all, (l, count));
+            }
+            let length = cells[from].len();
+            let incoming = self.modes[rank].len() * length;
+            self.swap((to, self.modes[to].len() * own), (from, incoming));
+            for k in 0..self.modes[rank].len() {
+                let line = &mut by_mode[k * stride..][cells[from].clone()];
+                line.copy_from_slice(&self.receive[k * length..][..length]);
+            }
+        }
+    }
+
+    /// Sends the first `outgoing` elements packed to rank `to` and receives `incoming` from rank `from`, in as many pieces as the longest
+    /// message between any two ranks takes, so that every rank takes part in as many.
+    fn swap(&mut self, (to, outgoing): (usize, usize), (from, incoming): (usize, usize)) {
+        let communicator = &self.group.communicator;
+        let to = communicator.process_at_rank(to as i32);
+        let from = communicator.process_at_rank(from as i32);
+        let longest = buffer(&self.modes, self.cells);
+        let (send, receive) = (&self.send[..outgoing], &mut self.receive[..incoming]);
+        for start in (0..longest).step_by(self.most) {
+            let piece = |length: usize| start.min(length)..(start + self.most).min(length);
+            let into = &mut receive[piece(incoming)];
+            send_receive_into(&send[piece(outgoing)], &to, into, &from);
+        }
+    }
+}
+
+/// Elements of the longest message: one rank's modes in another's cells.
+fn buffer(modes: &[Vec<usize>], cells: usize) -> usize {
+    match modes.len() {
+        1 => 0,
+        _ => modes.iter().map(Vec::len).max().unwrap_or(0) * cells,
+    }
+}
+
+/// Mode `l` of `count`, cell after cell, into its place among the modes of each cell.
+fn scatter(line: &[Complex64], all: &mut [Complex64], (l, count): (usize, usize)) {
+    for (x, cell) in line.iter().zip(all.chunks_exact_mut(count)) {
+        cell[l] = *x;
+    }
+}
+
+/// The way back of [`scatter`].
+fn gather(line: &mut [Complex64], all: &[Complex64], (l, count): (usize, usize)) {
+    for (x, cell) in line.iter_mut().zip(all.chunks_exact(count)) {
+        *x = cell[l];
+    }
+}

@@ -1,0 +1,82 @@
+//! A vote that nobody waits for: a bit set by any rank is set in the outcome.
+//!
+//! Every rank posts the same number of votes, each when it comes to it, and looks now and then whether the outcome is there:
+//! it is once every rank has posted. So ranks that work at their own pace learn what any of them wants.
+
+use crate::parallel::communicator::Group;
+use mpi::collective::SystemOperation;
+use mpi::ffi;
+use mpi::traits::Communicator as _;
+use mpi::traits::*;
+
+/// The votes of a group, one after the other.
+pub struct Vote {
+    /// A communicator of its own: collectives of the others go by in between.
+    group: Group,
+    /// What this rank posted, and the outcome: MPI's between `post` and the end of the vote.
+    ballots: Vec<u64>,
+    request: ffi::MPI_Request,
+    posted: bool,
+}
+
+impl Vote {
+    /// Votes of the ranks of `group`. Collective.
+    pub fn new(group: &Group) -> Self {
+        Self {
+            group: Group {
+                communicator: group.communicator.duplicate(),
+            },
+            ballots: vec![0; 2],
+            // SAFETY: a constant of the library.
+            request: unsafe { ffi::RSMPI_REQUEST_NULL },
+            posted: false,
+        }
+    }
+
+    /// Whether a vote of this rank is out whose outcome was not taken.
+    pub fn is_posted(&self) -> bool {
+        self.posted
+    }
+
+    /// Gives this rank's bits to the next vote; the last one's outcome was taken.
+    pub fn post(&mut self, bits: u64) {
+        assert!(!self.posted, "one vote at a time");
+        self.ballots[0] = bits;
+        self.posted = true;
+        let ballots = self.ballots.as_mut_ptr();
+        // SAFETY: both numbers live in `self`, on the heap, and are not touched until `take` has waited for the request.
+        unsafe {
+            ffi::MPI_Iallreduce(
+                ballots.cast(),
+                ballots.add(1).cast(),
+                1,
+                ffi::RSMPI_UINT64_T,
+                SystemOperation::bitwise_or().as_raw(),
+                self.group.communicator.as_raw(),
+                &mut self.request,
+            );
+        }
+    }
+
+    /// Whether the outcome is there.
+    pub fn is_over(&mut self) -> bool {
+        let mut over = 0;
+        // SAFETY: the request was made by `post`, or is the null request, which is over.
+        unsafe { ffi::MPI_Test(&mut self.request, &mut over, ffi::RSMPI_STATUS_IGNORE) };
+        over != 0
+    }
+
+    /// The outcome, when every rank has posted: waits for it.
+    pub fn take(&mut self) -> u64 {
+        // SAFETY: as in `is_over`.
+        unsafe { ffi::MPI_Wait(&mut self.request, ffi::RSMPI_STATUS_IGNORE) };
+        self.posted = false;
+        self.ballots[1]
+    }
+}
+
+impl Drop for Vote {
+    fn drop(&mut self) {
+        debug_assert!(!self.posted, "a vote's outcome was not taken");
+    }
+}

@@ -1,0 +1,27 @@
+//! What the machine at hand admits: memory a rank, and cases that cannot fit.
+
+use crate::base::error::Result;
+use crate::base::machine;
+use crate::parallel::communicator::{Group, World};
+use crate::plan::layout::{Resources, refuse_hopeless};
+use crate::problem::case::Case;
+
+/// Bytes a rank of `world` may take: its node's free memory over the ranks there, the least over all. Collective.
+pub fn memory_per_rank(world: &Group) -> u64 {
+    let mine = machine::available_memory() as f64 / world.ranks_on_node() as f64;
+    -world.max(-mine) as u64
+}
+
+/// Refuses a grid that does not fit into this machine's memory. Collective.
+///
+/// # Errors
+/// [`crate::base::error::Error::Memory`].
+pub fn refuse_hopeless_here(world: &World, case: &Case) -> Result<()> {
+    let all = world.group();
+    let here = Resources {
+        ranks: all.size(),
+        ranks_x: None,
+        memory_per_rank: Some(memory_per_rank(&all)),
+    };
+    refuse_hopeless(case, &here)
+}

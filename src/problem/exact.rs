@@ -1,0 +1,502 @@
+//! The exact solution, by tracing particles back through `V`.
+//!
+//! The density is constant along the characteristics `x' = v`, `v' = −∇V(x)`, and across a jump of `V` when the
+//! normal velocity changes so that `v²/2 + V` is kept: `f(t, x⁺, v⁺) = f(t, x⁻, v⁻)` (paper, section 2). So
+//! `f(T, x, v)` is the initial value at the foot of the characteristic through `(x, v)`, or the inflow value at the
+//! point of the phase-space box through which it came in.
+//!
+//! Back in time, `(x, −v)` obeys Newton's equations again; that is the motion followed here, with `w = −v`, and forward
+//! in time, for measure-valued data ([`sheet`]), with `w = v`. `V` is the scheme's: linear in a cell, so that each axis moves on a parabola `x + w s − slope s²/2`; and with jumps at faces,
+//! where a particle meets the scheme's own rule (`scheme::interface`, whose `rise` is `V` here minus `V` there):
+//!
+//! ```text
+//! w² + 2 rise > 0    transmitted; the normal speed becomes √(w² + 2 rise)
+//! otherwise          reflected; the normal velocity becomes −w
+//! ```
+//!
+//! On sets of measure zero, where the solution may jump, the rules are: a point on a face belongs to the cell above it;
+//! a particle that comes from a face at time zero starts on the face, with the velocity it has on the side it leaves to,
+//! and the initial formula decides (at the end of a periodic axis, that at the end where it is); of several faces met at once (an edge or a corner of a cell) the one of the lowest axis is crossed first.
+
+pub mod sheet;
+
+use crate::base::error::Result;
+use crate::problem::case::{Case, Inflow};
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
+use crate::problem::potential::Potential;
+
+/// Times closer than this, as a fraction of the time traced, are the same but for round-off: a face reached so close to
+/// time zero is not crossed.
+const ROUND_OFF: f64 = 1e-13;
+/// Feet closer to a face than this fraction of a cell lie on it.
+const ON_FACE: f64 = 1e-11;
+/// A particle that cannot get further from a face than this fraction of a cell, on either side, rests on it: its
+/// velocity keeps an error of up to `√(8 · REST · Δx · slope)`.
+const REST: f64 = 1e-12;
+
+/// Where a characteristic comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Foot {
+    /// The point of phase space, `[x, y, z, vx, vy, vz]`.
+    pub point: [f64; 6],
+    /// Time at which the particle entered the phase-space box there; zero if it was in the box from the start.
+    pub entry: f64,
+}
+
+/// Where a particle is that was followed for a time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Followed {
+    /// The point of phase space, `[x, y, z, vx, vy, vz]`.
+    pub point: [f64; 6],
+    /// The part of the time that was left when it left the phase-space box; `None` if it did not.
+    pub left: Option<f64>,
+    /// A number that is the same for particles that met the same jumps in the same order and did the same there. In
+    /// between, the point, and what it went around, depend continuously on where it was started.
+    pub history: u64,
+    /// How often it went around each periodic axis, upwards minus downwards.
+    pub turns: [i32; MAX_DIMENSION],
+}
+
+/// The exact solution of a case's boundary-value problem, with `V` as the scheme sees it on the case's grid.
+///
+/// Energy is conserved to round-off where every region's `V` is a sum of functions of one coordinate each and jumps are
+/// constant along faces. Elsewhere slopes and jumps are those at the centre of a cell and of a face, and a particle's
+/// energy is conserved up to the mesh width. Where `V` is curved, the solution in `V` itself is approached with the
+/// order Δx², with Δx^(3/2) by particles that turn around on the way.
+#[derive(Clone, Debug)]
+pub struct Tracer<'a> {
+    case: &'a Case,
+    potential: Potential,
+    /// `w = direction · v`: −1 back in time, 1 forward.
+    direction: f64,
+    /// `faces[a][i]` is the lower face of cell `i` on space axis `a`.
+    faces: Vec<Vec<f64>>,
+    /// By space cell: the layers of cells around it that are, like itself, free of slopes and jumps. The particle
+    /// crosses this block in one step.
+    free: Vec<u32>,
+    /// Bound on the number of faces a particle meets in unit time.
+    face_rate: f64,
+}
+
+/// A particle on its way.
+struct Particle {
+    /// The space cell it is in; what decides on which side of a face it is, whatever the round-off of `x`.
+    cell: [usize; MAX_DIMENSION],
+    /// Position, never outside the cell.
+    x: [f64; MAX_DIMENSION],
+    /// `direction · v`.
+    w: [f64; MAX_DIMENSION],
+    /// Axes along which it rests at a face to which both sides push it.
+    rests: [bool; MAX_DIMENSION],
+    /// See [`Followed::history`].
+    history: u64,
+    /// See [`Followed::turns`].
+    turns: [i32; MAX_DIMENSION],
+}
+
+/// One more event in a history (FNV-1a, over words).
+fn append(history: u64, event: u64) -> u64 {
+    (history ^ event).wrapping_mul(0x0100_0000_01b3)
+}
+
+/// What happens next to a particle, on one axis.
+#[derive(Clone, Copy)]
+struct Event {
+    /// After which time.
+    time: f64,
+    axis: usize,
+    /// The new `w` on this axis.
+    w: f64,
+    /// The face it arrives at and whether that is the cell's upper one; none if the velocity leaves its box.
+    face: Option<(f64, bool)>,
+}
+
+/// First arrival of `x + w s + a s²/2` at an end of `[lower, upper]`, in which `x` lies: the time, the velocity then,
+/// and whether it is the upper end. The time is infinite for a particle that stands.
+///
+/// With the distance `D` ahead and the acceleration `p` in the direction of motion, the speed at the end ahead is
+/// `r = √(w² + 2 p D)` and the time `2D/(|w| + r)`, free of cancellation. Without such an `r` the particle turns and
+/// arrives, from distance `D'`, at the end behind with `r' = √(w² + 2|p|D')` after the time `(|w| + r')/|p|`.
+fn arrival(x: f64, w: f64, a: f64, lower: f64, upper: f64) -> (f64, f64, bool) {
+    let up = w > 0.0 || (w == 0.0 && a > 0.0);
+    let sign = if up { 1.0 } else { -1.0 };
+    let (ahead, behind) = if up {
+        (upper - x, x - lower)
+    } else {
+        (x - lower, upper - x)
+    };
+    let (speed, push) = (w.abs(), sign * a);
+    let square = w * w + 2.0 * push * ahead;
+    if speed == 0.0 && push == 0.0 {
+        (f64::INFINITY, w, up)
+    } else if ahead == 0.0 {
+        (0.0, w, up)
+    } else if push >= 0.0 || square > 0.0 {
+        let speed_there = square.sqrt();
+        (2.0 * ahead / (speed + speed_there), sign * speed_there, up)
+    } else {
+        let speed_there = (w * w - 2.0 * push * behind).sqrt();
+        (-(speed + speed_there) / push, -sign * speed_there, !up)
+    }
+}
+
+/// By space cell, row-major: the layers of cells around it that are, like itself, free of slopes and jumps.
+fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32> {
+    let n = space.dimension();
+    let ranges: Vec<_> = space.x.iter().map(|a| 0..a.cells).collect();
+    let (mut cells, mut distance) = (Vec::new(), Vec::new());
+    for_each_cell(&ranges, |i| {
+        let free = (0..n).all(|a| {
+            potential.slope(i, a) == 0.0
+                && potential.jump_below(i, a) == 0.0
+                && potential.jump_above(i, a) == 0.0
+        });
+        cells.push(*i);
+        distance.push(if free { u32::MAX } else { 0 });
+    });
+    // Chebyshev distance to the nearest cell that is not free, by one sweep up and one down (Rosenfeld and Pfaltz
+    // 1966), over the neighbours that come before a cell in row-major order and over their mirror images.
+    let mut before = Vec::new();
+    for_each_cell(&vec![0..3; n], |d| before.push(d.map(|d| d as i64 - 1)));
+    before.truncate(before.len() / 2);
+    let mut visit = |k: usize, sign: i64| {
+        for offset in &before {
+            let (mut neighbour, mut inside) = (0, true);
+            for (a, axis) in space.x.iter().enumerate() {
+                let (j, cells) = (cells[k][a] as i64 + sign * offset[a], axis.cells as i64);
+                inside &= (0..cells).contains(&j);
+                neighbour = neighbour * cells + j;
+            }
+            if inside {
+                distance[k] = distance[k].min(distance[neighbour as usize].saturating_add(1));
+            }
+        }
+    };
+    (0..cells.len()).for_each(|k| visit(k, 1));
+    (0..cells.len()).rev().for_each(|k| visit(k, -1));
+    distance.iter().map(|d| d.saturating_sub(1)).collect()
+}
+
+impl<'a> Tracer<'a> {
+    /// Prepares tracing in `case`'s potential.
+    ///
+    /// # Errors
+    /// [`Error::Formula`](crate::base::error::Error::Formula) where `V` is not finite.
+    pub fn new(case: &'a Case) -> Result<Self> {
+        let potential = Potential::whole(case)?;
+        let rate = |a: usize| {
+            let (x, v) = (case.space.x[a].width(), &case.space.v[a]);
+            let fastest = v.lower.abs().max(v.upper.abs());
+            // The shortest way back to a face without resting on it takes the time √(8 · REST · Δx / slope).
+            fastest / x + (potential.steepest(a) / (8.0 * REST * x)).sqrt()
+        };
+        let face_rate = (0..case.space.dimension()).map(rate).sum();
+        let free = free_layers(&case.space, &potential);
+        let faces = |axis: &Axis| (0..=axis.cells as i64).map(|i| axis.face(i)).collect();
+        Ok(Self {
+            case,
+            potential,
+            direction: -1.0,
+            faces: case.space.x.iter().map(faces).collect(),
+            free,
+            face_rate,
+        })
+    }
+
+    /// The same, but [`follow`](Self::follow) goes forward in time.
+    pub fn forward(self) -> Self {
+        Self {
+            direction: 1.0,
+            ..self
+        }
+    }
+
+    /// The exact `f(time, x, v)` at `point = [x, y, z, vx, vy, vz]`, absent coordinates zero, `time ≥ 0`.
+    ///
+    /// Outside the phase-space box it is the inflow value there. NaN where the formula it comes from is undefined.
+    pub fn value(&self, point: &[f64; 6], time: f64) -> f64 {
+        let foot = self.foot(point, time);
+        let field = &self.case.fields[0];
+        match &field.inflow {
+            Inflow::Formula(inflow) if foot.entry > 0.0 => {
+                let [x, y, z, vx, vy, vz] = foot.point;
+                inflow.eval(&[x, y, z, vx, vy, vz, foot.entry])
+            }
+            _ => field.initial.eval(&foot.point),
+        }
+    }
+
+    /// Where the particle comes from that is at `point = [x, y, z, vx, vy, vz]` at `time ≥ 0`.
+    pub fn foot(&self, point: &[f64; 6], time: f64) -> Foot {
+        let followed = self.follow(point, time);
+        Foot {
+            point: followed.point,
+            entry: followed.left.unwrap_or(0.0),
+        }
+    }
+
+    /// Where the particle at `point = [x, y, z, vx, vy, vz]` was a time `time ≥ 0` earlier; for a tracer that goes
+    /// [`forward`](Self::forward), where it will be.
+    ///
+    /// The work is bounded: a particle that met more faces than physics allows (in the cells around a corner, the
+    /// slopes of a `V` that is no sum over axes may drive one at rest in a circle) is left where it stands.
+    pub fn follow(&self, point: &[f64; 6], time: f64) -> Followed {
+        let mut left = time.max(0.0);
+        let round_off = ROUND_OFF * left;
+        let Some(mut particle) = self.start(point) else {
+            return Followed {
+                point: *point,
+                left: Some(left),
+                history: 0,
+                turns: [0; MAX_DIMENSION],
+            };
+        };
+        // A particle sent on by one axis may meet two faces of each other axis before it rests there again.
+        let most = 64.0 + 16.0 * self.face_rate * left;
+        for _ in 0..most as u64 {
+            let event = self.next_event(&particle, round_off);
+            let Some(event) = event.filter(|e| e.time < left - round_off) else {
+                self.advance(&mut particle, left);
+                self.snap(&mut particle);
+                break;
+            };
+            self.advance(&mut particle, event.time);
+            left -= event.time;
+            particle.w[event.axis] = event.w;
+            let stays = match event.face {
+                Some((face, upper)) => {
+                    particle.x[event.axis] = face;
+                    self.cross(&mut particle, event.axis, upper)
+                }
+                None => false,
+            };
+            if !stays {
+                return self.followed(&particle, Some(left));
+            }
+        }
+        self.followed(&particle, None)
+    }
+
+    /// Puts a particle on the faces it has reached but for round-off.
+    fn snap(&self, particle: &mut Particle) {
+        for (a, faces) in self.faces.iter().enumerate() {
+            let x = &mut particle.x[a];
+            let i = self.cell_at(a, *x);
+            for face in [faces[i], faces[i + 1]] {
+                if (*x - face).abs() < ON_FACE * (faces[i + 1] - faces[i]) {
+                    *x = face;
+                }
+            }
+        }
+    }
+
+    fn start(&self, point: &[f64; 6]) -> Option<Particle> {
+        let space = &self.case.space;
+        let mut particle = Particle {
+            cell: [0; MAX_DIMENSION],
+            x: [0.0; MAX_DIMENSION],
+            w: [0.0; MAX_DIMENSION],
+            rests: [false; MAX_DIMENSION],
+            history: 0xcbf2_9ce4_8422_2325,
+            turns: [0; MAX_DIMENSION],
+        };
+        for a in 0..space.dimension() {
+            // The ends of the box as faces may differ from it by round-off.
+            particle.x[a] = point[a].clamp(self.faces[a][0], self.faces[a][space.x[a].cells]);
+            particle.w[a] = self.direction * point[3 + a];
+            let inside = space.x[a].lower <= point[a] && point[a] <= space.x[a].upper;
+            if !inside || !self.speed_is_inside(&particle, a) {
+                return None;
+            }
+            particle.cell[a] = self.cell_at(a, particle.x[a]);
+        }
+        Some(particle)
+    }
+
+    fn followed(&self, particle: &Particle, left: Option<f64>) -> Followed {
+        let mut point = [0.0; 6];
+        for a in 0..self.case.space.dimension() {
+            point[a] = particle.x[a];
+            // Zero added, so that −0 does not come out for a particle at rest.
+            point[3 + a] = 0.0 + self.direction * particle.w[a];
+        }
+        Followed {
+            point,
+            left,
+            history: particle.history,
+            turns: particle.turns,
+        }
+    }
+
+    fn speed_is_inside(&self, particle: &Particle, a: usize) -> bool {
+        let v = &self.case.space.v[a];
+        (v.lower..=v.upper).contains(&(self.direction * particle.w[a]))
+    }
+
+    /// The cell along axis `a` that holds `x`, the upper one on a face.
+    fn cell_at(&self, a: usize, x: f64) -> usize {
+        let (axis, faces) = (&self.case.space.x[a], &self.faces[a]);
+        let last = axis.cells - 1;
+        // At most one off, by round-off.
+        let i = (((x - axis.lower) / axis.width()) as usize).min(last);
+        if x < faces[i] {
+            i.saturating_sub(1)
+        } else if x >= faces[i + 1] {
+            last.min(i + 1)
+        } else {
+            i
+        }
+    }
+
+    /// First and last cell along axis `a` of the block the particle crosses in one step.
+    fn block(&self, particle: &Particle, a: usize) -> (usize, usize) {
+        let axes = &self.case.space.x;
+        let flat = |k: usize, (axis, i): (&Axis, &usize)| k * axis.cells + i;
+        let free = self.free[axes.iter().zip(&particle.cell).fold(0, flat)] as usize;
+        let i = particle.cell[a];
+        (
+            i.saturating_sub(free),
+            i.saturating_add(free).min(axes[a].cells - 1),
+        )
+    }
+
+    /// Lower and upper face of that block along axis `a`.
+    fn faces(&self, particle: &Particle, a: usize) -> (f64, f64) {
+        let (first, last) = self.block(particle, a);
+        (self.faces[a][first], self.faces[a][last + 1])
+    }
+
+    fn face_event(&self, particle: &Particle, a: usize, slope: f64) -> Event {
+        let (lower, upper) = self.faces(particle, a);
+        let (time, w, up) = arrival(particle.x[a], particle.w[a], -slope, lower, upper);
+        Event {
+            time,
+            axis: a,
+            w,
+            face: Some((if up { upper } else { lower }, up)),
+        }
+    }
+
+    /// The first event on any axis that moves; of those at the same time but for `round_off`, that of the lowest axis,
+    /// and arrivals at a face before velocities that leave their box.
+    fn next_event(&self, particle: &Particle, round_off: f64) -> Option<Event> {
+        let mut first: Option<Event> = None;
+        let mut take = |event: Event| {
+            if first.is_none_or(|f| event.time < f.time - round_off) {
+                first = Some(event);
+            }
+        };
+        let slopes = self.potential.slopes(&particle.cell);
+        let moving = || (0..self.case.space.dimension()).filter(|&a| !particle.rests[a]);
+        for a in moving() {
+            take(self.face_event(particle, a, slopes[a]));
+        }
+        for a in moving().filter(|&a| slopes[a] != 0.0) {
+            let (v, slope) = (&self.case.space.v[a], slopes[a]);
+            // w falls where V rises.
+            let ends = [v.lower, v.upper].map(|v| self.direction * v);
+            let end = if slope > 0.0 {
+                ends[0].min(ends[1])
+            } else {
+                ends[0].max(ends[1])
+            };
+            take(Event {
+                time: (particle.w[a] - end) / slope,
+                axis: a,
+                w: end,
+                face: None,
+            });
+        }
+        first
+    }
+
+    /// Moves on all axes for a time in which no face is met, but for round-off.
+    fn advance(&self, particle: &mut Particle, time: f64) {
+        let slopes = self.potential.slopes(&particle.cell).iter().enumerate();
+        for (a, slope) in slopes.take(self.case.space.dimension()) {
+            if !particle.rests[a] {
+                let (lower, upper) = self.faces(particle, a);
+                let x = particle.x[a] + time * (particle.w[a] - 0.5 * slope * time);
+                particle.x[a] = x.max(lower).min(upper);
+                particle.w[a] -= slope * time;
+            }
+        }
+    }
+
+    /// The particle has arrived at its block's upper or lower face along `a`: transmission, reflection or rest. False
+    /// if it thereby leaves the phase-space box.
+    fn cross(&self, particle: &mut Particle, a: usize, upper: bool) -> bool {
+        particle.cell = self.cell_at_face(particle, a, upper);
+        let i = particle.cell[a];
+        // V here minus V there, and the direction.
+        let (rise, step) = if upper {
+            (-self.potential.jump_above(&particle.cell, a), 1)
+        } else {
+            (self.potential.jump_below(&particle.cell, a), -1)
+        };
+        let outward = f64::from(step);
+        let beyond = i as i64 + i64::from(step);
+        let Some(there) = self.case.space.wrap(a, beyond) else {
+            return false;
+        };
+        let reach_before = self.reach(particle, a, outward);
+        let square = particle.w[a] * particle.w[a] + 2.0 * rise;
+        let crosses = rise == 0.0 || square > 0.0;
+        if rise != 0.0 {
+            let face = 2 * (i + usize::from(upper)) + usize::from(crosses);
+            particle.history = append(particle.history, (MAX_DIMENSION * face + a) as u64);
+        }
+        let reach_after = if crosses {
+            particle.cell[a] = there;
+            if there as i64 != beyond {
+                particle.turns[a] += step;
+                particle.x[a] = self.faces[a][if upper { 0 } else { there + 1 }];
+            }
+            // Other slopes may hold here.
+            particle.rests = [false; MAX_DIMENSION];
+            if rise != 0.0 {
+                particle.w[a] = outward * square.sqrt();
+            }
+            self.reach(particle, a, -outward)
+        } else {
+            particle.w[a] = -particle.w[a];
+            reach_before
+        };
+        particle.rests[a] = reach_before.max(reach_after) < REST * self.case.space.x[a].width();
+        self.speed_is_inside(particle, a)
+    }
+
+    /// The cell of its block in which the particle is that has arrived at the block's upper or lower face along `a`.
+    fn cell_at_face(&self, particle: &Particle, a: usize, upper: bool) -> [usize; MAX_DIMENSION] {
+        let mut cell = particle.cell;
+        for (b, i) in cell
+            .iter_mut()
+            .enumerate()
+            .take(self.case.space.dimension())
+        {
+            let (first, last) = self.block(particle, b);
+            *i = if b != a {
+                self.cell_at(b, particle.x[b]).clamp(first, last)
+            } else if upper {
+                last
+            } else {
+                first
+            };
+        }
+        cell
+    }
+
+    /// How far from a face the slope of its cell lets a particle get that is there: `w²/(2|slope|)`, infinite unless
+    /// the slope pushes it in the direction `to_face`.
+    fn reach(&self, particle: &Particle, a: usize, to_face: f64) -> f64 {
+        let push = -self.potential.slope(&particle.cell, a) * to_face;
+        if push > 0.0 {
+            particle.w[a] * particle.w[a] / (2.0 * push)
+        } else {
+            f64::INFINITY
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

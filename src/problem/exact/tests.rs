@@ -1,0 +1,603 @@
+//! The tracer against closed forms, conservation laws and slow twins.
+
+use super::*;
+use crate::problem::case::Interface;
+use crate::scheme::interface::{Side, sources};
+
+/// A case with the same axes `(lower, upper, cells)` in each of `n` dimensions.
+fn case(
+    n: usize,
+    x: (f64, f64, usize),
+    v: (f64, f64, usize),
+    potential: &[(&str, &str)],
+    initial: &str,
+    inflow: &str,
+) -> Case {
+    let axis = |(lower, upper, cells): (f64, f64, usize)| {
+        format!("{{ lower = {lower:?}, upper = {upper:?}, cells = {cells} }}\n")
+    };
+    let mut text = String::new();
+    for _ in 0..n {
+        text += &format!("[[axis]]\nx = {}v = {}", axis(x), axis(v));
+    }
+    for (condition, value) in potential {
+        text += &format!("[[potential]]\nvalue = \"{value}\"\n");
+        if !condition.is_empty() {
+            text += &format!("where = \"{condition}\"\n");
+        }
+    }
+    text += &format!(
+        "[initial]\nf = \"{initial}\"\n[inflow]\nvalue = \"{inflow}\"\n[time]\nend = 1.0\n"
+    );
+    Case::parse("test", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+fn step_down(x_cells: usize, v_cells: usize) -> Case {
+    case(
+        1,
+        (-1.5, 1.5, x_cells),
+        (-1.5, 1.5, v_cells),
+        &[("x < 0", "0.2"), ("", "0")],
+        "1 if (x <= 0 && v > 0 || x >= 0 && v < 0) && x^2 + v^2 < 1 else 0",
+        "0",
+    )
+}
+
+/// `count` points spread evenly over the middle `share` of the box.
+fn spread(case: &Case, count: usize, share: f64) -> Vec<[f64; 6]> {
+    // Additive recurrence with the powers of 1/g, g⁷ = g + 1, which is even in six dimensions.
+    const STEP: [f64; 6] = [
+        0.898_653_713,
+        0.807_578_495,
+        0.725_733_413,
+        0.652_183_026,
+        0.586_086_698,
+        0.526_688_987,
+    ];
+    let n = case.space.dimension();
+    let point = |k: usize| {
+        let mut point = [0.0; 6];
+        for (slot, axis) in (0..n).chain(3..3 + n).zip(case.space.axes()) {
+            let fraction = (0.5 + k as f64 * STEP[slot]).fract();
+            let middle = 0.5 * (axis.lower + axis.upper);
+            point[slot] = middle + share * (fraction - 0.5) * (axis.upper - axis.lower);
+        }
+        point
+    };
+    (1..=count).map(point).collect()
+}
+
+fn tracer(case: &Case) -> Tracer<'_> {
+    Tracer::new(case).expect("V is finite")
+}
+
+fn distance(a: &[f64; 6], b: &[f64; 6]) -> f64 {
+    a.iter().zip(b).fold(0.0, |d, (a, b)| d.max((a - b).abs()))
+}
+
+/// The paper's exact solution of example 1 at t = 1 (section 8), as printed. Checked by hand: every branch is the
+/// condition on the foot, and the formula has no slip but on v = √0.4, x ≥ 0, which no branch holds; equality
+/// there means reflection, f = 1.
+fn example_1(x: f64, v: f64) -> f64 {
+    let arc = (2.0 - x * x).sqrt();
+    let crossing = |over: f64, under: f64| (1.0 - over.sqrt() / under.sqrt()) * v;
+    let inside = (x >= 0.0 && v < 0.4f64.sqrt() && v > x)
+        || (x >= 0.0 && v < 0.0 && x < 1.0 && v > (x - arc) / 2.0)
+        || (x <= 0.0 && v < x && v > -(0.6f64.sqrt()) && x < crossing(0.6 - v * v, v * v + 0.4))
+        || (x <= 0.0 && v > 0.0 && x > -1.0 && v < (x + arc) / 2.0)
+        || (x >= 0.0
+            && v > 0.4f64.sqrt()
+            && v > x
+            && v < 1.4f64.sqrt()
+            && x > crossing(1.4 - v * v, v * v - 0.4));
+    f64::from(u8::from(inside))
+}
+
+#[test]
+fn example_1_of_the_paper_at_all_cell_centres() {
+    // On the squares, centres on the diagonal lie on the edge v = x of particles that start at x = 0, where the
+    // formula for f(0) says 1 and the paper's closed form 0.
+    for (x_cells, v_cells) in [(64, 64), (38, 41), (74, 41), (128, 128)] {
+        let case = step_down(x_cells, v_cells);
+        let tracer = tracer(&case);
+        let mut filled = 0;
+        for index in 0..case.space.cells() {
+            let point = case.space.point(&case.space.cell(index));
+            let (x, v) = (point[0], point[3]);
+            if (x - v).abs() < 1e-12 {
+                assert_eq!(
+                    tracer.value(&point, 1.0),
+                    case.fields[0].initial.eval(&[0.0, 0.0, 0.0, v])
+                );
+                continue;
+            }
+            let expected = example_1(x, v);
+            assert_eq!(tracer.value(&point, 1.0), expected, "x = {x}, v = {v}");
+            filled += usize::from(expected == 1.0);
+        }
+        // The two quarter discs have the area π/2, and transport keeps it.
+        let area = filled as f64 * case.space.cell_volume();
+        assert!((area - std::f64::consts::FRAC_PI_2).abs() < 0.1, "{area}");
+    }
+}
+
+/// `V` of the region that holds at a point.
+fn potential_at(case: &Case, point: &[f64; 6]) -> f64 {
+    let region = case.potential.iter().find(|r| {
+        r.condition
+            .as_ref()
+            .is_none_or(|c| c.holds(point) == Some(true))
+    });
+    region.map_or(f64::NAN, |r| r.value.eval(point))
+}
+
+fn energy(case: &Case, point: &[f64; 6]) -> f64 {
+    let kinetic: f64 = point[3..].iter().map(|v| 0.5 * v * v).sum();
+    kinetic + potential_at(case, point)
+}
+
+/// Slopes and jumps in one to three dimensions; jumps constant along their faces.
+fn slopes_and_jumps() -> Vec<Case> {
+    let (x, v) = ((-1.5, 1.5, 30), (-1.8, 1.8, 30));
+    let well = [("x > -0.5 && x < 0.7", "0.2*x"), ("", "1 + 0.1*x")];
+    let barrier = [
+        ("x > 0 && y > 0", "0.2 + 0.2*x - 0.1*y"),
+        ("", "0.2*x - 0.1*y"),
+    ];
+    let blocks = [
+        ("x > 0 && z < 0.5", "0.3 + 0.2*x - 0.1*y + 0.15*z"),
+        ("y < -0.5", "0.1 + 0.2*x - 0.1*y + 0.15*z"),
+        ("", "0.2*x - 0.1*y + 0.15*z"),
+    ];
+    let step = [("x < 0", "0.2 + 0.3*x"), ("", "-0.1*x")];
+    let flat = [("x > 0 && y > 0", "0.2"), ("y < -1", "0.4"), ("", "0")];
+    vec![
+        case(1, x, v, &step, "0", "0"),
+        case(1, x, v, &well, "0", "0"),
+        case(2, x, v, &barrier, "0", "0"),
+        case(2, x, v, &flat, "0", "0"),
+        case(3, (-1.5, 1.5, 12), v, &blocks, "0", "0"),
+    ]
+}
+
+/// Calls `check` with points, and their feet, of particles that were in the box from the start.
+fn for_each_foot(time: f64, mut check: impl FnMut(&Tracer<'_>, &[f64; 6], &Foot)) {
+    for case in slopes_and_jumps() {
+        let tracer = tracer(&case);
+        let mut checked = 0;
+        for point in spread(&case, 3000, 0.8) {
+            let foot = tracer.foot(&point, time);
+            if foot.entry == 0.0 {
+                checked += 1;
+                check(&tracer, &point, &foot);
+            }
+        }
+        assert!(checked > 300, "{checked} {}", case.text);
+    }
+}
+
+#[test]
+fn energy_is_conserved_across_slopes_and_jumps() {
+    let mut changed = 0;
+    for_each_foot(1.3, |tracer, point, foot| {
+        let (before, after) = (energy(tracer.case, &foot.point), energy(tracer.case, point));
+        assert!(
+            (before - after).abs() < 1e-12,
+            "{point:?} {foot:?}: {before} {after}"
+        );
+        changed += usize::from(
+            (potential_at(tracer.case, &foot.point) - potential_at(tracer.case, point)).abs() > 0.1,
+        );
+    });
+    assert!(changed > 1000, "{changed}");
+}
+
+#[test]
+fn reversed_particles_come_back() {
+    let reverse = |mut point: [f64; 6]| {
+        point[3..].iter_mut().for_each(|v| *v = -*v);
+        point
+    };
+    for_each_foot(1.3, |tracer, point, foot| {
+        let back = tracer.foot(&reverse(foot.point), 1.3);
+        let error = distance(&reverse(back.point), point);
+        assert!(
+            back.entry == 0.0 && error < 1e-9,
+            "{point:?} {foot:?} {back:?}: {error:e}"
+        );
+    });
+}
+
+#[test]
+fn many_reflections_in_a_well_unfold_to_a_straight_line() {
+    let well = [("x > -0.5 && x < 0.5", "0"), ("", "1")];
+    let case = case(1, (-1.0, 1.0, 40), (-1.4, 1.4, 20), &well, "0", "0");
+    let (tracer, time) = (tracer(&case), 57.3);
+    for mut point in spread(&case, 1000, 1.0) {
+        point[0] *= 0.5;
+        let unfolded = (point[0] + 0.5 - point[3] * time).rem_euclid(2.0);
+        let expected = if unfolded < 1.0 {
+            [unfolded - 0.5, 0.0, 0.0, point[3], 0.0, 0.0]
+        } else {
+            [1.5 - unfolded, 0.0, 0.0, -point[3], 0.0, 0.0]
+        };
+        let foot = tracer.foot(&point, time);
+        assert!(
+            foot.entry == 0.0 && distance(&foot.point, &expected) < 1e-11,
+            "{point:?} {foot:?} {expected:?}"
+        );
+    }
+}
+
+#[test]
+fn linear_potential_gives_the_parabola() {
+    let case = case(
+        1,
+        (-3.0, 3.0, 70),
+        (-2.0, 2.0, 20),
+        &[("", "0.7*x")],
+        "0",
+        "0",
+    );
+    let (tracer, time) = (tracer(&case), 1.1);
+    let mut turned = 0;
+    for point in spread(&case, 1000, 0.5) {
+        let (x, v) = (point[0], point[3]);
+        // dv/dt = −0.7, back in time.
+        let expected = [
+            x - v * time - 0.35 * time * time,
+            0.0,
+            0.0,
+            v + 0.7 * time,
+            0.0,
+            0.0,
+        ];
+        let foot = tracer.foot(&point, time);
+        assert!(
+            distance(&foot.point, &expected) < 1e-12,
+            "{point:?} {foot:?} {expected:?}"
+        );
+        turned += usize::from(v < 0.0 && expected[3] > 0.0);
+    }
+    assert!(turned > 100, "{turned}");
+}
+
+/// Errors against the rotation in `V = x²/2` for the points that `chosen` takes of their feet's velocities, averaged,
+/// and the orders of convergence they show.
+fn harmonic_orders(chosen: impl Fn(f64, f64) -> bool) -> Vec<f64> {
+    let (sin, cos) = 1f64.sin_cos();
+    let harmonic = [("", "x^2/2")];
+    let error = |cells: usize| {
+        let case = case(1, (-2.0, 2.0, cells), (-2.0, 2.0, 9), &harmonic, "0", "0");
+        let tracer = tracer(&case);
+        let (mut sum, mut points) = (0.0, 0.0);
+        for point in spread(&case, 20_000, 0.6) {
+            let (x, v) = (point[0], point[3]);
+            let rotated = [x * cos - v * sin, 0.0, 0.0, v * cos + x * sin, 0.0, 0.0];
+            if chosen(v, rotated[3]) {
+                sum += distance(&tracer.foot(&point, 1.0).point, &rotated);
+                points += 1.0;
+            }
+        }
+        assert!(points > 2000.0, "{points}");
+        sum / points
+    };
+    let errors = [32, 64, 128, 256, 512].map(error);
+    errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect()
+}
+
+#[test]
+fn harmonic_potential_converges_to_the_rotation() {
+    // Second order; for particles that turn around in a cell, where the slope's error O(Δx) acts for O(√Δx), 3/2.
+    let fast = harmonic_orders(|v, from_v| v * from_v > 0.0 && v.abs().min(from_v.abs()) > 0.4);
+    assert!(fast.iter().all(|o| (o - 2.0).abs() < 0.1), "{fast:?}");
+    let turning = harmonic_orders(|v, from_v| v * from_v < 0.0);
+    assert!(turning.iter().all(|o| (o - 1.5).abs() < 0.1), "{turning:?}");
+}
+
+#[test]
+fn a_separable_problem_is_the_product_of_its_axes() {
+    let (x, v) = ((-1.5, 1.5, 24), (-1.5, 1.5, 12));
+    let first = |x: &str| [format!("0.3 + 0.2*{x}"), format!("-0.1*{x}")];
+    let second = |y: &str| [format!("0.1*{y}"), format!("0.4 - 0.3*{y}")];
+    let density = |x: &str, v: &str| format!("exp(-{x}^2 - ({v} - 0.3)^2) * (1.2 + {x}*{v})");
+    let one = |values: [String; 2], edge: f64| {
+        let condition = format!("x < {edge}");
+        let regions = [(condition.as_str(), values[0].as_str()), ("", &values[1])];
+        case(1, x, v, &regions, &density("x", "v"), "0")
+    };
+    let (case_x, case_y) = (one(first("x"), 0.25), one(second("x"), -0.5));
+    let sum = |i: usize, j: usize| format!("{} + {}", first("x")[i], second("y")[j]);
+    let values = [sum(0, 0), sum(0, 1), sum(1, 0), sum(1, 1)];
+    let regions = [
+        ("x < 0.25 && y < -0.5", values[0].as_str()),
+        ("x < 0.25", &values[1]),
+        ("y < -0.5", &values[2]),
+        ("", &values[3]),
+    ];
+    let initial = format!("{} * {}", density("x", "vx"), density("y", "vy"));
+    let both = case(2, x, v, &regions, &initial, "0");
+    let (both, along_x, along_y) = (tracer(&both), tracer(&case_x), tracer(&case_y));
+    let mut filled = 0;
+    for point in spread(both.case, 4000, 1.0) {
+        let product = along_x.value(&[point[0], 0.0, 0.0, point[3], 0.0, 0.0], 1.7)
+            * along_y.value(&[point[1], 0.0, 0.0, point[4], 0.0, 0.0], 1.7);
+        let value = both.value(&point, 1.7);
+        assert!(
+            (value - product).abs() < 1e-11,
+            "{point:?}: {value} {product}"
+        );
+        filled += usize::from(product != 0.0);
+    }
+    assert!(filled > 400, "{filled}");
+}
+
+#[test]
+fn blocks_are_crossed_as_cell_by_cell() {
+    for case in slopes_and_jumps().iter().chain([&step_down(74, 10)]) {
+        let fast = tracer(case);
+        let mut slow = fast.clone();
+        slow.free.fill(0);
+        for point in spread(case, 2000, 1.0) {
+            let (fast, slow) = (fast.foot(&point, 2.1), slow.foot(&point, 2.1));
+            let error = distance(&fast.point, &slow.point).max((fast.entry - slow.entry).abs());
+            assert!(error < 1e-10, "{point:?} {fast:?} {slow:?}");
+        }
+    }
+    // The widest block around the middle of five cells before the one that touches the jump.
+    assert_eq!(tracer(&step_down(8, 8)).free, [2, 1, 0, 0, 0, 0, 1, 2]);
+}
+
+/// A case of one axis whose initial formula is 7 and whose inflow formula tells where a particle came in.
+fn telltale(v: (f64, f64, usize), potential: &[(&str, &str)]) -> Case {
+    case(1, (-1.5, 1.5, 30), v, potential, "7", "10*x + v")
+}
+
+#[test]
+fn inflow_through_the_ends_of_the_box() {
+    let symmetric = (-1.5, 1.5, 30);
+    let step: [(&str, &str); 2] = [("x < 0", "0.2"), ("", "0")];
+    let transmitted = -(1.45f64 * 1.45 + 0.4).sqrt();
+    // Box of v, V, (x, v) at time 1, time and (x, v) of entry.
+    let table: [(_, &[(&str, &str)], _, _, _); 8] = [
+        // The ends of x.
+        (symmetric, &[("", "0")], (1.4, -1.0), 0.9, (1.5, -1.0)),
+        (symmetric, &[("", "0")], (-1.4, 1.25), 0.92, (-1.5, 1.25)),
+        (symmetric, &step, (0.2, 0.5), 0.0, (f64::NAN, f64::NAN)),
+        // The ends of v, through a slope up and down.
+        (symmetric, &[("", "x")], (1.0, 1.4), 0.9, (1.0 - 0.145, 1.5)),
+        (
+            symmetric,
+            &[("", "-2*x")],
+            (0.0, -1.4),
+            0.95,
+            (0.0725, -1.5),
+        ),
+        // The end of v, through a jump: by transmission, and by reflection in a box without the partner.
+        (symmetric, &step, (-0.29, -1.45), 0.8, (0.0, transmitted)),
+        ((0.3, 0.9, 8), &step, (0.2, 0.5), 0.6, (0.0, -0.5)),
+        // Outside the box already.
+        (symmetric, &step, (0.2, 1.6), 1.0, (0.2, 1.6)),
+    ];
+    for (v_box, potential, (x, v), entry, (from_x, from_v)) in table {
+        let case = telltale(v_box, potential);
+        let (tracer, point) = (tracer(&case), [x, 0.0, 0.0, v, 0.0, 0.0]);
+        let (foot, value) = (tracer.foot(&point, 1.0), tracer.value(&point, 1.0));
+        assert!((foot.entry - entry).abs() < 1e-13, "{x} {v}: {foot:?}");
+        let expected = if entry == 0.0 {
+            7.0
+        } else {
+            assert!(
+                distance(&foot.point, &[from_x, 0.0, 0.0, from_v, 0.0, 0.0]) < 1e-13,
+                "{x} {v}: {foot:?}"
+            );
+            10.0 * from_x + from_v
+        };
+        assert!((value - expected).abs() < 1e-11, "{x} {v}: {value}");
+    }
+    // inflow.value = "initial"
+    let case = case(1, symmetric, symmetric, &[("", "0")], "3*x - v", "initial");
+    let value = tracer(&case).value(&[1.4, 0.0, 0.0, -1.0, 0.0, 0.0], 1.0);
+    assert!((value - 5.5).abs() < 1e-12, "{value}");
+}
+
+#[test]
+fn a_face_belongs_to_the_cell_above_it() {
+    for cells in [7, 37, 38, 1000] {
+        let case = case(
+            1,
+            (-0.3, 1.7, cells),
+            (-1.0, 1.0, 2),
+            &[("", "0")],
+            "0",
+            "0",
+        );
+        let tracer = tracer(&case);
+        for (i, &face) in tracer.faces[0].iter().enumerate() {
+            assert_eq!(tracer.cell_at(0, face), i.min(cells - 1), "{cells}");
+        }
+        for i in 0..cells {
+            assert_eq!(tracer.cell_at(0, case.space.x[0].centre(i as i64)), i);
+        }
+    }
+    // The end of this box and its first face differ by round-off; a particle pushed out there came in just now.
+    let case = case(1, (-0.7, 1.6, 3), (-1.0, 1.0, 2), &[("", "x")], "0", "0");
+    assert!(case.space.x[0].face(0) > -0.7);
+    let foot = tracer(&case).foot(&[-0.7, 0.0, 0.0, 0.0, 0.0, 0.0], 1.0);
+    assert_eq!(foot.entry, 1.0);
+}
+
+#[test]
+fn the_scheme_has_the_same_sources() {
+    let v_box = (-1.5, 1.5, 50);
+    let mut seen = [0, 0];
+    for (left, right) in [("0.2", "0"), ("0", "0.2"), ("0.3", "0.3125")] {
+        let case = telltale(v_box, &[("x < 0", left), ("", right)]);
+        let (tracer, axis) = (tracer(&case), &case.space.v[0]);
+        let up = tracer.potential.jump_below(&[15], 0);
+        for j in 0..axis.cells as i64 {
+            // A particle that has just left the face x = 0.
+            let v = axis.centre(j);
+            let (x, rise) = (1e-3 * v, if v > 0.0 { up } else { -up });
+            let foot = tracer.foot(&[x, 0.0, 0.0, v, 0.0, 0.0], 2e-3);
+            let mut list = Vec::new();
+            sources(&mut list, axis, Interface::Hat, j, rise);
+            let across = foot.point[3] * v > 0.0;
+            let side = if across { Side::Across } else { Side::Same };
+            assert!(list.iter().all(|s| s.side == side), "{v} {rise}: {foot:?}");
+            // The hat function reproduces the velocity.
+            let mean: f64 = list
+                .iter()
+                .map(|s| s.weight * axis.centre(s.velocity))
+                .sum();
+            assert!((mean - foot.point[3]).abs() < 1e-10, "{v} {rise}: {foot:?}");
+            seen[usize::from(across)] += 1;
+        }
+    }
+    assert!(seen[0] > 20 && seen[1] > 100, "{seen:?}");
+}
+
+#[test]
+fn faces_thresholds_and_corners() {
+    let foot_of = |case: &Case, (x, v): (f64, f64)| {
+        let foot = tracer(case).foot(&[x, 0.0, 0.0, v, 0.0, 0.0], 1.0);
+        assert_eq!(foot.entry, 0.0);
+        (foot.point[0], foot.point[3])
+    };
+    let near = |(x, v): (f64, f64), (x0, v0): (f64, f64)| {
+        assert!(
+            (x - x0).abs() + (v - v0).abs() < 1e-11,
+            "{x} {v}, expected {x0} {v0}"
+        );
+    };
+    let high = telltale((-2.0, 2.0, 8), &[("x < 0", "0.5"), ("", "0")]);
+    // v²/2 = jump exactly: reflected, as in scheme::interface; a little more: transmitted, slowly.
+    near(foot_of(&high, (0.25, 1.0)), (0.75, -1.0));
+    let (_, v) = foot_of(&high, (0.25, 1.0 + 1e-9));
+    near((0.0, v), (0.0, (2e-9f64).sqrt()));
+    // A point on the face is in the upper cell.
+    near(foot_of(&high, (0.0, 1.25)), (-0.75, 0.75));
+    near(foot_of(&high, (0.0, 0.5)), (0.5, -0.5));
+    near(foot_of(&high, (0.0, -0.5)), (0.5, -0.5));
+    // At rest: in the open, on a face, at the foot of a wall, at the bottom of a kink.
+    let kink = telltale((-2.0, 2.0, 8), &[("", "abs(x)")]);
+    let wall = telltale((-2.0, 2.0, 8), &[("x < 0", "1"), ("", "x")]);
+    for (case, x) in [
+        (&high, 0.33),
+        (&high, 0.0),
+        (&high, 0.3),
+        (&wall, 0.0),
+        (&kink, 0.0),
+    ] {
+        near(foot_of(case, (x, 0.0)), (x, 0.0));
+    }
+    // Not at rest: on a face, or close to it, on a slope either way.
+    let (rising, falling) = ([("", "x")], [("", "-x")]);
+    for x in [0.0, 1e-15, -1e-15] {
+        let up = telltale((-2.0, 2.0, 8), &rising);
+        near(foot_of(&up, (x, 0.0)), (-0.5, 1.0));
+        let down = telltale((-2.0, 2.0, 8), &falling);
+        near(foot_of(&down, (x, 0.0)), (0.5, -1.0));
+    }
+    // Small oscillations at the kink, 833 and a third of them; on the wall, a bouncing ball, 833 and a third too.
+    near(foot_of(&kink, (0.0, 3e-4)), (-4e-8, -1e-4));
+    near(foot_of(&wall, (0.0, 6e-4)), (1.6e-7, -2e-4));
+    // Oscillations without end in sight.
+    let (x, v) = foot_of(&kink, (0.0, 1e-8));
+    assert!(x.abs() < 1e-16 && v.abs() <= 1e-8 + 1e-12, "{x} {v}");
+
+    // Through the corner of a barrier the lowest axis is crossed first.
+    let axis = (-1.5, 1.5, 30);
+    let corner = case(
+        2,
+        axis,
+        axis,
+        &[("x > 0 && y > 0", "0.1"), ("", "0")],
+        "0",
+        "0",
+    );
+    let foot = tracer(&corner).foot(&[0.2, 0.2, 0.0, 0.4, 0.4, 0.0], 1.0);
+    assert!(
+        distance(&foot.point, &[-0.3, -0.2, 0.0, 0.6, 0.4, 0.0]) < 1e-12,
+        "{foot:?}"
+    );
+    // At rest at the bottom of a kink, until it moves along it to where there is none: half the time at x' = 1.
+    let gully = [("y < 0", "abs(x)"), ("", "-x")];
+    let gully = case(2, axis, axis, &gully, "0", "0");
+    let foot = tracer(&gully).foot(&[0.0, -0.25, 0.0, 0.0, -0.5, 0.0], 1.0);
+    let expected = [0.125, 0.25, 0.0, -0.5, -0.5, 0.0];
+    assert!(distance(&foot.point, &expected) < 1e-12, "{foot:?}");
+    // Along the diagonal of the grid, through a corner of every cell.
+    let open = case(3, axis, axis, &[("", "0")], "0", "0");
+    let mut tracer = tracer(&open);
+    tracer.free.fill(0);
+    let foot = tracer.foot(&[1.25, 1.25, -1.25, 1.2, 1.2, -1.2], 2.0);
+    let expected = [-1.15, -1.15, 1.15, 1.2, 1.2, -1.2];
+    assert!(distance(&foot.point, &expected) < 1e-12, "{foot:?}");
+    let foot = tracer.foot(&[1.5, 1.5, -1.5, 1.2, 1.2, -1.2], 4.0);
+    assert!((foot.entry - 1.5).abs() < 1e-12, "{foot:?}");
+}
+
+/// A line that is periodic with period 2, or `copies` of it to both sides in a box with ends; the second axis, where there is one, has
+/// ends. `V` has a slope, a jump inside and one at the end.
+fn periodic_or_unrolled(n: usize, copies: Option<i64>) -> Case {
+    let most = copies.unwrap_or(0);
+    let (length, cells) = (1 + 2 * most, 10 * (1 + 2 * most));
+    let boundary = if copies.is_none() {
+        "periodic"
+    } else {
+        "inflow"
+    };
+    let mut text = format!(
+        "[[axis]]\nx = {{ lower = -{length}, upper = {length}, cells = {cells}, boundary = '{boundary}' }}\n\
+         v = {{ lower = -1.6, upper = 1.7, cells = 4 }}\n"
+    );
+    if n == 2 {
+        text += "[[axis]]\nx = { lower = -1.0, upper = 1.0, cells = 5 }\n\
+                 v = { lower = -0.5, upper = 0.5, cells = 2 }\n";
+    }
+    for k in -most..=most {
+        let (end, x) = (2 * k + 1, format!("(x - ({}))", 2 * k));
+        for (inside, value) in [("0.2", "0.3"), ("1.5", "0.1")] {
+            let region = format!("x < {end} && {x} < {inside}");
+            text += &format!("[[potential]]\nwhere = '{region}'\nvalue = '{value}*{x}'\n");
+        }
+    }
+    text += "[[potential]]\nvalue = '0'\n[initial]\nf = '0'\n[time]\nend = 1.0\n";
+    Case::parse("test", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+#[test]
+fn around_a_periodic_axis_is_on_and_on() {
+    const TIME: f64 = 3.1;
+    for n in [1, 2] {
+        let (closed, open) = (
+            periodic_or_unrolled(n, None),
+            periodic_or_unrolled(n, Some(3)),
+        );
+        for (closed, open) in [
+            (tracer(&closed), tracer(&open)),
+            (tracer(&closed).forward(), tracer(&open).forward()),
+        ] {
+            let (mut turned, mut left) = (0, 0);
+            for point in spread(closed.case, 2000, 0.99) {
+                let (here, there) = (closed.follow(&point, TIME), open.follow(&point, TIME));
+                let mut unrolled = here.point;
+                unrolled[0] += 2.0 * f64::from(here.turns[0]);
+                assert!(
+                    distance(&unrolled, &there.point) < 1e-9,
+                    "{point:?} {here:?} {there:?}"
+                );
+                assert_eq!(here.left.is_some(), there.left.is_some(), "{point:?}");
+                let since = here
+                    .left
+                    .zip(there.left)
+                    .map_or(0.0, |(a, b)| (a - b).abs());
+                assert!(since < 1e-9, "{point:?} {here:?} {there:?}");
+                turned += usize::from(here.turns[0] != 0);
+                left += usize::from(here.left.is_some());
+            }
+            assert!(turned > 300 && left < 1500, "{turned} {left}");
+        }
+    }
+}

@@ -1,0 +1,391 @@
+//! The phase-space grid: axes, cells, and the one ordering of unknowns.
+//!
+//! Cells are ordered `(x1..xn, v1..vn)` row-major, the last velocity axis running fastest.
+
+use std::ops::Range;
+
+/// A uniform axis: cells `[lower + j h, lower + (j+1) h]`, `h = (upper − lower)/cells`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// Lower end of the box.
+    pub lower: f64,
+    /// Upper end of the box.
+    pub upper: f64,
+    /// Number of cells.
+    pub cells: usize,
+    /// What it is of the axis that the case gives.
+    pub part: Part,
+}
+
+/// What an axis is of the one that the case gives (see [`crate::scheme::reduce`]).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Part {
+    /// All of it.
+    #[default]
+    Whole,
+    /// Some of its cells, with the same bits in their centres and faces.
+    Window {
+        /// Ends of the whole axis.
+        ends: [f64; 2],
+        /// Its cells.
+        of: usize,
+        /// The one of them that is the first here.
+        first: usize,
+    },
+    /// One cell that stands for all of them, as they hold the same.
+    Merged {
+        /// How many.
+        of: usize,
+    },
+}
+
+impl Axis {
+    /// The whole axis `[lower, upper]`.
+    pub fn new(lower: f64, upper: f64, cells: usize) -> Self {
+        Self {
+            lower,
+            upper,
+            cells,
+            part: Part::Whole,
+        }
+    }
+
+    /// The axis that the case gives.
+    pub fn whole(&self) -> Self {
+        match self.part {
+            Part::Whole => self.clone(),
+            Part::Window { ends, of, .. } => Self::new(ends[0], ends[1], of),
+            Part::Merged { of } => Self::new(self.lower, self.upper, of),
+        }
+    }
+
+    /// The cells `range` of a whole axis.
+    pub fn window(&self, range: &std::ops::Range<usize>) -> Self {
+        Self {
+            lower: self.face(range.start as i64),
+            upper: self.face(range.end as i64),
+            cells: range.len(),
+            part: Part::Window {
+                ends: [self.lower, self.upper],
+                of: self.cells,
+                first: range.start,
+            },
+        }
+    }
+
+    /// One cell in the place of all of a whole axis.
+    pub fn merged(&self) -> Self {
+        Self {
+            cells: 1,
+            part: Part::Merged { of: self.cells },
+            ..self.clone()
+        }
+    }
+
+    /// Of a cell that stands for others the mean of the squares of their centres: that of its own says less.
+    pub fn mean_square(&self) -> Option<f64> {
+        let Part::Merged { of } = self.part else {
+            return None;
+        };
+        let centres = self.whole().centres();
+        Some(centres.iter().map(|v| v * v).sum::<f64>() / of as f64)
+    }
+
+    /// Number of the first cell on the whole axis.
+    fn first(&self) -> i64 {
+        match self.part {
+            Part::Window { first, .. } => first as i64,
+            _ => 0,
+        }
+    }
+
+    /// Whether cell `j` is none of these, but one of the whole axis: a cell that holds nothing.
+    pub fn leaves_out(&self, j: i64) -> bool {
+        let Part::Window { of, .. } = self.part else {
+            return false;
+        };
+        let whole = (0..of as i64).contains(&(j + self.first()));
+        whole && !(0..self.cells as i64).contains(&j)
+    }
+
+    /// Cell width `h`.
+    pub fn width(&self) -> f64 {
+        match self.part {
+            Part::Window { ends, of, .. } => (ends[1] - ends[0]) / of as f64,
+            _ => (self.upper - self.lower) / self.cells as f64,
+        }
+    }
+
+    /// A point `j/denominator` of the way along the axis, in units of cells; mirror images of an axis give exact
+    /// mirror images of its points. `twice` counts half cells: an odd number is a centre, an even one a face.
+    fn point(&self, twice: f64) -> f64 {
+        let (lower, upper, cells) = match self.part {
+            Part::Window { ends, of, .. } => (ends[0], ends[1], of),
+            _ => (self.lower, self.upper, self.cells),
+        };
+        let (n, twice) = (2.0 * cells as f64, twice + 2.0 * self.first() as f64);
+        ((n - twice) * lower + twice * upper) / n
+    }
+
+    /// Centre of cell `j`; `j` may lie outside `0..cells` (ghost cells).
+    pub fn centre(&self, j: i64) -> f64 {
+        self.point(2.0 * j as f64 + 1.0)
+    }
+
+    /// Lower face of cell `j`, the upper face of cell `j − 1`.
+    pub fn face(&self, j: i64) -> f64 {
+        self.point(2.0 * j as f64)
+    }
+
+    /// How many cells `point` lies above the lower end; the same for a window as for the whole axis but for the cells before.
+    pub fn position(&self, point: f64) -> f64 {
+        let lower = match self.part {
+            Part::Window { ends, .. } => ends[0],
+            _ => self.lower,
+        };
+        (point - lower) / self.width() - self.first() as f64
+    }
+
+    /// Cell centres, in order.
+    pub fn centres(&self) -> Vec<f64> {
+        (0..self.cells as i64).map(|j| self.centre(j)).collect()
+    }
+}
+
+/// The product of `n` space axes and `n` velocity axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PhaseSpace {
+    /// Space axes x1..xn.
+    pub x: Vec<Axis>,
+    /// Velocity axes v1..vn.
+    pub v: Vec<Axis>,
+    /// Which of the space axes close on themselves: behind the last cell comes the first.
+    pub periodic: [bool; MAX_DIMENSION],
+}
+
+/// Largest number of space dimensions.
+pub const MAX_DIMENSION: usize = 3;
+
+/// A cell as `[i1..in, j1..jn]`, unused entries zero.
+pub type Cell = [usize; 2 * MAX_DIMENSION];
+
+impl PhaseSpace {
+    /// The grid that the case gives.
+    pub fn whole(&self) -> Self {
+        let mut space = self.clone();
+        for axis in space.x.iter_mut().chain(&mut space.v) {
+            *axis = axis.whole();
+        }
+        space
+    }
+
+    /// Number of space dimensions `n`.
+    pub fn dimension(&self) -> usize {
+        self.x.len()
+    }
+
+    /// The `2n` axes in storage order.
+    pub fn axes(&self) -> impl Iterator<Item = &Axis> {
+        self.x.iter().chain(&self.v)
+    }
+
+    /// `(N_x1, …, N_xn, N_v1, …, N_vn)`.
+    pub fn shape(&self) -> Vec<usize> {
+        self.axes().map(|a| a.cells).collect()
+    }
+
+    /// Number of cells of space alone.
+    pub fn space_cells(&self) -> usize {
+        self.x.iter().map(|a| a.cells).product()
+    }
+
+    /// Number of velocity cells at one point of space.
+    pub fn velocity_cells(&self) -> usize {
+        self.v.iter().map(|a| a.cells).product()
+    }
+
+    /// Number of unknowns.
+    pub fn cells(&self) -> usize {
+        self.space_cells() * self.velocity_cells()
+    }
+
+    /// Volume of a phase-space cell, `Π Δx Δv`.
+    pub fn cell_volume(&self) -> f64 {
+        self.axes().map(Axis::width).product()
+    }
+
+    /// Volume of a velocity cell, `Π Δv`.
+    pub fn velocity_volume(&self) -> f64 {
+        self.v.iter().map(Axis::width).product()
+    }
+
+    /// Multi-index of global unknown `index`.
+    pub fn cell(&self, mut index: usize) -> Cell {
+        let n = self.dimension();
+        let mut cell = Cell::default();
+        for (a, axis) in self.v.iter().enumerate().rev() {
+            cell[n + a] = index % axis.cells;
+            index /= axis.cells;
+        }
+        for (a, axis) in self.x.iter().enumerate().rev() {
+            cell[a] = index % axis.cells;
+            index /= axis.cells;
+        }
+        cell
+    }
+
+    /// Global index of the unknown at `cell`.
+    pub fn index(&self, cell: &Cell) -> usize {
+        self.axes()
+            .zip(cell)
+            .fold(0, |index, (axis, &j)| index * axis.cells + j)
+    }
+
+    /// Whether space axis `a` closes on itself.
+    pub fn is_periodic(&self, a: usize) -> bool {
+        self.periodic[a]
+    }
+
+    /// The cell at place `i` along space axis `a`: counted on around a periodic axis, `None` off the grid.
+    pub fn wrap(&self, a: usize, i: i64) -> Option<usize> {
+        let cells = self.x[a].cells as i64;
+        let i = if self.periodic[a] {
+            i.rem_euclid(cells)
+        } else {
+            i
+        };
+        (0..cells).contains(&i).then_some(i as usize)
+    }
+
+    /// Whether the cells of space axis `a` are their own neighbours: a periodic axis of one cell.
+    pub fn is_single(&self, a: usize) -> bool {
+        self.periodic[a] && self.x[a].cells == 1
+    }
+
+    /// Most space blocks along space axis `a`. A periodic axis stays whole, so that the cell behind its end is on the same rank.
+    pub fn most_blocks(&self, a: usize) -> usize {
+        if self.periodic[a] { 1 } else { self.x[a].cells }
+    }
+
+    /// How far apart in the ordering two cells are that differ by one along axis `axis` (of the `2n`).
+    pub fn stride(&self, axis: usize) -> usize {
+        self.axes().skip(axis + 1).map(|a| a.cells).product()
+    }
+
+    /// Centre of a cell as formulas take it: `[x, y, z, vx, vy, vz]`, absent ones zero.
+    pub fn point(&self, cell: &Cell) -> [f64; 6] {
+        let n = self.dimension();
+        let mut point = [0.0; 6];
+        for a in 0..n {
+            point[a] = self.x[a].centre(cell[a] as i64);
+            point[3 + a] = self.v[a].centre(cell[n + a] as i64);
+        }
+        point
+    }
+}
+
+/// A point written for people: `x = 0.1, v = -0.2`.
+pub fn describe_point(dimension: usize, point: &[f64]) -> String {
+    let names: &[&str] = match dimension {
+        1 => &["x", "v"],
+        2 => &["x", "y", "vx", "vy"],
+        _ => &["x", "y", "z", "vx", "vy", "vz"],
+    };
+    let slots = (0..dimension).chain(3..3 + dimension);
+    names
+        .iter()
+        .zip(slots)
+        .filter_map(|(name, slot)| point.get(slot).map(|p| format!("{name} = {p}")))
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ordering_is_row_major_with_velocity_fastest() {
+        let axis = |cells| Axis::new(-1.0, 2.0, cells);
+        let space = PhaseSpace {
+            x: vec![axis(3), axis(4)],
+            v: vec![axis(5), axis(2)],
+            periodic: [false; MAX_DIMENSION],
+        };
+        for index in 0..space.cells() {
+            assert_eq!(space.index(&space.cell(index)), index);
+        }
+        assert_eq!(space.cell(1)[..4], [0, 0, 0, 1]);
+        assert_eq!(space.stride(0), 40);
+        assert_eq!(space.stride(3), 1);
+    }
+
+    #[test]
+    fn mirrored_axes_have_mirrored_points_exactly() {
+        let axis = Axis::new(-0.3, 1.7, 7);
+        let mirror = Axis::new(-1.7, 0.3, 7);
+        for j in 0..7 {
+            assert_eq!(axis.centre(j), -mirror.centre(6 - j));
+        }
+        let odd = Axis::new(-1.5, 1.5, 33);
+        assert_eq!(odd.centre(16), 0.0);
+    }
+
+    #[test]
+    fn windows_have_the_points_of_the_whole_exactly() {
+        let axis = Axis::new(-0.3, 1.7, 7);
+        let window = axis.window(&(2..5));
+        assert_eq!(window.width(), axis.width());
+        for j in -3..8 {
+            assert_eq!(window.centre(j), axis.centre(j + 2));
+            assert_eq!(window.face(j), axis.face(j + 2));
+            let point = 0.31 * j as f64;
+            assert_eq!(window.position(point), axis.position(point) - 2.0);
+            let inside = (0..3).contains(&j);
+            assert_eq!(window.leaves_out(j), (-2..5).contains(&j) && !inside, "{j}");
+        }
+        let merged = axis.merged();
+        assert_eq!((merged.cells, merged.width()), (1, 2.0));
+        assert_eq!(merged.centre(0), 0.7);
+        assert!(!merged.leaves_out(0) && !axis.leaves_out(7));
+        for part in [window, merged] {
+            assert_eq!(part.whole(), axis);
+        }
+    }
+}
+
+/// Names of the axes in storage order.
+pub fn axis_names(dimension: usize) -> Vec<&'static str> {
+    let (x, v) = (["x", "y", "z"], ["vx", "vy", "vz"]);
+    x[..dimension]
+        .iter()
+        .chain(&v[..dimension])
+        .copied()
+        .collect()
+}
+
+/// Calls `visit` with every multi-index of a box, row-major.
+pub fn for_each_cell(ranges: &[Range<usize>], mut visit: impl FnMut(&[usize; MAX_DIMENSION])) {
+    if ranges.iter().any(Range::is_empty) {
+        return;
+    }
+    let mut i = [0; MAX_DIMENSION];
+    for (i, range) in i.iter_mut().zip(ranges) {
+        *i = range.start;
+    }
+    loop {
+        visit(&i);
+        let mut axis = ranges.len();
+        loop {
+            if axis == 0 {
+                return;
+            }
+            axis -= 1;
+            i[axis] += 1;
+            if i[axis] < ranges[axis].end {
+                break;
+            }
+            i[axis] = ranges[axis].start;
+        }
+    }
+}

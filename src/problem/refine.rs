@@ -1,0 +1,291 @@
+//! Other grids over the box of a case, for [`advise`](crate::study::advise), [`chart`](crate::study::chart) and [`stability`](crate::study::stability): cells along each axis such that edges of
+//! `V` stay on faces.
+
+use crate::problem::case::Case;
+use crate::problem::grid::Axis;
+use crate::problem::potential::region_edges;
+
+/// An edge this close to a face, in cells, lies on it.
+const ON_FACE: f64 = 1e-6;
+/// Cell counts so much larger or smaller than wanted still do.
+const FARTHEST: f64 = 0.3;
+/// Fewest cells of an axis where the case itself has no fewer, by dimension.
+const FEWEST: [usize; 3] = [8, 4, 4];
+/// The coarsest grid has the case's cells over at most two to this power.
+const COARSEST: u32 = 3;
+
+/// `case` with `factor` times the cells along every axis.
+pub fn refined(case: &Case, factor: usize) -> Case {
+    let mut case = case.clone();
+    let space = &mut case.space;
+    for axis in space.x.iter_mut().chain(&mut space.v) {
+        axis.cells *= factor;
+    }
+    case
+}
+
+/// Grids over the box of a case.
+pub struct Grids {
+    x: Vec<Axis>,
+    /// Where regions of `V` end, by space axis; `None` where there are too many places: a curved edge is on no faces.
+    edges: Vec<Option<Vec<f64>>>,
+    /// The axes of the `2n` along which nothing varies: a run has one cell there, so that they keep the case's.
+    merged: Vec<bool>,
+}
+
+impl Grids {
+    /// Those of `case`.
+    pub fn new(case: &Case) -> Self {
+        Self {
+            x: case.space.x.clone(),
+            edges: region_edges(case),
+            merged: vec![false; 2 * case.space.dimension()],
+        }
+    }
+
+    /// With axes of the `2n` that runs merge.
+    pub fn with_merged(self, merged: Vec<bool>) -> Self {
+        Self { merged, ..self }
+    }
+
+    /// The axes of the `2n` that runs merge to one cell.
+    pub fn merged(&self) -> &[bool] {
+        &self.merged
+    }
+
+    /// `shape`, twice as fine along the axes that are not merged.
+    pub fn twice(&self, shape: &[usize]) -> Vec<usize> {
+        (shape.iter().zip(&self.merged))
+            .map(|(&cells, merged)| if *merged { cells } else { 2 * cells })
+            .collect()
+    }
+
+    /// `shape`, its axes of space (`of_space`) or of velocity twice as fine but for merged ones.
+    pub fn doubled(&self, shape: &[usize], of_space: bool) -> Vec<usize> {
+        let twice = self.twice(shape);
+        (0..shape.len())
+            .map(|k| {
+                if (k < self.x.len()) == of_space {
+                    twice[k]
+                } else {
+                    shape[k]
+                }
+            })
+            .collect()
+    }
+
+    /// Number of space dimensions.
+    pub fn dimension(&self) -> usize {
+        self.x.len()
+    }
+
+    /// Whether every edge across space axis `a` lies on a face of `cells` cells.
+    fn keeps(&self, a: usize, cells: usize) -> bool {
+        let axis = &self.x[a];
+        let Some(edges) = &self.edges[a] else {
+            return true;
+        };
+        edges.iter().all(|edge| {
+            let place = (edge - axis.lower) / (axis.upper - axis.lower) * cells as f64;
+            (place - place.round()).abs() < ON_FACE
+        })
+    }
+
+    /// The axes on which `shape` moves an edge of `V`.
+    pub fn moved(&self, shape: &[usize]) -> Vec<usize> {
+        (0..self.x.len())
+            .filter(|&a| !self.keeps(a, shape[a]))
+            .collect()
+    }
+
+    /// About `wanted` cells along axis `k` of the `2n`, at least `fewest`: along x such that edges are on faces, if there is such a number nearby; along v an even number,
+    /// as the error differs where a cell stands still.
+    fn near(&self, k: usize, wanted: f64, fewest: usize) -> usize {
+        let wanted = (wanted.ceil().min(1e15) as usize).max(fewest);
+        if k >= self.x.len() {
+            return wanted.next_multiple_of(2);
+        }
+        let reach = ((FARTHEST * wanted as f64) as usize).clamp(2, 100_000);
+        (0..=reach)
+            .flat_map(|o| [Some(wanted + o), wanted.checked_sub(o)])
+            .flatten()
+            .find(|&cells| cells >= fewest && self.keeps(k, cells))
+            .unwrap_or(wanted)
+    }
+
+    /// The coarsest grid that is tried.
+    pub fn coarsest(&self, own: &[usize]) -> Vec<usize> {
+        let fewest = FEWEST[self.x.len() - 1];
+        let enough = |k: u32| {
+            let mut axes = own.iter().zip(&self.merged);
+            axes.all(|(&n, merged)| *merged || n >> k >= fewest.min(n))
+        };
+        let halvings = (0..=COARSEST).rev().find(|&k| enough(k)).unwrap_or(0);
+        let divisor = f64::from(1u32 << halvings);
+        (own.iter().enumerate())
+            .map(|(k, &n)| match self.merged[k] {
+                true => n,
+                false => self.near(k, n as f64 / divisor, fewest.min(n)),
+            })
+            .collect()
+    }
+
+    /// About `scale` times `shape`.
+    pub fn scaled(&self, shape: &[usize], scale: f64) -> Vec<usize> {
+        (shape.iter().enumerate())
+            // Not a cell more where a product misses a whole number by round-off.
+            .map(|(k, &n)| match self.merged[k] {
+                true => n,
+                false => self.near(k, n as f64 * scale * (1.0 - 1e-12), 2),
+            })
+            .collect()
+    }
+
+    /// Half of `shape`, where it has one that is not too coarse and loses no edge.
+    pub fn halved(&self, shape: &[usize]) -> Option<Vec<usize>> {
+        let n = self.x.len();
+        if self.merged.iter().all(|&merged| merged) {
+            return None;
+        }
+        let halves = (shape.iter().enumerate()).all(|(k, &cells)| {
+            if self.merged[k] {
+                return true;
+            }
+            let (divisor, edges) = if k < n {
+                (2, self.keeps(k, cells / 2))
+            } else {
+                (4, true)
+            };
+            cells.is_multiple_of(divisor) && edges
+        });
+        halves.then(|| {
+            (shape.iter().zip(&self.merged))
+                .map(|(&n, merged)| if *merged { n } else { n / 2 })
+                .collect()
+        })
+    }
+
+    /// `shape` with space axes so many times finer against the velocity axes, a power of two: the velocity axes coarser if they can
+    /// be, the space axes finer otherwise, or the other way round.
+    pub fn stretched(&self, shape: &[usize], ratio: f64) -> Vec<usize> {
+        let n = self.x.len();
+        let mut shape = shape.to_vec();
+        let free = |axes: std::ops::Range<usize>| -> Vec<usize> {
+            axes.filter(|&k| !self.merged[k]).collect()
+        };
+        let (space, velocity) = (free(0..n), free(n..2 * n));
+        if space.is_empty() || velocity.is_empty() {
+            return shape;
+        }
+        for _ in 0..ratio.log2().abs().round() as usize {
+            let (finer, coarser) = if ratio > 1.0 {
+                (&space, &velocity)
+            } else {
+                (&velocity, &space)
+            };
+            let halves = coarser.iter().all(|&k| {
+                shape[k].is_multiple_of(if k < n { 2 } else { 4 })
+                    && shape[k] >= 8
+                    && (k >= n || self.keeps(k, shape[k] / 2))
+            });
+            if halves {
+                coarser.iter().for_each(|&k| shape[k] /= 2);
+            } else {
+                finer.iter().for_each(|&k| shape[k] *= 2);
+            }
+        }
+        shape
+    }
+}
+
+/// Averages of cell values on a box of `from` cells an axis over the cells of the same box cut into `to`; what a cell of the one
+/// has in common with one of the other counts by its volume.
+pub fn averaged(values: &[f64], from: &[usize], to: &[usize]) -> Vec<f64> {
+    let mut shape = from.to_vec();
+    let mut values = values.to_vec();
+    for a in 0..from.len() {
+        let (old, new) = (shape[a], to[a]);
+        let inner: usize = shape[a + 1..].iter().product();
+        let outer: usize = shape[..a].iter().product();
+        let mut result = vec![0.0; outer * new * inner];
+        for j in 0..new {
+            // Cell j of the new axis is [j old, (j + 1) old) in units of 1/(old new); cell i of the old one [i new, (i + 1) new).
+            for i in j * old / new..((j + 1) * old).div_ceil(new).min(old) {
+                let common = ((i + 1) * new).min((j + 1) * old) - (i * new).max(j * old);
+                let share = common as f64 / old as f64;
+                for o in 0..outer {
+                    for k in 0..inner {
+                        result[(o * new + j) * inner + k] +=
+                            share * values[(o * old + i) * inner + k];
+                    }
+                }
+            }
+        }
+        values = result;
+        shape[a] = new;
+    }
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grids(edges: &[f64]) -> Grids {
+        let axis = Axis::new(-1.0, 2.0, 30);
+        Grids {
+            x: vec![axis],
+            edges: vec![Some(edges.to_vec())],
+            merged: vec![false; 2],
+        }
+    }
+
+    #[test]
+    fn edges_stay_on_faces_and_velocities_even() {
+        // Faces at 0 and 0.5: multiples of 6.
+        let grids = grids(&[0.0, 0.5]);
+        assert_eq!(grids.coarsest(&[30, 31]), [18, 16]);
+        assert_eq!(grids.scaled(&[12, 8], 1.6), [18, 14]);
+        assert_eq!(grids.moved(&[16, 7]), [0]);
+        assert!(grids.moved(&[18, 7]).is_empty());
+        assert_eq!(grids.halved(&[12, 8]), Some(vec![6, 4]));
+        assert_eq!(grids.halved(&[6, 8]), None);
+        assert_eq!(grids.stretched(&[12, 16], 4.0), [12, 4]);
+        // 3 would miss an edge and be coarser than what is tried; v gets finer instead.
+        assert_eq!(grids.stretched(&[12, 16], 0.25), [6, 32]);
+    }
+
+    #[test]
+    fn merged_axes_keep_their_cells() {
+        let axis = || Axis::new(-1.0, 1.0, 32);
+        let grids = Grids {
+            x: vec![axis(), axis()],
+            edges: vec![None, None],
+            merged: vec![false, true, false, true],
+        };
+        let shape = [32, 3, 16, 5];
+        assert_eq!(grids.coarsest(&shape), [8, 3, 4, 5]);
+        assert_eq!(grids.scaled(&shape, 1.5), [48, 3, 24, 5]);
+        assert_eq!(grids.twice(&shape), [64, 3, 32, 5]);
+        assert_eq!(grids.doubled(&shape, false), [32, 3, 32, 5]);
+        assert_eq!(grids.halved(&shape), Some(vec![16, 3, 8, 5]));
+        assert_eq!(grids.stretched(&shape, 2.0), [32, 3, 8, 5]);
+    }
+
+    #[test]
+    fn averages_keep_the_sum_and_are_exact_where_grids_nest() {
+        let values: Vec<f64> = (0..24).map(|k| ((k * k) % 7) as f64).collect();
+        let coarse = averaged(&values, &[6, 4], &[3, 2]);
+        for (c, value) in coarse.iter().enumerate() {
+            let (i, j) = (c / 2 * 2, c % 2 * 2);
+            let four = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
+            let mean = four.iter().map(|(i, j)| values[i * 4 + j]).sum::<f64>() / 4.0;
+            assert!((value - mean).abs() < 1e-14);
+        }
+        let other = averaged(&values, &[6, 4], &[5, 7]);
+        let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+        assert!((mean(&other) - mean(&values)).abs() < 1e-13);
+        // By hand: three cells to two.
+        assert_eq!(averaged(&[3.0, 6.0, 9.0], &[3], &[2]), [4.0, 8.0]);
+    }
+}

@@ -1,0 +1,364 @@
+//! The semi-discrete system integrated directly: `f' = A f + b`.
+//!
+//! The inflow is carried by the auxiliary unknowns of the matrix, so the system is homogeneous here: `u' = A u`.
+//! [`Classical::exponential`] is the reference that the tolerance is defined by. The steps take slopes, see [`crate::propagate::limiter`].
+
+use crate::base::progress::Progress;
+use crate::matrix::block_matrix::{BlockMatrix, Part};
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::GhostExchange;
+use crate::problem::case::{Case, Field, Integrator};
+use crate::propagate::limiter::{Reconstruction, longest_step};
+use std::ops::Range;
+
+/// Poisson probabilities below this are left out for the reference.
+pub const EXACT: f64 = 1e-18;
+/// And where three digits do.
+pub const ROUGH: f64 = 1e-5;
+
+/// `ln(k!)`.
+fn log_factorial(k: usize) -> f64 {
+    libm::lgamma(k as f64 + 1.0)
+}
+
+/// Poisson probability `e^{−λ} λ^k / k!`.
+fn poisson(lambda: f64, k: usize) -> f64 {
+    if lambda == 0.0 {
+        return if k == 0 { 1.0 } else { 0.0 };
+    }
+    (k as f64 * lambda.ln() - lambda - log_factorial(k)).exp()
+}
+
+/// The `k` at which the Poisson probability is not below `negligible`.
+pub fn poisson_window(lambda: f64, negligible: f64) -> Range<usize> {
+    let mode = lambda.floor() as usize;
+    let mut end = mode + 1;
+    while poisson(lambda, end) > negligible {
+        end += 1;
+    }
+    let mut start = mode;
+    while start > 0 && poisson(lambda, start - 1) > negligible {
+        start -= 1;
+    }
+    start..end
+}
+
+/// Poisson probabilities over [`poisson_window`], scaled to sum 1 exactly up to round-off.
+fn poisson_weights(lambda: f64, negligible: f64) -> (usize, Vec<f64>) {
+    let window = poisson_window(lambda, negligible);
+    // From the largest outwards by ratios: relative errors stay at round-off, which `lgamma` would spoil.
+    let mode = (lambda.floor() as usize).clamp(window.start, window.end - 1);
+    let mut weights = vec![1.0; window.len()];
+    for k in mode + 1..window.end {
+        weights[k - window.start] = weights[k - 1 - window.start] * lambda / k as f64;
+    }
+    for k in (window.start..mode).rev() {
+        weights[k - window.start] = weights[k + 1 - window.start] * (k + 1) as f64 / lambda;
+    }
+    let sum: f64 = weights.iter().sum();
+    weights.iter_mut().for_each(|w| *w /= sum);
+    (window.start, weights)
+}
+
+/// Panels of [`Classical::duhamel`] for a run of `courant = rate·time`: on 16 nodes a function that varies with the rate is
+/// integrated to round-off; twice as many, and at least 32, for what enters.
+pub fn duhamel_panels(courant: f64) -> usize {
+    ((courant / 4.0).ceil() as usize).max(32)
+}
+
+/// Applications of `A` that [`Classical::duhamel`] takes.
+pub fn duhamel_applications(courant: f64, panels: usize) -> usize {
+    let width = courant / panels as f64;
+    let mut now = 0.0;
+    let mut applications =
+        |at: f64| poisson_window(width * (at - std::mem::replace(&mut now, at)), EXACT).end;
+    let inside: usize = gauss(GAUSS_NODES).iter().map(|n| applications(n.0)).sum();
+    // About as many from the last node of a panel to its end as from its beginning to the first.
+    panels * inside
+}
+
+/// Nodes of Gauss's rule on a panel of [`Classical::duhamel`].
+const GAUSS_NODES: usize = 16;
+
+/// Gauss's rule on `[0, 1]`: `(node, weight)`, ascending. Newton's method on the Legendre polynomial.
+pub fn gauss(count: usize) -> Vec<(f64, f64)> {
+    let n = count as f64;
+    (1..=count)
+        .rev()
+        .map(|k| {
+            let mut x = (std::f64::consts::PI * (k as f64 - 0.25) / (n + 0.5)).cos();
+            let mut slope = 0.0;
+            for _ in 0..100 {
+                let (mut value, mut before) = (1.0, 0.0);
+                for j in 0..count {
+                    let j = j as f64;
+                    (value, before) = (
+                        ((2.0 * j + 1.0) * x * value - j * before) / (j + 1.0),
+                        value,
+                    );
+                }
+                slope = n * (x * value - before) / (x * x - 1.0);
+                let change = value / slope;
+                x -= change;
+                if change.abs() < 1e-16 {
+                    break;
+                }
+            }
+            (0.5 * (1.0 + x), 1.0 / ((1.0 - x * x) * slope * slope))
+        })
+        .collect()
+}
+
+/// Integrates real vectors; scratch is made once.
+pub struct Classical<'a> {
+    matrix: &'a BlockMatrix,
+    image: Vec<f64>,
+    stage: Vec<f64>,
+    sum: Vec<f64>,
+    reconstruction: Option<Reconstruction>,
+    /// `b_i` now, in weighted unknowns, row by row of the matrix's `inflow`; empty where the matrix couples it.
+    held: Vec<f64>,
+    /// An inflow that varies, and `√π_i` of its rows.
+    source: Option<(&'a Field, Vec<f64>)>,
+    progress: Progress,
+}
+
+impl<'a> Classical<'a> {
+    /// Scratch for vectors of `matrix`.
+    pub fn new(matrix: &'a BlockMatrix) -> Self {
+        let vector = || vec![0.0; matrix.length()];
+        Self {
+            matrix,
+            image: vector(),
+            stage: vector(),
+            sum: vector(),
+            reconstruction: None,
+            held: Vec::new(),
+            source: None,
+            progress: Progress::silent(),
+        }
+    }
+
+    /// Of a case: with what enters, where that varies with time; `pi` are the weights.
+    pub fn of(case: &'a Case, matrix: &'a BlockMatrix, pi: &[f64]) -> Self {
+        let this = Self::new(matrix);
+        if case.varies() {
+            this.with_source(&case.fields[0], pi)
+        } else {
+            this
+        }
+    }
+
+    /// Whether what enters varies with time.
+    pub fn varies(&self) -> bool {
+        self.source.is_some()
+    }
+
+    /// With what enters of `field`, which varies with time, in unknowns weighted by `√π`.
+    pub fn with_source(self, field: &'a Field, pi: &[f64]) -> Self {
+        let root = |aux: &crate::matrix::embedding::Inflow| pi[aux.row as usize].sqrt();
+        let roots = self.matrix.inflow.iter().map(root).collect();
+        Self {
+            source: Some((field, roots)),
+            ..self
+        }
+    }
+
+    /// From now on `b` has these values, row by row of the matrix's `inflow`, in weighted unknowns.
+    pub fn hold(&mut self, values: impl Iterator<Item = f64>) {
+        self.held.clear();
+        self.held.extend(values);
+    }
+
+    /// `b(time)`, in weighted unknowns, into `held`.
+    fn hold_source(&mut self, time: f64) {
+        if let Some((field, roots)) = &self.source {
+            let values = self.matrix.entering.values(field, time);
+            self.held.clear();
+            self.held
+                .extend(values.zip(roots).map(|(b, root)| b * root));
+        }
+    }
+
+    /// `image ← image + b`.
+    fn add_held(&mut self) {
+        for (aux, b) in self.matrix.inflow.iter().zip(&self.held) {
+            self.image[aux.row as usize] += b;
+        }
+    }
+
+    /// `state ← state(time)` of `f' = A f + b(t)`: `exp(A time) state + ∫ exp(A (time − s)) b(s) ds`, the integral by Gauss's
+    /// rule on `panels` equal parts. Between nodes nothing enters; at a node `s` with weight `w`, `w b(s)` is added.
+    /// Converges like a power `2·16` of the panels' length where `b` is smooth. Collective over the space group.
+    pub fn duhamel(
+        &mut self,
+        exchange: &mut GhostExchange,
+        state: &mut [f64],
+        (rate, time): (f64, f64),
+        panels: usize,
+    ) {
+        let rule = gauss(GAUSS_NODES);
+        let h = time / panels as f64;
+        let mut now = 0.0;
+        for panel in 0..panels {
+            for &(node, weight) in &rule {
+                let at = (panel as f64 + node) * h;
+                self.held.clear();
+                self.exponential(exchange, state, (rate, at - now), EXACT);
+                now = at;
+                self.hold_source(at);
+                for (aux, b) in self.matrix.inflow.iter().zip(&self.held) {
+                    state[aux.row as usize] += weight * h * b;
+                }
+            }
+        }
+        self.held.clear();
+        self.exponential(exchange, state, (rate, time - now), EXACT);
+    }
+
+    /// Says how far it is.
+    pub fn with_progress(self, progress: Progress) -> Self {
+        Self { progress, ..self }
+    }
+
+    /// With slopes in the steps; the exponential is that of `A` and takes none.
+    pub fn with_slopes(self, reconstruction: Option<Reconstruction>) -> Self {
+        Self {
+            reconstruction,
+            ..self
+        }
+    }
+
+    /// `state ← exp(A time) state`, with `rate ≥ max |A_ii|`: `exp(At) = Σ_k e^{−λ} λ^k/k! Q^k`, `λ = rate·t`,
+    /// `Q = I + A/rate ≥ 0`. All terms are of one sign where the data are, so nothing cancels (uniformisation,
+    /// Jensen 1953), those below `negligible` left out ([`EXACT`], [`ROUGH`]). Collective over the space group.
+    pub fn exponential(
+        &mut self,
+        exchange: &mut GhostExchange,
+        state: &mut [f64],
+        (rate, time): (f64, f64),
+        negligible: f64,
+    ) {
+        let rows = self.matrix.rows();
+        if rate * time == 0.0 {
+            // Nothing moves: what enters, enters nowhere.
+            return;
+        }
+        let (start, weights) = poisson_weights(rate * time, negligible);
+        self.sum[..rows].fill(0.0);
+        for k in 0..start + weights.len() {
+            if k >= start {
+                let w = weights[k - start];
+                for (sum, x) in self.sum[..rows].iter_mut().zip(&*state) {
+                    *sum += w * x;
+                }
+            }
+            self.matrix
+                .apply(exchange, Part::Generator, &mut self.image, state);
+            // A constant inflow is an unknown 1 that stays 1.
+            self.add_held();
+            for (x, a) in state[..rows].iter_mut().zip(&self.image) {
+                *x += a / rate;
+            }
+            self.progress.advance(1);
+        }
+        self.progress.finish();
+        state[..rows].copy_from_slice(&self.sum[..rows]);
+    }
+
+    /// `steps` steps of forward Euler, or of the third-order strong-stability-preserving Runge–Kutta method (Shu and
+    /// Osher 1988), of length `time/steps`. Collective over the space group.
+    pub fn steps(
+        &mut self,
+        exchange: &mut GhostExchange,
+        state: &mut [f64],
+        integrator: Integrator,
+        time: f64,
+        steps: usize,
+    ) {
+        let rows = self.matrix.rows();
+        let dt = time / steps as f64;
+        for step in 0..steps {
+            let now = step as f64 * dt;
+            match integrator {
+                Integrator::ForwardEuler | Integrator::Exponential => {
+                    self.euler(exchange, state, (now, dt));
+                }
+                Integrator::SspRk3 => {
+                    // u1 = E u, u2 = ¾ u + ¼ E u1, u ← ⅓ u + ⅔ E u2, with E u = u + dt (A u + b), b at t, t + dt, t + dt/2.
+                    let mut stage = std::mem::take(&mut self.stage);
+                    stage[..rows].copy_from_slice(&state[..rows]);
+                    let stages = [
+                        (0.0, 1.0, 0.0),
+                        (0.75, 0.25, 1.0),
+                        (1.0 / 3.0, 2.0 / 3.0, 0.5),
+                    ];
+                    for (keep, add, later) in stages {
+                        self.euler(exchange, &mut stage, (now + later * dt, dt));
+                        for (s, u) in stage[..rows].iter_mut().zip(&*state) {
+                            *s = keep * u + add * *s;
+                        }
+                    }
+                    state[..rows].copy_from_slice(&stage[..rows]);
+                    self.stage = stage;
+                }
+            }
+            self.progress.advance(1);
+        }
+        self.progress.finish();
+    }
+
+    /// `state ← state + dt (A state + b(now))`, with slopes where there are some.
+    fn euler(&mut self, exchange: &mut GhostExchange, state: &mut [f64], (now, dt): (f64, f64)) {
+        let rows = self.matrix.rows();
+        self.matrix
+            .apply(exchange, Part::Generator, &mut self.image, state);
+        self.hold_source(now);
+        self.add_held();
+        if let Some(reconstruction) = &mut self.reconstruction {
+            reconstruction.add(exchange, &mut self.image, state, rows);
+        }
+        for (x, a) in state[..rows].iter_mut().zip(&self.image) {
+            *x += dt * a;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn poisson_weights_sum_to_one_and_have_the_right_mean() {
+        for lambda in [1e-3, 0.7, 13.0, 127.0, 5000.0] {
+            let (start, weights) = poisson_weights(lambda, EXACT);
+            let sum: f64 = weights.iter().sum();
+            let mean: f64 = weights
+                .iter()
+                .enumerate()
+                .map(|(k, w)| (start + k) as f64 * w)
+                .sum();
+            assert!((sum - 1.0).abs() < 1e-14);
+            assert!((mean / lambda - 1.0).abs() < 1e-12, "{lambda}: {mean}");
+        }
+    }
+}
+
+/// Steps of the classical method, leg by leg.
+pub fn classical_steps(case: &Case, bounds: &Bounds) -> Vec<usize> {
+    let steps = |&time: &f64| classical_steps_of(case, bounds.rate * time);
+    case.legs().iter().map(steps).collect()
+}
+
+pub(crate) fn classical_steps_of(case: &Case, courant: f64) -> usize {
+    match case.integrator {
+        Integrator::Exponential if case.varies() => {
+            duhamel_applications(courant, duhamel_panels(courant))
+        }
+        Integrator::Exponential => poisson_window(courant, EXACT).end,
+        Integrator::ForwardEuler | Integrator::SspRk3 => (courant
+            / (case.cfl * longest_step(case.limiter)))
+        .ceil()
+        .max(1.0) as usize,
+    }
+}

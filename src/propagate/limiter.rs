@@ -1,0 +1,399 @@
+//! Second order in `x` and `v` by limited slopes: what is added to the first-order right-hand side `A f + b`.
+//!
+//! The paper (remark after section 4.2) replaces the source `f` of a face by its value at the face, `f ± ½Δ s`. The scheme is
+//! linear in its sources, so this adds, axis by axis,
+//!
+//! ```text
+//! −|speed| (face of the cell itself − Σ weight · face of the source),   face = ± half,
+//! half_i = ½ (f_{i+1} − f_i) ψ(θ_i),  θ_i = (f_i − f_{i−1})/(f_{i+1} − f_i)
+//! ```
+//!
+//! with `+` at an upper and `−` at a lower face, and the weights of [`Scheme::neighbour`], those of `A`; with `ψ = 0` nothing is
+//! added. `ψ` is minmod or van Leer, both symmetric in the two differences.
+//!
+//! **Next to a jump** `f_{i±1}` at the same velocity belongs to another energy. The difference is taken along the path instead:
+//! `f` behind the face at the same energy, transmitted or reflected, `Σ weight · f` once more. So a face value always lies
+//! between `f_i` and a mean of what the path goes through, and the maximum principle holds across jumps too: forward Euler
+//! keeps `min f, max f` while `dt · rate · (1 + ½ max ψ) ≤ 1` (Harten 1983), [`longest_step`], and so does every convex
+//! combination of such steps.
+//!
+//! **At the box's ends** the ghost cell holds the inflow. Its own slope is not known: the face takes the mean of the
+//! ghost and the cell. Where particles leave there is nothing beyond, and the slope is zero.
+
+use crate::base::error::Result;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::parallel::communicator::GhostExchange;
+use crate::parallel::partition::Place;
+use crate::problem::case::{Case, Limiter};
+use crate::scheme::rows::{Row, Scheme};
+
+/// The longest step of forward Euler that keeps the maximum principle, times the largest rate: `1/(1 + ½ max ψ)`.
+pub fn longest_step(limiter: Limiter) -> f64 {
+    match limiter {
+        Limiter::None => 1.0,
+        Limiter::Minmod => 2.0 / 3.0,
+        Limiter::VanLeer => 0.5,
+    }
+}
+
+/// `½ b ψ(a/b)` for the differences `a` to the lower and `b` to the upper neighbour.
+#[inline]
+fn half_difference(limiter: Limiter, a: f64, b: f64) -> f64 {
+    let monotone = (a > 0.0 && b > 0.0) || (a < 0.0 && b < 0.0);
+    match limiter {
+        Limiter::Minmod if monotone => 0.5 * if a.abs() < b.abs() { a } else { b },
+        Limiter::VanLeer if monotone => a * (b / (a + b)),
+        _ => 0.0,
+    }
+}
+
+/// What lies behind one side of a space cell.
+#[derive(Clone, Copy, Debug)]
+enum Beyond {
+    /// A cell, by the number of its first unknown.
+    Cell(u32),
+    /// A jump or an end of the box: faces, one a velocity, by the number of the first.
+    Faces(u32),
+}
+
+/// A face with a jump, or at an end of the box.
+#[derive(Clone, Debug)]
+struct Face {
+    /// Its sources in `shares`.
+    first: u32,
+    count: u32,
+    /// Weight of what lies off the grid, and its contribution.
+    outside: f64,
+    entering: f64,
+    /// Whether `f` behind it is known.
+    known: bool,
+}
+
+/// A source of a face.
+#[derive(Clone, Copy, Debug)]
+struct Share {
+    /// Local number.
+    column: u32,
+    /// In the cell itself, by reflection.
+    same: bool,
+    weight: f64,
+}
+
+/// Transport along a space axis.
+struct Transport {
+    /// `v/Δx`, by velocity cell.
+    speed: Vec<f64>,
+    /// By space cell, below and above.
+    beyond: Vec<[Beyond; 2]>,
+    faces: Vec<Face>,
+    shares: Vec<Share>,
+}
+
+/// Force along a velocity axis.
+struct Force {
+    /// `−slope/Δv`, by space cell.
+    speed: Vec<f64>,
+    /// Cells along the axis, and how far apart they are in the ordering.
+    cells: usize,
+    stride: usize,
+    /// Inflow at the end particles come from, by space cell and line; empty where it is `constant`.
+    entering: Vec<f64>,
+    constant: f64,
+}
+
+/// The slopes of one field on this rank, with all that is needed to compute them; made once.
+pub struct Reconstruction {
+    limiter: Limiter,
+    velocity_cells: usize,
+    transport: Vec<Transport>,
+    force: Vec<Force>,
+    half: Vec<f64>,
+}
+
+impl Reconstruction {
+    /// For field number `field` of `case` on the block of `matrix`; `None` without a limiter.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Formula`] where the inflow is not finite. Not collective.
+    pub fn new(case: &Case, matrix: &BlockMatrix, field: usize) -> Result<Option<Self>> {
+        if case.limiter == Limiter::None {
+            return Ok(None);
+        }
+        let scheme = Scheme::new(case, &matrix.block.wide_ranges())?;
+        let mut row = Row::default();
+        let n = case.space.dimension();
+        let this = Self {
+            limiter: case.limiter,
+            velocity_cells: matrix.block.velocity_cells,
+            transport: (0..n)
+                .map(|a| Transport::new(case, &scheme, matrix, (a, field), &mut row))
+                .collect(),
+            force: (0..n)
+                .map(|a| Force::new(case, &scheme, matrix, (a, field), &mut row))
+                .filter(|force| force.speed.iter().any(|&d| d != 0.0))
+                .collect(),
+            half: vec![0.0; matrix.length()],
+        };
+        scheme.inflow_is_finite(&row)?;
+        Ok(Some(this))
+    }
+
+    /// `image ← image +` the second-order part for `state`, whose ghosts are fresh. Collective over the space group.
+    pub fn add(
+        &mut self,
+        exchange: &mut GhostExchange,
+        image: &mut [f64],
+        state: &[f64],
+        rows: usize,
+    ) {
+        let (limiter, nv, half) = (self.limiter, self.velocity_cells, &mut self.half);
+        for transport in &self.transport {
+            transport.slopes(half, state, limiter);
+            exchange.start(&half[..rows]);
+            exchange.finish(&mut half[rows..]);
+            transport.add(image, state, half);
+        }
+        for force in &self.force {
+            force.slopes(half, state, limiter, nv);
+            force.add(image, state, half, nv);
+        }
+    }
+}
+
+impl Transport {
+    fn new(
+        case: &Case,
+        scheme: &Scheme<'_>,
+        matrix: &BlockMatrix,
+        (axis, field): (usize, usize),
+        row: &mut Row,
+    ) -> Self {
+        let (space, block) = (&case.space, &matrix.block);
+        let (nv, rows) = (block.velocity_cells, matrix.rows());
+        let local = |global: usize| match block.place(global) {
+            Some(Place::Own(i)) => Some(i as u32),
+            Some(Place::Ghost(g)) => Some((rows + g) as u32),
+            None => None,
+        };
+        let mut this = Self {
+            // There is no slope, and nothing to add, along a periodic axis of one cell.
+            speed: (0..nv)
+                .map(|v| match space.is_single(axis) {
+                    true => 0.0,
+                    false => scheme.speed(&space.cell(v), axis),
+                })
+                .collect(),
+            beyond: Vec::with_capacity(block.space_cells()),
+            faces: Vec::new(),
+            shares: Vec::new(),
+        };
+        block.for_each_own(|first, _| {
+            let cell = space.cell(first);
+            let mut beyond = [Beyond::Faces(0); 2];
+            for (side, above) in [false, true].into_iter().enumerate() {
+                let plain = scheme.plain_neighbour(&cell, axis, above);
+                if let Some(number) = plain.and_then(|next| local(space.index(&next))) {
+                    beyond[side] = Beyond::Cell(number);
+                    continue;
+                }
+                beyond[side] = Beyond::Faces(this.faces.len() as u32);
+                for v in 0..nv {
+                    let speed = this.speed[v];
+                    row.clear();
+                    if speed != 0.0 {
+                        scheme.neighbour(row, &space.cell(first + v), axis, above);
+                    }
+                    // What leaves the grid through this face is not what enters there.
+                    let leaves = (speed > 0.0) == above;
+                    let start = this.shares.len();
+                    this.shares
+                        .extend(row.entries.iter().filter_map(|&(column, weight)| {
+                            Some(Share {
+                                column: local(column)?,
+                                same: column / nv == first / nv,
+                                weight,
+                            })
+                        }));
+                    this.faces.push(Face {
+                        first: start as u32,
+                        count: (this.shares.len() - start) as u32,
+                        outside: row.draw,
+                        entering: row.inflow[field],
+                        known: speed != 0.0 && !(leaves && row.draw > 0.0),
+                    });
+                }
+            }
+            this.beyond.push(beyond);
+        });
+        this
+    }
+
+    fn shares(&self, face: &Face) -> &[Share] {
+        &self.shares[face.first as usize..][..face.count as usize]
+    }
+
+    /// `f` behind a side of cell `v` of a space cell, if it is known.
+    fn value(&self, beyond: Beyond, v: usize, state: &[f64]) -> Option<f64> {
+        match beyond {
+            Beyond::Cell(first) => Some(state[first as usize + v]),
+            Beyond::Faces(first) => {
+                let face = &self.faces[first as usize + v];
+                let sum = |sum, s: &Share| sum + s.weight * state[s.column as usize];
+                face.known
+                    .then(|| self.shares(face).iter().fold(face.entering, sum))
+            }
+        }
+    }
+
+    fn slopes(&self, half: &mut [f64], state: &[f64], limiter: Limiter) {
+        let nv = self.speed.len();
+        for (c, &[below, above]) in self.beyond.iter().enumerate() {
+            let cells = c * nv..(c + 1) * nv;
+            if let (Beyond::Cell(below), Beyond::Cell(above)) = (below, above) {
+                let lower = &state[below as usize..][..nv];
+                let upper = &state[above as usize..][..nv];
+                let own = &state[cells.clone()];
+                for (v, half) in half[cells].iter_mut().enumerate() {
+                    *half = half_difference(limiter, own[v] - lower[v], upper[v] - own[v]);
+                }
+                continue;
+            }
+            for (v, i) in cells.enumerate() {
+                let f = state[i];
+                half[i] = match (self.value(below, v, state), self.value(above, v, state)) {
+                    (Some(lower), Some(upper)) => half_difference(limiter, f - lower, upper - f),
+                    _ => 0.0,
+                };
+            }
+        }
+    }
+
+    fn add(&self, image: &mut [f64], state: &[f64], half: &[f64]) {
+        let nv = self.speed.len();
+        for (c, beyond) in self.beyond.iter().enumerate() {
+            for (v, &speed) in self.speed.iter().enumerate() {
+                if speed == 0.0 {
+                    continue;
+                }
+                let i = c * nv + v;
+                image[i] -= speed * half[i];
+                match beyond[usize::from(speed < 0.0)] {
+                    Beyond::Cell(first) => image[i] += speed * half[first as usize + v],
+                    Beyond::Faces(first) => {
+                        let face = &self.faces[first as usize + v];
+                        for share in self.shares(face) {
+                            // Through this face the source across goes on, the reflected one comes back.
+                            let signed = if share.same { -speed } else { speed };
+                            image[i] += signed * share.weight * half[share.column as usize];
+                        }
+                        let rise = face.outside * state[i] - face.entering;
+                        image[i] += 0.5 * speed.abs() * rise;
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Force {
+    fn new(
+        case: &Case,
+        scheme: &Scheme<'_>,
+        matrix: &BlockMatrix,
+        (a, field): (usize, usize),
+        row: &mut Row,
+    ) -> Self {
+        let (space, block) = (&case.space, &matrix.block);
+        let axis = space.dimension() + a;
+        let constant = case.fields[field].entering().constant();
+        let mut this = Self {
+            speed: Vec::with_capacity(block.space_cells()),
+            cells: space.v[a].cells,
+            stride: space.stride(axis),
+            entering: Vec::new(),
+            constant: constant.unwrap_or(0.0),
+        };
+        block.for_each_own(|first, _| {
+            let d = scheme.speed(&space.cell(first), axis);
+            this.speed.push(d);
+            if constant.is_some() {
+                return;
+            }
+            let end = if d < 0.0 { this.cells - 1 } else { 0 };
+            for line in this.lines(block.velocity_cells) {
+                row.clear();
+                if d != 0.0 {
+                    let cell = space.cell(first + line + end * this.stride);
+                    scheme.neighbour(row, &cell, axis, d < 0.0);
+                }
+                this.entering.push(row.inflow[field]);
+            }
+        });
+        this
+    }
+
+    /// First unknowns of the lines along the axis, of `velocity_cells`.
+    fn lines(&self, velocity_cells: usize) -> impl Iterator<Item = usize> + use<> {
+        let (stride, block) = (self.stride, self.cells * self.stride);
+        (0..velocity_cells)
+            .step_by(block)
+            .flat_map(move |outer| (0..stride).map(move |inner| outer + inner))
+    }
+
+    /// Calls `visit` with the speed, the first unknown and the inflow of every line.
+    fn for_each_line(&self, velocity_cells: usize, mut visit: impl FnMut(f64, usize, f64)) {
+        let mut number = 0;
+        for (c, &d) in self.speed.iter().enumerate() {
+            for line in self.lines(velocity_cells) {
+                let entering = self.entering.get(number).copied();
+                number += 1;
+                if d != 0.0 {
+                    visit(
+                        d,
+                        c * velocity_cells + line,
+                        entering.unwrap_or(self.constant),
+                    );
+                }
+            }
+        }
+    }
+
+    fn slopes(&self, half: &mut [f64], state: &[f64], limiter: Limiter, velocity_cells: usize) {
+        let (stride, last) = (self.stride, self.cells - 1);
+        self.for_each_line(velocity_cells, |d, line, entering| {
+            let value = |j: usize| state[line + j * stride];
+            for j in 0..=last {
+                let lower = match j {
+                    0 => (d > 0.0).then_some(entering),
+                    _ => Some(value(j - 1)),
+                };
+                let upper = if j < last {
+                    Some(value(j + 1))
+                } else {
+                    (d < 0.0).then_some(entering)
+                };
+                let f = value(j);
+                half[line + j * stride] = match (lower, upper) {
+                    (Some(lower), Some(upper)) => half_difference(limiter, f - lower, upper - f),
+                    _ => 0.0,
+                };
+            }
+        });
+    }
+
+    fn add(&self, image: &mut [f64], state: &[f64], half: &[f64], velocity_cells: usize) {
+        let (stride, last) = (self.stride, self.cells - 1);
+        self.for_each_line(velocity_cells, |d, line, entering| {
+            let end = line + if d > 0.0 { 0 } else { last * stride };
+            image[end] += 0.5 * d.abs() * (state[end] - entering);
+            for j in 0..=last {
+                let i = line + j * stride;
+                image[i] -= d * half[i];
+                if i != end {
+                    let source = if d > 0.0 { i - stride } else { i + stride };
+                    image[i] += d * half[source];
+                }
+            }
+        });
+    }
+}

@@ -1,0 +1,100 @@
+//! What a result holds, as data: fields, moments, early times, the exact solution, the plateau.
+
+use crate::matrix::observables::Moments;
+use crate::plan::Plan;
+use crate::problem::case::Case;
+use crate::problem::exact::sheet::ExactMoments;
+use crate::quantum::readout::Readout;
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// The exact solution on a rank's share.
+pub enum ExactSolution {
+    /// `f` at cell centres.
+    Field(Vec<f64>),
+    /// Density and mean velocity as averages over cells, for measure-valued data.
+    Moments(ExactMoments),
+}
+
+/// What goes into the file.
+pub struct Results<'a> {
+    /// The case.
+    pub case: &'a Case,
+    /// The plan it ran with.
+    pub plan: &'a Plan,
+    /// This rank's space cells, one range an x-axis; may be empty.
+    pub share: &'a [Range<usize>],
+    /// The case's fields on them, velocities fastest.
+    pub fields: &'a [&'a [f64]],
+    /// The exact solution there.
+    pub exact: Option<&'a ExactSolution>,
+    /// Moments there.
+    pub moments: &'a Moments,
+    /// Mass and kinetic energy in all of space.
+    pub totals: [f64; 2],
+    /// What was found at earlier times, ascending.
+    pub early: &'a [Early],
+    /// The plateau; the same on all ranks.
+    pub plateau: &'a [PlateauPoint],
+    /// What a quantum computer would tell; the same on all ranks.
+    pub readout: Option<&'a Readout>,
+    /// Seconds by step.
+    pub seconds: &'a BTreeMap<String, f64>,
+    /// Attributes of the file: what produced it.
+    pub provenance: &'a [(&'static str, String)],
+}
+
+/// What is said about a file as a whole.
+pub struct About<'a> {
+    /// The case.
+    pub case: &'a Case,
+    /// The plan it ran with.
+    pub plan: &'a Plan,
+    /// The time of its fields.
+    pub time: f64,
+    /// Seconds by step.
+    pub seconds: &'a BTreeMap<String, f64>,
+    /// Attributes of the file: what produced it.
+    pub provenance: &'a [(&'static str, String)],
+}
+
+impl<'a> Results<'a> {
+    pub(crate) fn about(&self) -> About<'a> {
+        About {
+            case: self.case,
+            plan: self.plan,
+            time: self.case.end,
+            seconds: self.seconds,
+            provenance: self.provenance,
+        }
+    }
+}
+
+/// The field read at `p` instead of `p◇`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlateauPoint {
+    /// `p`.
+    pub p: f64,
+    /// Relative l2 distance to the field read at `p◇`.
+    pub distance: f64,
+    /// `(∫ f² dx dv)^½`.
+    pub norm: f64,
+}
+
+/// Vectors as slices.
+pub fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
+    vectors.iter().map(Vec::as_slice).collect()
+}
+
+/// What was found at a time before the end, on a rank's share.
+#[derive(Clone, Debug)]
+pub struct Early {
+    /// The time.
+    pub time: f64,
+    /// The moments.
+    pub moments: Moments,
+    /// Mass and kinetic energy in all of space.
+    pub totals: [f64; 2],
+    /// The case's fields, where they are written; none otherwise.
+    pub fields: Vec<Vec<f64>>,
+}

@@ -1,0 +1,216 @@
+//! Colours, markers and dashes that are told apart by the colour-blind and in grey.
+
+/// Red, green, blue.
+pub type Colour = [u8; 3];
+
+/// Text and frames.
+pub const INK: Colour = [34, 34, 34];
+/// What stands behind the data: theory, borders.
+pub const FAINT: Colour = [120, 120, 120];
+/// Grid lines.
+pub const GRID: Colour = [225, 225, 225];
+/// The ground.
+pub const PAPER: Colour = [255, 255, 255];
+
+/// The qualitative palette of Okabe and Ito (2008) without its yellow, which is too light for lines; neighbours differ in lightness.
+const SERIES: [Colour; 7] = [
+    [0, 114, 178],
+    [230, 159, 0],
+    [0, 0, 0],
+    [0, 158, 115],
+    [86, 180, 233],
+    [213, 94, 0],
+    [204, 121, 167],
+];
+
+/// Ends of a map from dark blue to light yellow and points between, lightness rising evenly.
+const SEQUENTIAL: [Colour; 5] = [
+    [0, 34, 78],
+    [63, 77, 107],
+    [124, 123, 120],
+    [186, 173, 103],
+    [254, 232, 56],
+];
+
+/// Ends of a map of differences, blue below and vermilion above; zero is white.
+const BELOW: Colour = [0, 90, 160];
+const ABOVE: Colour = [200, 80, 0];
+
+/// Shape of a marker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Marker {
+    /// Circle.
+    Circle,
+    /// Square.
+    Square,
+    /// Triangle, its tip up.
+    Up,
+    /// Diamond.
+    Diamond,
+    /// Triangle, its tip down.
+    Down,
+    /// Diagonal cross.
+    Cross,
+    /// Upright cross.
+    Plus,
+}
+
+const MARKERS: [Marker; 7] = [
+    Marker::Circle,
+    Marker::Square,
+    Marker::Up,
+    Marker::Diamond,
+    Marker::Down,
+    Marker::Cross,
+    Marker::Plus,
+];
+
+/// Lengths of dashes and gaps in points, in turn; none for a whole line.
+const DASHES: [&[f64]; 4] = [&[], &[7.0, 3.0], &[2.0, 2.5], &[8.0, 3.0, 2.0, 3.0]];
+
+/// How a series is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Style {
+    /// Of lines and markers.
+    pub colour: Colour,
+    /// Marker at each point, if any.
+    pub marker: Option<Marker>,
+    /// Whether markers are filled.
+    pub filled: bool,
+    /// Number of the dash, from 0 (a whole line) to 3.
+    pub dash: usize,
+    /// Width of lines in points.
+    pub width: f64,
+}
+
+impl Style {
+    /// Colour and marker number `k`, another pair for each `k` below 49; a whole line.
+    pub fn of(k: usize) -> Self {
+        let n = SERIES.len();
+        Self {
+            colour: SERIES[k % n],
+            marker: Some(MARKERS[(k + k / n) % n]),
+            filled: true,
+            dash: 0,
+            width: 1.6,
+        }
+    }
+
+    /// A theory's line: thin, grey and dashed, without markers.
+    pub fn theory() -> Self {
+        Self {
+            colour: FAINT,
+            marker: None,
+            filled: false,
+            dash: 1,
+            width: 1.1,
+        }
+    }
+
+    /// With dash number `dash`, of 0 to 3.
+    pub fn dashed(self, dash: usize) -> Self {
+        Self { dash, ..self }
+    }
+
+    /// With hollow markers.
+    pub fn hollow(self) -> Self {
+        Self {
+            filled: false,
+            ..self
+        }
+    }
+
+    /// Without markers.
+    pub fn plain(self) -> Self {
+        Self {
+            marker: None,
+            ..self
+        }
+    }
+
+    /// Dashes and gaps in points, in turn.
+    pub(crate) fn dashes(&self) -> &'static [f64] {
+        DASHES[self.dash % DASHES.len()]
+    }
+}
+
+/// The colour of `fraction` in [0, 1] of the way along a heat map's bar; the ground for what is no number.
+pub fn sequential(fraction: f64) -> Colour {
+    if fraction.is_nan() {
+        return PAPER;
+    }
+    let place = fraction.clamp(0.0, 1.0) * (SEQUENTIAL.len() - 1) as f64;
+    let below = (place as usize).min(SEQUENTIAL.len() - 2);
+    let part = place - below as f64;
+    let (a, b) = (SEQUENTIAL[below], SEQUENTIAL[below + 1]);
+    std::array::from_fn(|c| {
+        (f64::from(a[c]) + part * (f64::from(b[c]) - f64::from(a[c]))).round() as u8
+    })
+}
+
+/// The same for differences: white halfway along, where zero is, and darker with the distance from it.
+pub fn diverging(fraction: f64) -> Colour {
+    if fraction.is_nan() {
+        return PAPER;
+    }
+    let apart = 2.0 * fraction.clamp(0.0, 1.0) - 1.0;
+    let end = if apart < 0.0 { BELOW } else { ABOVE };
+    std::array::from_fn(|c| {
+        let (white, end) = (f64::from(PAPER[c]), f64::from(end[c]));
+        (white + apart.abs() * (end - white)).round() as u8
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Relative luminance after WCAG 2, near enough: what is left in grey.
+    fn lightness(colour: Colour) -> f64 {
+        let [r, g, b] = colour.map(|c| (f64::from(c) / 255.0).powf(2.2));
+        0.2126 * r + 0.7152 * g + 0.0722 * b
+    }
+
+    #[test]
+    fn series_differ_in_more_than_hue() {
+        let styles: Vec<Style> = (0..49).map(Style::of).collect();
+        for (k, a) in styles.iter().enumerate() {
+            for b in &styles[..k] {
+                let same_grey = (lightness(a.colour) - lightness(b.colour)).abs() < 0.02;
+                assert!(!same_grey || a.marker != b.marker || a.colour != b.colour);
+                assert!(a.marker != b.marker || a.colour != b.colour);
+            }
+        }
+        // Neighbours are told apart in grey.
+        for pair in SERIES.windows(2) {
+            assert!((lightness(pair[0]) - lightness(pair[1])).abs() > 0.05);
+        }
+    }
+
+    #[test]
+    fn heat_maps_grow_lighter() {
+        let all: Vec<f64> = (0..=100)
+            .map(|k| lightness(sequential(k as f64 / 100.0)))
+            .collect();
+        assert!(all.windows(2).all(|w| w[1] > w[0] - 1e-4));
+        assert!(all[100] - all[0] > 0.7);
+        assert_eq!(sequential(f64::NAN), PAPER);
+        // No value looks like nothing.
+        assert!((0..=100).all(|k| sequential(k as f64 / 100.0) != PAPER));
+        assert_eq!(sequential(7.0), sequential(1.0));
+    }
+
+    #[test]
+    fn differences_grow_darker_both_ways() {
+        assert_eq!(diverging(0.5), PAPER);
+        assert_eq!((diverging(-3.0), diverging(2.0)), (BELOW, ABOVE));
+        let all: Vec<f64> = (0..=50)
+            .map(|k| lightness(diverging(0.5 + k as f64 / 100.0)))
+            .collect();
+        assert!(all.windows(2).all(|w| w[1] < w[0]));
+        let all: Vec<f64> = (0..=50)
+            .map(|k| lightness(diverging(0.5 - k as f64 / 100.0)))
+            .collect();
+        assert!(all.windows(2).all(|w| w[1] < w[0]));
+    }
+}

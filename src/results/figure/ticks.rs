@@ -1,0 +1,171 @@
+//! Where an axis has ticks, and what stands beside them.
+
+use crate::results::figure::Scale;
+
+/// A tick; without a label where there is no room for one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tick {
+    /// Its value.
+    pub at: f64,
+    /// What stands beside it.
+    pub label: Option<String>,
+}
+
+/// Ticks of an axis from `lower` to `upper`, about `wanted` of them labelled.
+pub fn ticks([lower, upper]: [f64; 2], scale: Scale, wanted: usize) -> Vec<Tick> {
+    match scale {
+        Scale::Linear => linear([lower, upper], wanted),
+        Scale::Log => logarithmic([lower, upper], wanted),
+    }
+}
+
+/// Multiples of 1, 2 or 5 times a power of ten.
+fn linear([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
+    let rough = (upper - lower) / wanted.max(1) as f64;
+    let power = 10f64.powf(rough.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .map(|m| m * power)
+        .into_iter()
+        .find(|step| *step >= 0.999 * rough)
+        .unwrap_or(10.0 * power);
+    if !(step > 0.0 && step.is_finite()) {
+        return Vec::new();
+    }
+    let slack = 1e-9 * (upper - lower) / step;
+    let (first, last) = (
+        (lower / step - slack).ceil(),
+        (upper / step + slack).floor(),
+    );
+    (0..=(last - first).clamp(0.0, 100.0) as usize)
+        .map(|k| {
+            let at = (first + k as f64) * step;
+            Tick {
+                at,
+                label: Some(number(at, step)),
+            }
+        })
+        .collect()
+}
+
+/// Powers of ten, every so many with a label; where there are less than two, 2 and 5 times them too; where that is one label or none, as on
+/// a linear axis.
+fn logarithmic([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
+    let (first, last) = (
+        (lower.log10() - 1e-9).floor() as i32,
+        (upper.log10() + 1e-9).ceil() as i32,
+    );
+    let inside = |at: &f64| (lower * (1.0 - 1e-9)..=upper * (1.0 + 1e-9)).contains(at);
+    let decades: Vec<i32> = (first..=last).filter(|e| inside(&10f64.powi(*e))).collect();
+    let every = decades.len().div_ceil(wanted.max(1)).max(1) as i32;
+    let few = decades.len() < 2;
+    let fine = decades.len() <= 5;
+    let mut all = Vec::new();
+    for e in first..=last {
+        for m in 1..10 {
+            let at = f64::from(m) * 10f64.powi(e);
+            if !inside(&at) || (m > 1 && !fine) {
+                continue;
+            }
+            let label = match m {
+                1 => (e.rem_euclid(every) == 0).then(|| power_of_ten(e)),
+                2 | 5 if few => Some(times_power(m, e)),
+                _ => None,
+            };
+            all.push(Tick { at, label });
+        }
+    }
+    let labels = all.iter().filter(|tick| tick.label.is_some()).count();
+    match few && labels < 2 && lower < upper {
+        true => linear([lower, upper], wanted),
+        false => all,
+    }
+}
+
+/// `10⁻³`; `1` and `10` as they are.
+pub fn power_of_ten(exponent: i32) -> String {
+    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    match exponent {
+        0 => "1".to_owned(),
+        1 => "10".to_owned(),
+        _ => {
+            let digits = exponent.unsigned_abs().to_string();
+            let raised = digits.bytes().map(|d| DIGITS[usize::from(d - b'0')]);
+            let sign = (exponent < 0).then_some('⁻');
+            "10".chars().chain(sign).chain(raised).collect()
+        }
+    }
+}
+
+/// `2·10⁻³`; `0.02` to `50` as they are.
+fn times_power(factor: i32, exponent: i32) -> String {
+    match exponent {
+        -2..=1 => format!("{}", f64::from(factor) * 10f64.powi(exponent)),
+        _ => format!("{factor}·{}", power_of_ten(exponent)),
+    }
+}
+
+/// `value` with the digits that tell multiples of `step` apart.
+fn number(value: f64, step: f64) -> String {
+    let value = if value.abs() < 1e-9 * step {
+        0.0
+    } else {
+        value
+    };
+    let large = value.abs().max(step);
+    if !(1e-4..1e6).contains(&step) || large >= 1e6 {
+        let places = (large.log10().floor() - step.log10().floor()).clamp(0.0, 15.0) as usize;
+        return if value == 0.0 {
+            "0".to_owned()
+        } else {
+            format!("{value:.places$e}")
+        };
+    }
+    let places = (-(step * 1.000_001).log10().floor()).max(0.0) as usize;
+    format!("{value:.places$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels(ticks: &[Tick]) -> Vec<&str> {
+        ticks.iter().filter_map(|t| t.label.as_deref()).collect()
+    }
+
+    #[test]
+    fn round_numbers_within_the_axis() {
+        let found = ticks([-1.5, 1.5], Scale::Linear, 6);
+        assert_eq!(
+            labels(&found),
+            ["-1.5", "-1.0", "-0.5", "0.0", "0.5", "1.0", "1.5"]
+        );
+        assert_eq!(
+            labels(&ticks([0.0, 40.0], Scale::Linear, 4)),
+            ["0", "10", "20", "30", "40"]
+        );
+        assert_eq!(
+            labels(&ticks([0.0, 3e-7], Scale::Linear, 3)),
+            ["0", "1e-7", "2e-7", "3e-7"]
+        );
+        for (lower, upper) in [(0.0, 1.0), (-3.2, 17.9), (1e8, 1.1e8), (0.1, 0.100_3)] {
+            let found = ticks([lower, upper], Scale::Linear, 5);
+            assert!((3..=8).contains(&found.len()), "{found:?}");
+            let mut texts = labels(&found);
+            texts.dedup();
+            assert_eq!(texts.len(), found.len(), "{found:?}");
+        }
+        // An axis without length has no ticks, and does not go on for ever.
+        assert!(ticks([1.0, 1.0], Scale::Linear, 5).len() <= 1);
+    }
+
+    #[test]
+    fn decades() {
+        let found = ticks([1e-12, 1.0], Scale::Log, 7);
+        assert_eq!(
+            labels(&found),
+            ["10⁻¹²", "10⁻¹⁰", "10⁻⁸", "10⁻⁶", "10⁻⁴", "10⁻²", "1"]
+        );
+        assert_eq!(labels(&ticks([1.5, 8.0], Scale::Log, 5)), ["2", "5"]);
+        assert_eq!(labels(&ticks([0.5, 40.0], Scale::Log, 5)), ["1", "10"]);
+    }
+}

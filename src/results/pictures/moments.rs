@@ -1,0 +1,274 @@
+//! Density, momentum and mean velocity.
+
+use crate::base::checksum::Slab;
+use crate::results::figure::palette::Style;
+use crate::results::figure::{Axis, Figure, Layer, Panel};
+use crate::results::pictures::phase_space::branches;
+use crate::results::pictures::stored::{Plane, Read, Stored};
+use crate::results::pictures::{
+    Cut, Runs, apart, borders, closing, difference, jumps, largest, map, range, short,
+};
+
+/// Where a density as large as `largest` (where that is seen) is too small for a mean velocity: round-off, or within what it may be off.
+fn nothing(run: &Stored, largest: f64) -> f64 {
+    /// Part of the largest that is round-off.
+    const ROUND_OFF: f64 = 1e-10;
+    let number = |key: &str| run.summary.as_ref().ok().and_then(|s| s[key].as_f64());
+    let estimate = number("error_estimate").unwrap_or(0.0).min(1.0);
+    // The mean of all of space, where what is seen holds nothing.
+    let volume: f64 = (run.space.x.iter()).map(|a| a.upper - a.lower).product();
+    let mean = number("mass").map_or(0.0, |mass| (mass / volume).abs());
+    largest.max(mean) * estimate.max(ROUND_OFF)
+}
+
+/// A mean velocity without what is round-off over round-off.
+fn sensible(velocity: &mut [f64], density: &[f64], nothing: f64) {
+    for (velocity, density) in velocity.iter_mut().zip(density) {
+        if density.abs() <= nothing {
+            *velocity = f64::NAN;
+        }
+    }
+}
+
+/// The list `name` of a run in one dimension; velocities where there is something.
+fn listed(run: &Stored, name: &str) -> Read<Vec<f64>> {
+    let mut values = run.list(name)?;
+    if name == "velocity" {
+        let density = run.list("density")?;
+        let most = density.iter().fold(0.0f64, |m, d| m.max(d.abs()));
+        sensible(&mut values, &density, nothing(run, most));
+    }
+    Ok(values)
+}
+
+/// Values over the space axis, as points.
+fn over_space(run: &Stored, values: &[f64]) -> Vec<[f64; 2]> {
+    let centres = run.axis(0).centres();
+    (centres.into_iter().zip(values))
+        .map(|(x, value)| [x, *value])
+        .collect()
+}
+
+/// Exact density, momentum and mean velocity in one dimension, where the file has what they follow from.
+fn exact(run: &Stored) -> Read<Option<[Vec<f64>; 3]>> {
+    let (density, momentum) = if run.has("density_exact") {
+        let (density, velocity) = (run.list("density_exact")?, run.list("velocity_exact")?);
+        let momentum = density.iter().zip(&velocity).map(|(d, u)| d * u).collect();
+        (density, momentum)
+    } else if run.has("exact") {
+        // Its cells are summed as those of f are.
+        let v = run.axis(1);
+        let centres = v.centres();
+        let (mut density, mut momentum) = (Vec::new(), Vec::new());
+        for i in 0..run.axis(0).cells {
+            let line = run.slab("exact", &Slab::of(&[i..i + 1, 0..v.cells]))?;
+            density.push(line.iter().sum::<f64>() * v.width());
+            let moment = line.iter().zip(&centres).map(|(f, v)| f * v);
+            momentum.push(moment.sum::<f64>() * v.width());
+        }
+        (density, momentum)
+    } else {
+        return Ok(None);
+    };
+    let velocity: Vec<f64> = (momentum.iter().zip(&density))
+        .map(|(m, d)| if *d > 0.0 { m / d } else { f64::NAN })
+        .collect();
+    // Nothing has no velocity, and adds no momentum.
+    let momentum = (momentum.into_iter().zip(&density))
+        .map(|(m, d)| if *d > 0.0 { m } else { 0.0 })
+        .collect();
+    Ok(Some([density, momentum, velocity]))
+}
+
+/// In one dimension: each as lines over `x`, with the exact ones and the branches of a velocity that has several.
+///
+/// # Errors
+/// What the files lack.
+pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
+    let run = runs.run;
+    let exact = exact(run)?;
+    let faces = jumps(run, 0, &Cut::middle(run));
+    let mut panels = Vec::new();
+    for (k, (name, label)) in [
+        ("density", "density"),
+        ("momentum", "momentum"),
+        ("velocity", "mean velocity"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        // What stands for what is said once.
+        let said = |text: &str| {
+            if name == "velocity" {
+                text.to_owned()
+            } else {
+                String::new()
+            }
+        };
+        let mut panel = Panel::new(label, Axis::linear("x"), Axis::linear(label));
+        if name == "velocity"
+            && let Ok(curve) = branches(run)
+        {
+            panel = panel.line("exact, by branch", Style::theory(), curve);
+        }
+        // Points, and below the lines, so that all are seen where they agree.
+        if let Some(beside) = runs.beside {
+            let points = over_space(run, &listed(beside, name)?);
+            panel = panel.points(said(&runs.names[1]), Style::of(1).hollow(), points);
+        }
+        if let Some(exact) = &exact {
+            let points = over_space(run, &exact[k]);
+            panel = panel.line(said("exact"), Style::of(2).plain(), points);
+        }
+        let points = over_space(run, &listed(run, name)?);
+        panel = panel.line(said(&runs.names[0]), Style::of(0).plain(), points);
+        for &at in &faces {
+            panel = panel.vertical("", at);
+        }
+        panels.push(panel);
+    }
+    let what = match (&exact, run.has("density_exact")) {
+        (None, _) => "",
+        (Some(_), true) => " Exact values are averages over the cells.",
+        (Some(_), false) => " Exact values are sums over the cells of the exact field.",
+    };
+    Ok(
+        Figure::new(format!("Moments at t = {}", short(run.time)), panels)
+            .columns(3)
+            .frame(320.0, 240.0)
+            .caption(format!(
+                "Density ∫f dv, momentum ∫v f dv, and their ratio where there is something.{what}{}{}",
+                if faces.is_empty() { "" } else { " Vertical lines: where V jumps." },
+                closing(run, 0, &faces)
+            )),
+    )
+}
+
+/// Every plane of two space axes.
+fn planes(n: usize) -> Vec<[usize; 2]> {
+    (0..n)
+        .flat_map(|a| (a + 1..n).map(move |b| [a, b]))
+        .collect()
+}
+
+/// The title of a panel in a plane through a cut.
+fn titled(run: &Stored, name: &str, plane: [usize; 2], cut: &Cut) -> String {
+    let place = cut.place(run, plane, 0..run.dimension());
+    if place.is_empty() {
+        name.to_owned()
+    } else {
+        format!("{name} at {place}")
+    }
+}
+
+/// A row of maps: exact, computed, and the difference.
+fn row(
+    runs: &Runs<'_>,
+    (name, component): (&str, Option<usize>),
+    label: &str,
+    (plane, cut): ([usize; 2], &Cut),
+) -> Read<Vec<Panel>> {
+    let run = runs.run;
+    let at = (plane, &cut.0[..run.dimension()]);
+    let read = |r: &Stored| -> Read<Plane> {
+        let mut found = r.plane(name, component, at)?;
+        if name == "velocity" {
+            let density = r.plane("density", None, at)?;
+            let nothing = nothing(r, largest([&density]));
+            sensible(&mut found.values, &density.values, nothing);
+        }
+        Ok(found)
+    };
+    let computed: Read<Vec<Plane>> = runs.each().map(|(r, _)| read(r)).collect();
+    let computed = computed?;
+    let named = format!("{name}_exact");
+    let exact = match run.has(&named) {
+        true => Some(run.plane(&named, component, at)?),
+        false => None,
+    };
+    // What is there has the velocities of the box.
+    let scale = match component {
+        Some(a) => {
+            let axis = run.axis(run.dimension() + a);
+            axis.lower.abs().max(axis.upper.abs())
+        }
+        None => largest(computed.iter().chain(&exact)),
+    };
+    let shared = range(computed.iter().chain(&exact), scale);
+    let border = borders(run, plane, cut);
+    let bordered = |panel: Panel| {
+        if border.is_empty() {
+            return panel;
+        }
+        panel.line("", Style::theory(), border.clone())
+    };
+    let show = |title: &str, field: Plane| {
+        let title = titled(run, title, plane, cut);
+        bordered(map(run, plane, title, field, shared))
+    };
+    let names: Vec<&str> = runs.each().map(|(_, name)| name).collect();
+    let mut panels = Vec::new();
+    if let Some(exact) = &exact {
+        panels.push(show(&format!("{label}, exact"), exact.clone()));
+    }
+    for (field, name) in computed.iter().zip(&names).rev() {
+        panels.push(show(&format!("{label}, {name}"), field.clone()));
+    }
+    if let (Some(exact), Some(field)) = (&exact, computed.first()) {
+        let field = difference(field, exact);
+        let title = titled(run, &format!("{label}, {} − exact", names[0]), plane, cut);
+        panels.push(bordered(apart(run, plane, title, field, scale)));
+    }
+    Ok(panels)
+}
+
+/// In more dimensions: the density on every plane of two space axes.
+///
+/// # Errors
+/// What the files lack.
+pub fn density(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
+    let rows: Read<Vec<Vec<Panel>>> = (planes(runs.run.dimension()).into_iter())
+        .map(|plane| row(runs, ("density", None), "density", (plane, cut)))
+        .collect();
+    Ok(figure(runs.run, "Density", rows?, ("∫f dv.", cut)))
+}
+
+/// In more dimensions: each component of the mean velocity, on the same planes.
+///
+/// # Errors
+/// What the files lack.
+pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
+    let n = runs.run.dimension();
+    let rows: Read<Vec<Vec<Panel>>> = planes(n)
+        .into_iter()
+        .flat_map(|plane| (0..n).map(move |component| (plane, component)))
+        .map(|(plane, component)| {
+            let label = ["u_x", "u_y", "u_z"][component];
+            row(runs, ("velocity", Some(component)), label, (plane, cut))
+        })
+        .collect();
+    let caption = "Momentum over density; white where there is nothing.";
+    Ok(figure(runs.run, "Mean velocity", rows?, (caption, cut)))
+}
+
+/// Rows of maps; short ones side by side.
+fn figure(run: &Stored, what: &str, rows: Vec<Vec<Panel>>, (caption, cut): (&str, &Cut)) -> Figure {
+    let width = rows.first().map_or(1, Vec::len);
+    let columns = match width {
+        1 => rows.len().min(3),
+        4 => 2,
+        _ => width,
+    };
+    let panels: Vec<Panel> = rows.into_iter().flatten().collect();
+    let mut caption = caption.to_owned();
+    if (panels.iter().flat_map(|p| &p.layers)).any(|l| matches!(l, Layer::Line { .. })) {
+        caption += " Dashed: where V jumps.";
+    }
+    for a in 0..run.dimension() {
+        caption += &closing(run, a, &jumps(run, a, cut));
+    }
+    Figure::new(format!("{what} at t = {}", short(run.time)), panels)
+        .columns(columns)
+        .frame(300.0, 260.0)
+        .caption(caption)
+}

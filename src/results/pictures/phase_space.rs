@@ -1,0 +1,189 @@
+//! Fields in phase space: all of it in one dimension, planes (x_a, v_a) in more.
+
+use crate::base::checksum::Slab;
+use crate::matrix::observables::level_sets::concentrate;
+use crate::results::figure::palette::Style;
+use crate::results::figure::{Axis, Figure, Panel};
+use crate::results::pictures::stored::{Plane, Read, Stored};
+use crate::results::pictures::{
+    Cut, Runs, apart, closing, difference, jumps, largest, map, range, short,
+};
+
+/// A row of maps for every plane: the exact field, the computed ones, and how they differ; of measure-valued data `φ δ(ψ)`, `φ` and the level sets.
+///
+/// # Errors
+/// What the files lack.
+pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
+    let run = runs.run;
+    let n = run.dimension();
+    let measure = run.has("phi");
+    let mut panels = Vec::new();
+    let mut lines = String::new();
+    for a in 0..n {
+        let faces = jumps(run, a, cut);
+        if !faces.is_empty() && lines.is_empty() {
+            " Vertical lines: where V jumps.".clone_into(&mut lines);
+        }
+        lines += &closing(run, a, &faces);
+        let plane = [a, n + a];
+        let mut row = if measure {
+            level_sets(runs, plane, cut)?
+        } else {
+            fields(runs, plane, cut)?
+        };
+        let place = cut.place(run, plane, 0..2 * n);
+        for panel in &mut row {
+            if !place.is_empty() {
+                panel.title = format!("{} at {place}", panel.title);
+            }
+            for &at in &faces {
+                *panel = std::mem::replace(panel, Panel::new("", panel.x.clone(), panel.y.clone()))
+                    .vertical("", at);
+            }
+        }
+        panels.extend(row);
+    }
+    let row = (panels.len() / n).max(1);
+    let columns = match row {
+        4 => 2,
+        row => row.min(3),
+    };
+    let time = short(run.time);
+    let what = if measure {
+        "Measure-valued data: f = φ δ(ψ), with the paper's discrete delta function in one dimension."
+    } else {
+        "Cell averages of f."
+    };
+    if run.case.is_err() {
+        lines += " The case file is not understood by this program: jumps of V are not shown.";
+    }
+    let averaged =
+        if (0..2 * n).any(|a| run.axis(a).cells > crate::results::pictures::stored::FINEST) {
+            " Finer grids than can be shown are averaged."
+        } else {
+            ""
+        };
+    Ok(
+        Figure::new(format!("{} at t = {time}", run.title()), panels)
+            .columns(columns)
+            .frame(300.0, 260.0)
+            .caption(format!("{what}{lines}{averaged}")),
+    )
+}
+
+/// `f`, the exact one, and differences.
+fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
+    let run = runs.run;
+    let at = (plane, &cut.0[..]);
+    let computed: Read<Vec<Plane>> = runs.each().map(|(r, _)| r.plane("f", None, at)).collect();
+    let computed = computed?;
+    let exact = match run.has("exact") {
+        true => Some(run.plane("exact", None, at)?),
+        false => None,
+    };
+    let scale = largest(computed.iter().chain(&exact));
+    let shared = range(computed.iter().chain(&exact), scale);
+    let show = |title: String, field: &Plane| map(run, plane, title, field.clone(), shared);
+    let apart = |title: String, field: Plane| apart(run, plane, title, field, scale);
+    let names: Vec<&str> = runs.each().map(|(_, name)| name).collect();
+    let mut panels = Vec::new();
+    panels.extend(exact.iter().map(|e| show("exact".to_owned(), e)));
+    // The one that it is compared with comes first, as in the paper.
+    for (field, name) in computed.iter().zip(&names).rev() {
+        panels.push(show((*name).to_owned(), field));
+    }
+    if let Some(exact) = &exact {
+        for (field, name) in computed.iter().zip(&names).rev() {
+            panels.push(apart(format!("{name} − exact"), difference(field, exact)));
+        }
+    }
+    if let [field, other] = &computed[..] {
+        let title = format!("{} − {}", names[0], names[1]);
+        panels.push(apart(title, difference(field, other)));
+    }
+    Ok(panels)
+}
+
+/// In one dimension the exact velocity and `φ δ(ψ)`; then `φ` and every `ψ`, and how they differ from those of the run beside.
+fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
+    let run = runs.run;
+    let n = run.dimension();
+    let at = (plane, &cut.0[..]);
+    let mut panels = Vec::new();
+    if n == 1 {
+        if run.has("multivalued") {
+            let [x, v] = plane.map(|a| {
+                let axis = run.axis(a);
+                Axis::linear(run.names()[a]).within(axis.lower, axis.upper)
+            });
+            let curve = branches(run)?;
+            panels.push(Panel::new("exact velocity", x, v).line("", Style::of(0).plain(), curve));
+        }
+        let found: Read<Vec<(Plane, &str)>> = (runs.each())
+            .filter(|(r, _)| r.case.is_ok())
+            .map(|(r, name)| Ok((concentrated(r)?, name)))
+            .collect();
+        let found = found?;
+        let shared = range(found.iter().map(|(p, _)| p), 0.0);
+        for (field, name) in found.into_iter().rev() {
+            let title = format!("φ δ(ψ), {name}");
+            panels.push(map(run, plane, title, field, shared));
+        }
+    }
+    let psi = |a: usize| match n {
+        1 => "ψ".to_owned(),
+        _ => format!("ψ_{}", ["x", "y", "z"][a]),
+    };
+    let mut fields = vec![("φ".to_owned(), "phi", None)];
+    fields.extend((0..n).map(|a| (psi(a), "psi", Some(a))));
+    let mut differences = Vec::new();
+    for (label, name, component) in fields {
+        let field = run.plane(name, component, at)?;
+        if let Some(beside) = runs.beside {
+            let other = difference(&field, &beside.plane(name, component, at)?);
+            let title = format!("{label}, {} − {}", runs.names[0], runs.names[1]);
+            differences.push(apart(run, plane, title, other, largest([&field])));
+        }
+        let shared = range([&field], 0.0);
+        let title = format!("{label}, {}", runs.names[0]);
+        panels.push(map(run, plane, title, field, shared));
+    }
+    panels.extend(differences);
+    Ok(panels)
+}
+
+/// `φ δ_ω(ψ)` over phase space of one dimension, line by line as moments are taken.
+fn concentrated(run: &Stored) -> Read<Plane> {
+    let case = run.case.as_ref().map_err(String::clone)?;
+    let [nx, nv] = [run.axis(0).cells, run.axis(1).cells];
+    let width = case.delta_width;
+    let mut values = Vec::with_capacity(nx * nv);
+    let mut line = vec![0.0; nv];
+    for i in 0..nx {
+        let at = |ranges: &[std::ops::Range<usize>]| Slab::of(ranges);
+        let phi = run.slab("phi", &at(&[i..i + 1, 0..nv]))?;
+        let psi = run.slab("psi", &at(&[0..1, i..i + 1, 0..nv]))?;
+        concentrate(&mut line, &run.space, width, &phi, &[&psi]);
+        values.extend_from_slice(&line);
+    }
+    Ok(Plane {
+        shape: [nx, nv],
+        values,
+    })
+}
+
+/// The exact velocity, branch after branch, with NaN between.
+pub(crate) fn branches(run: &Stored) -> Read<Vec<[f64; 2]>> {
+    let read = |name: &str| run.list(&format!("multivalued/{name}"));
+    let (x, v, branch) = (read("x")?, read("v")?, read("branch")?);
+    let mut points = Vec::with_capacity(x.len());
+    let mut last = None;
+    for ((x, v), branch) in x.into_iter().zip(v).zip(branch) {
+        if last.is_some_and(|last| last != branch) {
+            points.push([f64::NAN; 2]);
+        }
+        points.push([x, v]);
+        last = Some(branch);
+    }
+    Ok(points)
+}

@@ -1,0 +1,352 @@
+//! A finished run as its files tell it: datasets of `result.h5`, planes of them, attributes.
+
+use crate::base::checksum::Slab;
+use crate::base::error::{Error, Result};
+use crate::problem::case::Case;
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
+use crate::results::readback::{read_slab, read_text};
+use hdf5::types::VarLenUnicode;
+use hdf5::{Dataset, File, Location};
+use serde::Deserialize;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Most cells of a map along an axis; finer grids are averaged.
+pub(crate) const FINEST: usize = 512;
+/// Numbers read at a time: 4 MiB.
+const PIECE: usize = 1 << 19;
+
+/// What reading a file gives; the reason where it does not.
+pub type Read<T> = std::result::Result<T, String>;
+
+/// `result.h5`, open for reading, and what is needed of it at once.
+pub struct Stored {
+    /// Where it is.
+    pub directory: PathBuf,
+    /// The grid.
+    pub space: PhaseSpace,
+    /// The case as this program understands it; why it does not, otherwise.
+    pub case: Read<Case>,
+    /// The case file as it was read.
+    pub text: String,
+    /// The `--set` options applied to it.
+    pub overrides: Vec<String>,
+    /// The plan.
+    pub plan: Value,
+    /// Attributes of the file: what produced it.
+    pub provenance: BTreeMap<String, String>,
+    /// Time of the fields.
+    pub time: f64,
+    /// `summary.json`; why it cannot be read.
+    pub summary: Read<Value>,
+    /// Seconds by step: of the summary, which knows all of them, or of the file.
+    pub seconds: BTreeMap<String, f64>,
+    file: File,
+}
+
+/// A dataset over two axes, averaged where the grid is finer than `FINEST`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plane {
+    /// Cells along both.
+    pub shape: [usize; 2],
+    /// A value for each, the second axis fastest.
+    pub values: Vec<f64>,
+}
+
+impl Stored {
+    /// Opens `directory/result.h5`; by one rank, as any program would.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where there is none, or none that can be read.
+    pub fn open(directory: &Path) -> Result<Self> {
+        let path = directory.join("result.h5");
+        let wrong = |why: &dyn std::fmt::Display| {
+            Error::Input(format!(
+                "{}: {why}; a directory that `phasewarp run` wrote is expected",
+                path.display()
+            ))
+        };
+        match std::fs::metadata(&path) {
+            Ok(found) if found.is_file() => {}
+            Ok(_) => return Err(wrong(&"is no file")),
+            Err(e) => return Err(wrong(&e)),
+        }
+        let file = File::open(&path).map_err(|e| wrong(&e))?;
+        Self::of(directory, file).map_err(|e| wrong(&e))
+    }
+
+    fn of(directory: &Path, file: File) -> Read<Self> {
+        let said = |e: hdf5::Error| e.to_string();
+        let mut provenance = BTreeMap::new();
+        for name in file.attr_names().map_err(said)? {
+            if let Ok(value) = attribute(&file, &name) {
+                provenance.insert(name, value);
+            }
+        }
+        let time = number(&file, "time").map_err(said)?;
+        let stored = file.dataset("case").map_err(said)?;
+        let text = read_text(&stored).map_err(said)?;
+        let overrides = attribute(&stored, "overrides").unwrap_or_default();
+        let overrides: Vec<String> = overrides.lines().map(str::to_owned).collect();
+        let name = provenance.get("case_file").map_or("case", String::as_str);
+        let found = grid(&file)?;
+        let case =
+            (Case::parse(name, &text, &overrides).map_err(|e| e.to_string())).and_then(|case| {
+                let space = as_stored(&case.space, &found)
+                    .ok_or_else(|| "its grid is not that of the result".to_owned())?;
+                Ok(Case { space, ..case })
+            });
+        let plan = read_text(&file.dataset("plan").map_err(said)?).map_err(said)?;
+        let plan = serde_json::from_str(&plan).map_err(|e| format!("/plan: {e}"))?;
+        let summary = summary(directory);
+        let steps = summary.as_ref().ok().map(|s| &s["seconds"]);
+        let seconds = match steps.and_then(|s| BTreeMap::deserialize(s).ok()) {
+            Some(seconds) => seconds,
+            None => timings(&file).map_err(said)?,
+        };
+        let space = match &case {
+            Ok(case) => case.space.clone(),
+            Err(_) => found,
+        };
+        Ok(Self {
+            directory: directory.to_owned(),
+            space,
+            case,
+            text,
+            overrides,
+            plan,
+            provenance,
+            time,
+            summary,
+            seconds,
+            file,
+        })
+    }
+
+    /// Number of space dimensions.
+    pub fn dimension(&self) -> usize {
+        self.space.dimension()
+    }
+
+    /// Names of the axes in storage order.
+    pub fn names(&self) -> Vec<&'static str> {
+        axis_names(self.dimension())
+    }
+
+    /// Axis number `a` in storage order.
+    pub fn axis(&self, a: usize) -> &Axis {
+        let n = self.dimension();
+        if a < n {
+            &self.space.x[a]
+        } else {
+            &self.space.v[a - n]
+        }
+    }
+
+    /// Title of the case; its file where it has none.
+    pub fn title(&self) -> String {
+        let of = |key: &str| self.provenance.get(key).filter(|t| !t.is_empty());
+        of("title")
+            .or_else(|| of("case_file"))
+            .cloned()
+            .unwrap_or_default()
+    }
+
+    /// Whether there is such a dataset.
+    pub fn has(&self, name: &str) -> bool {
+        // A link whose group is missing is an error of its own.
+        let mut path = String::new();
+        name.split('/').all(|part| {
+            path = format!("{path}/{part}");
+            self.file.link_exists(&path)
+        })
+    }
+
+    fn dataset(&self, name: &str) -> Read<Dataset> {
+        if !self.has(name) {
+            return Err(format!("there is no /{name} in result.h5"));
+        }
+        self.file
+            .dataset(name)
+            .map_err(|e| format!("/{name} of result.h5: {e}"))
+    }
+
+    /// A dataset of at most one index a step, whole.
+    pub fn list(&self, name: &str) -> Read<Vec<f64>> {
+        let dataset = self.dataset(name)?;
+        dataset
+            .read_raw()
+            .map_err(|e| format!("/{name} of result.h5: {e}"))
+    }
+
+    /// A box of a dataset, row-major.
+    pub fn slab(&self, name: &str, slab: &Slab) -> Read<Vec<f64>> {
+        read_slab(&self.dataset(name)?, slab).map_err(|e| format!("/{name} of result.h5: {e}"))
+    }
+
+    /// A dataset over the axes from `first` on, on the plane of axes `plane` (the lower first) through the cells `at` of the others; `component` is its
+    /// first index, where it has one more. Only that plane is read, some rows at a time. What is no number has no part in averages.
+    pub fn plane(
+        &self,
+        name: &str,
+        component: Option<usize>,
+        (plane, at): ([usize; 2], &[usize]),
+    ) -> Read<Plane> {
+        let lengths = plane.map(|a| self.axis(a).cells);
+        let shape = lengths.map(|n| n.min(FINEST));
+        let dataset = self.dataset(name)?;
+        if dataset.ndim() != at.len() + usize::from(component.is_some()) {
+            return Err(format!(
+                "/{name} of result.h5 has {} dimensions",
+                dataset.ndim()
+            ));
+        }
+        let mut values = Vec::with_capacity(shape[0] * shape[1]);
+        // Lines of the map that fit into a piece, at least one.
+        let (ends, column) = (ends(lengths[0], shape[0]), ends(lengths[1], shape[1]));
+        let together = (PIECE * shape[0] / (lengths[0] * lengths[1]).max(1)).max(1);
+        for lines in ends.chunks(together) {
+            let (Some(first), Some(last)) = (lines.first(), lines.last()) else {
+                continue;
+            };
+            let mut slab = Slab {
+                start: component.iter().chain(at).copied().collect(),
+                count: vec![1; at.len() + usize::from(component.is_some())],
+            };
+            let skip = usize::from(component.is_some());
+            slab.start[skip + plane[0]] = first[0];
+            slab.count[skip + plane[0]] = last[1] - first[0];
+            slab.start[skip + plane[1]] = 0;
+            slab.count[skip + plane[1]] = lengths[1];
+            let read = read_slab(&dataset, &slab);
+            let read = read.map_err(|e| format!("/{name} of result.h5: {e}"))?;
+            for line in lines {
+                for column in &column {
+                    let rows = (line[0]..line[1]).map(|i| (i - first[0]) * lengths[1]);
+                    let cells = rows.flat_map(|row| &read[row + column[0]..row + column[1]]);
+                    values.push(average(cells.copied()));
+                }
+            }
+        }
+        Ok(Plane { shape, values })
+    }
+}
+
+/// From where to where each of `parts` parts of `cells` cells goes.
+fn ends(cells: usize, parts: usize) -> Vec<[usize; 2]> {
+    let end = |k: usize| k * cells / parts.max(1);
+    (0..parts).map(|k| [end(k), end(k + 1)]).collect()
+}
+
+/// The mean of those that are finite; NaN where there are none.
+fn average(values: impl Iterator<Item = f64>) -> f64 {
+    let finite = values.filter(|v| v.is_finite());
+    let (sum, count) = finite.fold((0.0, 0usize), |(sum, count), v| (sum + v, count + 1));
+    sum / count as f64
+}
+
+/// The grid of a case as a result has it that has these cells: an axis along which nothing varies may have one.
+fn as_stored(whole: &PhaseSpace, found: &PhaseSpace) -> Option<PhaseSpace> {
+    let axes = |whole: &[Axis], found: &[Axis]| -> Option<Vec<Axis>> {
+        let same = |(whole, found): (&Axis, &Axis)| match found.cells {
+            cells if cells == whole.cells => Some(whole.clone()),
+            1 => Some(whole.merged()),
+            _ => None,
+        };
+        if whole.len() != found.len() {
+            return None;
+        }
+        whole.iter().zip(found).map(same).collect()
+    };
+    Some(PhaseSpace {
+        x: axes(&whole.x, &found.x)?,
+        v: axes(&whole.v, &found.v)?,
+        ..whole.clone()
+    })
+}
+
+/// The grid from the centres of its cells, where the case is not understood.
+fn grid(file: &File) -> Read<PhaseSpace> {
+    let axis = |name: &str| -> Read<Axis> {
+        let centres = file
+            .dataset(&format!("axis/{name}"))
+            .and_then(|d| d.read_raw::<f64>())
+            .map_err(|e| format!("/axis/{name}: {e}"))?;
+        let (Some(first), Some(last)) = (centres.first(), centres.last()) else {
+            return Err(format!("/axis/{name}: is empty"));
+        };
+        let width = match centres.len() {
+            // Of a single cell the width is not there.
+            1 => 1.0,
+            n => (last - first) / (n - 1) as f64,
+        };
+        let ends = [first - 0.5 * width, last + 0.5 * width];
+        Ok(Axis::new(ends[0], ends[1], centres.len()))
+    };
+    let there = |name: &&&str| file.link_exists(&format!("axis/{name}"));
+    let n = ["x", "y", "z"].iter().filter(there).count();
+    let names = axis_names(n);
+    let axes: Read<Vec<Axis>> = names.iter().map(|name| axis(name)).collect();
+    let mut x = axes?;
+    let v = x.split_off(n);
+    if n == 0 {
+        return Err("/axis: no axes".to_owned());
+    }
+    Ok(PhaseSpace {
+        x,
+        v,
+        periodic: [false; MAX_DIMENSION],
+    })
+}
+
+/// `summary.json` of a directory.
+fn summary(directory: &Path) -> Read<Value> {
+    let path = directory.join("summary.json");
+    let wrong = |why: &dyn std::fmt::Display| format!("{}: {why}", path.display());
+    let text = std::fs::read_to_string(&path).map_err(|e| wrong(&e))?;
+    serde_json::from_str(&text).map_err(|e| wrong(&e))
+}
+
+/// `/timings`, where the file has them.
+fn timings(file: &File) -> hdf5::Result<BTreeMap<String, f64>> {
+    if !file.link_exists("timings") {
+        return Ok(BTreeMap::new());
+    }
+    let timings = file.group("timings")?;
+    let names = timings.attr_names()?;
+    (names.into_iter())
+        .map(|name| {
+            let seconds = number(&timings, &name)?;
+            Ok((name, seconds))
+        })
+        .collect()
+}
+
+/// An attribute as text, whether it is one or a number.
+fn attribute(at: &Location, name: &str) -> hdf5::Result<String> {
+    let attribute = at.attr(name)?;
+    let text = attribute.read_scalar::<VarLenUnicode>();
+    (text.map(|t| t.to_string())).or_else(|_| attribute.read_scalar::<f64>().map(|x| x.to_string()))
+}
+
+fn number(at: &Location, name: &str) -> hdf5::Result<f64> {
+    at.attr(name)?.read_scalar()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn averages_leave_nothing_out() {
+        for (cells, parts) in [(7, 7), (7, 3), (1000, 512), (1, 1)] {
+            let parts = ends(cells, parts);
+            assert_eq!((parts[0][0], parts[parts.len() - 1][1]), (0, cells));
+            assert!(parts.windows(2).all(|w| w[0][1] == w[1][0]));
+            assert!(parts.iter().all(|p| p[0] < p[1]));
+        }
+        assert_eq!(average([1.0, f64::NAN, 2.0].into_iter()), 1.5);
+        assert!(average([f64::NAN].into_iter()).is_nan());
+    }
+}

@@ -1,0 +1,166 @@
+//! Whether a file holds what was written: every dataset is read and its checksum compared with the one it carries.
+
+use crate::base::checksum;
+use crate::base::checksum::Slab;
+use crate::base::disk::failure;
+use crate::base::error::{Error, Result};
+use crate::parallel::communicator::Group;
+use crate::results::writer::{CHECKSUM, Outcome};
+use hdf5::types::TypeDescriptor;
+use hdf5::{Dataset, File, Hyperslab, SliceOrIndex};
+use ndarray::IxDyn;
+use std::collections::BTreeMap;
+use std::mem::ManuallyDrop;
+use std::path::{Path, PathBuf};
+
+/// Numbers read at a time: 4 MiB.
+const PIECE: usize = 1 << 19;
+
+/// Reads every dataset of the file, each piece on one rank, mostly another one than wrote it; gives their number.
+/// Collective over `world`.
+///
+/// # Errors
+/// [`Error::Output`], naming the first dataset that is not as written.
+pub fn check(world: &Group, path: &Path) -> Result<usize> {
+    let fail = |e: &dyn std::fmt::Display| failure(path, e);
+    let opened = File::with_options()
+        .with_fapl(|p| p.mpio(world.raw(), None))
+        .open(path)
+        .map_err(|e| fail(&e));
+    // Not closed after an error: closing waits for all ranks.
+    let file = ManuallyDrop::new(world.agree(opened)?);
+    let mut sums = BTreeMap::new();
+    let read = sums_of(world, &file, &mut sums).map_err(|e| fail(&e));
+    world.agree(read)?;
+    if sums.is_empty() {
+        return world.agree(Err(fail(&"holds no dataset with a checksum")));
+    }
+    for (name, (mine, expected)) in &sums {
+        if world.sum_modulo(*mine) != *expected {
+            let message = format!("dataset {name} is not as it was written (its checksum differs)");
+            return world.agree(Err(fail(&message)));
+        }
+    }
+    let closed = ManuallyDrop::into_inner(file).close();
+    world.agree(closed.map_err(|e| fail(&e)))?;
+    Ok(sums.len())
+}
+
+/// By name, this rank's part of the checksum of each dataset in the group and below, and the one the dataset carries.
+fn sums_of(
+    world: &Group,
+    group: &hdf5::Group,
+    sums: &mut BTreeMap<String, (u64, u64)>,
+) -> Outcome<()> {
+    for dataset in group.datasets()? {
+        let name = dataset.name();
+        let expected = (dataset.attr(CHECKSUM).and_then(|a| a.read_scalar()))
+            .map_err(|_| hdf5::Error::from(format!("dataset {name} carries no checksum")))?;
+        let mine = sum_of(world, &dataset)
+            .map_err(|e| hdf5::Error::from(format!("dataset {name} cannot be read: {e}")))?;
+        sums.insert(name, (mine, expected));
+    }
+    (group.groups()?.iter()).try_for_each(|group| sums_of(world, group, sums))
+}
+
+/// This rank's part of the checksum of a dataset.
+fn sum_of(world: &Group, dataset: &Dataset) -> Outcome<u64> {
+    let (rank, ranks) = (world.rank(), world.size());
+    if let TypeDescriptor::FixedUnicode(length) = dataset.dtype()?.to_descriptor()? {
+        return if rank == 0 {
+            Ok(checksum::of_text(&read_bytes(dataset, length)?))
+        } else {
+            Ok(0)
+        };
+    }
+    let shape = dataset.shape();
+    let mut sum: u64 = 0;
+    for (k, slab) in Slab::pieces(&shape, PIECE).enumerate() {
+        // One further than the ranks that wrote, as far as shares go by the first axis.
+        if (k + 1) % ranks != rank {
+            continue;
+        }
+        let values = read_slab(dataset, &slab)?;
+        sum = sum.wrapping_add(checksum::of_slab(&shape, &slab, &values));
+    }
+    Ok(sum)
+}
+
+/// The numbers of a slab, row-major, read by this rank on its own.
+pub(crate) fn read_slab(dataset: &Dataset, slab: &Slab) -> Outcome<Vec<f64>> {
+    let selection: Vec<SliceOrIndex> = (slab.start.iter().zip(&slab.count))
+        .map(|(&start, &count)| SliceOrIndex::SliceTo {
+            start,
+            step: 1,
+            end: start + count,
+            block: 1,
+        })
+        .collect();
+    let values = dataset.read_slice::<f64, _, IxDyn>(Hyperslab::from(selection))?;
+    Ok(values.into_raw_vec_and_offset().0)
+}
+
+/// The text of a dataset that [`crate::results::writer::Writer::text`] wrote; an empty one is one zero byte.
+pub(crate) fn read_text(dataset: &Dataset) -> Outcome<String> {
+    let bytes = read_bytes(dataset, dataset.dtype()?.size())?;
+    let text = String::from_utf8(bytes).map_err(|e| hdf5::Error::from(e.to_string()))?;
+    Ok(text.trim_end_matches('\0').to_owned())
+}
+
+/// Reads a text whose length is known at run time only, which the safe interface has no type for.
+fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
+    let kind = dataset.dtype()?;
+    if !dataset.is_scalar() || kind.size() != length {
+        return Err(hdf5::Error::from("a text could not be read"));
+    }
+    let mut bytes = vec![0u8; length];
+    // SAFETY: the dataset is scalar and of the type `kind`, which takes `length` bytes, and the handles are alive.
+    let status = unsafe {
+        hdf5_sys::h5d::H5Dread(
+            dataset.id(),
+            kind.id(),
+            hdf5_sys::h5s::H5S_ALL,
+            hdf5_sys::h5s::H5S_ALL,
+            hdf5_sys::h5p::H5P_DEFAULT,
+            bytes.as_mut_ptr().cast(),
+        )
+    };
+    if status >= 0 {
+        Ok(bytes)
+    } else {
+        Err(hdf5::Error::from("a text could not be read"))
+    }
+}
+
+/// As [`check`], of `directory/result.h5` and the warped fields beside it; gives the number of datasets of each file.
+///
+/// # Errors
+/// As [`check`]; [`Error::Input`] where there is no `result.h5`.
+pub fn check_result(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, usize)>> {
+    let path = directory.join("result.h5");
+    let fail = |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", path.display()));
+    world.agree(match std::fs::metadata(&path) {
+        Ok(found) if found.is_file() => Ok(()),
+        Ok(_) => Err(fail(&"is no file")),
+        Err(e) => Err(fail(&e)),
+    })?;
+    // What there is is for one rank to say.
+    let mut names = Vec::new();
+    if world.rank() == 0
+        && let Ok(entries) = std::fs::read_dir(directory)
+    {
+        let all = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+        names.extend(all.filter(|name| name.starts_with("warped_") && name.ends_with(".h5")));
+        names.sort_unstable();
+    }
+    let names = world.broadcast_text(&names.join("\n"));
+    ["result.h5"]
+        .into_iter()
+        .chain(names.lines())
+        .map(|name| {
+            let path = directory.join(name);
+            let datasets = check(world, &path)?;
+            Ok((path, datasets))
+        })
+        .collect()
+}

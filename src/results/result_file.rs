@@ -1,0 +1,367 @@
+//! `result.h5` through MPI-IO: every rank writes the hyperslab of its own share.
+//!
+//! | object | shape | |
+//! |---|---|---|
+//! | `/f` | (N_x1, …, N_xn, N_v1, …, N_vn) | cell values at the final time |
+//! | `/density` | (N_x1, …, N_xn) | ρ = ∫ f dv |
+//! | `/momentum`, `/velocity` | (n, N_x1, …, N_xn) | ∫ v f dv and its mean; NaN where there is nothing |
+//! | `/phi`, `/psi` | as `/f`; (n, …) | instead of `/f` for measure-valued data: `f = φ Π_a δ(ψ_a)` |
+//! | `/exact` | as `/f` | the exact solution, where one is named |
+//! | `/density_exact`, `/velocity_exact` | as `/density`, `/velocity` | instead of it for measure-valued data: cell averages |
+//! | `/multivalued/x`, `v`, `density`, `branch` | points | the branches of the exact velocity, in one dimension |
+//! | `/axis/x`, … `/axis/vz` | cell centres | dimension scales; `/axis/component` numbers vector components; also found in the root |
+//! | `/case`, `/plan` | text | the case file; the plan as JSON, as far as it does not depend on ranks |
+//! | `/plateau/p`, `/plateau/distance`, `/plateau/norm` | (K) | `f` read at other points `p`: relative l2 distance to `/f`, l2 norm |
+//! | `/readout/…` | (R) | what a quantum computer would tell, a number for every row and estimator, see [`crate::quantum::readout`] |
+//! | `/timings` | group | seconds by step, as attributes: datasets are the same bits for any ranks |
+//! | `/history/…` | a time first | moments and fields at earlier times, see [`crate::results::history`] |
+//! | `/xdmf/…` | axes reversed | what `fields.xdmf` shows, see [`crate::results::views`] |
+//!
+//! Every dataset has its [`crate::base::checksum`] as an attribute; the file is read back before it gets its name.
+
+use crate::base::checksum::Slab;
+use crate::base::disk::failure;
+use crate::base::error::{Error, Result};
+use crate::base::machine;
+use crate::base::text::bytes_text;
+use crate::parallel::communicator::Group;
+use crate::plan::Plan;
+use crate::problem::case::{Case, Data, Exact};
+use crate::problem::exact::sheet::{Curve, curve_points};
+use crate::problem::grid::axis_names;
+use crate::quantum::readout::Readout;
+use crate::quantum::readout::files::numbers as readout_numbers;
+use crate::results::dataset::{About, ExactSolution, PlateauPoint, Results, slices};
+use crate::results::views::Grid;
+use crate::results::writer::{CHUNK, Outcome, Writer, attribute, text};
+use crate::results::{history, readback, views};
+use std::ops::Range;
+use std::path::Path;
+
+/// Writes `directory/result.h5`; gives what `fields.xdmf` is to show of it. Collective over `world`.
+///
+/// # Errors
+/// [`crate::base::error::Error::Output`], the same on all ranks.
+pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<Vec<Grid>> {
+    let path = directory.join("result.h5");
+    world.agree(if world.rank() == 0 {
+        enough_room(directory, results.case)
+    } else {
+        Ok(())
+    })?;
+    put_in_place(world, &path, |partial| {
+        let grids = write_all(world, partial, results)?;
+        readback::check(world, partial)?;
+        Ok(grids)
+    })
+}
+
+/// Makes the file `path` by `write`, under another name until it is complete: an older file stays whole, and no half a file is taken for a
+/// result. Collective over `world`.
+///
+/// # Errors
+/// As `write`; [`crate::base::error::Error::Output`] where it cannot be renamed.
+pub fn put_in_place<T>(
+    world: &Group,
+    path: &Path,
+    write: impl FnOnce(&Path) -> Result<T>,
+) -> Result<T> {
+    // Files that are given up after an error stay open to the end; the library must not close them then.
+    // SAFETY: a plain call before the library is used.
+    unsafe { hdf5_sys::h5::H5dont_atexit() };
+    let partial = path.with_extension("h5.partial");
+    let written = write(&partial);
+    let renamed = match written {
+        Ok(found) if world.rank() == 0 => std::fs::rename(&partial, path)
+            .map(|()| found)
+            .map_err(|e| failure(path, &e)),
+        Err(_) if world.rank() == 0 => {
+            let _ = std::fs::remove_file(&partial);
+            written
+        }
+        _ => written,
+    };
+    world.agree(renamed)
+}
+
+/// Writes the whole file. Collective over `world`.
+fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Grid>> {
+    let plan = plan_text(results.plan);
+    let most = most_bytes(results.case) + plan.len() as u64;
+    let mut writer = Writer::create(world, path, most, &results.case.storage)?;
+    writer.agree(attributes(&writer, world.size(), &results.about(), &plan))?;
+    let outcome = axes(&mut writer, results);
+    writer.agree(outcome)?;
+    let space = &results.case.space;
+    let names = axis_names(space.dimension());
+    let (in_space, all) = (&names[..space.dimension()], &names[..]);
+    let velocities: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.cells).collect();
+    let share = results.share;
+    let phase: Vec<Range<usize>> = share.iter().cloned().chain(velocities).collect();
+    let scalar = |name: &str, axes, share: &[Range<usize>], values, what| {
+        writer.field(name, axes, &[(Slab::of(share), values)], what)
+    };
+    let vector = |name: &str, axes: &[&str], share: &[Range<usize>], values: &[&[f64]], what| {
+        let axes: Vec<&str> = [COMPONENT].iter().chain(axes).copied().collect();
+        let slabs: Vec<(Slab, &[f64])> = (values.iter().enumerate())
+            .map(|(component, &values)| {
+                let component = component..component + 1;
+                let ranges: Vec<Range<usize>> = [component]
+                    .into_iter()
+                    .chain(share.iter().cloned())
+                    .collect();
+                (Slab::of(&ranges), values)
+            })
+            .collect();
+        writer.field(name, &axes, &slabs, what)
+    };
+    let (first, others) = (results.fields[0], &results.fields[1..]);
+    match results.case.data {
+        Data::Density => {
+            let what = "cell average of the phase-space density";
+            scalar("f", all, &phase, first, what)?;
+        }
+        Data::Measure { .. } => {
+            let what = "density phi of f = phi delta(psi)";
+            scalar("phi", all, &phase, first, what)?;
+            let what = "level sets psi of f = phi delta(psi), one a velocity axis";
+            vector("psi", all, &phase, others, what)?;
+        }
+    }
+    match results.exact {
+        None => {}
+        Some(ExactSolution::Field(exact)) => {
+            let what = "exact solution at cell centres";
+            scalar("exact", all, &phase, exact, what)?;
+        }
+        Some(ExactSolution::Moments(exact)) => {
+            let (density, velocity) = (&exact.density, slices(&exact.velocity));
+            let what = "exact density, average over the cell";
+            scalar("density_exact", in_space, share, density, what)?;
+            let what = "exact mean velocity of the cell";
+            vector("velocity_exact", in_space, share, &velocity, what)?;
+            if let Some(curve) = &exact.curve {
+                multivalued(&writer, world.rank() == 0, curve)?;
+            }
+        }
+    }
+    let moments = results.moments;
+    let what = "integral of f over v";
+    scalar("density", in_space, share, &moments.density, what)?;
+    let (momentum, velocity) = (slices(&moments.momentum), slices(&moments.velocity));
+    let what = "integral of v f over v";
+    vector("momentum", in_space, share, &momentum, what)?;
+    vector("velocity", in_space, share, &velocity, "momentum / density")?;
+    history::write(&writer, results, results.totals, (all, COMPONENT))?;
+    writer.agree(plateau(&writer, results.plateau))?;
+    if let Some(readout) = results.readout {
+        writer.agree(measured(&writer, readout))?;
+    }
+    let grids = if results.case.storage.xdmf {
+        views::write(&writer, results)?
+    } else {
+        Vec::new()
+    };
+    writer.close()?;
+    Ok(grids)
+}
+
+/// Refuses to start what the disk cannot hold.
+///
+/// # Errors
+/// [`Error::Directory`].
+pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
+    let needed = most_bytes(case);
+    let room = machine::room_for_file(directory);
+    if needed <= room {
+        return Ok(());
+    }
+    Err(Error::Directory {
+        path: directory.to_owned(),
+        reason: format!(
+            "the results take {}, there is room for {}",
+            bytes_text(needed),
+            bytes_text(room)
+        ),
+    })
+}
+
+/// The most bytes that the results may take.
+pub fn most_bytes(case: &Case) -> u64 {
+    /// Metadata, texts and the summary.
+    const MARGIN: usize = 256 << 10;
+    /// What HDF5 keeps about a chunk, with nodes of its index half full.
+    const CHUNK_ENTRY: usize = 160;
+    let (space, storage) = (&case.space, &case.storage);
+    let n = space.dimension();
+    // As many datasets over phase space, planes in it, and space, as many points.
+    let (mut fields, mut moments, mut points) = (case.fields.len(), 1 + 2 * n, 0);
+    match (&case.exact, &case.data) {
+        (None, _) => {}
+        (Some(Exact::Characteristics), Data::Measure { .. }) => {
+            moments += 1 + n;
+            points = 5 * curve_points(case);
+        }
+        (Some(_), _) => fields += 1,
+    }
+    let planes = if storage.xdmf { fields } else { 0 };
+    if storage.xdmf && n > 1 {
+        moments += 11;
+    }
+    let [early_fields, early_moments] = history::datasets(case);
+    let all = |sizes: &[usize]| {
+        let planes = planes * (0..n).map(|a| sizes[a] * sizes[n + a]).sum::<usize>();
+        (fields + early_fields) * sizes.iter().product::<usize>()
+            + planes
+            + (moments + early_moments) * sizes[..n].iter().product::<usize>()
+    };
+    let cells: Vec<usize> = space.axes().map(|a| a.cells).collect();
+    let (mut numbers, mut chunks) = (all(&cells), 0);
+    if let Some(given) = &storage.chunks {
+        let each = || cells.iter().zip(given);
+        chunks = all(&each().map(|(n, c)| n.div_ceil(*c)).collect::<Vec<_>>());
+        if storage.compression == 0 {
+            // Chunks at the upper ends of the axes are stored whole; compressed, what they lack takes nothing.
+            numbers = all(&each()
+                .map(|(&n, &c)| n.next_multiple_of(c.min(n)))
+                .collect::<Vec<_>>());
+        }
+    } else if storage.compression > 0 {
+        // As in `Storage::most_chunks`.
+        chunks = 4 * numbers / CHUNK;
+    }
+    (8 * (numbers + points + 4 * case.times.len() + readout_numbers(case))
+        + CHUNK_ENTRY * chunks
+        + MARGIN
+        + 2 * case.text.len()) as u64
+}
+
+/// Name of the axis of vector components.
+const COMPONENT: &str = "component";
+/// Name of the axis of the points of a curve.
+const POINT: &str = "point";
+/// Name of the axis of vector components in `/xdmf`, of which there are always three.
+pub const DIRECTION: &str = "direction";
+
+/// What is said about the file as a whole. To be agreed on.
+pub(crate) fn attributes(
+    writer: &Writer<'_>,
+    ranks: usize,
+    about: &About<'_>,
+    plan: &str,
+) -> Outcome<()> {
+    let (file, case) = (writer.file(), about.case);
+    for (name, value) in about.provenance {
+        attribute(file, name, &text(value))?;
+    }
+    attribute(file, "ranks", &(ranks as u64))?;
+    attribute(file, "title", &text(&case.title))?;
+    attribute(file, "reference", &text(&case.reference))?;
+    attribute(file, "time", &about.time)?;
+    let reductions = case.reductions.dropped.join("\n");
+    attribute(file, "reductions", &text(&reductions))?;
+    let dataset = writer.text("case", &case.text)?;
+    attribute(&dataset, "overrides", &text(&case.overrides.join("\n")))?;
+    let dataset = writer.text("plan", plan)?;
+    let layout = serde_json::to_string(&about.plan.layout).unwrap_or_default();
+    attribute(&dataset, "layout", &text(&layout))?;
+    let timings = file.create_group("timings")?;
+    for (name, seconds) in about.seconds {
+        attribute(&timings, name, seconds)?;
+    }
+    Ok(())
+}
+
+/// The dimension scales of phase space. To be agreed on.
+pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Outcome<()> {
+    let chunks = &case.storage.chunks;
+    writer.file().create_group("axis")?;
+    let chunk = |axis: usize| chunks.as_ref().map(|chunks| chunks[axis]);
+    let names = axis_names(case.space.dimension());
+    for (axis, (name, a)) in names.into_iter().zip(case.space.axes()).enumerate() {
+        writer.scale(name, &a.centres(), chunk(axis))?;
+    }
+    Ok(())
+}
+
+/// The dimension scales. To be agreed on.
+fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Outcome<()> {
+    phase_axes(writer, results.case)?;
+    let n = results.case.space.dimension();
+    let numbers = |count: usize| -> Vec<f64> { (0..count).map(|c| c as f64).collect() };
+    writer.scale(COMPONENT, &numbers(n), None)?;
+    if results.case.storage.xdmf && n > 1 {
+        writer.scale(DIRECTION, &numbers(3), None)?;
+    }
+    if let Some(ExactSolution::Moments(exact)) = results.exact
+        && let Some(curve) = &exact.curve
+    {
+        writer.scale(POINT, &numbers(curve.x.len()), None)?;
+    }
+    history::axes(writer, results)
+}
+
+/// The plateau, which is the same on all ranks. To be agreed on.
+fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Outcome<()> {
+    if points.is_empty() {
+        return Ok(());
+    }
+    let column = |of: fn(&PlateauPoint) -> f64| points.iter().map(of).collect::<Vec<_>>();
+    writer.file().create_group("plateau")?;
+    let (p, distance, norm) = (column(|k| k.p), column(|k| k.distance), column(|k| k.norm));
+    writer.list("plateau/p", &p, Some("recovery point"))?;
+    let what = "relative l2 distance of f read at p to f";
+    writer.list("plateau/distance", &distance, Some(what))?;
+    writer.list("plateau/norm", &norm, Some("l2 norm of f read at p"))?;
+    Ok(())
+}
+
+/// What a quantum computer would tell, which is the same on all ranks. To be agreed on.
+fn measured(writer: &Writer<'_>, readout: &Readout) -> Outcome<()> {
+    let group = writer.file().create_group("readout")?;
+    attribute(&group, "confidence", &readout.confidence)?;
+    let single = [
+        ("norm_of_field", &readout.norm_of_field),
+        ("probability", &readout.probability),
+        ("repetitions", &readout.repetitions),
+        ("amplification_rounds", &readout.amplification_rounds),
+        ("state_error", &readout.state_error),
+    ];
+    for (name, figure) in single {
+        attribute(&group, name, &figure.value().unwrap_or(f64::NAN))?;
+    }
+    for (name, values, what) in readout.columns() {
+        writer.list(&format!("readout/{name}"), &values, Some(what))?;
+    }
+    Ok(())
+}
+
+/// The multivalued velocity, the same on all ranks and written by the first.
+fn multivalued(writer: &Writer<'_>, first: bool, curve: &Curve) -> Result<()> {
+    writer.agree(writer.file().create_group("multivalued").map(drop))?;
+    let count = if first { curve.x.len() } else { 0 };
+    let slab = Slab::of(std::slice::from_ref(&(0..count)));
+    for (name, values, what) in [
+        ("x", &curve.x, "position on a branch"),
+        ("v", &curve.v, "velocity on a branch"),
+        (
+            "density",
+            &curve.density,
+            "the branch's part of the density",
+        ),
+        ("branch", &curve.branch, "number of the branch"),
+    ] {
+        let name = format!("multivalued/{name}");
+        writer.field(&name, &[POINT], &[(slab.clone(), &values[..count])], what)?;
+    }
+    Ok(())
+}
+
+/// The part of the plan that is the same for any ranks.
+pub(crate) fn plan_text(plan: &Plan) -> String {
+    let mut value = serde_json::to_value(plan).unwrap_or_default();
+    if let Some(object) = value.as_object_mut() {
+        object.remove("layout");
+    }
+    serde_json::to_string_pretty(&value).unwrap_or_default()
+}

@@ -1,0 +1,171 @@
+//! `summary.json`: the numbers of a run.
+
+use crate::base::disk::failure;
+use crate::base::error::Result;
+use crate::problem::case::{Interface, Method};
+use crate::quantum::probability::Probabilities;
+use crate::quantum::readout::Readout;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What is said about one of the fields of a run.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct FieldSummary {
+    /// `f`; or `phi`, `psi_x`, `psi_y`, `psi_z`.
+    pub name: String,
+    /// Smallest value.
+    pub minimum: f64,
+    /// Largest value.
+    pub maximum: f64,
+    /// Relative l2 distance of the field read at two recovery points.
+    pub error_estimate: Option<f64>,
+    /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`).
+    pub error_semidiscrete: Option<f64>,
+}
+
+/// Everything that is said about a finished run. Absent numbers are `null`, never zero.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Summary {
+    /// Title of the case.
+    pub title: String,
+    /// Version of the program.
+    pub version: String,
+    /// The commit it was built from.
+    pub git: String,
+    /// The method.
+    pub method: Option<Method>,
+    /// Interface rows.
+    pub interface: Option<Interface>,
+    /// Seconds from the start of the program's work to the summary.
+    pub wall_seconds: f64,
+    /// Seconds of propagation and recovery.
+    pub solve_seconds: f64,
+    /// Seconds by step of the run: `start` (of MPI, before the program's work), `plan`, `assemble`, `weights`, `exact`, `probe`,
+    /// `design` (of the profile), `solve`, `verify`, `observables` (the error estimate included), `readout`, `write`.
+    pub seconds: BTreeMap<String, f64>,
+    /// Number of ranks.
+    pub ranks: usize,
+    /// Process mesh: blocks along each x-axis.
+    pub space_blocks: Vec<usize>,
+    /// Process mesh: mode groups.
+    pub mode_groups: usize,
+    /// Largest and mean modelled cost of a mode group, as a ratio.
+    pub imbalance: Option<f64>,
+    /// Seconds that the ranks took for their modes, the fewest and the most: how even the groups were.
+    pub group_seconds: Option<[f64; 2]>,
+    /// Instruction set of the inner loop.
+    pub instruction_set: String,
+    /// Unknowns.
+    pub cells: usize,
+    /// What was left out of the case, a line each.
+    pub reductions: Vec<String>,
+    /// Rows of the matrix that are stored, over the ranks that split space: those that repeat once a rank.
+    pub distinct_rows: usize,
+    /// Auxiliary unknowns of the inflow.
+    pub inflow_unknowns: usize,
+    /// Modes propagated (l ≥ 0).
+    pub modes: usize,
+    /// Points in `p` of the warped field, where all modes are kept.
+    pub points: Option<usize>,
+    /// Applications of `(−iμS + K)`, over all modes, each with those of its own series; for the classical method, of `A`.
+    pub matvecs: usize,
+    /// Those that this process did: all, but for what was finished in the checkpoint that it went on from.
+    pub matvecs_here: usize,
+    /// Whether the run went on from a checkpoint.
+    pub resumed: bool,
+    /// Checkpoints written by this process.
+    pub checkpoints: usize,
+    /// Linear systems solved by an implicit propagator, over all modes.
+    pub solves: usize,
+    /// Largest resident memory of a rank, measured.
+    pub memory_peak_bytes_per_rank: u64,
+    /// What the plan said.
+    pub memory_planned_bytes_per_rank: u64,
+    /// Steps of time, where the inflow depends on it.
+    pub time_steps: Option<usize>,
+    /// Relative l2 error of the field from those steps, at most; part of the error estimate.
+    pub time_error: Option<f64>,
+    /// What was asked for.
+    pub tolerance: f64,
+    /// ‖ũ(0)‖/‖f(T)‖ planned for, and found.
+    pub norm_ratio_planned: Option<f64>,
+    /// The same, from the result.
+    pub norm_ratio: Option<f64>,
+    /// Relative l2 distance of the fields read at two recovery points, the largest over the fields.
+    pub error_estimate: Option<f64>,
+    /// Leading term of the error that an implicit propagator's step leaves in the field, relative l2; part of the estimate.
+    pub step_error: Option<f64>,
+    /// What modes may add to the field whose step is too long for the leading term of its error, beside the field.
+    #[serde(skip)]
+    pub step_beyond: f64,
+    /// Why the estimate is not reliable.
+    #[serde(skip)]
+    pub doubt: Option<String>,
+    /// Whether the estimate can tell: false where round-off hides the difference, where there is one point only, or where a
+    /// step is too long for its error to be told.
+    pub error_estimate_reliable: bool,
+    /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`), the largest over the fields.
+    pub error_semidiscrete: Option<f64>,
+    /// The same by field, and each field's range.
+    pub fields: Vec<FieldSummary>,
+    /// Largest over modes of the change of the norm, as a fraction of what is allowed.
+    pub unitarity_defect: Option<f64>,
+    /// Smallest over modes of ‖w(T)‖/‖w(0)‖: 1 but for round-off and cut series, less where the method damps.
+    pub norm_kept: Option<f64>,
+    /// Bound on λ⁺ of the matrix as used.
+    pub growth_bound: f64,
+    /// Bound on λ⁻.
+    pub decay_bound: f64,
+    /// Certificate ½ max (Aᵀπ)/π of the weights.
+    pub growth_certificate: f64,
+    /// max √π / min √π.
+    pub weight_spread: f64,
+    /// Jacobi sweeps for the weights.
+    pub weight_sweeps: usize,
+    /// ∫ f dx dv at T; for measure-valued data ∫ ρ dx, as all moments by the discrete delta function.
+    pub mass: f64,
+    /// ∫ f dx dv at 0.
+    pub mass_initial: Option<f64>,
+    /// ½ ∫ |v|² f dx dv at T.
+    pub kinetic_energy: f64,
+    /// Smallest value of f, or of φ.
+    pub minimum: f64,
+    /// Largest value of f, or of φ.
+    pub maximum: f64,
+    /// ∫ |f − f_exact| dx dv.
+    pub error_l1: Option<f64>,
+    /// (∫ |f − f_exact|² dx dv)^½.
+    pub error_l2: Option<f64>,
+    /// ∫ |f_exact| dx dv: what `error_l1` is relative to.
+    pub exact_l1: Option<f64>,
+    /// (∫ f_exact² dx dv)^½.
+    pub exact_l2: Option<f64>,
+    /// ∫ ρ_exact dx, for measure-valued data.
+    pub mass_exact: Option<f64>,
+    /// ∫ |ρ − ρ_exact| dx, for measure-valued data.
+    pub error_density_l1: Option<f64>,
+    /// Σ_a ∫ |u_a − u_exact,a| dx where ρ_exact > 0, for measure-valued data.
+    pub error_velocity_l1: Option<f64>,
+    /// With what probability the first field would be measured.
+    pub probabilities: Option<Probabilities>,
+    /// What a quantum computer would tell of some cells (`[readout]`).
+    pub readout: Option<Readout>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+    /// How many of the warnings were printed before the run.
+    #[serde(skip)]
+    pub told: usize,
+}
+
+impl Summary {
+    /// Writes `summary.json` into `directory`.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`].
+    pub fn write(&self, directory: &Path) -> Result<()> {
+        let path = directory.join("summary.json");
+        let text = serde_json::to_string_pretty(self).map_err(|e| failure(&path, &e))?;
+        std::fs::write(&path, text + "\n").map_err(|e| failure(&path, &e))
+    }
+}

@@ -1,0 +1,223 @@
+//! What `fields.xdmf` shows: moments over space, and fields on the planes (x_a, v_a) through the middle of the other axes.
+//!
+//! XDMF takes the first index of a dataset for the last direction, and nothing turns that round: a dataset over (x, y) is
+//! shown with y across. So what is shown is stored once more with its axes reversed, vectors with their three components
+//! last: `/xdmf/space/NAME` (N_xn, …, N_x1[, 3]) and `/xdmf/plane_x/NAME` (N_vx, N_x). In one dimension the plane is the whole
+//! of phase space, and moments need no second copy.
+
+use crate::base::checksum::Slab;
+use crate::base::error::Result;
+use crate::problem::grid::{Axis, axis_names};
+use crate::results::dataset::{ExactSolution, Results, slices};
+use crate::results::result_file::DIRECTION;
+use crate::results::writer::Writer;
+use std::ops::Range;
+
+/// Cells of equal size, and datasets over them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grid {
+    /// Its name.
+    pub name: String,
+    /// Lower ends of the three axes.
+    pub origin: [f64; 3],
+    /// Widths of the cells.
+    pub spacing: [f64; 3],
+    /// Numbers of cells.
+    pub cells: [usize; 3],
+    /// What is shown there.
+    pub fields: Vec<View>,
+}
+
+/// A dataset of `result.h5` over a grid, its last index along the grid's first axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// The name it is shown by.
+    pub name: String,
+    /// Its path.
+    pub dataset: String,
+    /// Whether it has three components, as its last index.
+    pub vector: bool,
+}
+
+impl Grid {
+    /// Over one to three axes; those that are missing get one cell about zero, as wide as one of the first axis.
+    fn new(name: &str, axes: &[&Axis]) -> Self {
+        let width = axes[0].width();
+        let mut grid = Self {
+            name: name.to_owned(),
+            origin: [-0.5 * width; 3],
+            spacing: [width; 3],
+            cells: [1; 3],
+            fields: Vec::new(),
+        };
+        for (a, axis) in axes.iter().enumerate() {
+            (grid.origin[a], grid.spacing[a]) = (axis.lower, axis.width());
+            grid.cells[a] = axis.cells;
+        }
+        grid
+    }
+
+    fn show(&mut self, name: &str, dataset: String, vector: bool) {
+        self.fields.push(View {
+            name: name.to_owned(),
+            dataset,
+            vector,
+        });
+    }
+}
+
+/// Writes the copies and tells what is where. Collective.
+///
+/// # Errors
+/// [`crate::base::error::Error::Output`].
+pub fn write(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
+    writer.agree(writer.file().create_group("xdmf").map(drop))?;
+    let mut grids = planes(writer, results)?;
+    grids.push(space(writer, results)?);
+    Ok(grids)
+}
+
+/// `values` over axes of these lengths, row-major, with the axes reversed.
+fn reversed(values: &[f64], lengths: &[usize]) -> Vec<f64> {
+    let mut out = vec![0.0; values.len()];
+    for (i, value) in values.iter().enumerate() {
+        let (mut rest, mut at) = (i, 0);
+        for n in lengths.iter().rev() {
+            at = at * n + rest % n;
+            rest /= n;
+        }
+        out[at] = *value;
+    }
+    out
+}
+
+/// The moments over space.
+fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
+    let space = &results.case.space;
+    let n = space.dimension();
+    let mut grid = Grid::new("space", &space.x.iter().collect::<Vec<_>>());
+    let moments = results.moments;
+    let (momentum, velocity) = (slices(&moments.momentum), slices(&moments.velocity));
+    let mut scalars = vec![("density", &moments.density)];
+    let mut vectors = vec![("momentum", momentum), ("velocity", velocity)];
+    if let Some(ExactSolution::Moments(exact)) = results.exact {
+        scalars.push(("density_exact", &exact.density));
+        vectors.push(("velocity_exact", slices(&exact.velocity)));
+    }
+    if n == 1 {
+        // A strip along the velocity axis, so that it fills the frame of the plane (x, v).
+        let v = &space.v[0];
+        (grid.origin[1], grid.spacing[1]) = (v.lower, v.upper - v.lower);
+        for name in (scalars.iter().map(|s| s.0)).chain(vectors.iter().map(|v| v.0)) {
+            grid.show(name, format!("/{name}"), false);
+        }
+        return Ok(grid);
+    }
+    writer.agree(writer.file().create_group("xdmf/space").map(drop))?;
+    let mut axes: Vec<&str> = axis_names(n)[..n].iter().rev().copied().collect();
+    let mut ranges: Vec<Range<usize>> = results.share.iter().rev().cloned().collect();
+    let lengths: Vec<usize> = results.share.iter().map(|r| r.len()).collect();
+    for (name, values) in scalars {
+        let path = format!("/xdmf/space/{name}");
+        let slab = (Slab::of(&ranges), &reversed(values, &lengths)[..]);
+        let what = format!("copy of /{name}, axes reversed");
+        writer.field(&path, &axes, &[slab], &what)?;
+        grid.show(name, path, false);
+    }
+    axes.push(DIRECTION);
+    ranges.push(0..3);
+    for (name, components) in vectors {
+        let path = format!("/xdmf/space/{name}");
+        let mut values = vec![0.0; 3 * components[0].len()];
+        for (a, component) in components.iter().enumerate() {
+            for (i, value) in reversed(component, &lengths).into_iter().enumerate() {
+                values[3 * i + a] = value;
+            }
+        }
+        let what = format!("copy of /{name}, axes reversed");
+        writer.field(&path, &axes, &[(Slab::of(&ranges), &values)], &what)?;
+        grid.show(name, path, true);
+    }
+    Ok(grid)
+}
+
+/// The fields on the planes (x_a, v_a) through the middle cells of the other axes, of an even number the upper one.
+fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
+    let (case, space) = (results.case, &results.case.space);
+    let n = space.dimension();
+    let names = axis_names(n);
+    let middle: Vec<usize> = space.axes().map(|a| a.cells / 2).collect();
+    let mut fields: Vec<(&str, &[f64])> = (case.fields.iter().zip(results.fields))
+        .map(|(field, values)| (field.name, *values))
+        .collect();
+    if let Some(ExactSolution::Field(exact)) = results.exact {
+        fields.push(("exact", exact));
+    }
+    let mut grids = Vec::new();
+    for a in 0..n {
+        let mut grid = Grid::new(&format!("plane_{}", names[a]), &[&space.x[a], &space.v[a]]);
+        writer.agree(
+            writer
+                .file()
+                .create_group(&format!("xdmf/{}", grid.name))
+                .map(drop),
+        )?;
+        // The part of the plane that this rank holds: all of its velocities, or none.
+        let crossed = (0..n).all(|b| b == a || results.share[b].contains(&middle[b]));
+        let mine = if crossed {
+            results.share[a].clone()
+        } else {
+            0..0
+        };
+        let ranges = [0..space.v[a].cells, mine.clone()];
+        // Of the fields as this rank has them: where the plane begins, and how far apart its points are along x_a and v_a.
+        let share = results.share.iter().map(|r| (r.start, r.len()));
+        let lengths: Vec<(usize, usize)> =
+            share.chain(space.v.iter().map(|v| (0, v.cells))).collect();
+        let (mut base, mut stride, mut steps) = (0, 1, vec![0; 2 * n]);
+        for b in (0..2 * n).rev() {
+            let (start, length) = lengths[b];
+            if b == a || b == n + a {
+                steps[b] = stride;
+            } else if crossed {
+                base += (middle[b] - start) * stride;
+            }
+            stride *= length;
+        }
+        let mut values = vec![0.0; ranges[0].len() * mine.len()];
+        for &(name, field) in &fields {
+            for i in 0..mine.len() {
+                for j in 0..ranges[0].len() {
+                    values[j * mine.len() + i] = field[base + i * steps[a] + j * steps[n + a]];
+                }
+            }
+            let path = format!("/xdmf/{}/{name}", grid.name);
+            let what = format!("{name} on this plane through the middle of the other axes");
+            let axes = [names[n + a], names[a]];
+            writer.field(&path, &axes, &[(Slab::of(&ranges), &values)], &what)?;
+            grid.show(name, path, false);
+        }
+        grids.push(grid);
+    }
+    Ok(grids)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_are_reversed() {
+        let values: Vec<f64> = (0..24).map(f64::from).collect();
+        let out = reversed(&values, &[2, 3, 4]);
+        for x in 0..2 {
+            for y in 0..3 {
+                for z in 0..4 {
+                    assert_eq!(out[(z * 3 + y) * 2 + x], values[(x * 3 + y) * 4 + z]);
+                }
+            }
+        }
+        assert_eq!(reversed(&out, &[4, 3, 2]), values);
+        assert!(reversed(&[], &[0, 3]).is_empty());
+    }
+}

@@ -1,0 +1,466 @@
+//! A file that all ranks write through MPI-IO: datasets over named axes, each rank the slab it holds.
+//!
+//! Metadata are written by all ranks together; after each dataset the ranks agree whether it worked, so that none waits for
+//! one that failed. Plain datasets are written by each rank on its own; chunked ones take all ranks together, also those with
+//! nothing to write, as HDF5 hands the pieces of a chunk to the one rank that compresses it.
+
+use crate::base::checksum::Slab;
+use crate::base::disk::failure;
+use crate::base::error::Result;
+use crate::base::{checksum, machine};
+use crate::parallel::communicator::Group;
+use crate::problem::case::Storage;
+use hdf5::types::{VarLenArray, VarLenUnicode};
+use hdf5::{Dataset, File, H5Type, Location, ObjectReference1};
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::ffi::{CStr, CString};
+use std::mem::ManuallyDrop;
+use std::path::Path;
+
+/// Elements of a planned chunk at least: 256 KiB, of which HDF5's default cache holds four.
+pub const CHUNK: usize = 1 << 15;
+
+/// Most chunks of a dataset: HDF5 takes up to 5 kB for each while they are written.
+pub const MOST_CHUNKS: usize = 1 << 14;
+
+/// What HDF5 says.
+pub type Outcome<T> = std::result::Result<T, hdf5::Error>;
+
+/// A dimension scale.
+struct Scale {
+    /// Its length.
+    length: usize,
+    /// Cells of a chunk along it, where the user says.
+    chunk: Option<usize>,
+}
+
+/// The file while it is written.
+pub struct Writer<'a> {
+    world: &'a Group,
+    path: &'a Path,
+    storage: &'a Storage,
+    /// Not closed when an error is on the way: closing waits for all ranks, and one may never come.
+    file: ManuallyDrop<File>,
+    /// The first failure of what rank 0 writes alone, while the others go on to the next step of all.
+    trouble: RefCell<Option<hdf5::Error>>,
+    scales: BTreeMap<&'static str, Scale>,
+}
+
+/// A text as an attribute stores it.
+pub fn text(s: &str) -> VarLenUnicode {
+    // A text with a zero byte cannot be stored; such bytes are left out.
+    s.replace('\0', "").parse().unwrap_or_default()
+}
+
+/// A new attribute.
+///
+/// # Errors
+/// What HDF5 says.
+pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Outcome<()> {
+    at.new_attr::<T>().create(name)?.write_scalar(value)
+}
+
+/// Name of the attribute that holds the checksum of a dataset.
+pub const CHECKSUM: &str = "checksum";
+
+impl<'a> Writer<'a> {
+    /// Creates the file, of at most so many bytes. Collective over `world`, as all that follows.
+    ///
+    /// Space is reserved before anything is written, where the file system can: a disk that is full is told by one call on one
+    /// rank, not in the middle of what ranks do together, where HDF5 leaves the others waiting.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`] here and in all that follows, the same on all ranks.
+    pub fn create(
+        world: &'a Group,
+        path: &'a Path,
+        bytes: u64,
+        storage: &'a Storage,
+    ) -> Result<Self> {
+        let file = File::with_options()
+            .with_fapl(|p| {
+                p.mpio(world.raw(), None)
+                    .all_coll_metadata_ops(true)
+                    .coll_metadata_write(true)
+            })
+            .create(path)
+            .map_err(|e| failure(path, &e));
+        let file = ManuallyDrop::new(world.agree(file)?);
+        let reserved = if world.rank() == 0 {
+            machine::reserve(path, bytes).map_err(|e| failure(path, &e))
+        } else {
+            Ok(())
+        };
+        world.agree(reserved)?;
+        Ok(Self {
+            world,
+            path,
+            storage,
+            file,
+            trouble: RefCell::new(None),
+            scales: BTreeMap::new(),
+        })
+    }
+
+    /// The file, for attributes and groups.
+    pub fn file(&self) -> &File {
+        &self.file
+    }
+
+    /// Whether this rank is the first.
+    pub fn first(&self) -> bool {
+        self.world.rank() == 0
+    }
+
+    /// Agrees on the outcome of operations that all ranks did, and of those rank 0 did alone.
+    pub fn agree<T>(&self, outcome: Outcome<T>) -> Result<T> {
+        let outcome = match self.trouble.take() {
+            Some(trouble) => Err(trouble),
+            None => outcome,
+        };
+        self.world
+            .agree(outcome.map_err(|e| failure(self.path, &e)))
+    }
+
+    /// Something that rank 0 writes alone.
+    fn alone(&self, write: impl FnOnce() -> Outcome<()>) {
+        if self.world.rank() == 0
+            && let Err(error) = write()
+        {
+            self.trouble.borrow_mut().get_or_insert(error);
+        }
+    }
+
+    /// A scalar text dataset, of fixed length: parallel HDF5 does not write texts of variable length. To be agreed on.
+    pub fn text(&self, name: &str, value: &str) -> Outcome<Dataset> {
+        let bytes = value.as_bytes();
+        let dataset = self
+            .file
+            .new_dataset_builder()
+            .empty_as(hdf5::types::TypeDescriptor::FixedUnicode(
+                bytes.len().max(1),
+            ))
+            .create(name)?;
+        // An empty text is stored as one zero byte.
+        let stored = if bytes.is_empty() { &[0] } else { bytes };
+        attribute(&dataset, CHECKSUM, &checksum::of_text(stored))?;
+        self.alone(|| write_bytes(&dataset, stored));
+        Ok(dataset)
+    }
+
+    /// A list of numbers that all ranks know, written by rank 0. To be agreed on.
+    pub fn list(&self, name: &str, values: &[f64], what: Option<&str>) -> Outcome<Dataset> {
+        let dataset = self
+            .file
+            .new_dataset::<f64>()
+            .shape(values.len())
+            .create(name)?;
+        if let Some(what) = what {
+            attribute(&dataset, "long_name", &text(what))?;
+        }
+        attribute(&dataset, "units", &text("1"))?;
+        let slab = Slab::of(std::slice::from_ref(&(0..values.len())));
+        let sum = checksum::of_slab(&[values.len()], &slab, values);
+        attribute(&dataset, CHECKSUM, &sum)?;
+        self.alone(|| dataset.write(values));
+        Ok(dataset)
+    }
+
+    /// A dimension scale, in the root, where netCDF readers look for it, and linked from `/axis`. To be agreed on.
+    ///
+    /// `chunk`: cells of a chunk along it, where the user says.
+    pub fn scale(
+        &mut self,
+        name: &'static str,
+        values: &[f64],
+        chunk: Option<usize>,
+    ) -> Outcome<()> {
+        let dataset = self.list(name, values, None)?;
+        terminated_text(&dataset, "CLASS", c"DIMENSION_SCALE")?;
+        terminated_text(&dataset, "NAME", &CString::new(name).unwrap_or_default())?;
+        self.file
+            .link_hard(&format!("/{name}"), &format!("/axis/{name}"))?;
+        let length = values.len();
+        self.scales.insert(name, Scale { length, chunk });
+        Ok(())
+    }
+
+    fn create_field(&self, name: &str, axes: &[&str], what: &str) -> Outcome<Dataset> {
+        let scales: Vec<&Scale> = axes.iter().map(|a| &self.scales[a]).collect();
+        let shape: Vec<usize> = scales.iter().map(|s| s.length).collect();
+        let mut builder = self.file.new_dataset::<f64>().shape(&shape[..]);
+        if let Some(chunk) = chunks(&scales, self.storage) {
+            // What all ranks write together need not be filled before.
+            builder = builder
+                .chunk(chunk)
+                .fill_time(hdf5::plist::dataset_create::FillTime::Never);
+            if self.storage.compression > 0 {
+                builder = builder.shuffle().deflate(self.storage.compression);
+            }
+        }
+        let dataset = builder.create(name)?;
+        attribute(&dataset, "long_name", &text(what))?;
+        attribute(&dataset, "units", &text("1"))?;
+        // Dimension scales, as the HDF5 specification lays them down: one list of references a dimension.
+        let scale = |axis: &&str| {
+            let path = format!("/{axis}");
+            let reference = self.file.reference::<ObjectReference1>(&path)?;
+            Ok(VarLenArray::from_slice(&[reference]))
+        };
+        let list = axes.iter().map(scale).collect::<Outcome<Vec<_>>>()?;
+        dataset
+            .new_attr::<VarLenArray<ObjectReference1>>()
+            .shape(list.len())
+            .create("DIMENSION_LIST")?
+            .write(&list)?;
+        Ok(dataset)
+    }
+
+    /// A dataset over `axes` of which each rank has `slabs`, as many on every rank, some of them empty.
+    pub fn field(
+        &self,
+        name: &str,
+        axes: &[&str],
+        slabs: &[(Slab, &[f64])],
+        what: &str,
+    ) -> Result<()> {
+        let mut field = self.slabs(name, axes, what)?;
+        for (slab, values) in slabs {
+            // Each on its own: nobody begins with the next before all are through with this one.
+            field.write(slab, values)?;
+        }
+        field.finish()
+    }
+
+    /// A dataset over `axes` that is to be written slab after slab.
+    pub fn slabs(&self, name: &str, axes: &[&str], what: &str) -> Result<Slabs<'_>> {
+        let dataset = ManuallyDrop::new(self.agree(self.create_field(name, axes, what))?);
+        Ok(Slabs {
+            writer: self,
+            shape: dataset.shape(),
+            together: dataset.is_chunked(),
+            dataset,
+            sum: 0,
+        })
+    }
+
+    /// Closes the file.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn close(self) -> Result<()> {
+        self.agree(self.file.flush())?;
+        let closed = ManuallyDrop::into_inner(self.file).close();
+        let closed = closed.map_err(|e| failure(self.path, &e));
+        self.world.agree(closed)?;
+        let given_back = if self.world.rank() == 0 {
+            machine::give_back(self.path).map_err(|e| failure(self.path, &e))
+        } else {
+            Ok(())
+        };
+        self.world.agree(given_back)
+    }
+}
+
+/// A dataset while it is written.
+pub struct Slabs<'a> {
+    writer: &'a Writer<'a>,
+    /// Not closed when an error is on the way, as the file.
+    dataset: ManuallyDrop<Dataset>,
+    shape: Vec<usize>,
+    /// Whether all ranks write together.
+    together: bool,
+    /// This rank's part of the checksum.
+    sum: u64,
+}
+
+impl Slabs<'_> {
+    /// Writes this rank's next slab; every rank writes as many, some of them empty, and none of any rank overlap.
+    pub fn write(&mut self, slab: &Slab, values: &[f64]) -> Result<()> {
+        let part = checksum::of_slab(&self.shape, slab, values);
+        self.sum = self.sum.wrapping_add(part);
+        self.writer
+            .agree(write_slab(&self.dataset, slab, values, self.together))
+    }
+
+    /// The dataset is whole: it gets its checksum.
+    pub fn finish(self) -> Result<()> {
+        let sum = self.writer.world.sum_modulo(self.sum);
+        self.writer
+            .agree(attribute(&self.dataset, CHECKSUM, &sum))?;
+        drop(ManuallyDrop::into_inner(self.dataset));
+        Ok(())
+    }
+}
+
+/// Chunks of a dataset over `scales`, if it is to have any: along each axis what the user says; where that is nothing,
+/// whole axes from the last on, as many as make up [`CHUNK`], or more where that were too many chunks.
+fn chunks(scales: &[&Scale], storage: &Storage) -> Option<Vec<usize>> {
+    if storage.compression == 0 && storage.chunks.is_none() {
+        return None;
+    }
+    let size: usize = scales.iter().map(|s| s.length).product();
+    // A chunk is half of this at least, and half of them may be cut by the end of an axis.
+    let mut room = CHUNK.max(size / (MOST_CHUNKS / 4));
+    let mut chunk: Vec<usize> = (scales.iter().rev())
+        .map(|scale| {
+            let cells = scale.chunk.unwrap_or(room).min(scale.length).max(1);
+            room = (room / cells).max(1);
+            cells
+        })
+        .collect();
+    chunk.reverse();
+    Some(chunk)
+}
+
+/// An attribute that is a zero-terminated text, the only kind that the dimension-scale interface of HDF5 takes and one
+/// that the safe interface does not make.
+fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Outcome<()> {
+    use hdf5_sys::{h5a, h5p::H5P_DEFAULT, h5s, h5t};
+    let name = CString::new(name).unwrap_or_default();
+    // SAFETY: plain calls on handles that are alive; each handle made here is closed here.
+    let written = unsafe {
+        let kind = h5t::H5Tcopy(*h5t::H5T_C_S1);
+        let sized = h5t::H5Tset_size(kind, value.to_bytes_with_nul().len());
+        let scalar = h5s::H5Screate(h5s::H5S_class_t::H5S_SCALAR);
+        let attribute = h5a::H5Acreate2(
+            at.id(),
+            name.as_ptr(),
+            kind,
+            scalar,
+            H5P_DEFAULT,
+            H5P_DEFAULT,
+        );
+        let written = h5a::H5Awrite(attribute, kind, value.as_ptr().cast());
+        let closed = [
+            h5a::H5Aclose(attribute),
+            h5s::H5Sclose(scalar),
+            h5t::H5Tclose(kind),
+        ];
+        sized
+            .min(written)
+            .min(closed.into_iter().min().unwrap_or(0))
+    };
+    if written < 0 {
+        return Err(hdf5::Error::from("an attribute could not be written"));
+    }
+    Ok(())
+}
+
+/// Writes a text whose length is known at run time only, which the safe interface has no type for.
+fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Outcome<()> {
+    let kind = dataset.dtype()?;
+    // SAFETY: the dataset is scalar and of the type `kind`, a string of `bytes.len()` bytes, and the handles are alive.
+    let status = unsafe {
+        hdf5_sys::h5d::H5Dwrite(
+            dataset.id(),
+            kind.id(),
+            hdf5_sys::h5s::H5S_ALL,
+            hdf5_sys::h5s::H5S_ALL,
+            hdf5_sys::h5p::H5P_DEFAULT,
+            bytes.as_ptr().cast(),
+        )
+    };
+    if status < 0 {
+        return Err(hdf5::Error::from("a text could not be written"));
+    }
+    Ok(())
+}
+
+/// Writes this rank's slab; `together` with all ranks, and then also one with nothing to write.
+fn write_slab(dataset: &Dataset, slab: &Slab, values: &[f64], together: bool) -> Outcome<()> {
+    use hdf5_sys::{h5d, h5p, h5s, h5t};
+    assert_eq!(slab.size(), values.len(), "a slab and its values");
+    if values.is_empty() && !together {
+        return Ok(());
+    }
+    let numbers = |list: &[usize]| -> Vec<u64> { list.iter().map(|&n| n as u64).collect() };
+    let (start, count) = (numbers(&slab.start), numbers(&slab.count));
+    let (one, size) = (vec![1; start.len()], values.len() as u64);
+    // SAFETY: plain calls on handles that are alive; the memory space has as many elements as `values`; each handle made here
+    // is closed here.
+    unsafe {
+        let transfer = h5p::H5Pcreate(*h5p::H5P_CLS_DATASET_XFER);
+        let mut status = 0;
+        if together {
+            status = [
+                h5p::H5Pset_dxpl_mpio(transfer, h5p::H5FD_mpio_xfer_t::H5FD_MPIO_COLLECTIVE),
+                // All chunks in one go, written last: in between, one rank's failure would keep the others waiting.
+                h5p::H5Pset_dxpl_mpio_chunk_opt(
+                    transfer,
+                    h5p::H5FD_mpio_chunk_opt_t::H5FD_MPIO_CHUNK_ONE_IO,
+                ),
+            ]
+            .into_iter()
+            .min()
+            .unwrap_or(0);
+        }
+        let there = h5d::H5Dget_space(dataset.id());
+        let here = h5s::H5Screate_simple(1, &size.max(1), std::ptr::null());
+        let selected = if values.is_empty() {
+            h5s::H5Sselect_none(there).min(h5s::H5Sselect_none(here))
+        } else {
+            h5s::H5Sselect_hyperslab(
+                there,
+                h5s::H5S_seloper_t::H5S_SELECT_SET,
+                start.as_ptr(),
+                std::ptr::null(),
+                one.as_ptr(),
+                count.as_ptr(),
+            )
+        };
+        status = status.min(selected);
+        // Also after a failure: the others are there already.
+        let written = h5d::H5Dwrite(
+            dataset.id(),
+            *h5t::H5T_NATIVE_DOUBLE,
+            here,
+            there,
+            transfer,
+            values.as_ptr().cast(),
+        );
+        let outcome = if status.min(written) < 0 {
+            Err(hdf5::Error::query().unwrap_or_else(|e| e))
+        } else {
+            Ok(())
+        };
+        h5s::H5Sclose(there);
+        h5s::H5Sclose(here);
+        h5p::H5Pclose(transfer);
+        outcome
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planned_chunks() {
+        let of = |lengths: &[(usize, Option<usize>)], compression| {
+            let scales: Vec<Scale> = (lengths.iter())
+                .map(|&(length, chunk)| Scale { length, chunk })
+                .collect();
+            let storage = Storage {
+                compression,
+                chunks: lengths[0].1.map(|_| Vec::new()),
+                xdmf: false,
+            };
+            chunks(&scales.iter().collect::<Vec<_>>(), &storage)
+        };
+        assert_eq!(of(&[(9, None), (9, None)], 0), None);
+        assert_eq!(of(&[(9, None), (11, None)], 1), Some(vec![9, 11]));
+        assert_eq!(of(&[(1 << 20, None)], 1), Some(vec![1 << 15]));
+        assert_eq!(of(&[(500, None), (1000, None)], 9), Some(vec![32, 1000]));
+        assert_eq!(
+            of(&[(500, None), (1 << 16, None)], 9),
+            Some(vec![1, 1 << 15])
+        );
+        // Not more than can be written.
+        let many = of(&[(1 << 20, None), (1 << 12, None)], 9);
+        assert_eq!(many, Some(vec![1 << 8, 1 << 12]));
+        // What the user says holds, with or without compression, cut to the axis.
+        assert_eq!(of(&[(9, Some(4)), (11, Some(40))], 0), Some(vec![4, 11]));
+    }
+}

@@ -1,0 +1,83 @@
+//! `fields.xdmf`: tells ParaView and VTK what of `result.h5` to show where.
+
+use crate::base::disk::failure;
+use crate::base::error::Result;
+use crate::results::views::{Grid, View};
+use std::fmt::Write;
+use std::path::Path;
+
+/// Name of the file.
+pub const NAME: &str = "fields.xdmf";
+
+/// Writes `directory/fields.xdmf` for the state at `time`; without grids there is none, and an older one goes. By one rank.
+///
+/// # Errors
+/// [`crate::base::error::Error::Output`].
+pub fn write(directory: &Path, time: f64, grids: &[Grid]) -> Result<()> {
+    let path = directory.join(NAME);
+    let outcome = if grids.is_empty() {
+        match std::fs::remove_file(&path) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(e),
+            _ => Ok(()),
+        }
+    } else {
+        let partial = directory.join("fields.xdmf.partial");
+        std::fs::write(&partial, document(time, grids))
+            .and_then(|()| std::fs::rename(&partial, &path))
+    };
+    outcome.map_err(|e| failure(&path, &e))
+}
+
+/// The file's text: each grid three-dimensional, flat ones one cell thick, which all readers place alike.
+fn document(time: f64, grids: &[Grid]) -> String {
+    let mut text = String::from("<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n<Domain>\n");
+    for grid in grids {
+        // XDMF names the slowest axis first.
+        let numbers = |list: [f64; 3]| format!("{} {} {}", list[2], list[1], list[0]);
+        let counts = |extra: usize| {
+            let [x, y, z] = grid.cells.map(|n| n + extra);
+            format!("{z} {y} {x}")
+        };
+        let _ = write!(
+            text,
+            "<Grid Name=\"{}\" GridType=\"Uniform\">\n\
+             <Time Value=\"{time}\"/>\n\
+             <Topology TopologyType=\"3DCoRectMesh\" Dimensions=\"{}\"/>\n\
+             <Geometry GeometryType=\"ORIGIN_DXDYDZ\">\n{}{}</Geometry>\n",
+            grid.name,
+            counts(1),
+            item("3", "XML", &numbers(grid.origin)),
+            item("3", "XML", &numbers(grid.spacing)),
+        );
+        for View {
+            name,
+            dataset,
+            vector,
+        } in &grid.fields
+        {
+            let (kind, components) = if *vector {
+                ("Vector", " 3")
+            } else {
+                ("Scalar", "")
+            };
+            let _ = write!(
+                text,
+                "<Attribute Name=\"{name}\" AttributeType=\"{kind}\" Center=\"Cell\">\n{}</Attribute>\n",
+                item(
+                    &(counts(0) + components),
+                    "HDF",
+                    &format!("result.h5:{dataset}")
+                ),
+            );
+        }
+        text += "</Grid>\n";
+    }
+    text + "</Domain>\n</Xdmf>\n"
+}
+
+/// Numbers, or where they are.
+fn item(dimensions: &str, format: &str, content: &str) -> String {
+    format!(
+        "<DataItem Dimensions=\"{dimensions}\" NumberType=\"Float\" Precision=\"8\" Format=\"{format}\">{content}</DataItem>\n"
+    )
+}

@@ -1,0 +1,192 @@
+//! How far a result is from what it is compared with: from its second reading, from the exact semi-discrete solution.
+
+use crate::matrix::observables::{Moments, integral, power_sum};
+use crate::parallel::communicator::{Communicator, Group};
+use crate::plan::Plan;
+use crate::problem::exact::sheet::ExactMoments;
+use crate::problem::grid::PhaseSpace;
+use crate::propagate::{order, round_off};
+use crate::results::summary::Summary;
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::system::Problem;
+
+/// A result whose norm fell this much further than planned may miss its tolerance.
+const RATIO_MARGIN: f64 = 1.2;
+
+/// The estimate can tell where it is this many times what round-off adds to the two fields.
+const ROUND_OFF_MARGIN: f64 = 4.0;
+
+/// Norms of the result over all ranks.
+pub struct Norms<'a> {
+    /// All ranks.
+    pub world: &'a Group,
+    /// Velocity cells.
+    pub velocities: usize,
+    /// The field, on this rank's share.
+    pub f: &'a [f64],
+}
+
+impl Norms<'_> {
+    /// `Σ |f − other|^power`.
+    pub fn difference(&self, other: &[f64], power: i32) -> f64 {
+        let f = self.f;
+        power_sum(self.world, self.velocities, f.len(), power, |i| {
+            f[i] - other[i]
+        })
+    }
+
+    /// `Σ f²`.
+    pub fn square(&self, f: &[f64]) -> f64 {
+        power_sum(self.world, self.velocities, f.len(), 2, |i| f[i])
+    }
+
+    /// Relative l2 distance to `other`.
+    pub fn distance(&self, other: &[f64]) -> f64 {
+        (self.difference(other, 2) / self.square(other)).sqrt()
+    }
+
+    /// Relative l2 distance of `other` to the field.
+    pub fn distance_of(&self, other: &[f64]) -> f64 {
+        (self.difference(other, 2) / self.square(self.f)).sqrt()
+    }
+
+    /// Largest `of(f)`.
+    pub fn largest(&self, of: impl Fn(f64) -> f64) -> f64 {
+        let mine = self
+            .f
+            .iter()
+            .map(|&x| of(x))
+            .fold(f64::NEG_INFINITY, f64::max);
+        self.world.max(mine)
+    }
+}
+
+/// `∫ |ρ − ρ_exact| dx`, and `Σ_a ∫ |u_a − u_exact,a| dx` over the cells where there is an exact mean velocity; where the result
+/// has none there, it counts as zero. Collective.
+pub fn moment_errors(
+    world: &Group,
+    space: &PhaseSpace,
+    found: &Moments,
+    exact: &ExactMoments,
+) -> [f64; 2] {
+    let difference = |a: &[f64], b: &[f64]| -> Vec<f64> {
+        a.iter().zip(b).map(|(a, b)| (a - b).abs()).collect()
+    };
+    let density = integral(world, space, &difference(&found.density, &exact.density));
+    let present = |u: &f64| if u.is_nan() { 0.0 } else { *u };
+    let mut velocity = 0.0;
+    for (u, exact) in found.velocity.iter().zip(&exact.velocity) {
+        let distance = |(u, exact): (&f64, &f64)| {
+            let known = !exact.is_nan();
+            if known {
+                (present(u) - exact).abs()
+            } else {
+                0.0
+            }
+        };
+        let terms: Vec<f64> = u.iter().zip(exact).map(distance).collect();
+        velocity += integral(world, space, &terms);
+    }
+    [density, velocity]
+}
+
+/// The error estimate from the two readings of each field, and whether the norms fell as planned. Collective.
+pub fn estimate(
+    plan: &Plan,
+    warp: &WarpPlan,
+    problem: &Problem,
+    communicator: &Communicator,
+    fields: &[Vec<Vec<f64>>],
+    summary: &mut Summary,
+) -> Vec<String> {
+    let velocities = problem.matrix.block.velocity_cells;
+    let world = &communicator.world;
+    let mut warnings = Vec::new();
+    let mut largest_ratio: f64 = 0.0;
+    // The estimate and the round-off in it, of the field whose estimate is largest.
+    let mut found: Option<(f64, f64)> = None;
+    for (k, (readings, state)) in fields.iter().zip(&problem.states).enumerate() {
+        let f = &readings[0];
+        let norms = Norms {
+            world,
+            velocities,
+            f,
+        };
+        let ratio = problem.norm(communicator, state, false) / norms.square(f).sqrt();
+        if !ratio.is_finite() {
+            continue;
+        }
+        largest_ratio = largest_ratio.max(ratio);
+        if let Some(second) = readings.get(1) {
+            // The part of the error that the second reading shares is not seen in the distance.
+            let estimate = norms.distance(second) / warp.seen;
+            let amplification: f64 = (warp.readings[..2].iter())
+                .map(|r| warp.amplification(r))
+                .sum();
+            // Every stage of an inflow that depends on time rounds anew.
+            let stages = plan.bounds.stages.max(1) as f64;
+            let noise = round_off(plan.steps) * stages.sqrt() * amplification * ratio;
+            let round_off = ROUND_OFF_MARGIN * noise / warp.seen;
+            summary.fields[k].error_estimate = Some(estimate).filter(|e| e.is_finite());
+            if found.is_none_or(|(e, _)| estimate > e) {
+                found = Some((estimate, round_off));
+            }
+        }
+    }
+    summary.norm_ratio = Some(largest_ratio).filter(|r| *r > 0.0);
+    summary.norm_ratio_planned = Some(warp.ratio);
+    if largest_ratio > RATIO_MARGIN * warp.ratio {
+        warnings.push(format!(
+            "the field's norm fell by a factor {largest_ratio:.3e} where {:.3e} was planned for: \
+             the tolerance may be missed by as much",
+            warp.ratio
+        ));
+    }
+    if let Some((estimate, round_off)) = found {
+        // Both readings share what the steps of time leave.
+        let estimate = estimate + problem.schedule.as_ref().map_or(0.0, |s| s.error);
+        summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
+        summary.error_estimate_reliable = estimate.is_finite() && estimate > round_off;
+        if summary.error_estimate_reliable && estimate > 1.5 * plan.tolerance {
+            warnings.push(format!(
+                "the error estimate {estimate:.1e} is above the tolerance {:e}",
+                plan.tolerance
+            ));
+        }
+    }
+    warnings
+}
+
+/// A step whose leading error is larger than this is too long for that term to be the error.
+const LARGEST_STEP_ERROR: f64 = 0.1;
+/// So is one that leaves less than this of a mode's norm.
+const LEAST_NORM_KEPT: f64 = 0.5;
+
+/// Adds the error of the time step, which both readings share, to the error estimate; returns what the user should know.
+pub fn include_step_error(plan: &Plan, summary: &mut Summary) -> Option<String> {
+    let found = summary.step_error?;
+    let tells = found <= LARGEST_STEP_ERROR
+        && summary.norm_kept >= Some(LEAST_NORM_KEPT)
+        && summary.step_beyond <= 0.5 * found;
+    if !tells {
+        summary.doubt = Some("the step is too long for its error to be told".to_owned());
+    }
+    summary.error_estimate = summary.error_estimate.map(|e| e + found);
+    summary.error_estimate_reliable &= tells;
+    let step = plan.propagation.step?;
+    // The error goes with a power of the step.
+    let order = order(plan.propagation.method) as f64;
+    let enough = step * (plan.tolerance / found).powf(1.0 / order);
+    (found > plan.tolerance).then(|| {
+        let size = if tells {
+            format!("leaves an error of about {found:.1e}")
+        } else {
+            format!("is too long for its error to be told (leading term {found:.1e})")
+        };
+        format!(
+            "solver.propagator.step: a step of {step:.3e} {size}, tolerance {:e}; about {enough:.1e} would meet it, \
+             chebyshev and krylov meet it by themselves",
+            plan.tolerance
+        )
+    })
+}

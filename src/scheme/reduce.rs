@@ -1,0 +1,194 @@
+//! No more than the scene needs: from a case to one with fewer cells that has the same solution.
+//!
+//! | what goes | where | why the answer stays |
+//! |---|---|---|
+//! | a space axis, to one cell | `V`, `f(0)`, inflow and exact solution do not name it, and it is periodic or nothing moves along it | every cell along it holds the same at all times: `Σ_i` of the transport terms vanishes cell by cell |
+//! | its velocity axis, to one cell | they do not name that either | nothing pushes along it, so that every velocity holds the same |
+//! | velocities beyond a box | nothing is there at time zero, nothing enters, and no row takes from a cell that is reached | their cells stay exactly zero (`reached`) |
+//! | auxiliary unknowns | nothing enters | they are zero |
+//! | modes `l < 0` | always | data and `A` are real: `w_{−l}` is the conjugate of `w_l` |
+//!
+//! An axis keeps its place: it has one cell as long as all of them ([`Part::Merged`](crate::problem::grid::Part)), so that mass and momentum are
+//! right, or is a window of the case's cells ([`Part::Window`](crate::problem::grid::Part)), whose centres have the same bits. Results are
+//! put back onto the case's velocities, zero where none were kept, and with `output.expand` onto all of its grid.
+//!
+//! Explicit steps are as long as the fastest cell allows: on fewer cells they would be longer, and their error another one. They keep the grid.
+
+pub mod reached;
+
+use crate::base::error::Result;
+use crate::parallel::communicator::Group;
+use crate::problem::case::{Case, Exact, Integrator, Method, Reductions};
+use crate::problem::formula::Expression;
+use crate::problem::grid::{Axis, Part, PhaseSpace, axis_names};
+use crate::scheme::interface::velocity;
+
+/// `case` without what it does not need; one that was reduced before stays as it is. Collective over `world`.
+///
+/// # Errors
+/// [`crate::base::error::Error::Formula`] where `V` is not finite.
+pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
+    let mut case = case.clone();
+    if case.reductions != Reductions::default() {
+        return Ok(case);
+    }
+    let mut said = Reductions::default();
+    let (allowed, before) = (case.reduce, case.space.cells());
+    match needs_all(&case) {
+        Some(key) if allowed.axes || allowed.velocities => {
+            let line = format!("axes and velocities: all of them, for {key}");
+            said.kept.push(line);
+        }
+        Some(_) => {}
+        None => {
+            if allowed.axes {
+                merge_axes(&mut case, &mut said);
+            }
+            if allowed.velocities {
+                crate::scheme::reduce::reached::crop(world, &mut case, &mut said)?;
+                if allowed.axes {
+                    // Where what is left of the velocities stands still.
+                    merge_axes(&mut case, &mut said);
+                }
+            }
+            if allowed.axes {
+                (0..case.space.dimension()).for_each(|a| said.kept.extend(why_kept(&case, a)));
+            }
+        }
+    }
+    if case.space.cells() < before {
+        let after = case.space.cells();
+        (said.dropped).push(format!("all in all {before} cells -> {after}"));
+    }
+    if case.method == Method::Schrodingerized {
+        said.every_mode = !allowed.modes;
+        if !case.enters() {
+            said.idle_unknowns = !allowed.inflow;
+            let line = "auxiliary unknowns: nothing enters";
+            match allowed.inflow {
+                true => said.dropped.push(line.to_owned()),
+                false => (said.kept).push(format!("{line}, but solver.reduce.inflow is false")),
+            }
+        }
+        let line = "modes l < 0: conjugates of those above, as the data are real";
+        match allowed.modes {
+            true => said.dropped.push(line.to_owned()),
+            false => (said.kept).push(format!("{line}, but solver.reduce.modes is false")),
+        }
+    }
+    case.reductions = said;
+    Ok(case)
+}
+
+/// The key that asks for the whole grid.
+fn needs_all(case: &Case) -> Option<&'static str> {
+    let keys = [
+        ("initial.warped", case.start.is_some()),
+        ("output.warped_field", case.warped_field),
+        ("[readout]", case.readout.is_some()),
+        (
+            "solver.classical.integrator, whose steps are as long as the grid allows",
+            case.method == Method::Classical && case.integrator != Integrator::Exponential,
+        ),
+    ];
+    keys.into_iter()
+        .find(|(_, given)| *given)
+        .map(|(key, _)| key)
+}
+
+/// Position of a velocity among the coordinates of a formula, after those of space.
+const VELOCITY: usize = 3;
+
+/// The formulas that a solution depends on besides `V`, by their names.
+fn formulas(case: &Case) -> impl Iterator<Item = (String, &Expression)> {
+    let fields = case.fields.iter().flat_map(|field| {
+        [
+            (format!("{}(0)", field.name), &field.initial),
+            ("inflow.value".to_owned(), field.entering()),
+        ]
+    });
+    let exact = match &case.exact {
+        Some(Exact::Formula(f)) => Some(("exact.f".to_owned(), f)),
+        _ => None,
+    };
+    fields.chain(exact)
+}
+
+/// The first that varies along coordinate `slot` of a formula.
+fn varies_along(case: &Case, slot: usize) -> Option<String> {
+    let names = |formula: &Expression| formula.depends_on(slot);
+    let potential = (case.potential.iter())
+        .any(|region| names(&region.value) || region.condition.as_ref().is_some_and(names));
+    if potential {
+        return Some("V".to_owned());
+    }
+    formulas(case)
+        .find(|(_, formula)| names(formula))
+        .map(|(name, _)| name)
+}
+
+/// Whether nothing moves along space axis `a`.
+fn stands_still(case: &Case, a: usize) -> bool {
+    let v = &case.space.v[a];
+    (0..v.cells as i64).all(|j| velocity(v, j) == 0.0)
+}
+
+/// Merges the cells of the axes along which nothing varies and no boundary differs.
+fn merge_axes(case: &mut Case, said: &mut Reductions) {
+    let n = case.space.dimension();
+    let names = axis_names(n);
+    for a in 0..n {
+        let (periodic, still) = (case.space.is_periodic(a), stands_still(case, a));
+        if !(periodic || still) || varies_along(case, a).is_some() {
+            continue;
+        }
+        let (x, v, cells) = (names[a], names[n + a], case.space.x[a].cells);
+        let why = if periodic {
+            "nothing varies along it"
+        } else {
+            "nothing varies or moves along it"
+        };
+        if cells > 1 {
+            case.space.x[a] = case.space.x[a].merged();
+            (said.dropped).push(format!("{x}: {why}; {cells} cells -> 1"));
+        }
+        let velocities = case.space.v[a].cells;
+        if velocities > 1 && varies_along(case, VELOCITY + a).is_none() {
+            case.space.v[a] = case.space.v[a].merged();
+            (said.dropped).push(format!(
+                "{v}: nothing varies along it either; {velocities} cells -> 1"
+            ));
+        }
+    }
+}
+
+/// Why space axis `a` is kept, where `V` and what is there at time zero do not vary along it.
+fn why_kept(case: &Case, a: usize) -> Option<String> {
+    if case.space.x[a].cells == 1 {
+        return None;
+    }
+    let x = axis_names(case.space.dimension())[a];
+    match varies_along(case, a) {
+        Some(name) if name == "inflow.value" || name == "exact.f" => {
+            Some(format!("{x}: V and f(0) do not vary along it, {name} does"))
+        }
+        Some(_) => None,
+        None => Some(format!(
+            "{x}: nothing varies along it, but what enters at its ends may differ from what is inside; \
+             boundary = \"periodic\" would leave it out"
+        )),
+    }
+}
+
+/// The grid on which the results of `case` are shown.
+pub fn grid(case: &Case) -> PhaseSpace {
+    let shown = |axis: &Axis| match axis.part {
+        Part::Merged { .. } if !case.expand => axis.clone(),
+        _ => axis.whole(),
+    };
+    let mut space = case.space.clone();
+    for axis in space.x.iter_mut().chain(&mut space.v) {
+        *axis = shown(axis);
+    }
+    space
+}

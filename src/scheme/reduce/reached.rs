@@ -1,0 +1,351 @@
+//! Velocities that nothing ever reaches.
+//!
+//! Each term of a row of the scheme changes the indices along one axis only, `(i_a, j_a)`. So the cells that `f` reaches lie, for every axis
+//! `a`, over those that it reaches in the plane `(x_a, v_a)`: begun with what is there at time zero and what enters, and closed under the
+//! sources of the scheme with every jump that a face along `x_a` has anywhere, and every slope. In one dimension these are exactly the
+//! cells of which a path of entries of `A` leads from data; in more, the product of the planes holds them all. What lies outside
+//! stays exactly zero, so that rows there need not be computed; a source there counts as nothing.
+
+use crate::base::error::Result;
+use crate::parallel::communicator::Group;
+use crate::problem::case::{Case, Limiter, Reductions};
+use crate::problem::grid::{Cell, PhaseSpace, axis_names, for_each_cell};
+use crate::problem::potential::Potential;
+use crate::scheme::interface::{Side, Source, sources, velocity};
+use crate::scheme::rows::{Row, Scheme};
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+/// So many cells are looked at: a second or two.
+const MOST_CELLS: usize = 20_000_000;
+/// So many where rows of the scheme are looked at, as something enters.
+const MOST_ROWS: usize = 4_000_000;
+/// Of an axis with more jumps than this all velocities are kept.
+const MOST_JUMPS: usize = 512;
+
+/// Crops the velocity axes of `case` to what is reached. Collective over `world`.
+///
+/// # Errors
+/// [`crate::base::error::Error::Formula`] where `V` is not finite.
+pub(crate) fn crop(world: &Group, case: &mut Case, said: &mut Reductions) -> Result<()> {
+    if case.fields.len() > 1 {
+        // Level sets vanish at single velocities only.
+        return Ok(());
+    }
+    let cells = case.space.cells();
+    let most = if case.enters() { MOST_ROWS } else { MOST_CELLS };
+    let why = if case.varies() {
+        Some("what enters depends on time".to_owned())
+    } else if case.limiter != Limiter::None {
+        Some("slopes (scheme.limiter) reach further than rows".to_owned())
+    } else if cells > most {
+        Some(format!("{cells} cells; at most {most} are looked through"))
+    } else {
+        None
+    };
+    if let Some(why) = why {
+        said.kept.push(format!("velocities: all of them; {why}"));
+        return Ok(());
+    }
+    // An error is that of the potential, the same on all ranks.
+    let mut planes = filled(case, (world.rank(), world.size()))?;
+    for plane in &mut planes {
+        world.max_into(&mut plane.reached);
+    }
+    if planes.iter().all(Plane::is_full) {
+        return Ok(());
+    }
+    let boxes = boxes(case, planes)?;
+    let names = axis_names(case.space.dimension());
+    for (a, range) in boxes.into_iter().enumerate() {
+        let axis = &case.space.v[a];
+        if range.is_empty() || range.len() == axis.cells {
+            continue;
+        }
+        let window = axis.window(&range);
+        let name = names[case.space.dimension() + a];
+        said.dropped.push(format!(
+            "{name}: nothing is ever outside of [{:.6}, {:.6}]; {} cells -> {}",
+            window.lower, window.upper, axis.cells, window.cells
+        ));
+        case.space.v[a] = window;
+    }
+    Ok(())
+}
+
+/// The velocities that are reached along each axis, begun with what is in `planes`.
+fn boxes(case: &Case, planes: Vec<Plane>) -> Result<Vec<Range<usize>>> {
+    let potential = Potential::whole(case)?;
+    let close = |mut plane: Plane| match Faces::new(&case.space, &potential, plane.axis) {
+        None => 0..plane.cells,
+        Some(faces) => {
+            plane.close(&case.space, &faces, case);
+            plane.velocities()
+        }
+    };
+    Ok(planes.into_iter().map(close).collect())
+}
+
+/// Which cells of the plane of an axis are reached.
+struct Plane {
+    axis: usize,
+    /// Velocities.
+    cells: usize,
+    /// 1 where it is, by space cell and velocity.
+    reached: Vec<f64>,
+}
+
+impl Plane {
+    fn at(&self, i: usize, j: usize) -> usize {
+        i * self.cells + j
+    }
+
+    fn holds(&self, i: usize, j: i64) -> bool {
+        (0..self.cells as i64).contains(&j) && self.reached[self.at(i, j as usize)] != 0.0
+    }
+
+    /// Whether its lowest and its highest velocity are reached somewhere.
+    fn is_full(&self) -> bool {
+        self.velocities().len() == self.cells
+    }
+
+    /// From the lowest velocity that is reached anywhere to the highest.
+    fn velocities(&self) -> Range<usize> {
+        let any = |j: &usize| {
+            self.reached[*j..]
+                .iter()
+                .step_by(self.cells)
+                .any(|r| *r != 0.0)
+        };
+        let first = (0..self.cells).find(any).unwrap_or(0);
+        let end = (0..self.cells).rev().find(any).map_or(0, |last| last + 1);
+        first..end
+    }
+
+    /// Adds what takes from cells that are reached, until there is no more.
+    fn close(&mut self, space: &PhaseSpace, faces: &Faces, case: &Case) {
+        let a = self.axis;
+        let (x, v) = (&space.x[a], &space.v[a]);
+        // What a velocity finds behind a face with a jump.
+        let mut behind: BTreeMap<u64, Vec<Vec<Source>>> = BTreeMap::new();
+        for jump in faces.jumps.iter().flatten() {
+            behind.entry(*jump).or_insert_with(|| {
+                let list = |j: i64| {
+                    let up = velocity(v, j) > 0.0;
+                    let jump = f64::from_bits(*jump);
+                    let mut list = Vec::new();
+                    sources(
+                        &mut list,
+                        v,
+                        case.interface,
+                        j,
+                        if up { jump } else { -jump },
+                    );
+                    list
+                };
+                (0..v.cells as i64).map(list).collect()
+            });
+        }
+        let takes = |plane: &Self, i: usize, j: usize| {
+            let speed = velocity(v, j as i64);
+            let (step, face) = if speed > 0.0 {
+                (-1, i)
+            } else {
+                (1, (i + 1) % x.cells)
+            };
+            let across = i as i64 + step;
+            let across = match space.is_periodic(a) {
+                true => Some(across.rem_euclid(x.cells as i64) as usize),
+                false => (0..x.cells as i64)
+                    .contains(&across)
+                    .then_some(across as usize),
+            };
+            let holds = |source: &Source| match (source.side, across) {
+                (Side::Same, _) => plane.holds(i, source.velocity),
+                (Side::Across, Some(across)) => plane.holds(across, source.velocity),
+                (Side::Across, None) => false,
+            };
+            // What is behind the ends of the box is the inflow's, which is there from the start.
+            let moved = speed != 0.0
+                && across.is_some()
+                && faces.jumps[face]
+                    .iter()
+                    .any(|jump| behind[jump][j].iter().any(holds));
+            let [up, down] = faces.pushed[i];
+            moved || up && plane.holds(i, j as i64 - 1) || down && plane.holds(i, j as i64 + 1)
+        };
+        // Back and forth along both axes, so that what moves one way gets there in one sweep.
+        let order = |n: usize, back: bool| (0..n).map(move |k| if back { n - 1 - k } else { k });
+        let mut changed = true;
+        while changed {
+            changed = false;
+            for [back, down] in [[false, false], [false, true], [true, false], [true, true]] {
+                for i in order(x.cells, back) {
+                    for j in order(v.cells, down) {
+                        let at = self.at(i, j);
+                        if self.reached[at] == 0.0 && takes(self, i, j) {
+                            self.reached[at] = 1.0;
+                            changed = true;
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// What `V` does along an axis, anywhere across it.
+struct Faces {
+    /// The jumps at the lower face of each cell, by their bits.
+    jumps: Vec<BTreeSet<u64>>,
+    /// Whether the velocity of what is in each cell is pushed up, and down.
+    pushed: Vec<[bool; 2]>,
+}
+
+impl Faces {
+    /// Those along space axis `a`; none where there are too many jumps.
+    fn new(space: &PhaseSpace, potential: &Potential, a: usize) -> Option<Self> {
+        let cells = space.x[a].cells;
+        let mut faces = Self {
+            jumps: vec![BTreeSet::new(); cells],
+            pushed: vec![[false; 2]; cells],
+        };
+        let ranges: Vec<Range<usize>> = space.x.iter().map(|x| 0..x.cells).collect();
+        for_each_cell(&ranges, |i| {
+            let slope = potential.slope(i, a);
+            let [up, down] = &mut faces.pushed[i[a]];
+            *up |= slope < 0.0;
+            *down |= slope > 0.0;
+            if faces.jumps[i[a]].len() <= MOST_JUMPS {
+                faces.jumps[i[a]].insert(potential.jump_below(i, a).to_bits());
+            }
+        });
+        let all: BTreeSet<&u64> = faces.jumps.iter().flatten().collect();
+        (all.len() <= MOST_JUMPS).then_some(faces)
+    }
+}
+
+/// The planes with what is there at time zero and where something enters, of every `of`-th point of space from `first` on; not all of it
+/// where the planes are full before.
+fn filled(case: &Case, (first, of): (usize, usize)) -> Result<Vec<Plane>> {
+    let (space, n) = (&case.space, case.space.dimension());
+    let mut planes: Vec<Plane> = (0..n)
+        .map(|axis| Plane {
+            axis,
+            cells: space.v[axis].cells,
+            reached: vec![0.0; space.x[axis].cells * space.v[axis].cells],
+        })
+        .collect();
+    let scheme = case.enters().then(|| Scheme::whole(case)).transpose()?;
+    let mut row = Row::default();
+    let velocities = space.velocity_cells();
+    let mut holds = |index: usize, cell: &Cell| {
+        let field = &case.fields[0];
+        // What is no number is found, and refused, later.
+        field.initial.eval(&space.point(cell)) != 0.0
+            || scheme.as_ref().is_some_and(|scheme| {
+                scheme.row(&mut row, index);
+                row.inflow[0] != 0.0
+            })
+    };
+    for point in (first..space.space_cells()).step_by(of) {
+        let mut any = false;
+        for index in point * velocities..(point + 1) * velocities {
+            let cell = space.cell(index);
+            if holds(index, &cell) {
+                any = true;
+                for plane in &mut planes {
+                    let at = plane.at(cell[plane.axis], cell[n + plane.axis]);
+                    plane.reached[at] = 1.0;
+                }
+            }
+        }
+        // What only decays is everywhere at once.
+        if any && planes.iter().all(Plane::is_full) {
+            break;
+        }
+    }
+    Ok(planes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Dimension and settings.
+    const SCENES: [(&str, &[&str]); 8] = [
+        ("1", &[]),
+        ("1", &["scheme.interface=conservative"]),
+        ("1", &["potential.0.value=0", "potential.1.value=0.2"]),
+        (
+            "1",
+            &["potential.0.where=abs(x) < 0.5", "potential.0.value=-0.2"],
+        ),
+        ("1", &["potential.0.value=0.1*x"]),
+        ("1", &["axis.0.x.boundary=periodic"]),
+        (
+            "1",
+            &[
+                "initial.f=0",
+                "inflow.value=1 if x < 0 && v > 0.2 && v < 0.5 else 0",
+            ],
+        ),
+        ("2", &[]),
+    ];
+
+    fn scene(dimension: &str, settings: &[&str]) -> Case {
+        let axis = "[[axis]]\nx = { lower = -1, upper = 1, cells = 8 }\nv = { lower = -1.3, upper = 1.5, cells = 14 }\n";
+        let (axes, f) = match dimension {
+            "1" => (axis.to_owned(), "abs(x + 0.5) < 0.3 && abs(v - 0.4) < 0.3"),
+            _ => (
+                axis.replace("14", "7").repeat(2),
+                "abs(x + 0.5) < 0.3 && abs(vx - 0.4) < 0.3 && abs(y) < 0.3 && abs(vy) < 0.3",
+            ),
+        };
+        let text = format!(
+            "{axes}[[potential]]\nwhere = \"x < 0\"\nvalue = \"0.2\"\n[[potential]]\nvalue = \"0\"\n\
+             [initial]\nf = \"{f}\"\n[time]\nend = 1.0\n"
+        );
+        let settings: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();
+        Case::parse("scene", &text, &settings).expect("a case")
+    }
+
+    /// Against a walk over the rows of the whole grid: nothing is reached outside of the boxes, and in one dimension they are the least.
+    #[test]
+    fn boxes_hold_what_rows_reach() {
+        for (dimension, settings) in SCENES {
+            let case = scene(dimension, settings);
+            let (space, n) = (&case.space, case.space.dimension());
+            let scheme = Scheme::whole(&case).expect("a potential");
+            let mut row = Row::default();
+            let mut reached = vec![false; space.cells()];
+            let (mut before, mut now) = (0, 1);
+            while now != before {
+                before = now;
+                for index in 0..space.cells() {
+                    scheme.row(&mut row, index);
+                    let point = space.point(&space.cell(index));
+                    reached[index] |= case.fields[0].initial.eval(&point) != 0.0
+                        || row.inflow[0] != 0.0
+                        || row.entries.iter().any(|(column, _)| reached[*column]);
+                }
+                now = reached.iter().filter(|r| **r).count();
+            }
+            let planes = filled(&case, (0, 1)).expect("planes");
+            let boxes = boxes(&case, planes).expect("boxes");
+            for (a, range) in boxes.iter().enumerate() {
+                let found = (0..space.cells()).filter(|&i| reached[i]);
+                let found: BTreeSet<usize> = found.map(|i| space.cell(i)[n + a]).collect();
+                let least = *found.first().expect("data")..found.last().expect("data") + 1;
+                let holds = range.start <= least.start && least.end <= range.end;
+                assert!(holds, "{settings:?}: {least:?} in {range:?}");
+                if n == 1 {
+                    assert_eq!(*range, least, "{settings:?}");
+                }
+            }
+            let cropped = boxes.iter().any(|r| r.len() < space.v[0].cells);
+            let slopes = settings.iter().any(|s| s.contains("0.1*x"));
+            assert!(cropped || slopes, "{settings:?}: {boxes:?}");
+        }
+    }
+}

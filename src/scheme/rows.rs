@@ -1,0 +1,245 @@
+//! The Hamiltonian-preserving scheme, row by row: the only definition of `A` and `b`.
+//!
+//! `f' = A f + b` with (paper, section 4.2, and its n-dimensional form in section 6)
+//!
+//! ```text
+//! (f_ij)_t = − Σ_a |v_a|/Δx_a (f_ij − Σ weight f_source)          transport, see `interface`
+//!            − Σ_a |d_a| (f_ij − f_{i, j ∓ e_a})                  force, upwind; d_a = −slope_a/Δv_a
+//! ```
+//!
+//! Off-diagonal entries are not negative, row sums not positive; what is missing from a row sum is what the row takes
+//! from the inflow.
+
+use crate::base::error::Result;
+use crate::problem::case::{Case, Interface, MOST_FIELDS};
+use crate::problem::grid::{Cell, PhaseSpace, describe_point};
+use crate::problem::potential::Potential;
+use crate::scheme::interface::{Side, Source, sources, velocity};
+use std::ops::Range;
+
+/// One row of `A` and `b`.
+#[derive(Clone, Debug, Default)]
+pub struct Row {
+    /// `(column, value)`, ascending and distinct columns.
+    pub entries: Vec<(usize, f64)>,
+    /// `b_i` of each field, at time zero: what enters through the boundary.
+    pub inflow: [f64; MOST_FIELDS],
+    /// `−Σ_j A_ij ≥ 0`: the rate at which the row draws on the inflow.
+    pub draw: f64,
+    /// Where the inflow is taken, `(rate, ghost centre)`: `b_i(t) = Σ rate · value(ghost centre, t)`.
+    pub ghosts: Vec<(f64, [f64; 6])>,
+    /// First place where an inflow formula was not finite.
+    bad: Option<(usize, f64, [f64; 6])>,
+    scratch: Vec<Source>,
+}
+
+impl Row {
+    /// Empties it; keeps what was not finite.
+    pub(crate) fn clear(&mut self) {
+        self.entries.clear();
+        self.inflow = [0.0; MOST_FIELDS];
+        self.draw = 0.0;
+        self.ghosts.clear();
+    }
+
+    /// Sorts by column and adds up entries of the same column.
+    fn finish(&mut self) {
+        self.entries.sort_unstable_by_key(|e| e.0);
+        self.entries.dedup_by(|next, kept| {
+            let same = next.0 == kept.0;
+            if same {
+                kept.1 += next.1;
+            }
+            same
+        });
+    }
+}
+
+/// The scheme on a part of the grid.
+#[derive(Clone, Debug)]
+pub struct Scheme<'a> {
+    case: &'a Case,
+    space: &'a PhaseSpace,
+    interface: Interface,
+    potential: Potential,
+    no_inflow: bool,
+}
+
+impl<'a> Scheme<'a> {
+    /// The scheme for rows whose space cells lie in `ranges`.
+    ///
+    /// # Errors
+    /// [`Error::Formula`](crate::base::error::Error::Formula) where `V` is not finite.
+    pub fn new(case: &'a Case, ranges: &[Range<usize>]) -> Result<Self> {
+        // Rows need the jump at their upper face: one more layer.
+        let wider: Vec<_> = ranges
+            .iter()
+            .zip(&case.space.x)
+            .map(|(r, axis)| r.start..(r.end + 1).min(axis.cells))
+            .collect();
+        Ok(Self {
+            case,
+            space: &case.space,
+            interface: case.interface,
+            potential: Potential::new(case, &wider)?,
+            no_inflow: !case.enters(),
+        })
+    }
+
+    /// The scheme on the whole grid.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn whole(case: &'a Case) -> Result<Self> {
+        let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
+        Self::new(case, &ranges)
+    }
+
+    /// Row `index` of `A` and `b`.
+    pub fn row(&self, row: &mut Row, index: usize) {
+        row.clear();
+        let cell = self.space.cell(index);
+        let n = self.space.dimension();
+        let mut diagonal = 0.0;
+        for axis in (0..n).flat_map(|a| [a, n + a]) {
+            let speed = self.speed(&cell, axis);
+            if speed != 0.0 {
+                let rate = speed.abs();
+                self.behind_face(row, &cell, axis, speed < 0.0, rate);
+                diagonal -= rate;
+            }
+        }
+        row.entries.push((index, diagonal));
+        row.finish();
+    }
+
+    /// Cells a unit of time that particles in `cell` cross along `axis` of the `2n`: `v_a/Δx_a` in space, `d_a` in velocity. Zero
+    /// where the cell is its own neighbour and what leaves it comes back as it was.
+    pub fn speed(&self, cell: &Cell, axis: usize) -> f64 {
+        let n = self.space.dimension();
+        if axis < n {
+            if self.space.is_single(axis) && self.potential.jump_below(cell, axis) == 0.0 {
+                return 0.0;
+            }
+            velocity(&self.space.v[axis], cell[n + axis] as i64) / self.space.x[axis].width()
+        } else {
+            // The force −slope pushes particles up in velocity where V falls.
+            let a = axis - n;
+            -self.potential.slope(cell, a) / self.space.v[a].width()
+        }
+    }
+
+    /// The cell behind `cell`'s lower face along space axis `a`, or behind its upper one if `above`, at the same velocity; `None`
+    /// where the face ends the box or `V` jumps.
+    pub fn plain_neighbour(&self, cell: &Cell, a: usize, above: bool) -> Option<Cell> {
+        let (step, jump) = if above {
+            (1, self.potential.jump_above(cell, a))
+        } else {
+            (-1, self.potential.jump_below(cell, a))
+        };
+        let mut behind = *cell;
+        behind[a] = self.space.wrap(a, cell[a] as i64 + step)?;
+        (jump == 0.0).then_some(behind)
+    }
+
+    /// What the scheme finds behind the lower face of `cell` along `axis` of the `2n`, or behind the upper one if `above`,
+    /// at the same energy: `Σ entries f + inflow`, weights of sum 1, of which `draw` lies off the grid. In a cell that
+    /// particles leave through this face, that is where they will be, time reversed: transmitted or reflected alike.
+    pub fn neighbour(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool) {
+        row.clear();
+        self.behind_face(row, cell, axis, above, 1.0);
+        row.finish();
+    }
+
+    /// Adds `rate` times what is behind a face, as [`neighbour`](Self::neighbour) says. In velocity, the next cell; in space
+    /// what [`interface`] says.
+    fn behind_face(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool, rate: f64) {
+        let n = self.space.dimension();
+        let step = if above { 1 } else { -1 };
+        if axis >= n {
+            let a = axis - n;
+            let source = (cell[a] as i64, cell[n + a] as i64 + step);
+            self.take(row, cell, a, source, rate);
+            return;
+        }
+        let a = axis;
+        // V of this cell minus V of the neighbour.
+        let rise = if above {
+            -self.potential.jump_above(cell, a)
+        } else {
+            self.potential.jump_below(cell, a)
+        };
+        let mut list = std::mem::take(&mut row.scratch);
+        let (v, j) = (&self.space.v[a], cell[n + a] as i64);
+        sources(&mut list, v, self.interface, j, rise);
+        for source in &list {
+            let i = match source.side {
+                Side::Across => cell[a] as i64 + step,
+                Side::Same => cell[a] as i64,
+            };
+            self.take(row, cell, a, (i, source.velocity), rate * source.weight);
+        }
+        row.scratch = list;
+    }
+
+    /// Adds `rate · f` of the cell that has `(i, j)` instead of `cell`'s indices along space and velocity axis `a`; an
+    /// inflow value where that is off the grid.
+    fn take(&self, row: &mut Row, cell: &Cell, a: usize, (i, j): (i64, i64), rate: f64) {
+        let n = self.space.dimension();
+        let (x, v) = (&self.space.x[a], &self.space.v[a]);
+        let inside = self.space.wrap(a, i);
+        if let Some(place) = inside.filter(|_| (0..v.cells as i64).contains(&j)) {
+            let mut source = *cell;
+            source[a] = place;
+            source[n + a] = j as usize;
+            row.entries.push((self.space.index(&source), rate));
+            return;
+        }
+        row.draw += rate;
+        // Nothing is in a cell of the box that was left out.
+        if self.no_inflow || (inside.is_some() && v.leaves_out(j)) {
+            return;
+        }
+        let mut point = self.space.point(cell);
+        point[a] = x.centre(inside.map_or(i, |place| place as i64));
+        point[3 + a] = v.centre(j);
+        row.ghosts.push((rate, point));
+        let [px, py, pz, vx, vy, vz] = point;
+        for (f, field) in self.case.fields.iter().enumerate() {
+            let value = field.entering().eval(&[px, py, pz, vx, vy, vz, 0.0]);
+            if !value.is_finite() && row.bad.is_none() {
+                row.bad = Some((f, value, point));
+            }
+            row.inflow[f] += rate * value;
+        }
+    }
+
+    /// The error of a row whose inflow was not finite, if there was one among the rows computed with `row`.
+    ///
+    /// # Errors
+    /// [`Error::Formula`](crate::base::error::Error::Formula), naming the place.
+    pub fn inflow_is_finite(&self, row: &Row) -> Result<()> {
+        let Some((field, value, point)) = row.bad else {
+            return Ok(());
+        };
+        let point = describe_point(self.space.dimension(), &point);
+        let formula = self.case.fields[field].entering();
+        Err(formula.undefined(value, point))
+    }
+}
+
+/// `Σ_a max |v_a|/Δx_a`: the fastest transport, where `V` does not jump at the face of a cell that is its own neighbour; with the
+/// steepest force it bounds `max_i |A_ii|`. A function of the case alone, so the same on any ranks.
+pub fn transport_rate(space: &PhaseSpace) -> f64 {
+    (0..space.dimension())
+        .filter(|&a| !space.is_single(a))
+        .map(|a| fastest(space, a))
+        .sum()
+}
+
+/// `max |v_a|/Δx_a`.
+pub fn fastest(space: &PhaseSpace, a: usize) -> f64 {
+    let v = &space.v[a];
+    let ends = [0, v.cells as i64 - 1].map(|j| velocity(v, j).abs());
+    ends[0].max(ends[1]) / space.x[a].width()
+}

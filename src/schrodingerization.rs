@@ -1,0 +1,13 @@
+//! The warped phase transformation (paper, section 3): `g(p)` and its Fourier series, modes, recovery.
+//!
+//! [`profile`] holds the functions `g` and what each demands of period, cut-off and recovery point;
+//! [`warp_plan::WarpPlan`] is the series that a run takes; [`recovery`] reads `u(T)` from `v(T, p)`;
+//! [`transform`] is the distributed transform in `p`.
+//!
+//! Uses: propagate, matrix, scheme, parallel, problem, base.
+
+pub mod placement;
+pub mod profile;
+pub mod recovery;
+pub mod transform;
+pub mod warp_plan;

@@ -1,0 +1,446 @@
+//! From tolerance, bounds and what is given by hand to a profile, its series, and how it is read.
+
+use crate::base::error::{Error, Result};
+use crate::matrix::bounds::Bounds;
+use crate::problem::case::{
+    Case, Coefficients, Delta, Interface, LARGEST_TOLERANCE, RecoveryMethod, Warp,
+};
+use crate::propagate;
+use crate::schrodingerization::profile::placement::{Demand, Window};
+use crate::schrodingerization::profile::series::Series;
+use crate::schrodingerization::profile::{Form, Profile, Shape};
+use crate::schrodingerization::recovery::{Reading, shown};
+use std::f64::consts::PI;
+
+/// Distance in `p` of the second recovery point from the first.
+const SECOND_POINT: f64 = 1.0;
+/// Width in `p` of what an integral or least squares are taken over.
+const WINDOW: f64 = 1.0;
+/// Most modes `l ≥ 0` of a run.
+pub const MOST_MODES: usize = 1 << 22;
+/// What the plateau shows around `p◇` unless it is told.
+const PLATEAU: f64 = 2.0;
+/// Growth over the run from which on it is said what takes it away: an amplification by e.
+const MUCH_GROWTH: f64 = 1.0;
+/// Part of the tolerance that modes left out may take where coefficients come from samples: what is left out comes back
+/// under the wavenumbers that are kept.
+const SAMPLED_TRUNCATION: f64 = 0.2;
+
+/// The profile of a run and how it is read.
+pub(crate) struct Placement {
+    pub profile: Option<Profile>,
+    pub series: Series,
+    pub interval: [f64; 2],
+    pub readings: Vec<Reading>,
+    pub plateau: Vec<Reading>,
+    pub seen: f64,
+    pub warnings: Vec<String>,
+}
+
+/// The plan of the auxiliary variable for the state's tolerance `ε = tolerance/ratio`.
+///
+/// # Errors
+/// [`Error::Tolerance`], [`Error::Growth`], [`Error::Recovery`] when round-off forbids it, [`Error::Interval`] when the interval given by
+/// hand is too short, [`Error::Modes`] when there are too many.
+pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placement> {
+    let warp = &case.warp;
+    if let (Some(_), Some(interval), Some(points)) = (&case.start, warp.interval, warp.points) {
+        return from_file(case, bounds, interval, points);
+    }
+    let demand = demand(case, bounds, ratio);
+    let mut warnings: Vec<String> = much_growth(case, bounds).into_iter().collect();
+    let (profile, window) = match Profile::plan(warp.choice(), &demand) {
+        Some(planned) => planned,
+        None => relaxed(case, bounds, ratio, &demand, &mut warnings)?,
+    };
+    let (series, interval) = match profile.form() {
+        Form::Series(g) => (g.series.clone(), profile.ends(&demand, &window)),
+        Form::Transform(shape) => {
+            let planned = (&profile, shape, &window);
+            transformed(case, &demand, planned, &mut warnings)?
+        }
+    };
+    if window.distance < -1e-9 && warp.recovery.is_some() {
+        warnings.push(format!(
+            "solver.warp.recovery = {} is below {:.4}, which growth x time = {:.4} asks for: \
+             where S grows that much, what is read there comes from where the profile is not exp(-p)",
+            window.point,
+            window.point - window.distance,
+            demand.growth
+        ));
+    }
+    // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p = p◇ + σT.
+    let shift = shift(case, bounds);
+    let (readings, seen) = match profile.form() {
+        _ if case.recovery_points < 2 => (readings(case, &window, interval, 0.0), 1.0),
+        Form::Transform(_) => {
+            let readings = readings(case, &window, interval, SECOND_POINT);
+            let apart = readings[1].point - window.point;
+            let seen = profile.seen(window.point, apart);
+            (readings, seen)
+        }
+        Form::Series(_) => {
+            let at = |apart| readings(case, &window, interval, apart);
+            most_alike(&series, [shift, demand.decay], at)
+        }
+    };
+    Ok(Placement {
+        seen,
+        plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
+        profile: Some(profile),
+        series,
+        interval,
+        readings: moved(readings, shift),
+        warnings,
+    })
+}
+
+/// How a warped field on `points` points of `interval`, whatever it is at the start, is read: as one that is `e^{−p} f` where information
+/// reaches the recovery point from.
+///
+/// # Errors
+/// [`Error::Input`] where the recovery point is not in the interval; [`Error::Modes`] for too many points.
+fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) -> Result<Placement> {
+    let period = interval[1] - interval[0];
+    if points / 2 + 1 > MOST_MODES {
+        return Err(Error::Modes {
+            profile: "that of initial.warped".to_owned(),
+            modes: (points / 2 + 1) as f64,
+            limit: MOST_MODES,
+            tolerance: case.tolerance,
+        });
+    }
+    // Information comes from up to λ⁺T below.
+    let growth = bounds.growth.max(0.0) * case.end;
+    let point = case.warp.recovery.unwrap_or(growth);
+    if !(interval[0]..interval[1]).contains(&point) {
+        let [lower, upper] = interval;
+        return Err(Error::Input(format!(
+            "solver.warp.recovery: f would be read at p = {point}; the points of initial.warped go from {lower:.4} to {upper:.4}"
+        )));
+    }
+    let series = Series::ones(period, points);
+    let window = Window {
+        point,
+        distance: point - growth,
+        period,
+        cutoff: series.wavenumber(points / 2),
+    };
+    let readings = readings(case, &window, interval, SECOND_POINT);
+    Ok(Placement {
+        seen: 1.0,
+        plateau: plateau(case, &window, interval, readings[0].width),
+        warnings: vec![format!(
+            "initial.warped: f is e^p w read at p = {point:.4}, which is right where w(0) is e^(-p) f for all p above {:.4}",
+            point - growth
+        )],
+        profile: None,
+        series,
+        interval,
+        readings,
+    })
+}
+
+/// The series of a profile that is known on the line, and its interval: planned, but for what is given by hand.
+fn transformed(
+    case: &Case,
+    demand: &Demand,
+    (profile, shape, window): (&Profile, &dyn Shape, &Window),
+    warnings: &mut Vec<String>,
+) -> Result<(Series, [f64; 2])> {
+    let warp = &case.warp;
+    let interval = match warp.interval {
+        Some(interval) => interval,
+        None => demand.ends(shape, window),
+    };
+    let fixed = warp.interval.is_some() || demand.sampled;
+    let period = if fixed {
+        interval[1] - interval[0]
+    } else {
+        window.period
+    };
+    let modes = match warp.points {
+        Some(points) => (points / 2 + 1) as f64,
+        None => window.modes(period),
+    };
+    if modes > MOST_MODES as f64 {
+        return Err(Error::Modes {
+            profile: profile.to_string(),
+            modes,
+            limit: MOST_MODES,
+            tolerance: case.tolerance,
+        });
+    }
+    let series = match (warp.coefficients, warp.points) {
+        (Coefficients::Sampled, points) => {
+            let points = points.unwrap_or(2 * (modes as usize - 1).max(1));
+            Series::sampled(interval, points, |p| shape.value(p))
+        }
+        (Coefficients::Analytic, Some(points)) => {
+            Series::analytic_points(period, points, |mu| shape.coefficient(mu))
+        }
+        (Coefficients::Analytic, None) => {
+            Series::analytic(period, modes as usize, |mu| shape.coefficient(mu))
+        }
+    };
+    if let Some(points) = warp.points {
+        warnings.extend(too_few(demand, shape, window, period, points));
+    }
+    Ok((series, interval))
+}
+
+/// What is said of a growth that the case asks for: of weights left out where particles graze, of a small `δ`.
+fn much_growth(case: &Case, bounds: &Bounds) -> Option<String> {
+    let growth = bounds.growth * case.end;
+    if growth <= MUCH_GROWTH {
+        return None;
+    }
+    let grazes = bounds.jumps && case.interface == Interface::Hat && !case.warp.weights;
+    let (key, instead) = match case.warp.delta {
+        _ if grazes => (
+            "solver.warp.weights = \"none\"".to_owned(),
+            "\"dissipative\", or scheme.interface = \"conservative\", keeps it small",
+        ),
+        Delta::Given(delta) if bounds.inflow => (
+            format!("solver.warp.delta = {delta:e}"),
+            "a larger one, or none given by hand, keeps it small",
+        ),
+        Delta::Largest if bounds.inflow => (
+            "solver.warp.delta = \"max\"".to_owned(),
+            "none given by hand keeps it small",
+        ),
+        _ => return None,
+    };
+    Some(format!(
+        "{key}: growth x time may be up to {growth:.3}, where {MUCH_GROWTH} is much; what is wrong with a mode is read up to {:.1e} times as \
+         large; {instead}",
+        growth.exp()
+    ))
+}
+
+/// `σT` of the spectral shift.
+fn shift(case: &Case, bounds: &Bounds) -> f64 {
+    case.warp.shift.of(bounds.growth) * case.end
+}
+
+/// What is asked of the profile: everything shares the tolerance, unless the interval is given by hand. Then any one
+/// effect may take all of it, and the second reading may be worse.
+fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
+    let (warp, time) = (&case.warp, case.end);
+    // Spectral shift: u = e^{σt} ũ, ũ' = (A − σ) ũ, planned for.
+    let shift = shift(case, bounds);
+    let growth = (bounds.growth * time - shift).max(0.0);
+    let decay = bounds.decay * time + shift;
+    let tolerance = case.tolerance / ratio * libm::exp(-shift.max(0.0));
+    let width = width(warp);
+    let second = if case.recovery_points > 1 {
+        SECOND_POINT
+    } else {
+        0.0
+    };
+    let mut demand = Demand::new(tolerance, growth, decay, width + second);
+    demand.round_off = propagate::round_off(propagate::steps(&case.propagator, time));
+    demand.recovery = warp.recovery;
+    demand.interval = warp.interval;
+    demand.sampled = warp.coefficients == Coefficients::Sampled;
+    if demand.sampled {
+        demand.truncation = SAMPLED_TRUNCATION;
+    }
+    if demand.interval.is_some() {
+        demand.images = 1.0;
+        demand.reach = width;
+    }
+    demand
+}
+
+/// Width of the readings' window.
+fn width(warp: &Warp) -> f64 {
+    match warp.recovery_method {
+        RecoveryMethod::Point => 0.0,
+        RecoveryMethod::Integral | RecoveryMethod::LeastSquares => WINDOW,
+    }
+}
+
+/// The plan where the guaranteed one does not fit into the interval given by hand: for the decay that the transport alone
+/// has, with a warning. Or the reason why there is none.
+fn relaxed(
+    case: &Case,
+    bounds: &Bounds,
+    ratio: f64,
+    demand: &Demand,
+    warnings: &mut Vec<String>,
+) -> Result<(Profile, Window)> {
+    let choice = case.warp.choice();
+    let growth = demand.growth;
+    let open = Demand {
+        interval: None,
+        shortest: true,
+        ..*demand
+    };
+    let Some((profile, window)) = Profile::plan(choice, &open) else {
+        return Err(match case.warp.recovery {
+            Some(point) if !demand.keeps_digits(point) => Error::Recovery {
+                point,
+                highest: demand.highest_point(),
+                tolerance: case.tolerance,
+            },
+            _ => match Profile::smallest_tolerance(choice, &open) {
+                Some(smallest) if smallest * ratio <= LARGEST_TOLERANCE => Error::Tolerance {
+                    place: case.tolerance_place.clone(),
+                    tolerance: case.tolerance,
+                    smallest: round_up(smallest * ratio),
+                    ratio,
+                    growth,
+                },
+                _ => Error::Growth { ratio, growth },
+            },
+        });
+    };
+    let transport = Demand {
+        decay: 2.0 * bounds.rate * case.end + shift(case, bounds),
+        ..*demand
+    };
+    if let Some(planned) = Profile::plan(choice, &transport) {
+        warnings.push(format!(
+            "solver.warp.interval has a length of {:.4}; {:.4} guarantees the tolerance, with the decay x time of at most {:.4} \
+             that follows from a growth x time of at most {growth:.4}; without that growth it is long enough",
+            length(demand),
+            window.period,
+            demand.decay
+        ));
+        return Ok(planned);
+    }
+    // The whole state, auxiliary unknowns included, may be far larger than the field that is left of it, and an image of it is
+    // seldom in the field alone.
+    let of_state = Demand {
+        tolerance: demand.tolerance * ratio,
+        ..transport
+    };
+    if let Some(planned) = Profile::plan(choice, &of_state) {
+        warnings.push(format!(
+            "solver.warp.interval has a length of {:.4}: long enough for the tolerance relative to the state at the start, {ratio:.3e} times \
+             as large as the field at the end; relative to the field {:.4} guarantees it",
+            length(demand),
+            window.period
+        ));
+        return Ok(planned);
+    }
+    // What would do: the ends for the decay of the transport alone and relative to the state, as that is what was refused.
+    let open = Demand {
+        decay: of_state.decay,
+        tolerance: of_state.tolerance,
+        ..open
+    };
+    let (profile, window) = Profile::plan(choice, &open).unwrap_or((profile, window));
+    let [lower, upper] = profile.ends(&open, &window);
+    Err(Error::Interval {
+        place: case.interval_place.clone(),
+        given: demand.interval.unwrap_or_default(),
+        needed: window.period,
+        ends: [(lower * 1e3).floor() / 1e3, (upper * 1e3).ceil() / 1e3],
+        point: window.point,
+        tolerance: case.tolerance,
+    })
+}
+
+fn length(demand: &Demand) -> f64 {
+    demand.interval.map_or(0.0, |[lower, upper]| upper - lower)
+}
+
+/// `x > 0` rounded up to two digits.
+fn round_up(x: f64) -> f64 {
+    let unit = 10f64.powi(x.log10().floor() as i32 - 1);
+    (x / unit * (1.0 + 1e-9)).ceil() * unit
+}
+
+/// What points given by hand cannot resolve: a warning and no refusal, as convergence in `N_p` is studied so.
+fn too_few(
+    demand: &Demand,
+    shape: &dyn Shape,
+    window: &Window,
+    period: f64,
+    points: usize,
+) -> Option<String> {
+    // The modes left out and, of samples, what comes back of them; relative to the state.
+    let folded = if demand.sampled {
+        0.5 / SAMPLED_TRUNCATION
+    } else {
+        1.0
+    };
+    let tail = shape.tail(PI * points as f64 / period, window.distance.max(0.0));
+    let bound = folded * window.point.exp() * tail;
+    let needed = 2.0 * (0.5 * window.cutoff * period / PI).ceil();
+    (bound > demand.tolerance).then(|| {
+        format!(
+            "solver.warp.points = {points}: the modes left out may add {bound:.1e} of the state, the tolerance allows {:.1e}; \
+             {needed} points do",
+            demand.tolerance
+        )
+    })
+}
+
+/// The reading at `p◇`, and the one further on for the error estimate; within an interval given by hand.
+fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec<Reading> {
+    let room = if case.warp.interval.is_some() {
+        interval[1] - window.point
+    } else {
+        f64::INFINITY
+    };
+    let width = width(&case.warp).min(0.5 * room);
+    let second = apart.min(0.5 * room);
+    (0..case.recovery_points)
+        .map(|k| Reading {
+            method: case.warp.recovery_method,
+            point: window.point + k as f64 * second,
+            width,
+        })
+        .collect()
+}
+
+/// The readings of a designed series, whose error oscillates: the second where their distance shows about the same part of the error
+/// whatever the state is made of; and that part.
+fn most_alike(
+    series: &Series,
+    spectrum: [f64; 2],
+    at: impl Fn(f64) -> Vec<Reading>,
+) -> (Vec<Reading>, f64) {
+    /// Points tried: the last is [`SECOND_POINT`] further on, the first half of that (closer ones share too much).
+    const TRIED: u32 = 16;
+    let candidates = (TRIED / 2..=TRIED).map(|i| {
+        let readings = at(SECOND_POINT * f64::from(i) / f64::from(TRIED));
+        let [least, largest] = shown(series, [&readings[0], &readings[1]], spectrum);
+        (readings, least, largest)
+    });
+    let ratio = |(_, least, largest): &(Vec<Reading>, f64, f64)| largest / least;
+    let best = candidates.min_by(|a, b| ratio(a).total_cmp(&ratio(b)));
+    best.map_or_else(
+        || (at(SECOND_POINT), 1.0),
+        |(readings, least, largest)| (readings, (least * largest).sqrt()),
+    )
+}
+
+/// The readings moved by `distance`.
+fn moved(mut readings: Vec<Reading>, distance: f64) -> Vec<Reading> {
+    readings.iter_mut().for_each(|r| r.point += distance);
+    readings
+}
+
+/// The readings of the plateau, equally spaced.
+fn plateau(case: &Case, window: &Window, interval: [f64; 2], width: f64) -> Vec<Reading> {
+    let Some(plateau) = &case.plateau else {
+        return Vec::new();
+    };
+    let from = plateau
+        .from
+        .unwrap_or((window.point - PLATEAU).max(interval[0]));
+    let to = plateau
+        .to
+        .unwrap_or((window.point + PLATEAU).min(interval[1]).max(from));
+    (0..plateau.points)
+        .map(|k| Reading {
+            method: case.warp.recovery_method,
+            point: from + (to - from) * k as f64 / (plateau.points - 1) as f64,
+            width,
+        })
+        .collect()
+}

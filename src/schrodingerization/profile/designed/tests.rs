@@ -1,0 +1,229 @@
+use super::*;
+use crate::problem::case::ProfileChoice;
+use crate::propagate::chebyshev::degree;
+use crate::schrodingerization::profile::Profile;
+use std::time::Instant;
+
+const DECAYS: [f64; 9] = [1.0, 3.0, 10.0, 40.0, 128.0, 300.0, 512.0, 1000.0, 2000.0];
+const GROWTHS: [f64; 3] = [0.0, 0.15, 0.525];
+
+/// Applications of the modes, by their Chebyshev series.
+fn applications(demand: &Demand, period: f64, modes: usize) -> usize {
+    let tail = demand.tolerance / (10.0 * modes as f64);
+    let mut scratch = Vec::new();
+    (0..modes)
+        .map(|l| {
+            let mu = TAU * l as f64 / period;
+            degree(&mut scratch, 0.5 * demand.decay * mu.hypot(1.0), tail)
+        })
+        .sum()
+}
+
+/// The series at `k P/TURN`, without the rounding of large arguments.
+fn value(series: &Series, k: i64) -> f64 {
+    let wave = |l: usize| {
+        let turns = (l as i64 * k).rem_euclid(TURN) as f64 / TURN as f64;
+        Complex64::new(0.0, TAU * turns).exp()
+    };
+    let terms = (0..series.modes()).map(|l| (series.factor(l) * wave(l)).re);
+    terms.sum()
+}
+
+/// Largest `|g − e^{−p}|/ε` on the domain, on a grid unlike the design's: equally spaced, and by powers of 1.1 towards its ends.
+fn worst(demand: &Demand, series: &Series) -> f64 {
+    let [lower, upper] = domain(demand);
+    let unit = series.period / TURN as f64;
+    let count = 2000.max(4 * series.modes()) as i64;
+    let even = (0..=count).map(|i| lower + (upper - lower) * i as f64 / count as f64);
+    let near = (-100..=10)
+        .map(|i| 1.1f64.powi(i))
+        .filter(|d| *d < upper - lower);
+    let ends = near.flat_map(|d| [lower + d, upper - d]);
+    (even.chain(ends))
+        .map(|p| {
+            ((p / unit).ceil() as i64)
+                .clamp((lower / unit).ceil() as i64, (upper / unit).floor() as i64)
+        })
+        .map(|k| (value(series, k) - (-(k as f64 * unit)).exp()).abs())
+        .fold(0.0, f64::max)
+        / demand.tolerance
+}
+
+/// The table of docs/numerics.md: `cargo test --release --lib table_of_designs -- --ignored --nocapture`.
+#[test]
+#[ignore = "prints a table"]
+fn table_of_designs() {
+    println!("decay growth tolerance | gap W modes applications error sum seconds | gaussian's");
+    for decay in DECAYS {
+        for growth in GROWTHS {
+            for digits in 2..=12 {
+                let tolerance = 10f64.powi(-digits);
+                let demand = Demand::new(tolerance, growth, decay, 1.0);
+                let started = Instant::now();
+                let Some((g, window)) = Designed::meeting(&demand) else {
+                    println!("{decay} {growth} {tolerance:e} | none");
+                    continue;
+                };
+                let seconds = started.elapsed().as_secs_f64();
+                let modes = g.series.modes();
+                let sum: f64 = (0..modes).map(|l| g.series.factor(l).norm()).sum();
+                let gaussian = Profile::plan(ProfileChoice::Gaussian, &demand)
+                    .map_or(0, |(_, w)| {
+                        applications(&demand, w.period, w.modes(w.period) as usize)
+                    });
+                println!(
+                    "{decay:4} {growth:5} {tolerance:e} | {:5.1} {:.3} {modes:4} {:7} {:.2} {:.3} {seconds:.4} | {gaussian}",
+                    window.period - growth - decay - 1.0,
+                    window.cutoff,
+                    applications(&demand, window.period, modes),
+                    worst(&demand, &g.series),
+                    sum * 20.0 * f64::EPSILON / tolerance,
+                );
+            }
+        }
+    }
+}
+
+/// On the domain of dependence and as far beyond it as is read the series is `e^{−p}` to within the tolerance, keeps its digits, and takes
+/// at most half of the Gaussian's applications (a third where there are many).
+#[test]
+fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
+    for (i, decay) in DECAYS.into_iter().enumerate() {
+        for (j, growth) in GROWTHS.into_iter().enumerate() {
+            for digits in 2..=12 {
+                // A third of them, each row and column and, of the long ones, few digits.
+                let chosen = (i + j + digits as usize).is_multiple_of(3);
+                if !chosen || (decay > 600.0 && digits > 9) {
+                    continue;
+                }
+                let demand = Demand::new(10f64.powi(-digits), growth, decay, 1.0);
+                let what = format!("{decay} {growth} 1e-{digits}");
+                let (g, window) = Designed::meeting(&demand).expect(&what);
+                let error = worst(&demand, &g.series);
+                assert!(error < 0.8, "{what}: {error}");
+                let reported = g.error / demand.tolerance;
+                assert!(
+                    (0.5 * error..=SHARE).contains(&reported),
+                    "{what}: {reported}"
+                );
+                let modes = g.series.modes();
+                let sum: f64 = (0..modes).map(|l| g.series.factor(l).norm()).sum();
+                assert!(
+                    sum <= demand.tolerance / (20.0 * f64::EPSILON),
+                    "{what}: {sum:e}"
+                );
+                let own = applications(&demand, window.period, modes);
+                let (_, w) = Profile::plan(ProfileChoice::Gaussian, &demand).expect(&what);
+                let gaussian = applications(&demand, w.period, w.modes(w.period) as usize);
+                let factor = if own > 300 { 3 } else { 2 };
+                assert!(factor * own <= gaussian, "{what}: {own}, {gaussian}");
+                // And that is the one that is planned.
+                let planned = Profile::plan(ProfileChoice::Planned, &demand);
+                assert_eq!(planned, Some((Profile::Designed(g), window)), "{what}");
+            }
+        }
+    }
+}
+
+/// Least squares at a cut-off a tenth below the one that the two-constants theorem allows are no good, whatever the gap.
+#[test]
+fn cut_off_is_near_what_is_possible() {
+    for digits in [6, 9, 11] {
+        let demand = Demand::new(10f64.powi(-digits), 0.0, 300.0, 0.0);
+        let (_, window) = Designed::meeting(&demand).expect("possible");
+        let least = (FRAC_PI_2 * crate::schrodingerization::profile::designed::digits(&demand)
+            / ROOM)
+            .tan();
+        let ratio = window.cutoff / least;
+        assert!((0.9..1.1).contains(&ratio), "1e-{digits}: {ratio}");
+    }
+}
+
+/// Of round-off, growth and what is given by hand.
+#[test]
+fn refused_where_it_is_not_possible() {
+    let smallest =
+        |choice, growth| Profile::smallest_tolerance(choice, &Demand::new(0.1, growth, 100.0, 1.0));
+    let designed = smallest(ProfileChoice::Designed, 1.0).expect("possible");
+    assert!(
+        (designed / (SMALLEST * 1f64.exp()) - 1.0).abs() < 1e-9,
+        "{designed:e}"
+    );
+    let demand = |tolerance| Demand::new(tolerance, 1.0, 100.0, 1.0);
+    assert!(Designed::meeting(&demand(1.001 * designed)).is_some());
+    assert!(Designed::meeting(&demand(0.999 * designed)).is_none());
+    assert_eq!(smallest(ProfileChoice::Designed, f64::INFINITY), None);
+    assert_eq!(smallest(ProfileChoice::Planned, f64::INFINITY), None);
+    // The Gaussian's is smaller, and what is planned goes as far.
+    let gaussian = smallest(ProfileChoice::Gaussian, 1.0).expect("possible");
+    assert_eq!(
+        smallest(ProfileChoice::Planned, 1.0),
+        Some(gaussian.min(designed))
+    );
+    for by_hand in [
+        Demand {
+            sampled: true,
+            ..demand(1e-6)
+        },
+        Demand {
+            interval: Some([-1e3, 1e3]),
+            ..demand(1e-6)
+        },
+        Demand {
+            decay: 1.001 * LONGEST,
+            ..demand(1e-6)
+        },
+    ] {
+        assert_eq!(Profile::plan(ProfileChoice::Designed, &by_hand), None);
+        assert!(matches!(
+            Profile::plan(ProfileChoice::Planned, &by_hand),
+            Some((Profile::Gaussian(_), _))
+        ));
+    }
+}
+
+/// Read elsewhere, it is moved: `e^{p◇} c_l e^{iμ_l p◇}` stay.
+#[test]
+fn recovery_point_by_hand_moves_it() {
+    let mut demand = Demand::new(1e-6, 0.2, 30.0, 1.0);
+    let (zero, _) = Designed::meeting(&demand).expect("possible");
+    demand.recovery = Some(2.5);
+    let (moved, window) = Designed::meeting(&demand).expect("possible");
+    assert_eq!((window.point, moved.domain), (2.5, [2.3, 32.5]));
+    for p in [-0.2, 0.0, 1.0, 17.0, 31.0] {
+        let (a, b) = (
+            zero.series.value(p),
+            2.5f64.exp() * moved.series.value(p + 2.5),
+        );
+        assert!((a - b).abs() < 5e-8, "{p}: {a} {b}");
+        assert!((a - (-p).exp()).abs() < 1e-6, "{p}: {a}");
+    }
+}
+
+/// Very short and very long times, and demands that leave hardly any digits: found, or refused, and no panic.
+#[test]
+fn extremes() {
+    for decay in [0.0, 1e-9, 1e-3, 0.2, 1.9e4, 2.1e4] {
+        for growth in [0.0, 5.0] {
+            for (tolerance, reach) in [
+                (0.1, 0.0),
+                (0.1, 2.0),
+                (1e-4, 0.0),
+                (1e-10, 0.0),
+                (1e-10, 2.0),
+            ] {
+                // The longest take a second each: one of them.
+                if decay > 1e3 && (tolerance < 1e-3 || growth > 0.0) {
+                    continue;
+                }
+                let demand = Demand::new(tolerance, growth, decay, reach);
+                let found = Designed::meeting(&demand);
+                assert_eq!(found.is_some(), Designed::possible(&demand), "{demand:?}");
+                if let Some((g, _)) = found {
+                    let error = worst(&demand, &g.series);
+                    assert!(error < 0.8, "{demand:?}: {error}");
+                }
+            }
+        }
+    }
+}

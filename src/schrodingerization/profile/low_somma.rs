@@ -1,0 +1,121 @@
+//! `e^{−|p|}` convolved with a normal density of variance `σ²`, times `e^{−σ²/2}` (Low and Somma, arXiv 2508.19238):
+//!
+//! ```text
+//! g(p) = e^{−p} Φ(p/σ − σ) + e^{p} Φ(−p/σ − σ),     ĝ(μ) = 2/(1+μ²) · e^{−σ²(1+μ²)/2}.
+//! ```
+//!
+//! It is `e^{−p}` from `p = c` on, to within what `σ` leaves. As published, with `γ = (1/c)√(c + ln((1+1/2π)/ε))`:
+//! `σ = 1/(√2 γ)`, cut-off `2cγ²`, spacing of the wavenumbers at most `π/(½T‖S‖ + ln(64 e^{3c/2}/15ε))`. Planned here:
+//! the largest `σ` whose deviation at `c` is within the tolerance, cut-off and period as for every profile.
+
+use crate::schrodingerization::profile::Shape;
+use crate::schrodingerization::profile::placement::{Demand, Window, place};
+use num_complex::Complex64;
+use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
+
+/// Part of the tolerance that the deviation of `g` from `e^{−p}` may take.
+const DEVIATION: f64 = 0.25;
+
+/// The profile.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct LowSomma {
+    /// From here on `g` is `e^{−p}`.
+    pub c: f64,
+    /// Width of the Gaussian.
+    pub sigma: f64,
+}
+
+/// `Φ(x)`.
+fn normal(x: f64) -> f64 {
+    0.5 * libm::erfc(-x * FRAC_1_SQRT_2)
+}
+
+impl LowSomma {
+    /// The cheapest for `demand`, with `c` chosen unless it is given; read at `p◇ = Λ⁺ + c`.
+    pub fn meeting(c: Option<f64>, demand: &Demand) -> Option<(Self, Window)> {
+        // 0.25 to 16, in equal ratios.
+        let planned: Vec<f64> = match (c, demand.recovery) {
+            (Some(c), _) => vec![c],
+            (None, Some(point)) if point > demand.growth => vec![point - demand.growth],
+            (None, Some(_)) => vec![1.0],
+            (None, None) => (0..=48)
+                .map(|i| 0.25 * 2f64.powf(f64::from(i) / 8.0))
+                .collect(),
+        };
+        let planned = planned.into_iter().filter_map(|c| {
+            let allowed = DEVIATION * demand.tolerance * (-demand.growth).exp();
+            let profile = Self::within(c, allowed)?;
+            let point = demand.recovery.unwrap_or(demand.growth + c);
+            let demand = Demand {
+                recovery: Some(point),
+                ..*demand
+            };
+            place(&profile, c, &demand).map(|w| (profile, w))
+        });
+        planned.min_by(|(_, a), (_, b)| {
+            let [a, b] = [a, b].map(|w| demand.rank(w.period, w.cutoff));
+            a.total_cmp(&b)
+        })
+    }
+
+    /// The one of largest `σ` with `|e^p g − 1| ≤ allowed` from `c` on.
+    pub fn within(c: f64, allowed: f64) -> Option<Self> {
+        let (mut low, mut high) = (1e-4 * c, 10.0 * c.sqrt());
+        let least = Self { c, sigma: low }.deviation();
+        if least.is_nan() || least > allowed {
+            return None;
+        }
+        for _ in 0..60 {
+            let sigma = 0.5 * (low + high);
+            if (Self { c, sigma }).deviation() <= allowed {
+                low = sigma;
+            } else {
+                high = sigma;
+            }
+        }
+        Some(Self { c, sigma: low })
+    }
+
+    /// Bound on `|e^p g(p) − 1|` for `p ≥ c`: `Φ(σ − c/σ) + e^{2c} Φ(−c/σ − σ)`, where `σ² < c`.
+    pub fn deviation(&self) -> f64 {
+        let (c, s) = (self.c, self.sigma);
+        if s * s >= c {
+            return 1.0;
+        }
+        normal(s - c / s) + (2.0 * c).exp() * normal(-c / s - s)
+    }
+
+    /// `σ` and the cut-off as published.
+    pub fn published(c: f64, tolerance: f64) -> (Self, f64) {
+        let gamma = (c + ((1.0 + 0.5 / PI) / tolerance).ln()).sqrt() / c;
+        let sigma = 1.0 / (SQRT_2 * gamma);
+        (Self { c, sigma }, 2.0 * c * gamma * gamma)
+    }
+}
+
+impl Shape for LowSomma {
+    fn coefficient(&self, mu: f64) -> Complex64 {
+        let square = 1.0 + mu * mu;
+        Complex64::from(2.0 / square * (-0.5 * self.sigma * self.sigma * square).exp())
+    }
+
+    fn value(&self, p: f64) -> f64 {
+        // Even; the growing exponential's factor vanishes faster than it grows.
+        let (p, s) = (p.abs(), self.sigma);
+        let far = normal(-p / s - s);
+        let far = if far > 0.0 { p.exp() * far } else { 0.0 };
+        (-p).exp() * normal(p / s - s) + far
+    }
+
+    /// `g ≤ 1.5 e^{−|p|}`, since `e^p Φ(−p/σ−σ) ≤ ½ e^{−(p²/σ²+σ²)/2} ≤ ½ e^{−p}`.
+    fn left(&self, bound: f64) -> f64 {
+        (bound / 1.5).ln().min(0.0)
+    }
+
+    /// `(1/π) ∫_μ^∞ ĝ`, with `1/(1+x²) ≤ 1/x²` and the Gaussian's tail.
+    fn tail(&self, mu: f64, _distance: f64) -> f64 {
+        let square = self.sigma * self.sigma;
+        let gaussian = (-0.5 * square * (1.0 + mu * mu)).exp();
+        2.0 / PI * gaussian * (1.0 / mu).min(1.0 / (square * mu.powi(3)))
+    }
+}

@@ -1,0 +1,219 @@
+//! Where a profile is read, how long its period is, and which modes are kept.
+
+use crate::schrodingerization::profile::Shape;
+use num_complex::Complex64;
+use std::f64::consts::{PI, TAU};
+
+/// What is asked of a profile. The spectrum of `S·T` lies in `[−decay, growth]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Demand {
+    /// `ε`: largest error of the state, relative to the initial one.
+    pub tolerance: f64,
+    /// `Λ⁺ ≥ λ⁺T`.
+    pub growth: f64,
+    /// `Λ⁻ ≥ λ⁻T`.
+    pub decay: f64,
+    /// How far beyond the recovery point is read, too.
+    pub reach: f64,
+    /// Part of `ε` that the modes left out may take.
+    pub truncation: f64,
+    /// Part of `ε` that the neighbouring periods may take, from the left and from the right each.
+    pub images: f64,
+    /// `p◇`, by hand.
+    pub recovery: Option<f64>,
+    /// `[L, R]`, by hand.
+    pub interval: Option<[f64; 2]>,
+    /// Whether the coefficients come from samples, so that the ends of the interval matter and not only its length.
+    pub sampled: bool,
+    /// Whether the shortest period is wanted instead of the cheapest run.
+    pub shortest: bool,
+    /// What a mode is rounded by, relative to its norm; [`f64::EPSILON`] or more.
+    pub round_off: f64,
+}
+
+impl Demand {
+    /// What a plan without anything by hand asks of the analytic coefficients.
+    pub fn new(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Self {
+        Self {
+            tolerance,
+            growth,
+            decay,
+            reach,
+            truncation: 0.5,
+            images: 0.125,
+            recovery: None,
+            interval: None,
+            sampled: false,
+            shortest: false,
+            round_off: f64::EPSILON,
+        }
+    }
+
+    /// What plans are compared by: the cost of a run, or the period.
+    pub fn rank(&self, period: f64, cutoff: f64) -> f64 {
+        if self.shortest {
+            period
+        } else {
+            period * cutoff * (cutoff + 1.0)
+        }
+    }
+
+    /// About how many applications of `H` the modes take: with `τ = ½Λ⁻√(1+μ²)` a Chebyshev series of `ln 1/tail = d` digits has
+    /// the degree `τ + ½(3d)^{2/3} τ^{1/3}` (from `J_k(k sech α) ~ e^{−kα³/3}`).
+    pub fn work(&self, period: f64, modes: usize) -> f64 {
+        const SAMPLES: u32 = 100;
+        let digits = 3.0 * libm::log(10.0 * modes as f64 / self.tolerance);
+        let transition = 0.5 * libm::cbrt(digits * digits);
+        let largest = TAU * modes as f64 / period;
+        let degree = |mu: f64| {
+            let tau = 0.5 * self.decay * (1.0 + mu * mu).sqrt();
+            tau + transition * libm::cbrt(tau)
+        };
+        let places = (0..SAMPLES).map(|i| (f64::from(i) + 0.5) / f64::from(SAMPLES));
+        let sum: f64 = places.map(|part| degree(part * largest)).sum();
+        modes as f64 * sum / f64::from(SAMPLES)
+    }
+
+    /// What a neighbouring period may add to `g`.
+    pub fn image(&self, point: f64) -> f64 {
+        self.images * self.tolerance * (-point).exp()
+    }
+
+    /// Least period for reading at `point` and `reach` further: with `q` the point below which `g` is small enough, the left images end
+    /// before the domain of dependence, `P ≥ p◇ + reach + Λ⁻ − q`; the right ones add `e^{−P}` at its other end,
+    /// `P ≥ Λ⁺ + ln 1/ε`.
+    pub fn period(&self, shape: &dyn Shape, point: f64) -> f64 {
+        let furthest = point + self.reach + self.decay;
+        let right = self.growth - (self.images * self.tolerance).ln();
+        (furthest - shape.left(self.image(point))).max(right)
+    }
+
+    /// The interval that a window asks for. Samples see `e^{−p}` end at `R` and the left tail at `L`: both
+    /// within what an image may add.
+    pub fn ends(&self, shape: &dyn Shape, window: &Window) -> [f64; 2] {
+        let upper = window.point + self.reach - (self.images * self.tolerance).ln();
+        let mut lower = upper - window.period;
+        if self.sampled {
+            lower = lower.min(shape.left(self.image(window.point)));
+        }
+        [lower, upper]
+    }
+
+    /// Whether the interval given by hand has room for `window`.
+    pub fn admits(&self, shape: &dyn Shape, window: &Window) -> bool {
+        let Some([lower, upper]) = self.interval else {
+            return true;
+        };
+        let inside = lower < window.point && window.point < upper;
+        let long = upper - lower >= window.period;
+        let [_, right] = self.ends(shape, window);
+        let small = upper >= right && lower <= shape.left(self.image(window.point));
+        inside && long && (!self.sampled || small)
+    }
+
+    /// Whether a reading amplified by `e^{point}` keeps its digits: `e^{p◇} Σ|c_l| ≤ ε/(20 r)` for a round-off `r`, `Σ|c_l| ≤ 2`.
+    pub fn keeps_digits(&self, point: f64) -> bool {
+        point <= self.highest_point()
+    }
+
+    /// The largest `p◇` that [`keeps_digits`](Self::keeps_digits).
+    pub fn highest_point(&self) -> f64 {
+        (self.tolerance / (40.0 * self.round_off)).ln()
+    }
+}
+
+/// Where a profile is read and how much of its series is kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Window {
+    /// `p◇`.
+    pub point: f64,
+    /// How far everything that reaches `p◇` stays from where `g` is not smooth, or not `e^{−p}`; negative when it does not.
+    pub distance: f64,
+    /// `P`.
+    pub period: f64,
+    /// Wavenumbers beyond this are left out.
+    pub cutoff: f64,
+}
+
+impl Window {
+    /// Modes `l ≥ 0` up to the cut-off with this period; as a float, since there may be too many to count.
+    pub fn modes(&self, period: f64) -> f64 {
+        (self.cutoff * period / TAU).ceil() + 1.0
+    }
+}
+
+/// The window of least cost for a profile that is `e^{−p}` from `edge` on. What is read at `p◇` comes from
+/// `[p◇ − Λ⁺, p◇ + Λ⁻]`, so `p◇ = Λ⁺ + edge`, or one more: there the amplification is `e` times larger and the modes left out
+/// of a profile with a corner cancel.
+pub fn place(shape: &dyn Shape, edge: f64, demand: &Demand) -> Option<Window> {
+    let planned = [0.0, 1.0].map(|further| demand.growth + edge + further);
+    let points = match &demand.recovery {
+        Some(point) => std::slice::from_ref(point),
+        None => &planned[..],
+    };
+    (points.iter())
+        .filter_map(|&point| window(shape, edge, demand, point))
+        .filter(|w| demand.admits(shape, w))
+        .min_by(|a, b| {
+            let [a, b] = [a, b].map(|w| demand.rank(w.period, w.cutoff));
+            a.total_cmp(&b)
+        })
+}
+
+fn window(shape: &dyn Shape, edge: f64, demand: &Demand, point: f64) -> Option<Window> {
+    if !demand.keeps_digits(point) {
+        return None;
+    }
+    let distance = point - demand.growth - edge;
+    let allowed = demand.truncation * demand.tolerance * (-point).exp();
+    // Below MOST, in equal ratios.
+    const MOST: f64 = 1e12;
+    let (mut low, mut high) = (1e-3f64.ln(), MOST.ln());
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if shape.tail(middle.exp(), distance.max(0.0)) > allowed {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Some(Window {
+        point,
+        distance,
+        // The corners of the next period are no nearer.
+        period: demand
+            .period(shape, point)
+            .max(point + demand.reach + demand.decay + distance + 1.0),
+        cutoff: high.exp(),
+    })
+}
+
+/// Bound on `|(2/P) Re Σ ĝ(μ_l) e^{iμ_l p}|` over `μ_l > μ`, where `ĝ` is a sum of parts `a(x) e^{ixc}` from corners `−c` at least `distance`
+/// from `p`, whose `a` vary slowly: the integral of the magnitudes, `(1/π) ∫_μ^∞ Σ|a| dx`, or, since neighbours cancel, by
+/// summation by parts `Σ (|a(μ)| + ∫_μ^∞ |a'| dx) / (P sin(πp/P))`, with `sin(πp/P) ≥ πp/(1.12 P)` for `p ≤ P/4`.
+pub fn summed_by_parts<const N: usize>(
+    parts: impl Fn(f64) -> [Complex64; N],
+    mu: f64,
+    distance: f64,
+) -> f64 {
+    // x = μ e^s; magnitudes fall, so that the left end of a step bounds it.
+    const STEP: f64 = 0.02;
+    let size = |a: &[Complex64; N]| a.iter().map(|a| a.norm()).sum::<f64>();
+    let (mut x, mut a) = (mu, parts(mu));
+    let first = size(&a);
+    let (mut integral, mut variation) = (0.0, first);
+    while size(&a) > 1e-6 * first {
+        let next = x * STEP.exp();
+        let b = parts(next);
+        integral += size(&a) * (next - x);
+        variation += (0..N).map(|k| (b[k] - a[k]).norm()).sum::<f64>();
+        (x, a) = (next, b);
+    }
+    // The rest, falling like 1/x² at least.
+    let magnitudes = (integral + size(&a) * x) / PI;
+    if distance > 0.0 {
+        magnitudes.min(1.12 * (variation + size(&a)) / (PI * distance))
+    } else {
+        magnitudes
+    }
+}

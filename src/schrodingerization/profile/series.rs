@@ -1,0 +1,122 @@
+//! A profile as a truncated Fourier series, by its transform or by samples.
+
+use num_complex::Complex64;
+use rustfft::FftPlanner;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// A truncated Fourier series of a real function of period [`period`](Self::period).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Series {
+    /// `P`.
+    pub period: f64,
+    /// `c_l`, `l = 0, 1, …`; in JSON pairs of real and imaginary part.
+    pub coefficients: Vec<Complex64>,
+    /// Whether the last mode stands for itself only: of an even number `N_p` of modes, `−N_p/2` has no partner.
+    pub alone: bool,
+}
+
+impl Series {
+    /// `c_l = ĝ(μ_l)/P` for `modes` modes `l ≥ 0` and their partners: the coefficients of the periodic sum of `g`.
+    pub fn analytic(period: f64, modes: usize, transform: impl Fn(f64) -> Complex64) -> Self {
+        let coefficient = |l| transform(TAU * l as f64 / period) / period;
+        Self {
+            period,
+            coefficients: (0..modes).map(coefficient).collect(),
+            alone: false,
+        }
+    }
+
+    /// The same for the `points` modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even.
+    pub fn analytic_points(
+        period: f64,
+        points: usize,
+        transform: impl Fn(f64) -> Complex64,
+    ) -> Self {
+        Self {
+            alone: true,
+            ..Self::analytic(period, points / 2 + 1, transform)
+        }
+    }
+
+    /// `c_l = 1` for the modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even: of a field whose modes have values of their own.
+    pub fn ones(period: f64, points: usize) -> Self {
+        Self {
+            period,
+            coefficients: vec![Complex64::ONE; points / 2 + 1],
+            alone: true,
+        }
+    }
+
+    /// `c_l = (1/N_p) Σ_k g(p_k) e^{−iμ_l p_k}`, `p_k = L + kP/N_p`, for the modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even: the
+    /// trigonometric interpolant. Of the analytic coefficients of the periodic continuation of `g` from `[L, R)` it holds
+    /// `Σ_m c_{l+mN_p}`.
+    pub fn sampled([lower, upper]: [f64; 2], points: usize, value: impl Fn(f64) -> f64) -> Self {
+        let period = upper - lower;
+        let at = |k: usize| lower + period * k as f64 / points as f64;
+        let mut samples: Vec<Complex64> = (0..points)
+            .map(|k| Complex64::from(value(at(k)) / points as f64))
+            .collect();
+        FftPlanner::new()
+            .plan_fft_forward(points)
+            .process(&mut samples);
+        samples.truncate(points / 2 + 1);
+        for (l, c) in samples.iter_mut().enumerate() {
+            *c *= Complex64::new(0.0, -TAU * l as f64 * (lower / period)).exp();
+        }
+        Self {
+            period,
+            coefficients: samples,
+            alone: true,
+        }
+    }
+
+    /// Number of modes `l ≥ 0`.
+    pub fn modes(&self) -> usize {
+        self.coefficients.len()
+    }
+
+    /// `μ_l = 2πl/P`.
+    pub fn wavenumber(&self, l: usize) -> f64 {
+        TAU * l as f64 / self.period
+    }
+
+    /// Whether mode `l` stands for itself only, and not for `−l` too.
+    pub fn is_alone(&self, l: usize) -> bool {
+        l == 0 || (self.alone && l + 1 == self.modes())
+    }
+
+    /// Factor of `w_l` in a real sum over all modes: twice the coefficient where it stands for `−l` too.
+    pub fn factor(&self, l: usize) -> Complex64 {
+        self.coefficients[l] * if self.is_alone(l) { 1.0 } else { 2.0 }
+    }
+
+    /// The series at `p`.
+    pub fn value(&self, p: f64) -> f64 {
+        (0..self.modes())
+            .map(|l| (self.factor(l) * Complex64::new(0.0, self.wavenumber(l) * p).exp()).re)
+            .sum()
+    }
+}
+
+/// The number of points `N_p` that shows every mode of a series: twice the last mode where that stands for itself only, as it does where `N_p`
+/// is given; else the least even number without prime factors beyond 5 that is at least twice the number of modes.
+pub fn points(series: &Series) -> usize {
+    let modes = series.modes();
+    if series.alone && modes > 1 {
+        return 2 * (modes - 1);
+    }
+    // Over all 3^b 5^c below the power of two that would do; never an endless search, whatever the number of modes.
+    let least = 2 * modes.max(1);
+    let mut points = least.next_power_of_two();
+    let mut fives = 1usize;
+    while fives < points {
+        let mut odd = fives;
+        while odd < points {
+            points = points.min(odd * least.div_ceil(odd).next_power_of_two().max(2));
+            odd = odd.saturating_mul(3);
+        }
+        fives = fives.saturating_mul(5);
+    }
+    points
+}

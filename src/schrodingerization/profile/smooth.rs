@@ -1,0 +1,177 @@
+//! `e^{−p}` for `p ≥ 0`, `e^{p}` for `p ≤ −1`, and between them the polynomial `q` of degree `2r+1` that matches `r` derivatives
+//! at both ends. With `A` the first `r+1` terms of `e^y (1−y)^{−(r+1)}`, that is `A_k = Σ_{j≤k} C(r+k−j, k−j)/j!`, and `y = −p`,
+//!
+//! ```text
+//! q(p) = (1−y)^{r+1} A(y) + e^{−1} y^{r+1} A(1−y).
+//! ```
+//!
+//! `ĝ` is the transforms of the two exponentials and of `q`. For large `μ` its terms in `1/μ … 1/μ^{r+1}` cancel; they are left out
+//! there, so that what remains, the jumps of the derivatives `r+1 … 2r+1`, keeps its digits:
+//!
+//! ```text
+//! ĝ = (iμ)^{−r−1} [ (−1)^{r+1}/(1+iμ) + e^{−1+iμ}/(1−iμ) ] + Σ_{k>r} (q^{(k)}(−1) e^{iμ} − q^{(k)}(0)) (iμ)^{−k−1}.
+//! ```
+
+use crate::schrodingerization::profile::Shape;
+use crate::schrodingerization::profile::placement::summed_by_parts;
+use num_complex::Complex64;
+use std::f64::consts::{E, PI};
+
+/// Largest `r`.
+pub const MOST_ORDER: usize = 16;
+/// Up to here the polynomial's transform is a quadrature.
+const SMALL: f64 = 40.0;
+/// Nodes of the quadrature: exact for polynomials of degree 127, so to round-off for `q(p) e^{−iμp}`, `μ ≤ SMALL`.
+const NODES: usize = 64;
+
+/// The profile.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Smooth {
+    /// `r`.
+    pub order: usize,
+    /// `A_k`, `k ≤ r`.
+    #[serde(skip)]
+    terms: Vec<f64>,
+    /// `q^{(k)}(−1)` and `q^{(k)}(0)`, `k = r+1 … 2r+1`.
+    #[serde(skip)]
+    derivatives: Vec<[f64; 2]>,
+    /// Nodes in `[−1, 0]` with weight times `q`.
+    #[serde(skip)]
+    nodes: Vec<[f64; 2]>,
+}
+
+fn binomial(n: usize, k: usize) -> f64 {
+    (0..k).fold(1.0, |c, i| c * (n - i) as f64 / (i + 1) as f64)
+}
+
+fn factorial(n: usize) -> f64 {
+    (1..=n).map(|i| i as f64).product()
+}
+
+/// Nodes and weights of Gauss and Legendre on `[−1, 1]`, by Newton's method on the three-term recurrence.
+fn gauss_legendre(n: usize) -> Vec<[f64; 2]> {
+    let polynomial = |x: f64| {
+        let (mut before, mut p) = (1.0, x);
+        for k in 2..=n {
+            let k = k as f64;
+            (before, p) = (p, ((2.0 * k - 1.0) * x * p - (k - 1.0) * before) / k);
+        }
+        (p, n as f64 * (x * p - before) / (x * x - 1.0))
+    };
+    let node = |i: usize| {
+        let mut x = (PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
+        for _ in 0..8 {
+            let (p, slope) = polynomial(x);
+            x -= p / slope;
+        }
+        let slope = polynomial(x).1;
+        [x, 2.0 / ((1.0 - x * x) * slope * slope)]
+    };
+    (0..n).map(node).collect()
+}
+
+impl Smooth {
+    /// The profile of `r = order`, between 1 and [`MOST_ORDER`].
+    pub fn new(order: usize) -> Self {
+        let r = order;
+        let term = |k: usize| {
+            (0..=k)
+                .map(|j| binomial(r + k - j, k - j) / factorial(j))
+                .sum()
+        };
+        let terms: Vec<f64> = (0..=r).map(term).collect();
+        let sign = |k: usize| if k.is_multiple_of(2) { 1.0 } else { -1.0 };
+        // Coefficients of y^m in (1−y)^{r+1} A(y) and in y^{r+1} A(1−y).
+        let near = |m: usize| -> f64 {
+            (m.saturating_sub(r)..=m.min(r + 1))
+                .map(|i| sign(i) * binomial(r + 1, i) * terms[m - i])
+                .sum()
+        };
+        let far = |m: usize| -> f64 {
+            let j = m - r - 1;
+            sign(j) * (j..=r).map(|k| terms[k] * binomial(k, j)).sum::<f64>()
+        };
+        let derivatives = (r + 1..=2 * r + 1)
+            .map(|m| {
+                let (near, far) = (near(m), far(m));
+                [near / E + far, sign(m) * (near + far / E)].map(|c| factorial(m) * c)
+            })
+            .collect();
+        let mut profile = Self {
+            order,
+            terms,
+            derivatives,
+            nodes: Vec::new(),
+        };
+        profile.nodes = (gauss_legendre(NODES).into_iter())
+            .map(|[x, weight]| {
+                let p = 0.5 * (x - 1.0);
+                [p, 0.5 * weight * profile.polynomial(p)]
+            })
+            .collect();
+        profile
+    }
+
+    /// `q(p)`, `−1 ≤ p ≤ 0`: no term is negative.
+    fn polynomial(&self, p: f64) -> f64 {
+        let sum = |y: f64| self.terms.iter().rev().fold(0.0, |sum, a| sum * y + a);
+        let (y, s) = (-p, 1.0 + p);
+        let power = self.order as i32 + 1;
+        s.powi(power) * sum(y) + y.powi(power) * sum(s) / E
+    }
+
+    /// The two parts of `ĝ`, from the corners at −1 (but for its `e^{iμ}`) and at 0, exact for all `μ ≠ 0`.
+    fn corners(&self, mu: f64) -> [Complex64; 2] {
+        let inverse = 1.0 / Complex64::new(0.0, mu);
+        let sign = if self.order.is_multiple_of(2) {
+            -1.0
+        } else {
+            1.0
+        };
+        let mut corners = [
+            1.0 / (E * Complex64::new(1.0, -mu)),
+            sign / Complex64::new(1.0, mu),
+        ];
+        let mut power = inverse;
+        for [at_left, at_zero] in &self.derivatives {
+            corners[0] += power * at_left;
+            corners[1] -= power * at_zero;
+            power *= inverse;
+        }
+        let common = inverse.powi(self.order as i32 + 1);
+        corners.map(|c| c * common)
+    }
+}
+
+impl Shape for Smooth {
+    fn coefficient(&self, mu: f64) -> Complex64 {
+        let i_mu = Complex64::new(0.0, mu);
+        if mu.abs() <= SMALL {
+            let (right, left) = (1.0 / (1.0 + i_mu), (i_mu - 1.0).exp() / (1.0 - i_mu));
+            let middle: Complex64 = (self.nodes.iter())
+                .map(|[p, weight]| (-i_mu * p).exp() * weight)
+                .sum();
+            return right + left + middle;
+        }
+        let [at_left, at_zero] = self.corners(mu);
+        at_left * i_mu.exp() + at_zero
+    }
+
+    fn value(&self, p: f64) -> f64 {
+        if p >= 0.0 {
+            (-p).exp()
+        } else if p <= -1.0 {
+            p.exp()
+        } else {
+            self.polynomial(p)
+        }
+    }
+
+    fn left(&self, bound: f64) -> f64 {
+        bound.ln().min(-1.0)
+    }
+
+    fn tail(&self, mu: f64, distance: f64) -> f64 {
+        summed_by_parts(|x| self.corners(x), mu, distance)
+    }
+}

@@ -1,0 +1,322 @@
+use super::*;
+use crate::problem::case::ProfileChoice as Choice;
+use crate::schrodingerization::profile::series::Series;
+use std::f64::consts::PI;
+
+/// Every profile, and tolerances that it can afford here.
+const PROFILES: [(Choice, &[f64]); 11] = [
+    (Choice::Gaussian, &[1e-2, 1e-6, 1e-11]),
+    (Choice::Exponential { alpha: 1.0 }, &[1e-1, 1e-3]),
+    (Choice::Exponential { alpha: 0.2 }, &[1e-2]),
+    (Choice::Exponential { alpha: 10.0 }, &[1e-2]),
+    (Choice::Smooth { order: 1 }, &[1e-2, 1e-5]),
+    (Choice::Smooth { order: 8 }, &[1e-2, 1e-6, 1e-10]),
+    (Choice::Smooth { order: 16 }, &[1e-6, 1e-11]),
+    (Choice::LowSomma { c: None }, &[1e-2, 1e-6, 1e-11]),
+    (Choice::LowSomma { c: Some(1.0) }, &[1e-6]),
+    (Choice::Acl { beta: 0.75 }, &[1e-2, 1e-6, 1e-10]),
+    (Choice::Acl { beta: 0.5 }, &[1e-2]),
+];
+
+fn planned(choice: Choice, demand: &Demand) -> (Profile, Window) {
+    Profile::plan(choice, demand).unwrap_or_else(|| panic!("{choice:?} {demand:?}"))
+}
+
+fn shape(profile: &Profile) -> &dyn Shape {
+    match profile.form() {
+        Form::Transform(shape) => shape,
+        Form::Series(_) => panic!("{profile} is no function on the line"),
+    }
+}
+
+/// Points and `g` times the weights of Simpson's rule, on pieces that end where profiles have corners.
+fn samples(g: &dyn Shape) -> Vec<[f64; 2]> {
+    let pieces = [
+        (-200.0, -1.0, 160_000),
+        (-1.0, 0.0, 800),
+        (0.0, 40.0, 40_000),
+    ];
+    let mut samples = Vec::new();
+    for (a, b, n) in pieces {
+        let h = (b - a) / f64::from(n);
+        samples.extend((0..=n).map(|i| {
+            let factor = match i {
+                0 => 1.0,
+                i if i == n => 1.0,
+                i if i % 2 == 1 => 4.0,
+                _ => 2.0,
+            };
+            let p = a + h * f64::from(i);
+            [p, factor * g.value(p) * h / 3.0]
+        }));
+    }
+    samples
+}
+
+#[test]
+fn coefficients_are_the_transform_of_the_values() {
+    for (choice, _) in PROFILES {
+        let (profile, _) = planned(choice, &Demand::new(1e-2, 0.1, 5.0, 0.0));
+        let g = shape(&profile);
+        let samples = samples(g);
+        for mu in [0.0, 0.4, 1.7, 6.3, 20.0] {
+            let found = g.coefficient(mu);
+            let expected: Complex64 = (samples.iter())
+                .map(|[p, g]| Complex64::new(0.0, -mu * p).exp() * g)
+                .sum();
+            let limit = 1e-8 * g.coefficient(0.0).norm().max(1.0);
+            let error = (found - expected).norm();
+            assert!(error < limit, "{profile} at {mu}: {found} {expected}");
+        }
+    }
+}
+
+/// `smooth` far out, where its formula changes: the formula without cancellation agrees with quadrature at 40.
+#[test]
+fn smooth_coefficients_agree_where_their_formulas_meet() {
+    for order in 1..=smooth::MOST_ORDER {
+        let g = Smooth::new(order);
+        let (below, above) = (g.coefficient(40.0), g.coefficient(40.0 * (1.0 + 1e-15)));
+        assert!((below - above).norm() < 1e-15, "{order}: {below} {above}");
+        // And values match the exponentials to the order, at both ends.
+        for h in [1e-3, 1e-2f64] {
+            let close =
+                |a: f64, b: f64| (a - b).abs() <= 1e-14 + 1e3 * (20.0 * h).powi(order as i32 + 1);
+            assert!(close(g.value(-h), h.exp()), "{order} {h}");
+            assert!(close(g.value(h - 1.0), (h - 1.0).exp()), "{order} {h}");
+        }
+        for p in [-1.0, 0.0] {
+            let jump = g.value(p + 1e-12) - g.value(p - 1e-12);
+            assert!(jump.abs() < 1e-11, "{order} at {p}: {jump}");
+        }
+    }
+}
+
+/// The periodic sum, from values.
+fn periodic(g: &dyn Shape, period: f64, p: f64) -> f64 {
+    (-6..=6).map(|m| g.value(p + period * f64::from(m))).sum()
+}
+
+#[test]
+fn tails_bound_what_is_left_out() {
+    for (choice, _) in PROFILES {
+        let (profile, window) = planned(choice, &Demand::new(1e-2, 0.1, 30.0, 0.0));
+        let (g, period) = (shape(&profile), window.period);
+        for mu in [2.0, 5.0, 17.0] {
+            let modes = (mu * period / (2.0 * PI)) as usize + 1;
+            let series = Series::analytic(period, modes, |mu| g.coefficient(mu));
+            for (from, distance) in [(0.0, 0.0), (1.0, 1.0), (0.3, 0.3)] {
+                let bound = g.tail(series.wavenumber(modes - 1), distance);
+                let largest = (0..200)
+                    .map(|i| from + 0.05 * f64::from(i))
+                    .map(|p| (series.value(p) - periodic(g, period, p)).abs())
+                    .fold(0.0, f64::max);
+                assert!(
+                    largest <= bound + 1e-12 * g.coefficient(0.0).norm(),
+                    "{profile}, mu {mu}, distance {distance}: {largest:e}, bound {bound:e}"
+                );
+                // Not by orders of magnitude too large, but where an order of smoothness is not yet felt.
+                let sharp = matches!(
+                    choice,
+                    Choice::Exponential { alpha: 1.0 } | Choice::LowSomma { .. }
+                );
+                assert!(
+                    !sharp || largest < 1e-9 || bound < 60.0 * largest,
+                    "{profile}, mu {mu}, distance {distance}: {largest:e}, bound {bound:e}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn rounding_is_amplified_as_planned() {
+    for (choice, _) in PROFILES {
+        if choice == Choice::Gaussian {
+            continue;
+        }
+        let (profile, window) = planned(choice, &Demand::new(1e-2, 0.1, 30.0, 0.0));
+        let modes = window.modes(window.period) as usize;
+        let series = Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
+        let sum: f64 = (0..modes).map(|l| series.factor(l).norm()).sum();
+        assert!(sum < 2.0, "{profile}: {sum}");
+    }
+}
+
+/// `e^{p◇}` times the error of the series on the domain of dependence, relative to the tolerance.
+fn worst(series: &Series, demand: &Demand, window: &Window) -> f64 {
+    let (from, to) = (window.point - demand.growth, window.point + demand.decay);
+    let count = 400;
+    (0..=count)
+        .map(|i| from + (to - from) * f64::from(i) / f64::from(count))
+        .map(|p| (series.value(p) - (-p).exp()).abs() * window.point.exp() / demand.tolerance)
+        .fold(0.0, f64::max)
+}
+
+#[test]
+fn series_is_the_exponential_on_the_domain_of_dependence() {
+    for (choice, tolerances) in PROFILES {
+        for &tolerance in tolerances {
+            for (growth, decay) in [(0.0, 3.0), (0.375, 40.0), (2.0, 127.0)] {
+                let mut demand = Demand::new(tolerance, growth, decay, 0.0);
+                if Profile::plan(choice, &demand).is_none() {
+                    // Round-off forbids it, and not much less.
+                    let least = Profile::smallest_tolerance(choice, &demand).expect("possible");
+                    assert!(least > tolerance && least < 1e-7, "{choice:?}: {least:e}");
+                    continue;
+                }
+                let (profile, window) = planned(choice, &demand);
+                let modes = window.modes(window.period) as usize;
+                let series =
+                    Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
+                let error = worst(&series, &demand, &window);
+                let limit = if choice == Choice::Gaussian {
+                    3.0 * growth.exp()
+                } else {
+                    1.0
+                };
+                assert!(
+                    error < limit,
+                    "{profile}, {tolerance}, {growth}, {decay}: {error}"
+                );
+
+                demand.sampled = true;
+                demand.truncation = 0.2;
+                let (profile, window) = planned(choice, &demand);
+                let interval = demand.ends(shape(&profile), &window);
+                let modes = window.modes(interval[1] - interval[0]) as usize;
+                if modes > 20_000 {
+                    continue;
+                }
+                let series =
+                    Series::sampled(interval, 2 * (modes - 1), |p| shape(&profile).value(p));
+                let error = worst(&series, &demand, &window);
+                assert!(
+                    error < limit,
+                    "{profile} sampled, {tolerance}, {growth}, {decay}: {error}"
+                );
+            }
+        }
+    }
+}
+
+/// `c_l` of samples is `Σ_m c_{l+mN}` of the analytic ones, where the ends of the interval are far out.
+#[test]
+fn samples_alias() {
+    for (choice, _) in PROFILES {
+        let (profile, _) = planned(choice, &Demand::new(1e-2, 0.0, 5.0, 0.0));
+        let g = shape(&profile);
+        let interval: [f64; 2] = [-45.0, 40.0];
+        let (period, points) = (interval[1] - interval[0], 340);
+        let sampled = Series::sampled(interval, points, |p| g.value(p));
+        assert_eq!(sampled.modes(), points / 2 + 1);
+        for l in [0usize, 3, 100, 169, 170] {
+            let c = |l: i64| {
+                let mu = 2.0 * PI * l as f64 / period;
+                let c = g.coefficient(mu.abs()) / period;
+                if l < 0 { c.conj() } else { c }
+            };
+            let terms = 4000;
+            let alias: Complex64 = (-terms..=terms)
+                .map(|m| c(l as i64 + m * points as i64))
+                .sum();
+            let error = (sampled.coefficients[l] - alias).norm();
+            // What is left of alpha = 0.2 at the left end, and of the sum over m.
+            let limit = match choice {
+                Choice::Exponential { alpha } if alpha < 1.0 => 1e-5,
+                Choice::Exponential { .. } => 1e-6,
+                _ => 1e-9,
+            };
+            assert!(error < limit, "{profile}, l = {l}: {error:e}");
+        }
+    }
+}
+
+/// The published parameters of Low and Somma keep the deviation and the cut-off within the tolerance, and those planned
+/// here are not far from them.
+#[test]
+fn low_somma_is_as_published() {
+    for tolerance in [1e-3, 1e-6, 1e-9] {
+        for c in [0.5, 1.0, 3.0] {
+            let (published, cutoff) = LowSomma::published(c, tolerance);
+            assert!(published.deviation() <= tolerance, "{c} {tolerance}");
+            let left_out = c.exp() * published.tail(cutoff, 0.0);
+            assert!(left_out <= tolerance, "{c} {tolerance}: {left_out:e}");
+            let own = LowSomma::within(c, tolerance).expect("possible");
+            let ratio = own.sigma / published.sigma;
+            assert!((1.0..1.3).contains(&ratio), "{c} {tolerance}: {ratio}");
+            // Spacing: at most 2 pi over the period that our conditions ask for, and not half of it.
+            let decay = 60.0;
+            let demand = Demand::new(tolerance, 0.0, decay, 0.0);
+            let spacing = PI / (0.5 * decay + (64.0 * (1.5 * c).exp() / (15.0 * tolerance)).ln());
+            let period = demand.period(&published, c);
+            let ratio = 2.0 * PI / period / spacing;
+            assert!((0.9..2.0).contains(&ratio), "{c} {tolerance}: {ratio}");
+        }
+    }
+}
+
+/// The error of the interpolant at a point, with twice and four times the points: the order.
+fn order(g: &dyn Shape, point: f64, phase: f64, points: [usize; 2], sampled: bool) -> f64 {
+    let interval = [-42.0 - phase, 38.0 - phase];
+    let error = |n: usize| {
+        let series = if sampled {
+            Series::sampled(interval, n, |p| g.value(p))
+        } else {
+            Series::analytic_points(80.0, n, |mu| g.coefficient(mu))
+        };
+        // Over a cell of the coarsest grid: single points may lie where the error vanishes.
+        let cell = 80.0 / points[0] as f64;
+        (0..=40)
+            .map(|i| point + cell * f64::from(i) / 40.0)
+            .map(|p| (series.value(p) - g.value(p)).abs())
+            .fold(0.0, f64::max)
+    };
+    (error(points[0]) / error(points[1])).log2() / (points[1] as f64 / points[0] as f64).log2()
+}
+
+/// First order where the corner is felt, second away from it; `r + 1` and `r + 2` for smooth(r); the same for samples and for
+/// `ĝ`, and for corners on and off the grid. (On it, the leading term away from a corner of odd `r` vanishes: the order is higher.)
+#[test]
+fn orders_in_the_number_of_points() {
+    let rows: [(Choice, f64, [usize; 2]); 5] = [
+        (Choice::Exponential { alpha: 1.0 }, 1.0, [960, 3840]),
+        (Choice::Exponential { alpha: 4.0 }, 1.0, [1920, 7680]),
+        (Choice::Smooth { order: 1 }, 2.0, [960, 3840]),
+        (Choice::Smooth { order: 2 }, 3.0, [3840, 15360]),
+        (Choice::Smooth { order: 3 }, 4.0, [3840, 15360]),
+    ];
+    for (choice, expected, points) in rows {
+        let (profile, _) = planned(choice, &Demand::new(1e-2, 0.0, 5.0, 0.0));
+        for sampled in [true, false] {
+            // Cells that divide 1. On the grid, and a third of a cell off the coarse and the fine one.
+            for phase in [0.0, 80.0 / 3.0 / points[0] as f64] {
+                let g = shape(&profile);
+                let at = order(g, 0.0, phase, points, sampled);
+                assert!(
+                    (at - expected).abs() < 0.25,
+                    "{profile}, sampled {sampled}, phase {phase}: {at} at the corner"
+                );
+                let away = order(g, 2.0, phase, points, sampled);
+                assert!(
+                    away > expected + 0.65 && (away < expected + 1.35 || (sampled && phase == 0.0)),
+                    "{profile}, sampled {sampled}, phase {phase}: {away} away from it"
+                );
+            }
+        }
+    }
+    // Faster than any power: the order grows with every doubling.
+    for (choice, points) in [
+        (Choice::Gaussian, 20),
+        (Choice::LowSomma { c: Some(2.0) }, 30),
+        (Choice::Acl { beta: 0.75 }, 80),
+    ] {
+        let (profile, _) = planned(choice, &Demand::new(1e-9, 0.0, 5.0, 0.0));
+        let g = shape(&profile);
+        let found = [1, 2].map(|k| order(g, 1.0, 0.0, [k * points, 2 * k * points], false));
+        assert!(
+            found[0] > 1.0 && found[1] > found[0] + 0.7,
+            "{profile}: {found:?}"
+        );
+    }
+}

@@ -1,0 +1,163 @@
+//! Reading `u(T)` from the warped field `v(T, p) = e^{−p} u(T)`.
+
+use crate::problem::case::RecoveryMethod;
+use crate::schrodingerization::profile::series::Series;
+use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// Points of the least-squares reading.
+const POINTS: usize = 9;
+
+/// A linear functional of a function of `p` that gives 1 for `e^{−p}`; applied to `v`, it gives `u`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Reading {
+    /// Which.
+    pub method: RecoveryMethod,
+    /// `p◇`.
+    pub point: f64,
+    /// Width of the window `[p◇, p◇ + width]`; not used by [`RecoveryMethod::Point`].
+    pub width: f64,
+}
+
+impl Reading {
+    /// The functional of `e^{iμp}`:
+    ///
+    /// - point: `e^{p◇} v(p◇)`;
+    /// - integral: `∫ v dp / (e^{−p◇} − e^{−p◇−width})` over the window;
+    /// - least squares: the `u` with the least `Σ |v(q) − e^{−q} u|²` over equally spaced `q`, `Σ e^{−q} v(q) / Σ e^{−2q}`.
+    pub fn of_wave(&self, mu: f64) -> Complex64 {
+        // e^{p◇} e^{iμp◇} is common to all.
+        let at_point = Complex64::new(self.point, mu * self.point).exp();
+        let width = self.width;
+        let window = match self.method {
+            RecoveryMethod::Point => Complex64::ONE,
+            RecoveryMethod::Integral => {
+                let half = 0.5 * mu * width;
+                let sinc = if half.abs() < 1e-8 {
+                    1.0
+                } else {
+                    half.sin() / half
+                };
+                let decrease = -(-width).exp_m1();
+                Complex64::new(0.0, half).exp() * (width * sinc / decrease)
+            }
+            RecoveryMethod::LeastSquares => {
+                let (mut sum, mut squares) = (Complex64::ZERO, 0.0);
+                for k in 0..POINTS {
+                    let q = width * k as f64 / (POINTS - 1) as f64;
+                    sum += Complex64::new(-q, mu * q).exp();
+                    squares += (-2.0 * q).exp();
+                }
+                sum / squares
+            }
+        };
+        at_point * window
+    }
+}
+
+/// What parts of the error of `first` its distance to `second` shows, the least and the largest: of the series' own error, for
+/// states whose spectrum of `−ST` is spread over `[from, from + s]`, for some `s` up to `to − from`. A component there is read as the functional
+/// of `g(p + s)`, and should be `e^{−s}`.
+pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 2]) -> [f64; 2] {
+    /// The `s`, besides all, and samples in each.
+    const SPREADS: [f64; 4] = [0.06, 0.6, 6.0, 20.0];
+    const SAMPLES: u32 = 24;
+    /// Angles are whole multiples of this part of a turn, so that long ones keep their digits.
+    const TURN: i64 = 1 << 20;
+    let weights: Vec<[Complex64; 2]> = (0..series.modes())
+        .map(|l| [first, second].map(|r| series.factor(l) * r.of_wave(series.wavenumber(l))))
+        .collect();
+    let errors = |s: f64| {
+        let k = (s / series.period * TURN as f64).round() as i64;
+        let mut read = [-libm::exp(-(k as f64 / TURN as f64 * series.period)); 2];
+        for (l, weight) in (0i64..).zip(&weights) {
+            let turns = ((l * k) & (TURN - 1)) as f64 / TURN as f64;
+            let (sin, cos) = libm::sincos(TAU * turns);
+            for (read, weight) in read.iter_mut().zip(weight) {
+                *read += weight.re * cos - weight.im * sin;
+            }
+        }
+        read
+    };
+    let [a, b, c, d] = SPREADS.map(|spread| spread.min(to - from));
+    let ratios = [a, b, c, d, to - from].map(|spread| {
+        let (mut seen, mut all) = (0.0, 0.0);
+        for i in 0..SAMPLES {
+            let place = (f64::from(i) + 0.5) / f64::from(SAMPLES);
+            let [a, b] = errors(from + place * spread);
+            seen += (a - b) * (a - b);
+            all += a * a;
+        }
+        (seen / all).sqrt()
+    });
+    [
+        ratios.into_iter().fold(f64::INFINITY, f64::min),
+        ratios.into_iter().fold(0.0, f64::max),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const METHODS: [RecoveryMethod; 3] = [
+        RecoveryMethod::Point,
+        RecoveryMethod::Integral,
+        RecoveryMethod::LeastSquares,
+    ];
+
+    /// Of the trigonometric polynomial whose modes are `c_l`, by the definition of each functional.
+    fn by_definition(reading: &Reading, v: impl Fn(f64) -> f64) -> f64 {
+        let (a, b) = (reading.point, reading.point + reading.width);
+        match reading.method {
+            RecoveryMethod::Point => a.exp() * v(a),
+            RecoveryMethod::Integral => {
+                // Simpson's rule.
+                let n = 2000;
+                let h = (b - a) / f64::from(n);
+                let sum: f64 = (0..=n)
+                    .map(|i| {
+                        let factor = match i {
+                            0 => 1.0,
+                            i if i == n => 1.0,
+                            i if i % 2 == 1 => 4.0,
+                            _ => 2.0,
+                        };
+                        factor * v(a + h * f64::from(i))
+                    })
+                    .sum();
+                sum * h / 3.0 / ((-a).exp() - (-b).exp())
+            }
+            RecoveryMethod::LeastSquares => {
+                let q = |k: usize| a + (b - a) * k as f64 / 8.0;
+                let above: f64 = (0..9).map(|k| (-q(k)).exp() * v(q(k))).sum();
+                let below: f64 = (0..9).map(|k| (-2.0 * q(k)).exp()).sum();
+                above / below
+            }
+        }
+    }
+
+    #[test]
+    fn of_waves_is_what_the_definition_says() {
+        for method in METHODS {
+            for (point, width) in [(0.3, 1.0), (2.0, 0.25)] {
+                let reading = Reading {
+                    method,
+                    point,
+                    width,
+                };
+                for mu in [0.0, 1e-10, 0.7, 13.0] {
+                    let found = reading.of_wave(mu);
+                    let re = by_definition(&reading, |p| (mu * p).cos());
+                    let im = by_definition(&reading, |p| (mu * p).sin());
+                    let error = (found - Complex64::new(re, im)).norm();
+                    assert!(error < 1e-9, "{reading:?} {mu}: {error:e}");
+                }
+                // 1 for the exponential.
+                let one = by_definition(&reading, |p| (-p).exp());
+                assert!((one - 1.0).abs() < 1e-12, "{reading:?}: {one}");
+            }
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! Checkpoints: what a run has finished, on disk, so that a run that was stopped goes on where it was.
+//!
+//! The unit is the batch of modes. A checkpoint holds ([`Snapshot`])
+//!
+//! - which modes of the current stage are finished, and the fixed-point sums of what was read from them: integers, so that it
+//!   does not matter in which order, on which ranks or in which of several processes they were added;
+//! - the results of finished stages;
+//! - of a full run, the modes themselves.
+//!
+//! ```text
+//! DIR/checkpoint/000007/rank-00000.bin …   a file of each rank (see `file`)
+//! DIR/checkpoint/000007/manifest.json      sizes and checksums of the files; comes last, under a temporary name first
+//! ```
+//!
+//! A generation without a manifest was not completed and does not count. Two are kept. A run of any number of ranks and any
+//! mesh reads what others wrote: sums of mode groups are integers that are added, everything else goes to who has the cells
+//! and the modes now; each rank reads what it needs and no more.
+
+pub mod file;
+pub mod store;
+pub mod watch;
+
+use crate::base::error::{Error, Result};
+use crate::base::log::report;
+use crate::parallel::communicator::Communicator;
+use crate::parallel::partition::Mesh;
+use crate::plan::balance::Batch;
+use crate::solve::checkpoint::store::{Generation, Store};
+use crate::solve::checkpoint::watch::{Standing, Times, Verdict, Watch};
+use crate::solve::snapshot::Snapshot;
+use std::ops::Range;
+use std::time::Instant;
+
+/// The checkpoint that a run goes on from.
+pub struct Resumed<'a> {
+    /// What is read.
+    pub generation: Generation,
+    /// The batches of this rank's mode group that are left of its stage.
+    pub batches: Vec<Batch>,
+    /// Space cells of this rank's share.
+    pub share: &'a [Range<usize>],
+}
+
+/// The checkpoints that a run makes, and the one it goes on from.
+pub struct Checkpoints<'a> {
+    communicator: &'a Communicator,
+    mesh: &'a Mesh,
+    store: &'a mut Store,
+    watch: Watch,
+    wall_seconds: Option<f64>,
+    /// Modes of a stage, and stages.
+    size: (usize, usize),
+    /// Taken when the run begins.
+    pub resumed: Option<Resumed<'a>>,
+    /// How many were written.
+    pub written: usize,
+}
+
+impl<'a> Checkpoints<'a> {
+    /// Those of a run of `size` modes a stage and stages, kept in `store`. Collective.
+    pub fn new(
+        (communicator, mesh): (&'a Communicator, &'a Mesh),
+        store: &'a mut Store,
+        times: Times,
+        size: (usize, usize),
+        resumed: Option<Resumed<'a>>,
+    ) -> Self {
+        Self {
+            communicator,
+            mesh,
+            store,
+            wall_seconds: times.wall.map(|(_, wall)| wall.as_secs_f64()),
+            watch: Watch::new(communicator, times),
+            size,
+            resumed,
+            written: 0,
+        }
+    }
+
+    /// Whether the batches of a stage are over, on all ranks; asked at its beginning and after each batch. Writes a
+    /// checkpoint of `snapshot` where it is time for one. One by the clock that cannot be written is told by rank 0, and the
+    /// run goes on. Collective at the end of a stage and where a checkpoint is written, otherwise over the space group.
+    ///
+    /// # Errors
+    /// On all ranks: [`Error::Stopped`] when the run is to stop and its checkpoint was written, [`Error::Checkpoint`] when that
+    /// could not be, [`Error::WallTime`] when the wall time is too short for anything.
+    pub fn are_over<'s>(
+        &mut self,
+        standing: Standing,
+        snapshot: impl Fn() -> Snapshot<'s>,
+    ) -> Result<bool> {
+        let world = &self.communicator.world;
+        self.watch.expect(|| snapshot().bytes());
+        loop {
+            let verdict = self.watch.ask(self.communicator, standing);
+            match verdict {
+                Verdict::GoOn => {
+                    self.watch.begin(standing);
+                    return Ok(false);
+                }
+                Verdict::Finished | Verdict::Failed => return Ok(true),
+                Verdict::StopInTime if world.sum_count(self.watch.batches) == 0 => {
+                    return Err(Error::WallTime {
+                        seconds: self.wall_seconds.unwrap_or(0.0),
+                    });
+                }
+                Verdict::Write | Verdict::StopAsTold | Verdict::StopInTime => {}
+            }
+            let started = Instant::now();
+            let snapshot = snapshot();
+            let written = self.store.write(world, self.mesh, &snapshot);
+            self.watch.wrote(started.elapsed());
+            let why = match (verdict, self.wall_seconds) {
+                (Verdict::StopAsTold, _) => "stopped by SIGUSR1".to_owned(),
+                (Verdict::StopInTime, Some(seconds)) => format!("stopped by --walltime {seconds}"),
+                _ => {
+                    match written {
+                        Ok(_) => self.written += 1,
+                        Err(error) if world.rank() == 0 => {
+                            report(&format!("warning: {error}; the run goes on"));
+                        }
+                        Err(_) => {}
+                    }
+                    continue;
+                }
+            };
+            let (modes, stages) = self.size;
+            return Err(Error::Stopped {
+                why,
+                path: self.store.directory().to_owned(),
+                finished: written?,
+                modes,
+                stage: snapshot.state.stage + 1,
+                stages,
+            });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

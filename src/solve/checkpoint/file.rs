@@ -1,0 +1,326 @@
+//! The file of one rank: 64-bit words, little end first.
+//!
+//! | words | |
+//! |---|---|
+//! | 1 | a mark |
+//! | 1 | number of words of the header |
+//! | | [`Header`] as JSON, filled up with spaces |
+//! | | the sums: two integers a number, point by point of the space block, sum after sum |
+//! | | the results: point by point of the share, result after result |
+//! | | the cell of each auxiliary unknown |
+//! | | the kept modes: a complex number a row, mode after mode |
+//! | 1 | checksum of all words before ([`crate::base::checksum`]) |
+
+use crate::base::checksum::of_run;
+use crate::parallel::partition::common_runs;
+use crate::solve::kept::{KeptModes, Passage};
+use crate::solve::snapshot::{Fingerprint, Snapshot, State};
+use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::fs::File;
+use std::io::{Error, ErrorKind, Result, Write};
+use std::ops::Range;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
+const MARK: u64 = u64::from_le_bytes(*b"phwarp01");
+/// Words read or written at a time: 512 KiB.
+const PIECE: usize = 1 << 16;
+/// Most words of a header: 64 MiB.
+const LONGEST_HEADER: u64 = 1 << 23;
+
+/// What a file says about itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    /// The run it belongs to.
+    pub fingerprint: Fingerprint,
+    /// Number of the checkpoint.
+    pub generation: u64,
+    /// The rank that wrote it.
+    pub rank: usize,
+    /// Space cells of its block.
+    pub block: Vec<Range<usize>>,
+    /// Space cells of its share.
+    pub share: Vec<Range<usize>>,
+    /// Velocity cells at a point of space.
+    pub velocity_cells: usize,
+    /// Numbers at a point of space, of each sum.
+    pub sums: Vec<usize>,
+    /// Numbers at a point of space, of each result.
+    pub results: Vec<usize>,
+    /// Auxiliary unknowns of the block.
+    pub auxiliary: usize,
+    /// The modes it keeps, and how far each is.
+    pub kept: Vec<(usize, Passage)>,
+    /// How far the rank's mode group is.
+    pub state: State,
+}
+
+impl Header {
+    /// Rows of a kept mode.
+    fn rows(&self) -> usize {
+        points(&self.block) * self.velocity_cells + self.auxiliary
+    }
+
+    /// First word of the results, of the auxiliary unknowns and of the kept modes, and the end, counted from the first sum.
+    fn starts(&self) -> [usize; 4] {
+        let results = 2 * points(&self.block) * self.sums.iter().sum::<usize>();
+        let auxiliary = results + points(&self.share) * self.results.iter().sum::<usize>();
+        let kept = auxiliary + self.auxiliary;
+        [
+            results,
+            auxiliary,
+            kept,
+            kept + self.kept.len() * 2 * self.rows(),
+        ]
+    }
+}
+
+/// Number of points of a box of space cells.
+pub fn points(ranges: &[Range<usize>]) -> usize {
+    ranges.iter().map(Range::len).product()
+}
+
+/// A file as it was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Written {
+    /// Its size.
+    pub bytes: u64,
+    /// Its last word.
+    pub checksum: u64,
+}
+
+/// Writes a file under `path`; it is on disk when this returns.
+pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Written> {
+    let mut text = serde_json::to_vec(header)?;
+    text.resize(text.len().next_multiple_of(8), b' ');
+    let (words, _) = text.as_chunks::<8>();
+    let mut sink = Sink {
+        file: File::create(path)?,
+        waiting: Vec::with_capacity(8 * PIECE),
+        words: 0,
+        checksum: 0,
+    };
+    sink.put([MARK, words.len() as u64].into_iter())?;
+    sink.put(words.iter().map(|w| u64::from_le_bytes(*w)))?;
+    for sum in &snapshot.sums {
+        sink.put(sum.values.iter().map(|&part| part as u64))?;
+    }
+    for result in &snapshot.results {
+        sink.put(result.values.iter().map(|x| x.to_bits()))?;
+    }
+    if let Some(kept) = &snapshot.kept {
+        sink.put(kept.auxiliary.iter().copied())?;
+        for mode in &kept.modes {
+            sink.put((mode.rows.iter()).flat_map(|w| [w.re.to_bits(), w.im.to_bits()]))?;
+        }
+    }
+    let checksum = sink.checksum;
+    sink.put(std::iter::once(checksum))?;
+    sink.flush()?;
+    sink.file.sync_all()?;
+    Ok(Written {
+        bytes: 8 * sink.words,
+        checksum,
+    })
+}
+
+/// A file that is written.
+struct Sink {
+    file: File,
+    waiting: Vec<u8>,
+    words: u64,
+    checksum: u64,
+}
+
+impl Sink {
+    fn put(&mut self, words: impl Iterator<Item = u64>) -> Result<()> {
+        for word in words {
+            if self.waiting.len() == 8 * PIECE {
+                self.flush()?;
+            }
+            self.checksum = (self.checksum).wrapping_add(of_run(self.words, std::iter::once(word)));
+            self.words += 1;
+            self.waiting.extend_from_slice(&word.to_le_bytes());
+        }
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        self.file.write_all(&self.waiting)?;
+        self.waiting.clear();
+        Ok(())
+    }
+}
+
+/// Whether the file is as it was written; if not, what is wrong with it.
+pub fn check(path: &Path, written: &Written) -> std::result::Result<(), String> {
+    let file = File::open(path).map_err(|e| e.to_string())?;
+    let bytes = file.metadata().map_err(|e| e.to_string())?.len();
+    if bytes != written.bytes {
+        let expected = written.bytes;
+        return Err(format!("{bytes} bytes, {expected} were written"));
+    }
+    if bytes < 8 {
+        return Err("holds nothing".to_owned());
+    }
+    let (count, mut sum, mut last) = (bytes as usize / 8 - 1, 0u64, 0);
+    read_words(&file, 0, count, |at, words| {
+        sum = sum.wrapping_add(of_run(at as u64, words.iter().copied()));
+    })
+    .and_then(|()| read_words(&file, count, 1, |_, words| last = words[0]))
+    .map_err(|e| e.to_string())?;
+    if sum == last && sum == written.checksum {
+        Ok(())
+    } else {
+        Err("is not as it was written (its checksum differs)".to_owned())
+    }
+}
+
+/// Reads `count` words from number `first` on; `visit(number of the first since then, words)` gets them piece by piece.
+fn read_words(
+    file: &File,
+    first: usize,
+    count: usize,
+    mut visit: impl FnMut(usize, &[u64]),
+) -> Result<()> {
+    let mut bytes = vec![0u8; 8 * count.min(PIECE)];
+    let mut words = Vec::with_capacity(count.min(PIECE));
+    for start in (0..count).step_by(PIECE) {
+        let bytes = &mut bytes[..8 * (count - start).min(PIECE)];
+        file.read_exact_at(bytes, 8 * (first + start) as u64)?;
+        words.clear();
+        words.extend((bytes.as_chunks().0.iter()).map(|w| u64::from_le_bytes(*w)));
+        visit(start, &words);
+    }
+    Ok(())
+}
+
+/// A file that was checked, opened for reading.
+pub struct RankFile {
+    /// What it says about itself.
+    pub header: Header,
+    file: File,
+    /// Words before the arrays.
+    before: usize,
+}
+
+/// Where a rank wants what files hold.
+pub struct Destination<'a> {
+    /// Space cells of its block.
+    pub block: &'a [Range<usize>],
+    /// Space cells of its share.
+    pub share: &'a [Range<usize>],
+    /// The sums, as many and as wide as in the files: what those hold is added.
+    pub sums: Vec<&'a mut [i64]>,
+    /// The results, likewise.
+    pub results: Vec<Vec<f64>>,
+    /// The modes it keeps, if any, and to which cells their auxiliary unknowns belong ([`crate::solve::snapshot::Kept::auxiliary`]).
+    pub kept: Option<(Vec<u64>, &'a mut KeptModes)>,
+}
+
+impl RankFile {
+    /// Opens a file and reads its header.
+    pub fn open(path: &Path) -> Result<Self> {
+        let broken = || Error::new(ErrorKind::InvalidData, "is no file of a checkpoint");
+        let file = File::open(path)?;
+        let mut start = [0; 2];
+        read_words(&file, 0, 2, |_, words| start.copy_from_slice(words))?;
+        if start[0] != MARK || start[1] > LONGEST_HEADER {
+            return Err(broken());
+        }
+        let length = start[1] as usize;
+        let mut text = Vec::with_capacity(8 * length);
+        read_words(&file, 2, length, |_, words| {
+            text.extend(words.iter().flat_map(|w| w.to_le_bytes()));
+        })?;
+        let header: Header = serde_json::from_slice(&text).map_err(|_| broken())?;
+        let before = 2 + length;
+        let words = file.metadata()?.len() / 8;
+        let [_, _, _, end] = header.starts();
+        if (before + end + 1) as u64 != words {
+            return Err(broken());
+        }
+        Ok(Self {
+            header,
+            file,
+            before,
+        })
+    }
+
+    /// Reads what overlaps with `to`; the sums only if `with_sums`.
+    pub fn read_into(&self, to: &mut Destination<'_>, with_sums: bool) -> Result<()> {
+        let header = &self.header;
+        let [results, auxiliary, kept, _] = header.starts();
+        let blocks = common_runs(&header.block, to.block);
+        let shares = common_runs(&header.share, to.share);
+        let (block, share) = (points(&header.block), points(&header.share));
+        let mut first = 0;
+        for (sum, numbers) in to.sums.iter_mut().zip(&header.sums) {
+            let width = 2 * numbers;
+            for run in blocks.iter().filter(|_| with_sums) {
+                let into = &mut sum[run.to * width..(run.to + run.length) * width];
+                self.read(first + run.from * width, into.len(), |at, words| {
+                    for (part, &word) in into[at..].iter_mut().zip(words) {
+                        *part += word as i64;
+                    }
+                })?;
+            }
+            first += block * width;
+        }
+        let mut first = results;
+        for (result, width) in to.results.iter_mut().zip(&header.results) {
+            for run in &shares {
+                let into = &mut result[run.to * width..(run.to + run.length) * width];
+                self.read(first + run.from * width, into.len(), |at, words| {
+                    for (x, &word) in into[at..].iter_mut().zip(words) {
+                        *x = f64::from_bits(word);
+                    }
+                })?;
+            }
+            first += share * width;
+        }
+        let Some((mine, modes)) = &mut to.kept else {
+            return Ok(());
+        };
+        // Where each of the file's auxiliary unknowns goes.
+        let places: HashMap<u64, usize> = mine.iter().copied().zip(0..).collect();
+        let mut moves = Vec::new();
+        self.read(auxiliary, header.auxiliary, |at, words| {
+            let found = words.iter().zip(at..);
+            moves.extend(found.filter_map(|(cell, m)| Some((m, *places.get(cell)?))));
+        })?;
+        let velocities = header.velocity_cells;
+        let (from_cells, to_cells) = (block * velocities, points(to.block) * velocities);
+        for (k, &(mode, passage)) in header.kept.iter().enumerate() {
+            let Some(rows) = modes.replace(mode, passage) else {
+                continue;
+            };
+            let first = kept + k * 2 * header.rows();
+            for run in &blocks {
+                let cells = run.to * velocities..(run.to + run.length) * velocities;
+                self.read_complex(first + 2 * run.from * velocities, &mut rows[cells])?;
+            }
+            for &(from, to) in &moves {
+                let row = &mut rows[to_cells + to..][..1];
+                self.read_complex(first + 2 * (from_cells + from), row)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn read(&self, first: usize, count: usize, visit: impl FnMut(usize, &[u64])) -> Result<()> {
+        read_words(&self.file, self.before + first, count, visit)
+    }
+
+    fn read_complex(&self, first: usize, into: &mut [Complex64]) -> Result<()> {
+        self.read(first, 2 * into.len(), |at, words| {
+            // Pieces hold an even number of words.
+            for (w, pair) in into[at / 2..].iter_mut().zip(words.as_chunks().0) {
+                let [re, im] = pair.map(f64::from_bits);
+                *w = Complex64::new(re, im);
+            }
+        })
+    }
+}

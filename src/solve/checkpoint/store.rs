@@ -1,0 +1,449 @@
+//! The directory of checkpoints.
+
+use crate::base::checksum;
+use crate::base::error::{Error, Result};
+use crate::parallel::communicator::Group;
+use crate::parallel::partition::{Mesh, common_runs};
+use crate::problem::grid::PhaseSpace;
+use crate::solve::checkpoint::file;
+use crate::solve::checkpoint::file::{Destination, Header, RankFile, Written};
+use crate::solve::snapshot::{Fingerprint, Snapshot, State};
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+const MANIFEST: &str = "manifest.json";
+/// What a file is called while it is written.
+const UNFINISHED: &str = "unfinished";
+
+/// What says that a generation is complete, and who wrote what.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Manifest {
+    fingerprint: Fingerprint,
+    generation: u64,
+    /// The process mesh it was written on.
+    mesh: Mesh,
+    /// For people: the stage, how many of its modes are finished, and the applications done so far.
+    stage: usize,
+    finished: usize,
+    matvecs: usize,
+    /// The files, rank after rank.
+    files: Vec<Written>,
+}
+
+/// A manifest with the checksum of its text.
+#[derive(Serialize, Deserialize)]
+struct Sealed {
+    manifest: Manifest,
+    checksum: u64,
+}
+
+impl Manifest {
+    fn text(&self) -> serde_json::Result<String> {
+        serde_json::to_string_pretty(&Sealed {
+            checksum: self.checksum()?,
+            manifest: self.clone(),
+        })
+    }
+
+    fn checksum(&self) -> serde_json::Result<u64> {
+        Ok(checksum::of_text(&serde_json::to_vec(self)?))
+    }
+
+    /// The manifest of generation number `generation`, if the text is one.
+    fn parse(text: &str, generation: u64) -> std::result::Result<Self, String> {
+        let broken = || format!("{MANIFEST} is not as it was written");
+        let sealed: Sealed = serde_json::from_str(text).map_err(|_| broken())?;
+        let manifest = sealed.manifest;
+        if manifest.checksum().ok() != Some(sealed.checksum) {
+            return Err(broken());
+        }
+        if manifest.generation != generation {
+            return Err(format!(
+                "its {MANIFEST} is that of {:06}",
+                manifest.generation
+            ));
+        }
+        Ok(manifest)
+    }
+}
+
+fn rank_file(directory: &Path, rank: usize) -> PathBuf {
+    directory.join(format!("rank-{rank:05}.bin"))
+}
+
+/// The checkpoints of a run.
+pub struct Store {
+    directory: PathBuf,
+    fingerprint: Fingerprint,
+    space: PhaseSpace,
+    /// The newest that is complete, and was not refused.
+    newest: Option<u64>,
+    /// Number of the next.
+    next: u64,
+}
+
+/// A complete generation, for reading.
+pub struct Generation {
+    directory: PathBuf,
+    space: PhaseSpace,
+    manifest: Manifest,
+    /// How far it is, all mode groups together.
+    pub state: State,
+    /// Numbers at a point of space, of each result.
+    pub results: Vec<usize>,
+}
+
+impl Store {
+    /// The checkpoints in `directory` of a run on the grid `space`. Nothing is written yet.
+    pub fn new(directory: PathBuf, fingerprint: Fingerprint, space: PhaseSpace) -> Self {
+        let found = generations(&directory);
+        Self {
+            newest: found.iter().copied().find(|&g| complete(&directory, g)),
+            next: found.first().map_or(1, |newest| newest + 1),
+            directory,
+            fingerprint,
+            space,
+        }
+    }
+
+    /// Where they are.
+    pub fn directory(&self) -> &Path {
+        &self.directory
+    }
+
+    /// Whether there are any.
+    pub fn is_empty(&self) -> bool {
+        self.newest.is_none()
+    }
+
+    /// The run starts from a warped field of this checksum, which is known only now that it was read.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] where `generation` is of a run that started from another.
+    pub fn begins_with(&mut self, values: u64, generation: Option<&Generation>) -> Result<()> {
+        if let Some(start) = &mut self.fingerprint.start {
+            start.values = Some(values);
+        }
+        let Some(generation) = generation else {
+            return Ok(());
+        };
+        match (self.fingerprint).difference(&generation.manifest.fingerprint) {
+            None => Ok(()),
+            Some(difference) => {
+                let reason =
+                    format!("{difference}; without --resume the run starts from its beginning");
+                Err(failure(&generation.directory, &reason))
+            }
+        }
+    }
+
+    fn generation(&self, number: u64) -> PathBuf {
+        generation(&self.directory, number)
+    }
+
+    /// Writes a generation, and removes those before the last; gives the number of modes that are finished. Nothing of it
+    /// counts unless this succeeds. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`], of the first rank that has one.
+    pub fn write(&mut self, world: &Group, mesh: &Mesh, snapshot: &Snapshot<'_>) -> Result<usize> {
+        // Ranks that do not see what rank 0 found there are told.
+        let number = world.broadcast_text(&self.next.to_string());
+        let number = number.parse().unwrap_or(self.next);
+        self.next = number + 1;
+        let directory = self.generation(number);
+        let speaks = world.rank() == 0;
+        let written = self.write_files(world, (mesh, number), &directory, snapshot);
+        if written.is_err() {
+            if speaks {
+                // What there is of it takes room that the next may need.
+                let _ = remove(&directory);
+            }
+            return written;
+        }
+        let before = self.newest.replace(number);
+        if speaks {
+            for old in generations(&self.directory) {
+                if old != number && Some(old) != before {
+                    let _ = remove(&self.generation(old));
+                }
+            }
+        }
+        written
+    }
+
+    fn write_files(
+        &self,
+        world: &Group,
+        (mesh, number): (&Mesh, u64),
+        directory: &Path,
+        snapshot: &Snapshot<'_>,
+    ) -> Result<usize> {
+        let rank = world.rank();
+        let failed = |e: std::io::Error| failure(directory, &e);
+        world.agree(match rank {
+            0 => fs::create_dir_all(directory).map_err(failed),
+            _ => Ok(()),
+        })?;
+        let header = self.header(mesh, (rank, number), snapshot);
+        let path = rank_file(directory, rank);
+        let unfinished = path.with_extension(UNFINISHED);
+        let written = file::write(&unfinished, &header, snapshot)
+            .and_then(|written| fs::rename(&unfinished, &path).map(|()| written));
+        let written = world.agree(written.map_err(|e| failure(&path, &e)))?;
+        let files = world.gather_counts(&[written.bytes, written.checksum]);
+        // Every space block of a mode group has the same.
+        let once = |count: usize| usize::from(rank.is_multiple_of(mesh.blocks())) * count;
+        let finished = world.sum_count(once(header.state.finished.len()));
+        let matvecs = world.sum_count(once(header.state.told.applications));
+        if rank > 0 {
+            return world.agree(Ok(finished));
+        }
+        let manifest = Manifest {
+            fingerprint: self.fingerprint.clone(),
+            generation: number,
+            mesh: mesh.clone(),
+            stage: header.state.stage,
+            finished,
+            matvecs,
+            files: (files.as_chunks().0.iter())
+                .map(|&[bytes, checksum]| Written { bytes, checksum })
+                .collect(),
+        };
+        world.agree(manifest.write(directory).map_err(failed).map(|()| finished))
+    }
+
+    fn header(
+        &self,
+        mesh: &Mesh,
+        (rank, generation): (usize, u64),
+        snapshot: &Snapshot<'_>,
+    ) -> Header {
+        let (block, group) = (rank % mesh.blocks(), rank / mesh.blocks());
+        let kept = snapshot.kept.as_ref();
+        Header {
+            fingerprint: self.fingerprint.clone(),
+            generation,
+            rank,
+            block: mesh.ranges(&self.space, block),
+            share: mesh.share(&self.space, block, group),
+            velocity_cells: self.space.velocity_cells(),
+            sums: snapshot.sums.iter().map(|s| s.width).collect(),
+            results: snapshot.results.iter().map(|r| r.width).collect(),
+            auxiliary: kept.map_or(0, |k| k.auxiliary.len()),
+            kept: kept.map_or(Vec::new(), |k| {
+                k.modes.iter().map(|m| (m.mode, m.passage)).collect()
+            }),
+            state: snapshot.state.clone(),
+        }
+    }
+
+    /// The newest generation that is valid; none where there is none at all. `say` is told, on rank 0, what is wrong with
+    /// newer ones. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] where there are some and none is valid.
+    pub fn open(
+        &mut self,
+        world: &Group,
+        mut say: impl FnMut(String),
+    ) -> Result<Option<Generation>> {
+        let mut found = generations(&self.directory);
+        // As rank 0 sees them.
+        let text = world.broadcast_text(&serde_json::to_string(&found).unwrap_or_default());
+        found = serde_json::from_str(&text).unwrap_or_default();
+        let mut refused = 0;
+        for number in found {
+            let path = self.generation(number);
+            let text = match world.rank() {
+                0 => fs::read_to_string(path.join(MANIFEST)).unwrap_or_default(),
+                _ => String::new(),
+            };
+            let text = world.broadcast_text(&text);
+            let shown = path.display();
+            if text.is_empty() {
+                say(format!(
+                    "checkpoint {shown} is not complete: its writing was interrupted"
+                ));
+                continue;
+            }
+            match self.checked(world, number, &text) {
+                Ok((manifest, state, results)) => {
+                    self.newest = Some(number);
+                    return Ok(Some(Generation {
+                        directory: path,
+                        space: self.space.clone(),
+                        manifest,
+                        state,
+                        results,
+                    }));
+                }
+                Err(error) => {
+                    refused += 1;
+                    say(format!("{error}; it is not used"));
+                }
+            }
+        }
+        if refused == 0 {
+            self.newest = None;
+            return Ok(None);
+        }
+        let reason = "none of the checkpoints in it can be used; without --resume the run starts from its beginning";
+        Err(failure(&self.directory, &reason))
+    }
+
+    /// A generation with this manifest, if it is valid. Collective.
+    fn checked(
+        &self,
+        world: &Group,
+        number: u64,
+        text: &str,
+    ) -> Result<(Manifest, State, Vec<usize>)> {
+        let path = self.generation(number);
+        let refuse = |reason: String| failure(&path, &reason);
+        let manifest = Manifest::parse(text, number).map_err(refuse)?;
+        let ranks = manifest.files.len();
+        if let Some(difference) = self.fingerprint.difference(&manifest.fingerprint) {
+            return Err(refuse(difference));
+        }
+        if manifest.mesh.validate(&self.space).is_err() || manifest.mesh.ranks() != ranks {
+            return Err(refuse(format!("its {MANIFEST} does not fit the case")));
+        }
+        let mine = (world.rank()..ranks).step_by(world.size());
+        let sound = mine.map(|rank| self.check_file(&manifest, rank));
+        world.agree(sound.collect::<Result<()>>())?;
+        let read = match world.rank() {
+            0 => self.read_state(&manifest),
+            _ => Ok(String::new()),
+        };
+        let text = world.broadcast_text(&world.agree(read)?);
+        let read = serde_json::from_str(&text).map_err(|e| refuse(e.to_string()));
+        let (state, results) = world.agree(read)?;
+        Ok((manifest, state, results))
+    }
+
+    /// Whether the file of `rank` is the one that was written.
+    fn check_file(&self, manifest: &Manifest, rank: usize) -> Result<()> {
+        let path = rank_file(&self.generation(manifest.generation), rank);
+        let refuse = |reason: String| failure(&path, &reason);
+        file::check(&path, &manifest.files[rank]).map_err(refuse)?;
+        let Header {
+            fingerprint,
+            generation,
+            rank: found,
+            ..
+        } = open(&path)?.header;
+        if fingerprint != manifest.fingerprint || generation != manifest.generation || found != rank
+        {
+            return Err(refuse(format!(
+                "is the file of rank {found} of checkpoint {generation:06}"
+            )));
+        }
+        Ok(())
+    }
+
+    /// How far all mode groups together are, and how wide the results are, as text.
+    fn read_state(&self, manifest: &Manifest) -> Result<String> {
+        let directory = self.generation(manifest.generation);
+        let blocks = manifest.mesh.blocks();
+        let first = open(&rank_file(&directory, 0))?.header;
+        let mut state = first.state;
+        for group in 1..manifest.mesh.groups {
+            state.add(open(&rank_file(&directory, group * blocks))?.header.state);
+        }
+        serde_json::to_string(&(state, first.results)).map_err(|e| failure(&directory, &e))
+    }
+
+    /// Removes all checkpoints: the run is over. Where that fails, they stay.
+    pub fn remove(&self) -> std::io::Result<()> {
+        let found = generations(&self.directory);
+        if found.is_empty() {
+            return Ok(());
+        }
+        (found.into_iter()).try_for_each(|number| remove(&self.generation(number)))?;
+        fs::remove_dir(&self.directory)
+    }
+}
+
+impl Generation {
+    /// Reads what overlaps with what a rank of mode group `group` of `groups` wants; sums of several groups add up to those
+    /// of all that wrote.
+    ///
+    /// # Errors
+    /// [`Error::Checkpoint`] where a file cannot be read.
+    pub fn read(&self, (group, groups): (usize, usize), to: &mut Destination<'_>) -> Result<()> {
+        let manifest = &self.manifest;
+        let mesh = &manifest.mesh;
+        for rank in 0..mesh.ranks() {
+            let block = mesh.ranges(&self.space, rank % mesh.blocks());
+            if common_runs(&block, to.block).is_empty() {
+                continue;
+            }
+            let path = rank_file(&self.directory, rank);
+            let with_sums = rank / mesh.blocks() % groups == group;
+            (open(&path)?.read_into(to, with_sums)).map_err(|e| failure(&path, &e))?;
+        }
+        Ok(())
+    }
+
+    /// Its directory.
+    pub fn path(&self) -> &Path {
+        &self.directory
+    }
+}
+
+impl Manifest {
+    /// Writes it into `directory`, which is complete with that; on disk when this returns.
+    fn write(&self, directory: &Path) -> std::io::Result<()> {
+        let path = directory.join(MANIFEST);
+        let unfinished = path.with_extension(UNFINISHED);
+        fs::write(&unfinished, self.text()? + "\n")?;
+        File::open(&unfinished)?.sync_all()?;
+        fs::rename(&unfinished, &path)?;
+        File::open(directory)?.sync_all()?;
+        let parent = directory.parent().unwrap_or(directory);
+        File::open(parent)?.sync_all()
+    }
+}
+
+fn generation(directory: &Path, number: u64) -> PathBuf {
+    directory.join(format!("{number:06}"))
+}
+
+/// Numbers of the generations in `directory`, newest first.
+fn generations(directory: &Path) -> Vec<u64> {
+    let entries = fs::read_dir(directory).into_iter().flatten().flatten();
+    let number = |name: &str| {
+        name.parse::<u64>()
+            .ok()
+            .filter(|n| format!("{n:06}") == name)
+    };
+    let mut found: Vec<u64> = entries
+        .filter_map(|e| number(e.file_name().to_str()?))
+        .collect();
+    found.sort_unstable_by_key(|&n| std::cmp::Reverse(n));
+    found
+}
+
+fn complete(directory: &Path, number: u64) -> bool {
+    generation(directory, number).join(MANIFEST).is_file()
+}
+
+/// Removes a generation, the manifest first: half of one does not count.
+fn remove(directory: &Path) -> std::io::Result<()> {
+    let _ = fs::remove_file(directory.join(MANIFEST));
+    fs::remove_dir_all(directory)
+}
+
+fn open(path: &Path) -> Result<RankFile> {
+    RankFile::open(path).map_err(|e| failure(path, &e))
+}
+
+fn failure(path: &Path, reason: &dyn std::fmt::Display) -> Error {
+    Error::Checkpoint {
+        path: path.to_owned(),
+        reason: reason.to_string(),
+    }
+}

@@ -1,0 +1,191 @@
+//! The modes that a rank keeps: all rows of its space block for each of the modes it computes.
+
+use crate::matrix::lanes::{LANES, Lanes};
+use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
+
+/// Modes of the whole warped field on a rank, mode by mode, each as long as the block has rows:
+///
+/// ```text
+/// w(p) = Σ_l Re[ factor_l e^{iμ_l p} phase_l x_l ],   l ≥ 0
+/// ```
+///
+/// in weighted unknowns; see [`crate::schrodingerization::profile::series::Series::factor`]. Phases stand beside the modes, so that a mode that was kept goes on with the
+/// bits of one that was not.
+pub struct KeptModes {
+    rows: usize,
+    /// Ascending.
+    modes: Vec<usize>,
+    /// `values[k·rows + i]`: row `i` of mode `modes[k]`.
+    values: Vec<Complex64>,
+    passages: Vec<Passage>,
+}
+
+/// How far a mode is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Passage {
+    /// Legs that it has gone.
+    pub legs: usize,
+    /// `phase_l`.
+    pub phase: Complex64,
+    /// Its norm before the first of them, over all ranks of the space group, or a bound on it.
+    pub norm: f64,
+    /// How much of that its norm may have changed since.
+    pub allowed: f64,
+}
+
+impl Passage {
+    /// Of a mode of norm `norm` that has not begun.
+    pub fn start(norm: f64) -> Self {
+        Self {
+            legs: 0,
+            phase: Complex64::ONE,
+            norm,
+            allowed: 0.0,
+        }
+    }
+}
+
+impl KeptModes {
+    /// Room for `modes` of `rows` rows each, zero so far.
+    pub fn new(rows: usize, mut modes: Vec<usize>) -> Self {
+        modes.sort_unstable();
+        Self {
+            rows,
+            values: vec![Complex64::ZERO; rows * modes.len()],
+            passages: vec![Passage::start(0.0); modes.len()],
+            modes,
+        }
+    }
+
+    /// Bytes that `modes` of `rows` rows each take.
+    pub fn bytes(rows: u64, modes: u64) -> u64 {
+        modes * (rows * size_of::<Complex64>() as u64 + size_of::<(usize, Passage)>() as u64)
+    }
+
+    /// Rows of a mode.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// The modes, ascending.
+    pub fn modes(&self) -> &[usize] {
+        &self.modes
+    }
+
+    /// All of them, `rows` numbers a mode, in the order of [`modes`](Self::modes).
+    pub fn values(&self) -> &[Complex64] {
+        &self.values
+    }
+
+    /// The same, to be written.
+    pub fn values_mut(&mut self) -> &mut [Complex64] {
+        &mut self.values
+    }
+
+    /// How far each is, in the order of [`modes`](Self::modes).
+    pub fn passages(&self) -> &[Passage] {
+        &self.passages
+    }
+
+    /// The same, to be written.
+    pub fn passages_mut(&mut self) -> &mut [Passage] {
+        &mut self.passages
+    }
+
+    fn place(&self, mode: usize) -> Option<usize> {
+        self.modes.binary_search(&mode).ok()
+    }
+
+    /// How far `mode` is; `None` where this rank does not keep it.
+    pub fn passage(&self, mode: usize) -> Option<Passage> {
+        self.place(mode).map(|k| self.passages[k])
+    }
+
+    /// Row by row, `mode`; `None` where this rank does not keep it.
+    pub fn mode(&self, mode: usize) -> Option<&[Complex64]> {
+        let first = self.place(mode)? * self.rows;
+        Some(&self.values[first..first + self.rows])
+    }
+
+    /// Row by row, `mode`, which is now as far as `passage`, to be written; `None` where this rank does not keep it.
+    pub fn replace(&mut self, mode: usize, passage: Passage) -> Option<&mut [Complex64]> {
+        let k = self.place(mode)?;
+        self.passages[k] = passage;
+        Some(&mut self.values[k * self.rows..(k + 1) * self.rows])
+    }
+
+    /// Stores lane `l` of `state` for `modes[l]`, which is as far as `passages[l]`; modes of other ranks are left out.
+    pub fn store(&mut self, modes: &[usize], passages: &[Passage; LANES], state: &[Lanes]) {
+        for (l, &mode) in modes.iter().enumerate() {
+            let Some(k) = self.place(mode) else {
+                continue;
+            };
+            self.passages[k] = passages[l];
+            let kept = &mut self.values[k * self.rows..(k + 1) * self.rows];
+            for (x, Lanes(w)) in kept.iter_mut().zip(state) {
+                *x = Complex64::new(w[l], w[LANES + l]);
+            }
+        }
+    }
+
+    /// Loads `modes[l]` into lane `l` of `state`, and the last of them into the lanes that are left.
+    pub fn load(&self, modes: &[usize], state: &mut [Lanes]) {
+        for l in 0..LANES {
+            let mode = modes.get(l).or(modes.last());
+            let Some(kept) = mode.and_then(|&mode| self.mode(mode)) else {
+                continue;
+            };
+            for (x, Lanes(w)) in kept.iter().zip(state.iter_mut()) {
+                (w[l], w[LANES + l]) = (x.re, x.im);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lanes_come_back() {
+        let (rows, all) = (5, [7, 2, 11, 4, 0, 9, 3, 8, 21, 1]);
+        let mut kept = KeptModes::new(rows, all.to_vec());
+        assert_eq!(kept.modes(), [0, 1, 2, 3, 4, 7, 8, 9, 11, 21]);
+        let gone = |kept: &KeptModes| kept.passages().iter().filter(|p| p.legs == 1).count();
+        assert_eq!(gone(&kept), 0);
+        let value = |mode: usize, i: usize| Complex64::new(mode as f64 + 0.5, i as f64 - 3.0);
+        let passage = |mode: usize| Passage {
+            legs: 1,
+            phase: Complex64::new(0.0, mode as f64),
+            ..Passage::start(2.0)
+        };
+        // A full batch, one that is not, and a mode of another rank.
+        let batches: [&[usize]; 3] = [&[7, 2, 11, 4, 0, 9, 3, 8], &[21, 1], &[6]];
+        for (stored, batch) in [0, 8, 10].into_iter().zip(batches) {
+            assert_eq!(gone(&kept), stored);
+            let mut state = vec![Lanes::ZERO; rows];
+            for (i, Lanes(w)) in state.iter_mut().enumerate() {
+                for (l, &mode) in batch.iter().enumerate() {
+                    let x = value(mode, i);
+                    (w[l], w[LANES + l]) = (x.re, x.im);
+                }
+            }
+            let passages = std::array::from_fn(|l| passage(batch[l.min(batch.len() - 1)]));
+            kept.store(batch, &passages, &state);
+        }
+        assert!(kept.mode(6).is_none() && kept.passage(6).is_none());
+        for batch in &batches[..2] {
+            let mut state = vec![Lanes::ZERO; rows];
+            kept.load(batch, &mut state);
+            for (i, Lanes(w)) in state.iter().enumerate() {
+                for l in 0..LANES {
+                    let mode = batch[l.min(batch.len() - 1)];
+                    assert_eq!(Complex64::new(w[l], w[LANES + l]), value(mode, i));
+                    assert_eq!(kept.passage(mode), Some(passage(mode)));
+                    assert_eq!(kept.mode(mode).map(|x| x[i]), Some(value(mode, i)));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,492 @@
+//! The Schrödingerized run: modes are propagated batch by batch, added to what is recovered, and dropped.
+//!
+//! Memory is a few phase-space vectors, whatever the number of modes, and the sums of one field at a time. Contributions of modes
+//! are added in fixed point (see [`crate::base::fixed_point`]), so the result has the same bits for any mode groups, any batches
+//! of independent modes and any order.
+//!
+//! A run has *legs*, from one output time to the next. It goes in *stages*, each a pass over all modes of a field: of a streamed
+//! run, in which a batch takes all legs one after the other; of a full one, which keeps the modes, in which it takes one. Both do the same
+//! with a mode, so that their results have the same bits.
+
+use crate::base::error::{Error, Result};
+use crate::base::progress::Progress;
+use crate::matrix::lanes::{LANES, Lanes};
+use crate::parallel::communicator::Communicator;
+use crate::plan::balance::Batch;
+use crate::problem::case::{Case, Data};
+use crate::propagate::method::{BatchSpec, Evolution, Initial, Propagator, Start};
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::checkpoint::Checkpoints;
+use crate::solve::checkpoint::watch::Standing;
+use crate::solve::kept::{KeptModes, Passage};
+use crate::solve::sum::{MomentsOf, Sum};
+use crate::solve::told::Told;
+use num_complex::Complex64;
+use std::ops::Range;
+use std::time::Instant;
+
+/// What round-off may add to the change of a mode's norm, each leg.
+const UNITARITY_ROUND_OFF: f64 = 1e-12;
+
+/// What a run is to do on this rank.
+#[derive(Clone, Copy)]
+pub struct Task<'a> {
+    /// The process mesh.
+    pub communicator: &'a Communicator,
+    /// Profile, modes, readings.
+    pub warp: &'a WarpPlan,
+    /// How long each leg takes, and what is read at its end; at that of the last all readings are.
+    pub legs: &'a [Leg],
+    /// The batches of this rank's mode group.
+    pub batches: &'a [Batch],
+    /// The fields at time zero.
+    pub initial: &'a [Initial<'a>],
+    /// `shares[g]`: the block's cells that rank `g` of the mode groups keeps of the results.
+    pub shares: &'a [Range<usize>],
+    /// How moments follow, where a leg wants no more than them.
+    pub moments: Option<&'a MomentsOf<'a>>,
+}
+
+/// A leg of the run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leg {
+    /// How long it takes.
+    pub time: f64,
+    /// Whether the moments at its end are all that is wanted.
+    pub moments_only: bool,
+}
+
+impl Leg {
+    /// Those of a case. Moments of measure-valued data are not linear in the fields, and take them.
+    pub fn all(case: &Case) -> Vec<Self> {
+        let linear = matches!(case.data, Data::Density);
+        let wants = case.times.iter().map(|t| linear && !t.fields);
+        (case.legs().into_iter().zip(wants.chain([false])))
+            .map(|(time, moments_only)| Self { time, moments_only })
+            .collect()
+    }
+}
+
+/// What was recovered, on this rank's share of the block's cells.
+#[derive(Clone, Debug, Default)]
+pub struct Recovered {
+    /// `fields[k][r]`: `ũ(T)` of field `k` by reading `r`.
+    pub fields: Vec<Vec<Vec<f64>>>,
+    /// `plateau[r]`: `ũ(T)` of the first field by the plateau's reading `r`.
+    pub plateau: Vec<Vec<f64>>,
+    /// `early[k][leg]`: `ũ` of field `k` by the first reading at the end of each leg but the last; or, where they are all that is
+    /// wanted, sums over the velocities for the moments of `f`, point by point.
+    pub early: Vec<Vec<Vec<f64>>>,
+    /// Largest over the modes of (change of the norm) / (what its method allows plus 1e-12); at most 1. None where the
+    /// method does not keep the norm.
+    pub unitarity_defect: Option<f64>,
+    /// Smallest `‖w_l(T)‖/‖w_l(0)‖` over the modes of all ranks; none where the state is zero.
+    pub norm_kept: Option<f64>,
+    /// Leading term of the error that the time step leaves in each field by the first reading, like `fields`; empty where
+    /// the method meets its tolerance by itself.
+    pub step_errors: Vec<Vec<f64>>,
+    /// By field, the norm of what modes may add to it whose step is too long for the leading term.
+    pub step_beyond: Vec<f64>,
+    /// Applications done by this rank's mode group; the first group counts those before a checkpoint that the run went on
+    /// from.
+    pub applications: usize,
+    /// Those of this process.
+    pub applications_here: usize,
+    /// Linear systems solved by this rank's mode group.
+    pub solves: usize,
+    /// Seconds that this rank took for its batches.
+    pub busy_seconds: f64,
+}
+
+/// What a full run does besides.
+pub struct Keeping<'a> {
+    /// The modes of this rank, of one field after the other.
+    pub kept: &'a mut KeptModes,
+    /// Whether they are those that the run starts from, instead of the fields at time zero.
+    pub begun: bool,
+    /// What is to be done with a field at the end of a leg, on all ranks together: `(field, leg, modes)`.
+    pub after: &'a mut dyn FnMut(usize, usize, &KeptModes) -> Result<()>,
+}
+
+/// A pass over the modes of a field.
+pub(crate) struct Stage<'a> {
+    pub(crate) field: usize,
+    pub(crate) legs: Range<usize>,
+    /// By leg of the stage, what is added up at its end.
+    pub(crate) sums: Vec<Vec<Sum<'a>>>,
+    /// Whether the method leaves an error of its time step.
+    pub(crate) stepped: bool,
+    /// Where the stage goes to the end, the leading term of that; and by mode what is beyond.
+    pub(crate) step_sum: Option<Sum<'a>>,
+    pub(crate) beyond: Vec<f64>,
+}
+
+impl<'a> Stage<'a> {
+    /// Empty sums for `legs` of field `k`.
+    fn new(
+        task: &Task<'a>,
+        system: &mut Evolution<'_>,
+        propagator: &dyn Propagator,
+        (k, legs): (usize, Range<usize>),
+    ) -> Self {
+        let warp = task.warp;
+        let norm = task.initial[k].norms.into_iter().fold(0.0, f64::max);
+        let velocities = system.matrix.block.velocity_cells;
+        let points = system.matrix.block.space_cells();
+        let field = |reading, size| Sum::of_field(warp, reading, size * norm, (points, velocities));
+        let last = task.legs.len() - 1;
+        let sums = legs
+            .clone()
+            .map(|leg| match task.moments {
+                _ if leg == last => {
+                    let plateau = if k == 0 { &warp.plateau[..] } else { &[] };
+                    let readings = warp.readings.iter().chain(plateau);
+                    readings.map(|r| field(r, 1.0)).collect()
+                }
+                Some(moments) if task.legs[leg].moments_only => {
+                    vec![Sum::of_moments(
+                        warp,
+                        &warp.readings[0],
+                        norm,
+                        points,
+                        moments,
+                    )]
+                }
+                _ => vec![field(&warp.readings[0], 1.0)],
+            })
+            .collect();
+        let stepped = propagator.step_error().is_some();
+        let step_sum = (stepped && legs.end > last).then(|| {
+            // T Δt^q c G^(q+1) w, G at most as large as H of the last mode.
+            let mode = warp.modes.saturating_sub(1);
+            let (mu, steps) = (warp.wavenumber(mode), warp.leg_work[last][mode]);
+            let whole = whole_over_leg(task.legs, last);
+            system.time = task.legs[last].time;
+            let size = whole * propagator.largest_step_error(system, mu, steps);
+            field(&warp.readings[0], size)
+        });
+        Self {
+            field: k,
+            legs,
+            sums,
+            stepped,
+            step_sum,
+            beyond: Vec::with_capacity(warp.modes),
+        }
+    }
+
+    /// What is recovered, onto `recovered`. Collective.
+    fn finish(self, task: &Task<'_>, velocities: usize, recovered: &mut Recovered) {
+        let modes = &task.communicator.modes;
+        let share = |sum: Sum<'_>| sum.share(modes, velocities, task.shares);
+        let mut legs: Vec<Vec<Vec<f64>>> = (self.sums.into_iter())
+            .map(|sums| sums.into_iter().map(share).collect())
+            .collect();
+        let end = (self.legs.end == task.legs.len()).then(|| legs.pop().unwrap_or_default());
+        if self.legs.start == 0 {
+            recovered.early.push(Vec::new());
+        }
+        if let Some(early) = recovered.early.last_mut() {
+            early.extend(legs.into_iter().flatten());
+        }
+        let Some(mut end) = end else { return };
+        if self.field == 0 {
+            recovered.plateau = end.split_off(task.warp.readings.len());
+        }
+        recovered.fields.push(end);
+        recovered.step_errors.extend(self.step_sum.map(share));
+        recovered.step_beyond.push(modes.sum_terms(&self.beyond));
+    }
+}
+
+/// How much longer the run up to the end of a leg is than the leg: so much larger is what equal steps leave of an error.
+fn whole_over_leg(legs: &[Leg], leg: usize) -> f64 {
+    legs[..=leg].iter().map(|leg| leg.time).sum::<f64>() / legs[leg].time
+}
+
+/// What a run does besides recovering fields.
+#[derive(Default)]
+pub struct Besides<'r, 'k, 'c> {
+    /// Of a full run: what is kept. A streamed run drops the modes.
+    pub keeping: Option<&'r mut Keeping<'k>>,
+    /// Checkpoints that are made, and the one that the run goes on from.
+    pub checkpoints: Option<&'r mut Checkpoints<'c>>,
+}
+
+/// Does the task, field after field. Collective.
+///
+/// # Errors
+/// [`Error::Unitarity`] when a mode's norm changed by more than its method allows; [`Error::Stopped`] and others as
+/// [`Checkpoints::are_over`]; what is done with the modes in between.
+pub fn run(
+    task: &Task<'_>,
+    system: &mut Evolution<'_>,
+    propagator: &mut dyn Propagator,
+    progress: &mut Progress,
+    besides: Besides<'_, '_, '_>,
+) -> Result<Recovered> {
+    let Besides {
+        mut keeping,
+        mut checkpoints,
+    } = besides;
+    let world = &task.communicator.world;
+    let velocities = system.matrix.block.velocity_cells;
+    // What a batch starts from that does not start from a field at time zero.
+    let begun = keeping.as_ref().is_some_and(|keeping| keeping.begun);
+    let between = if begun || task.legs.len() > 1 {
+        system.matrix.rows()
+    } else {
+        0
+    };
+    let mut between = vec![Lanes::ZERO; between];
+    let legs = task.legs.len();
+    let at_once = if keeping.is_some() { 1 } else { legs };
+    let stages: Vec<(usize, usize)> = (0..task.initial.len())
+        .flat_map(|k| (0..legs).step_by(at_once).map(move |leg| (k, leg)))
+        .collect();
+    let resumed = checkpoints.as_mut().and_then(|c| c.resumed.take());
+    let first = resumed.as_ref().map_or(0, |r| r.generation.state.stage);
+    let (mut before, mut told) = (Told::default(), Told::default());
+    let mut recovered = Recovered::default();
+    for (number, &(k, leg)) in stages.iter().enumerate().skip(first) {
+        let mut stage = Stage::new(task, system, propagator, (k, leg..leg + at_once));
+        if let Some(keeping) = keeping.as_deref_mut()
+            && leg == 0
+            && !keeping.begun
+        {
+            let start = Passage::start(task.initial[k].norms[0]);
+            keeping.kept.passages_mut().fill(start);
+        }
+        let mut finished = Vec::with_capacity(task.warp.modes);
+        let mut batches = task.batches.iter();
+        if let Some(resumed) = resumed.as_ref().filter(|_| number == first) {
+            let from = (&resumed.generation, resumed.share);
+            let kept = keeping.as_deref_mut().map(|keeping| &mut *keeping.kept);
+            let read = stage.resume(from, task, system.matrix, (kept, &mut recovered));
+            world.agree(read)?;
+            if task.communicator.modes.rank() == 0 {
+                let state = &resumed.generation.state;
+                before = state.told.clone();
+                finished.extend_from_slice(&state.finished);
+            }
+            told = before.clone();
+            batches = resumed.batches.iter();
+        }
+        let mut outcome = Ok(());
+        loop {
+            let standing = match (&outcome, batches.len()) {
+                (Err(_), _) => Standing::Failed,
+                (Ok(()), 0) => Standing::Finished,
+                _ => Standing::Working,
+            };
+            let over = match checkpoints.as_mut() {
+                Some(checkpoints) => checkpoints.are_over(standing, || {
+                    let state = (number, &finished[..], &told);
+                    let kept = keeping.as_ref().map(|keeping| &*keeping.kept);
+                    stage.snapshot(state, task, system.matrix, (kept, &recovered))
+                })?,
+                None => standing != Standing::Working,
+            };
+            if over {
+                break;
+            }
+            let Some(batch) = batches.next().filter(|_| outcome.is_ok()) else {
+                continue;
+            };
+            let started = Instant::now();
+            let into = (&mut stage, &mut between[..], keeping.as_deref_mut());
+            outcome = add_batch(task, system, propagator, batch, into, &mut told);
+            recovered.busy_seconds += started.elapsed().as_secs_f64();
+            if outcome.is_ok() {
+                finished.extend_from_slice(&batch.modes);
+                let done = |legs_done: usize| batch.cost * legs_done / legs;
+                progress.advance(done(leg + at_once) - done(leg));
+            }
+        }
+        world.agree(outcome)?;
+        stage.finish(task, velocities, &mut recovered);
+        if let Some(keeping) = keeping.as_deref_mut() {
+            (keeping.after)(k, leg, keeping.kept)?;
+        }
+    }
+    // A rank without batches knows of no defect and no norm.
+    let smallest = -world.max(-told.kept.unwrap_or(f64::INFINITY));
+    let largest = world.max(told.defect.unwrap_or(-1.0));
+    recovered.unitarity_defect = Some(largest).filter(|d| *d >= 0.0);
+    recovered.norm_kept = Some(smallest).filter(|r| r.is_finite());
+    recovered.applications = told.applications;
+    recovered.applications_here = told.applications - before.applications;
+    recovered.solves = told.solves;
+    Ok(recovered)
+}
+
+/// Propagates the modes of a batch through the legs of the stage and adds them to its sums; from and to what is kept, if
+/// anything is. Collective over the space group; allocates nothing.
+fn add_batch(
+    task: &Task<'_>,
+    system: &mut Evolution<'_>,
+    propagator: &mut dyn Propagator,
+    batch: &Batch,
+    (stage, between, keeping): (&mut Stage<'_>, &mut [Lanes], Option<&mut Keeping<'_>>),
+    told: &mut Told,
+) -> Result<()> {
+    let (warp, initial) = (task.warp, &task.initial[stage.field]);
+    let cells = system.matrix.block.cells();
+    let mut phases = [Complex64::ONE; LANES];
+    let mut allowed = [0.0; LANES];
+    let mut norms = initial.norms;
+    let begun = keeping.as_ref().is_some_and(|keeping| keeping.begun);
+    if let Some(keeping) = &keeping
+        && (begun || stage.legs.start > 0)
+    {
+        keeping.kept.load(&batch.modes, between);
+        for l in 0..LANES {
+            let mode = batch.modes[l.min(batch.modes.len() - 1)];
+            if let Some(passage) = keeping.kept.passage(mode) {
+                (phases[l], allowed[l], norms[l]) = (passage.phase, passage.allowed, passage.norm);
+            }
+        }
+    }
+    for leg in stage.legs.clone() {
+        system.time = task.legs[leg].time;
+        let spec = specification(warp, leg, batch);
+        let start = Initial {
+            state: match leg {
+                0 if !begun => initial.state,
+                _ => Start::Lanes(between),
+            },
+            norms,
+        };
+        let report = propagator.propagate(system, &spec, &start)?;
+        for l in 0..LANES {
+            phases[l] = if leg == 0 {
+                report.phases[l]
+            } else {
+                phases[l] * report.phases[l]
+            };
+            allowed[l] += report.tails[l] + UNITARITY_ROUND_OFF;
+        }
+        let state = propagator.state();
+        let limits = report.unitary.then_some(&allowed);
+        let (ratio, found) = norms_kept(system, state, (batch, &spec), limits, &norms)?;
+        told.norms(ratio, found);
+        told.took(&report);
+        for sum in &mut stage.sums[leg - stage.legs.start] {
+            let weights = weights(warp, batch, (&sum.reading, &phases), &[1.0; LANES]);
+            sum.add(&weights, &state[..cells]);
+        }
+        if leg + 1 < stage.legs.end {
+            between.copy_from_slice(&state[..between.len()]);
+            continue;
+        }
+        if let (Some(sum), Some(error)) = (&mut stage.step_sum, propagator.step_error()) {
+            let whole = whole_over_leg(task.legs, leg);
+            let steps = spec.largest_work();
+            let bound = |l: usize| {
+                let largest = propagator.largest_step_error(system, spec.wavenumbers[l], steps);
+                largest * norms[l]
+            };
+            let sizes = sizes(system, error, std::array::from_fn(bound));
+            // No mode is further off than its two states are long: where the leading term is, it is cut to that.
+            let most = norms.map(|norm| 2.0 * norm);
+            let parts = std::array::from_fn(|l| {
+                let size = whole * sizes[l];
+                whole * if size > most[l] { most[l] / size } else { 1.0 }
+            });
+            let cut = |l: &usize| parts[*l] < whole;
+            for l in (0..batch.modes.len()).filter(cut) {
+                let weight = warp.weight(batch.modes[l], &warp.readings[0]).norm();
+                stage.beyond.push(most[l] * weight);
+            }
+            let weights = weights(warp, batch, (&sum.reading, &phases), &parts);
+            sum.add(&weights, &error[..cells]);
+        }
+    }
+    if let Some(keeping) = keeping {
+        let passages = std::array::from_fn(|l| Passage {
+            legs: stage.legs.end,
+            phase: phases[l],
+            norm: norms[l],
+            allowed: allowed[l],
+        });
+        let state = propagator.state();
+        keeping.kept.store(&batch.modes, &passages, state);
+    }
+    Ok(())
+}
+
+/// What each lane is multiplied by in a reading; `parts` of it.
+fn weights(
+    warp: &WarpPlan,
+    batch: &Batch,
+    (reading, phases): (
+        &crate::schrodingerization::recovery::Reading,
+        &[Complex64; LANES],
+    ),
+    parts: &[f64; LANES],
+) -> [Complex64; LANES] {
+    let mut weights = [Complex64::ZERO; LANES];
+    for (l, &mode) in batch.modes.iter().enumerate() {
+        weights[l] = warp.weight(mode, reading) * (parts[l] * phases[l]);
+    }
+    weights
+}
+
+/// Norms of the lanes of a batch, each at most its bound. Collective over the space group.
+fn sizes(system: &Evolution<'_>, lanes: &[Lanes], bounds: [f64; LANES]) -> [f64; LANES] {
+    let square = |i: usize| {
+        let w = &lanes[i].0;
+        std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
+    };
+    (system.lane_sums(&bounds.map(|b| b * b), square)).map(f64::sqrt)
+}
+
+/// Smallest ratio of a lane's norm to what it was, infinite where that was zero; and, where the method keeps norms, the
+/// largest change as a fraction of what is `allowed`. Collective over the space group.
+///
+/// # Errors
+/// [`Error::Unitarity`] where it is more.
+fn norms_kept(
+    system: &Evolution<'_>,
+    state: &[Lanes],
+    (batch, spec): (&Batch, &BatchSpec),
+    allowed: Option<&[f64; LANES]>,
+    norms: &[f64; LANES],
+) -> Result<(f64, Option<f64>)> {
+    let squares = system.lane_sums(&norms.map(|norm| norm * norm), |i| {
+        let Lanes(w) = &state[i];
+        std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
+    });
+    let (mut kept, mut defect) = (f64::INFINITY, 0.0f64);
+    for (l, &mode) in batch.modes.iter().enumerate() {
+        if norms[l] == 0.0 {
+            continue;
+        }
+        let ratio = squares[l].sqrt() / norms[l];
+        kept = kept.min(ratio);
+        let Some(allowed) = allowed else {
+            continue;
+        };
+        let change = (ratio - 1.0).abs();
+        if change.is_nan() || change > allowed[l] {
+            return Err(Error::Unitarity {
+                mode,
+                wavenumber: spec.wavenumbers[l],
+                defect: change,
+                allowed: allowed[l],
+            });
+        }
+        defect = defect.max(change / allowed[l]);
+    }
+    Ok((kept, allowed.map(|_| defect)))
+}
+
+fn specification(warp: &WarpPlan, leg: usize, batch: &Batch) -> BatchSpec {
+    let mode = |l: usize| batch.modes[l.min(batch.modes.len() - 1)];
+    BatchSpec {
+        modes: batch.modes.len(),
+        wavenumbers: std::array::from_fn(|l| warp.wavenumber(mode(l))),
+        tolerances: std::array::from_fn(|l| warp.leg_tolerance(mode(l))),
+        work: std::array::from_fn(|l| warp.leg_work[leg][mode(l)]),
+    }
+}

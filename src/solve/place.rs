@@ -1,0 +1,58 @@
+//! This rank's part of the grid.
+
+use crate::parallel::communicator::Communicator;
+use crate::parallel::partition::{Block, split};
+use crate::plan::Plan;
+use crate::problem::case::Case;
+use crate::results::shown::Shown;
+use std::ops::Range;
+
+/// This rank's part of the grid.
+pub(crate) struct Place {
+    /// The space block.
+    pub(crate) block: Block,
+    /// `ranges[g]`: cells of the block that rank `g` of its mode groups keeps of the result.
+    pub(crate) ranges: Vec<Range<usize>>,
+    /// This rank's of them.
+    pub(crate) mine: Range<usize>,
+    /// The same as space cells, one range an x-axis.
+    pub(crate) share: Vec<Range<usize>>,
+}
+
+impl Place {
+    pub(crate) fn new(case: &Case, plan: &Plan, communicator: &Communicator) -> Self {
+        let mesh = &plan.layout.mesh;
+        let (in_space, group) = (communicator.space.rank(), communicator.modes.rank());
+        let block = Block::new(&case.space, mesh, in_space);
+        let leading = 0..block.ranges[0].len();
+        let layer = block.cells() / leading.len();
+        let ranges: Vec<Range<usize>> = (0..mesh.groups)
+            .map(|g| {
+                let piece = split(&leading, mesh.groups, g);
+                piece.start * layer..piece.end * layer
+            })
+            .collect();
+        Self {
+            mine: ranges[group].clone(),
+            share: mesh.share(&case.space, in_space, group),
+            ranges,
+            block,
+        }
+    }
+
+    /// Its part of the grid on which results are shown.
+    pub(crate) fn shown(&self, shown: &Shown, plan: &Plan, communicator: &Communicator) -> Self {
+        let mesh = &plan.layout.mesh;
+        let block = Block::new(&shown.case.space, mesh, communicator.space.rank());
+        let share = shown.share(&self.share);
+        let leading = &block.ranges[0];
+        let layer = block.cells() / leading.len();
+        let from = |i: usize| (i.max(leading.start) - leading.start) * layer;
+        Self {
+            mine: from(share[0].start)..from(share[0].end),
+            ranges: Vec::new(),
+            share,
+            block,
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! What of a run is kept in a checkpoint, and how it goes on from one.
+
+use crate::base::error::Result;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::observables::MOMENTS;
+use crate::solve::checkpoint::file::Destination;
+use crate::solve::checkpoint::store::Generation;
+use crate::solve::kept::KeptModes;
+use crate::solve::modes::{Recovered, Stage, Task};
+use crate::solve::snapshot::{Kept, KeptMode, Numbers, Snapshot, State};
+use crate::solve::told::Told;
+use std::ops::Range;
+
+impl Stage<'_> {
+    /// What is finished: of this stage, number `number`, the modes `finished`, and the stages before; of the kept modes those
+    /// that have gone a leg, as the others start from the field.
+    pub(crate) fn snapshot<'b>(
+        &'b self,
+        (number, finished, told): (usize, &[usize], &Told),
+        task: &Task<'_>,
+        matrix: &BlockMatrix,
+        (kept, recovered): (Option<&'b KeptModes>, &'b Recovered),
+    ) -> Snapshot<'b> {
+        Snapshot {
+            state: State {
+                stage: number,
+                finished: finished.to_vec(),
+                beyond: self.beyond.clone(),
+                step_beyond: recovered.step_beyond.clone(),
+                told: told.clone(),
+            },
+            sums: self.all().map(|sum| sum.numbers()).collect(),
+            results: recovered.results(task, matrix.block.velocity_cells),
+            kept: kept.map(|kept| Kept {
+                auxiliary: matrix.auxiliary_cells(),
+                modes: kept.begun().collect(),
+            }),
+        }
+    }
+
+    fn all(&self) -> impl Iterator<Item = &crate::solve::sum::Sum<'_>> {
+        self.sums.iter().flatten().chain(&self.step_sum)
+    }
+
+    /// Takes over what a generation holds of this stage, its modes into `kept`, what was recovered by those before into
+    /// `recovered`. Not collective.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub(crate) fn resume(
+        &mut self,
+        (generation, share): (&Generation, &[Range<usize>]),
+        task: &Task<'_>,
+        matrix: &BlockMatrix,
+        (kept, recovered): (Option<&mut KeptModes>, &mut Recovered),
+    ) -> Result<()> {
+        let modes = &task.communicator.modes;
+        let points: usize = share.iter().map(Range::len).product();
+        let sums = self.sums.iter_mut().flatten().chain(&mut self.step_sum);
+        let mut into = Destination {
+            block: &matrix.block.ranges,
+            share,
+            sums: sums.map(|sum| &mut sum.parts[..]).collect(),
+            results: (generation.results.iter())
+                .map(|width| vec![0.0; width * points])
+                .collect(),
+            kept: kept.map(|kept| (matrix.auxiliary_cells(), kept)),
+        };
+        generation.read((modes.rank(), modes.size()), &mut into)?;
+        let mut results = into.results.into_iter();
+        let state = &generation.state;
+        let mut next = |count: usize| results.by_ref().take(count).collect::<Vec<_>>();
+        let last = task.legs.len() - 1;
+        for k in 0..self.field {
+            recovered.early.push(next(last));
+            recovered.fields.push(next(task.warp.readings.len()));
+            if k == 0 {
+                recovered.plateau = next(task.warp.plateau.len());
+            }
+            let errors = usize::from(self.stepped);
+            recovered.step_errors.extend(next(errors));
+        }
+        if self.legs.start > 0 {
+            recovered.early.push(next(self.legs.start));
+        }
+        recovered.step_beyond.clone_from(&state.step_beyond);
+        if modes.rank() == 0 {
+            self.beyond.extend_from_slice(&state.beyond);
+        }
+        Ok(())
+    }
+}
+
+impl Recovered {
+    /// The results of the finished stages, field after field: what was read early, and of fields that are at the end the
+    /// readings, the plateau, the step's error.
+    fn results(&self, task: &Task<'_>, velocities: usize) -> Vec<Numbers<'_, f64>> {
+        let mut all = Vec::new();
+        let moments = |only: bool| {
+            if only && task.moments.is_some() {
+                MOMENTS
+            } else {
+                velocities
+            }
+        };
+        let field = |values| Numbers {
+            width: velocities,
+            values,
+        };
+        for (k, early) in self.early.iter().enumerate() {
+            all.extend(early.iter().zip(task.legs).map(|(values, leg)| Numbers {
+                width: moments(leg.moments_only),
+                values,
+            }));
+            let Some(readings) = self.fields.get(k) else {
+                continue;
+            };
+            let plateau = if k == 0 { &self.plateau[..] } else { &[] };
+            all.extend(readings.iter().chain(plateau).map(|r| field(&r[..])));
+            all.extend(self.step_errors.get(k).map(|e| field(&e[..])));
+        }
+        all
+    }
+}
+
+impl KeptModes {
+    /// The modes that have gone a leg.
+    fn begun(&self) -> impl Iterator<Item = KeptMode<'_>> {
+        let all = self.modes().iter().zip(self.passages());
+        all.filter(|(_, passage)| passage.legs > 0)
+            .filter_map(|(&mode, &passage)| {
+                let rows = self.mode(mode)?;
+                Some(KeptMode {
+                    mode,
+                    passage,
+                    rows,
+                })
+            })
+    }
+}

@@ -1,0 +1,170 @@
+//! What a checkpoint holds, as data.
+
+use crate::base::checksum;
+use crate::problem::case::Case;
+use crate::results::provenance::VERSION;
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::kept::Passage;
+use crate::solve::told::Told;
+use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Beginnings of the keys that change no bit of a checkpoint.
+pub(crate) const WITHOUT_EFFECT: [&str; 8] = [
+    "title",
+    "reference",
+    "initial.warped",
+    "output.compression",
+    "output.chunks",
+    "output.expand",
+    "output.xdmf",
+    "checkpoint.",
+];
+
+/// What runs share that may go on where the other was stopped, with the same bits.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Fingerprint {
+    /// Version and commit of the program.
+    pub(crate) program: String,
+    /// What the case gives, by its keys.
+    pub(crate) settings: BTreeMap<String, String>,
+    /// The warped field that it starts from, if it does.
+    pub(crate) start: Option<Start>,
+    /// Of the plan.
+    pub(crate) plan: u64,
+}
+
+/// What tells a warped field to start from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Start {
+    /// Bits of the ends of its interval, and its points.
+    pub(crate) points: ([u64; 2], usize),
+    /// The checksum of its numbers, once they were read.
+    pub(crate) values: Option<u64>,
+}
+
+impl Fingerprint {
+    /// That of a run. What changes no bit of a checkpoint is not in it, nor where a file is whose values are.
+    pub fn new(case: &Case, warp: &WarpPlan) -> Self {
+        let counts = |key: &String| !WITHOUT_EFFECT.iter().any(|start| key.starts_with(start));
+        let mut settings = case.settings.clone();
+        settings.retain(|key, _| counts(key));
+        let planned = (
+            warp.fingerprint(),
+            warp.interval,
+            &warp.readings,
+            &warp.plateau,
+        );
+        Self {
+            program: VERSION.to_owned(),
+            settings,
+            start: case.start.as_ref().map(|_| Start {
+                points: (warp.interval.map(f64::to_bits), warp.points.unwrap_or(0)),
+                values: None,
+            }),
+            plan: checksum::of_text(format!("{planned:?}").as_bytes()),
+        }
+    }
+
+    /// How `other` differs, if it does.
+    pub(crate) fn difference(&self, other: &Self) -> Option<String> {
+        if self.program != other.program {
+            let (other, own) = (&other.program, &self.program);
+            return Some(format!("was written by phasewarp {other}; this is {own}"));
+        }
+        let keys = self.settings.keys().chain(other.settings.keys());
+        let of = |key: &String| [self, other].map(|f| f.settings.get(key));
+        let differs = |key: &&String| matches!(of(key), [own, other] if own != other);
+        if let Some(key) = keys.min_by_key(|key| (!differs(key), *key)).filter(differs) {
+            let [own, other] = of(key).map(|value| value.map_or("not given", String::as_str));
+            return Some(format!(
+                "is of another case, or of other --set options: {key} is {other} there, {own} here"
+            ));
+        }
+        if let (Some(own), Some(other)) = (&self.start, &other.start) {
+            let values = own.values.zip(other.values);
+            if own.points != other.points || values.is_some_and(|(own, other)| own != other) {
+                return Some(
+                    "began from another file: that of initial.warped has changed".to_owned(),
+                );
+            }
+        }
+        (self.plan != other.plan)
+            .then(|| "is of another plan, made on a processor of another kind".to_owned())
+    }
+}
+
+/// How far a mode group is; or all of them together.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// Number of the stage.
+    pub stage: usize,
+    /// Its modes that are finished.
+    pub finished: Vec<usize>,
+    /// What is beyond the leading term of the time step's error, by mode, of the current stage.
+    pub beyond: Vec<f64>,
+    /// The same of the finished stages, summed.
+    pub step_beyond: Vec<f64>,
+    /// What the batches told.
+    pub told: Told,
+}
+
+impl State {
+    /// Adds another mode group's.
+    pub(crate) fn add(&mut self, other: Self) {
+        self.finished.extend(other.finished);
+        self.beyond.extend(other.beyond);
+        self.told.add(&other.told);
+    }
+}
+
+/// What a rank keeps of a run.
+pub struct Snapshot<'a> {
+    /// How far its mode group is.
+    pub state: State,
+    /// The sums of the current stage, two integers a number, point by point of the space block.
+    pub sums: Vec<Numbers<'a, i64>>,
+    /// The results of finished stages, point by point of the rank's share.
+    pub results: Vec<Numbers<'a, f64>>,
+    /// The modes that it keeps, in a full run.
+    pub kept: Option<Kept<'a>>,
+}
+
+impl Snapshot<'_> {
+    /// Bytes of its arrays.
+    pub fn bytes(&self) -> usize {
+        let sums: usize = self.sums.iter().map(|s| s.values.len()).sum();
+        let results: usize = self.results.iter().map(|r| r.values.len()).sum();
+        let kept = self.kept.iter().flat_map(|kept| &kept.modes);
+        8 * (sums + results + 2 * kept.map(|mode| mode.rows.len()).sum::<usize>())
+    }
+}
+
+/// Numbers, point by point of a box of space.
+#[derive(Clone, Copy)]
+pub struct Numbers<'a, T> {
+    /// So many at a point.
+    pub width: usize,
+    /// All of them.
+    pub values: &'a [T],
+}
+
+/// Modes that are kept.
+pub struct Kept<'a> {
+    /// The global number of the cell to which the auxiliary unknown in each row behind the block's cells belongs; the largest
+    /// there is for the common one.
+    pub auxiliary: Vec<u64>,
+    /// The modes.
+    pub modes: Vec<KeptMode<'a>>,
+}
+
+/// A mode that is kept.
+pub struct KeptMode<'a> {
+    /// Its number.
+    pub mode: usize,
+    /// How far it is.
+    pub passage: Passage,
+    /// The block's cells and its auxiliary unknowns.
+    pub rows: &'a [Complex64],
+}

@@ -1,0 +1,294 @@
+//! Extreme eigenvalues of `S` by Lanczos, matrix-free, with the residual of each; Gershgorin's bounds.
+//!
+//! Lanczos turns `S` into a tridiagonal `T` of its steps' size. For an extreme eigenvalue `θ` of `T` with eigenvector `y`, some
+//! eigenvalue of `S` is within `β |y_last|` of `θ`, and the extreme one of `S` is not inside (Parlett, *The symmetric eigenvalue
+//! problem*, chapter 13). The steps end when this is small enough at both ends. Bounds that need no matrix are in
+//! [`crate::matrix::bounds::Bounds`].
+
+use crate::base::error::{Error, Result};
+use crate::matrix::block_matrix::{BlockMatrix, Part};
+use crate::parallel::communicator::{GhostExchange, Group};
+use crate::solve::system::Problem;
+
+/// An end of the spectrum is found when its residual is this fraction of it …
+const RELATIVE: f64 = 1e-6;
+/// … or this fraction of the spectrum's length: eigenvalues next to zero are not told closer.
+const OF_LENGTH: f64 = 1e-8;
+/// The ends are looked at after each so many steps more, as a fraction of those done.
+const BETWEEN_LOOKS: usize = 16;
+
+/// One end of the spectrum of `S`.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct End {
+    /// The extreme Ritz value: inside the spectrum, but for round-off.
+    pub value: f64,
+    /// An eigenvalue is at most this far away.
+    pub residual: f64,
+    /// Whether that is close enough.
+    pub converged: bool,
+}
+
+/// The extreme eigenvalues of `S` found by Lanczos.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Extremes {
+    /// Largest eigenvalue.
+    pub highest: End,
+    /// Smallest eigenvalue.
+    pub lowest: End,
+    /// Steps done.
+    pub steps: usize,
+}
+
+/// The largest eigenvalue of the symmetric tridiagonal matrix with diagonal `sign · alpha` and off-diagonals `beta > 0`, and
+/// the modulus of the last component of its eigenvector.
+///
+/// `θ` is above all eigenvalues where all pivots `d_k = θ − α_k − β_{k−1}²/d_{k−1}` are positive: bisection. The
+/// eigenvector is twisted (Dhillon and Parlett 2004): `y_r = 1` where the pivots from above and from below, `d` and `e`, leave
+/// least of the equation, `y_k = y_{k+1} β_k/d_k` above it, `y_k = y_{k−1} β_{k−1}/e_k` below; of one sign, so nothing
+/// cancels, and a small last component is right.
+fn largest_pair(sign: f64, alpha: &[f64], beta: &[f64]) -> (f64, f64) {
+    let m = alpha.len();
+    let off = |k: usize| if k < m - 1 { beta[k] } else { 0.0 };
+    let before = |k: usize| if k > 0 { beta[k - 1] } else { 0.0 };
+    let edge = |k: usize, reach: f64| sign * alpha[k] + reach * (off(k) + before(k));
+    let mut low = (0..m).map(|k| edge(k, -1.0)).fold(f64::INFINITY, f64::min);
+    let mut high = (0..m)
+        .map(|k| edge(k, 1.0))
+        .fold(f64::NEG_INFINITY, f64::max);
+    let pivot = |theta: f64, k: usize, link: f64, last: f64| {
+        let shifted = theta - sign * alpha[k];
+        if link == 0.0 {
+            shifted
+        } else {
+            shifted - link * link / last
+        }
+    };
+    let above = |theta: f64| {
+        let mut d = 1.0;
+        (0..m).all(|k| {
+            d = pivot(theta, k, before(k), d);
+            d > 0.0
+        })
+    };
+    loop {
+        let middle = 0.5 * (low + high);
+        if !(low < middle && middle < high) {
+            break;
+        }
+        if above(middle) {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    let (mut d, mut e) = (vec![0.0; m], vec![0.0; m]);
+    let mut last = 1.0;
+    for k in 0..m {
+        last = pivot(high, k, before(k), last);
+        d[k] = last;
+    }
+    for k in (0..m).rev() {
+        last = pivot(high, k, off(k), last);
+        e[k] = last;
+    }
+    let left = |k: usize| (d[k] + e[k] - (high - sign * alpha[k])).abs();
+    let twist = (0..m)
+        .min_by(|&a, &b| left(a).total_cmp(&left(b)))
+        .unwrap_or(0);
+    let (mut square, mut y) = (1.0, 1.0);
+    for k in (0..twist).rev() {
+        y *= off(k) / d[k];
+        square += y * y;
+    }
+    y = 1.0;
+    for k in twist + 1..m {
+        y *= before(k) / e[k];
+        square += y * y;
+    }
+    (high, y.abs() / square.sqrt())
+}
+
+/// Both ends of the spectrum of the tridiagonal matrix, `last` being the off-diagonal that would come next.
+fn ends(alpha: &[f64], beta: &[f64], last: f64) -> [End; 2] {
+    let pairs = [1.0, -1.0].map(|sign| (sign, largest_pair(sign, alpha, beta)));
+    let length = pairs[0].1.0 + pairs[1].1.0;
+    pairs.map(|(sign, (theta, component))| {
+        // Not below the round-off of the Lanczos recurrence.
+        let residual = (last * component).max(4.0 * f64::EPSILON * length);
+        End {
+            value: sign * theta,
+            residual,
+            converged: residual <= (RELATIVE * theta.abs()).max(OF_LENGTH * length),
+        }
+    })
+}
+
+/// Gershgorin's bounds on the spectrum of `S`: `min (s_ii − Σ|s_ij|)` and `max (s_ii + Σ|s_ij|)`. Collective over `space`.
+pub fn gershgorin(matrix: &BlockMatrix, space: &Group) -> [f64; 2] {
+    let mut bounds = [f64::NEG_INFINITY; 2];
+    let shared = matrix.shared_row();
+    for i in 0..matrix.rows() {
+        let (mut diagonal, mut radius) = (0.0, 0.0);
+        for (j, s, _) in matrix.row(i) {
+            if i == j {
+                diagonal = s;
+            } else {
+                radius += s.abs();
+            }
+        }
+        if shared == Some(i) {
+            // Every rank holds its part of this row.
+            radius = space.sum_terms(&[radius]);
+        }
+        bounds[0] = bounds[0].max(radius - diagonal);
+        bounds[1] = bounds[1].max(radius + diagonal);
+    }
+    space.max_into(&mut bounds);
+    [-bounds[0], bounds[1]]
+}
+
+/// A start vector that is the same for any partition: a hash of the global number of the unknown.
+fn start_value(global: usize) -> f64 {
+    let mut h = (global as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    (h >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+}
+
+/// Both ends of the spectrum of a problem's `S`, and Gershgorin's bounds on it. Collective over `space`.
+///
+/// # Errors
+/// [`Error::NotFinite`].
+pub fn of(problem: &mut Problem, space: &Group, steps: usize) -> Result<(Extremes, [f64; 2])> {
+    let bound = gershgorin(&problem.matrix, space);
+    let norm = bound[0].abs().max(bound[1].abs());
+    let exchange = &mut problem.exchange;
+    let found = extremes(&problem.matrix, exchange, space, norm, problem.terms, steps);
+    for end in [found.highest, found.lowest] {
+        if !end.value.is_finite() {
+            return Err(Error::NotFinite(format!(
+                "{} as an eigenvalue of S",
+                end.value
+            )));
+        }
+    }
+    Ok((found, bound))
+}
+
+/// Lanczos on `S` until both ends of the spectrum are found, at most `steps` steps, without reorthogonalisation: copies of
+/// converged values appear, which the extremes do not mind. `norm` bounds `‖S‖`; `unknowns` is the number of terms of a
+/// norm over all ranks. Collective over `space`.
+pub fn extremes(
+    matrix: &BlockMatrix,
+    exchange: &mut GhostExchange,
+    space: &Group,
+    norm: f64,
+    unknowns: usize,
+    steps: usize,
+) -> Extremes {
+    let (rows, cells) = (matrix.rows(), matrix.block.cells());
+    let mut vector = vec![0.0; matrix.length()];
+    matrix.block.for_each_own(|global, local| {
+        for v in 0..matrix.block.velocity_cells {
+            vector[local + v] = start_value(global + v);
+        }
+    });
+    // Auxiliary unknowns start like their rows, a common one of all ranks like a cell beyond the grid.
+    if matrix.auxiliaries() == matrix.inflow.len() {
+        for (m, aux) in matrix.inflow.iter().enumerate() {
+            vector[cells + m] = vector[aux.row as usize];
+        }
+    } else {
+        vector[cells..rows].fill(start_value(unknowns));
+    }
+    let dot =
+        |a: &[f64], b: &[f64], bound: f64| matrix.sum_rows(space, bound, unknowns, |i| a[i] * b[i]);
+    let most = matrix.block.velocity_cells as f64;
+    let length = dot(&vector, &vector, most).sqrt();
+    vector[..rows].iter_mut().for_each(|x| *x /= length);
+    let mut previous = vec![0.0; rows];
+    let mut image = vec![0.0; matrix.length()];
+    let (mut alpha, mut beta): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
+    let bound = 2.0 * norm * norm.max(1.0) + 1.0;
+    let mut off = 0.0;
+    let mut found: Option<[End; 2]> = None;
+    let mut next_look = 2;
+    loop {
+        matrix.apply(exchange, Part::Symmetric, &mut image, &mut vector);
+        let a = dot(&image, &vector, bound);
+        for i in 0..rows {
+            image[i] -= a * vector[i] + off * previous[i];
+        }
+        alpha.push(a);
+        off = dot(&image, &image, bound).max(0.0).sqrt();
+        // An invariant subspace: nothing more to find from this start.
+        let exhausted = off <= 1e-14 * norm || !off.is_finite();
+        let m = alpha.len();
+        let over = exhausted || m >= steps;
+        if over || m == next_look {
+            next_look = m + 1 + m / BETWEEN_LOOKS;
+            let mut now = ends(&alpha, &beta, off);
+            // Copies of a converged value blur its residual, not the value: what was known stays known.
+            if let Some(before) = found {
+                for (now, before) in now.iter_mut().zip(before) {
+                    if before.residual < now.residual {
+                        (now.residual, now.converged) = (before.residual, before.converged);
+                    }
+                }
+            }
+            found = Some(now);
+        }
+        if let Some([highest, lowest]) = found
+            && (over || (highest.converged && lowest.converged))
+        {
+            return Extremes {
+                highest,
+                lowest,
+                steps: m,
+            };
+        }
+        beta.push(off);
+        for i in 0..rows {
+            previous[i] = vector[i];
+            vector[i] = image[i] / off;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use faer::{Mat, Side};
+
+    /// Against all eigenvalues and vectors of the same matrix.
+    #[test]
+    fn extreme_pairs_of_tridiagonal_matrices() {
+        for m in [1, 2, 3, 7, 40] {
+            for seed in 0..20 {
+                let number = |k: usize| start_value(1000 * seed + 10 * m + k);
+                let alpha: Vec<f64> = (0..m).map(|k| 3.0 * number(k)).collect();
+                let beta: Vec<f64> = (0..m - 1).map(|k| 0.01 + number(50 + k).abs()).collect();
+                let matrix = Mat::from_fn(m, m, |i, j| match i.abs_diff(j) {
+                    0 => alpha[i],
+                    1 => beta[i.min(j)],
+                    _ => 0.0,
+                });
+                let all = matrix
+                    .self_adjoint_eigen(Side::Lower)
+                    .expect("it converges");
+                for (sign, at) in [(1.0, m - 1), (-1.0, 0)] {
+                    let (theta, last) = largest_pair(sign, &alpha, &beta);
+                    let (value, component) = (all.S()[at], all.U()[(m - 1, at)].abs());
+                    assert!(
+                        (sign * theta - value).abs() < 1e-13,
+                        "{m} {seed}: {theta} {value}"
+                    );
+                    assert!(
+                        (last - component).abs() < 1e-10,
+                        "{m} {seed}: {last} {component}"
+                    );
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,286 @@
+//! The discrete problem on a rank: matrix, weights, initial state.
+
+use crate::base::error::{Error, Result};
+use crate::matrix::block_matrix;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::bounds::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
+use crate::matrix::weights::Weights;
+use crate::parallel::communicator::{Communicator, GhostExchange, Group};
+use crate::parallel::partition::Block;
+use crate::problem::case::{Case, Method};
+use crate::problem::formula::Expression;
+use crate::propagate::classical::{Classical, ROUGH};
+use crate::propagate::time_dependent_inflow;
+use crate::propagate::time_dependent_inflow::{Schedule, TIME_SHARE};
+use serde::Serialize;
+use std::ops::Range;
+use std::time::Instant;
+
+/// Margin for what the probe leaves out.
+const PROBE_SAFETY: f64 = 1.01;
+
+/// The discrete problem on this rank: matrix in weighted unknowns, weights, initial state.
+pub struct Problem {
+    /// The rows of `(S, K)`, scaled by the weights.
+    pub matrix: BlockMatrix,
+    /// The weights.
+    pub weights: Weights,
+    /// `ũ(0)` of each field: weighted cells, then auxiliary unknowns, then room for ghosts.
+    pub states: Vec<Vec<f64>>,
+    /// Each field at time zero on this rank's cells; a run drops them once it has their mass.
+    pub initial: Vec<Vec<f64>>,
+    /// Unknowns that count as terms of a norm: space cells and auxiliary ones, over the space group.
+    pub terms: usize,
+    /// The steps of an inflow that depends on time, where modes are to be propagated.
+    pub schedule: Option<Schedule>,
+    /// Bound on the growth of the system with its auxiliary unknowns.
+    pub coupled_growth: f64,
+    /// Exchange of ghosts.
+    pub exchange: GhostExchange,
+    /// Seconds that the weights took.
+    pub weight_seconds: f64,
+}
+
+/// Refuses data whose squares overflow or vanish. Collective.
+///
+/// # Errors
+/// [`Error::Magnitude`].
+fn magnitude(world: &Group, formula: &Expression, values: impl Iterator<Item = f64>) -> Result<()> {
+    let value = world.max(values.fold(0.0, |m: f64, x| m.max(x.abs())));
+    if value == 0.0 || (1e-100..=1e100).contains(&value) {
+        return Ok(());
+    }
+    Err(Error::Magnitude {
+        key: formula.place().to_owned(),
+        value,
+    })
+}
+
+impl Problem {
+    /// Assembles the block of this rank, finds the weights, samples the initial state; `width` is the widest row of a
+    /// vector whose ghosts will be exchanged, `patience` the sweeps that better weights are worth. Collective.
+    ///
+    /// # Errors
+    /// Formulas that are not finite; weights that do not converge.
+    pub fn new(
+        case: &Case,
+        bounds: &Bounds,
+        communicator: &Communicator,
+        block: Block,
+        (width, patience): (usize, usize),
+    ) -> Result<Self> {
+        let space = &communicator.space;
+        let assembled = BlockMatrix::assemble(case, block);
+        let mut matrix = communicator.world.agree(assembled)?;
+        let mut exchange = GhostExchange::new(space, &matrix.block, width);
+        let started = Instant::now();
+        let mut weights = if bounds.weighted {
+            let target = (WEIGHT_SHIFT / case.end, WEIGHT_GROWTH / case.end);
+            // No path is worth following much longer than the grid is wide.
+            let width: usize = case.space.axes().map(|a| a.cells).sum();
+            let weights = Weights::dissipative(
+                &matrix,
+                &mut exchange,
+                space,
+                target,
+                patience.min(2 * width),
+            )?;
+            matrix.scale(&weights.pi);
+            weights
+        } else {
+            Weights::none(&matrix, &mut exchange, space)
+        };
+        let weight_seconds = started.elapsed().as_secs_f64();
+        matrix.couple(space, case, &mut weights.pi);
+        let cells = matrix.block.cells();
+        let (mut states, mut initial) = (Vec::new(), Vec::new());
+        for (k, field) in case.fields.iter().enumerate() {
+            let sampled = block_matrix::sample(&case.space, &matrix.block, &field.initial, 0.0);
+            let values = communicator.world.agree(sampled)?;
+            let entering = matrix.inflow.iter().map(|aux| aux.values[k]);
+            let world = &communicator.world;
+            magnitude(world, &field.initial, values.iter().copied())?;
+            magnitude(world, field.entering(), entering)?;
+            let mut state = vec![0.0; matrix.length()];
+            for (i, f) in values.iter().enumerate() {
+                state[i] = weights.pi[i].sqrt() * f;
+            }
+            for (m, r) in matrix.auxiliary(k, field.enters()).enumerate() {
+                state[cells + m] = weights.pi[cells + m].sqrt() * r;
+            }
+            states.push(state);
+            initial.push(values);
+        }
+        let schedule = match (case.varies(), case.method) {
+            (false, _) => None,
+            (true, Method::Classical) => {
+                communicator
+                    .world
+                    .agree(time_dependent_inflow::sampled(case, &matrix))?;
+                None
+            }
+            (true, Method::Schrodingerized) => {
+                let data = (&weights.pi[..], &states[0][..], bounds.rate);
+                Some(time_dependent_inflow::schedule(
+                    case,
+                    &matrix,
+                    &mut exchange,
+                    communicator,
+                    data,
+                )?)
+            }
+        };
+        if let Some(schedule) = &schedule {
+            states[0][cells..matrix.rows()].copy_from_slice(&schedule.unknowns);
+        }
+        let fixed = matrix.inflow.iter().map(|aux| aux.coupling);
+        let coupled_growth = match &schedule {
+            None => matrix.coupled_growth(space, weights.certificate, fixed),
+            Some(s) => {
+                let largest = s.envelope.iter().copied();
+                matrix.coupled_growth(space, weights.certificate, largest)
+            }
+        };
+        let counted = matrix.counted_rows() - cells;
+        let terms = case.space.space_cells() + space.sum_count(counted);
+        Ok(Self {
+            matrix,
+            weights,
+            states,
+            initial,
+            terms,
+            schedule,
+            coupled_growth,
+            exchange,
+            weight_seconds,
+        })
+    }
+
+    /// `bounds` with the growth that was found instead of the one that was allowed for.
+    pub fn bounds(&self, case: &Case, bounds: &Bounds) -> Bounds {
+        let inflow = self.terms > case.space.space_cells();
+        // An auxiliary unknown by itself neither grows nor decays.
+        let growth = match inflow {
+            true => self.coupled_growth,
+            false => self.weights.certificate,
+        };
+        Bounds {
+            inflow,
+            stages: self.schedule.as_ref().map_or(0, Schedule::stages),
+            growth,
+            decay: 2.0 * bounds.rate + growth,
+            ..bounds.clone()
+        }
+    }
+
+    /// `(Σ |x_i|²)^½` over all rows, or over the cells with the weights undone. Collective over the space group.
+    pub fn norm(&self, communicator: &Communicator, x: &[f64], field_only: bool) -> f64 {
+        let cells = self.matrix.block.cells();
+        self.root_of_sum(communicator, |i| match (field_only, i < cells) {
+            (true, true) => x[i] * x[i] / self.weights.pi[i],
+            (true, false) => 0.0,
+            _ => x[i] * x[i],
+        })
+    }
+
+    /// The same over the cells, weights left in, and over the auxiliary unknowns.
+    pub fn norms_of_parts(&self, communicator: &Communicator, x: &[f64]) -> [f64; 2] {
+        let cells = self.matrix.block.cells();
+        [true, false].map(|field| {
+            let part = |i: usize| {
+                if (i < cells) == field {
+                    x[i] * x[i]
+                } else {
+                    0.0
+                }
+            };
+            self.root_of_sum(communicator, part)
+        })
+    }
+
+    /// Root of the sum of `square(i)` over the rows `i` of all ranks of the space group.
+    fn root_of_sum(&self, communicator: &Communicator, square: impl Fn(usize) -> f64) -> f64 {
+        let largest = (0..self.matrix.counted_rows())
+            .map(&square)
+            .fold(0.0, f64::max);
+        let group = &communicator.space;
+        let bound = group.max(largest) * self.matrix.block.velocity_cells as f64;
+        if !bound.is_finite() {
+            return f64::NAN;
+        }
+        self.matrix
+            .sum_rows(group, bound, self.terms, square)
+            .sqrt()
+    }
+
+    /// `ũ` to `f`, in place: undoes the weights on the cells `range`.
+    pub fn unweighted(&self, range: &Range<usize>, mut state: Vec<f64>) -> Vec<f64> {
+        for (u, pi) in state.iter_mut().zip(&self.weights.pi[range.clone()]) {
+            *u /= pi.sqrt();
+        }
+        state
+    }
+
+    /// Largest `‖ũ(0)‖/‖f(t)‖` of the fields over the ends `t` of `legs`, with `f(t)` from the classical exponential to three
+    /// digits: one real vector, little more than `rate·time` applications of a quarter of a mode's. The mode groups share the
+    /// fields. Collective.
+    pub fn probe(&mut self, communicator: &Communicator, rate: f64, legs: &[f64]) -> f64 {
+        let mut largest: f64 = 1.0;
+        if let Some(schedule) = &self.schedule {
+            // The pilot has run to the end; the rest of the tolerance is the profile's.
+            let start = self.norm(communicator, &self.states[0], false);
+            let ratio = if start == 0.0 {
+                1.0
+            } else {
+                PROBE_SAFETY * start / schedule.norm
+            };
+            return ratio.max(1.0) / (1.0 - TIME_SHARE);
+        }
+        let (group, groups) = (communicator.modes.rank(), communicator.modes.size());
+        for start in self.states.iter().skip(group).step_by(groups) {
+            let mut state = start.clone();
+            let mut classical = Classical::new(&self.matrix);
+            let start = self.norm(communicator, start, false);
+            for &time in legs {
+                classical.exponential(&mut self.exchange, &mut state, (rate, time), ROUGH);
+                let now = self.norm(communicator, &state, true);
+                if start != 0.0 {
+                    largest = largest.max(PROBE_SAFETY * start / now);
+                }
+            }
+        }
+        communicator.modes.max(largest)
+    }
+
+    /// Norms of the first field that probabilities follow from, by the classical exponential to three digits. Collective.
+    pub fn rough_norms(&mut self, communicator: &Communicator, rate: f64, time: f64) -> Norms {
+        let start = self.norm(communicator, &self.states[0], false);
+        let mut state = self.states[0].clone();
+        Classical::new(&self.matrix).exponential(
+            &mut self.exchange,
+            &mut state,
+            (rate, time),
+            ROUGH,
+        );
+        let [weighted, auxiliary] = self.norms_of_parts(communicator, &state);
+        Norms {
+            start,
+            weighted,
+            auxiliary,
+            field: self.norm(communicator, &state, true),
+        }
+    }
+}
+
+/// Norms of the vectors whose ratios are probabilities.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Norms {
+    /// `‖u(0)‖`.
+    pub start: f64,
+    /// `‖√π f(T)‖`.
+    pub weighted: f64,
+    /// `‖f(T)‖`.
+    pub field: f64,
+    /// `‖r‖`, which does not change.
+    pub auxiliary: f64,
+}

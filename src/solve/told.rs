@@ -1,0 +1,42 @@
+//! What batches tell besides the fields.
+
+use crate::propagate::method::BatchReport;
+use serde::{Deserialize, Serialize};
+
+/// What the batches of a mode group told so far.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Told {
+    /// Largest change of a norm, as a fraction of what is allowed; none where the method does not keep norms.
+    pub defect: Option<f64>,
+    /// Smallest `‖w_l(T)‖/‖w_l(0)‖`; none where no state was but zero.
+    pub kept: Option<f64>,
+    /// Applications.
+    pub applications: usize,
+    /// Linear systems solved.
+    pub solves: usize,
+}
+
+impl Told {
+    /// The smallest ratio of norms of a batch, infinite where there is none, and the largest defect.
+    pub(crate) fn norms(&mut self, ratio: f64, defect: Option<f64>) {
+        self.join(Some(ratio).filter(|r| r.is_finite()), defect);
+    }
+
+    /// What a batch took.
+    pub(crate) fn took(&mut self, report: &BatchReport) {
+        self.applications += report.applications;
+        self.solves += report.solves;
+    }
+
+    /// Adds what another group told.
+    pub fn add(&mut self, other: &Self) {
+        self.join(other.kept, other.defect);
+        self.applications += other.applications;
+        self.solves += other.solves;
+    }
+
+    fn join(&mut self, kept: Option<f64>, defect: Option<f64>) {
+        self.kept = self.kept.into_iter().chain(kept).reduce(f64::min);
+        self.defect = self.defect.into_iter().chain(defect).reduce(f64::max);
+    }
+}

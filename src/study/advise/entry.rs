@@ -1,0 +1,106 @@
+//! What is advised: set-ups, each with its grid, its error and how that is known, its cost and its command.
+
+use crate::problem::case::{Interface, Limiter, Method};
+use crate::study::advise::order::Order;
+use crate::study::advise::reach::{Known, Level};
+use serde::Serialize;
+
+/// Parts of the error of the density, each relative to it in L1.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Parts {
+    /// Discretisation in space.
+    pub space: f64,
+    /// Discretisation in velocity.
+    pub velocity: f64,
+    /// Schrödingerization, as measured on a coarse grid or guaranteed by the tolerance, whichever is known and larger.
+    pub schrodingerization: Option<f64>,
+    /// The step of an implicit propagator.
+    pub step: Option<f64>,
+    /// What `readout.accuracy` leaves, were all cells read.
+    pub readout: Option<f64>,
+}
+
+/// A set-up on the coarsest grid that does.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Entry {
+    /// What it is, in words.
+    pub name: String,
+    /// Schrödingerized or classical.
+    pub method: Method,
+    /// Interface rows.
+    pub interface: Interface,
+    /// Slopes.
+    pub limiter: Limiter,
+    /// Cells along each axis.
+    pub shape: Vec<usize>,
+    /// All of them.
+    pub cells: f64,
+    /// Those that are left to compute on, where the case has more than it needs.
+    pub computed_cells: f64,
+    /// `solver.tolerance`.
+    pub tolerance: Option<f64>,
+    /// Relative L1 error of the density.
+    pub error: f64,
+    /// How it is known.
+    pub known: Known,
+    /// What it is made of.
+    pub parts: Parts,
+    /// Order by pairs of grids.
+    pub order: Order,
+    /// The grids behind it.
+    pub levels: Vec<Level>,
+    /// Space axes, counted from 0, on which no grid nearby has faces on all edges of `V`.
+    pub moved_edges: Vec<usize>,
+    /// Applications of a mode's Hamiltonian, or of `A`.
+    pub applications: f64,
+    /// Planned bytes a rank.
+    pub memory_bytes_per_rank: f64,
+    /// Seconds on as many ranks as this.
+    pub seconds: Option<f64>,
+    /// Whether they were measured on this grid, or follow from trials.
+    pub seconds_measured: bool,
+    /// What forbids it, in words; absent where it can be run.
+    pub refused: Option<String>,
+    /// Why this is an estimate and no advice, in words; absent where it is advice.
+    pub estimate: Option<String>,
+    /// What `--set` takes.
+    pub settings: Vec<String>,
+    /// The whole command.
+    pub command: String,
+}
+
+/// The case as it stands.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Given {
+    /// Cells along each axis.
+    pub shape: Vec<usize>,
+    /// Relative L1 error of the density, all parts together.
+    pub error: f64,
+    /// How the discretisation's part is known.
+    pub known: Known,
+    /// What it is made of.
+    pub parts: Parts,
+}
+
+/// What `phasewarp advise` says.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Advised {
+    /// Title of the case.
+    pub title: String,
+    /// What was asked for: the relative L1 error of the density.
+    pub accuracy: f64,
+    /// Ranks that seconds and memory are for.
+    pub ranks: usize,
+    /// Whether errors are against the exact solution; otherwise they are by Richardson's extrapolation.
+    pub exact: bool,
+    /// The case as it stands.
+    pub given: Option<Given>,
+    /// The best Schrödingerized set-up that is no mere estimate, by position in `entries`.
+    pub best: Option<usize>,
+    /// What reaches the accuracy, quickest first; then what cannot be run.
+    pub entries: Vec<Entry>,
+    /// What was not tried, and why.
+    pub left_out: Vec<String>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}

@@ -1,0 +1,169 @@
+//! Advice as people read it.
+
+use crate::base::text::bytes_text;
+use crate::problem::case::Method;
+use crate::study::advise::entry::{Advised, Entry, Parts};
+use crate::study::advise::order::Order;
+use crate::study::advise::reach::Known;
+use crate::study::calibrate::seconds_text;
+use std::fmt;
+
+/// `128 x 128`.
+pub fn shape(shape: &[usize]) -> String {
+    let cells: Vec<String> = shape.iter().map(usize::to_string).collect();
+    cells.join(" x ")
+}
+
+/// Grids of more cells are not spelled out.
+pub const MOST_SHOWN: f64 = 1e15;
+
+/// `128 x 128 = 1.638e4 cells`.
+pub fn grid(cells: &[usize]) -> String {
+    let all: f64 = cells.iter().map(|&n| n as f64).product();
+    if all > MOST_SHOWN {
+        return "more than 1e15 cells".to_owned();
+    }
+    format!("{} = {all:.3e} cells", shape(cells))
+}
+
+/// Orders by pairs of grids, coarsest first.
+pub fn pairs(order: &Order) -> String {
+    if order.pairs.is_empty() {
+        return "one pair of grids".to_owned();
+    }
+    let pairs: Vec<String> = order.pairs.iter().map(|q| format!("{q:.2}")).collect();
+    pairs.join(", ")
+}
+
+fn known(known: Known) -> &'static str {
+    match known {
+        Known::Measured => "measured",
+        Known::Estimated => "estimated from a grid twice as fine",
+        Known::Extrapolated => "extrapolated",
+    }
+}
+
+fn parts(parts: &Parts) -> String {
+    let mut text = format!(
+        "discretisation in x {:.1e}, in v {:.1e}",
+        parts.space, parts.velocity
+    );
+    let others = [
+        ("Schrödingerization", parts.schrodingerization),
+        ("implicit step", parts.step),
+        ("readout", parts.readout),
+    ];
+    for (name, part) in others {
+        if let Some(part) = part {
+            text += &format!(", {name} {part:.1e}");
+        }
+    }
+    text
+}
+
+fn entry(f: &mut fmt::Formatter<'_>, entry: &Entry) -> fmt::Result {
+    writeln!(f, "{}", entry.name)?;
+    if let Some(reason) = &entry.refused {
+        return writeln!(f, "  cannot be had: {reason}");
+    }
+    if let Some(why) = &entry.estimate {
+        writeln!(f, "  an estimate, not advice: {why}")?;
+    }
+    let computed = if entry.computed_cells < entry.cells {
+        format!(", {:.3e} of them computed", entry.computed_cells)
+    } else {
+        String::new()
+    };
+    let tolerance = entry
+        .tolerance
+        .map_or(String::new(), |t| format!(", tolerance {t:e}"));
+    writeln!(f, "  grid    {}{computed}{tolerance}", grid(&entry.shape))?;
+    writeln!(
+        f,
+        "  error   {:.2e}, {}: {}",
+        entry.error,
+        known(entry.known),
+        parts(&entry.parts)
+    )?;
+    let settled = if entry.order.settled {
+        "settled"
+    } else {
+        "not settled"
+    };
+    writeln!(
+        f,
+        "  order   {:.2}, {settled} ({})",
+        entry.order.order,
+        pairs(&entry.order)
+    )?;
+    let seconds = entry
+        .seconds
+        .map_or("unknown time".to_owned(), seconds_text);
+    let how = if entry.seconds_measured {
+        "measured"
+    } else {
+        "from trials"
+    };
+    writeln!(
+        f,
+        "  cost    {} applications, {seconds} ({how}), {} a rank",
+        entry.applications,
+        bytes_text(entry.memory_bytes_per_rank as u64)
+    )?;
+    writeln!(f, "  {}", entry.command)
+}
+
+impl fmt::Display for Advised {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.title.is_empty() {
+            writeln!(f, "{}", self.title)?;
+        }
+        let against = if self.exact {
+            "against the exact solution"
+        } else {
+            "by Richardson's extrapolation: no exact solution is named"
+        };
+        writeln!(
+            f,
+            "Relative L1 error of the density at most {:e}, on {}; errors are {against}.",
+            self.accuracy,
+            match self.ranks {
+                1 => "1 rank".to_owned(),
+                ranks => format!("{ranks} ranks"),
+            }
+        )?;
+        if let Some(given) = &self.given {
+            writeln!(f, "\nThe case as it stands: {}", shape(&given.shape))?;
+            writeln!(
+                f,
+                "  error   {:.2e}, {}: {}",
+                given.error,
+                known(given.known),
+                parts(&given.parts)
+            )?;
+        }
+        if let Some(best) = self.best.and_then(|k| self.entries.get(k)) {
+            write!(f, "\nAdvised: ")?;
+            entry(f, best)?;
+        } else if let Some(why) = (self.entries.iter())
+            .filter(|e| e.method == Method::Schrodingerized)
+            .find_map(|e| e.estimate.as_deref())
+        {
+            writeln!(
+                f,
+                "\nNothing is advised: {why}. Estimates are listed below."
+            )?;
+        }
+        writeln!(f, "\nAll that was tried, quickest first:\n")?;
+        for one in &self.entries {
+            entry(f, one)?;
+        }
+        for left_out in &self.left_out {
+            writeln!(f, "left out: {left_out}")?;
+        }
+        for warning in &self.warnings {
+            writeln!(f, "warning: {warning}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,217 @@
+//! `chart.csv`, `chart.json`, and the table on the terminal.
+
+use crate::base::disk::failure;
+use crate::base::error::Result;
+use crate::study::chart::entry::{Entry, Status};
+use crate::study::chart::verdict::expected;
+use crate::study::chart::{Chart, picture};
+use serde_json::Value;
+use std::fmt;
+use std::path::Path;
+
+/// Columns of `chart.csv`: all of an [`Entry`], in its order.
+pub const COLUMNS: [&str; 41] = [
+    "status",
+    "reason",
+    "expected_seconds",
+    "expected_at_least",
+    "as_given",
+    "paper",
+    "method",
+    "grid",
+    "cells",
+    "interface",
+    "integrator",
+    "limiter",
+    "cfl",
+    "profile",
+    "coefficients",
+    "weights",
+    "no_jump",
+    "embedding",
+    "propagator",
+    "step",
+    "tolerance",
+    "points",
+    "modes",
+    "applications",
+    "solves",
+    "seconds",
+    "total_seconds",
+    "memory_bytes_per_rank",
+    "error_exact",
+    "error_exact_l2",
+    "error_semidiscrete",
+    "error_estimate",
+    "probability_window",
+    "probability_slice",
+    "until_measured",
+    "measured_by",
+    "front_exact",
+    "front_seconds",
+    "front_applications",
+    "front_until_measured",
+    "warnings",
+];
+
+/// A field of a CSV file (RFC 4180), on one line.
+fn field(value: &Value) -> String {
+    let text = match value {
+        Value::Null => String::new(),
+        Value::String(text) => text.clone(),
+        Value::Array(list) => list.iter().map(field_text).collect::<Vec<_>>().join("; "),
+        other => other.to_string(),
+    };
+    let text = text.replace(['\n', '\r'], " ");
+    if text.contains(['"', ',']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text
+    }
+}
+
+fn field_text(value: &Value) -> String {
+    value
+        .as_str()
+        .map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// `chart.csv`: a line of names, then one a trial.
+pub fn csv(entries: &[Entry]) -> String {
+    let mut text = COLUMNS.join(",") + "\n";
+    for entry in entries {
+        let row = serde_json::to_value(entry).unwrap_or_default();
+        let fields: Vec<String> = COLUMNS.iter().map(|name| field(&row[*name])).collect();
+        text += &(fields.join(",") + "\n");
+    }
+    text
+}
+
+impl Chart {
+    /// Writes `chart.csv`, `chart.json`, `chart.svg` and `chart.png` into `directory`. On one rank.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`].
+    pub fn write(&self, directory: &Path) -> Result<()> {
+        let json = directory.join("chart.json");
+        let text = serde_json::to_string_pretty(self).map_err(|e| failure(&json, &e))?;
+        let csv_path = directory.join("chart.csv");
+        for (path, text) in [(json, text + "\n"), (csv_path, csv(&self.entries))] {
+            std::fs::write(&path, text).map_err(|e| failure(&path, &e))?;
+        }
+        picture::figure(self).write(directory, "chart")?;
+        Ok(())
+    }
+}
+
+impl fmt::Display for Chart {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let fronts = |e: &Entry| {
+            let marks = [
+                ('e', e.front_exact),
+                ('s', e.front_seconds),
+                ('a', e.front_applications),
+                ('m', e.front_until_measured),
+            ];
+            let on = marks.into_iter().filter(|(_, on)| *on);
+            on.map(|(mark, _)| mark).collect::<String>()
+        };
+        let mut rows: Vec<&Entry> = (self.entries.iter())
+            .filter(|e| !fronts(e).is_empty())
+            .collect();
+        let key = |e: &&Entry| (e.cells, e.method as u8);
+        rows.sort_by_key(key);
+        match rows.is_empty() {
+            true => writeln!(f, "{}: no trial is on a front\n", self.title)?,
+            false => {
+                writeln!(f, "{}, on a front:\n", self.title)?;
+                table(f, &rows, &fronts)?;
+            }
+        }
+        for sentence in &self.sentences {
+            writeln!(f, "{sentence}")?;
+        }
+        self.left_out(f)
+    }
+}
+
+/// A line of names, then one a trial.
+fn table(
+    f: &mut fmt::Formatter<'_>,
+    rows: &[&Entry],
+    fronts: &dyn Fn(&Entry) -> String,
+) -> fmt::Result {
+    let error = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.2e}"));
+    let names: Vec<String> = rows.iter().map(|e| e.name()).collect();
+    let width = names
+        .iter()
+        .map(|n| n.chars().count())
+        .max()
+        .unwrap_or(0)
+        .max(6);
+    let grid = rows.iter().map(|e| e.grid.len()).max().unwrap_or(0).max(4);
+    writeln!(
+        f,
+        "{:<grid$}  {:<width$}  {:>9}  {:>13}  {:>9}  {:>12}  {:>7}  {:>9}  {:>8}  front",
+        "grid",
+        "method",
+        "exact",
+        "semi-discrete",
+        "seconds",
+        "applications",
+        "MiB",
+        "P(window)",
+        "P(slice)"
+    )?;
+    for (e, name) in rows.iter().zip(&names) {
+        let applications = e.applications.map_or("-".to_owned(), |n| n.to_string());
+        let memory = e.memory_bytes_per_rank;
+        let memory = memory.map_or("-".to_owned(), |m| format!("{:.0}", m as f64 / 1048576.0));
+        writeln!(
+            f,
+            "{:<grid$}  {name:<width$}  {:>9}  {:>13}  {:>9}  {applications:>12}  {memory:>7}  {:>9}  {:>8}  {}",
+            e.grid,
+            error(e.error_exact),
+            error(e.error_semidiscrete),
+            e.seconds.map_or("-".to_owned(), |s| format!("{s:.4}")),
+            error(e.probability_window),
+            error(e.probability_slice),
+            fronts(e)
+        )?;
+    }
+    writeln!(
+        f,
+        "\nfronts: e exact error against seconds; to the semi-discrete solution of the grid: s against seconds, a against applications, m against \
+             applications until it is measured; classical methods and modes apart. P: probability of finding the field in the window of p, or in the slice at p◇\n"
+    )?;
+    Ok(())
+}
+
+impl Chart {
+    /// How much was left out of each method; each setting is in `chart.csv` and `chart.json`.
+    fn left_out(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut methods: Vec<(String, Vec<&Entry>)> = Vec::new();
+        for e in (self.entries.iter()).filter(|e| e.status == Status::LeftOut) {
+            let name = e.method_name();
+            match methods.iter_mut().find(|(other, _)| *other == name) {
+                Some((_, all)) => all.push(e),
+                None => methods.push((name, vec![e])),
+            }
+        }
+        if methods.is_empty() {
+            return Ok(());
+        }
+        writeln!(
+            f,
+            "\nleft out, with the time expected of each (all of them in chart.csv):"
+        )?;
+        for (name, all) in methods {
+            let settings = match all.len() {
+                1 => "1 setting".to_owned(),
+                n => format!("{n} settings"),
+            };
+            writeln!(f, "  {name}: {settings}, {}", expected(&all))?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,248 @@
+//! The step of the explicit methods, in units of the largest rate: `cfl = Δt max |A_ii|`.
+//!
+//! With row sums ≤ 0, forward Euler's `‖I + ΔtA‖_∞` is 1 up to `cfl = 1` and `2 cfl − 1` beyond. For upwind transport along a line, where
+//! `A` is a shift, SSP-RK3's `R(cfl (E − 1))` has the coefficients `1 − c + c²/2 − c³/6`, `c − c² + c³/2`, `(c² − c³)/2`, `c³/6`: of
+//! one sign up to `c = 1`. What is larger than at the start need not explode: `A` is not normal, and where particles leave the box a wave
+//! that grows by von Neumann's `|R(c (e^{−iθ} − 1))|` a step is gone when it has crossed it. So two borders: the last step at which no
+//! value ever exceeds the largest at the start, and the one from which values grow by [`EXPLODED`].
+
+use crate::base::error::Result;
+use crate::parallel::communicator::World;
+use crate::problem::case::{Case, Integrator, Method};
+use crate::propagate::classical::Classical;
+use crate::run::assembled::Assembled;
+use crate::scheme::rows::Scheme;
+use crate::study::stability::budget::Budget;
+use crate::study::stability::scene::{assembled, border, coarsened, note};
+use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
+use num_complex::Complex64;
+use std::f64::consts::PI;
+
+/// Cells that are enough.
+const CELLS: usize = 2048;
+/// Steps after which something has exploded or has not.
+const STEPS: usize = 200;
+/// Steps in which a maximum that can be exceeded is.
+const FEW: usize = 8;
+/// Growth that is called an explosion.
+pub const EXPLODED: f64 = 1e6;
+/// Ranks ask each other for the largest value after so many steps.
+const BETWEEN: usize = 8;
+/// Growth at which a run is given up.
+const FAR: f64 = 1e12;
+/// Growth that is round-off.
+const ROUND_OFF: f64 = 1e-12;
+/// Halvings that find a border to six digits, and to three.
+const SHARP: usize = 20;
+const ROUGH: usize = 14;
+/// A border this far beyond theory's is another, relatively.
+const SLACK: f64 = 1e-3;
+/// The largest number that is tried.
+const LARGEST: f64 = 4.0;
+
+/// What is measured on.
+struct Steps<'a> {
+    found: &'a mut Assembled,
+    /// Initial values of ±1 that a step makes largest: signs that alternate against the motion, and one minus in four.
+    patterns: [Vec<f64>; 2],
+    rate: f64,
+}
+
+impl<'a> Steps<'a> {
+    fn new(case: &Case, found: &'a mut Assembled) -> Result<Self> {
+        let (space, matrix) = (&case.space, &found.problem.matrix);
+        let scheme = found
+            .communicator
+            .world
+            .agree(Scheme::new(case, &matrix.block.ranges))?;
+        let mut patterns = [vec![0.0; matrix.length()], vec![0.0; matrix.length()]];
+        matrix.block.for_each_own(|global, local| {
+            for v in 0..matrix.block.velocity_cells {
+                let cell = space.cell(global + v);
+                let along = |axis: usize| {
+                    let speed = scheme.speed(&cell, axis);
+                    let steps = cell[axis] as i64;
+                    if speed > 0.0 {
+                        steps
+                    } else if speed < 0.0 {
+                        -steps
+                    } else {
+                        0
+                    }
+                };
+                let place: i64 = (0..2 * space.dimension()).map(along).sum();
+                patterns[0][local + v] = if place % 2 == 0 { 1.0 } else { -1.0 };
+                patterns[1][local + v] = if place.rem_euclid(4) == 0 { -1.0 } else { 1.0 };
+            }
+        });
+        let rate = found.bounds.rate;
+        Ok(Self {
+            found,
+            patterns,
+            rate,
+        })
+    }
+
+    /// Largest value in `steps` steps with this number, from the first so many patterns, over the largest at the start; about [`FAR`] at
+    /// most. Collective.
+    fn growth(
+        &mut self,
+        integrator: Integrator,
+        cfl: f64,
+        (steps, patterns): (usize, usize),
+    ) -> f64 {
+        let Assembled {
+            communicator,
+            problem,
+            ..
+        } = &mut *self.found;
+        let rows = problem.matrix.rows();
+        let mut classical = Classical::new(&problem.matrix);
+        let mut largest = 1.0f64;
+        for pattern in &self.patterns[..patterns] {
+            let mut state = pattern.clone();
+            let mut mine = 0.0f64;
+            for step in 1..=steps {
+                let exchange = &mut problem.exchange;
+                classical.steps(exchange, &mut state, integrator, cfl / self.rate, 1);
+                mine = state[..rows].iter().fold(mine, |m, x| m.max(x.abs()));
+                if step % BETWEEN == 0 || step == steps {
+                    largest = largest.max(communicator.world.max(mine));
+                    if largest > FAR {
+                        break;
+                    }
+                }
+            }
+        }
+        largest.min(FAR)
+    }
+}
+
+/// `max |A_ii|` over all ranks. Collective.
+fn largest_rate(found: &Assembled) -> f64 {
+    let matrix = &found.problem.matrix;
+    let diagonal = |i: usize| -> f64 {
+        let own = matrix.row(i).filter(|&(j, ..)| j == i);
+        own.map(|(_, s, _)| -s).sum()
+    };
+    let mine = (0..matrix.rows()).map(diagonal).fold(0.0, f64::max);
+    found.communicator.world.max(mine)
+}
+
+/// Largest growth of a wave a step: `max_θ |R(c (e^{−iθ} − 1))|`.
+pub fn von_neumann(integrator: Integrator, c: f64) -> f64 {
+    const ANGLES: u32 = 720;
+    let growth = |k: u32| {
+        let theta = PI * f64::from(k) / f64::from(ANGLES);
+        let z = c * (Complex64::cis(-theta) - 1.0);
+        match integrator {
+            Integrator::SspRk3 => (1.0 + z * (1.0 + z * (0.5 + z / 6.0))).norm(),
+            _ => (1.0 + z).norm(),
+        }
+    };
+    (0..=ANGLES).map(growth).fold(0.0, f64::max)
+}
+
+/// The panel. Collective.
+///
+/// # Errors
+/// As [`assembled`].
+pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
+    let case = Case {
+        method: Method::Classical,
+        ..coarsened(whole, CELLS).without_inflow()
+    };
+    let mut found = assembled(world, &case)?;
+    // The bound on the rate may not be reached.
+    let reach = largest_rate(&found) / found.bounds.rate;
+    if reach <= 0.0 {
+        return Ok(Err("nothing moves: no velocity cell but v = 0".to_owned()));
+    }
+    let mut steps = Steps::new(&case, &mut found)?;
+    let (mut curves, mut borders, mut verdict) = (Vec::new(), Vec::new(), String::new());
+    let methods = [
+        ("forward Euler", Integrator::ForwardEuler),
+        ("SSP-RK3", Integrator::SspRk3),
+    ];
+    let most = |integrator: Integrator, c: f64| {
+        von_neumann(integrator, c * reach)
+            .max(1.0)
+            .powi(STEPS as i32)
+            .min(FAR)
+    };
+    // Borders first: curves may end early.
+    for (name, integrator) in methods {
+        let range = (0.25, LARGEST);
+        let over = || budget.over();
+        let kept = border(range, SHARP, over, |c| {
+            steps.growth(integrator, c, (FEW, 2)) <= 1.0 + ROUND_OFF
+        });
+        let calm = border(range, ROUGH, over, |c| {
+            steps.growth(integrator, c, (STEPS, 1)) < EXPLODED
+        });
+        // Takes no time to speak of.
+        let calm_bound = border(range, ROUGH, || false, |c| most(integrator, c) < EXPLODED);
+        let limit = 1.0 / reach;
+        verdict += &format!(
+            "{name}: no value of the patterns tried exceeds the largest at the start up to cfl {kept} (theory, for any data: {limit:.3}); \
+             values grow a millionfold from {calm} on (bound: not below {calm_bound}). "
+        );
+        if kept.at().is_some_and(|kept| kept > (1.0 + SLACK) * limit) {
+            verdict += "The patterns are not the worst data of this grid: what any data keep ends where theory says at the earliest, and may \
+                        end before what was measured. ";
+        }
+        let limit = Border::new(
+            format!("{name}: largest value kept"),
+            kept.at(),
+            Some(limit),
+        );
+        borders.push(match integrator {
+            Integrator::ForwardEuler => limit.drawn("largest value kept"),
+            _ => limit,
+        });
+        borders.push(
+            Border::new(
+                format!("{name}: explodes in {STEPS} steps"),
+                calm.at(),
+                calm_bound.at(),
+            )
+            .bounded(),
+        );
+    }
+    for (name, integrator) in methods {
+        let points = (0..=30).map(|k| {
+            let x = 0.6 + 0.04 * f64::from(k);
+            let measured = if budget.over() {
+                f64::NAN
+            } else {
+                steps.growth(integrator, x, (STEPS, 1))
+            };
+            Point {
+                x,
+                measured,
+                theory: most(integrator, x),
+            }
+        });
+        curves.push(Curve {
+            name: name.to_owned(),
+            points: points.collect(),
+            bound: true,
+        });
+    }
+    verdict += "Runs refuse solver.classical.cfl above 1.";
+    let mut notes = note(whole, &case);
+    if budget.over() {
+        notes.push("curves end where the budget did".to_owned());
+    }
+    Ok(Ok(Panel {
+        name: Name::Cfl,
+        title: "Step of the explicit methods".to_owned(),
+        shape: case.space.shape(),
+        x: Scale::linear("cfl = step x largest rate"),
+        y: Scale::log(format!("largest value in {STEPS} steps / at the start")),
+        curves,
+        borders,
+        verdict,
+        notes,
+    }))
+}

@@ -1,0 +1,241 @@
+//! Grazing particles: `λ⁺` of hat rows against the height of the jumps.
+//!
+//! A target velocity `ξ_j` whose source `√(ξ_j² + 2ΔV)` on the other side is almost at rest draws `|ξ_j|/Δx` from a cell that loses only
+//! `|ξ_k|/Δx` itself. Upstream of each source `k`, and downstream of the target, lies a chain of cells on which `S` has the diagonal
+//! `−d = −|ξ|/Δx` and `d/2` beside it; a long one answers at its end like the number
+//!
+//! ```text
+//! E(λ, d) = ½ (λ + d + √((λ + d)² − d²)),      E(0, d) = d/2
+//! ```
+//!
+//! so that, with the weights `w_k`, the largest eigenvalue that lives at the face is the root of
+//!
+//! ```text
+//! E(λ, |ξ_j|/Δx) = Σ_k (w_k |ξ_j|/2Δx)² / E(λ, |ξ_k|/Δx),      which is positive where  Σ_k w_k² |ξ_j|/|ξ_k| > 1.
+//! ```
+//!
+//! How close a velocity cell comes to the threshold `√(2ΔV)` decides: hence spikes. Other targets that share the sources, short chains and
+//! forces are left out.
+
+use crate::base::error::Result;
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::World;
+use crate::problem::case::{Case, Interface};
+use crate::problem::grid::for_each_cell;
+use crate::problem::potential::Potential;
+use crate::scheme::interface::{sources, velocity};
+use crate::study::stability::budget::Budget;
+use crate::study::stability::scene::{
+    assembled, coarsened, growth, note, with_interface, with_potential_times,
+};
+use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
+
+/// Cells that are enough.
+const CELLS: usize = 4096;
+/// Heights, as parts of the case's, and how many are tried: as many as the budget allows, in an order that fills them evenly.
+const FROM: f64 = 0.05;
+const TO: f64 = 2.0;
+const HEIGHTS: usize = 64;
+
+/// What a long chain answers at its end, `E(λ, d)`.
+fn chain(lambda: f64, d: f64) -> f64 {
+    let sum = lambda + d;
+    0.5 * (sum + (lambda * (sum + d)).sqrt())
+}
+
+/// Largest root of `E(λ, own) = Σ half²/E(λ, lost)` over `(half, lost)`, 0 where there is no positive one.
+fn face_growth(own: f64, list: &[(f64, f64)]) -> f64 {
+    let grows = |lambda: f64| {
+        let drawn: f64 = (list.iter())
+            .map(|&(half, lost)| half * half / chain(lambda, lost))
+            .sum();
+        chain(lambda, own) < drawn
+    };
+    let (mut low, mut high) = (0.0, list.iter().map(|(half, _)| half).sum::<f64>());
+    if !grows(low) {
+        return 0.0;
+    }
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if grows(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    high
+}
+
+/// What theory says of `λ⁺` of hat rows without weights: the largest over all targets behind all jumps; none where `V` does not jump.
+///
+/// # Errors
+/// As [`Potential::whole`].
+pub fn expected_growth(case: &Case) -> Result<Option<f64>> {
+    let potential = Potential::whole(case)?;
+    let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
+    let mut best: Option<f64> = None;
+    let mut list = Vec::new();
+    for (a, (x, v)) in case.space.x.iter().zip(&case.space.v).enumerate() {
+        let mut jumps: Vec<f64> = Vec::new();
+        for_each_cell(&ranges, |i| {
+            let jump = potential.jump_below(i, a).abs();
+            if jump > 0.0 && !jumps.contains(&jump) {
+                jumps.push(jump);
+            }
+        });
+        let rate = |j: i64| velocity(v, j).abs() / x.width();
+        for rise in jumps.iter().flat_map(|&jump| [jump, -jump]) {
+            for j in (0..v.cells as i64).filter(|&j| rate(j) > 0.0) {
+                sources(&mut list, v, Interface::Hat, j, rise);
+                let inside = list
+                    .iter()
+                    .filter(|s| (0..v.cells as i64).contains(&s.velocity));
+                let sources: Vec<(f64, f64)> = inside
+                    .map(|s| (0.5 * rate(j) * s.weight, rate(s.velocity)))
+                    .collect();
+                let found = face_growth(rate(j), &sources);
+                best = Some(best.map_or(found, |b: f64| b.max(found)));
+            }
+        }
+    }
+    Ok(best)
+}
+
+/// Largest jump of `V`.
+fn highest_jump(case: &Case) -> Result<f64> {
+    let potential = Potential::whole(case)?;
+    let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
+    let mut most = 0.0f64;
+    for_each_cell(&ranges, |i| {
+        for a in 0..case.space.dimension() {
+            most = most.max(potential.jump_below(i, a).abs());
+        }
+    });
+    Ok(most)
+}
+
+/// The numbers below `count` in an order in which each prefix is spread evenly: bits reversed.
+fn spread(count: usize) -> impl Iterator<Item = usize> {
+    let bits = count.next_power_of_two().trailing_zeros();
+    (0..count.next_power_of_two())
+        .map(move |k| k.reverse_bits() >> (usize::BITS - bits).min(usize::BITS - 1))
+        .filter(move |k| *k < count)
+}
+
+/// The panel. Collective.
+///
+/// # Errors
+/// As [`assembled`].
+pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
+    let coarse = coarsened(&whole.without_inflow(), CELLS);
+    if !Bounds::new(&coarse)?.jumps {
+        let why = "V does not jump: no particle grazes a threshold";
+        return Ok(Err(why.to_owned()));
+    }
+    let case = with_interface(&coarse, Interface::Hat, false);
+    let height = highest_jump(&case)?;
+    let mut notes = note(whole, &coarse);
+    let mut points = Vec::new();
+    let at = |factor: f64| -> Result<Point> {
+        let scaled = with_potential_times(&case, factor)?;
+        let mut found = assembled(world, &scaled)?;
+        Ok(Point {
+            x: factor * height,
+            measured: growth(&mut found)? * case.end,
+            theory: expected_growth(&scaled)?.unwrap_or(f64::NAN) * case.end,
+        })
+    };
+    let own = at(1.0)?;
+    points.push(own);
+    for k in spread(HEIGHTS) {
+        if budget.over() {
+            notes.push(format!("{} of {HEIGHTS} heights tried", points.len() - 1));
+            break;
+        }
+        let part = k as f64 / (HEIGHTS - 1) as f64;
+        points.push(at(FROM + (TO - FROM) * part)?);
+    }
+    points.sort_by(|a, b| a.x.total_cmp(&b.x));
+    points.dedup_by(|a, b| a.x == b.x);
+    let highest = |of: fn(&Point) -> f64| points.iter().max_by(|a, b| of(a).total_cmp(&of(b)));
+    let (measured, theory) = (highest(|p| p.measured), highest(|p| p.theory));
+    let place = measured.map_or(f64::NAN, |p| p.x);
+    let borders = vec![
+        Border::place(
+            format!("lambda+ T at the case's jump of {height:.4}"),
+            Some(own.measured),
+            Some(own.theory),
+        ),
+        Border::new(
+            "largest lambda+ T over the heights",
+            measured.map(|p| p.measured),
+            theory.map(|p| p.theory),
+        ),
+        Border::new(
+            "height at which it is largest",
+            measured.map(|p| p.x),
+            theory.map(|p| p.x),
+        ),
+        Border::new("the case's jump", None, Some(height)).drawn("this case"),
+    ];
+    let amplified = own.measured.exp();
+    let verdict = format!(
+        "Without weights lambda+ T is {:.3} at this case's jump, an amplification of {amplified:.3e}, and up to {:.3} at a jump of {place:.4}: it \
+         spikes where a velocity cell almost rests beyond a threshold. Dissipative weights or a conservative interface take the spikes away.",
+        own.measured,
+        measured.map_or(f64::NAN, |p| p.measured)
+    );
+    Ok(Ok(Panel {
+        name: Name::Grazing,
+        title: "Grazing: growth against the jump".to_owned(),
+        shape: case.space.shape(),
+        x: Scale::linear("largest jump of V"),
+        y: Scale::linear("lambda+ T, hat, no weights"),
+        curves: vec![Curve {
+            name: "hat, no weights".to_owned(),
+            points,
+            bound: false,
+        }],
+        borders,
+        verdict,
+        notes,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against the largest eigenvalue of the matrix of two chains that a face joins.
+    #[test]
+    fn faces_between_chains() {
+        use faer::{Mat, Side};
+        for (own, half, lost) in [(3.0, 1.5, 0.1), (1.0, 0.9, 0.5), (0.7, 0.1, 0.4)] {
+            let n = 60;
+            let matrix = Mat::from_fn(2 * n, 2 * n, |i, j| {
+                let rate = |k: usize| if k < n { lost } else { own };
+                match i.abs_diff(j) {
+                    0 => -rate(i),
+                    1 if i.min(j) == n - 1 => half,
+                    1 => 0.5 * rate(i),
+                    _ => 0.0,
+                }
+            });
+            let all = matrix
+                .self_adjoint_eigen(Side::Lower)
+                .expect("it converges");
+            let (exact, found) = (all.S()[2 * n - 1], face_growth(own, &[(half, lost)]));
+            assert!((found - exact.max(0.0)).abs() < 1e-6, "{found} {exact}");
+        }
+    }
+
+    #[test]
+    fn every_number_once_and_evenly() {
+        for count in [1, 2, 5, 64] {
+            let mut all: Vec<usize> = spread(count).collect();
+            all.sort_unstable();
+            assert_eq!(all, (0..count).collect::<Vec<_>>());
+        }
+        assert_eq!(spread(8).take(4).collect::<Vec<_>>(), [0, 4, 2, 6]);
+    }
+}

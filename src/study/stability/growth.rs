@@ -1,0 +1,164 @@
+//! The recovery's amplification `e^{λ⁺T}` against refinement, for each kind of interface row.
+
+use crate::base::error::Result;
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::World;
+use crate::problem::case::{Case, Interface};
+use crate::problem::refine::refined;
+use crate::study::stability::budget::Budget;
+use crate::study::stability::grazing::expected_growth;
+use crate::study::stability::scene::{assembled, coarsened, growth, with_interface};
+use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
+
+/// Cells that the sweep begins with.
+const FEWEST: usize = 256;
+/// Cells that are not exceeded.
+const MOST: usize = 1 << 17;
+/// What they are multiplied by along every axis.
+const FACTORS: [usize; 6] = [1, 2, 3, 4, 6, 8];
+
+/// Whether `λ⁺T` rises or falls over the logarithm of the cells: a line by least squares, whose slope counts where it is [`SURE`] times its
+/// standard error and changes `λ⁺T` by [`LITTLE`] over the grids.
+fn trend(points: &[Point]) -> &'static str {
+    /// Fewer grids show no trend.
+    const GRIDS: usize = 4;
+    /// Student's t of four grids at 95 %.
+    const SURE: f64 = 4.3;
+    const LITTLE: f64 = 0.01;
+    if points.len() < GRIDS {
+        return "too few grids for a trend";
+    }
+    let count = points.len() as f64;
+    let pairs = || points.iter().map(|p| (p.x.ln(), p.measured.ln()));
+    let (x_mean, y_mean) =
+        pairs().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / count, b + y / count));
+    let spread: f64 = pairs().map(|(x, _)| (x - x_mean).powi(2)).sum();
+    let slope = pairs()
+        .map(|(x, y)| (x - x_mean) * (y - y_mean))
+        .sum::<f64>()
+        / spread;
+    let rest: f64 = pairs()
+        .map(|(x, y)| (y - y_mean - slope * (x - x_mean)).powi(2))
+        .sum();
+    let error = (rest / (count - 2.0) / spread).sqrt();
+    let range = pairs()
+        .map(|(x, _)| x - x_mean)
+        .fold(0.0, |m: f64, x| m.max(x.abs()));
+    match slope {
+        s if s.abs() <= SURE * error || s.abs() * 2.0 * range < LITTLE => "no trend by refinement",
+        s if s > 0.0 => "rising by refinement",
+        s if s < 0.0 => "falling by refinement",
+        _ => "no trend by refinement",
+    }
+}
+
+/// What a curve says: on its finest grid, which is that of the borders, and over all.
+fn sentence(curve: &Curve) -> String {
+    /// No more than 1.
+    const ROUND_OFF: f64 = 1e-9;
+    let (name, points) = (&curve.name, &curve.points);
+    let most = (points.iter()).max_by(|a, b| a.measured.total_cmp(&b.measured));
+    let Some((finest, most)) = points.last().zip(most) else {
+        return format!("{name}: nothing was tried within the budget.");
+    };
+    let grids = points.len();
+    if most.measured <= 1.0 + ROUND_OFF {
+        return format!(
+            "{name}: does not amplify on any of {grids} grids (a factor {:.4} at {} cells along x).",
+            finest.measured, finest.x
+        );
+    }
+    let amplified = |p: &Point| match p.measured {
+        m if m <= 1.0 + ROUND_OFF => format!("does not amplify at {} cells along x", p.x),
+        m => format!("a factor {m:.4e} at {} cells along x", p.x),
+    };
+    format!(
+        "{name}: {}, at most {:.4e}, at {} cells, on {grids} grids; {}.",
+        amplified(finest),
+        most.measured,
+        most.x,
+        trend(points)
+    )
+}
+
+/// The panel. Collective.
+///
+/// # Errors
+/// As [`assembled`].
+pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
+    let start = coarsened(&whole.without_inflow(), FEWEST);
+    if !Bounds::new(&start)?.jumps && !Bounds::new(whole)?.jumps {
+        let why = "V does not jump: S has no positive eigenvalues on any grid, nor needs weights";
+        return Ok(Err(why.to_owned()));
+    }
+    let kinds = [
+        ("hat, no weights", Interface::Hat, false),
+        ("hat, dissipative weights", Interface::Hat, true),
+        ("conservative", Interface::Conservative, false),
+    ];
+    let mut curves: Vec<Curve> = kinds
+        .map(|(name, interface, weights)| Curve {
+            name: name.to_owned(),
+            points: Vec::new(),
+            // Only of hat rows as they are the growth itself is foretold.
+            bound: weights || interface == Interface::Conservative,
+        })
+        .into();
+    let (mut borders, mut notes) = (Vec::new(), Vec::new());
+    let mut last = start.space.shape();
+    for factor in FACTORS {
+        let grid = refined(&start, factor);
+        if grid.space.cells() > MOST || budget.over() {
+            notes.push("finer grids take too long here".to_owned());
+            break;
+        }
+        last = grid.space.shape();
+        let x = grid.space.x[0].cells as f64;
+        borders.clear();
+        for ((name, interface, weights), curve) in kinds.iter().zip(&mut curves) {
+            let case = with_interface(&grid, *interface, *weights);
+            let mut found = assembled(world, &case)?;
+            let measured = growth(&mut found)?;
+            // The certificate is above λ⁺; conservative rows have S ≤ 0.
+            let theory = match (interface, weights) {
+                (Interface::Conservative, _) => 0.0,
+                (Interface::Hat, true) => found.problem.weights.certificate,
+                (Interface::Hat, false) => expected_growth(&case)?.unwrap_or(f64::NAN),
+            };
+            curve.points.push(Point {
+                x,
+                measured: (measured * case.end).exp(),
+                theory: (theory * case.end).exp(),
+            });
+            let border = Border::place(
+                format!("{name}: lambda+ at {x} cells"),
+                Some(measured),
+                Some(theory),
+            );
+            borders.push(if curve.bound {
+                border.bounded()
+            } else {
+                border
+            });
+        }
+    }
+    if curves.iter().all(|c| c.points.is_empty()) {
+        return Ok(Err("nothing could be tried within the budget".to_owned()));
+    }
+    let sentences: Vec<String> = curves.iter().map(sentence).collect();
+    let verdict = format!(
+        "By how much reading f amplifies what is wrong with the modes. {}",
+        sentences.join(" ")
+    );
+    Ok(Ok(Panel {
+        name: Name::Growth,
+        title: "Growth against refinement".to_owned(),
+        shape: last,
+        x: Scale::log("cells along x"),
+        y: Scale::log("amplification exp(lambda+ T)"),
+        curves,
+        borders,
+        verdict,
+        notes,
+    }))
+}

@@ -1,0 +1,210 @@
+//! What was found as a table, as CSV and as JSON.
+
+use crate::base::disk::failure;
+use crate::base::error::Result;
+use crate::results::figure;
+use crate::results::figure::palette::Style;
+use crate::results::figure::{Axis, Figure};
+use crate::study::stability::{Border, Curve, Name, Panel, Point, Scale, Stability};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// A name as `--only` takes it.
+fn word(name: Name) -> String {
+    crate::base::text::word(&name)
+}
+
+/// Six digits; a dash where there is no number.
+fn number(x: Option<f64>) -> String {
+    match x {
+        None => "-".to_owned(),
+        Some(x) if x == 0.0 || (1e-3..1e5).contains(&x.abs()) => format!("{x:.5}"),
+        Some(x) => format!("{x:.4e}"),
+    }
+}
+
+/// What theory's number is.
+fn kind(bound: bool) -> &'static str {
+    if bound { "bound" } else { "theory" }
+}
+
+/// Cells along each axis.
+fn cells(shape: &[usize]) -> String {
+    let cells: Vec<String> = shape.iter().map(usize::to_string).collect();
+    cells.join(" x ")
+}
+
+/// `text` in lines of at most so many characters, each indented.
+fn wrapped(text: &str, indent: &str) -> String {
+    const WIDTH: usize = 110;
+    let mut lines = String::new();
+    let mut line = String::new();
+    for word in text.split_whitespace() {
+        if !line.is_empty() && indent.len() + line.len() + word.len() >= WIDTH {
+            let _ = writeln!(lines, "{indent}{line}");
+            line.clear();
+        }
+        if !line.is_empty() {
+            line.push(' ');
+        }
+        line += word;
+    }
+    let _ = writeln!(lines, "{indent}{line}");
+    lines
+}
+
+impl Stability {
+    /// For people: the borders and the verdicts.
+    pub fn table(&self) -> String {
+        let mut text = format!(
+            "{}: {} cells, T = {}\n",
+            self.title,
+            cells(&self.shape),
+            self.time
+        );
+        let width = (self.panels.iter().flat_map(|p| &p.borders))
+            .map(|b| b.name.chars().count())
+            .max()
+            .unwrap_or(0);
+        let _ = writeln!(
+            text,
+            "\n  {:<width$} {:>12} {:>12} {:>6} {:>9}",
+            "border", "measured", "by theory", "", "ratio"
+        );
+        for panel in &self.panels {
+            let _ = writeln!(
+                text,
+                "{} ({}, {} cells)",
+                word(panel.name),
+                panel.title,
+                cells(&panel.shape)
+            );
+            for Border {
+                name,
+                measured,
+                theory,
+                ratio,
+                bound,
+                ..
+            } in &panel.borders
+            {
+                let ratio = ratio.map_or("-".to_owned(), |r| format!("{r:.3}"));
+                let kind = if theory.is_some() { kind(*bound) } else { "" };
+                let (measured, theory) = (number(*measured), number(*theory));
+                let _ = writeln!(
+                    text,
+                    "  {name:<width$} {measured:>12} {theory:>12} {kind:>6} {ratio:>9}"
+                );
+            }
+            text += &wrapped(&panel.verdict, "    ");
+            for note in &panel.notes {
+                text += &wrapped(&format!("({note})"), "    ");
+            }
+        }
+        for left_out in &self.left_out {
+            text += &wrapped(
+                &format!("{} left out: {}", word(left_out.name), left_out.reason),
+                "",
+            );
+        }
+        let _ = writeln!(text, "{:.1} s", self.seconds);
+        text
+    }
+
+    /// A line a point: panel, series, x, measured, theory, and whether that is a `theory` or only a `bound`; an empty field where there is no number.
+    pub fn csv(&self) -> String {
+        let mut text = "panel,series,x,measured,theory,kind\n".to_owned();
+        let field = |x: f64| {
+            if x.is_finite() {
+                format!("{x:e}")
+            } else {
+                String::new()
+            }
+        };
+        for Panel { name, curves, .. } in &self.panels {
+            for curve in curves {
+                for p in &curve.points {
+                    let numbers = [p.x, p.measured, p.theory].map(field).join(",");
+                    let (name, kind) = (word(*name), kind(curve.bound));
+                    let _ = writeln!(text, "{name},\"{}\",{numbers},{kind}", curve.name);
+                }
+            }
+        }
+        text
+    }
+
+    /// Writes `stability.csv`, `stability.json` and the figures into `directory`.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`].
+    pub fn write(&self, directory: &Path) -> Result<()> {
+        let path = directory.join("stability.json");
+        let json = serde_json::to_string_pretty(self).map_err(|e| failure(&path, &e))? + "\n";
+        for (name, text) in [("stability.csv", self.csv()), ("stability.json", json)] {
+            let path = directory.join(name);
+            std::fs::write(&path, text).map_err(|e| failure(&path, &e))?;
+        }
+        self.figure().write(directory, "stability")?;
+        Ok(())
+    }
+
+    /// A frame a panel: what was measured with markers, theory dashed.
+    pub fn figure(&self) -> Figure {
+        let panels: Vec<figure::Panel> = self.panels.iter().map(drawn).collect();
+        let columns = if panels.len() > 4 {
+            3
+        } else {
+            panels.len().clamp(1, 2)
+        };
+        let caption = format!(
+            "{}: where methods fail. Markers: measured; grey dashes: theory, or bounds by theory. {}",
+            self.title,
+            self.left_out
+                .iter()
+                .map(|l| format!("Left out: {} ({}).", word(l.name), l.reason))
+                .collect::<Vec<_>>()
+                .join(" ")
+        );
+        Figure::new("Stability map", panels)
+            .columns(columns)
+            .frame(360.0, 260.0)
+            .caption(caption.trim())
+    }
+}
+
+/// An axis of a panel.
+fn axis(scale: &Scale) -> Axis {
+    if scale.logarithmic {
+        Axis::log(&*scale.label)
+    } else {
+        Axis::linear(&*scale.label)
+    }
+}
+
+/// A panel as it is drawn.
+fn drawn(panel: &Panel) -> figure::Panel {
+    let line = |curve: &Curve, of: fn(&Point) -> f64| -> Vec<[f64; 2]> {
+        curve.points.iter().map(|p| [p.x, of(p)]).collect()
+    };
+    let mut out = figure::Panel::new(&*panel.title, axis(&panel.x), axis(&panel.y));
+    for (k, curve) in panel.curves.iter().enumerate() {
+        out = out.line(&*curve.name, Style::of(k), line(curve, |p| p.measured));
+    }
+    // Above, where it would be hidden.
+    let mut labels = [kind(false), kind(true)];
+    let mut before: Vec<Vec<[f64; 2]>> = Vec::new();
+    for curve in &panel.curves {
+        let theory = line(curve, |p| p.theory);
+        if theory.iter().any(|p| p[1].is_finite()) && !before.contains(&theory) {
+            let label = std::mem::take(&mut labels[usize::from(curve.bound)]);
+            out = out.line(label, Style::theory(), theory.clone());
+            before.push(theory);
+        }
+    }
+    for border in &panel.borders {
+        if let (Some(label), Some(at)) = (&border.line, border.theory) {
+            out = out.vertical(&**label, at);
+        }
+    }
+    out
+}

@@ -1,0 +1,193 @@
+//! The case as sweeps take it: without what only output is made of, and on fewer cells.
+
+use crate::base::error::{Error, Result};
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::World;
+use crate::plan::layout::Resources;
+use crate::problem::case::{Case, Interface, Limiter, Method};
+use crate::problem::potential::overlooked;
+use crate::run::assembled::Assembled;
+use crate::solve::spectrum;
+
+/// Most Lanczos steps.
+const LANCZOS: usize = 4000;
+
+/// The case without what is written, compared and measured besides.
+pub fn plain(case: &Case) -> Case {
+    Case {
+        plateau: None,
+        times: Vec::new(),
+        warped_field: false,
+        readout: None,
+        verify: false,
+        exact: None,
+        limiter: Limiter::None,
+        method: Method::Schrodingerized,
+        ..case.clone()
+    }
+}
+
+/// `case` on at most so many cells: axes are halved, the longest first, those that keep every edge of `V` on a face before others.
+pub fn coarsened(case: &Case, most: usize) -> Case {
+    /// Fewer cells along an axis show nothing.
+    const LEAST: usize = 4;
+    let mut case = case.clone();
+    while case.space.cells() > most {
+        let n = case.space.dimension();
+        let mut axes: Vec<usize> = (0..2 * n).collect();
+        let shape = case.space.shape();
+        axes.retain(|&a| shape[a].div_ceil(2) >= LEAST);
+        axes.sort_by_key(|&a| std::cmp::Reverse(shape[a]));
+        let halved = |a: &usize| {
+            let mut case = case.clone();
+            let axis = match a.checked_sub(n) {
+                None => &mut case.space.x[*a],
+                Some(v) => &mut case.space.v[v],
+            };
+            axis.cells = axis.cells.div_ceil(2);
+            case
+        };
+        let missed = |case: &Case| {
+            let found = overlooked(case);
+            found.edges.len() + found.empty.len()
+        };
+        let before = missed(&case);
+        let keeps = |case: &Case| missed(case) <= before;
+        let next = (axes.iter().map(halved).find(keeps)).or_else(|| axes.first().map(halved));
+        match next {
+            Some(next) => case = next,
+            None => break,
+        }
+    }
+    case
+}
+
+/// What is said where a panel was measured on fewer cells than the case has.
+pub fn note(case: &Case, used: &Case) -> Vec<String> {
+    let (shape, coarse) = (case.space.shape(), used.space.shape());
+    let text = |shape: &[usize]| {
+        let cells: Vec<String> = shape.iter().map(usize::to_string).collect();
+        cells.join(" x ")
+    };
+    let mut notes = Vec::new();
+    if shape != coarse {
+        notes.push(format!(
+            "measured on {} cells instead of {}",
+            text(&coarse),
+            text(&shape)
+        ));
+    }
+    let found = overlooked(used);
+    if found.edges.len() + found.empty.len() > overlooked(case).edges.len() {
+        notes.push("the edges of V lie on other faces there".to_owned());
+    }
+    notes
+}
+
+/// `case` with `factor` times its potential.
+///
+/// # Errors
+/// [`Error::Input`], should a formula not be read.
+pub fn with_potential_times(case: &Case, factor: f64) -> Result<Case> {
+    let mut case = case.clone();
+    for region in &mut case.potential {
+        region.value = region.value.times(factor).map_err(Error::Input)?;
+    }
+    Ok(case)
+}
+
+/// `case` with an interface, and weights if so.
+pub fn with_interface(case: &Case, interface: Interface, weights: bool) -> Case {
+    let mut case = case.clone();
+    case.interface = interface;
+    case.warp.weights = weights;
+    case
+}
+
+/// `case` assembled on the ranks there are. Collective.
+///
+/// # Errors
+/// As [`Assembled::new`].
+pub fn assembled(world: &World, case: &Case) -> Result<Assembled> {
+    let bounds = Bounds::new(case)?;
+    let here = Resources {
+        ranks: world.group().size(),
+        ..Resources::default()
+    };
+    Assembled::new(world, case, &bounds, (&here, 1))
+}
+
+/// `λ⁺` of an assembled case. Collective.
+///
+/// # Errors
+/// As [`spectrum::of`].
+pub fn growth(found: &mut Assembled) -> Result<f64> {
+    let space = &found.communicator.space;
+    let (extremes, _) = spectrum::of(&mut found.problem, space, LANCZOS)?;
+    Ok(extremes.highest.value)
+}
+
+/// What a search for a border came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Located {
+    /// The last number that is still right.
+    At(f64),
+    /// The first that was tried is not.
+    Below(f64),
+    /// The last that was tried is.
+    Beyond(f64),
+    /// The budget ended before it was known.
+    Unknown,
+}
+
+impl Located {
+    /// Where it is, if it was found.
+    pub fn at(self) -> Option<f64> {
+        match self {
+            Self::At(x) => Some(x),
+            _ => None,
+        }
+    }
+}
+
+impl std::fmt::Display for Located {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::At(x) => write!(out, "{x:.3}"),
+            Self::Below(x) => write!(out, "something below {x}"),
+            Self::Beyond(x) => write!(out, "something beyond {x}"),
+            Self::Unknown => out.write_str("(not located within the budget)"),
+        }
+    }
+}
+
+/// The last number between `low` and `high` of which `found` still says yes, by so many halvings. Of `over`, which is asked before each, and of
+/// `found` the answers are the same on all ranks. Collective.
+pub fn border(
+    (mut low, mut high): (f64, f64),
+    halvings: usize,
+    over: impl Fn() -> bool,
+    mut found: impl FnMut(f64) -> bool,
+) -> Located {
+    if over() {
+        return Located::Unknown;
+    }
+    if !found(low) {
+        return Located::Below(low);
+    }
+    if found(high) {
+        return Located::Beyond(high);
+    }
+    for _ in 0..halvings {
+        if over() {
+            return Located::Unknown;
+        }
+        let middle = 0.5 * (low + high);
+        if found(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Located::At(0.5 * (low + high))
+}

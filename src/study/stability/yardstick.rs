@@ -1,0 +1,181 @@
+//! A discrete problem and its exact solution `exp(AT) f(0)`, against which any series in `p` is held, planned or not.
+
+use crate::base::error::Result;
+use crate::matrix::bounds::Bounds;
+use crate::matrix::lanes::Lanes;
+use crate::parallel::communicator::{Communicator, World};
+use crate::plan::Plan;
+use crate::plan::here::memory_per_rank;
+use crate::plan::layout::{Resources, refuse_hopeless};
+use crate::problem::case::{
+    Case, Coefficients, Method, ProfileChoice, Propagation, PropagatorMethod, RecoveryMethod,
+    Shift, Warp,
+};
+use crate::propagate::classical::{Classical, EXACT};
+use crate::results::summary::Summary;
+use crate::run::compare::Norms;
+use crate::run::solve::solve;
+use crate::schrodingerization::profile::series::Series;
+use crate::schrodingerization::recovery::Reading;
+use crate::solve::place::Place;
+use crate::solve::system::Problem;
+
+/// Relative error that a mode is allowed: small beside everything that is looked for.
+const MODE_TOLERANCE: f64 = 1e-16;
+/// What the process mesh is planned for; any that can be met does.
+const TOLERANCE: f64 = 1e-6;
+
+/// The problem on this rank, with what its fields are at `T`.
+pub struct Yardstick {
+    case: Case,
+    plan: Plan,
+    resources: Resources,
+    communicator: Communicator,
+    place: Place,
+    problem: Problem,
+    /// `f(T)` of each field, on this rank's share.
+    exact: Vec<Vec<f64>>,
+    /// Largest `‖ũ(0)‖/‖f(T)‖` over the fields.
+    pub ratio: f64,
+}
+
+impl Yardstick {
+    /// Of `case` with its weights, its interface and its inflow, which must not depend on time; what it says of `p` is not asked.
+    /// Collective.
+    ///
+    /// # Errors
+    /// As [`Plan::provisional`] and [`Problem::new`].
+    pub fn new(world: &World, case: &Case) -> Result<Self> {
+        let all = world.group();
+        let case = Case {
+            method: Method::Schrodingerized,
+            tolerance: TOLERANCE,
+            warp: Warp {
+                profile: ProfileChoice::Planned,
+                coefficients: Coefficients::Analytic,
+                interval: None,
+                points: None,
+                recovery: None,
+                recovery_method: RecoveryMethod::Point,
+                shift: Shift::Given(0.0),
+                ..case.warp
+            },
+            propagator: Propagation {
+                method: PropagatorMethod::Chebyshev,
+                step: None,
+            },
+            recovery_points: 1,
+            plateau: None,
+            times: Vec::new(),
+            warped_field: false,
+            start: None,
+            ..case.clone()
+        };
+        let mut resources = Resources {
+            ranks: all.size(),
+            ranks_x: None,
+            memory_per_rank: Some(memory_per_rank(&all)),
+        };
+        refuse_hopeless(&case, &resources)?;
+        let bounds = Bounds::new(&case)?;
+        let mut plan = Plan::provisional(&case, &bounds, &resources)?;
+        resources.ranks_x = Some(plan.layout.mesh.space.clone());
+        let communicator = Communicator::new(world, &plan.layout.mesh);
+        let place = Place::new(&case, &plan, &communicator);
+        let sizes = (size_of::<Lanes>() / 8, plan.patience());
+        let block = place.block.clone();
+        let mut problem = Problem::new(&case, &bounds, &communicator, block, sizes)?;
+        plan.bounds = problem.bounds(&case, &bounds);
+        let (mut exact, mut ratio) = (Vec::new(), 0.0f64);
+        for start in problem.states.clone() {
+            let before = problem.norm(&communicator, &start, false);
+            let mut state = start;
+            let span = (plan.bounds.rate, case.end);
+            Classical::new(&problem.matrix).exponential(
+                &mut problem.exchange,
+                &mut state,
+                span,
+                EXACT,
+            );
+            let after = problem.norm(&communicator, &state, true);
+            if after > 0.0 {
+                ratio = ratio.max(before / after);
+            }
+            exact.push(problem.unweighted(&place.mine, state[place.mine.clone()].to_vec()));
+        }
+        Ok(Self {
+            case,
+            plan,
+            resources,
+            communicator,
+            place,
+            problem,
+            exact,
+            ratio,
+        })
+    }
+
+    /// Bounds on the generator, with the growth that was found.
+    pub fn bounds(&self) -> &Bounds {
+        &self.plan.bounds
+    }
+
+    /// The problem, and the ranks as they share it.
+    pub fn parts(&mut self) -> (&mut Problem, &Communicator) {
+        (&mut self.problem, &self.communicator)
+    }
+
+    /// Numbers that propagating `series` would update: applications times unknowns.
+    ///
+    /// # Errors
+    /// As [`Plan::with_series`].
+    pub fn updates(&self, series: &Series) -> Result<f64> {
+        let plan = self.with(series.clone(), Vec::new())?;
+        let applications = plan.warp.map_or(0, |w| w.applications);
+        Ok(applications as f64 * self.case.space.cells() as f64)
+    }
+
+    fn with(&self, series: Series, readings: Vec<Reading>) -> Result<Plan> {
+        let read = (series, readings);
+        self.plan
+            .with_series(&self.case, read, MODE_TOLERANCE, &self.resources)
+    }
+
+    /// Relative l2 distance to `f(T)` of what is read from `series` at each of the `points`, the largest over the fields. Collective.
+    ///
+    /// # Errors
+    /// As [`Plan::with_series`] and [`crate::solve::modes::run`].
+    pub fn errors(&mut self, series: &Series, points: &[f64]) -> Result<Vec<f64>> {
+        let at = |&point: &f64| Reading {
+            method: RecoveryMethod::Point,
+            point,
+            width: 0.0,
+        };
+        let plan = self.with(series.clone(), points.iter().map(at).collect())?;
+        let found = solve(
+            &self.case,
+            &plan,
+            &self.communicator,
+            &self.place,
+            &mut self.problem,
+            &mut Summary::default(),
+            None,
+        )?;
+        let velocities = self.case.space.velocity_cells();
+        let mut worst = vec![0.0f64; points.len()];
+        for (readings, exact) in found.fields.iter().zip(&self.exact) {
+            for (worst, f) in worst.iter_mut().zip(readings) {
+                let norms = Norms {
+                    world: &self.communicator.world,
+                    velocities,
+                    f,
+                };
+                let error = norms.distance(exact);
+                if !error.is_nan() {
+                    *worst = worst.max(error);
+                }
+            }
+        }
+        Ok(worst)
+    }
+}
