@@ -1,34 +1,50 @@
 #!/usr/bin/env bash
-# Prints the tolerance table of docs/verification.md: every case that takes seconds, both interfaces, four tolerances.
-# Usage: scripts/verification.sh [case …]      (after make build; needs python3 for reading JSON)
+# Prints the table of tolerances in docs/verification.md: every case that takes seconds, both
+# interfaces, four tolerances, one rank. Needs `make build` and Python 3.
+#
+#   scripts/verification.sh [--program PATH] [CASE…]
+#
+# Exit code 1 if a run fails or misses its tolerance.
 set -euo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
 program=target/release/phasewarp
+if [ "${1:-}" = --program ]; then
+    program=$2 && shift 2
+fi
+if [ $# -eq 0 ]; then
+    set -- cases/{example1,step_up,well,slope_jump,inflow_barrier,pulsed_inflow,barriers,harmonic_step}.toml \
+        cases/{quantum_dot2d,barrier2d,periodic2d,step3d}.toml
+fi
 results=$(mktemp -d)
 trap 'rm -rf "$results"' EXIT
-[ $# -gt 0 ] || set -- cases/example1.toml cases/step_up.toml cases/well.toml cases/slope_jump.toml \
-    cases/inflow_barrier.toml cases/pulsed_inflow.toml cases/barriers.toml cases/harmonic_step.toml \
-    cases/quantum_dot2d.toml cases/barrier2d.toml cases/step3d.toml
-echo "| case | interface | tolerance | reached | estimate/reached | modes | applications | weights: sweeps, spread |"
-echo "|---|---|---|---|---|---|---|---|"
-row() { # case, label, further options
-    local case=$1 label=$2
+
+# row CASE LABEL [OPTION…]: the rows of one case.
+row() {
+    local case=$1 label=$2 interface tolerance
     shift 2
     for interface in hat conservative; do
         for tolerance in 1e-3 1e-6 1e-9 1e-11; do
-            "$program" run "$case" -o "$results" --set solver.verify=true --set solver.tolerance=$tolerance \
-                --set scheme.interface=$interface "$@" >/dev/null 2>&1
+            "$program" run "$case" -o "$results" --set solver.verify=true \
+                --set solver.tolerance=$tolerance --set scheme.interface=$interface "$@" >"$results/log" 2>&1 ||
+                { cat "$results/log" >&2 && exit 1; }
             python3 - "$label" "$interface" "$tolerance" "$results/summary.json" <<'P'
 import json, sys
 label, interface, tolerance, path = sys.argv[1:]
 s = json.load(open(path))
-e = s["error_semidiscrete"]
-print(f"| {label} | {interface} | {tolerance} | {e:.1e} | {s['error_estimate']/e:.2f} | {s['modes']} | "
-      f"{s['matvecs']} | {s['weight_sweeps']}, {s['weight_spread']:.2f} |")
+error = s["error_semidiscrete"]
+told = f"{s['error_estimate'] / error:.2f}" + ("" if s["error_estimate_reliable"] else " (not reliable)")
+print(f"| {label} | {interface} | {tolerance} | {error:.1e} | {told} | {s['modes']} | "
+      f"{s['matvecs']} | {s['weight_sweeps']}, {s['weight_spread']:.2f} |", flush=True)
+if error > float(tolerance):
+    sys.exit(f"verification: {label}, {interface}: {error:.1e} exceeds the tolerance {tolerance}")
 P
         done
     done
 }
+
+echo "| case | interface | tolerance | reached | estimate/reached | modes | applications | weights: sweeps, spread |"
+echo "|---|---|---|---|---|---|---|---|"
 for case in "$@"; do
     row "$case" "$(basename "$case" .toml)"
     if [ "$(basename "$case")" = example1.toml ]; then
