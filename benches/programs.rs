@@ -1,9 +1,12 @@
 //! Whole-program runs: what a user waits for, counted and timed.
 //!
-//! `cargo bench --bench programs [-- --quick] [-- --output FILE]` starts the program under mpirun as a user would, on the cases
-//! of `cases/`, and writes one JSON file with every figure; `scripts/bench/report.py` makes the tables of docs/performance.md
-//! from it. A timed run is repeated, with a triad right before it; errors, which are the same bits each time, come from one
-//! run more with `solver.verify`.
+//! `cargo bench --bench programs [-- --quick] [-- --counts] [-- --output FILE]` starts the program
+//! under mpirun as a user would, on the cases of `cases/`, and writes one JSON file with every
+//! figure. `scripts/bench/report.py` makes the tables of docs/performance.md from it.
+//!
+//! A timed run is repeated, with a triad right before it. Errors, which are the same bits each
+//! time, come from one more run with `solver.verify`. `--counts` times nothing: every row runs
+//! once, which gives modes, applications, errors and memory on a machine that others use.
 
 use serde_json::{Map, Value, json};
 use std::hint::black_box;
@@ -164,7 +167,7 @@ impl Row {
         }
     }
 
-    /// Everything about the row as JSON.
+    /// Everything about the row as JSON; with no repeats the run is not timed.
     fn measured(&self, directory: &Path, repeats: usize) -> Outcome<Value> {
         let plan = self.plan()?;
         let mut found = json!({
@@ -183,6 +186,10 @@ impl Row {
         if self.measure == Measure::TimeAndError {
             let (_, summary) = self.run(directory, &["solver.verify=true"])?;
             found["error_semidiscrete"] = summary["error_semidiscrete"].clone();
+        }
+        if repeats == 0 {
+            found["summary"] = self.run(directory, &[])?.1;
+            return Ok(found);
         }
         let (mut wall, mut solve, mut triads, mut summaries) = (vec![], vec![], vec![], vec![]);
         let start = Instant::now();
@@ -297,59 +304,6 @@ fn rows(quick: bool) -> Vec<Row> {
     for exponent in 2..=12 {
         rows.push(Row::new("digits", "example1", Plan).tolerance(&format!("1e-{exponent}")));
     }
-    // Accuracy against speed: to exp(AT) at one grid, and to the exact solution over grids.
-    let n = if quick { 64 } else { 128 };
-    let speed = |method: &str| {
-        Row::new("methods", "example1", TimeAndError)
-            .cells(n)
-            .label("method", method)
-    };
-    for profile in ["", "gaussian", "low-somma"] {
-        for tolerance in [
-            "1e-2", "1e-3", "1e-4", "1e-6", "1e-8", "1e-9", "1e-10", "1e-11",
-        ] {
-            // Of the other profiles fewer.
-            let some = TOLERANCES.contains(&tolerance);
-            if (quick && !TOLERANCES[..2].contains(&tolerance)) || (!profile.is_empty() && !some) {
-                continue;
-            }
-            rows.push(match profile {
-                "" => speed("schrodingerized").tolerance(tolerance),
-                _ => speed(profile)
-                    .set("solver.warp.profile", profile)
-                    .tolerance(tolerance),
-            });
-        }
-    }
-    let classical = |row: Row, integrator: &str| {
-        row.set("solver.method", "classical")
-            .set("solver.classical.integrator", integrator)
-    };
-    rows.push(classical(speed("classical, exponential"), "exponential"));
-    for integrator in ["forward-euler", "ssp-rk3"] {
-        for courant in ["0.9", "0.3", "0.1", "0.03"]
-            .into_iter()
-            .take(if quick { 2 } else { 4 })
-        {
-            rows.push(
-                classical(speed(&format!("classical, {integrator}")), integrator)
-                    .set("solver.classical.cfl", courant),
-            );
-        }
-    }
-    for n in pick(&[32, 64, 128, 256], 2) {
-        let exact = |method: &str| {
-            Row::new("exact", "example1", Time)
-                .cells(n)
-                .label("method", method)
-        };
-        rows.push(exact("schrodingerized, 1e-3").tolerance("1e-3"));
-        rows.push(classical(exact("classical, exponential"), "exponential"));
-        for limiter in ["none", "minmod", "van-leer"] {
-            let row = exact(&format!("classical, ssp-rk3, slopes: {limiter}"));
-            rows.push(classical(row, "ssp-rk3").set("scheme.limiter", limiter));
-        }
-    }
     rows
 }
 
@@ -398,14 +352,19 @@ fn load() -> f64 {
         .unwrap_or(-1.0)
 }
 
-fn all(quick: bool, output: &Path) -> Outcome<()> {
+fn all(quick: bool, counts: bool, output: &Path) -> Outcome<()> {
     let place = tempfile::tempdir()?;
     let mut found = json!({ "quick": quick, "machine": machine(), "rows": [] });
     let rows = rows(quick);
     let start = Instant::now();
     for (number, row) in rows.iter().enumerate() {
-        let value = row.measured(place.path(), if quick { 1 } else { row.repeats() })?;
-        let shown = match value["summary"]["solve_seconds"].as_f64() {
+        let repeats = match (counts, quick) {
+            (true, _) => 0,
+            (false, true) => 1,
+            (false, false) => row.repeats(),
+        };
+        let value = row.measured(place.path(), repeats)?;
+        let shown = match value["solve_seconds"][0].as_f64() {
             Some(seconds) => format!("solve {seconds:.4} s"),
             None => format!("{} applications", value["plan"]["applications"]),
         };
@@ -425,11 +384,12 @@ fn all(quick: bool, output: &Path) -> Outcome<()> {
 
 fn main() -> ExitCode {
     let words: Vec<String> = std::env::args().skip(1).collect();
-    let quick = words.iter().any(|w| w == "--quick");
+    let given = |option: &str| words.iter().any(|w| w == option);
     let place = words.iter().position(|w| w == "--output");
     let output = place.and_then(|at| words.get(at + 1)).map(PathBuf::from);
     let standard = Path::new(env!("CARGO_MANIFEST_DIR")).join("results/bench/programs.json");
-    match all(quick, &output.unwrap_or(standard)) {
+    let output = output.unwrap_or(standard);
+    match all(given("--quick"), given("--counts"), &output) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("programs: {error}");

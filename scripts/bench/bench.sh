@@ -1,21 +1,27 @@
 #!/usr/bin/env bash
-# What `make bench` runs: rates of the inner loop, whole-program runs, peers, then the tables and charts of docs/performance.md.
+# What `make bench` runs: rates of the inner loop, whole-program runs, peers; then the tables of
+# docs/performance.md.
 #
-#   scripts/bench/bench.sh [--quick] [--no-peers]
+#   scripts/bench/bench.sh [--quick] [--counts] [--no-peers]
 #
-# --quick: fewer and smaller runs, tables into results/bench-quick/ instead of docs/; to see that all of it works.
-# Raw figures go to results/bench/. Without Python the first two are run, and the document is left as it is. CARGO names the
-# cargo command with its environment.
+# --quick     fewer and smaller runs, tables into results/bench-quick/ instead of docs/: a trial
+# --counts    whole-program runs only, each once and not timed: modes, applications, errors and
+#             memory, for a machine that others use; tables of seconds are left as they were
+# --no-peers  without the other programs
+#
+# Raw figures go to results/bench/. Without Python the runs are made, and the document is left as it
+# was. CARGO names the cargo command with its environment.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
-quick=() peers=yes place=$PWD/results/bench documents=$PWD/docs
+quick=() counts=() peers=yes place=$PWD/results/bench documents=$PWD/docs
 for option in "$@"; do
     case $option in
     --quick) quick=(--quick) place=$PWD/results/bench-quick documents=$place ;;
+    --counts) counts=(--counts) peers=no ;;
     --no-peers) peers=no ;;
     *)
-        echo "bench: unknown option $option; known: --quick, --no-peers" >&2
+        echo "bench: unknown option $option; known: --quick, --counts, --no-peers" >&2
         exit 1
         ;;
     esac
@@ -36,8 +42,10 @@ run_cargo() {
 
 # Built before, so that nothing is compiled while something is timed.
 run_cargo bench --no-run
-run_cargo bench --bench application | tee "$place/application.txt"
-run_cargo bench --bench programs -- "${quick[@]}" --output "$place/programs.json"
+if [ "${#counts[@]}" -eq 0 ]; then
+    run_cargo bench --bench application | tee "$place/application.txt"
+fi
+run_cargo bench --bench programs -- "${quick[@]}" "${counts[@]}" --output "$place/programs.json"
 
 if ! command -v python3 >/dev/null 2>&1; then
     echo "bench: no python3: no peers, no tables; raw figures are in $place"
@@ -51,5 +59,4 @@ else
     python=python3
     echo "bench: peers skipped"
 fi
-"$python" scripts/bench/chart.py --results "$place" --documents "$documents"
 "$python" scripts/bench/report.py --results "$place" --document "$documents/performance.md"

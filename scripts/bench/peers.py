@@ -1,11 +1,14 @@
-"""Times what else could solve example 1 the same way, beside phasewarp and in the same rounds.
+"""Times other programs on the modes of example 1, beside phasewarp and in the same rounds.
 
 Usage: peers.py PROGRAM OUTPUT.json [--quick] [--cells N] [--tolerance T] [--rounds R]
 
-Every peer gets the modes phasewarp planned, and the accuracy each mode needs. It must reproduce them: w_l(T) is compared
-mode by mode, and where all modes are run, the field with exp(AT) f0 and with phasewarp's. Peers that take long are timed on a sample of
-modes, evenly spread, and scaled; OUTPUT says so. Each is timed in one process and in two that share the modes, as phasewarp's
-two ranks do. Matrices, workers and imports are ready before a clock starts; phasewarp's wall time has all of that in it.
+Every peer gets the modes that phasewarp planned and the accuracy that each mode needs. All of them
+solve the whole grid: phasewarp leaves out no velocities here. A peer must reproduce the modes:
+w_l(T) is compared mode by mode, and where a peer runs all modes, its field is compared with
+exp(AT) f0 and with phasewarp's field. Slow peers are timed on a sample of modes, evenly spread, and
+scaled; OUTPUT names the number of modes. Each peer is timed in one process and in two that share
+the modes, like phasewarp's two ranks. Matrices, workers and imports are ready before a clock
+starts; phasewarp's wall time includes all of that.
 """
 
 import argparse
@@ -37,6 +40,8 @@ from example1 import Modes
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(os.path.dirname(HERE))
+# The peers' matrix has every velocity, so phasewarp's is to have every velocity too.
+WHOLE_GRID = "solver.reduce={axes=false,velocities=false}"
 
 
 def note(text):
@@ -204,7 +209,7 @@ def slepc_python():
 def phasewarp(program, place, cells, tolerance, ranks, more=()):
     """Wall seconds of the whole job, its summary, its directory."""
     directory = os.path.join(place, "run")
-    settings = [f"axis.0.x.cells={cells}", f"axis.0.v.cells={cells}", f"solver.tolerance={tolerance}", *more]
+    settings = [f"axis.0.x.cells={cells}", f"axis.0.v.cells={cells}", f"solver.tolerance={tolerance}", WHOLE_GRID, *more]
     command = ["mpirun", "-np", str(ranks), program, "run", os.path.join(ROOT, "cases/example1.toml"), "-o", directory]
     for setting in settings:
         command += ["--set", setting]

@@ -1,10 +1,13 @@
 #!/usr/bin/env python3
-"""Writes the tables of docs/performance.md from what `make bench` and `make example3` measured. Standard library only.
+"""Writes the tables of docs/performance.md from what `make bench` and `make example3` measured.
 
 Usage: report.py [--results DIR] [--document FILE] [--example3 DIR] [--only NAME]
 
-A table stands between `<!-- begin NAME -->` and `<!-- end NAME -->` and is replaced; what was not measured is kept, and said. Bad
-input (a file that is no JSON, a key or a marker that is missing, a number that is none) ends with exit code 1 and its place.
+Needs the standard library only. A table stands between `<!-- begin NAME -->` and
+`<!-- end NAME -->` and is replaced; a table that was not measured is kept, and its name printed.
+Runs that were counted but not timed (`make bench ARGS=--counts`) give tables without seconds.
+Bad input (a file that is not JSON, a missing key or marker, text in place of a number) ends with
+exit code 1 and its place.
 """
 
 import argparse
@@ -15,7 +18,13 @@ import re
 import sys
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-MODEL_BYTES = 80  # a row, mode and step summed forwards, as peers do it: read v_k; read and write v_{k-1} and the sum (backwards: 49)
+# Bytes a row, mode and step of a series summed forwards, as peers do it: read v_k; read and write
+# v_{k-1} and the sum. Summed backwards, as phasewarp does it, they are 49.
+MODEL_BYTES = 80
+
+
+# Marks the header of a column of seconds; see `columns`.
+TIMED = " (timed)"
 
 
 class Bad(Exception):
@@ -138,6 +147,17 @@ def table(header, rows):
     return "\n".join(lines + ["| " + " | ".join(str(c) for c in row) + " |" for row in rows])
 
 
+def columns(runs, *chosen):
+    """A table with a row a run and a column for each (header, value of a run).
+
+    A header that ends with `TIMED` is of a column that needs seconds; it is left out where a run was not timed.
+    """
+    timed = all(run.timed for run in runs)
+    kept = [(name, value) for name, value in chosen if timed or not name.endswith(TIMED)]
+    header = [name.removesuffix(TIMED) for name, _ in kept]
+    return table(header, [[value(run) for _, value in kept] for run in runs])
+
+
 # --- whole-program runs -------------------------------------------------------------------------------------------------
 
 
@@ -148,20 +168,15 @@ class Run:
         self.node = node
         self.labels, self.plan = node["labels"], node["plan"]
         self.case, self.table = node.text("case"), node.text("table")
-        self.timed = node.has("summary")
+        self.solved, self.timed = node.has("summary"), node.has("wall_seconds")
+        if self.solved:
+            self.summary = node["summary"]
         if self.timed:
             self.wall, self.solve = node.times("wall_seconds"), node.times("solve_seconds")
             self.triad = median(node.times("triad"))
-            self.summary = node["summary"]
 
     def label(self, name):
         return self.labels.number(name)
-
-    @property
-    def method(self):
-        """Its name; of the default one with the profile that this is."""
-        name = self.labels.text("method")
-        return f"{name} ({self.plan.text('profile')})" if name == "schrodingerized" else name
 
     @property
     def seconds(self):
@@ -189,8 +204,8 @@ class Run:
 
     @property
     def applications(self):
-        """Done, or where nothing was solved, planned."""
-        return self.summary.positive("matvecs") if self.timed else self.plan.positive("applications")
+        """Those of the run; those planned where nothing was solved."""
+        return self.summary.positive("matvecs") if self.solved else self.plan.positive("applications")
 
     @property
     def work(self):
@@ -209,8 +224,7 @@ class Run:
 
     @property
     def reached(self):
-        error = self.node.number("error_semidiscrete")
-        return f"{error:.1e}" if error else "is exp(AT)"
+        return f"{self.node.number('error_semidiscrete'):.1e}"
 
     @property
     def mebibytes(self):
@@ -227,30 +241,35 @@ def of(runs, name):
 def machine(programs):
     m = programs["machine"]
     load = m.number("load")
+    triads = [value for row in programs["rows"] if row.has("triad") for value in row.times("triad")]
+    if not triads:
+        return f"Counts, errors and memory of runs: phasewarp {m.text('version')}, commit {m.text('commit')}; not timed."
     lines = [
         f"{m.text('processor')}, {m['cores'].value} cores, {m.text('l1')} L1 and {m.text('l2')} L2 a core, {m.text('l3')} L3, "
         f"{m.text('memory')} of memory; {m.text('rustc')}; {m.text('mpi')}; phasewarp {m.text('version')}, commit {m.text('commit')}.",
         f"Load of the machine when the runs began: {load:.1f}"
-        + (". **Others were at work: times are too long and ratios noisy.**" if load > 0.5 else "."),
+        + (". **Others used the machine: times are too long and ratios noisy.**" if load > 0.5 else "."),
     ]
-    triads = [value for row in programs["rows"] if row.has("triad") for value in row.times("triad")]
     lines.append(f"Triad before each timed run, one core: {spread([t / 1e9 for t in triads])} GB/s.")
     return "\n".join(lines)
 
 
 def by_tolerance(runs):
-    rows = []
-    for run in of(runs, "tolerance"):
-        s = run.summary
-        exact = [f"{s.number(k):.4f}" for k in ("error_l1", "error_density_l1", "error_velocity_l1") if s.has(k)]
-        rows.append([
-            run.case, "×".join(["8"] * 4) if run.case == "example3" else f"{math.isqrt(int(run.cells))}²",
-            power(run.label("tolerance")), s.number("modes"), s.number("matvecs"), spread(run.solve), spread(run.wall),
-            run.reached, ", ".join(exact), run.mebibytes, f"{run.share:.2f}",
-        ])
-    header = ["case", "cells", "tolerance", "modes", "applications", "solve, s", "whole job, s", "distance to exp(AT)", "L1 to exact",
-              "MiB a rank", "80-byte model / triad"]
-    return table(header, rows)
+    errors = ("error_l1", "error_density_l1", "error_velocity_l1")
+    return columns(
+        of(runs, "tolerance"),
+        ("case", lambda r: r.case),
+        ("cells computed", lambda r: f"{r.cells:.0f}"),
+        ("tolerance", lambda r: power(r.label("tolerance"))),
+        ("modes", lambda r: r.summary.number("modes")),
+        ("applications", lambda r: r.summary.number("matvecs")),
+        ("solve, s" + TIMED, lambda r: spread(r.solve)),
+        ("whole job, s" + TIMED, lambda r: spread(r.wall)),
+        ("distance to exp(AT)", lambda r: r.reached),
+        ("L1 to exact", lambda r: ", ".join(f"{r.summary.number(k):.4f}" for k in errors if r.summary.has(k))),
+        ("MiB a rank", lambda r: r.mebibytes),
+        ("80-byte model / triad" + TIMED, lambda r: f"{r.share:.2f}"),
+    )
 
 
 def parts(runs):
@@ -282,38 +301,47 @@ def by_ranks(runs):
     return table(["case", "tolerance", "ranks", "solve, s", "whole job, s", "speed-up of the solve"], rows)
 
 
+def exponents(runs, x, *more):
+    """Fitted exponents in `x` beside those of the model."""
+    rows = [["applications", fitted(x, [r.applications for r in runs]), "Σ τ", fitted(x, [r.phases for r in runs])]]
+    if all(r.timed for r in runs):
+        rows.append(["solve, s", fitted(x, [r.seconds for r in runs]), "rows × applications", fitted(x, [r.work for r in runs])])
+    return table(["measured", "", "model", ""], [*rows, *more])
+
+
 def growth(runs, name, what, value, unknown):
-    """A table of timed runs over `value`, and the exponents."""
+    """A table of runs over `value`, and the exponents."""
     found = of(runs, name)
-    x = [value(r) for r in found]
-    rows = [
-        [what(r), f"{r.span:.1f}", f"{r.plan.positive('modes'):.0f}", f"{r.applications:.0f}", f"{r.applications / r.phases:.2f}",
-         spread(r.solve), f"{r.nanoseconds:.3f}", f"{r.share:.2f}", r.mebibytes]
-        for r in found
-    ]
-    header = [unknown, "Λ", "modes", "applications", "/ Σ τ", "solve, s", "ns a row and application", "80-byte model / triad",
-              "MiB a rank"]
-    exponents = [
-        ["applications", fitted(x, [r.applications for r in found]), "Σ τ", fitted(x, [r.phases for r in found])],
-        ["solve, s", fitted(x, [r.seconds for r in found]), "rows × applications", fitted(x, [r.work for r in found])],
-    ]
-    return table(header, rows) + f"\n\nExponents in {unknown}:\n\n" + table(["measured", "", "model", ""], exponents)
+    rows = columns(
+        found,
+        (unknown, what),
+        ("Λ", lambda r: f"{r.span:.1f}"),
+        ("modes", lambda r: f"{r.plan.positive('modes'):.0f}"),
+        ("applications", lambda r: f"{r.applications:.0f}"),
+        ("/ Σ τ", lambda r: f"{r.applications / r.phases:.2f}"),
+        ("solve, s" + TIMED, lambda r: spread(r.solve)),
+        ("ns a row and application" + TIMED, lambda r: f"{r.nanoseconds:.3f}"),
+        ("80-byte model / triad" + TIMED, lambda r: f"{r.share:.2f}"),
+        ("MiB a rank", lambda r: r.mebibytes),
+    )
+    return rows + f"\n\nExponents in {unknown}:\n\n" + exponents(found, [value(r) for r in found])
 
 
 def by_points(runs):
     found = of(runs, "points")
     x = [r.label("points") for r in found]
-    rows = [
-        [f"{p:.0f}", f"{r.plan.positive('modes'):.0f}", f"{r.applications:.0f}", spread(r.solve), r.reached, r.mebibytes]
-        for p, r in zip(x, found)
-    ]
-    exponents = [
-        ["applications", fitted(x, [r.applications for r in found]), "Σ τ", fitted(x, [r.phases for r in found])],
-        ["solve, s", fitted(x, [r.seconds for r in found]), "rows × applications", fitted(x, [r.work for r in found])],
-        ["distance to exp(AT)", fitted(x, [r.node.number("error_semidiscrete") for r in found]), "order of the corner", "-1 to -2"],
-    ]
-    header = ["N_p", "modes", "applications", "solve, s", "distance to exp(AT)", "MiB a rank"]
-    return table(header, rows) + "\n\nExponents in N_p:\n\n" + table(["measured", "", "model", ""], exponents)
+    rows = columns(
+        found,
+        ("N_p", lambda r: f"{r.label('points'):.0f}"),
+        ("modes", lambda r: f"{r.plan.positive('modes'):.0f}"),
+        ("applications", lambda r: f"{r.applications:.0f}"),
+        ("solve, s" + TIMED, lambda r: spread(r.solve)),
+        ("distance to exp(AT)", lambda r: r.reached),
+        ("MiB a rank", lambda r: r.mebibytes),
+    )
+    errors = fitted(x, [r.node.number("error_semidiscrete") for r in found])
+    corner = ["distance to exp(AT)", errors, "order at a kink", "-1 to -2"]
+    return rows + "\n\nExponents in N_p:\n\n" + exponents(found, x, corner)
 
 
 def by_span(runs):
@@ -346,25 +374,6 @@ def by_digits(runs):
         + f"\n\nFrom 1e-2 to 1e-9, exponent in ln 1/ε: modes {fitted(digits, [r.plan.number('modes') for r in loose])}, "
         + f"applications {fitted(digits, [r.applications for r in loose])}."
     )
-
-
-def by_method(runs):
-    rows = []
-    for run in of(runs, "methods"):
-        setting = f"tolerance {power(run.label('tolerance'))}" if run.labels.has("tolerance") else ""
-        found = re.search(r"cfl=([\d.e-]+)", run.node.text("command"))
-        setting = f"cfl {found[1]}" if found else setting
-        rows.append([run.method, setting, f"{run.applications:.0f}", spread(run.solve), run.reached,
-                     f"{run.summary.number('error_l1'):.4f}"])
-    return table(["method", "", "applications", "solve, s", "distance to exp(AT)", "L1 to exact"], rows)
-
-
-def by_exact(runs):
-    rows = [
-        [r.method, f"{r.label('cells'):.0f}²", spread(r.solve), f"{r.summary.number('error_l1'):.4f}"]
-        for r in of(runs, "exact")
-    ]
-    return table(["method", "cells", "solve, s", "L1 to exact"], rows)
 
 
 # --- peers --------------------------------------------------------------------------------------------------------------
@@ -454,14 +463,27 @@ def replaced(text, name, content, path):
 
 
 def rates(path):
-    """What the bench of the inner loop printed itself: its lines before and between criterion's."""
+    """The table of the inner loop, from what `cargo bench --bench application` printed."""
+    number = r"([\d.]+)"
+    rate = rf": {number} ns a row, mode and step, {number} us a mode; {number} of the triad"
+    plain, blocked, head = {}, {}, None
     with open(path, encoding="utf-8") as file:
-        lines = [line.rstrip() for line in file]
-    # Criterion's reports: a name with its times, and indented lines that follow.
-    kept = [l for l in lines if l and not re.match(r"\s|Benchmarking|Found \d+ outliers|Gnuplot|\S+/\S+$|\S+/\S+\s+time:", l)]
-    if not any("triad" in line for line in kept):
-        raise Bad(f"{path}: no line about the triad")
-    return "```\n" + "\n".join(kept) + "\n```"
+        for line in file:
+            if line.startswith("triad: "):
+                head = line.strip().removeprefix("triad: ")
+            elif found := re.match(rf"(.+), step after step{rate}", line):
+                plain[found[1]] = found.groups()[1:]
+            elif found := re.match(rf"(.+), (\d+ steps, strips of \d+, \d+ ranges) of velocities{rate}.*; {number} times", line):
+                blocked[found[1]] = found.groups()[1:]
+    if head is None or not plain:
+        raise Bad(f"{path}: no line about the triad, or none about a grid")
+    rows = []
+    for grid, (ns, us, share) in plain.items():
+        how, fast, quick, part, ratio = blocked.get(grid, ("in cache: not blocked", *["–"] * 4))
+        rows.append([grid, ns, us, share, how, fast, quick, part, ratio])
+    header = ["grid", "step by step: ns a row, mode and step", "µs a mode", "of the triad",
+              "blocked", "ns a row, mode and step", "µs a mode", "of the triad", "speed-up"]
+    return f"Triad: {head}.\n\n" + table(header, rows)
 
 
 def main():
@@ -477,13 +499,14 @@ def main():
         runs = [Run(node) for node in programs["rows"]]
         number = lambda name: lambda run: run.label(name)
         content |= {
-            "machine": machine(programs), "tolerance": by_tolerance(runs), "parts": parts(runs), "ranks": by_ranks(runs),
-            "cells": growth(runs, "cells", lambda r: f"{r.label('cells'):.0f}² = {r.cells:.0f}", lambda r: r.cells, "cells"),
-            "cells4": growth(runs, "cells4", lambda r: f"{r.label('cells'):.0f}⁴ = {r.cells:.0f}", lambda r: r.cells, "cells"),
+            "machine": machine(programs), "tolerance": by_tolerance(runs),
+            "cells": growth(runs, "cells", lambda r: f"{r.label('cells'):.0f}², {r.cells:.0f} computed", lambda r: r.cells, "cells"),
+            "cells4": growth(runs, "cells4", lambda r: f"{r.label('cells'):.0f}⁴, {r.cells:.0f} computed", lambda r: r.cells, "cells"),
             "time": growth(runs, "time", lambda r: f"{r.label('time'):g}", number("time"), "T"),
-            "points": by_points(runs), "span": by_span(runs), "digits": by_digits(runs), "methods": by_method(runs),
-            "exact": by_exact(runs),
+            "points": by_points(runs), "span": by_span(runs), "digits": by_digits(runs),
         }
+        if all(run.timed for run in runs if run.solved):
+            content |= {"parts": parts(runs), "ranks": by_ranks(runs)}
     if not options.only and os.path.exists(path := os.path.join(options.results, "application.txt")):
         content["rates"] = rates(path)
     peers = None if options.only else load(os.path.join(options.results, "peers.json"))
@@ -495,7 +518,7 @@ def main():
         text = file.read()
     for name in re.findall(r"<!-- begin (\S+) -->", text):
         if name not in content and not options.only:
-            print(f"report: {name}: not measured, kept as it is")
+            print(f"report: {name}: not measured, left as it was")
     for name, table_text in content.items():
         text = replaced(text, name, table_text, options.document)
     with open(options.document, "w", encoding="utf-8") as file:
