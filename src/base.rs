@@ -11,3 +11,4 @@ pub mod machine;
 pub mod progress;
 pub mod stopwatch;
 pub mod text;
+pub mod version;

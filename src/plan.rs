@@ -23,6 +23,7 @@ use crate::plan::balance::Batch;
 use crate::plan::layout::{Layout, Resources};
 use crate::problem::case::{Case, Interface, Limiter, Method, Propagation, PropagatorMethod};
 use crate::propagate;
+use crate::propagate::Setting;
 use crate::propagate::classical::classical_steps;
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::Series;
@@ -34,9 +35,6 @@ use std::fmt;
 
 /// `‖ũ(0)‖/‖f(T)‖` before it is known.
 pub const ASSUMED_RATIO: f64 = 1.5;
-
-/// More kinds of cells than this are not counted.
-pub const MOST_KINDS: usize = 4096;
 
 /// Every derived number of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -76,6 +74,15 @@ pub struct Plan {
 }
 
 impl Plan {
+    /// What the propagator of the series `warp` is made for.
+    pub fn propagator_setting(&self, warp: &WarpPlan) -> Setting {
+        Setting {
+            propagation: self.propagation,
+            largest_work: warp.largest_work(),
+            split: self.layout.mesh.blocks() > 1,
+        }
+    }
+
     /// Plans `case` for `resources`, `ratio` being `‖ũ(0)‖/‖f(T)‖`.
     ///
     /// # Errors

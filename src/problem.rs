@@ -8,5 +8,6 @@ pub mod case;
 pub mod exact;
 pub mod formula;
 pub mod grid;
+pub mod limits;
 pub mod potential;
 pub mod refine;

@@ -22,33 +22,38 @@ use crate::matrix::blocking::Blocking;
 use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::parallel::partition::Mesh;
-use crate::plan::Plan;
 use crate::problem::case::{Case, Propagation, PropagatorMethod};
 use crate::propagate::chebyshev::Interval;
 use crate::propagate::method::{Company, Propagator};
-use crate::schrodingerization::warp_plan::WarpPlan;
 
-/// The propagator of the plan, with its scratch.
+/// What a propagator is made for.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting {
+    /// Method and time step.
+    pub propagation: Propagation,
+    /// The most that a mode takes: see [`work`].
+    pub largest_work: usize,
+    /// Whether the space is split between ranks.
+    pub split: bool,
+}
+
+/// The propagator of a setting, with its scratch.
 ///
 /// # Errors
 /// Where the matrix of an implicit step cannot be analysed. Not collective.
-pub fn propagator(
-    plan: &Plan,
-    warp: &WarpPlan,
-    matrix: &BlockMatrix,
-) -> Result<Box<dyn Propagator>> {
-    Ok(match plan.propagation.method {
+pub fn propagator(setting: &Setting, matrix: &BlockMatrix) -> Result<Box<dyn Propagator>> {
+    Ok(match setting.propagation.method {
         PropagatorMethod::Chebyshev => Box::new(crate::propagate::chebyshev::Chebyshev::new(
             matrix,
-            warp.largest_work(),
+            setting.largest_work,
         )),
         PropagatorMethod::Krylov => Box::new(crate::propagate::krylov::Krylov::new(
             matrix,
-            plan.propagation.step,
+            setting.propagation.step,
         )),
         PropagatorMethod::CrankNicolson | PropagatorMethod::BackwardEuler => {
-            let order = order(plan.propagation.method);
-            let split = plan.layout.mesh.blocks() > 1;
+            let order = setting.propagation.method.order();
+            let split = setting.split;
             Box::new(crate::propagate::implicit::Implicit::new(
                 matrix, order, split,
             )?)
@@ -65,15 +70,6 @@ pub fn company(method: PropagatorMethod) -> Company {
     }
 }
 
-/// Order in the time step; 0 where the method meets a tolerance by itself.
-pub fn order(method: PropagatorMethod) -> usize {
-    match method {
-        PropagatorMethod::Chebyshev | PropagatorMethod::Krylov => 0,
-        PropagatorMethod::CrankNicolson => 2,
-        PropagatorMethod::BackwardEuler => 1,
-    }
-}
-
 /// What a mode's norm is rounded by after so many steps of an implicit method, 0 for the others: each solves a system to a residual of some
 /// units, which add up like a random walk (measured: half of this at 1000 and at 4000 steps of example 1).
 pub fn round_off(steps: usize) -> f64 {
@@ -85,7 +81,7 @@ pub fn round_off(steps: usize) -> f64 {
 pub fn steps(propagation: &Propagation, time: f64) -> usize {
     match propagation.step {
         // A quotient that is a whole number but for round-off is that number.
-        Some(step) if order(propagation.method) > 0 => {
+        Some(step) if propagation.method.order() > 0 => {
             (time / step * (1.0 - 1e-12)).ceil().max(1.0) as usize
         }
         _ => 0,

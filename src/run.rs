@@ -245,7 +245,7 @@ fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Resu
     watch.lap("assemble");
 
     // 3. The exact solution, where one is named: before the run, so that a mistake in it costs no run.
-    let there = place.shown(&shown, &plan, &communicator);
+    let there = shown.place(&place, &plan, &communicator);
     let exact = (communicator.world).agree(exact_solution(&shown.case, &there))?;
     if exact.is_some() {
         watch.lap("exact");
@@ -671,7 +671,7 @@ impl Summary {
         let world = &communicator.world;
         self.title = case.title.clone();
         self.version = env!("CARGO_PKG_VERSION").to_owned();
-        self.git = provenance::GIT.to_owned();
+        self.git = crate::base::version::GIT.to_owned();
         self.method = Some(case.method);
         self.interface = Some(case.interface);
         self.ranks = world.size();

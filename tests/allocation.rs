@@ -61,8 +61,12 @@ fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
     let plan = Plan::with_bounds(case, bounds.clone(), &resources, 2.0).expect("a plan");
     let warp = plan.warp.as_ref().expect("a schrodingerized run");
     let mut propagator: Box<dyn Propagator> = match &problem.schedule {
-        Some(schedule) => Box::new(CommutatorFree::new(&problem.matrix, warp, schedule)),
-        None => propagator(&plan, warp, &problem.matrix).expect("a propagator"),
+        Some(schedule) => Box::new(CommutatorFree::new(
+            &problem.matrix,
+            warp.largest_work(),
+            schedule,
+        )),
+        None => propagator(&plan.propagator_setting(warp), &problem.matrix).expect("a propagator"),
     };
     let state = &problem.states[0];
     let rows = problem.matrix.rows();

@@ -1,6 +1,6 @@
 //! The command line.
 
-use crate::results::provenance::VERSION;
+use crate::base::version::VERSION;
 use clap::{Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;

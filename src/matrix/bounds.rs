@@ -1,13 +1,15 @@
 //! Guaranteed bounds of the spectra of `S` and of `H_l`.
 
 use crate::base::error::Result;
-use crate::plan::MOST_KINDS;
 use crate::problem::case::{Case, Delta, Interface, Method};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::potential::Potential;
 use crate::scheme::rows::{fastest, transport_rate};
 use serde::Serialize;
 use std::collections::HashSet;
+
+/// More kinds of cells than this are not counted.
+pub const MOST_KINDS: usize = 4096;
 
 /// Growth over the whole run, `λ⁺T`, that the weights may leave where particles are trapped. Less costs sweeps, more costs modes and degrees: from
 /// 0.375 to 0.15 the applications of example 1 at 1e-11 fall by 5 %, the sweeps in a well double.

@@ -11,11 +11,21 @@ use crate::problem::exact::sheet::curve_points;
 use crate::propagate;
 use crate::propagate::Sizes;
 use crate::propagate::method::Company;
-use crate::results::warped::BUFFERS;
 use crate::scheme::reduce::grid;
 use crate::scheme::rows::transport_rate;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::kept::KeptModes;
+use num_complex::Complex64;
+
+/// Bytes of a rank's buffers, if those of one cell are not more.
+pub const BUFFERS: u64 = 16 << 20;
+
+/// Bytes beside its rows that a kept mode takes: its number and its progress.
+pub const KEPT_MODE_BYTES: u64 = 48;
+
+/// Bytes that `modes` kept modes of `rows` rows each take.
+pub fn kept_modes_bytes(rows: u64, modes: u64) -> u64 {
+    modes * (rows * size_of::<Complex64>() as u64 + KEPT_MODE_BYTES)
+}
 
 /// Planned bytes on the fullest rank of `mesh` for a run that keeps all modes of `points` points in `p`.
 pub(crate) fn memory_of_points(
@@ -117,7 +127,7 @@ pub(crate) fn arrays(
         if let Some(points) = warp.points {
             let most = most as u64;
             let ranks = (most, mesh.groups as u64);
-            list.push(("kept modes".to_owned(), KeptModes::bytes(rows, most)));
+            list.push(("kept modes".to_owned(), kept_modes_bytes(rows, most)));
             list.push((
                 "buffers of the transpose".to_owned(),
                 buffer_bytes(warp.modes as u64, points as u64, cells, ranks),
@@ -126,7 +136,7 @@ pub(crate) fn arrays(
         // Sums of one field at a time, on the block; fields, on a rank's share of it.
         let fields = case.fields.len() as u64;
         let (readings, plateau) = (warp.readings.len() as u64, warp.plateau.len() as u64);
-        let steps = u64::from(propagate::order(case.propagator.method) > 0);
+        let steps = u64::from(case.propagator.method.order() > 0);
         let layers = case.space.x[0].cells.div_ceil(mesh.space[0]);
         let share = cells / layers as u64 * layers.div_ceil(mesh.groups) as u64;
         let sums = 16 * (readings + plateau + steps) * cells;

@@ -5,7 +5,7 @@ pub mod read;
 
 use crate::problem::formula::Expression;
 use crate::problem::grid::PhaseSpace;
-use crate::results::writer::{CHUNK, MOST_CHUNKS};
+use crate::problem::limits::{CHUNK, MOST_CHUNKS};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -126,7 +126,7 @@ pub enum ProfileChoice {
     },
     /// The kernel of An, Childs and Lin (arXiv 2312.03916).
     Acl {
-        /// `β` in [`BETAS`](crate::schrodingerization::profile::acl::BETAS).
+        /// `β` in [`BETAS`](crate::problem::limits::BETAS).
         beta: f64,
     },
 }
@@ -270,6 +270,17 @@ pub enum PropagatorMethod {
     CrankNicolson,
     /// First-order implicit, dissipative.
     BackwardEuler,
+}
+
+impl PropagatorMethod {
+    /// Order in the time step; 0 where the method meets a tolerance by itself.
+    pub fn order(self) -> usize {
+        match self {
+            Self::Chebyshev | Self::Krylov => 0,
+            Self::CrankNicolson => 2,
+            Self::BackwardEuler => 1,
+        }
+    }
 }
 
 /// `[solver.propagator]`.

@@ -6,7 +6,6 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::propagate::chebyshev::{Chebyshev, Interval, bessel_series, degree};
 use crate::propagate::method::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
 use crate::propagate::time_dependent_inflow::Schedule;
-use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
 
 /// Relative errors below this are round-off, whatever the plan's series leaves.
@@ -39,10 +38,10 @@ pub fn stage_degree(
 }
 
 impl<'a> CommutatorFree<'a> {
-    /// Scratch for vectors of `matrix` and the batches of `warp`.
-    pub fn new(matrix: &BlockMatrix, warp: &WarpPlan, schedule: &'a Schedule) -> Self {
+    /// Scratch for vectors of `matrix` and batches whose modes take at most `largest_work`.
+    pub fn new(matrix: &BlockMatrix, largest_work: usize, schedule: &'a Schedule) -> Self {
         // A stage's series is shorter than that of the whole run, but for what its smaller error takes.
-        let largest = warp.largest_work() + 60;
+        let largest = largest_work + 60;
         Self {
             chebyshev: Chebyshev::new(matrix, largest),
             start: vec![Lanes::ZERO; matrix.rows()],

@@ -1,8 +1,8 @@
 //! Whether a run was finished before.
 
+use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
-use crate::results::provenance::GIT;
 use crate::results::readback::read_text;
 use crate::results::warped;
 use crate::results::writer::Outcome;

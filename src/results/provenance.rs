@@ -1,20 +1,9 @@
 //! What produced a result: program, commit, compiler, libraries, command, time.
 
+use crate::base::version::GIT;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use std::time::{SystemTime, UNIX_EPOCH};
-
-/// The commit the program was built from, "-dirty" behind it where its sources were changed since; "unknown" outside of a
-/// repository.
-pub const GIT: &str = env!("PHASEWARP_GIT");
-
-/// Version and commit.
-pub const VERSION: &str = concat!(
-    env!("CARGO_PKG_VERSION"),
-    " (git ",
-    env!("PHASEWARP_GIT"),
-    ")"
-);
 
 /// Attributes of a result file as names and texts, the same on all ranks. Collective.
 pub fn provenance(world: &World, case: &Case) -> Vec<(&'static str, String)> {

@@ -3,10 +3,14 @@
 //! Velocities are never split among ranks, and an axis of one cell is not either: each rank does so with what it has.
 
 use crate::matrix::observables::Moments;
+use crate::parallel::communicator::Communicator;
+use crate::parallel::partition::Block;
+use crate::plan::Plan;
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, Part, PhaseSpace};
 use crate::results::dataset::Early;
 use crate::scheme::reduce::grid;
+use crate::solve::place::Place;
 use std::ops::Range;
 
 /// A case on the grid on which its results are shown: the case's velocities; with `output.expand` all of its cells.
@@ -17,6 +21,22 @@ pub struct Shown {
 }
 
 impl Shown {
+    /// The part of the shown grid that belongs to `place`.
+    pub(crate) fn place(&self, place: &Place, plan: &Plan, communicator: &Communicator) -> Place {
+        let mesh = &plan.layout.mesh;
+        let block = Block::new(&self.case.space, mesh, communicator.space.rank());
+        let share = self.share(&place.share);
+        let leading = &block.ranges[0];
+        let layer = block.cells() / leading.len();
+        let from = |i: usize| (i.max(leading.start) - leading.start) * layer;
+        Place {
+            mine: from(share[0].start)..from(share[0].end),
+            ranges: Vec::new(),
+            share,
+            block,
+        }
+    }
+
     /// Where the results of `case`, which may have been reduced, are shown.
     pub fn new(case: &Case) -> Self {
         let space = grid(case);

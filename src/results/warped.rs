@@ -8,7 +8,7 @@
 //!
 //! The modes of the field are spread over the ranks: by cells over space, by number over the mode groups. In each round the mode groups of a
 //! block transpose some of its cells, so that each rank has every mode of a few; it transforms them to values and writes those. Reading goes the
-//! same way backwards. Buffers are [`BUFFERS`], whatever the field.
+//! same way backwards. Buffers are [`crate::plan::memory::BUFFERS`], whatever the field.
 
 use crate::base::checksum::Slab;
 use crate::base::disk::failure;
@@ -36,9 +36,6 @@ use std::mem::ManuallyDrop;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Bytes of a rank's buffers, if those of one cell are not more.
-pub const BUFFERS: u64 = 16 << 20;
-
 /// Name of the axis in `p`.
 const POINTS: &str = "p";
 
@@ -63,7 +60,7 @@ pub struct Spread<'a> {
     pub modes: &'a [Vec<usize>],
     /// `π` of the block's cells: kept are the modes of `√π w`.
     pub pi: &'a [f64],
-    /// Bytes of a rank's buffers, if those of one cell are not more: [`BUFFERS`].
+    /// Bytes of a rank's buffers, if those of one cell are not more: [`crate::plan::memory::BUFFERS`].
     pub buffers: u64,
 }
 

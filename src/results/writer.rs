@@ -10,6 +10,7 @@ use crate::base::error::Result;
 use crate::base::{checksum, machine};
 use crate::parallel::communicator::Group;
 use crate::problem::case::Storage;
+use crate::problem::limits::{CHUNK, MOST_CHUNKS};
 use hdf5::types::{VarLenArray, VarLenUnicode};
 use hdf5::{Dataset, File, H5Type, Location, ObjectReference1};
 use std::cell::RefCell;
@@ -17,12 +18,6 @@ use std::collections::BTreeMap;
 use std::ffi::{CStr, CString};
 use std::mem::ManuallyDrop;
 use std::path::Path;
-
-/// Elements of a planned chunk at least: 256 KiB, of which HDF5's default cache holds four.
-pub const CHUNK: usize = 1 << 15;
-
-/// Most chunks of a dataset: HDF5 takes up to 5 kB for each while they are written.
-pub const MOST_CHUNKS: usize = 1 << 14;
 
 /// What HDF5 says.
 pub type Outcome<T> = std::result::Result<T, hdf5::Error>;

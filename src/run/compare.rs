@@ -5,7 +5,7 @@ use crate::parallel::communicator::{Communicator, Group};
 use crate::plan::Plan;
 use crate::problem::exact::sheet::ExactMoments;
 use crate::problem::grid::PhaseSpace;
-use crate::propagate::{order, round_off};
+use crate::propagate::round_off;
 use crate::results::summary::Summary;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::system::Problem;
@@ -175,7 +175,7 @@ pub fn include_step_error(plan: &Plan, summary: &mut Summary) -> Option<String> 
     summary.error_estimate_reliable &= tells;
     let step = plan.propagation.step?;
     // The error goes with a power of the step.
-    let order = order(plan.propagation.method) as f64;
+    let order = plan.propagation.method.order() as f64;
     let enough = step * (plan.tolerance / found).powf(1.0 / order);
     (found > plan.tolerance).then(|| {
         let size = if tells {

@@ -2,7 +2,6 @@
 
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
-use crate::propagate::order;
 use crate::quantum::figure::Figure;
 use crate::quantum::readout::reader::Source;
 use crate::quantum::readout::{Readout, refused};
@@ -25,7 +24,7 @@ pub(crate) fn readout(
         }
     };
     // Implicit steps leave an error of their own.
-    let state_error = match (order(case.propagator.method), summary.error_estimate) {
+    let state_error = match (case.propagator.method.order(), summary.error_estimate) {
         (0, _) => Figure::bound(case.tolerance),
         (_, Some(error)) => Figure::estimate(error, "the error estimate of the run"),
         (_, None) => Figure::unavailable("there is no error estimate of the run"),

@@ -6,6 +6,7 @@ use crate::matrix::observables::{MOMENTS, Moments, VelocityFactors, moments, tot
 use crate::parallel::communicator::{Communicator, GhostExchange};
 use crate::plan::Plan;
 use crate::plan::balance::cost;
+use crate::plan::memory::BUFFERS;
 use crate::problem::case::{Case, Integrator, WarpedStart};
 use crate::propagate::classical::{Classical, EXACT, classical_steps, duhamel_panels};
 use crate::propagate::commutator_free::CommutatorFree;
@@ -249,7 +250,7 @@ fn by_modes(
         block: &place.block,
         modes: &modes,
         pi: &problem.weights.pi[..place.block.cells()],
-        buffers: warped::BUFFERS,
+        buffers: BUFFERS,
     };
     let largest = match (&case.start, &mut kept) {
         (Some(start), Some(kept)) => {
@@ -271,10 +272,10 @@ fn by_modes(
     let made: Result<Box<dyn Propagator>> = match &problem.schedule {
         Some(schedule) => Ok(Box::new(CommutatorFree::new(
             &problem.matrix,
-            warp_plan,
+            warp_plan.largest_work(),
             schedule,
         ))),
-        None => propagator(plan, warp_plan, &problem.matrix),
+        None => propagator(&plan.propagator_setting(warp_plan), &problem.matrix),
     };
     let mut propagator = communicator.world.agree(made)?;
     let mut system = Evolution {

@@ -5,6 +5,7 @@ use crate::matrix::bounds::Bounds;
 use crate::problem::case::{
     Case, Coefficients, Delta, Interface, LARGEST_TOLERANCE, RecoveryMethod, Warp,
 };
+use crate::problem::limits::MOST_MODES;
 use crate::propagate;
 use crate::schrodingerization::profile::placement::{Demand, Window};
 use crate::schrodingerization::profile::series::Series;
@@ -16,8 +17,6 @@ use std::f64::consts::PI;
 const SECOND_POINT: f64 = 1.0;
 /// Width in `p` of what an integral or least squares are taken over.
 const WINDOW: f64 = 1.0;
-/// Most modes `l ≥ 0` of a run.
-pub const MOST_MODES: usize = 1 << 22;
 /// What the plateau shows around `p◇` unless it is told.
 const PLATEAU: f64 = 2.0;
 /// Growth over the run from which on it is said what takes it away: an amplification by e.

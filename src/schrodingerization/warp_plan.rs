@@ -132,7 +132,7 @@ impl WarpPlan {
             }
         };
         let total = work.iter().enumerate().map(&mut each).sum();
-        let (applications, solves) = match propagate::order(case.propagator.method) {
+        let (applications, solves) = match case.propagator.method.order() {
             0 => (total, 0),
             _ => (0, total),
         };

@@ -1,6 +1,7 @@
 //! The modes that a rank keeps: all rows of its space block for each of the modes it computes.
 
 use crate::matrix::lanes::{LANES, Lanes};
+use crate::plan::memory::KEPT_MODE_BYTES;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
@@ -34,6 +35,8 @@ pub struct Passage {
     pub allowed: f64,
 }
 
+const _: () = assert!(size_of::<(usize, Passage)>() as u64 == KEPT_MODE_BYTES);
+
 impl Passage {
     /// Of a mode of norm `norm` that has not begun.
     pub fn start(norm: f64) -> Self {
@@ -56,11 +59,6 @@ impl KeptModes {
             passages: vec![Passage::start(0.0); modes.len()],
             modes,
         }
-    }
-
-    /// Bytes that `modes` of `rows` rows each take.
-    pub fn bytes(rows: u64, modes: u64) -> u64 {
-        modes * (rows * size_of::<Complex64>() as u64 + size_of::<(usize, Passage)>() as u64)
     }
 
     /// Rows of a mode.

@@ -4,7 +4,6 @@ use crate::parallel::communicator::Communicator;
 use crate::parallel::partition::{Block, split};
 use crate::plan::Plan;
 use crate::problem::case::Case;
-use crate::results::shown::Shown;
 use std::ops::Range;
 
 /// This rank's part of the grid.
@@ -36,22 +35,6 @@ impl Place {
             mine: ranges[group].clone(),
             share: mesh.share(&case.space, in_space, group),
             ranges,
-            block,
-        }
-    }
-
-    /// Its part of the grid on which results are shown.
-    pub(crate) fn shown(&self, shown: &Shown, plan: &Plan, communicator: &Communicator) -> Self {
-        let mesh = &plan.layout.mesh;
-        let block = Block::new(&shown.case.space, mesh, communicator.space.rank());
-        let share = shown.share(&self.share);
-        let leading = &block.ranges[0];
-        let layer = block.cells() / leading.len();
-        let from = |i: usize| (i.max(leading.start) - leading.start) * layer;
-        Self {
-            mine: from(share[0].start)..from(share[0].end),
-            ranges: Vec::new(),
-            share,
             block,
         }
     }

@@ -1,8 +1,8 @@
 //! What a checkpoint holds, as data.
 
 use crate::base::checksum;
+use crate::base::version::VERSION;
 use crate::problem::case::Case;
-use crate::results::provenance::VERSION;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::kept::Passage;
 use crate::solve::told::Told;

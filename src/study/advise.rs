@@ -24,7 +24,6 @@ use crate::plan::layout::Resources;
 use crate::problem::case::{
     Case, Data, Effort, Integrator, Interface, LARGEST_TOLERANCE, Limiter, Method,
 };
-use crate::propagate::order as order_of_step;
 use crate::run;
 use crate::study::advise::entry::{Advised, Entry, Given, Parts};
 use crate::study::advise::reach::{DISCRETISATION, Known, Reach, look, reach};
@@ -640,7 +639,7 @@ impl Study<'_> {
         let mut parts = parts(error, reach.part_of_space);
         let spread = trials.run(scheme, &self.start)?.spread;
         if self.case.method == Method::Schrodingerized && matches!(self.case.data, Data::Density) {
-            if order_of_step(self.case.propagator.method) == 0 {
+            if self.case.propagator.method.order() == 0 {
                 parts.schrodingerization = Some(self.case.tolerance * spread);
             } else {
                 let mut own = scheme.schrodingerized(self.case, &self.start);

@@ -561,8 +561,12 @@ impl<'a> Shortened<'a> {
 
     fn propagator(&self, matrix: &BlockMatrix) -> Result<Box<dyn Propagator + '_>> {
         Ok(match &self.schedule {
-            Some(schedule) => Box::new(CommutatorFree::new(matrix, &self.warp, schedule)),
-            None => propagator(self.plan, &self.warp, matrix)?,
+            Some(schedule) => Box::new(CommutatorFree::new(
+                matrix,
+                self.warp.largest_work(),
+                schedule,
+            )),
+            None => propagator(&self.plan.propagator_setting(&self.warp), matrix)?,
         })
     }
 

@@ -19,6 +19,7 @@ pub mod verdict;
 pub mod work;
 
 use crate::base::error::{Error, Result};
+use crate::base::version::GIT;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
@@ -26,7 +27,6 @@ use crate::problem::case::{Case, Method};
 use crate::problem::grid::PhaseSpace;
 use crate::problem::potential::overlooked;
 use crate::problem::refine::Grids;
-use crate::results::provenance::GIT;
 use crate::study::chart::entry::Entry;
 use crate::study::chart::front::front;
 use crate::study::chart::knobs::{Setup, grid_name};

@@ -105,8 +105,14 @@ pub fn stream_in(
     let rows = problem.matrix.rows();
     let initial = Initial::real(&problem.states[0][..rows], norm);
     let mut propagator: Box<dyn Propagator> = match &problem.schedule {
-        Some(schedule) => Box::new(CommutatorFree::new(&problem.matrix, warp_plan, schedule)),
-        None => propagator(&plan, warp_plan, &problem.matrix).expect("a propagator"),
+        Some(schedule) => Box::new(CommutatorFree::new(
+            &problem.matrix,
+            warp_plan.largest_work(),
+            schedule,
+        )),
+        None => {
+            propagator(&plan.propagator_setting(warp_plan), &problem.matrix).expect("a propagator")
+        }
     };
     let mut system = Evolution {
         matrix: &problem.matrix,
@@ -206,7 +212,8 @@ pub fn recovered_field(world: &World) {
                 let rows = problem.matrix.rows();
                 let initial = Initial::real(&problem.states[0][..rows], norm(&weighted.state));
                 let mut propagator =
-                    propagator(&plan, warp_plan, &problem.matrix).expect("a propagator");
+                    propagator(&plan.propagator_setting(warp_plan), &problem.matrix)
+                        .expect("a propagator");
                 let mut system = Evolution {
                     matrix: &problem.matrix,
                     exchange: &mut problem.exchange,
@@ -392,7 +399,8 @@ pub fn results_before_the_end(world: &World) {
                 let rows = problem.matrix.rows();
                 let initial = Initial::real(&problem.states[0][..rows], norm(&weighted.state));
                 let mut propagator =
-                    propagator(&plan, warp_plan, &problem.matrix).expect("a propagator");
+                    propagator(&plan.propagator_setting(warp_plan), &problem.matrix)
+                        .expect("a propagator");
                 let shares = shares(&problem.matrix.block, mesh.groups);
                 let group = weighted.communicator.modes.rank();
                 let mut system = Evolution {
@@ -590,7 +598,8 @@ pub fn fields_in_one_pass(world: &World) {
             terms: problem.terms,
         };
         let mut recover = |initial: &[Initial<'_>]| {
-            let mut propagator = propagator(&plan, warp_plan, system.matrix).expect("a propagator");
+            let mut propagator = propagator(&plan.propagator_setting(warp_plan), system.matrix)
+                .expect("a propagator");
             let recovered = modes::run(
                 &Task {
                     communicator: &communicator,

@@ -13,10 +13,7 @@ use crate::problem::case::{
 };
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
-use crate::propagate::order;
-use crate::schrodingerization::placement::MOST_MODES;
-use crate::schrodingerization::profile::acl::BETAS;
-use crate::schrodingerization::profile::smooth::MOST_ORDER;
+use crate::problem::limits::{BETAS, MOST_MODES, MOST_ORDER};
 use std::io::Read;
 use std::path::Path;
 use std::time::Duration;
@@ -644,7 +641,7 @@ fn read_shift(table: &Table<'_>) -> Result<Shift> {
 fn every_mode(case: &mut Case, solver: &Table<'_>) -> Result<()> {
     let why = if case.warped_field || case.start.is_some() {
         "the warped field is kept by its modes l >= 0"
-    } else if order(case.propagator.method) > 0 {
+    } else if case.propagator.method.order() > 0 {
         "crank-nicolson and backward-euler take modes l >= 0 only"
     } else {
         return Ok(());
@@ -828,7 +825,7 @@ fn read_propagation(table: &Table<'_>, end: f64) -> Result<Propagation> {
         ],
     )?;
     let step = table.number("step")?;
-    let implicit = order(method) > 0;
+    let implicit = method.order() > 0;
     match step {
         None if implicit => Err(table.error(
             "step",

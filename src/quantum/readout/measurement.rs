@@ -30,12 +30,6 @@ pub const CONFIDENCE: f64 = 0.95;
 /// Runs of amplitude estimation whose median is taken: with fewer the median fails more often than `1 − CONFIDENCE`.
 pub const RUNS: usize = 7;
 
-/// Most shots that are emulated: beyond, the roundings of probabilities are seen in the counts.
-pub const MOST_SHOTS: f64 = 1e15;
-
-/// Most evaluations of a run of amplitude estimation: the register has 40 qubits then.
-pub const MOST_EVALUATIONS: f64 = (1u64 << 40) as f64;
-
 /// `ln(2/(1 − CONFIDENCE))`.
 fn log_of_doubt() -> f64 {
     (2.0 / (1.0 - CONFIDENCE)).ln()

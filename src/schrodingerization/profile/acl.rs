@@ -12,8 +12,6 @@ use crate::schrodingerization::profile::placement::summed_by_parts;
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// The least and the largest `β` for which tails and values are computed.
-pub const BETAS: [f64; 2] = [0.3, 0.95];
 /// `|ĝ|` below `e^{−DIGITS}` is left out of values.
 const DIGITS: f64 = 40.0;
 /// Beyond this distance from 0 the left part is an integral along the cut.

@@ -17,8 +17,6 @@ use crate::schrodingerization::profile::placement::summed_by_parts;
 use num_complex::Complex64;
 use std::f64::consts::{E, PI};
 
-/// Largest `r`.
-pub const MOST_ORDER: usize = 16;
 /// Up to here the polynomial's transform is a quadrature.
 const SMALL: f64 = 40.0;
 /// Nodes of the quadrature: exact for polynomials of degree 127, so to round-off for `q(p) e^{−iμp}`, `μ ≤ SMALL`.

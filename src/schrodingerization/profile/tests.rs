@@ -1,5 +1,6 @@
 use super::*;
 use crate::problem::case::ProfileChoice as Choice;
+use crate::problem::limits::MOST_ORDER;
 use crate::schrodingerization::profile::series::Series;
 use std::f64::consts::PI;
 
@@ -74,7 +75,7 @@ fn coefficients_are_the_transform_of_the_values() {
 /// `smooth` far out, where its formula changes: the formula without cancellation agrees with quadrature at 40.
 #[test]
 fn smooth_coefficients_agree_where_their_formulas_meet() {
-    for order in 1..=smooth::MOST_ORDER {
+    for order in 1..=MOST_ORDER {
         let g = Smooth::new(order);
         let (below, above) = (g.coefficient(40.0), g.coefficient(40.0 * (1.0 + 1e-15)));
         assert!((below - above).norm() < 1e-15, "{order}: {below} {above}");

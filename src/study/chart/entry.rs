@@ -2,7 +2,6 @@
 
 use crate::base::text::word;
 use crate::problem::case::{Case, Coefficients, Integrator, Limiter, Method};
-use crate::propagate::order;
 use crate::run::trial::Trial;
 use crate::study::chart::knobs::{grid_name, is_reference};
 use serde::Serialize;
@@ -111,7 +110,7 @@ impl Entry {
     pub fn of(case: &Case, status: Status) -> Self {
         let modes = case.method == Method::Schrodingerized;
         let warp = &case.warp;
-        let stepped = order(case.propagator.method) > 0;
+        let stepped = case.propagator.method.order() > 0;
         let steps = !modes && !is_reference(case);
         Self {
             status,

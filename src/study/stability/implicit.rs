@@ -5,7 +5,7 @@ use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, PropagatorMethod};
-use crate::propagate::{order, unit};
+use crate::propagate::unit;
 use crate::run;
 use crate::run::trial::trial;
 use crate::study::stability::budget::Budget;
@@ -115,7 +115,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             }
         }
         points.reverse();
-        let expected = order(method) as f64;
+        let expected = method.order() as f64;
         let stalled = stalled(&points);
         // Beyond, what is seen is not the step's.
         let found = slope(&points[stalled.unwrap_or(0)..]);

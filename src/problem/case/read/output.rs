@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::problem::case::file::Table;
 use crate::problem::case::{DEFAULT_PLATEAU, OutputTime, Plateau, Storage};
 use crate::problem::grid::PhaseSpace;
-use crate::results::writer::MOST_CHUNKS;
+use crate::problem::limits::MOST_CHUNKS;
 
 /// Most times at which anything is written.
 const MOST_TIMES: usize = 10_000;

@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::problem::case::file::Table;
 use crate::problem::case::{DEFAULT_EVALUATIONS, DEFAULT_SHOTS, Effort, MOST, Readout};
 use crate::problem::grid::{Axis, PhaseSpace};
-use crate::quantum::readout::measurement::{MOST_EVALUATIONS, MOST_SHOTS};
+use crate::problem::limits::{MOST_EVALUATIONS, MOST_SHOTS};
 
 /// Most cells that are read: data of all cells are what a quantum computer is no good for, and each takes some 15 kB of `summary.json`.
 const MOST_READ: usize = 256;

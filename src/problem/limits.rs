@@ -1,0 +1,22 @@
+//! Limits of what a case may ask for, which the reader checks and upper rooms rely on.
+
+/// Elements of a planned chunk at least: 256 KiB, of which HDF5's default cache holds four.
+pub const CHUNK: usize = 1 << 15;
+
+/// Most chunks of a dataset: HDF5 takes up to 5 kB for each while they are written.
+pub const MOST_CHUNKS: usize = 1 << 14;
+
+/// Most modes `l ≥ 0` of a run.
+pub const MOST_MODES: usize = 1 << 22;
+
+/// Largest `r`.
+pub const MOST_ORDER: usize = 16;
+
+/// The least and the largest `β` for which tails and values are computed.
+pub const BETAS: [f64; 2] = [0.3, 0.95];
+
+/// Most shots that are emulated: beyond, the roundings of probabilities are seen in the counts.
+pub const MOST_SHOTS: f64 = 1e15;
+
+/// Most evaluations of a run of amplitude estimation: the register has 40 qubits then.
+pub const MOST_EVALUATIONS: f64 = (1u64 << 40) as f64;
