@@ -1,151 +1,177 @@
 //! Formulas of the case file: `V`, `f0`, `where`, inflow and exact solutions.
 //!
-//! Evaluation is done by the `exmex` library. Before it, one pass over the text checks every name, says where a
-//! formula is wrong, and writes it down so that the usual conventions of mathematics hold whatever the library's own
-//! are: `-x^2` is `-(x^2)`, powers associate to the right, `1e-3` is a number, `min(a, max(b, c))` nests.
+//! [`Expression::parse`] reads a formula by recursive descent; [`Expression::eval`] walks the tree. The conventions
+//! are those of mathematics: `-x^2` is `-(x^2)`, powers associate to the right, all else to the left. From the loosest
+//! binding to the tightest:
 //!
-//! Numbers are `f64`; a comparison yields 1 or 0; `a if c else b` chooses.
+//! ```text
+//! a if c else b    a || b    a && b    a == b, a < b, …    a + b, a - b    a*b, a/b    -a, +a, !a    a^b, a**b
+//! ```
+//!
+//! Numbers are `f64`; a comparison yields 1 or 0; `a if c else b` chooses. An operation on NaN yields NaN.
 
 use crate::base::error::Error;
-use exmex::FlatEx;
-use exmex::prelude::*;
-use operators::Operators;
+use std::f64::consts::PI;
 
 /// Longest formula accepted, in bytes.
 const LONGEST: usize = 10_000;
 /// Deepest nesting of parentheses, powers and signs accepted.
 const DEEPEST: usize = 50;
 
+/// A function of one number.
+type Unary = fn(f64) -> f64;
+/// An operator between two numbers, or a function of two.
+type Binary = fn(f64, f64) -> f64;
+
 /// What `a if c` yields when `c` is false, until `else` replaces it: a NaN of its own kind, so that a NaN computed by
 /// the formula itself is never hidden.
 const NOTHING: u64 = 0x7ff8_0000_5eed_0000;
 
-/// The operators as the evaluator takes them, with their priorities.
-mod operators {
-    use crate::problem::formula::NOTHING;
-    use exmex::{BinOp, MakeOperators, Operator, ops_factory};
+/// The operators between operands with their names, a level of binding a row, the loosest first.
+const OPERATORS: [&[(&str, Binary)]; 7] = [
+    &[("else", |a, b| if a.to_bits() == NOTHING { b } else { a })],
+    &[("if", given)],
+    &[("||", |a, b| compare(a, b, |a, b| a != 0.0 || b != 0.0))],
+    &[("&&", |a, b| compare(a, b, |a, b| a != 0.0 && b != 0.0))],
+    &[
+        ("==", |a, b| compare(a, b, |a, b| a == b)),
+        ("!=", |a, b| compare(a, b, |a, b| a != b)),
+        ("<=", |a, b| compare(a, b, |a, b| a <= b)),
+        (">=", |a, b| compare(a, b, |a, b| a >= b)),
+        ("<", |a, b| compare(a, b, |a, b| a < b)),
+        (">", |a, b| compare(a, b, |a, b| a > b)),
+    ],
+    &[("+", |a, b| a + b), ("-", |a, b| a - b)],
+    &[("*", |a, b| a * b), ("/", |a, b| a / b)],
+];
+/// The level of the comparisons, which do not chain.
+const COMPARISONS: usize = 4;
 
-    fn truth(condition: bool) -> f64 {
-        f64::from(u8::from(condition))
+const FUNCTIONS_OF_ONE: [(&str, Unary); 20] = [
+    ("abs", f64::abs),
+    ("sqrt", f64::sqrt),
+    ("cbrt", f64::cbrt),
+    ("exp", f64::exp),
+    ("ln", f64::ln),
+    ("log", f64::ln),
+    ("log10", f64::log10),
+    ("sin", f64::sin),
+    ("cos", f64::cos),
+    ("tan", f64::tan),
+    ("asin", f64::asin),
+    ("acos", f64::acos),
+    ("atan", f64::atan),
+    ("sinh", f64::sinh),
+    ("cosh", f64::cosh),
+    ("tanh", f64::tanh),
+    ("floor", f64::floor),
+    ("ceil", f64::ceil),
+    ("step", |a| compare(a, 0.0, |a, b| a > b)),
+    ("sign", |a| {
+        compare(a, 0.0, |a, b| a > b) - compare(a, 0.0, |a, b| a < b)
+    }),
+];
+const FUNCTIONS_OF_TWO: [(&str, Binary); 3] = [
+    ("min", |a, b| choose(a, b, f64::min)),
+    ("max", |a, b| choose(a, b, f64::max)),
+    ("atan2", f64::atan2),
+];
+
+/// A comparison or a logical operation; undefined where an operand is.
+fn compare(a: f64, b: f64, holds: fn(f64, f64) -> bool) -> f64 {
+    if a.is_nan() || b.is_nan() {
+        return f64::NAN;
     }
+    f64::from(u8::from(holds(a, b)))
+}
 
-    /// A comparison or a logical operation; undefined where an operand is.
-    fn compare(a: f64, b: f64, holds: fn(f64, f64) -> bool) -> f64 {
-        if a.is_nan() || b.is_nan() {
-            return f64::NAN;
-        }
-        truth(holds(a, b))
-    }
-
-    /// `a if c`: nothing where `c` does not hold, undefined where it is.
-    fn given(a: f64, c: f64) -> f64 {
-        if c.is_nan() {
-            f64::NAN
-        } else if c != 0.0 {
-            a
-        } else {
-            f64::from_bits(NOTHING)
-        }
-    }
-
-    /// `min` and `max`; undefined where an operand is.
-    fn choose(a: f64, b: f64, of: fn(f64, f64) -> f64) -> f64 {
-        if a.is_nan() || b.is_nan() {
-            return f64::NAN;
-        }
-        of(a, b)
-    }
-
-    const fn binary(apply: fn(f64, f64) -> f64, prio: i64) -> BinOp<f64> {
-        BinOp {
-            apply,
-            prio,
-            is_commutative: false,
-        }
-    }
-
-    ops_factory!(
-        Operators,
-        f64,
-        Operator::make_bin(
-            "else",
-            binary(|a, b| if a.to_bits() == NOTHING { b } else { a }, 0)
-        ),
-        Operator::make_bin("if", binary(given, 1)),
-        Operator::make_bin(
-            "||",
-            binary(|a, b| compare(a, b, |a, b| a != 0.0 || b != 0.0), 2)
-        ),
-        Operator::make_bin(
-            "&&",
-            binary(|a, b| compare(a, b, |a, b| a != 0.0 && b != 0.0), 3)
-        ),
-        Operator::make_bin("==", binary(|a, b| compare(a, b, |a, b| a == b), 4)),
-        Operator::make_bin("!=", binary(|a, b| compare(a, b, |a, b| a != b), 4)),
-        Operator::make_bin("<=", binary(|a, b| compare(a, b, |a, b| a <= b), 4)),
-        Operator::make_bin(">=", binary(|a, b| compare(a, b, |a, b| a >= b), 4)),
-        Operator::make_bin("<", binary(|a, b| compare(a, b, |a, b| a < b), 4)),
-        Operator::make_bin(">", binary(|a, b| compare(a, b, |a, b| a > b), 4)),
-        Operator::make_bin("+", binary(|a, b| a + b, 5)),
-        Operator::make_bin_unary("-", binary(|a, b| a - b, 5), |a| -a),
-        Operator::make_bin("*", binary(|a, b| a * b, 6)),
-        Operator::make_bin("/", binary(|a, b| a / b, 6)),
-        Operator::make_bin("^", binary(power, 7)),
-        Operator::make_bin("min", binary(|a, b| choose(a, b, f64::min), 8)),
-        Operator::make_bin("max", binary(|a, b| choose(a, b, f64::max), 8)),
-        Operator::make_bin("atan2", binary(f64::atan2, 8)),
-        Operator::make_unary("!", |a| compare(a, a, |a, _| a == 0.0)),
-        Operator::make_unary("abs", f64::abs),
-        Operator::make_unary("sqrt", f64::sqrt),
-        Operator::make_unary("cbrt", f64::cbrt),
-        Operator::make_unary("exp", f64::exp),
-        Operator::make_unary("ln", f64::ln),
-        Operator::make_unary("log", f64::ln),
-        Operator::make_unary("log10", f64::log10),
-        Operator::make_unary("sin", f64::sin),
-        Operator::make_unary("cos", f64::cos),
-        Operator::make_unary("tan", f64::tan),
-        Operator::make_unary("asin", f64::asin),
-        Operator::make_unary("acos", f64::acos),
-        Operator::make_unary("atan", f64::atan),
-        Operator::make_unary("sinh", f64::sinh),
-        Operator::make_unary("cosh", f64::cosh),
-        Operator::make_unary("tanh", f64::tanh),
-        Operator::make_unary("floor", f64::floor),
-        Operator::make_unary("ceil", f64::ceil),
-        Operator::make_unary("step", |a| compare(a, 0.0, |a, b| a > b)),
-        Operator::make_unary("sign", |a| compare(a, 0.0, |a, b| a > b)
-            - compare(a, 0.0, |a, b| a < b)),
-        Operator::make_constant("pi", std::f64::consts::PI)
-    );
-
-    /// `a^b`; whole powers by multiplication, which is exact where a power of a coordinate is.
-    fn power(a: f64, b: f64) -> f64 {
-        if b == 2.0 {
-            a * a
-        } else if b.fract() == 0.0 && b.abs() <= 64.0 {
-            a.powi(b as i32)
-        } else {
-            a.powf(b)
-        }
+/// `a if c`: nothing where `c` does not hold, undefined where it is.
+fn given(a: f64, c: f64) -> f64 {
+    if c.is_nan() {
+        f64::NAN
+    } else if c != 0.0 {
+        a
+    } else {
+        f64::from_bits(NOTHING)
     }
 }
 
-const FUNCTIONS_OF_ONE: [&str; 20] = [
-    "abs", "sqrt", "cbrt", "exp", "ln", "log", "log10", "sin", "cos", "tan", "asin", "acos",
-    "atan", "sinh", "cosh", "tanh", "floor", "ceil", "step", "sign",
-];
-const FUNCTIONS_OF_TWO: [&str; 3] = ["min", "max", "atan2"];
+/// `min` and `max`; undefined where an operand is.
+fn choose(a: f64, b: f64, of: Binary) -> f64 {
+    if a.is_nan() || b.is_nan() {
+        return f64::NAN;
+    }
+    of(a, b)
+}
+
+/// `a^b`; whole powers by multiplication, which is exact where a power of a coordinate is.
+fn power(a: f64, b: f64) -> f64 {
+    if b == 2.0 {
+        a * a
+    } else if b.fract() == 0.0 && b.abs() <= 64.0 {
+        a.powi(b as i32)
+    } else {
+        a.powf(b)
+    }
+}
+
+/// A formula as a tree. Operations on numbers alone are carried out when it is built.
+#[derive(Clone, Debug)]
+enum Node {
+    Number(f64),
+    /// The coordinate at this position.
+    Coordinate(usize),
+    Function(Unary, Box<Node>),
+    /// Operators that bind equally, from left to right. A chain, so that the depth of the tree is that of the text.
+    Chain(Box<Node>, Vec<(Binary, Node)>),
+}
+
+impl Node {
+    /// `function(argument)`
+    fn function(function: Unary, argument: Node) -> Self {
+        match argument {
+            Self::Number(a) => Self::Number(function(a)),
+            _ => Self::Function(function, Box::new(argument)),
+        }
+    }
+
+    /// `self operator right`
+    fn then(self, operator: Binary, right: Node) -> Self {
+        match (self, right) {
+            (Self::Number(a), Self::Number(b)) => Self::Number(operator(a, b)),
+            (left, right) => Self::Chain(Box::new(left), vec![(operator, right)]),
+        }
+    }
+
+    fn eval(&self, coordinates: &[f64]) -> f64 {
+        match self {
+            Self::Number(value) => *value,
+            Self::Coordinate(position) => coordinates[*position],
+            Self::Function(function, argument) => function(argument.eval(coordinates)),
+            Self::Chain(first, rest) => (rest.iter())
+                .fold(first.eval(coordinates), |left, (operator, right)| {
+                    operator(left, right.eval(coordinates))
+                }),
+        }
+    }
+
+    fn depends_on(&self, position: usize) -> bool {
+        match self {
+            Self::Number(_) => false,
+            Self::Coordinate(own) => *own == position,
+            Self::Function(_, argument) => argument.depends_on(position),
+            Self::Chain(first, rest) => {
+                first.depends_on(position) || rest.iter().any(|(_, n)| n.depends_on(position))
+            }
+        }
+    }
+}
 
 /// A formula with its variables bound to positions of a coordinate vector.
 #[derive(Clone, Debug)]
 pub struct Expression {
     text: String,
-    /// In a box: the evaluator keeps small formulas in place, in some twenty kilobytes.
-    flat: Box<FlatEx<f64, Operators>>,
-    /// `slots[k]` is the position, in the vector given to [`eval`](Self::eval), of the formula's `k`-th variable.
-    slots: Vec<usize>,
-    constant: Option<f64>,
+    tree: Node,
     place: String,
 }
 
@@ -161,74 +187,44 @@ impl Expression {
                 text.len()
             ));
         }
-        let mut reader = Reader {
+        let mut parser = Parser {
             tokens: tokenize(text)?,
             position: 0,
             depth: 0,
             names,
-            out: String::new(),
         };
-        reader.expression()?;
-        if let Some((token, at)) = reader.peek() {
-            return Err(format!("unexpected \"{token}\" at character {at}"));
+        let tree = parser.expression()?;
+        if let Some(Token { text, at }) = parser.peek() {
+            return Err(format!("unexpected \"{text}\" at character {at}"));
         }
-        let flat = FlatEx::<f64, Operators>::parse(&reader.out).map_err(|e| e.to_string())?;
-        let slots = flat
-            .var_names()
-            .iter()
-            .map(|v| names.iter().position(|n| n.contains(&v.as_str())))
-            .collect::<Option<Vec<_>>>()
-            .ok_or("a name is not a coordinate")?;
-        let mut this = Self {
+        Ok(Self {
             text: text.to_owned(),
-            flat: Box::new(flat),
-            slots,
-            constant: None,
+            tree,
             place: String::new(),
-        };
-        if this.slots.is_empty() {
-            this.constant = Some(this.eval(&[]));
-        }
-        Ok(this)
+        })
     }
 
     /// This formula with the constant value zero.
     pub fn vanishing(&self) -> Self {
         Self {
             text: "0".to_owned(),
-            constant: Some(0.0),
-            ..self.clone()
+            tree: Node::Number(0.0),
+            place: self.place.clone(),
         }
     }
 
-    /// This formula times `factor`, which is not negative.
-    ///
-    /// # Errors
-    /// A sentence, should the product not be read.
-    pub fn times(&self, factor: f64) -> Result<Self, String> {
-        // A number is written without an exponent, which the evaluator does not read.
-        let text = format!("{factor} * ({})", self.flat.unparse());
-        let flat = FlatEx::<f64, Operators>::parse(&text).map_err(|e| e.to_string())?;
-        Ok(Self {
+    /// This formula times `factor`.
+    pub fn times(&self, factor: f64) -> Self {
+        Self {
             text: format!("{factor} * ({})", self.text),
-            flat: Box::new(flat),
-            constant: self.constant.map(|value| factor * value),
-            ..self.clone()
-        })
+            tree: Node::Number(factor).then(|a, b| a * b, self.tree.clone()),
+            place: self.place.clone(),
+        }
     }
 
     /// The formula's value; `coordinates` are in the order of the `names` it was read with. NaN where undefined.
     pub fn eval(&self, coordinates: &[f64]) -> f64 {
-        if let Some(value) = self.constant {
-            return value;
-        }
-        let mut values = [0.0; 8];
-        for (value, &slot) in values.iter_mut().zip(&self.slots) {
-            *value = coordinates[slot];
-        }
-        self.flat
-            .eval(&values[..self.slots.len()])
-            .unwrap_or(f64::NAN)
+        self.tree.eval(coordinates)
     }
 
     /// The formula read as a condition; `None` where it is undefined.
@@ -259,12 +255,15 @@ impl Expression {
 
     /// The value, if the formula has no variables.
     pub fn constant(&self) -> Option<f64> {
-        self.constant
+        match self.tree {
+            Node::Number(value) => Some(value),
+            _ => None,
+        }
     }
 
     /// Whether coordinate `position` of the names it was read with occurs.
     pub fn depends_on(&self, position: usize) -> bool {
-        self.slots.contains(&position)
+        self.tree.depends_on(position)
     }
 
     /// The formula as it was given.
@@ -273,80 +272,86 @@ impl Expression {
     }
 }
 
-/// Splits a formula into numbers, names and signs, each with its character position (from 1).
-fn tokenize(text: &str) -> Result<Vec<(String, usize)>, String> {
-    let chars: Vec<char> = text.chars().collect();
+/// A number, a name or a sign.
+#[derive(Clone, Copy)]
+struct Token<'t> {
+    text: &'t str,
+    /// Its first character, counted from 1.
+    at: usize,
+}
+
+/// Splits a formula into numbers, names and signs.
+fn tokenize(text: &str) -> Result<Vec<Token<'_>>, String> {
     let mut tokens = Vec::new();
-    let mut i = 0;
-    while i < chars.len() {
-        let start = i;
-        let c = chars[i];
-        let digit = |k: usize| chars.get(k).is_some_and(char::is_ascii_digit);
-        if c.is_whitespace() {
-            i += 1;
-            continue;
-        } else if c.is_ascii_digit() || (c == '.' && digit(i + 1)) {
-            while digit(i) || chars.get(i) == Some(&'.') {
-                i += 1;
-            }
-            if matches!(chars.get(i), Some('e' | 'E')) {
-                let signed = usize::from(matches!(chars.get(i + 1), Some('+' | '-')));
-                if digit(i + 1 + signed) {
-                    i += 1 + signed;
-                    while digit(i) {
-                        i += 1;
-                    }
-                }
-            }
-            let number: String = chars[start..i].iter().collect();
-            match number.parse::<f64>() {
-                Ok(value) if value.is_finite() => {}
-                _ => {
-                    return Err(format!(
-                        "\"{number}\" at character {} is not a finite number",
-                        start + 1
-                    ));
-                }
-            }
-        } else if c.is_ascii_alphabetic() || c == '_' {
-            while chars
-                .get(i)
-                .is_some_and(|c| c.is_ascii_alphanumeric() || *c == '_')
-            {
-                i += 1;
-            }
+    let (mut rest, mut at) = (text, 1);
+    while let Some(c) = rest.chars().next() {
+        let number = number_length(rest);
+        let length = if c.is_whitespace() {
+            c.len_utf8()
+        } else if number > 0 {
+            number
+        } else if is_of_word(c) {
+            rest.find(|c| !is_of_word(c)).unwrap_or(rest.len())
+        } else if (["&&", "||", "==", "!=", "<=", ">=", "**"].iter()).any(|s| rest.starts_with(s)) {
+            2
+        } else if "+-*/^()<>,!".contains(c) {
+            1
         } else {
-            let two: String = chars[i..chars.len().min(i + 2)].iter().collect();
-            i += match two.as_str() {
-                "&&" | "||" | "==" | "!=" | "<=" | ">=" | "**" => 2,
-                _ if "+-*/^()<>,!".contains(c) => 1,
-                _ => return Err(format!("unexpected \"{c}\" at character {}", start + 1)),
-            };
+            return Err(format!("unexpected \"{c}\" at character {at}"));
+        };
+        let (token, after) = rest.split_at(length);
+        if number > 0 && !token.parse::<f64>().is_ok_and(f64::is_finite) {
+            return Err(format!(
+                "\"{token}\" at character {at} is not a finite number"
+            ));
         }
-        tokens.push((chars[start..i].iter().collect(), start + 1));
+        if !c.is_whitespace() {
+            tokens.push(Token { text: token, at });
+        }
+        at += token.chars().count();
+        rest = after;
     }
     Ok(tokens)
 }
 
-/// Recursive descent over the tokens; writes the same formula with every sign, power and call in parentheses.
-/// Priorities among the remaining binary operators are the evaluator's.
-struct Reader<'a> {
-    tokens: Vec<(String, usize)>,
+/// Whether names may hold `c`.
+fn is_of_word(c: char) -> bool {
+    c.is_ascii_alphanumeric() || c == '_'
+}
+
+/// How many bytes at the beginning of `text` are of a number; 0 where none begins there.
+fn number_length(text: &str) -> usize {
+    let digits = |text: &str| text.bytes().take_while(u8::is_ascii_digit).count();
+    if digits(text.strip_prefix('.').unwrap_or(text)) == 0 {
+        return 0;
+    }
+    let mantissa = (text.bytes()).take_while(|b| b.is_ascii_digit() || *b == b'.');
+    let mantissa = mantissa.count();
+    let Some(exponent) = text[mantissa..].strip_prefix(['e', 'E']) else {
+        return mantissa;
+    };
+    let unsigned = exponent.strip_prefix(['+', '-']).unwrap_or(exponent);
+    match digits(unsigned) {
+        0 => mantissa,
+        digits => mantissa + 1 + exponent.len() - unsigned.len() + digits,
+    }
+}
+
+/// Recursive descent over the tokens.
+struct Parser<'a> {
+    tokens: Vec<Token<'a>>,
     position: usize,
     depth: usize,
     names: &'a [&'a [&'a str]],
-    out: String,
 }
 
-impl Reader<'_> {
-    fn peek(&self) -> Option<(&str, usize)> {
-        self.tokens
-            .get(self.position)
-            .map(|(t, at)| (t.as_str(), *at))
+impl<'a> Parser<'a> {
+    fn peek(&self) -> Option<Token<'a>> {
+        self.tokens.get(self.position).copied()
     }
 
     fn accept(&mut self, token: &str) -> bool {
-        let found = self.peek().is_some_and(|(t, _)| t == token);
+        let found = self.peek().is_some_and(|t| t.text == token);
         self.position += usize::from(found);
         found
     }
@@ -356,153 +361,134 @@ impl Reader<'_> {
             return Ok(());
         }
         Err(match self.peek() {
-            Some((found, at)) => {
-                format!("expected \"{token}\", found \"{found}\" at character {at}")
+            Some(Token { text, at }) => {
+                format!("expected \"{token}\", found \"{text}\" at character {at}")
             }
             None => format!("expected \"{token}\" at the end"),
         })
     }
 
-    /// `operand (operator operand)*`
-    fn expression(&mut self) -> Result<(), String> {
+    /// What `read` reads, one level of nesting deeper.
+    fn nested(&mut self, read: fn(&mut Self) -> Result<Node, String>) -> Result<Node, String> {
         self.depth += 1;
         if self.depth > DEEPEST {
             return Err(format!("nested deeper than {DEEPEST}"));
         }
+        let node = read(self)?;
+        self.depth -= 1;
+        Ok(node)
+    }
+
+    /// A whole formula, or one in parentheses.
+    fn expression(&mut self) -> Result<Node, String> {
+        self.nested(|parser| parser.chain(0))
+    }
+
+    /// `tighter (operator tighter)*` with the operators of `level`.
+    fn chain(&mut self, level: usize) -> Result<Node, String> {
+        let Some(operators) = OPERATORS.get(level) else {
+            return self.nested(Self::operand);
+        };
+        let mut first = self.chain(level + 1)?;
+        let mut rest: Vec<(Binary, Node)> = Vec::new();
         let mut compared = false;
-        loop {
-            self.operand()?;
-            if let Some((token, at)) = self.peek() {
-                match token {
-                    "<" | ">" | "<=" | ">=" | "==" | "!=" if compared => {
-                        return Err(format!(
-                            "a second comparison, \"{token}\", at character {at}; write a < x && x < b"
-                        ));
-                    }
-                    "<" | ">" | "<=" | ">=" | "==" | "!=" => compared = true,
-                    "&&" | "||" | "if" | "else" => compared = false,
-                    _ => {}
-                }
+        while let Some(Token { text, at }) = self.peek()
+            && let Some((_, operator)) = operators.iter().find(|(name, _)| *name == text)
+        {
+            if compared {
+                return Err(format!(
+                    "a second comparison, \"{text}\", at character {at}; write a < x && x < b"
+                ));
             }
-            match self.peek() {
-                Some((token, _))
-                    if matches!(
-                        token,
-                        "+" | "-"
-                            | "*"
-                            | "/"
-                            | "<"
-                            | ">"
-                            | "<="
-                            | ">="
-                            | "=="
-                            | "!="
-                            | "&&"
-                            | "||"
-                            | "if"
-                            | "else"
-                    ) =>
-                {
-                    let operator = format!(" {token} ");
-                    self.out.push_str(&operator);
-                    self.position += 1;
+            compared = level == COMPARISONS;
+            self.position += 1;
+            match (&first, self.chain(level + 1)?) {
+                (Node::Number(a), Node::Number(b)) if rest.is_empty() => {
+                    first = Node::Number(operator(*a, b));
                 }
-                _ => break,
+                (_, right) => rest.push((*operator, right)),
             }
         }
-        self.depth -= 1;
-        Ok(())
+        Ok(match rest.is_empty() {
+            true => first,
+            false => Node::Chain(Box::new(first), rest),
+        })
     }
 
     /// `sign* primary (^ operand)?`
-    fn operand(&mut self) -> Result<(), String> {
-        self.depth += 1;
-        if self.depth > DEEPEST {
-            return Err(format!("nested deeper than {DEEPEST}"));
-        }
+    fn operand(&mut self) -> Result<Node, String> {
         if self.accept("+") {
-            self.operand()?;
-        } else if self.accept("-") {
-            self.out.push_str("(-(");
-            self.operand()?;
-            self.out.push_str("))");
-        } else if self.accept("!") {
-            self.out.push_str("(!(");
-            self.operand()?;
-            self.out.push_str("))");
-        } else {
-            let start = self.out.len();
-            self.primary()?;
-            if self.accept("^") || self.accept("**") {
-                self.out.insert_str(start, "((");
-                self.out.push_str(")^(");
-                self.operand()?;
-                self.out.push_str("))");
-            }
+            return self.nested(Self::operand);
         }
-        self.depth -= 1;
-        Ok(())
+        if self.accept("-") {
+            return Ok(Node::function(|a| -a, self.nested(Self::operand)?));
+        }
+        if self.accept("!") {
+            let not = |a| compare(a, a, |a, _| a == 0.0);
+            return Ok(Node::function(not, self.nested(Self::operand)?));
+        }
+        let base = self.primary()?;
+        if self.accept("^") || self.accept("**") {
+            return Ok(base.then(power, self.nested(Self::operand)?));
+        }
+        Ok(base)
     }
 
-    fn primary(&mut self) -> Result<(), String> {
-        let Some((token, at)) = self.peek().map(|(t, at)| (t.to_owned(), at)) else {
+    /// A number, a coordinate, a function of something, or anything in parentheses.
+    fn primary(&mut self) -> Result<Node, String> {
+        let Some(Token { text, at }) = self.peek() else {
             return Err("it ends where a number, a name or \"(\" is expected".into());
         };
         self.position += 1;
-        let known = |list: &[&str]| list.contains(&token.as_str());
-        if token == "(" {
-            self.out.push('(');
-            self.expression()?;
-            self.out.push(')');
-            return self.expect(")");
+        if text == "(" {
+            let inner = self.expression()?;
+            self.expect(")")?;
+            return Ok(inner);
         }
-        if known(&FUNCTIONS_OF_ONE) {
+        if let Some((_, function)) = FUNCTIONS_OF_ONE.iter().find(|(name, _)| *name == text) {
             self.expect("(")?;
-            self.out.push_str(&format!("({token}("));
-            self.expression()?;
-            self.out.push_str("))");
-            return self.expect(")");
+            let argument = self.expression()?;
+            self.expect(")")?;
+            return Ok(Node::function(*function, argument));
         }
-        if known(&FUNCTIONS_OF_TWO) {
+        if let Some((_, function)) = FUNCTIONS_OF_TWO.iter().find(|(name, _)| *name == text) {
             self.expect("(")?;
-            self.out.push_str("((");
-            self.expression()?;
-            self.out.push_str(&format!(") {token} ("));
+            let first = self.expression()?;
             self.expect(",")?;
-            self.expression()?;
-            self.out.push_str("))");
-            return self.expect(")");
+            let second = self.expression()?;
+            self.expect(")")?;
+            return Ok(first.then(*function, second));
         }
-        let first = token.chars().next().unwrap_or(' ');
-        let word = first.is_ascii_alphabetic() || first == '_';
-        let number = if word {
-            None
-        } else {
-            token.parse::<f64>().ok()
-        };
-        if let Some(number) = number {
-            // Written without an exponent, which the evaluator does not read.
-            self.out.push_str(&number.to_string());
-        } else if token == "pi" {
-            self.out.push_str(&token);
-        } else if word && self.names.iter().any(|n| known(n)) {
-            self.out.push_str(&format!("{{{token}}}"));
-        } else if word && token != "if" && token != "else" {
-            let mut allowed: Vec<&str> =
-                self.names.iter().flat_map(|n| n.iter().copied()).collect();
-            allowed.push("pi");
-            return Err(format!(
-                "unknown name \"{token}\" at character {at}; known here: {} and the functions {}, {}",
-                allowed.join(", "),
-                FUNCTIONS_OF_ONE.join(", "),
-                FUNCTIONS_OF_TWO.join(", ")
-            ));
-        } else {
-            return Err(format!(
-                "\"{token}\" at character {at} where a number, a name or \"(\" is expected"
-            ));
+        if number_length(text) > 0
+            && let Ok(number) = text.parse()
+        {
+            return Ok(Node::Number(number));
         }
-        Ok(())
+        if text == "pi" {
+            return Ok(Node::Number(PI));
+        }
+        if let Some(position) = self.names.iter().position(|names| names.contains(&text)) {
+            return Ok(Node::Coordinate(position));
+        }
+        if text.starts_with(is_of_word) && text != "if" && text != "else" {
+            return Err(self.unknown(text, at));
+        }
+        Err(format!(
+            "\"{text}\" at character {at} where a number, a name or \"(\" is expected"
+        ))
+    }
+
+    /// That `name` is none, and which there are.
+    fn unknown(&self, name: &str, at: usize) -> String {
+        let coordinates = self.names.iter().flat_map(|names| names.iter().copied());
+        let coordinates: Vec<&str> = coordinates.chain(["pi"]).collect();
+        let functions = (FUNCTIONS_OF_ONE.iter().map(|(name, _)| *name))
+            .chain(FUNCTIONS_OF_TWO.iter().map(|(name, _)| *name));
+        format!(
+            "unknown name \"{name}\" at character {at}; known here: {} and the functions {}",
+            coordinates.join(", "),
+            functions.collect::<Vec<_>>().join(", ")
+        )
     }
 }
 

@@ -137,7 +137,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     let mut notes = note(whole, &coarse);
     let mut points = Vec::new();
     let at = |factor: f64| -> Result<Point> {
-        let scaled = with_potential_times(&case, factor)?;
+        let scaled = with_potential_times(&case, factor);
         let mut found = assembled(world, &scaled)?;
         Ok(Point {
             x: factor * height,

@@ -1,6 +1,6 @@
 //! The case as sweeps take it: without what only output is made of, and on fewer cells.
 
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
@@ -85,15 +85,12 @@ pub fn note(case: &Case, used: &Case) -> Vec<String> {
 }
 
 /// `case` with `factor` times its potential.
-///
-/// # Errors
-/// [`Error::Input`], should a formula not be read.
-pub fn with_potential_times(case: &Case, factor: f64) -> Result<Case> {
+pub fn with_potential_times(case: &Case, factor: f64) -> Case {
     let mut case = case.clone();
     for region in &mut case.potential {
-        region.value = region.value.times(factor).map_err(Error::Input)?;
+        region.value = region.value.times(factor);
     }
-    Ok(case)
+    case
 }
 
 /// `case` with an interface, and weights if so.
