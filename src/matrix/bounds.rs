@@ -1,9 +1,10 @@
 //! Guaranteed bounds of the spectra of `S` and of `H_l`.
 
 use crate::base::error::Result;
-use crate::problem::case::{Case, Delta, Interface, Method};
+use crate::problem::case::{Case, Delta, Method};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::potential::Potential;
+use crate::scheme::interface::law_of;
 use crate::scheme::rows::{fastest, transport_rate};
 use serde::Serialize;
 use std::collections::HashSet;
@@ -38,7 +39,7 @@ pub struct Bounds {
     pub jumps: bool,
     /// Kinds of space cells by slopes and jumps of `V`, up to [`MOST_KINDS`]: rows of the matrix repeat where a kind does.
     pub kinds: usize,
-    /// Whether the hat interface needs weights to keep `γ`.
+    /// Whether the interface law needs weights to keep `γ`.
     pub weighted: bool,
     /// Whether anything may enter.
     pub inflow: bool,
@@ -48,7 +49,7 @@ pub struct Bounds {
 
 impl Bounds {
     /// Bounds of `case`; evaluates `V` on the whole space grid. Growth is what weights and inflow are allowed; without
-    /// weights the hat interface has no such bound, nor has inflow with a given `δ`, and [`f64::INFINITY`] stands until it
+    /// weights a law that may grow has no such bound, nor has inflow with a given `δ`, and [`f64::INFINITY`] stands until it
     /// is measured.
     ///
     /// # Errors
@@ -63,10 +64,7 @@ impl Bounds {
             let layer = Potential::new(case, &ranges)?;
             force = force.max(layer.force_rate(&case.space));
             let found = layer.jumps();
-            jumps
-                .iter_mut()
-                .zip(found)
-                .for_each(|(j, found)| *j |= found);
+            (jumps.iter_mut().zip(found)).for_each(|(j, found)| *j |= found);
             layer.collect_kinds(&mut kinds, MOST_KINDS);
         }
         // Through a jump a cell may be its own neighbour and particles move on all the same.
@@ -77,8 +75,8 @@ impl Bounds {
         let rate = transport_rate(&case.space) + single + force;
         let jumps = jumps.contains(&true);
         let inflow = case.embeds();
-        let hat = jumps && case.interface == Interface::Hat;
-        let weights = match (hat, case.warp.weights) {
+        let grows = jumps && law_of(case.interface).may_grow();
+        let weights = match (grows, case.warp.weights) {
             (false, _) => 0.0,
             (true, true) => WEIGHT_GROWTH,
             (true, false) => f64::INFINITY,
@@ -96,7 +94,7 @@ impl Bounds {
             jumps,
             kinds: kinds.len(),
             stages: 0,
-            weighted: hat && case.warp.weights && case.method == Method::Schrodingerized,
+            weighted: grows && case.warp.weights && case.method == Method::Schrodingerized,
             inflow,
         })
     }

@@ -7,9 +7,8 @@ use crate::problem::case::{
 };
 use crate::problem::limits::MOST_MODES;
 use crate::propagate;
-use crate::schrodingerization::profile::placement::{Demand, Window};
 use crate::schrodingerization::profile::series::Series;
-use crate::schrodingerization::profile::{Form, Profile, Shape};
+use crate::schrodingerization::profile::{Demand, Form, Profile, Shape, Window};
 use crate::schrodingerization::recovery::{Reading, shown};
 use std::f64::consts::PI;
 
@@ -53,7 +52,7 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
         None => relaxed(case, bounds, ratio, &demand, &mut warnings)?,
     };
     let (series, interval) = match profile.form() {
-        Form::Series(g) => (g.series.clone(), profile.ends(&demand, &window)),
+        Form::Series(series) => (series.clone(), profile.ends(&demand, &window)),
         Form::Transform(shape) => {
             let planned = (&profile, shape, &window);
             transformed(case, &demand, planned, &mut warnings)?
@@ -75,7 +74,7 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
         Form::Transform(_) => {
             let readings = readings(case, &window, interval, SECOND_POINT);
             let apart = readings[1].point - window.point;
-            let seen = profile.seen(window.point, apart);
+            let seen = profile.visible_error(window.point, apart);
             (readings, seen)
         }
         Form::Series(_) => {

@@ -7,20 +7,25 @@
 //! u(T) = e^{p◇} Σ_l c_l e^{iμ_l p◇} w_l(T),     w_l(T) = exp((−iμ_l S + K)T) u(0)
 //! ```
 //!
-//! read at a point `p◇`, or by another [`crate::schrodingerization::recovery::Reading`]. Data are real, so `c_{−l} w_{−l}` is the conjugate of
-//! `c_l w_l`, and only `l ≥ 0` is kept.
+//! read at a point `p◇`, or by another [`Reading`](crate::schrodingerization::recovery::Reading). Data
+//! are real, so `c_{−l} w_{−l}` is the conjugate of `c_l w_l`, and only `l ≥ 0` is kept.
 //!
-//! A profile is a file of this folder: its planned parameters, its plan, and what [`Shape`] asks for. Where `g = e^{−p}`
-//! from an edge on, [`place`] finds recovery point, period and cut-off.
+//! A profile is a file of this folder: its parameters, its plan (`meeting`), and [`Planned`]. To add one,
+//! add its file and a line to each of the two tables below: [`Profile`] and [`Profile::plan`].
+//! Where `g = e^{−p}` from an edge on, [`window::place`] finds recovery point, period and cut-off.
 
 pub mod acl;
 pub mod designed;
 pub mod exponential;
 pub mod gaussian;
 pub mod low_somma;
-pub mod placement;
 pub mod series;
+pub mod shape;
 pub mod smooth;
+pub mod window;
+
+pub use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
+pub use crate::schrodingerization::profile::window::{Demand, Window};
 
 use crate::problem::case::ProfileChoice;
 use crate::schrodingerization::profile::acl::Acl;
@@ -28,57 +33,61 @@ use crate::schrodingerization::profile::designed::Designed;
 use crate::schrodingerization::profile::exponential::Exponential;
 use crate::schrodingerization::profile::gaussian::Gaussian;
 use crate::schrodingerization::profile::low_somma::LowSomma;
-use crate::schrodingerization::profile::placement::{Demand, Window, place};
 use crate::schrodingerization::profile::smooth::Smooth;
-use num_complex::Complex64;
 use serde::Serialize;
 use std::fmt;
+use std::ops::Deref;
 
-/// What is known of a function `g(p)`.
-pub trait Shape {
-    /// `ĝ(μ) = ∫ g(p) e^{−iμp} dp`.
-    fn coefficient(&self, mu: f64) -> Complex64;
+/// The table of profiles: an enum of the types in the files of this folder.
+macro_rules! profiles {
+    ($($(#[$doc:meta])* $kind:ident,)*) => {
+        /// A profile with its planned parameters.
+        #[derive(Clone, Debug, PartialEq, Serialize)]
+        #[serde(tag = "kind", rename_all = "kebab-case")]
+        pub enum Profile {
+            $($(#[$doc])* $kind($kind),)*
+        }
 
-    /// `g(p)`.
-    fn value(&self, p: f64) -> f64;
+        impl Deref for Profile {
+            type Target = dyn Planned;
 
-    /// A point below which `|g| ≤ bound`.
-    fn left(&self, bound: f64) -> f64;
+            fn deref(&self) -> &Self::Target {
+                match self {
+                    $(Self::$kind(profile) => profile,)*
+                }
+            }
+        }
 
-    /// Bound on `|Σ c_l e^{iμ_l p}|` over the modes `|μ_l| > μ`, for points `p` at least `distance` from where `g` is not
-    /// smooth; falls with `μ`.
-    fn tail(&self, mu: f64, distance: f64) -> f64;
+        $(impl From<$kind> for Profile {
+            fn from(profile: $kind) -> Self {
+                Self::$kind(profile)
+            }
+        })*
+    };
 }
 
-/// How a profile is known.
-pub enum Form<'a> {
-    /// As a function on the line.
-    Transform(&'a dyn Shape),
-    /// As a periodic series only.
-    Series(&'a Designed),
-}
-
-/// A profile with its planned parameters.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(tag = "kind", rename_all = "kebab-case")]
-pub enum Profile {
+profiles! {
     /// A trigonometric polynomial by least squares.
-    Designed(Designed),
+    Designed,
     /// `e^{−p}` cut off by a normal distribution function.
-    Gaussian(Gaussian),
+    Gaussian,
     /// `e^{−p}` and `e^{αp}`.
-    Exponential(Exponential),
+    Exponential,
     /// `e^{−|p|}` with a polynomial between.
-    Smooth(Smooth),
+    Smooth,
     /// `e^{−|p|}` convolved with a Gaussian.
-    LowSomma(LowSomma),
+    LowSomma,
     /// `exp(−(1 − iμ)^β)` in the wavenumber.
-    Acl(Acl),
+    Acl,
 }
 
 impl Profile {
-    /// The profile of `choice` that meets `demand` at least cost, and where it is read; `None` if there is none.
+    /// The profile of `choice` that meets `demand` at least cost, and where it is read; `None` if there
+    /// is none.
     pub fn plan(choice: ProfileChoice, demand: &Demand) -> Option<(Self, Window)> {
+        fn any<P: Into<Profile>>(found: Option<(P, Window)>) -> Option<(Profile, Window)> {
+            found.map(|(profile, window)| (profile.into(), window))
+        }
         match choice {
             ProfileChoice::Planned => {
                 let both = [ProfileChoice::Designed, ProfileChoice::Gaussian];
@@ -86,27 +95,23 @@ impl Profile {
                 let work = |w: &Window| demand.work(w.period, w.modes(w.period) as usize);
                 found.min_by(|(_, a), (_, b)| work(a).total_cmp(&work(b)))
             }
-            ProfileChoice::Designed => {
-                Designed::meeting(demand).map(|(g, w)| (Self::Designed(g), w))
+            ProfileChoice::Designed => any(Designed::meeting(demand)),
+            ProfileChoice::Gaussian => any(Gaussian::meeting(demand)),
+            ProfileChoice::Exponential { alpha } => any(Exponential::meeting(alpha, demand)),
+            ProfileChoice::Smooth { order } => any(Smooth::meeting(order, demand)),
+            ProfileChoice::LowSomma { c } => any(LowSomma::meeting(c, demand)),
+            ProfileChoice::Acl { beta } => any(Acl::meeting(beta, demand)),
+        }
+    }
+
+    /// Whether [`plan`](Self::plan) finds one; makes no design, which would take long.
+    fn possible(choice: ProfileChoice, demand: &Demand) -> bool {
+        match choice {
+            ProfileChoice::Designed => Designed::possible(demand),
+            ProfileChoice::Planned => {
+                Designed::possible(demand) || Gaussian::meeting(demand).is_some()
             }
-            ProfileChoice::Gaussian => {
-                Gaussian::meeting(demand).map(|(g, w)| (Self::Gaussian(g), w))
-            }
-            ProfileChoice::Exponential { alpha } => {
-                let g = Exponential { alpha };
-                place(&g, 0.0, demand).map(|w| (Self::Exponential(g), w))
-            }
-            ProfileChoice::Smooth { order } => {
-                let g = Smooth::new(order);
-                place(&g, 0.0, demand).map(|w| (Self::Smooth(g), w))
-            }
-            ProfileChoice::LowSomma { c } => {
-                LowSomma::meeting(c, demand).map(|(g, w)| (Self::LowSomma(g), w))
-            }
-            ProfileChoice::Acl { beta } => {
-                let g = Acl::new(beta);
-                place(&g, 0.0, demand).map(|w| (Self::Acl(g), w))
-            }
+            _ => Self::plan(choice, demand).is_some(),
         }
     }
 
@@ -117,14 +122,7 @@ impl Profile {
                 tolerance,
                 ..*demand
             };
-            match choice {
-                // Without a design for each.
-                ProfileChoice::Designed => Designed::possible(&demand),
-                ProfileChoice::Planned => {
-                    Designed::possible(&demand) || Gaussian::meeting(&demand).is_some()
-                }
-                _ => Self::plan(choice, &demand).is_some(),
-            }
+            Self::possible(choice, &demand)
         };
         let (mut low, mut high) = (1e-16f64.ln(), 0.1f64.ln());
         if !met(high.exp()) {
@@ -141,18 +139,6 @@ impl Profile {
         Some(high.exp())
     }
 
-    /// What is known of it.
-    pub fn form(&self) -> Form<'_> {
-        match self {
-            Self::Designed(g) => Form::Series(g),
-            Self::Gaussian(g) => Form::Transform(g),
-            Self::Exponential(g) => Form::Transform(g),
-            Self::Smooth(g) => Form::Transform(g),
-            Self::LowSomma(g) => Form::Transform(g),
-            Self::Acl(g) => Form::Transform(g),
-        }
-    }
-
     /// The interval that a window asks for; a designed series ends with its domain.
     pub fn ends(&self, demand: &Demand, window: &Window) -> [f64; 2] {
         match self.form() {
@@ -163,31 +149,11 @@ impl Profile {
             }
         }
     }
-
-    /// What part of the error of a reading at `point` its distance to a reading `apart` further on shows. The Gaussian's
-    /// error is how `g` differs from `e^{−p}`, which both readings share in part. The others' is mostly what was left
-    /// out; the second's, independent, lies between nothing and `e^{apart}` times the first's, the distance between 1 and
-    /// `√(1 + e^{2 apart})` times the error: the geometric mean of the two.
-    pub fn seen(&self, point: f64, apart: f64) -> f64 {
-        match self {
-            Self::Gaussian(g) => g.seen_by(point, point + apart),
-            _ => 1f64.hypot(apart.exp()).sqrt(),
-        }
-    }
 }
 
 impl fmt::Display for Profile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Designed(g) => write!(f, "designed: error {:.1e}", g.error),
-            Self::Gaussian(g) => {
-                write!(f, "gaussian: sigma {:.4}, offset {:.4}", g.sigma, g.offset)
-            }
-            Self::Exponential(g) => write!(f, "exponential: alpha {}", g.alpha),
-            Self::Smooth(g) => write!(f, "smooth: order {}", g.order),
-            Self::LowSomma(g) => write!(f, "low-somma: c {:.4}, sigma {:.4}", g.c, g.sigma),
-            Self::Acl(g) => write!(f, "acl: beta {}", g.beta),
-        }
+        f.write_str(&self.description())
     }
 }
 

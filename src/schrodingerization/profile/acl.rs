@@ -7,8 +7,8 @@
 //! In the upper half plane it is analytic but for the pole at `μ = i`, so `g = e^{−p}` exactly for `p > 0`; below, the branch cut from
 //! `−i` down gives `|g(p)| ≤ C e^p` for `p < 0`, `C = (1/2π) ∫ |ĝ(x−i)| dx`. All derivatives exist at 0.
 
-use crate::schrodingerization::profile::Shape;
-use crate::schrodingerization::profile::placement::summed_by_parts;
+use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
+use crate::schrodingerization::profile::window::{Demand, Window, place, summed_by_parts};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -27,6 +27,12 @@ pub struct Acl {
 }
 
 impl Acl {
+    /// The one of `β` for `demand`.
+    pub fn meeting(beta: f64, demand: &Demand) -> Option<(Self, Window)> {
+        let profile = Self::new(beta);
+        place(&profile, 0.0, demand).map(|window| (profile, window))
+    }
+
     /// The profile of `β`, within [`BETAS`].
     pub fn new(beta: f64) -> Self {
         // ĝ(x−i) = exp(2^β − (−ix)^β)/(2+ix), the same for ±x.
@@ -76,6 +82,16 @@ impl Acl {
         // From e^{−40} to where e^{tp} is gone.
         let sum: f64 = (-320..=64).map(term).sum();
         sum * STEP / PI
+    }
+}
+
+impl Planned for Acl {
+    fn form(&self) -> Form<'_> {
+        Form::Transform(self)
+    }
+
+    fn description(&self) -> String {
+        format!("acl: beta {}", self.beta)
     }
 }
 

@@ -29,8 +29,9 @@ pub mod least_squares;
 
 use crate::schrodingerization::profile::designed::circle::{Circle, TURN};
 use crate::schrodingerization::profile::designed::least_squares::minimiser;
-use crate::schrodingerization::profile::placement::{Demand, Window};
 use crate::schrodingerization::profile::series::Series;
+use crate::schrodingerization::profile::shape::{Form, Planned};
+use crate::schrodingerization::profile::window::{Demand, Window};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI, SQRT_2, TAU};
 
@@ -116,6 +117,16 @@ impl Designed {
             && upper - lower <= LONGEST
             && demand.interval.is_none()
             && !demand.sampled
+    }
+}
+
+impl Planned for Designed {
+    fn form(&self) -> Form<'_> {
+        Form::Series(&self.series)
+    }
+
+    fn description(&self) -> String {
+        format!("designed: error {:.1e}", self.error)
     }
 }
 

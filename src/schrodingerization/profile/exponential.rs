@@ -2,7 +2,8 @@
 //! `(1+α)/μ²`, and the modes beyond `μ` add `(1+α)/(πμ)` at the corner (first order in `N_p`), but only about
 //! `(1+α)/(πdμ²)` at a distance `d` from it.
 
-use crate::schrodingerization::profile::Shape;
+use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
+use crate::schrodingerization::profile::window::{Demand, Window, place};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
@@ -11,6 +12,24 @@ use std::f64::consts::PI;
 pub struct Exponential {
     /// `α > 0`.
     pub alpha: f64,
+}
+
+impl Exponential {
+    /// The one of `α` for `demand`.
+    pub fn meeting(alpha: f64, demand: &Demand) -> Option<(Self, Window)> {
+        let profile = Self { alpha };
+        place(&profile, 0.0, demand).map(|window| (profile, window))
+    }
+}
+
+impl Planned for Exponential {
+    fn form(&self) -> Form<'_> {
+        Form::Transform(self)
+    }
+
+    fn description(&self) -> String {
+        format!("exponential: alpha {}", self.alpha)
+    }
 }
 
 impl Shape for Exponential {

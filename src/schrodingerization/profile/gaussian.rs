@@ -6,8 +6,8 @@
 //!
 //! decays like a Gaussian: spectrally accurate, since `ĝ` itself and no samples of `g` are used.
 
-use crate::schrodingerization::profile::Shape;
-use crate::schrodingerization::profile::placement::{Demand, Window};
+use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
+use crate::schrodingerization::profile::window::{Demand, Window};
 use num_complex::Complex64;
 use std::f64::consts::{PI, SQRT_2};
 
@@ -109,13 +109,26 @@ impl Gaussian {
                 a.total_cmp(&b)
             })
     }
+}
 
-    /// What part of the error at `p◇ = first` the distance to the field read at `second` shows, where the spectrum of `S` near
-    /// zero dominates: the relative deficit of `g` is `Φ((p0 − p)/σ)`, and the one at `first` is seen less what it has in
-    /// common with the one at `second`.
-    pub fn seen_by(&self, first: f64, second: f64) -> f64 {
+impl Planned for Gaussian {
+    fn form(&self) -> Form<'_> {
+        Form::Transform(self)
+    }
+
+    fn description(&self) -> String {
+        format!(
+            "gaussian: sigma {:.4}, offset {:.4}",
+            self.sigma, self.offset
+        )
+    }
+
+    /// Where the spectrum of `S` near zero dominates, the error is how `g` differs from `e^{−p}`. The
+    /// relative deficit of `g` is `Φ((p0 − p)/σ)`, which both readings have in part: what is visible of
+    /// the first one's is what it does not share with the second.
+    fn visible_error(&self, point: f64, apart: f64) -> f64 {
         let deficit = |p: f64| libm::erfc((p - self.offset) / (self.sigma * SQRT_2));
-        1.0 - deficit(second) / deficit(first)
+        1.0 - deficit(point + apart) / deficit(point)
     }
 }
 

@@ -8,8 +8,8 @@
 //! `σ = 1/(√2 γ)`, cut-off `2cγ²`, spacing of the wavenumbers at most `π/(½T‖S‖ + ln(64 e^{3c/2}/15ε))`. Planned here:
 //! the largest `σ` whose deviation at `c` is within the tolerance, cut-off and period as for every profile.
 
-use crate::schrodingerization::profile::Shape;
-use crate::schrodingerization::profile::placement::{Demand, Window, place};
+use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
+use crate::schrodingerization::profile::window::{Demand, Window, place};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
 
@@ -90,6 +90,16 @@ impl LowSomma {
         let gamma = (c + ((1.0 + 0.5 / PI) / tolerance).ln()).sqrt() / c;
         let sigma = 1.0 / (SQRT_2 * gamma);
         (Self { c, sigma }, 2.0 * c * gamma * gamma)
+    }
+}
+
+impl Planned for LowSomma {
+    fn form(&self) -> Form<'_> {
+        Form::Transform(self)
+    }
+
+    fn description(&self) -> String {
+        format!("low-somma: c {:.4}, sigma {:.4}", self.c, self.sigma)
     }
 }
 

@@ -12,8 +12,8 @@
 //! ĝ = (iμ)^{−r−1} [ (−1)^{r+1}/(1+iμ) + e^{−1+iμ}/(1−iμ) ] + Σ_{k>r} (q^{(k)}(−1) e^{iμ} − q^{(k)}(0)) (iμ)^{−k−1}.
 //! ```
 
-use crate::schrodingerization::profile::Shape;
-use crate::schrodingerization::profile::placement::summed_by_parts;
+use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
+use crate::schrodingerization::profile::window::{Demand, Window, place, summed_by_parts};
 use num_complex::Complex64;
 use std::f64::consts::{E, PI};
 
@@ -69,6 +69,12 @@ fn gauss_legendre(n: usize) -> Vec<[f64; 2]> {
 }
 
 impl Smooth {
+    /// The one of `r = order` for `demand`.
+    pub fn meeting(order: usize, demand: &Demand) -> Option<(Self, Window)> {
+        let profile = Self::new(order);
+        place(&profile, 0.0, demand).map(|window| (profile, window))
+    }
+
     /// The profile of `r = order`, between 1 and [`MOST_ORDER`].
     pub fn new(order: usize) -> Self {
         let r = order;
@@ -138,6 +144,16 @@ impl Smooth {
         }
         let common = inverse.powi(self.order as i32 + 1);
         corners.map(|c| c * common)
+    }
+}
+
+impl Planned for Smooth {
+    fn form(&self) -> Form<'_> {
+        Form::Transform(self)
+    }
+
+    fn description(&self) -> String {
+        format!("smooth: order {}", self.order)
     }
 }
 

@@ -2,6 +2,7 @@ use super::*;
 use crate::problem::case::ProfileChoice as Choice;
 use crate::problem::limits::MOST_ORDER;
 use crate::schrodingerization::profile::series::Series;
+use num_complex::Complex64;
 use std::f64::consts::PI;
 
 /// Every profile, and tolerances that it can afford here.

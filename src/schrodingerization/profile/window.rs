@@ -1,6 +1,6 @@
 //! Where a profile is read, how long its period is, and which modes are kept.
 
-use crate::schrodingerization::profile::Shape;
+use crate::schrodingerization::profile::shape::Shape;
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 

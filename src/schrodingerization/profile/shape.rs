@@ -1,0 +1,47 @@
+//! What every profile tells of itself.
+
+use crate::schrodingerization::profile::series::Series;
+use num_complex::Complex64;
+
+/// A function `g(p)` on the line.
+pub trait Shape {
+    /// `ĝ(μ) = ∫ g(p) e^{−iμp} dp`.
+    fn coefficient(&self, mu: f64) -> Complex64;
+
+    /// `g(p)`.
+    fn value(&self, p: f64) -> f64;
+
+    /// A point below which `|g| ≤ bound`.
+    fn left(&self, bound: f64) -> f64;
+
+    /// Bound on `|Σ c_l e^{iμ_l p}|` over the modes `|μ_l| > μ`, for points `p` at least `distance`
+    /// from where `g` is not smooth; falls with `μ`.
+    fn tail(&self, mu: f64, distance: f64) -> f64;
+}
+
+/// How a profile is known.
+pub enum Form<'a> {
+    /// As a function on the line.
+    Transform(&'a dyn Shape),
+    /// As a periodic series only.
+    Series(&'a Series),
+}
+
+/// A profile whose parameters are planned.
+pub trait Planned {
+    /// How it is known.
+    fn form(&self) -> Form<'_>;
+
+    /// Its kind and parameters, in words.
+    fn description(&self) -> String;
+
+    /// Which part of the error of a reading at `point` is visible in its distance to a reading
+    /// `apart` further on.
+    ///
+    /// By default the error is what was left out of the series. The second reading's error, which is
+    /// independent, lies between nothing and `e^{apart}` times the first's, so the distance lies between
+    /// 1 and `√(1 + e^{2 apart})` times the error: the geometric mean of the two.
+    fn visible_error(&self, _point: f64, apart: f64) -> f64 {
+        1f64.hypot(apart.exp()).sqrt()
+    }
+}
