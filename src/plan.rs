@@ -21,10 +21,11 @@ use crate::matrix::lanes::LANES;
 use crate::parallel::partition::Block;
 use crate::plan::balance::Batch;
 use crate::plan::layout::{Layout, Resources};
-use crate::problem::case::{Case, Interface, Limiter, Method, Propagation, PropagatorMethod};
+use crate::problem::case::{Case, Interface, Limiter, Method, Propagation};
 use crate::propagate;
-use crate::propagate::Setting;
 use crate::propagate::classical::classical_steps;
+use crate::propagate::method::{RunWork, Setting};
+use crate::propagate::{Span, descriptor};
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
@@ -163,16 +164,16 @@ impl Plan {
         let Some(warp) = &self.warp else {
             return Vec::new();
         };
-        let company = propagate::company(self.propagation.method);
+        let coupling = descriptor(self.propagation.method).batch_coupling();
         let groups = self.layout.mesh.groups;
         if warp.points.is_none() {
-            return crate::plan::balance::share_out(&warp.work, finished, company, groups)
+            return crate::plan::balance::share_out(&warp.work, finished, coupling, groups)
                 .swap_remove(group);
         }
         let mut others = finished.clone();
         let kept = self.layout.modes();
         others.extend((0..groups).filter(|&g| g != group).flat_map(|g| &kept[g]));
-        crate::plan::balance::share_out(&warp.work, &others, company, 1).swap_remove(0)
+        crate::plan::balance::share_out(&warp.work, &others, coupling, 1).swap_remove(0)
     }
 
     /// The plan before growth and norms are measured: who computes what, and about how much. A tolerance that may turn out
@@ -206,8 +207,12 @@ impl Plan {
         let modes = series.modes();
         let mut scratch = Vec::new();
         let mut of_mode = |l| {
-            let leg = (case.end, tolerance);
-            propagate::work(case, &self.bounds, series.wavenumber(l), leg, &mut scratch)
+            let (mu, bounds) = (series.wavenumber(l), &self.bounds);
+            let span = Span {
+                time: case.end,
+                tolerance,
+            };
+            propagate::work(&case.propagator, bounds, mu, span, &mut scratch)
         };
         let work: Vec<usize> = (0..modes).map(&mut of_mode).collect();
         let warp = WarpPlan {
@@ -246,29 +251,21 @@ impl Plan {
     }
 
     fn propagator_text(&self, warp: &WarpPlan) -> String {
-        let least = warp.work.iter().copied().min().unwrap_or(0);
-        let most = warp.largest_work();
-        let step = self.propagation.step;
-        let steps = |name: &str| {
-            let step = step.unwrap_or(self.time);
-            format!("{name}: {} steps of {step:.6e}", self.steps)
+        let work = RunWork {
+            least: warp.work.iter().copied().min().unwrap_or(0),
+            most: warp.largest_work(),
+            step: self.propagation.step,
+            steps: self.steps,
+            time: self.time,
         };
-        match self.propagation.method {
-            PropagatorMethod::Chebyshev => format!("chebyshev: degree {least} to {most}"),
-            PropagatorMethod::Krylov => {
-                let capped = step.map_or(String::new(), |s| format!(", steps of at most {s:e}"));
-                format!("krylov: at most {least} to {most} applications a mode{capped}")
-            }
-            PropagatorMethod::CrankNicolson => steps("crank-nicolson"),
-            PropagatorMethod::BackwardEuler => steps("backward-euler"),
-        }
+        descriptor(self.propagation.method).summary(&work)
     }
 
     /// Jacobi sweeps that better weights are worth: a sweep takes about as long as two applications, and they should not
     /// take more than a few hundredths of the run.
     pub fn patience(&self) -> usize {
         self.warp.as_ref().map_or(0, |w| {
-            let unit = propagate::unit(self.propagation.method);
+            let unit = descriptor(self.propagation.method).applications_per_work();
             ((w.applications + w.solves) * unit / 50).max(16)
         })
     }

@@ -10,7 +10,6 @@ use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::{Case, Integrator};
 use phasewarp::propagate::chebyshev::Chebyshev;
 use phasewarp::propagate::classical::Classical;
-use phasewarp::propagate::commutator_free::CommutatorFree;
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::limiter::Reconstruction;
@@ -60,14 +59,9 @@ fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
     };
     let plan = Plan::with_bounds(case, bounds.clone(), &resources, 2.0).expect("a plan");
     let warp = plan.warp.as_ref().expect("a schrodingerized run");
-    let mut propagator: Box<dyn Propagator> = match &problem.schedule {
-        Some(schedule) => Box::new(CommutatorFree::new(
-            &problem.matrix,
-            warp.largest_work(),
-            schedule,
-        )),
-        None => propagator(&plan.propagator_setting(warp), &problem.matrix).expect("a propagator"),
-    };
+    let setting = plan.propagator_setting(warp);
+    let mut propagator =
+        propagator(&setting, problem.schedule.as_ref(), &problem.matrix).expect("a propagator");
     let state = &problem.states[0];
     let rows = problem.matrix.rows();
     let initial = Initial::real(&state[..rows], problem.norm(communicator, state, false));

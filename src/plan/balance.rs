@@ -5,7 +5,7 @@
 //! `b`-th of any choice costs at least as much as mode `(b − 1) B + 1` of that order. What is left is to deal whole batches.
 
 use crate::matrix::lanes::LANES;
-use crate::propagate::method::Company;
+use crate::propagate::method::BatchCoupling;
 use serde::Serialize;
 use std::cmp::Reverse;
 use std::collections::BTreeSet;
@@ -25,12 +25,9 @@ pub struct Batch {
 }
 
 impl Batch {
-    fn new(modes: Vec<usize>, work: &[usize], company: Company) -> Self {
+    fn new(modes: Vec<usize>, work: &[usize], coupling: BatchCoupling) -> Self {
         let works = modes.iter().map(|&l| work[l]);
-        let cost = match company {
-            Company::Independent | Company::Coupled => LANES * works.max().unwrap_or(0),
-            Company::Sequential => works.sum(),
-        };
+        let cost = coupling.cost(works);
         Self { modes, cost }
     }
 }
@@ -45,28 +42,28 @@ pub fn cost(group: &[Batch]) -> usize {
 pub fn share_out(
     work: &[usize],
     finished: &BTreeSet<usize>,
-    company: Company,
+    coupling: BatchCoupling,
     groups: usize,
 ) -> Vec<Vec<Batch>> {
     let mut falling: Vec<usize> = (0..work.len()).filter(|l| !finished.contains(l)).collect();
     falling.sort_by_key(|&l| (Reverse(work[l]), l));
     let neighbours: Vec<usize> = (0..work.len()).collect();
     // What is dealt as a whole.
-    let pieces: Vec<&[usize]> = match company {
-        Company::Independent => falling.chunks(LANES).collect(),
+    let pieces: Vec<&[usize]> = match coupling {
+        BatchCoupling::Independent => falling.chunks(LANES).collect(),
         // From the top, so that the block that is not full is the cheapest.
-        Company::Coupled => (neighbours.rchunks(LANES))
+        BatchCoupling::Coupled => (neighbours.rchunks(LANES))
             .filter(|piece| !finished.contains(&piece[0]))
             .collect(),
-        Company::Sequential => falling.chunks(1).collect(),
+        BatchCoupling::Sequential => falling.chunks(1).collect(),
     };
-    let batch = |modes: &[usize]| Batch::new(modes.to_vec(), work, company);
+    let batch = |modes: &[usize]| Batch::new(modes.to_vec(), work, coupling);
     let costs: Vec<usize> = pieces.iter().map(|piece| batch(piece).cost).collect();
     let mut shares: Vec<Vec<Batch>> = vec![Vec::new(); groups];
     for (piece, group) in pieces.iter().zip(deal(&costs, groups)) {
         let share = &mut shares[group];
         match share.last_mut() {
-            Some(last) if company == Company::Sequential && last.modes.len() < LANES => {
+            Some(last) if coupling == BatchCoupling::Sequential && last.modes.len() < LANES => {
                 last.modes.extend_from_slice(piece);
                 *last = batch(&last.modes);
             }
@@ -184,14 +181,14 @@ mod tests {
             (500, 4, 1.05),
         ] {
             let work = degrees(modes);
-            let shares = share_out(&work, &BTreeSet::new(), Company::Independent, groups);
+            let shares = share_out(&work, &BTreeSet::new(), BatchCoupling::Independent, groups);
             let found = imbalance(&shares);
             assert!(found <= most, "{modes} modes on {groups} groups: {found}");
             // Modes one by one are even wherever there are enough of them.
             let found = imbalance(&share_out(
                 &work,
                 &BTreeSet::new(),
-                Company::Sequential,
+                BatchCoupling::Sequential,
                 groups,
             ));
             assert!(
@@ -205,7 +202,7 @@ mod tests {
     fn blocks_of_coupled_modes_are_the_same_for_any_groups() {
         let work = degrees(29);
         let blocks = |groups: usize| {
-            let shares = share_out(&work, &BTreeSet::new(), Company::Coupled, groups);
+            let shares = share_out(&work, &BTreeSet::new(), BatchCoupling::Coupled, groups);
             let mut blocks: Vec<Vec<usize>> =
                 shares.into_iter().flatten().map(|b| b.modes).collect();
             blocks.sort();
@@ -239,8 +236,8 @@ mod tests {
             groups in 1usize..9,
             kind in 0usize..3,
         ) {
-            let company = [Company::Independent, Company::Coupled, Company::Sequential][kind];
-            let shares = share_out(&work, &BTreeSet::new(), company, groups);
+            let coupling = [BatchCoupling::Independent, BatchCoupling::Coupled, BatchCoupling::Sequential][kind];
+            let shares = share_out(&work, &BTreeSet::new(), coupling, groups);
             prop_assert_eq!(shares.len(), groups);
             let batches: Vec<&Batch> = shares.iter().flatten().collect();
             let mut modes: Vec<usize> = batches.iter().flat_map(|b| b.modes.clone()).collect();

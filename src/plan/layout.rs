@@ -10,8 +10,7 @@ use crate::plan::balance::Batch;
 use crate::plan::memory::{arrays, memory_of_points};
 use crate::problem::case::{Case, Exact, Method};
 use crate::problem::limits::MOST_MODES;
-use crate::propagate;
-use crate::propagate::cost_of_splitting;
+use crate::propagate::descriptor;
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use serde::Serialize;
@@ -138,8 +137,8 @@ impl Layout {
 
     fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: Mesh) -> Self {
         let work = warp.map_or(&[][..], |w| &w.work);
-        let company = propagate::company(case.propagator.method);
-        let groups = balance::share_out(work, &BTreeSet::new(), company, mesh.groups);
+        let coupling = descriptor(case.propagator.method).batch_coupling();
+        let groups = balance::share_out(work, &BTreeSet::new(), coupling, mesh.groups);
         let costs = groups.iter().map(|group| balance::cost(group));
         let (most, sum) = (costs.clone().max().unwrap_or(0), costs.sum::<usize>());
         let imbalance = if sum == 0 {
@@ -210,7 +209,9 @@ impl Layout {
         if self.mesh.blocks() == 1 {
             return (rows, 0.0);
         }
-        let splitting = warp.map_or(1.0, |_| cost_of_splitting(case.propagator.method));
+        let splitting = warp.map_or(1.0, |_| {
+            descriptor(case.propagator.method).cost_of_splitting()
+        });
         let exchange = ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts() as f64;
         (rows, splitting * (rows + exchange) - rows)
     }

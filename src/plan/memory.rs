@@ -8,9 +8,8 @@ use crate::parallel::partition::Mesh;
 use crate::plan::layout::{CHUNK_BYTES, PROGRAM_BYTES};
 use crate::problem::case::{Case, Data, Embedding, Limiter};
 use crate::problem::exact::sheet::curve_points;
-use crate::propagate;
-use crate::propagate::Sizes;
-use crate::propagate::method::Company;
+use crate::propagate::descriptor;
+use crate::propagate::method::{BatchCoupling, MatrixShare};
 use crate::scheme::reduce::grid;
 use crate::scheme::rows::transport_rate;
 use crate::schrodingerization::warp_plan::WarpPlan;
@@ -35,9 +34,9 @@ pub(crate) fn memory_of_points(
     (mesh, points): (&Mesh, usize),
 ) -> u64 {
     let modes = points / 2 + 1;
-    let piece = match propagate::company(case.propagator.method) {
-        Company::Independent | Company::Coupled => LANES,
-        Company::Sequential => 1,
+    let piece = match descriptor(case.propagator.method).batch_coupling() {
+        BatchCoupling::Independent | BatchCoupling::Coupled => LANES,
+        BatchCoupling::Sequential => 1,
     };
     let most = modes.min(piece * modes.div_ceil(piece).div_ceil(mesh.groups));
     let warp = WarpPlan {
@@ -118,12 +117,15 @@ pub(crate) fn arrays(
         ));
     }
     if let Some(warp) = warp {
-        let sizes = Sizes {
+        let share = MatrixShare {
+            case,
+            bounds,
+            mesh,
             rows,
             length,
             entries,
         };
-        list.extend(propagate::arrays(case, bounds, mesh, &sizes));
+        list.extend(descriptor(case.propagator.method).arrays(&share));
         if let Some(points) = warp.points {
             let most = most as u64;
             let ranks = (most, mesh.groups as u64);

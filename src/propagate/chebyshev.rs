@@ -34,7 +34,10 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::blocking::Blocking;
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::parallel::communicator::GhostExchange;
-use crate::propagate::method::{BatchReport, BatchSpec, Evolution, Initial, Propagator, Start};
+use crate::propagate::method::{
+    BatchCoupling, BatchReport, BatchSpec, Descriptor, Evolution, Initial, MatrixShare, ModeDemand,
+    Propagator, RunWork, Setting, Start,
+};
 use num_complex::Complex64;
 
 /// Interval that holds the spectrum of `H = μS + iK`.
@@ -180,19 +183,18 @@ impl Chebyshev {
         }
     }
 
-    /// Bytes a row takes.
-    pub const BYTES_PER_ROW: usize = 2 * size_of::<Lanes>();
-
     /// Largest degree there is room for.
     pub fn largest_degree(&self) -> usize {
         self.coefficients.len() / LANES - 1
     }
 
-    /// The coefficients of `exp(−iHt)`, `t = time`, up to the degree of each lane, and what the steps need.
+    /// The coefficients of `exp(−iHt)`, `t = time`, up to the degree of each lane, and what the steps
+    /// need.
     pub(crate) fn prepare(
         &mut self,
+        system: &Evolution<'_>,
         batch: &BatchSpec,
-        (rate, growth, time): (f64, f64, f64),
+        time: f64,
     ) -> (StepConstants, BatchReport) {
         let degree = batch.largest_work();
         let mut report = BatchReport {
@@ -209,7 +211,7 @@ impl Chebyshev {
             coefficient: [0.0; LANES],
         };
         for l in 0..LANES {
-            let interval = Interval::new(batch.wavenumbers[l], rate, growth);
+            let interval = Interval::new(batch.wavenumbers[l], system.rate, system.growth);
             // Where nothing moves the spectrum is one point, and the series its first term.
             let still = interval.half_width == 0.0;
             constants.scale[l] = if still {
@@ -283,8 +285,7 @@ impl Propagator for Chebyshev {
         batch: &BatchSpec,
         initial: &Initial<'_>,
     ) -> Result<BatchReport> {
-        let span = (system.rate, system.growth, system.time);
-        let (constants, report) = self.prepare(batch, span);
+        let (constants, report) = self.prepare(system, batch, system.time);
         let (matrix, exchange) = (system.matrix, &mut *system.exchange);
         let degree = batch.largest_work();
         match initial.state {
@@ -296,6 +297,45 @@ impl Propagator for Chebyshev {
 
     fn state(&self) -> &[Lanes] {
         &self.current
+    }
+}
+
+/// Describes the series of the exponential.
+pub struct Method;
+
+impl Descriptor for Method {
+    fn batch_coupling(&self) -> BatchCoupling {
+        BatchCoupling::Independent
+    }
+
+    fn work(&self, demand: &ModeDemand, scratch: &mut Vec<f64>) -> usize {
+        degree(scratch, demand.half_width * demand.time, demand.tolerance)
+    }
+
+    fn applications_per_work(&self) -> usize {
+        1
+    }
+
+    fn arrays(&self, share: &MatrixShare<'_>) -> Vec<(String, u64)> {
+        // Where the inflow varies, what a stage starts from is kept beside the recurrence.
+        let vectors = 2 + u64::from(share.case.varies());
+        let batch = vectors * size_of::<Lanes>() as u64 * share.length;
+        let order = Blocking::bytes_per_row(share.case.space.velocity_cells());
+        vec![
+            (format!("batch of {LANES} modes"), batch),
+            (
+                "order of the blocking".to_owned(),
+                (order * share.rows as f64) as u64,
+            ),
+        ]
+    }
+
+    fn summary(&self, work: &RunWork) -> String {
+        format!("chebyshev: degree {} to {}", work.least, work.most)
+    }
+
+    fn propagator(&self, setting: &Setting, matrix: &BlockMatrix) -> Result<Box<dyn Propagator>> {
+        Ok(Box::new(Chebyshev::new(matrix, setting.largest_work)))
     }
 }
 

@@ -20,16 +20,10 @@ pub struct CommutatorFree<'a> {
     series: Vec<f64>,
 }
 
-/// Degree of the series of one of `stages` equal parts of a run, for the mode of wavenumber `mu` whose series of the whole run
-/// is cut at `whole_degree`: each part may leave its share of what that leaves.
-pub fn stage_degree(
-    scratch: &mut Vec<f64>,
-    mu: f64,
-    whole_degree: usize,
-    (rate, growth, time): (f64, f64, f64),
-    stages: usize,
-) -> usize {
-    let tau = Interval::new(mu, rate, growth).half_width * time;
+/// Degree of the series of one of `stages` equal parts of a run, for a mode whose series of the whole
+/// run, of argument `tau = hT`, is cut at `whole_degree`: each part may leave its share of what that
+/// leaves.
+pub fn stage_degree(scratch: &mut Vec<f64>, tau: f64, whole_degree: usize, stages: usize) -> usize {
     let rest = bessel_series(scratch, tau, 0.0);
     let cut = scratch.len().min(whole_degree + 1);
     let tail = rest + 2.0 * scratch[cut..].iter().map(|j| j.abs()).sum::<f64>();
@@ -49,9 +43,6 @@ impl<'a> CommutatorFree<'a> {
             series: Vec::with_capacity(2 * largest + 200),
         }
     }
-
-    /// Bytes a row takes.
-    pub const BYTES_PER_ROW: usize = Chebyshev::BYTES_PER_ROW + size_of::<Lanes>();
 }
 
 impl Propagator for CommutatorFree<'_> {
@@ -63,18 +54,17 @@ impl Propagator for CommutatorFree<'_> {
     ) -> crate::base::error::Result<BatchReport> {
         let stages = self.schedule.stages();
         let time = system.time / stages as f64;
-        let span = (system.rate, system.growth, time);
-        let whole = (system.rate, system.growth, system.time);
         let most = self.chebyshev.largest_degree();
         let stage = BatchSpec {
             work: std::array::from_fn(|l| {
-                let (series, mu) = (&mut self.series, batch.wavenumbers[l]);
-                stage_degree(series, mu, batch.work[l], whole, stages).min(most)
+                let interval = Interval::new(batch.wavenumbers[l], system.rate, system.growth);
+                let tau = interval.half_width * system.time;
+                stage_degree(&mut self.series, tau, batch.work[l], stages).min(most)
             }),
             ..batch.clone()
         };
         let longest = stage.largest_work();
-        let (constants, mut report) = self.chebyshev.prepare(&stage, span);
+        let (constants, mut report) = self.chebyshev.prepare(system, &stage, time);
         for (i, row) in self.start.iter_mut().enumerate() {
             *row = initial.state.row(i);
         }

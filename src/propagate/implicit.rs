@@ -21,8 +21,11 @@ use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::propagate::chebyshev::Interval;
-use crate::propagate::method::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
-use crate::propagate::shifted::{REFINEMENTS, RESTART, Shifted};
+use crate::propagate::method::{
+    BatchCoupling, BatchReport, BatchSpec, Descriptor, Evolution, Initial, MatrixShare, ModeDemand,
+    Propagator, RunWork, Setting,
+};
+use crate::propagate::shifted::{REFINEMENTS, RESTART, Shifted, factor_bytes};
 use num_complex::Complex64;
 
 /// Crank–Nicolson (order 2) or backward Euler (order 1), with the scratch of one rank.
@@ -38,8 +41,8 @@ pub struct Implicit {
     error: Vec<Lanes>,
 }
 
-/// Complex vectors of the matrix's length that are kept.
-pub fn vectors(split: bool) -> usize {
+/// Complex vectors of the matrix's length.
+fn vectors(split: bool) -> usize {
     // w and z here; residual, preconditioned vector and basis there; the factors' workspace.
     2 + 2 + 1 + if split { RESTART } else { REFINEMENTS } + 2
 }
@@ -146,5 +149,75 @@ impl Propagator for Implicit {
         let interval = Interval::new(mu, system.rate, system.growth);
         let size = interval.centre.abs() + interval.half_width;
         self.leading(system.time, steps) * size.powi(self.order as i32 + 1)
+    }
+}
+
+/// Equal steps over `time`, none longer than `step`: `⌈T/step⌉`.
+pub fn steps(step: f64, time: f64) -> usize {
+    // A quotient that is a whole number but for round-off is that number.
+    (time / step * (1.0 - 1e-12)).ceil().max(1.0) as usize
+}
+
+/// Describes an implicit method.
+pub struct Method {
+    name: &'static str,
+    order: usize,
+}
+
+/// Crank–Nicolson.
+pub static CRANK_NICOLSON: Method = Method {
+    name: "crank-nicolson",
+    order: 2,
+};
+
+/// Backward Euler.
+pub static BACKWARD_EULER: Method = Method {
+    name: "backward-euler",
+    order: 1,
+};
+
+impl Descriptor for Method {
+    fn batch_coupling(&self) -> BatchCoupling {
+        BatchCoupling::Sequential
+    }
+
+    fn work(&self, demand: &ModeDemand, _scratch: &mut Vec<f64>) -> usize {
+        demand.step.map_or(0, |step| steps(step, demand.time))
+    }
+
+    fn applications_per_work(&self) -> usize {
+        20
+    }
+
+    /// A Krylov solver comes on top of the factors.
+    fn cost_of_splitting(&self) -> f64 {
+        20.0
+    }
+
+    fn arrays(&self, share: &MatrixShare<'_>) -> Vec<(String, u64)> {
+        let &MatrixShare {
+            rows,
+            length,
+            entries,
+            ..
+        } = share;
+        let vectors = vectors(share.mesh.blocks() > 1) as u64;
+        let batch = 2 * size_of::<Lanes>() as u64 * rows;
+        let factors = 60 * entries + (factor_bytes(share) * rows as f64) as u64;
+        vec![
+            (format!("batch of {LANES} modes"), batch),
+            ("vectors of the solver".to_owned(), vectors * 16 * length),
+            ("factors (estimated)".to_owned(), factors),
+        ]
+    }
+
+    fn summary(&self, work: &RunWork) -> String {
+        let step = work.step.unwrap_or(work.time);
+        format!("{}: {} steps of {step:.6e}", self.name, work.steps)
+    }
+
+    fn propagator(&self, setting: &Setting, matrix: &BlockMatrix) -> Result<Box<dyn Propagator>> {
+        let made = Implicit::new(matrix, self.order, setting.split)?;
+        Ok(Box::new(made))
     }
 }

@@ -26,11 +26,14 @@ use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes, StepConstants};
 use crate::propagate::chebyshev::{Interval, bessel_series};
-use crate::propagate::method::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
+use crate::propagate::method::{
+    BatchCoupling, BatchReport, BatchSpec, Descriptor, Evolution, Initial, MatrixShare, ModeDemand,
+    Propagator, RunWork, Setting,
+};
 use num_complex::Complex64;
 
 /// Largest dimension `m` of the Krylov space.
-pub const DIMENSION: usize = 30;
+const DIMENSION: usize = 30;
 
 /// Pieces of the step that is guaranteed beforehand, in which the residual is followed.
 const PIECES: f64 = 32.0;
@@ -72,23 +75,20 @@ fn dimension(scratch: &mut Vec<f64>, x: f64, allowed: f64) -> usize {
     m.min(DIMENSION)
 }
 
-/// Applications that a mode takes at most: those of the steps that are guaranteed beforehand, each at most `longest_step`.
-pub fn applications(
-    scratch: &mut Vec<f64>,
-    half_width: f64,
-    (time, longest_step): (f64, f64),
-    tolerance: f64,
-) -> usize {
+/// Applications that a mode takes at most: those of the steps that are guaranteed beforehand.
+fn applications(scratch: &mut Vec<f64>, demand: &ModeDemand) -> usize {
+    let &ModeDemand {
+        half_width,
+        time,
+        tolerance,
+        step,
+    } = demand;
     if half_width == 0.0 {
         return 1;
     }
     let span = half_width * time;
-    let step = longest(
-        scratch,
-        DIMENSION,
-        tolerance / span,
-        half_width * longest_step,
-    );
+    let most = half_width * step.unwrap_or(time).min(time);
+    let step = longest(scratch, DIMENSION, tolerance / span, most);
     let whole = (span / step).floor();
     let left = (span - whole * step).max(0.0);
     let last = if left > 1e-12 * span {
@@ -443,9 +443,54 @@ impl Propagator for Krylov {
     }
 }
 
+/// Describes the exponential in Krylov spaces.
+pub struct Method;
+
+impl Descriptor for Method {
+    fn batch_coupling(&self) -> BatchCoupling {
+        BatchCoupling::Coupled
+    }
+
+    fn work(&self, demand: &ModeDemand, scratch: &mut Vec<f64>) -> usize {
+        applications(scratch, demand)
+    }
+
+    fn applications_per_work(&self) -> usize {
+        2
+    }
+
+    fn arrays(&self, share: &MatrixShare<'_>) -> Vec<(String, u64)> {
+        let (lanes, vectors) = (size_of::<Lanes>() as u64, DIMENSION as u64 + 1);
+        vec![
+            (format!("batch of {LANES} modes"), lanes * share.rows),
+            ("Krylov space".to_owned(), vectors * lanes * share.length),
+        ]
+    }
+
+    fn summary(&self, work: &RunWork) -> String {
+        let &RunWork { least, most, .. } = work;
+        let capped = (work.step).map_or(String::new(), |s| format!(", steps of at most {s:e}"));
+        format!("krylov: at most {least} to {most} applications a mode{capped}")
+    }
+
+    fn propagator(&self, setting: &Setting, matrix: &BlockMatrix) -> Result<Box<dyn Propagator>> {
+        Ok(Box::new(Krylov::new(matrix, setting.propagation.step)))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn all(scratch: &mut Vec<f64>, half_width: f64, longest_step: f64, tolerance: f64) -> usize {
+        let demand = ModeDemand {
+            half_width,
+            time: 1.0,
+            tolerance,
+            step: Some(longest_step),
+        };
+        applications(scratch, &demand)
+    }
 
     #[test]
     fn steps_and_dimensions_keep_their_bounds_and_no_more() {
@@ -502,18 +547,18 @@ mod tests {
     fn planned_applications_cover_the_time() {
         let mut scratch = Vec::new();
         for (span, tolerance) in [(0.1, 1e-6), (20.0, 1e-6), (500.0, 1e-12)] {
-            let all = applications(&mut scratch, span, (1.0, 1.0), tolerance);
+            let whole = all(&mut scratch, span, 1.0, tolerance);
             // A Chebyshev series of that accuracy is a polynomial of one piece: shorter, but not by much.
             bessel_series(&mut scratch, span, tolerance);
             let degree = scratch.len() - 1;
             assert!(
-                all >= degree && all <= 6 * degree + DIMENSION,
-                "{span}: {all} {degree}"
+                whole >= degree && whole <= 6 * degree + DIMENSION,
+                "{span}: {whole} {degree}"
             );
             // Shorter steps cost more.
-            let short = applications(&mut scratch, span, (1.0, 0.01), tolerance);
-            assert!(short > all, "{short} {all}");
+            let short = all(&mut scratch, span, 0.01, tolerance);
+            assert!(short > whole, "{short} {whole}");
         }
-        assert_eq!(applications(&mut scratch, 0.0, (1.0, 1.0), 1e-6), 1);
+        assert_eq!(all(&mut scratch, 0.0, 1.0, 1e-6), 1);
     }
 }

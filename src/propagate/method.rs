@@ -1,10 +1,16 @@
-//! The interface of propagators: what is propagated, from what, and what is reported of a batch.
+//! The interface of propagators.
+//!
+//! [`Propagator`] propagates batches of an [`Evolution`]; [`Descriptor`] is what a plan needs to know of
+//! it beforehand.
 
 use crate::base::error::Result;
 use crate::base::fixed_point::FixedPoint;
 use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::parallel::communicator::{GhostExchange, Group};
+use crate::parallel::partition::Mesh;
+use crate::problem::case::{Case, Propagation};
 use num_complex::Complex64;
 use std::ops::Range;
 
@@ -174,13 +180,110 @@ pub trait Propagator {
     }
 }
 
-/// How the modes of a batch go together.
+/// How the modes of a batch are coupled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Company {
-    /// Side by side in the lanes, each with the bits it would have alone: a batch takes as long as its longest mode.
+pub enum BatchCoupling {
+    /// Side by side in the lanes, each with the bits it would have alone: a batch takes as long as its
+    /// longest mode.
     Independent,
-    /// Side by side, and what one takes is seen in the bits of the others: batches are fixed blocks of neighbours.
+    /// Side by side, the bits of each depend on the others: batches are fixed blocks of neighbours.
     Coupled,
-    /// One after the other, each with the bits it would have alone: a batch takes as long as its modes together.
+    /// One after the other, each with the bits it would have alone: a batch takes as long as its modes
+    /// together.
     Sequential,
+}
+
+impl BatchCoupling {
+    /// What a batch costs whose modes take these `works`: idle lanes count.
+    pub fn cost(self, works: impl Iterator<Item = usize>) -> usize {
+        match self {
+            Self::Independent | Self::Coupled => LANES * works.max().unwrap_or(0),
+            Self::Sequential => works.sum(),
+        }
+    }
+}
+
+/// What a propagator is made for.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting {
+    /// Method and time step.
+    pub propagation: Propagation,
+    /// The most that a mode takes: see [`Descriptor::work`].
+    pub largest_work: usize,
+    /// Whether the space is split between ranks.
+    pub split: bool,
+}
+
+/// What is asked of the propagation of one mode.
+#[derive(Clone, Copy, Debug)]
+pub struct ModeDemand {
+    /// Half the length of the interval that holds the spectrum of `H`.
+    pub half_width: f64,
+    /// The time to propagate over.
+    pub time: f64,
+    /// Relative error allowed.
+    pub tolerance: f64,
+    /// Time step: of an implicit method, or the longest of a Krylov space.
+    pub step: Option<f64>,
+}
+
+/// What the modes of a run take.
+#[derive(Clone, Copy, Debug)]
+pub struct RunWork {
+    /// Least work of a mode.
+    pub least: usize,
+    /// Most work of a mode.
+    pub most: usize,
+    /// Time step of the case, if it gives one.
+    pub step: Option<f64>,
+    /// Steps of an implicit method.
+    pub steps: usize,
+    /// `T`.
+    pub time: f64,
+}
+
+/// The part of the matrix on the fullest rank of a mesh.
+#[derive(Clone, Copy)]
+pub struct MatrixShare<'a> {
+    /// The case.
+    pub case: &'a Case,
+    /// Bounds of its generator.
+    pub bounds: &'a Bounds,
+    /// The ranks.
+    pub mesh: &'a Mesh,
+    /// Rows.
+    pub rows: u64,
+    /// Rows and ghosts.
+    pub length: u64,
+    /// Entries.
+    pub entries: u64,
+}
+
+/// What a plan needs to know of a propagator before there is one.
+pub trait Descriptor: Sync {
+    /// How the modes of a batch are coupled.
+    fn batch_coupling(&self) -> BatchCoupling;
+
+    /// What a mode takes: applications of the matrix, or steps of an implicit method, each a solve.
+    fn work(&self, demand: &ModeDemand, scratch: &mut Vec<f64>) -> usize;
+
+    /// Applications that cost as much as a unit of [`work`](Self::work), about.
+    fn applications_per_work(&self) -> usize;
+
+    /// How many times longer a unit of work takes where space is split over ranks.
+    fn cost_of_splitting(&self) -> f64 {
+        1.0
+    }
+
+    /// The propagator's arrays and their bytes.
+    fn arrays(&self, share: &MatrixShare<'_>) -> Vec<(String, u64)>;
+
+    /// Method and work in words.
+    fn summary(&self, work: &RunWork) -> String;
+
+    /// The propagator, with its scratch.
+    ///
+    /// # Errors
+    /// Where the matrix of an implicit step cannot be analysed. Not collective.
+    fn propagator(&self, setting: &Setting, matrix: &BlockMatrix) -> Result<Box<dyn Propagator>>;
 }

@@ -10,11 +10,8 @@
 use crate::base::error::{Error, Result};
 use crate::base::fixed_point::FixedPoint;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::bounds::Bounds;
-use crate::parallel::partition::Mesh;
-use crate::problem::case::Case;
 use crate::propagate::chebyshev::Interval;
-use crate::propagate::method::{Evolution, pieces};
+use crate::propagate::method::{Evolution, MatrixShare, pieces};
 use crate::scheme::rows::transport_rate;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::lu::{LuRef, NumericLu, SymbolicLu, factorize_symbolic_lu};
@@ -39,7 +36,10 @@ const MOST_ITERATIONS: usize = 3000;
 ///
 /// Unknowns that a cell's rows are coupled to form a grid of the x-axes, and of the v-axes where a force moves particles along them.
 /// Chains fill little, two axes like `log` of the grid, more like its largest separator.
-pub fn factor_bytes(case: &Case, bounds: &Bounds, mesh: &Mesh) -> f64 {
+pub fn factor_bytes(share: &MatrixShare<'_>) -> f64 {
+    let MatrixShare {
+        case, bounds, mesh, ..
+    } = share;
     let x = case
         .space
         .x

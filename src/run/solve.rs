@@ -9,9 +9,8 @@ use crate::plan::balance::cost;
 use crate::plan::memory::BUFFERS;
 use crate::problem::case::{Case, Integrator, WarpedStart};
 use crate::propagate::classical::{Classical, EXACT, classical_steps, duhamel_panels};
-use crate::propagate::commutator_free::CommutatorFree;
 use crate::propagate::limiter::Reconstruction;
-use crate::propagate::method::{Evolution, Initial, Propagator};
+use crate::propagate::method::{Evolution, Initial};
 use crate::propagate::propagator;
 use crate::results::dataset::{About, Early, slices};
 use crate::results::summary::Summary;
@@ -269,14 +268,8 @@ fn by_modes(
             Initial::real(&state[..rows], norm)
         })
         .collect();
-    let made: Result<Box<dyn Propagator>> = match &problem.schedule {
-        Some(schedule) => Ok(Box::new(CommutatorFree::new(
-            &problem.matrix,
-            warp_plan.largest_work(),
-            schedule,
-        ))),
-        None => propagator(&plan.propagator_setting(warp_plan), &problem.matrix),
-    };
+    let setting = plan.propagator_setting(warp_plan);
+    let made = propagator(&setting, problem.schedule.as_ref(), &problem.matrix);
     let mut propagator = communicator.world.agree(made)?;
     let mut system = Evolution {
         matrix: &problem.matrix,

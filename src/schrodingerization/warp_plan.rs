@@ -5,8 +5,10 @@ use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
 use crate::problem::case::Case;
 use crate::propagate;
+use crate::propagate::chebyshev::Interval;
 use crate::propagate::commutator_free::stage_degree;
-use crate::propagate::method::Company;
+use crate::propagate::method::BatchCoupling;
+use crate::propagate::{Span, descriptor};
 use crate::schrodingerization::placement::Placement;
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::{Series, points};
@@ -103,14 +105,15 @@ impl WarpPlan {
         let mut leg_work = |&time: &f64| -> Vec<usize> {
             let mut work: Vec<usize> = (0..modes)
                 .map(|l| {
-                    let (mu, leg) = (
-                        wavenumber(&series, l),
-                        (time, mode_tolerances[l] / legs.len() as f64),
-                    );
-                    propagate::work(case, bounds, mu, leg, &mut scratch)
+                    let span = Span {
+                        time,
+                        tolerance: mode_tolerances[l] / legs.len() as f64,
+                    };
+                    let mu = wavenumber(&series, l);
+                    propagate::work(&case.propagator, bounds, mu, span, &mut scratch)
                 })
                 .collect();
-            if propagate::company(case.propagator.method) == Company::Coupled {
+            if descriptor(case.propagator.method).batch_coupling() == BatchCoupling::Coupled {
                 // Each takes what the longest of its block takes.
                 for block in work.rchunks_mut(LANES) {
                     let most = block.iter().copied().max().unwrap_or(0);
@@ -126,9 +129,9 @@ impl WarpPlan {
         let mut each = |(l, work): (usize, &usize)| match bounds.stages {
             0 => *work,
             stages => {
-                let span = (bounds.rate, bounds.growth, time);
                 let mu = wavenumber(&series, l);
-                stages * stage_degree(&mut scratch, mu, *work, span, stages)
+                let tau = Interval::new(mu, bounds.rate, bounds.growth).half_width * time;
+                stages * stage_degree(&mut scratch, tau, *work, stages)
             }
         };
         let total = work.iter().enumerate().map(&mut each).sum();
@@ -182,8 +185,12 @@ impl WarpPlan {
         for l in (stride / 2..modes).step_by(stride) {
             let weight = weight((series, modes), reading, l).norm();
             let allowed = mode_tolerance(case.tolerance / ratio, modes, weight);
-            let (mu, time) = (wavenumber(series, l), case.end / stages as f64);
-            let work = propagate::work(case, bounds, mu, (time, allowed), &mut scratch);
+            let span = Span {
+                time: case.end / stages as f64,
+                tolerance: allowed,
+            };
+            let mu = wavenumber(series, l);
+            let work = propagate::work(&case.propagator, bounds, mu, span, &mut scratch);
             sum += (stages * work) as f64;
             count += 1;
         }

@@ -18,7 +18,7 @@ use crate::base::error::Result;
 use crate::base::progress::Progress;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::Bounds;
-use crate::matrix::lanes::{LANES, Lanes};
+use crate::matrix::lanes::Lanes;
 use crate::matrix::observables::{VelocityFactors, moments};
 use crate::parallel::communicator::{Communicator, World};
 use crate::parallel::partition::Mesh;
@@ -29,12 +29,13 @@ use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::problem::case::{Case, Integrator};
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate;
+use crate::propagate::chebyshev::Interval;
 use crate::propagate::classical::{Classical, EXACT, ROUGH, classical_steps, poisson_window};
-use crate::propagate::commutator_free::{CommutatorFree, stage_degree};
+use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::limiter::Reconstruction;
-use crate::propagate::method::{Company, Evolution, Initial, Propagator};
-use crate::propagate::propagator;
+use crate::propagate::method::{BatchCoupling, Evolution, Initial, Propagator};
 use crate::propagate::time_dependent_inflow::Schedule;
+use crate::propagate::{Span, descriptor, propagator};
 use crate::results::result_file::most_bytes;
 use crate::results::warped::all_bytes;
 use crate::run::solve::integrate;
@@ -330,10 +331,10 @@ impl Trials<'_> {
             place,
             ..
         } = *self;
-        let company = propagate::company(plan.propagation.method);
+        let coupling = descriptor(plan.propagation.method).batch_coupling();
         let groups = &plan.layout.groups;
         let mine = &groups[communicator.modes.rank() % groups.len()];
-        let tried = pieces(mine, company);
+        let tried = pieces(mine, coupling);
         let rows = problem.matrix.rows();
         let given = case.start.as_ref().map(|_| made_up(rows));
         let norms = given.iter().flat_map(|x| {
@@ -409,7 +410,7 @@ impl Trials<'_> {
                 },
             )?;
             let seconds = world.max(started.elapsed().as_secs_f64());
-            let cost: f64 = batches.iter().map(|b| short.cost(b, company)).sum();
+            let cost: f64 = batches.iter().map(|b| short.cost(b, coupling)).sum();
             Ok((seconds, world.max(cost)))
         };
         let nothing = repeated(&mut || trial(1, &[]))?.0;
@@ -418,11 +419,11 @@ impl Trials<'_> {
         let tried = world.max(tried.len() as f64).max(1.0);
         let piece = ((one - nothing) / tried).max(0.0);
         let most = groups.iter().map(|group| {
-            let pieces = match company {
-                Company::Sequential => group.iter().map(|b| b.modes.len()).sum(),
+            let pieces = match coupling {
+                BatchCoupling::Sequential => group.iter().map(|b| b.modes.len()).sum(),
                 _ => group.len(),
             };
-            let cost: f64 = group.iter().map(|b| all.cost(b, company)).sum();
+            let cost: f64 = group.iter().map(|b| all.cost(b, coupling)).sum();
             piece * pieces as f64 + rate * cost
         });
         let mut seconds = nothing + most.fold(0.0, f64::max);
@@ -544,9 +545,12 @@ impl<'a> Shortened<'a> {
                 continue;
             }
             for l in 0..warp.modes {
-                let span = (leg.time, warp.leg_tolerance(l) * fraction);
-                let mu = warp.wavenumber(l);
-                let work = propagate::work(case, &plan.bounds, mu, span, &mut scratch);
+                let span = Span {
+                    time: leg.time,
+                    tolerance: warp.leg_tolerance(l) * fraction,
+                };
+                let (mu, bounds) = (warp.wavenumber(l), &plan.bounds);
+                let work = propagate::work(&case.propagator, bounds, mu, span, &mut scratch);
                 warp.leg_work[k][l] = work;
             }
         }
@@ -560,18 +564,12 @@ impl<'a> Shortened<'a> {
     }
 
     fn propagator(&self, matrix: &BlockMatrix) -> Result<Box<dyn Propagator + '_>> {
-        Ok(match &self.schedule {
-            Some(schedule) => Box::new(CommutatorFree::new(
-                matrix,
-                self.warp.largest_work(),
-                schedule,
-            )),
-            None => propagator(&self.plan.propagator_setting(&self.warp), matrix)?,
-        })
+        let setting = self.plan.propagator_setting(&self.warp);
+        propagator(&setting, self.schedule.as_ref(), matrix)
     }
 
     /// What a batch costs, as the plan counts it leg by leg, each exponential of an inflow that varies with its own degree.
-    fn cost(&self, batch: &Batch, company: Company) -> f64 {
+    fn cost(&self, batch: &Batch, coupling: BatchCoupling) -> f64 {
         let mut scratch = Vec::new();
         let bounds = &self.plan.bounds;
         let mut sum = 0;
@@ -579,26 +577,24 @@ impl<'a> Shortened<'a> {
             let works = batch.modes.iter().map(|&l| match &self.schedule {
                 None => work[l],
                 Some(schedule) => {
-                    let span = (bounds.rate, bounds.growth, leg.time);
-                    let (mu, stages) = (self.warp.wavenumber(l), schedule.stages());
-                    stages * stage_degree(&mut scratch, mu, work[l], span, stages)
+                    let interval =
+                        Interval::new(self.warp.wavenumber(l), bounds.rate, bounds.growth);
+                    let (tau, stages) = (interval.half_width * leg.time, schedule.stages());
+                    stages * stage_degree(&mut scratch, tau, work[l], stages)
                 }
             });
-            sum += match company {
-                Company::Sequential => works.sum::<usize>(),
-                _ => LANES * works.max().unwrap_or(0),
-            };
+            sum += coupling.cost(works);
         }
         sum as f64
     }
 }
 
 /// The pieces of a group that are tried: one, where all run at one rate, otherwise some from the longest to the shortest.
-fn pieces(group: &[Batch], company: Company) -> Vec<Batch> {
-    let all: Vec<Batch> = match company {
-        Company::Independent => return group.iter().take(1).cloned().collect(),
-        Company::Coupled => group.to_vec(),
-        Company::Sequential => (group.iter())
+fn pieces(group: &[Batch], coupling: BatchCoupling) -> Vec<Batch> {
+    let all: Vec<Batch> = match coupling {
+        BatchCoupling::Independent => return group.iter().take(1).cloned().collect(),
+        BatchCoupling::Coupled => group.to_vec(),
+        BatchCoupling::Sequential => (group.iter())
             .flat_map(|batch| &batch.modes)
             .map(|&mode| Batch {
                 modes: vec![mode],

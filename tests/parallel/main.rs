@@ -44,15 +44,14 @@ use phasewarp::problem::case::{
 };
 use phasewarp::propagate::chebyshev::{Chebyshev, Interval, bessel_series};
 use phasewarp::propagate::classical::{Classical, EXACT, duhamel_panels};
-use phasewarp::propagate::commutator_free::CommutatorFree;
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::limiter::{Reconstruction, longest_step};
 use phasewarp::propagate::method::{
-    BatchReport, BatchSpec, Company, Evolution, Initial, Propagator,
+    BatchCoupling, BatchReport, BatchSpec, Evolution, Initial, Propagator,
 };
 use phasewarp::propagate::time_dependent_inflow;
-use phasewarp::propagate::{company, propagator, work};
+use phasewarp::propagate::{Span, descriptor, propagator, work};
 use phasewarp::schrodingerization::warp_plan::WarpPlan;
 use phasewarp::solve::checkpoint::watch::{Standing, Times};
 use phasewarp::solve::checkpoint::watch::{Verdict, Watch};

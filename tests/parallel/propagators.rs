@@ -161,13 +161,9 @@ pub fn krylov_propagation(world: &World) {
                 let mut krylov = Krylov::new(&weighted.problem.matrix, step);
                 let mut scratch = Vec::new();
                 let planned = WAVENUMBERS.map(|mu| {
-                    work(
-                        &twin.case,
-                        &weighted.bounds,
-                        mu,
-                        (time, tolerance),
-                        &mut scratch,
-                    )
+                    let span = Span { time, tolerance };
+                    let (propagation, bounds) = (&twin.case.propagator, &weighted.bounds);
+                    work(propagation, bounds, mu, span, &mut scratch)
                 });
                 let batch = BatchSpec {
                     modes: LANES,

@@ -104,16 +104,9 @@ pub fn stream_in(
     let warp_plan = plan.warp.as_ref().expect("a schrodingerized run");
     let rows = problem.matrix.rows();
     let initial = Initial::real(&problem.states[0][..rows], norm);
-    let mut propagator: Box<dyn Propagator> = match &problem.schedule {
-        Some(schedule) => Box::new(CommutatorFree::new(
-            &problem.matrix,
-            warp_plan.largest_work(),
-            schedule,
-        )),
-        None => {
-            propagator(&plan.propagator_setting(warp_plan), &problem.matrix).expect("a propagator")
-        }
-    };
+    let setting = plan.propagator_setting(warp_plan);
+    let mut propagator =
+        propagator(&setting, problem.schedule.as_ref(), &problem.matrix).expect("a propagator");
     let mut system = Evolution {
         matrix: &problem.matrix,
         exchange: &mut problem.exchange,
@@ -212,7 +205,7 @@ pub fn recovered_field(world: &World) {
                 let rows = problem.matrix.rows();
                 let initial = Initial::real(&problem.states[0][..rows], norm(&weighted.state));
                 let mut propagator =
-                    propagator(&plan.propagator_setting(warp_plan), &problem.matrix)
+                    propagator(&plan.propagator_setting(warp_plan), None, &problem.matrix)
                         .expect("a propagator");
                 let mut system = Evolution {
                     matrix: &problem.matrix,
@@ -399,7 +392,7 @@ pub fn results_before_the_end(world: &World) {
                 let rows = problem.matrix.rows();
                 let initial = Initial::real(&problem.states[0][..rows], norm(&weighted.state));
                 let mut propagator =
-                    propagator(&plan.propagator_setting(warp_plan), &problem.matrix)
+                    propagator(&plan.propagator_setting(warp_plan), None, &problem.matrix)
                         .expect("a propagator");
                 let shares = shares(&problem.matrix.block, mesh.groups);
                 let group = weighted.communicator.modes.rank();
@@ -535,10 +528,17 @@ pub fn modes_in_any_company(world: &World) {
                 let same = planned == mixed;
                 alike &= same;
                 let name = format!("{}, {mesh:?}, {method:?}", twin.name);
-                assert!(same || company(method) == Company::Coupled, "{name}");
+                assert!(
+                    same || descriptor(method).batch_coupling() == BatchCoupling::Coupled,
+                    "{name}"
+                );
             }
         }
-        assert_eq!(alike, company(method) != Company::Coupled, "{method:?}");
+        assert_eq!(
+            alike,
+            descriptor(method).batch_coupling() != BatchCoupling::Coupled,
+            "{method:?}"
+        );
     }
     for scene in Varying::all() {
         let mut case = scene.twin.case.clone();
@@ -598,8 +598,9 @@ pub fn fields_in_one_pass(world: &World) {
             terms: problem.terms,
         };
         let mut recover = |initial: &[Initial<'_>]| {
-            let mut propagator = propagator(&plan.propagator_setting(warp_plan), system.matrix)
-                .expect("a propagator");
+            let mut propagator =
+                propagator(&plan.propagator_setting(warp_plan), None, system.matrix)
+                    .expect("a propagator");
             let recovered = modes::run(
                 &Task {
                     communicator: &communicator,

@@ -33,7 +33,7 @@ impl Acl {
         place(&profile, 0.0, demand).map(|window| (profile, window))
     }
 
-    /// The profile of `β`, within [`BETAS`].
+    /// The profile of `β`, within [`BETAS`](crate::problem::limits::BETAS).
     pub fn new(beta: f64) -> Self {
         // ĝ(x−i) = exp(2^β − (−ix)^β)/(2+ix), the same for ±x.
         let fall = (FRAC_PI_2 * beta).cos();

@@ -75,7 +75,7 @@ impl Smooth {
         place(&profile, 0.0, demand).map(|window| (profile, window))
     }
 
-    /// The profile of `r = order`, between 1 and [`MOST_ORDER`].
+    /// The profile of `r = order`, between 1 and [`MOST_ORDER`](crate::problem::limits::MOST_ORDER).
     pub fn new(order: usize) -> Self {
         let r = order;
         let term = |k: usize| {

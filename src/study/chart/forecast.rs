@@ -12,7 +12,7 @@ use crate::matrix::bounds::Bounds;
 use crate::plan::{ASSUMED_RATIO, Plan};
 use crate::problem::case::{Case, Integrator, Limiter, Method, PropagatorMethod};
 use crate::propagate::classical::classical_steps;
-use crate::propagate::unit;
+use crate::propagate::descriptor;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use std::collections::BTreeMap;
 
@@ -50,11 +50,12 @@ impl Kind {
 
     /// How many applications a unit of it is like, about.
     fn unit(self) -> f64 {
+        let applications = |method| descriptor(method).applications_per_work() as f64;
         match self {
             Self::Steps | Self::Series => 1.0,
             Self::Slopes => 8.0,
-            Self::Lanczos => unit(PropagatorMethod::Krylov) as f64,
-            Self::Solves => unit(PropagatorMethod::CrankNicolson) as f64,
+            Self::Lanczos => applications(PropagatorMethod::Krylov),
+            Self::Solves => applications(PropagatorMethod::CrankNicolson),
         }
     }
 

@@ -5,7 +5,7 @@ use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, PropagatorMethod};
-use crate::propagate::unit;
+use crate::propagate::descriptor;
 use crate::run;
 use crate::run::trial::trial;
 use crate::study::stability::budget::Budget;
@@ -92,7 +92,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             };
             let cost = |plan: &Plan| {
                 let solves = plan.warp.as_ref().map_or(0, |w| w.solves);
-                (solves * unit(method) * case.space.cells()) as f64
+                (solves * descriptor(method).applications_per_work() * case.space.cells()) as f64
             };
             let planned = run::plan(world, &case, &here);
             if planned
