@@ -1,0 +1,360 @@
+//! The staircase: no file of `src/` imports a room above its own, and no files import each other in a
+//! circle. The order of the rooms is that of the map in `src/lib.rs`.
+//!
+//! An import is a path that begins with `crate`, `self`, `super` or a child module, in a `use` line or
+//! in the code; comments, texts and unit tests do not count. It leads to the file of the deepest module
+//! that the path names.
+
+use proc_macro2::{Delimiter, TokenStream, TokenTree};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// A module as its path below the crate: `["matrix", "kernel"]`.
+type Module = Vec<String>;
+
+/// The text of each module's file.
+type Sources = BTreeMap<Module, String>;
+
+/// For each module, the modules that its file imports.
+type Imports = BTreeMap<Module, BTreeSet<Module>>;
+
+/// Rooms whose files still import each other in a circle, mostly a parent and its children.
+const ROOMS_WITH_CIRCLES: [&str; 6] = [
+    "matrix",
+    "plan",
+    "quantum",
+    "results",
+    "schrodingerization",
+    "study",
+];
+
+#[test]
+fn the_sources_are_a_staircase() {
+    let sources = sources();
+    let rooms = rooms(&sources[&Module::new()]);
+    assert_eq!(rooms.len(), 14, "{rooms:?}");
+    let files: BTreeSet<&str> = sources
+        .keys()
+        .filter_map(|m| Some(m.first()?.as_str()))
+        .collect();
+    let named: BTreeSet<&str> = rooms.iter().map(String::as_str).collect();
+    assert_eq!(files, named, "the rooms of src/ and those of the map");
+    let imports = imports(&sources);
+    let count: usize = imports.values().map(BTreeSet::len).sum();
+    assert!(count > 500, "only {count} imports are seen");
+    assert_none(&upwards(&imports, &rooms), "imports of a room above");
+    for room in &rooms {
+        let found = circles(&imports, room);
+        if ROOMS_WITH_CIRCLES.contains(&room.as_str()) {
+            assert!(
+                !found.is_empty(),
+                "{room} has no circle: take it off the list"
+            );
+        } else {
+            assert_none(&found, "circles");
+        }
+    }
+}
+
+fn assert_none(found: &[String], what: &str) {
+    assert!(
+        found.is_empty(),
+        "{} {what}:\n{}",
+        found.len(),
+        found.join("\n")
+    );
+}
+
+/// All files of `src/` but those of unit tests; `main.rs`, a crate of its own, is left out.
+fn sources() -> Sources {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut sources = Sources::new();
+    let mut folders = vec![root.clone()];
+    while let Some(folder) = folders.pop() {
+        for entry in folder.read_dir().expect("a folder of sources") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            let below = path
+                .strip_prefix(&root)
+                .expect("a path below src")
+                .with_extension("");
+            let mut module: Module = (below.iter())
+                .map(|part| part.to_string_lossy().into_owned())
+                .collect();
+            if module == ["lib"] || module.last().is_some_and(|last| last == "mod") {
+                module.pop();
+            }
+            if module != ["main"] && module.last().is_none_or(|last| last != "tests") {
+                let text = std::fs::read_to_string(&path).expect("a source file");
+                sources.insert(module, text);
+            }
+        }
+    }
+    sources
+}
+
+/// The rooms of the map, the topmost first: rows `//! | [`room`] | … |`.
+fn rooms(first_page: &str) -> Vec<String> {
+    let name = |line: &str| {
+        let (name, _) = line.strip_prefix("//! | [`")?.split_once("`]")?;
+        Some(name.to_owned())
+    };
+    first_page.lines().filter_map(name).collect()
+}
+
+fn imports(sources: &Sources) -> Imports {
+    let of_file = |(module, text): (&Module, &String)| {
+        let tokens: TokenStream = text.parse().unwrap_or_else(|e| panic!("{module:?}: {e}"));
+        let mut paths = Vec::new();
+        collect_paths(tokens, &mut paths);
+        let found = paths
+            .into_iter()
+            .filter_map(|path| target(sources, module, path));
+        (
+            module.clone(),
+            found.filter(|target| target != module).collect(),
+        )
+    };
+    sources.iter().map(of_file).collect()
+}
+
+/// The module that a path in the file of `module` leads to; none where it leaves the crate, or names a
+/// parent only on the way to another place.
+fn target(sources: &Sources, module: &Module, path: Vec<String>) -> Option<Module> {
+    let mut names = path.into_iter().peekable();
+    let mut target = match names.peek()?.as_str() {
+        "crate" => Module::new(),
+        _ => module.clone(),
+    };
+    let mut relative = false;
+    while let Some(name) = names.next_if(|name| ["crate", "self", "super"].contains(&name.as_str()))
+    {
+        relative = true;
+        if name == "super" {
+            target.pop()?;
+        }
+    }
+    for name in names {
+        target.push(name);
+        if !sources.contains_key(&target) {
+            target.pop();
+            break;
+        }
+        relative = true;
+    }
+    relative.then_some(target)
+}
+
+/// Every path in `tokens` that has more than one name, `use` trees spread out; items that are only
+/// compiled for tests are left out.
+fn collect_paths(tokens: TokenStream, paths: &mut Vec<Vec<String>>) {
+    let tokens: Vec<TokenTree> = tokens.into_iter().collect();
+    let mut k = 0;
+    while k < tokens.len() {
+        if is_test_attribute(&tokens[k..]) {
+            k += 2 + item_length(&tokens[k + 2..]);
+            continue;
+        }
+        match &tokens[k] {
+            TokenTree::Ident(_) => k += path_at(&tokens[k..], &[], paths),
+            TokenTree::Group(group) => {
+                collect_paths(group.stream(), paths);
+                k += 1;
+            }
+            _ => k += 1,
+        }
+    }
+}
+
+/// `#[cfg(test)]`.
+fn is_test_attribute(tokens: &[TokenTree]) -> bool {
+    let [TokenTree::Punct(hash), TokenTree::Group(attribute), ..] = tokens else {
+        return false;
+    };
+    hash.as_char() == '#' && attribute.stream().to_string().replace(' ', "") == "cfg(test)"
+}
+
+/// The number of tokens up to the end of an item: a semicolon, or a block in braces.
+fn item_length(tokens: &[TokenTree]) -> usize {
+    let ends = |token: &TokenTree| match token {
+        TokenTree::Punct(punct) => punct.as_char() == ';',
+        TokenTree::Group(group) => group.delimiter() == Delimiter::Brace,
+        _ => false,
+    };
+    tokens
+        .iter()
+        .position(ends)
+        .map_or(tokens.len(), |at| at + 1)
+}
+
+/// Adds the path, or the tree of paths, that begins at the first token below `prefix`; the number of
+/// its tokens.
+fn path_at(tokens: &[TokenTree], prefix: &[String], paths: &mut Vec<Vec<String>>) -> usize {
+    let mut path = prefix.to_vec();
+    let mut k = 0;
+    loop {
+        match tokens.get(k) {
+            Some(TokenTree::Ident(name)) => path.push(name.to_string()),
+            Some(TokenTree::Group(group)) if group.delimiter() == Delimiter::Brace && k > 0 => {
+                let tree: Vec<TokenTree> = group.stream().into_iter().collect();
+                let comma = |t: &TokenTree| matches!(t, TokenTree::Punct(p) if p.as_char() == ',');
+                for branch in tree.split(comma).filter(|branch| !branch.is_empty()) {
+                    path_at(branch, &path, paths);
+                }
+                return k + 1;
+            }
+            _ => break,
+        }
+        k += 1;
+        let is_colon =
+            |at: usize| matches!(tokens.get(at), Some(TokenTree::Punct(p)) if p.as_char() == ':');
+        if !(is_colon(k) && is_colon(k + 1)) {
+            break;
+        }
+        k += 2;
+    }
+    if path.len() > 1 {
+        paths.push(path);
+    }
+    k.max(1)
+}
+
+/// The imports that run upwards.
+fn upwards(imports: &Imports, rooms: &[String]) -> Vec<String> {
+    let height = |module: &Module| {
+        let room = module.first()?;
+        rooms.iter().rev().position(|name| name == room)
+    };
+    let mut found = Vec::new();
+    for (module, targets) in imports {
+        for target in targets {
+            // The first page stands above all rooms.
+            if let Some(own) = height(module)
+                && height(target).is_none_or(|other| other > own)
+            {
+                found.push(format!("{} imports {}", name(module), name(target)));
+            }
+        }
+    }
+    found
+}
+
+/// The sets of files of a room each of which leads to every other by imports within the room.
+fn circles(imports: &Imports, room: &str) -> Vec<String> {
+    let inside = |module: &&Module| module.first().is_some_and(|first| first == room);
+    let reached: BTreeMap<&Module, BTreeSet<&Module>> = (imports.keys().filter(inside))
+        .map(|module| (module, reached(imports, module, &inside)))
+        .collect();
+    let mut found = BTreeSet::new();
+    for (module, there) in &reached {
+        let back = |other: &&&Module| reached[**other].contains(module);
+        let circle: Vec<String> = there.iter().filter(back).map(|other| name(other)).collect();
+        if !circle.is_empty() {
+            found.insert(circle.join(", "));
+        }
+    }
+    found.into_iter().collect()
+}
+
+/// The modules that imports of `module` lead to, directly or by others, all of them `inside`.
+fn reached<'a>(
+    imports: &'a Imports,
+    module: &Module,
+    inside: &dyn Fn(&&Module) -> bool,
+) -> BTreeSet<&'a Module> {
+    let mut reached = BTreeSet::new();
+    let mut left: Vec<&Module> = imports[module].iter().filter(inside).collect();
+    while let Some(next) = left.pop() {
+        if reached.insert(next) {
+            left.extend(imports[next].iter().filter(inside));
+        }
+    }
+    reached
+}
+
+fn name(module: &Module) -> String {
+    format!("crate::{}", module.join("::"))
+}
+
+/// Sources in memory: `(module, text)`.
+fn planted(files: &[(&str, &str)]) -> Sources {
+    let module = |path: &str| path.split("::").map(str::to_owned).collect();
+    (files.iter())
+        .map(|(path, text)| (module(path), (*text).to_owned()))
+        .collect()
+}
+
+fn upper_and_lower() -> Vec<String> {
+    ["upper", "lower"].map(str::to_owned).to_vec()
+}
+
+#[test]
+fn a_planted_import_upwards_is_found() {
+    for line in [
+        "use crate::upper;",
+        "pub use crate::{upper::{self, Thing}, lower::other};",
+        "fn f() -> usize { crate::upper::g(1) }",
+        "fn f() { assert!(crate::upper::g(1) > 0); }",
+        "impl super::super::upper::Thing for X {}",
+    ] {
+        let sources = planted(&[("upper", ""), ("lower", ""), ("lower::a", line)]);
+        let found = upwards(&imports(&sources), &upper_and_lower());
+        assert_eq!(found, ["crate::lower::a imports crate::upper"], "{line}");
+    }
+}
+
+#[test]
+fn what_is_no_import_upwards_is_let_be() {
+    for line in [
+        "use crate::lower;\nuse std::fs::{self, File};",
+        "//! See [`crate::upper`].\n/// And [`crate::upper::Thing`].\nfn f() {} // crate::upper::g",
+        "fn f() -> &'static str { \"crate::upper::g\" }",
+        "#[cfg(test)]\nmod tests { use crate::upper::Thing; }",
+        "#[cfg(test)]\nuse crate::upper::Thing;\nfn f() {}",
+        "pub(crate) fn f() { other::upper::g(); }",
+    ] {
+        let sources = planted(&[
+            ("upper", "use crate::lower::a;"),
+            ("lower", ""),
+            ("lower::a", line),
+        ]);
+        let found = upwards(&imports(&sources), &upper_and_lower());
+        assert!(found.is_empty(), "{line}: {found:?}");
+    }
+}
+
+#[test]
+fn a_planted_circle_is_found() {
+    let circle = |files: &[(&str, &str)]| circles(&imports(&planted(files)), "room");
+    let two = [
+        ("room", ""),
+        ("room::a", "use crate::room::b::B;"),
+        ("room::b", "use super::a::A;"),
+    ];
+    assert_eq!(circle(&two), ["crate::room::a, crate::room::b"]);
+    let three = [
+        ("room", ""),
+        ("room::a", "use crate::room::b;"),
+        ("room::b", "fn f() { crate::room::c::g(); }"),
+        ("room::c", "use crate::room::a::{A, X};"),
+    ];
+    assert_eq!(
+        circle(&three),
+        ["crate::room::a, crate::room::b, crate::room::c"]
+    );
+    // A parent that uses its child, which uses the parent.
+    let family = [
+        ("room", "mod child;\nfn f() { child::g(); }"),
+        ("room::child", "use crate::room::f;"),
+    ];
+    assert_eq!(circle(&family), ["crate::room, crate::room::child"]);
+    let straight = [
+        ("room", "pub mod a;\npub mod b;"),
+        ("room::a", "use crate::room::b::B;"),
+        ("room::b", "fn f() -> crate::room::b::B {}"),
+    ];
+    assert!(circle(&straight).is_empty());
+}
