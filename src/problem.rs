@@ -10,4 +10,3 @@ pub mod formula;
 pub mod grid;
 pub mod limits;
 pub mod potential;
-pub mod refine;

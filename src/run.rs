@@ -4,7 +4,6 @@ pub mod assembled;
 pub mod compare;
 pub mod measure;
 pub mod solve;
-pub mod trial;
 
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
@@ -179,31 +178,35 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
 }
 
 /// A case that was run, on this rank's share.
-struct Computed {
+pub(crate) struct Computed {
     /// The case on the grid of what follows.
     shown: Case,
-    summary: Summary,
-    plan: Plan,
+    pub(crate) summary: Summary,
+    pub(crate) plan: Plan,
     /// This rank's space cells, one range an x-axis.
-    share: Vec<Range<usize>>,
+    pub(crate) share: Vec<Range<usize>>,
     /// Every field at `T`.
-    fields: Vec<Vec<f64>>,
-    exact: Option<ExactSolution>,
-    moments: Moments,
+    pub(crate) fields: Vec<Vec<f64>>,
+    pub(crate) exact: Option<ExactSolution>,
+    pub(crate) moments: Moments,
     totals: [f64; 2],
     early: Vec<Early>,
     plateau: Vec<PlateauPoint>,
     readout: Option<Readout>,
     /// Its checkpoints.
     store: Option<Store>,
-    watch: Stopwatch,
+    pub(crate) watch: Stopwatch,
 }
 
 /// Runs a case, in memory and in silence where no `files` are to be written. Collective over all ranks.
 ///
 /// # Errors
 /// As [`run`].
-fn compute(world: &World, case: &Case, files: Option<(&Path, &Options)>) -> Result<Computed> {
+pub(crate) fn compute(
+    world: &World,
+    case: &Case,
+    files: Option<(&Path, &Options)>,
+) -> Result<Computed> {
     let mut watch = Stopwatch::start();
     watch
         .seconds
@@ -699,7 +702,7 @@ impl Summary {
     }
 
     /// What is known at the end: seconds, and the memory that was taken. Collective.
-    fn finish(&mut self, world: &Group, watch: Stopwatch) {
+    pub(crate) fn finish(&mut self, world: &Group, watch: Stopwatch) {
         self.memory_peak_bytes_per_rank = world.max_count(machine::peak_memory() as usize) as u64;
         self.solve_seconds = watch.seconds.get("solve").copied().unwrap_or(0.0);
         self.wall_seconds = watch.started.elapsed().as_secs_f64();

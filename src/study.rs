@@ -1,9 +1,23 @@
-//! Studies: many trials of one case, to advise on a grid, to chart accuracy against cost, to find where methods
-//! fail, and to calibrate the model of cost.
+//! Studies: many trials of one case.
 //!
-//! Uses: run, results, and every room below.
+//! | study | answers | main type |
+//! |---|---|---|
+//! | [`advise`] | which grid and set-up reach an accuracy | [`advise::entry::Advised`] |
+//! | [`chart`] | what accuracy each method buys at which cost | [`chart::Chart`] |
+//! | [`stability`] | where each method begins to fail | [`stability::Stability`] |
+//! | [`calibrate`] | how long a run will take | [`calibrate::Calibration`] |
+//!
+//! They stand on one kernel: a [`trial`] is a run for its numbers only, a [`budget`] is the time that
+//! a study may take, [`cost`] predicts the seconds of a trial, and [`grids`] are coarser and finer
+//! grids of a case.
+//!
+//! A study may use run, results, and every room below. Only commands use studies.
 
 pub mod advise;
+pub mod budget;
 pub mod calibrate;
 pub mod chart;
+pub mod cost;
+pub mod grids;
 pub mod stability;
+pub mod trial;

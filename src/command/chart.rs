@@ -3,14 +3,15 @@
 use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
-use crate::study::chart::Chart;
+use crate::study::chart::measure;
+use crate::study::chart::result::Chart;
 use std::path::Path;
 use std::time::Duration;
 
 /// Makes the chart of `case` within `budget` and writes it into `directory`. Collective.
 ///
 /// # Errors
-/// As [`Chart::new`]; [`crate::base::error::Error::Directory`], [`crate::base::error::Error::Output`] where it cannot be written.
+/// As [`measure`]; [`crate::base::error::Error::Directory`], [`crate::base::error::Error::Output`] where it cannot be written.
 pub fn chart(world: &World, case: &Case, budget: Duration, directory: &Path) -> Result<Chart> {
     let all = world.group();
     let writable = match all.rank() {
@@ -18,7 +19,7 @@ pub fn chart(world: &World, case: &Case, budget: Duration, directory: &Path) -> 
         _ => Ok(()),
     };
     all.agree(writable)?;
-    let chart = Chart::new(world, case, budget)?;
+    let chart = measure(world, case, budget)?;
     let written = match all.rank() {
         0 => chart.write(directory),
         _ => Ok(()),

@@ -9,10 +9,10 @@ use crate::plan::Plan;
 use crate::plan::here::{memory_per_rank, refuse_hopeless_here};
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Interface, Method};
-use crate::problem::refine::refined;
 use crate::solve::spectrum;
 use crate::solve::spectrum::{End, Extremes};
 use crate::solve::system::Problem;
+use crate::study::grids::refined;
 use serde::Serialize;
 
 /// The system whose `S` is looked at.

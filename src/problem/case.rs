@@ -90,10 +90,11 @@ pub enum Limiter {
 }
 
 /// What computes `f(T)`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// Schrödingerization: unitary modes, recovered by the profile.
+    #[default]
     Schrodingerized,
     /// Direct integration of the semi-discrete system.
     Classical,

@@ -14,7 +14,6 @@
 //! | `step` | step of the implicit methods | error | its leading term |
 //! | `tolerance` | what is asked | error | the tolerance; the smallest that a plan accepts |
 
-pub mod budget;
 pub mod explicit;
 pub mod grazing;
 pub mod growth;
@@ -29,7 +28,7 @@ pub mod yardstick;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
-use crate::study::stability::budget::Budget;
+use crate::study::budget::Budget;
 use serde::Serialize;
 use std::time::Duration;
 
@@ -241,16 +240,17 @@ pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Re
         let what = "initial.warped: stability takes a case whose field at the start is a formula";
         return Err(Error::Input(what.to_owned()));
     }
-    let mut budget = Budget::new(world, limit);
+    let mut budget = Budget::new(world, limit.as_secs_f64());
     let wanted: Vec<Name> = (Name::BY_COST.into_iter())
         .filter(|name| only.is_empty() || only.contains(name))
         .collect();
     let scene = crate::study::stability::scene::plain(case);
     let (mut panels, mut left_out) = (Vec::new(), Vec::new());
     for (done, &name) in wanted.iter().enumerate() {
-        budget.share(wanted.len() - done, name.is_cheap());
+        let left = wanted.len() - done;
+        budget.share(if name.is_cheap() && left > 1 { 2 } else { 1 }, left);
         let found = match name {
-            _ if budget.over() => Ok(Err("the budget is used up".to_owned())),
+            _ if budget.is_over() => Ok(Err("the budget is used up".to_owned())),
             Name::Cfl => crate::study::stability::explicit::panel(world, &scene, &budget),
             Name::Growth => crate::study::stability::growth::panel(world, &scene, &budget),
             Name::Recovery => crate::study::stability::reading::recovery(world, &scene, &budget),
@@ -282,7 +282,7 @@ pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Re
         ranks: world.group().size(),
         panels,
         left_out,
-        seconds: budget.seconds(),
+        seconds: budget.elapsed(),
     })
 }
 

@@ -193,7 +193,7 @@ fn stretch(part: f64, dimension: usize) -> f64 {
 /// budget is spent. Collective.
 ///
 /// # Errors
-/// As [`crate::run::trial::trial`].
+/// As [`crate::study::trial::trial`].
 pub fn reach(
     trials: &mut Trials<'_>,
     scheme: Scheme,

@@ -1,33 +1,37 @@
-//! A row of the chart: a setting, and what became of it.
+//! An entry of the chart: a setting and its result.
 
 use crate::base::text::word;
 use crate::problem::case::{Case, Coefficients, Integrator, Limiter, Method};
-use crate::run::trial::Trial;
-use crate::study::chart::knobs::{grid_name, is_reference};
+use crate::quantum::probability::Probabilities;
+use crate::study::chart::setup::is_reference;
+use crate::study::cost::Seconds;
+use crate::study::grids::shape_text;
+use crate::study::trial::Trial;
 use serde::Serialize;
 
-/// What became of a setting.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+/// The result of a setting.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
     /// It ran.
     Done,
     /// It cannot run; `reason` says why.
     Refused,
-    /// It would not have fitted into the budget.
+    /// It did not fit into the budget.
+    #[default]
     LeftOut,
 }
 
-/// A trial: its knobs, then its numbers. What a method does not have, or what is not known, is empty.
-#[derive(Clone, Debug, Serialize)]
+/// A trial: its settings, then its numbers. What a method does not have, or what is unknown, is none.
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Entry {
-    /// What became of it.
+    /// The result.
     pub status: Status,
     /// Why it was refused.
     pub reason: Option<String>,
-    /// Seconds it would take, comparisons included, where it was left out.
+    /// Expected seconds, comparisons included, where it was left out.
     pub expected_seconds: Option<f64>,
-    /// Whether it would take longer: those seconds are without its work, which there was no time to plan, or those of a coarser grid.
+    /// Whether these are a lower bound: without the work, or those of a coarser grid.
     pub expected_at_least: bool,
     /// Whether it is the case as its file has it.
     pub as_given: bool,
@@ -41,7 +45,7 @@ pub struct Entry {
     pub cells: usize,
     /// Interface rows.
     pub interface: String,
-    /// Classical: what kind of steps.
+    /// Classical: kind of steps.
     pub integrator: Option<String>,
     /// Classical: slopes.
     pub limiter: Option<String>,
@@ -49,19 +53,19 @@ pub struct Entry {
     pub cfl: Option<f64>,
     /// By modes: `g(p)`.
     pub profile: Option<String>,
-    /// Where its coefficients come from.
+    /// Source of its coefficients.
     pub coefficients: Option<String>,
     /// Whether the unknowns are weighted.
     pub weights: Option<bool>,
-    /// Whether `V` does not jump: interfaces and weights are then all the same.
+    /// Whether `V` does not jump, so that interfaces and weights make no difference.
     pub no_jump: bool,
-    /// How the inflow is embedded, where something enters.
+    /// Embedding of the inflow, where something enters.
     pub embedding: Option<String>,
-    /// What applies `exp(−iHT)`.
+    /// Method that applies `exp(−iHT)`.
     pub propagator: Option<String>,
     /// Its step.
     pub step: Option<f64>,
-    /// What was asked for; none where `N_p` or the step is what is turned, or nothing can be asked for.
+    /// Tolerance; none where `N_p` or the step is varied, or a tolerance has no effect.
     pub tolerance: Option<f64>,
     /// `N_p`, where it is given.
     pub points: Option<usize>,
@@ -73,29 +77,31 @@ pub struct Entry {
     pub solves: Option<usize>,
     /// Seconds for the result.
     pub seconds: Option<f64>,
-    /// Seconds with what it is compared with.
+    /// Seconds including comparisons.
     pub total_seconds: Option<f64>,
     /// Largest resident memory of a rank.
     pub memory_bytes_per_rank: Option<u64>,
-    /// Distance to the exact solution over its size, L1; of measure-valued data that of the density.
+    /// Relative L1 distance to the exact solution; of measure-valued data that of the density.
     pub error_exact: Option<f64>,
     /// The same in L2, of `f`.
     pub error_exact_l2: Option<f64>,
     /// Relative l2 distance to `exp(AT) f(0) + …`, the largest over the fields.
     pub error_semidiscrete: Option<f64>,
-    /// What the run itself says of that distance.
+    /// The run's own estimate of that distance.
     pub error_estimate: Option<f64>,
-    /// With what probability a measurement finds the field in the window of `p` where it can be read.
+    /// Probability that a measurement finds the field in the window of `p` where it can be read.
     pub probability_window: Option<f64>,
     /// The same at `p◇` alone, the slice.
     pub probability_slice: Option<f64>,
-    /// Applications over the larger of the two: what it takes until the field is measured.
+    /// Applications over the larger of the two: the cost until the field is measured.
     pub until_measured: Option<f64>,
     /// Which of the two that is: `window` or `slice`.
     pub measured_by: Option<String>,
-    /// Whether no other of its kind (classical, by modes) is as close to the exact solution in as few seconds.
+    /// Whether no other of its kind (classical, by modes) is as close to the exact solution in as few
+    /// seconds.
     pub front_exact: bool,
-    /// Whether no other of its kind on its grid is as close to the semi-discrete solution in as few seconds.
+    /// Whether no other of its kind on its grid is as close to the semi-discrete solution in as few
+    /// seconds.
     pub front_seconds: bool,
     /// The same in applications; without the implicit methods, which have none.
     pub front_applications: bool,
@@ -106,7 +112,7 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// A setting that did not run: `case` is what would have.
+    /// The settings of `case`, without numbers.
     pub fn of(case: &Case, status: Status) -> Self {
         let modes = case.method == Method::Schrodingerized;
         let warp = &case.warp;
@@ -114,13 +120,8 @@ impl Entry {
         let steps = !modes && !is_reference(case);
         Self {
             status,
-            reason: None,
-            expected_seconds: None,
-            expected_at_least: false,
-            as_given: false,
-            paper: false,
             method: case.method,
-            grid: grid_name(&case.space),
+            grid: shape_text(&case.space.shape()),
             cells: case.space.cells(),
             interface: word(&case.interface),
             integrator: (!modes).then(|| word(&case.integrator)),
@@ -129,43 +130,23 @@ impl Entry {
             profile: modes.then(|| word(&warp.profile)),
             coefficients: modes.then(|| word(&warp.coefficients)),
             weights: modes.then_some(warp.weights),
-            no_jump: false,
             embedding: (modes && case.enters()).then(|| word(&warp.inflow)),
             propagator: modes.then(|| word(&case.propagator.method)),
             step: case.propagator.step.filter(|_| modes),
             tolerance: (modes && warp.points.is_none() && !stepped).then_some(case.tolerance),
             points: warp.points.filter(|_| modes),
-            modes: None,
-            applications: None,
-            solves: None,
-            seconds: None,
-            total_seconds: None,
-            memory_bytes_per_rank: None,
-            error_exact: None,
-            error_exact_l2: None,
-            error_semidiscrete: None,
-            error_estimate: None,
-            probability_window: None,
-            probability_slice: None,
-            until_measured: None,
-            measured_by: None,
-            front_exact: false,
-            front_seconds: false,
-            front_applications: false,
-            front_until_measured: false,
-            warnings: Vec::new(),
+            ..Self::default()
         }
     }
 
-    /// What `trial` gave, which took so many seconds for the result, and in all.
-    pub fn done(case: &Case, trial: &Trial, [seconds, total]: [f64; 2]) -> Self {
+    /// The settings of `case` with the numbers of its `trial`.
+    pub fn done(case: &Case, trial: &Trial, seconds: Seconds) -> Self {
         let summary = &trial.summary;
         let relative = |error: Option<f64>, size: Option<f64>| Some(error? / size?);
-        let chain = |part: fn(&crate::quantum::probability::Probabilities) -> Option<f64>| {
-            summary.probabilities.as_ref().and_then(part)
-        };
-        let window = chain(|p| p.in_window.all.value());
-        let slice = chain(|p| p.at_slice.all.value());
+        let probability =
+            |of: fn(&Probabilities) -> Option<f64>| summary.probabilities.as_ref().and_then(of);
+        let window = probability(|p| p.in_window.all.value());
+        let slice = probability(|p| p.at_slice.all.value());
         let modes = case.method == Method::Schrodingerized;
         let solves = Some(summary.solves).filter(|n| *n > 0);
         let applications = Some(summary.matvecs).filter(|_| solves.is_none());
@@ -182,8 +163,8 @@ impl Entry {
             modes: modes.then_some(summary.modes),
             applications,
             solves,
-            seconds: Some(seconds),
-            total_seconds: Some(total),
+            seconds: Some(seconds.result),
+            total_seconds: Some(seconds.total),
             memory_bytes_per_rank: Some(summary.memory_peak_bytes_per_rank).filter(|m| *m > 0),
             error_exact: density.or(field).filter(|e| e.is_finite()),
             error_exact_l2: relative(summary.error_l2, summary.exact_l2).filter(|e| e.is_finite()),
@@ -203,7 +184,7 @@ impl Entry {
         self.integrator.as_deref() == Some(&word(&Integrator::Exponential))
     }
 
-    /// The integrator, the paper's set-up or the profile: what is left out is counted by it.
+    /// The integrator, the paper's set-up or the profile: entries left out are counted by it.
     pub fn method_name(&self) -> String {
         let own = match (&self.integrator, &self.profile) {
             _ if self.as_given => "the case as given".to_owned(),
@@ -248,5 +229,17 @@ impl Entry {
             None => {}
         }
         parts.join(" ")
+    }
+}
+
+/// Seconds with a unit.
+pub fn time_text(seconds: f64) -> String {
+    match seconds {
+        s if s < 1e-3 => format!("{:.2} ms", 1e3 * s),
+        s if s < 1.0 => format!("{:.1} ms", 1e3 * s),
+        s if s < 100.0 => format!("{s:.1} s"),
+        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
+        s if s < 3.6e6 => format!("{:.0} h", s / 3600.0),
+        s => format!("{:.0e} h", s / 3600.0),
     }
 }

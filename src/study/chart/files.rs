@@ -3,8 +3,9 @@
 use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::study::chart::entry::{Entry, Status};
+use crate::study::chart::picture;
+use crate::study::chart::result::Chart;
 use crate::study::chart::verdict::expected;
-use crate::study::chart::{Chart, picture};
 use serde_json::Value;
 use std::fmt;
 use std::path::Path;

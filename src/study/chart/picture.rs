@@ -6,8 +6,8 @@
 use crate::problem::case::Method;
 use crate::results::figure::palette::{Marker, Style};
 use crate::results::figure::{Axis, Figure, Panel};
-use crate::study::chart::Chart;
 use crate::study::chart::entry::Entry;
+use crate::study::chart::result::Chart;
 use crate::study::chart::verdict::ends;
 
 /// Coordinates of an entry in a panel.

@@ -1,11 +1,12 @@
-//! What is tried, in which order: every method once on the coarsest grid, then grids, then the knobs of each method, then all combinations.
+//! The settings that are tried, in order: every method once on the coarsest grid, then grids, then
+//! the knobs of each method, then all combinations.
 
 use crate::problem::case::{
     DEFAULT_BETA, DEFAULT_ORDER, Integrator, Limiter, ProfileChoice, PropagatorMethod,
 };
 use crate::problem::grid::PhaseSpace;
-use crate::problem::refine::Grids;
-use crate::study::chart::knobs::{Setup, Treatment};
+use crate::study::chart::setup::{Modes, Setup, Treatment};
+use crate::study::grids::{Grids, with_cells};
 
 /// What the cells of an axis are divided by on coarser grids, and multiplied by on finer ones.
 const FACTORS: [usize; 2] = [2, 4];
@@ -33,7 +34,7 @@ const CLASSICAL: [(Integrator, Limiter); 5] = [
 ];
 /// Tolerance of every method's first trial, and on all grids.
 const FIRST: f64 = 1e-2;
-/// Tolerances that are tried.
+/// Tolerances that are tried, the loosest first.
 pub const TOLERANCES: [f64; 5] = [FIRST, 1e-4, 1e-6, 1e-8, 1e-10];
 /// Steps of implicit methods.
 const STEPS: [usize; 4] = [16, 64, 256, 1024];
@@ -45,11 +46,21 @@ const PAPER_STEPS: usize = 50;
 const POINTS: [usize; 7] = [256, 512, 1024, 2048, 4096, 8192, 16384];
 /// Steps over the largest stable one, besides the default.
 const SHORTER: [f64; 4] = [0.3, 0.1, 0.03, 0.01];
+const IMPLICIT: [PropagatorMethod; 2] = [
+    PropagatorMethod::CrankNicolson,
+    PropagatorMethod::BackwardEuler,
+];
 
-/// A setting on a grid.
-pub type Setting = (PhaseSpace, Setup);
+/// A setup on a grid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setting {
+    /// The grid.
+    pub space: PhaseSpace,
+    /// The method.
+    pub setup: Setup,
+}
 
-/// What there is to try for one case.
+/// The settings that can be tried for one case.
 #[derive(Clone, Debug)]
 pub struct Programme {
     /// Grids, coarse to fine.
@@ -61,8 +72,9 @@ pub struct Programme {
 }
 
 impl Programme {
-    /// For a case on `space`: finer grids have all its faces, coarser ones nearly as many cells as half and a quarter, `V`'s edges on faces
-    /// where that can be. `usable` tells whether `V` is on a coarser grid as it is on the case's own.
+    /// For a case on `space`. Finer grids have all its faces; coarser ones have nearly half and a
+    /// quarter of its cells, with the edges of `V` on faces where possible. `usable` tells whether a
+    /// coarser grid shows `V` as the case's own does.
     pub fn new(
         space: &PhaseSpace,
         near: &Grids,
@@ -70,19 +82,12 @@ impl Programme {
         usable: impl Fn(&PhaseSpace) -> bool,
     ) -> Self {
         let own = space.shape();
-        let with = |shape: &[usize]| {
-            let mut space = space.clone();
-            let axes = space.x.iter_mut().chain(&mut space.v);
-            axes.zip(shape)
-                .for_each(|(axis, cells)| axis.cells = *cells);
-            space
-        };
         let mut grids: Vec<PhaseSpace> = Vec::new();
         for factor in FACTORS.into_iter().rev() {
             let shape = near.scaled(&own, 1.0 / factor as f64);
             let fewer = |(n, own): (&usize, &usize)| *n <= *own && *n >= FEWEST.min(*own);
             let coarser = shape.iter().zip(&own).all(fewer) && shape != own;
-            let space = with(&shape);
+            let space = with_cells(space, &shape);
             if coarser && !grids.contains(&space) && usable(&space) {
                 grids.push(space);
             }
@@ -91,7 +96,7 @@ impl Programme {
         grids.push(space.clone());
         for factor in FACTORS {
             let shape: Option<Vec<usize>> = own.iter().map(|n| n.checked_mul(factor)).collect();
-            grids.extend(shape.map(|shape| with(&shape)));
+            grids.extend(shape.map(|shape| with_cells(space, &shape)));
         }
         Self {
             grids,
@@ -104,62 +109,61 @@ impl Programme {
         Treatment::all(self.jumps)
     }
 
-    /// Every method once, on the coarsest grid.
-    pub fn every_method(&self) -> Vec<Setting> {
-        let treatments = self.treatments();
-        let first = |profile| warped(profile, treatments[0], PropagatorMethod::Chebyshev, FIRST);
-        let designed = PROFILES[0];
-        // A classical one and one by modes first, should there be time for no more.
-        let mut setups = classical();
-        setups.insert(1, first(designed));
-        setups.extend(PROFILES[1..].iter().map(|&profile| first(profile)));
-        setups.extend(
-            treatments[1..]
-                .iter()
-                .map(|&treatment| warped(designed, treatment, PropagatorMethod::Chebyshev, FIRST)),
-        );
-        setups.push(warped(
-            designed,
-            treatments[0],
-            PropagatorMethod::Krylov,
-            FIRST,
-        ));
-        setups.extend(IMPLICIT.map(|method| stepped(designed, treatments[0], method, STEPS[0])));
-        setups.push(paper(POINTS[0]));
-        setups.push(sampled(POINTS[0]));
-        on(self.grids.first(), setups)
+    /// The first profile, treatment and propagator at the first tolerance.
+    fn base(&self) -> Modes {
+        Modes {
+            profile: PROFILES[0],
+            treatment: self.treatments()[0],
+            propagator: PropagatorMethod::Chebyshev,
+            steps: None,
+            tolerance: FIRST,
+        }
     }
 
-    /// Classical methods and the cheapest profile on all grids, the case's own first, and the case as it is.
-    pub fn every_grid(&self) -> Vec<Setting> {
-        let own = &self.grids[self.own];
-        let coarser = &self.grids[..self.own];
-        let finer = &self.grids[self.own + 1..];
+    /// Every method once, on the coarsest grid.
+    pub fn every_method(&self) -> Vec<Setting> {
+        let base = self.base();
+        // A classical method and one by modes first, should there be time for no more.
         let mut setups = classical();
-        let first = |&treatment: &Treatment| {
-            warped(PROFILES[0], treatment, PropagatorMethod::Chebyshev, FIRST)
-        };
-        setups.extend(self.treatments().iter().map(first));
-        let mut found = on(Some(own), setups.clone());
-        found.push((own.clone(), Setup::Given));
-        for grid in coarser.iter().chain(finer) {
-            found.extend(on(Some(grid), setups.clone()));
-        }
-        found
+        setups.insert(1, base.into());
+        setups.extend(of_profiles(base).into_iter().skip(1));
+        setups.extend(self.other_treatments(base));
+        setups.push(krylov(base));
+        setups.extend(implicit(base, STEPS[0]));
+        setups.extend([paper(POINTS[0]), sampled(POINTS[0])]);
+        on(&self.grids[0], &setups)
+    }
+
+    /// Classical methods and the first profile on the case's own grid, and the case as given.
+    pub fn own_grid(&self) -> Vec<Setting> {
+        let mut setups = self.on_each_grid();
+        setups.push(Setup::Given);
+        on(&self.grids[self.own], &setups)
+    }
+
+    /// Classical methods and the first profile on all other grids.
+    pub fn other_grids(&self) -> Vec<Setting> {
+        let setups = self.on_each_grid();
+        let others = self.grids.iter().enumerate();
+        (others.filter(|(k, _)| *k != self.own))
+            .flat_map(|(_, grid)| on(grid, &setups))
+            .collect()
+    }
+
+    fn on_each_grid(&self) -> Vec<Setup> {
+        let mut setups = classical();
+        setups.push(self.base().into());
+        setups.extend(self.other_treatments(self.base()));
+        setups
     }
 
     /// Every profile at the first tolerance: what must be affordable where methods are compared.
     pub fn profiles(&self, grid: &PhaseSpace) -> Vec<Setting> {
-        let first = |profile| {
-            let treatment = self.treatments()[0];
-            warped(profile, treatment, PropagatorMethod::Chebyshev, FIRST)
-        };
-        on(Some(grid), PROFILES.map(first).to_vec())
+        on(grid, &of_profiles(self.base()))
     }
 
     /// The knobs of each method on `grid`, one after the other.
     pub fn every_knob(&self, grid: &PhaseSpace) -> Vec<Setting> {
-        let base = self.treatments()[0];
         let mut setups = classical();
         for cfl in SHORTER {
             let shorter = |integrator| Setup::Classical {
@@ -170,61 +174,58 @@ impl Programme {
             setups.extend([Integrator::ForwardEuler, Integrator::SspRk3].map(shorter));
         }
         for tolerance in TOLERANCES {
-            let series = |profile| warped(profile, base, PropagatorMethod::Chebyshev, tolerance);
-            setups.extend(PROFILES.map(series));
-            setups.extend(self.treatments()[1..].iter().map(|&treatment| {
-                warped(
-                    PROFILES[0],
-                    treatment,
-                    PropagatorMethod::Chebyshev,
-                    tolerance,
-                )
-            }));
-            setups.push(warped(
-                PROFILES[0],
-                base,
-                PropagatorMethod::Krylov,
+            let base = Modes {
                 tolerance,
-            ));
+                ..self.base()
+            };
+            setups.extend(of_profiles(base));
+            setups.extend(self.other_treatments(base));
+            setups.push(krylov(base));
         }
-        for steps in STEPS {
-            setups.extend(IMPLICIT.map(|method| stepped(PROFILES[0], base, method, steps)));
-        }
-        for points in POINTS {
-            setups.extend([sampled(points), paper(points)]);
-        }
-        on(Some(grid), setups)
+        setups.extend(STEPS.iter().flat_map(|&n| implicit(self.base(), n)));
+        setups.extend(POINTS.iter().flat_map(|&n| [sampled(n), paper(n)]));
+        on(grid, &setups)
     }
 
     /// All profiles, propagators and treatments at all tolerances or steps on `grid`.
     pub fn everything(&self, grid: &PhaseSpace) -> Vec<Setting> {
+        let base = self.base();
         let mut setups = Vec::new();
+        let mut extend = |of: Modes| {
+            for &treatment in self.treatments() {
+                setups.extend(of_profiles(Modes { treatment, ..of }));
+            }
+        };
         for tolerance in TOLERANCES {
             for propagator in [PropagatorMethod::Chebyshev, PropagatorMethod::Krylov] {
-                for &treatment in self.treatments() {
-                    setups.extend(PROFILES.map(|p| warped(p, treatment, propagator, tolerance)));
-                }
+                extend(Modes {
+                    tolerance,
+                    propagator,
+                    ..base
+                });
             }
         }
         for steps in STEPS {
-            for method in IMPLICIT {
-                for &treatment in self.treatments() {
-                    setups.extend(PROFILES.map(|p| stepped(p, treatment, method, steps)));
-                }
+            for propagator in IMPLICIT {
+                extend(stepped(base, propagator, steps));
             }
         }
-        on(Some(grid), setups)
+        on(grid, &setups)
+    }
+
+    /// `base` with each treatment but the first.
+    fn other_treatments(&self, base: Modes) -> impl Iterator<Item = Setup> {
+        let with = move |&treatment: &Treatment| Setup::from(Modes { treatment, ..base });
+        self.treatments()[1..].iter().map(with)
     }
 }
 
-const IMPLICIT: [PropagatorMethod; 2] = [
-    PropagatorMethod::CrankNicolson,
-    PropagatorMethod::BackwardEuler,
-];
-
-fn on(grid: Option<&PhaseSpace>, setups: Vec<Setup>) -> Vec<Setting> {
-    let with = |grid: &PhaseSpace| setups.iter().map(|s| (grid.clone(), *s)).collect();
-    grid.map_or(Vec::new(), with)
+fn on(grid: &PhaseSpace, setups: &[Setup]) -> Vec<Setting> {
+    let with = |&setup: &Setup| Setting {
+        space: grid.clone(),
+        setup,
+    };
+    setups.iter().map(with).collect()
 }
 
 fn classical() -> Vec<Setup> {
@@ -232,34 +233,27 @@ fn classical() -> Vec<Setup> {
     CLASSICAL.map(setup).to_vec()
 }
 
-fn warped(
-    profile: ProfileChoice,
-    treatment: Treatment,
-    propagator: PropagatorMethod,
-    tolerance: f64,
-) -> Setup {
-    Setup::Warped {
-        profile,
-        treatment,
-        propagator,
-        steps: None,
-        tolerance,
-    }
+/// `base` with every profile.
+fn of_profiles(base: Modes) -> [Setup; PROFILES.len()] {
+    PROFILES.map(|profile| Modes { profile, ..base }.into())
 }
 
-fn stepped(
-    profile: ProfileChoice,
-    treatment: Treatment,
-    propagator: PropagatorMethod,
-    steps: usize,
-) -> Setup {
-    Setup::Warped {
-        profile,
-        treatment,
+fn krylov(base: Modes) -> Setup {
+    let propagator = PropagatorMethod::Krylov;
+    Modes { propagator, ..base }.into()
+}
+
+fn stepped(base: Modes, propagator: PropagatorMethod, steps: usize) -> Modes {
+    Modes {
         propagator,
         steps: Some(steps),
         tolerance: BELOW_STEPS,
+        ..base
     }
+}
+
+fn implicit(base: Modes, steps: usize) -> [Setup; IMPLICIT.len()] {
+    IMPLICIT.map(|method| stepped(base, method, steps).into())
 }
 
 fn paper(points: usize) -> Setup {

@@ -2,11 +2,10 @@
 
 use super::*;
 use crate::problem::case::{Integrator, Limiter, ProfileChoice, PropagatorMethod};
-use crate::study::chart::entry::Status;
+use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::files::{COLUMNS, csv};
-use crate::study::chart::knobs::Setup;
-use crate::study::chart::verdict::{sentences, winners};
-use knobs::Treatment;
+use crate::study::chart::setup::{Modes, Treatment};
+use crate::study::chart::verdict::winners;
 use serde_json::Value;
 
 fn case() -> Case {
@@ -32,13 +31,13 @@ fn case() -> Case {
 fn made_up(designed: bool, [seconds, error]: [f64; 2], applications: usize) -> Entry {
     let case = case();
     let setup = if designed {
-        Setup::Warped {
+        Setup::from(Modes {
             profile: ProfileChoice::Designed,
             treatment: Treatment::Weights,
             propagator: PropagatorMethod::Chebyshev,
             steps: None,
             tolerance: error,
-        }
+        })
     } else {
         Setup::classical(Integrator::SspRk3, Limiter::VanLeer)
     };
@@ -48,7 +47,7 @@ fn made_up(designed: bool, [seconds, error]: [f64; 2], applications: usize) -> E
         error_semidiscrete: designed.then_some(error),
         applications: Some(applications),
         until_measured: designed.then_some(10.0 * applications as f64),
-        ..Entry::of(&setup.settle(&case, &case.space, None), Status::Done)
+        ..Entry::of(&setup.apply(&case, &case.space, None), Status::Done)
     }
 }
 
@@ -263,13 +262,13 @@ fn settings_make_the_cases_they_name() {
         decay: 100.0,
         ..Bounds::new(&case).unwrap()
     };
-    let made = paper.settle(&case, &case.space, Some(&bounds));
+    let made = paper.apply(&case, &case.space, Some(&bounds));
     let [lower, upper] = made.warp.interval.unwrap();
     assert!((lower + 35.0).abs() < 1e-12 && (upper - 5.6).abs() < 1e-12);
     assert!(made.verify && !made.warp.weights);
     assert!((made.propagator.step.unwrap() * 50.0 - case.end).abs() < 1e-12);
     let slopes = Setup::classical(Integrator::SspRk3, Limiter::Minmod);
-    assert!(!slopes.settle(&case, &case.space, None).verify);
+    assert!(!slopes.apply(&case, &case.space, None).verify);
     let exponential = Setup::classical(Integrator::Exponential, Limiter::None);
-    assert!(!exponential.settle(&case, &case.space, None).verify);
+    assert!(!exponential.apply(&case, &case.space, None).verify);
 }

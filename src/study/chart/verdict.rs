@@ -1,8 +1,8 @@
 //! Which method to take at which accuracy, in sentences that follow from the trials.
 
 use crate::problem::case::Method;
-use crate::study::chart::Chart;
-use crate::study::chart::entry::{Entry, Status};
+use crate::study::chart::entry::{Entry, Status, time_text};
+use crate::study::chart::result::Chart;
 
 /// Accuracies that are asked for, loose to tight.
 const EXACT: [f64; 10] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];
@@ -88,7 +88,7 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
         ("classically", done(Method::Classical)),
         ("by modes", done(Method::Schrodingerized)),
     ];
-    let seconds = |e: &Entry| e.seconds.map_or(String::new(), time);
+    let seconds = |e: &Entry| e.seconds.map_or(String::new(), time_text);
     let here = |e: &Entry| e.name();
     let anywhere = |e: &Entry| format!("{} on {}", e.name(), e.grid);
     let mut found = Vec::new();
@@ -203,7 +203,7 @@ fn unseen_there(chart: &Chart, closest: &Entry) -> String {
 /// Seconds that are expected of `entries`: one number, or the least and the most.
 pub fn expected(entries: &[&Entry]) -> String {
     let all: Vec<f64> = entries.iter().filter_map(|e| e.expected_seconds).collect();
-    let [least, most] = ends(&all).map(time);
+    let [least, most] = ends(&all).map(time_text);
     let bound = match entries.iter().any(|e| e.expected_at_least) {
         true => "at least ",
         false => "",
@@ -211,18 +211,6 @@ pub fn expected(entries: &[&Entry]) -> String {
     match least == most {
         true => format!("{bound}{least}"),
         false => format!("{bound}{least} to {most}"),
-    }
-}
-
-/// Seconds for people.
-pub fn time(seconds: f64) -> String {
-    match seconds {
-        s if s < 1e-3 => format!("{:.2} ms", 1e3 * s),
-        s if s < 1.0 => format!("{:.1} ms", 1e3 * s),
-        s if s < 100.0 => format!("{s:.1} s"),
-        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
-        s if s < 3.6e6 => format!("{:.0} h", s / 3600.0),
-        s => format!("{:.0e} h", s / 3600.0),
     }
 }
 

@@ -12,8 +12,9 @@ use crate::problem::case::{Case, Integrator, Method};
 use crate::propagate::classical::Classical;
 use crate::run::assembled::Assembled;
 use crate::scheme::rows::Scheme;
-use crate::study::stability::budget::Budget;
-use crate::study::stability::scene::{assembled, border, coarsened, note};
+use crate::study::budget::Budget;
+use crate::study::grids::coarsened;
+use crate::study::stability::scene::{assembled, border, note};
 use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
 use num_complex::Complex64;
 use std::f64::consts::PI;
@@ -173,7 +174,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     // Borders first: curves may end early.
     for (name, integrator) in methods {
         let range = (0.25, LARGEST);
-        let over = || budget.over();
+        let over = || budget.is_over();
         let kept = border(range, SHARP, over, |c| {
             steps.growth(integrator, c, (FEW, 2)) <= 1.0 + ROUND_OFF
         });
@@ -212,7 +213,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     for (name, integrator) in methods {
         let points = (0..=30).map(|k| {
             let x = 0.6 + 0.04 * f64::from(k);
-            let measured = if budget.over() {
+            let measured = if budget.is_over() {
                 f64::NAN
             } else {
                 steps.growth(integrator, x, (STEPS, 1))
@@ -231,7 +232,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     }
     verdict += "Runs refuse solver.classical.cfl above 1.";
     let mut notes = note(whole, &case);
-    if budget.over() {
+    if budget.is_over() {
         notes.push("curves end where the budget did".to_owned());
     }
     Ok(Ok(Panel {

@@ -24,9 +24,10 @@ use crate::problem::case::{Case, Interface};
 use crate::problem::grid::for_each_cell;
 use crate::problem::potential::Potential;
 use crate::scheme::interface::{sources, velocity};
-use crate::study::stability::budget::Budget;
+use crate::study::budget::Budget;
+use crate::study::grids::coarsened;
 use crate::study::stability::scene::{
-    assembled, coarsened, growth, note, with_interface, with_potential_times,
+    assembled, growth, note, with_interface, with_potential_times,
 };
 use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
 
@@ -148,7 +149,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     let own = at(1.0)?;
     points.push(own);
     for k in spread(HEIGHTS) {
-        if budget.over() {
+        if budget.is_over() {
             notes.push(format!("{} of {HEIGHTS} heights tried", points.len() - 1));
             break;
         }

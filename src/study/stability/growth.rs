@@ -4,10 +4,11 @@ use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Interface};
-use crate::problem::refine::refined;
-use crate::study::stability::budget::Budget;
+use crate::study::budget::Budget;
+use crate::study::grids::coarsened;
+use crate::study::grids::refined;
 use crate::study::stability::grazing::expected_growth;
-use crate::study::stability::scene::{assembled, coarsened, growth, with_interface};
+use crate::study::stability::scene::{assembled, growth, with_interface};
 use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
 
 /// Cells that the sweep begins with.
@@ -108,7 +109,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     let mut last = start.space.shape();
     for factor in FACTORS {
         let grid = refined(&start, factor);
-        if grid.space.cells() > MOST || budget.over() {
+        if grid.space.cells() > MOST || budget.is_over() {
             notes.push("finer grids take too long here".to_owned());
             break;
         }

@@ -7,10 +7,11 @@ use crate::plan::layout::Resources;
 use crate::problem::case::{Case, PropagatorMethod};
 use crate::propagate::descriptor;
 use crate::run;
-use crate::run::trial::trial;
-use crate::study::stability::budget::Budget;
-use crate::study::stability::scene::{coarsened, note};
+use crate::study::budget::Budget;
+use crate::study::grids::coarsened;
+use crate::study::stability::scene::note;
 use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
+use crate::study::trial::trial;
 
 /// Cells that are enough: each mode and step solves a system.
 const CELLS: usize = 256;
@@ -82,7 +83,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             case.propagator.method = method;
             let step = case.end / f64::from(1u32 << power);
             case.propagator.step = Some(step);
-            if budget.over() {
+            if budget.is_over() {
                 notes.push(format!("{name}: {} steps at most", 1u32 << (power - 1)));
                 break;
             }
@@ -97,7 +98,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             let planned = run::plan(world, &case, &here);
             if planned
                 .as_ref()
-                .is_ok_and(|plan| budget.exceeds(cost(plan)))
+                .is_ok_and(|plan| !budget.holds(cost(plan), 1.0))
             {
                 notes.push(format!("{name}: {} steps at most", 1u32 << (power - 1)));
                 break;

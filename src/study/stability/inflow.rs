@@ -8,8 +8,9 @@ use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Delta};
 use crate::run::assembled::Assembled;
-use crate::study::stability::budget::Budget;
-use crate::study::stability::scene::{assembled, coarsened, growth, note};
+use crate::study::budget::Budget;
+use crate::study::grids::coarsened;
+use crate::study::stability::scene::{assembled, growth, note};
 use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
 
 /// Cells that are enough.
@@ -70,7 +71,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     let mut notes = note(whole, &case);
     let [mut total, mut growing, mut state] = [Vec::new(), Vec::new(), Vec::new()];
     for k in -PER_DECADE * DECADES..=PER_DECADE * DECADES {
-        if budget.over() {
+        if budget.is_over() {
             notes.push("curves end where the budget did".to_owned());
             break;
         }

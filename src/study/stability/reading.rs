@@ -14,16 +14,17 @@ use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Coefficients, Interface, LARGEST_TOLERANCE, ProfileChoice};
-use crate::run::trial::trial;
 use crate::schrodingerization::profile::Shape;
 use crate::schrodingerization::profile::gaussian::{Gaussian, normal_quantile};
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::spectrum;
-use crate::study::stability::budget::Budget;
-use crate::study::stability::scene::{coarsened, note, with_interface};
+use crate::study::budget::Budget;
+use crate::study::grids::coarsened;
+use crate::study::stability::scene::{note, with_interface};
 use crate::study::stability::yardstick::Yardstick;
 use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
+use crate::study::trial::trial;
 
 /// Cells that are enough; more where the profile is propagated but twice, as the growth shows on finer grids.
 const CELLS: usize = 1024;
@@ -137,7 +138,7 @@ pub fn recovery(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         .take_while(|p| *p <= TO)
         .collect();
     for (name, case) in kinds {
-        if budget.over() {
+        if budget.is_over() {
             notes.push(format!("{name}: the budget is used up"));
             break;
         }
@@ -146,7 +147,7 @@ pub fn recovery(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         let period = extent[1] + extent[0].max(0.0) + TO + room;
         let modes = (profile.cutoff * period / std::f64::consts::TAU).ceil() as usize + 1;
         let series = Series::analytic(period, modes, |mu| profile.coefficient(mu));
-        if budget.exceeds(yardstick.updates(&series)?) {
+        if !budget.holds(yardstick.updates(&series)?, 1.0) {
             notes.push(format!("{name}: {modes} modes take too long here"));
             continue;
         }
@@ -226,7 +227,7 @@ pub fn interval(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     let mut tried = |ends: [f64; 2], x: f64| -> Result<Option<Point>> {
         let period = ends[1] - ends[0];
         let series = Series::sampled(ends, points(&profile, period), |p| profile.value(p));
-        if budget.exceeds(yardstick.updates(&series)?) {
+        if !budget.holds(yardstick.updates(&series)?, 1.0) {
             return Ok(None);
         }
         let errors = yardstick.errors(&series, &[0.0])?;
@@ -240,7 +241,7 @@ pub fn interval(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     let mut long = 0;
     for k in 0..=LENGTHS {
         let part = f64::from(k) / f64::from(LENGTHS);
-        if budget.over() {
+        if budget.is_over() {
             notes.push("curves end where the budget did".to_owned());
             break;
         }
@@ -283,7 +284,7 @@ pub fn interval(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     };
     let (mut short, mut enough) = (1.0, 4.0 * (needed + far));
     let mut shortest = None;
-    if accepts(&mut case, enough) && !budget.over() {
+    if accepts(&mut case, enough) && !budget.is_over() {
         for _ in 0..12 {
             let middle = 0.5 * (short + enough);
             if accepts(&mut case, middle) {

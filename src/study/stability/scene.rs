@@ -27,41 +27,6 @@ pub fn plain(case: &Case) -> Case {
     }
 }
 
-/// `case` on at most so many cells: axes are halved, the longest first, those that keep every edge of `V` on a face before others.
-pub fn coarsened(case: &Case, most: usize) -> Case {
-    /// Fewer cells along an axis show nothing.
-    const LEAST: usize = 4;
-    let mut case = case.clone();
-    while case.space.cells() > most {
-        let n = case.space.dimension();
-        let mut axes: Vec<usize> = (0..2 * n).collect();
-        let shape = case.space.shape();
-        axes.retain(|&a| shape[a].div_ceil(2) >= LEAST);
-        axes.sort_by_key(|&a| std::cmp::Reverse(shape[a]));
-        let halved = |a: &usize| {
-            let mut case = case.clone();
-            let axis = match a.checked_sub(n) {
-                None => &mut case.space.x[*a],
-                Some(v) => &mut case.space.v[v],
-            };
-            axis.cells = axis.cells.div_ceil(2);
-            case
-        };
-        let missed = |case: &Case| {
-            let found = overlooked(case);
-            found.edges.len() + found.empty.len()
-        };
-        let before = missed(&case);
-        let keeps = |case: &Case| missed(case) <= before;
-        let next = (axes.iter().map(halved).find(keeps)).or_else(|| axes.first().map(halved));
-        match next {
-            Some(next) => case = next,
-            None => break,
-        }
-    }
-    case
-}
-
 /// What is said where a panel was measured on fewer cells than the case has.
 pub fn note(case: &Case, used: &Case) -> Vec<String> {
     let (shape, coarse) = (case.space.shape(), used.space.shape());

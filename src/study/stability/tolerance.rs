@@ -10,11 +10,12 @@ use crate::problem::case::{
     Propagation, PropagatorMethod,
 };
 use crate::run;
-use crate::run::trial::trial;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::study::stability::budget::Budget;
-use crate::study::stability::scene::{coarsened, note};
+use crate::study::budget::Budget;
+use crate::study::grids::coarsened;
+use crate::study::stability::scene::note;
 use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
+use crate::study::trial::trial;
 
 /// Cells that are enough.
 const CELLS: usize = 1024;
@@ -86,7 +87,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         let asked: Vec<f64> = asked.chain(smallest).collect();
         for &asked in &asked {
             case.tolerance = asked;
-            if budget.over() {
+            if budget.is_over() {
                 costly = true;
                 break;
             }
@@ -102,7 +103,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
                 .as_ref()
                 .map(|p| p.warp.as_ref().map_or(0, |w| w.applications));
             match applications {
-                Ok(count) if budget.exceeds(updates(count)) => costly = true,
+                Ok(count) if !budget.holds(updates(count), 1.0) => costly = true,
                 Err(Error::Modes { .. }) => costly = true,
                 _ => {}
             }

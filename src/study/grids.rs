@@ -1,9 +1,9 @@
-//! Other grids over the box of a case, for [`advise`](crate::study::advise), [`chart`](crate::study::chart) and [`stability`](crate::study::stability): cells along each axis such that edges of
-//! `V` stay on faces.
+//! Coarser and finer grids over the box of a case, with the edges of `V` on faces where possible.
 
 use crate::problem::case::Case;
-use crate::problem::grid::Axis;
-use crate::problem::potential::region_edges;
+use crate::problem::grid::{Axis, PhaseSpace};
+use crate::problem::potential::{overlooked, region_edges};
+use std::cmp::Reverse;
 
 /// An edge this close to a face, in cells, lies on it.
 const ON_FACE: f64 = 1e-6;
@@ -14,12 +14,64 @@ const FEWEST: [usize; 3] = [8, 4, 4];
 /// The coarsest grid has the case's cells over at most two to this power.
 const COARSEST: u32 = 3;
 
+/// `shape` cells as text: `64 x 48`.
+pub fn shape_text(shape: &[usize]) -> String {
+    let cells: Vec<String> = shape.iter().map(usize::to_string).collect();
+    cells.join(" x ")
+}
+
+/// The box of `space` cut into `shape` cells.
+pub fn with_cells(space: &PhaseSpace, shape: &[usize]) -> PhaseSpace {
+    let mut space = space.clone();
+    let axes = space.x.iter_mut().chain(&mut space.v);
+    axes.zip(shape)
+        .for_each(|(axis, &cells)| axis.cells = cells);
+    space
+}
+
+/// `case` on `shape` cells.
+pub fn on_grid(case: &Case, shape: &[usize]) -> Case {
+    Case {
+        space: with_cells(&case.space, shape),
+        ..case.clone()
+    }
+}
+
 /// `case` with `factor` times the cells along every axis.
 pub fn refined(case: &Case, factor: usize) -> Case {
+    let shape: Vec<usize> = case.space.shape().iter().map(|n| n * factor).collect();
+    on_grid(case, &shape)
+}
+
+/// Edges of `V` that are on no face, and regions between cell centres, of the case's grid.
+pub fn stray_edges(case: &Case) -> usize {
+    let found = overlooked(case);
+    found.edges.len() + found.empty.len()
+}
+
+/// `case` on at most `most` cells: axes are halved, the longest first; those that keep as many edges
+/// of `V` on faces are preferred.
+pub fn coarsened(case: &Case, most: usize) -> Case {
+    /// Fewest cells along an axis.
+    const LEAST: usize = 4;
     let mut case = case.clone();
-    let space = &mut case.space;
-    for axis in space.x.iter_mut().chain(&mut space.v) {
-        axis.cells *= factor;
+    while case.space.cells() > most {
+        let shape = case.space.shape();
+        let mut axes: Vec<usize> = (0..shape.len()).collect();
+        axes.retain(|&a| shape[a].div_ceil(2) >= LEAST);
+        axes.sort_by_key(|&a| Reverse(shape[a]));
+        let halved = |a: &usize| {
+            let mut shape = shape.clone();
+            shape[*a] = shape[*a].div_ceil(2);
+            on_grid(&case, &shape)
+        };
+        let before = stray_edges(&case);
+        let keeps = |case: &Case| stray_edges(case) <= before;
+        let next = (axes.iter().map(halved).find(keeps)).or_else(|| axes.first().map(halved));
+        match next {
+            Some(next) => case = next,
+            None => break,
+        }
     }
     case
 }

@@ -1,0 +1,91 @@
+//! The time that a study may take.
+//!
+//! Two measures: rank 0's clock, which decides for all ranks, and counted updates of unknowns, for
+//! decisions that must be the same on every machine and on any number of ranks.
+
+use crate::parallel::communicator::{Group, World};
+use std::time::Instant;
+
+/// Updates of an unknown that count as a second: a third of what a core does, or less.
+pub const UPDATES_PER_SECOND: f64 = 2e7;
+
+/// The time limit of a study, and what was used of it.
+pub struct Budget {
+    all: Group,
+    started: Instant,
+    limit: f64,
+    /// Seconds after the start at which the part in progress is to end.
+    end: f64,
+    counted: f64,
+}
+
+impl Budget {
+    /// `limit` seconds from now on.
+    pub fn new(world: &World, limit: f64) -> Self {
+        Self {
+            all: world.group(),
+            started: Instant::now(),
+            limit,
+            end: limit,
+            counted: 0.0,
+        }
+    }
+
+    /// All ranks.
+    pub fn group(&self) -> &Group {
+        &self.all
+    }
+
+    /// Seconds allowed.
+    pub fn limit(&self) -> f64 {
+        self.limit
+    }
+
+    /// Seconds since the start, by this rank's clock.
+    pub fn elapsed(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
+    /// Ends the part in progress after `shares` of `parts` equal shares of the time left.
+    pub fn share(&mut self, shares: usize, parts: usize) {
+        let now = self.elapsed();
+        let left = (self.limit - now).max(0.0);
+        self.end = now + left * shares as f64 / parts.max(1) as f64;
+    }
+
+    /// Whether the time of the part in progress is over. Collective.
+    pub fn is_over(&self) -> bool {
+        self.decide(self.elapsed() > self.end)
+    }
+
+    /// Rank 0's numbers on all ranks. Collective.
+    pub fn from_rank_zero<const N: usize>(&self, mut numbers: [f64; N]) -> [f64; N] {
+        if self.all.rank() > 0 {
+            numbers = [f64::NEG_INFINITY; N];
+        }
+        self.all.max_into(&mut numbers);
+        numbers
+    }
+
+    /// Rank 0's decision on all ranks. Collective.
+    pub fn decide(&self, decision: bool) -> bool {
+        self.from_rank_zero([f64::from(decision)])[0] > 0.5
+    }
+
+    /// Counts `updates` as used.
+    pub fn count(&mut self, updates: f64) {
+        self.counted += updates;
+    }
+
+    /// Whether `updates` are at most this `part` of the whole budget.
+    pub fn holds(&self, updates: f64, part: f64) -> bool {
+        updates <= part * self.limit * UPDATES_PER_SECOND
+    }
+
+    /// Whether `updates` more still fit into this `part` of the budget by count, and rank 0's clock
+    /// has not passed the limit. Collective.
+    pub fn allows(&self, updates: f64, part: f64) -> bool {
+        let late = self.decide(self.elapsed() > self.limit);
+        !late && self.holds(self.counted + updates, part)
+    }
+}

@@ -1,0 +1,449 @@
+//! The attempts of a chart: each setting is run, refused or left out, one after the other.
+//!
+//! Rank 0's clock decides. Predictions use numbers that all ranks share, so that leaving a setting out
+//! costs two short messages; once the budget is used up, no messages are exchanged.
+
+use crate::base::error::{Error, Result};
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::World;
+use crate::plan::here::refuse_hopeless_here;
+use crate::problem::case::{Case, Limiter, Reductions};
+use crate::problem::grid::PhaseSpace;
+use crate::run::assembled::Assembled;
+use crate::scheme::reduce::reduced;
+use crate::study::budget::Budget;
+use crate::study::chart::entry::{Entry, Status, time_text};
+use crate::study::chart::programme::{Programme, Setting};
+use crate::study::chart::setup::{Setup, refused};
+use crate::study::cost::{CostModel, Seconds};
+use crate::study::trial::{Trial, ranks_and_memory, trial};
+use std::time::Instant;
+
+/// Most of the budget that one trial may take, so that many methods are tried.
+const LARGEST_PART: f64 = 0.125;
+/// The same of the case as given.
+const GIVEN_PART: f64 = 0.25;
+/// A trial is begun where so many times its expected seconds are left.
+const MARGIN: f64 = 1.3;
+/// Methods are compared on the finest grid where the first trials of all profiles together take at
+/// most this part of the budget.
+const COMPARED: f64 = 0.1;
+/// A trial that takes at most this part of the budget is repeated: a few milliseconds are noisy.
+const QUICK: f64 = 5e-4;
+const REPEATS: usize = 3;
+/// Part of the budget that predictions may take.
+const PREDICTING: f64 = 0.1;
+/// Seconds a cell takes to reduce a grid, before that is measured.
+const REDUCING: f64 = 1e-7;
+/// Shorter times than these seconds do not tell it.
+const MEASURABLE: f64 = 0.01;
+
+/// What the reduction of a case depends on.
+#[derive(Clone, Debug, PartialEq)]
+struct SceneKey {
+    shape: Vec<usize>,
+    scheme: String,
+}
+
+impl SceneKey {
+    fn of(case: &Case) -> Self {
+        let slopes = case.limiter != Limiter::None;
+        Self {
+            shape: case.space.shape(),
+            scheme: format!("{:?} {:?} {slopes}", case.interface, case.method),
+        }
+    }
+
+    fn cells(&self) -> usize {
+        self.shape.iter().product()
+    }
+}
+
+/// A scene on the cells that it needs.
+struct ReducedScene {
+    key: SceneKey,
+    space: PhaseSpace,
+    reductions: Reductions,
+}
+
+/// Seconds a cell took to reduce, on a grid of so many cells.
+struct ReducingRate {
+    seconds_per_cell: f64,
+    cells: usize,
+}
+
+/// Expected seconds of a trial.
+#[derive(Clone, Copy)]
+struct Expected {
+    seconds: f64,
+    /// Whether they are only a lower bound.
+    at_least: bool,
+}
+
+/// What became of a setting.
+enum Outcome {
+    LeftOut(Expected),
+    Refused(String),
+    Done(Box<Trial>, Seconds),
+}
+
+impl Outcome {
+    fn longer_than(seconds: f64) -> Self {
+        Self::LeftOut(Expected {
+            seconds,
+            at_least: true,
+        })
+    }
+}
+
+/// All attempts of a chart so far.
+pub(crate) struct Attempts<'a> {
+    world: &'a World,
+    case: &'a Case,
+    /// Whether `V` does.
+    jumps: bool,
+    budget: Budget,
+    /// Whether the budget is used up, on all ranks.
+    over: bool,
+    /// Seconds that predictions took on this rank.
+    predicting: f64,
+    reducing: ReducingRate,
+    cost: CostModel,
+    scenes: Vec<ReducedScene>,
+    tried: Vec<Setting>,
+    /// One of each setting tried, in order.
+    pub entries: Vec<Entry>,
+    /// The error of the first trial that failed.
+    pub first_error: Option<Error>,
+    /// Whether the solution is zero everywhere; unknown before the first trial.
+    pub zero: Option<bool>,
+}
+
+impl<'a> Attempts<'a> {
+    /// None yet, within `budget`.
+    pub fn new(world: &'a World, case: &'a Case, jumps: bool, budget: Budget) -> Self {
+        Self {
+            world,
+            case,
+            jumps,
+            budget,
+            over: false,
+            predicting: 0.0,
+            reducing: ReducingRate {
+                seconds_per_cell: REDUCING,
+                cells: 0,
+            },
+            cost: CostModel::default(),
+            scenes: Vec::new(),
+            tried: Vec::new(),
+            entries: Vec::new(),
+            first_error: None,
+            zero: None,
+        }
+    }
+
+    /// Whether anything ran.
+    pub fn has_results(&self) -> bool {
+        self.entries.iter().any(|e| e.status == Status::Done)
+    }
+
+    /// Seconds since the beginning, by this rank's clock.
+    pub fn elapsed(&self) -> f64 {
+        self.budget.elapsed()
+    }
+
+    /// Tries `settings` in order, each once. Collective.
+    pub fn try_all(&mut self, settings: Vec<Setting>) {
+        for setting in settings {
+            if !self.tried.contains(&setting) {
+                let entry = self.attempt(&setting);
+                self.entries.push(entry);
+                self.tried.push(setting);
+            }
+        }
+    }
+
+    /// Runs, refuses or leaves out one setting. Collective.
+    fn attempt(&mut self, setting: &Setting) -> Entry {
+        let mut case = setting.setup.apply(self.case, &setting.space, None);
+        let outcome = self.outcome(&mut case, setting).unwrap_or_else(|error| {
+            let reason = error.to_string();
+            self.first_error.get_or_insert(error);
+            Outcome::Refused(reason)
+        });
+        let entry = match outcome {
+            Outcome::Done(trial, seconds) => Entry::done(&case, &trial, seconds),
+            Outcome::Refused(reason) => Entry {
+                reason: Some(reason),
+                ..Entry::of(&case, Status::Refused)
+            },
+            Outcome::LeftOut(Expected { seconds, at_least }) => {
+                let coarser = self.seconds_on_coarser(setting);
+                Entry {
+                    expected_seconds: Some(seconds.max(coarser)),
+                    expected_at_least: at_least || coarser > seconds,
+                    ..Entry::of(&case, Status::LeftOut)
+                }
+            }
+        };
+        Entry {
+            as_given: setting.setup == Setup::Given,
+            paper: matches!(setting.setup, Setup::Paper { .. }),
+            no_jump: !self.jumps,
+            ..entry
+        }
+    }
+
+    /// What becomes of `setting`, whose `case` gets the interval of the paper's set-up. Collective.
+    ///
+    /// # Errors
+    /// Those of reducing, measuring and running the case.
+    fn outcome(&mut self, case: &mut Case, setting: &Setting) -> Result<Outcome> {
+        let setup = &setting.setup;
+        if let Some(why) = refused(case) {
+            return Ok(Outcome::Refused(why.to_owned()));
+        }
+        if self.is_over() {
+            return Ok(Outcome::longer_than(self.least_seconds(case)));
+        }
+        if self.known_scene(case).is_none() {
+            let least = self.least_seconds(case);
+            if self.budget.decide(self.too_late(case, setup, least)) {
+                return Ok(Outcome::longer_than(least));
+            }
+        }
+        let mut scene = self.reduce(case)?;
+        if setup.needs_bounds() {
+            let least = (self.cost).overhead(&scene, scene.space.cells() as f64);
+            if !self.budget.decide(self.fits(setup, least)) {
+                return Ok(Outcome::longer_than(least));
+            }
+            let bounds = self.measured_bounds(&scene)?;
+            *case = setup.apply(self.case, &setting.space, Some(&bounds));
+            scene.warp = case.warp;
+        }
+        let (expected, error) = self.expect(&scene);
+        // With measured bounds the error is the plan's own; without them the trial tells.
+        if self
+            .budget
+            .decide(error.is_some() && self.cost.is_measured(&scene))
+        {
+            let reason = error.map_or(String::new(), |e| e.to_string());
+            return Ok(Outcome::Refused(reason));
+        }
+        if !self.budget.decide(self.fits(setup, expected.seconds)) {
+            return Ok(Outcome::LeftOut(expected));
+        }
+        let (trial, seconds) = self.timed(&scene)?;
+        self.cost.learn(&scene, &trial.plan, seconds);
+        if self.zero.is_none() {
+            let all = trial.fields.iter().flatten();
+            let largest = all.fold(0.0, |largest, f| f64::max(largest, f.abs()));
+            self.zero = Some(self.budget.group().max(largest) == 0.0);
+        }
+        Ok(Outcome::Done(Box::new(trial), seconds))
+    }
+
+    /// Whether the budget is used up, once anything ran. Collective until it is.
+    fn is_over(&mut self) -> bool {
+        if !self.over {
+            let used_up = self.has_results() && self.elapsed() > self.budget.limit();
+            self.over = self.budget.decide(used_up);
+        }
+        self.over
+    }
+
+    /// Whether a trial of `seconds` more fits. The very first always does.
+    fn fits(&self, setup: &Setup, seconds: f64) -> bool {
+        let limit = self.budget.limit();
+        let room = self.elapsed() + MARGIN * seconds <= limit;
+        let part = match setup {
+            Setup::Given => GIVEN_PART,
+            _ => LARGEST_PART,
+        };
+        !self.has_results() || (room && seconds <= part * limit)
+    }
+
+    /// Seconds of the same setup, taken or expected, on grids of fewer cells: a lower bound.
+    fn seconds_on_coarser(&self, setting: &Setting) -> f64 {
+        let cells = setting.space.cells();
+        let coarser = |s: &Setting| s.setup == setting.setup && s.space.cells() < cells;
+        (self.tried.iter().zip(&self.entries))
+            .filter(|(tried, _)| coarser(tried))
+            .filter_map(|(_, e)| e.expected_seconds.or(e.total_seconds))
+            .fold(0.0, f64::max)
+    }
+
+    /// The least seconds of a trial, before its grid is reduced: for the part of the cells that was
+    /// needed on another grid.
+    fn least_seconds(&self, case: &Case) -> f64 {
+        let scheme = SceneKey::of(case).scheme;
+        let mut latest = self.scenes.iter().rev();
+        let part = (latest.find(|scene| scene.key.scheme == scheme)).map_or(1.0, |scene| {
+            scene.space.cells() as f64 / scene.key.cells() as f64
+        });
+        self.cost.overhead(case, part * case.space.cells() as f64)
+    }
+
+    /// Whether there is no time to reduce the grid of `case`, or its trial takes too long anyway.
+    fn too_late(&self, case: &Case, setup: &Setup, least: f64) -> bool {
+        let seconds = self.reducing.seconds_per_cell * case.space.cells() as f64;
+        // The coarsest grid is always reduced: without it only few methods are tried.
+        let fewest = self.scenes.iter().map(|scene| scene.key.cells()).min();
+        let larger = fewest.is_some_and(|fewest| case.space.cells() > fewest);
+        let spent = larger && self.predicting + seconds > PREDICTING * self.budget.limit();
+        self.has_results() && (spent || !self.fits(setup, least + seconds))
+    }
+
+    /// Expected seconds of a trial of `case`, and the error where it cannot be planned. Without time to
+    /// plan it, or if it takes much too long anyway, a lower bound.
+    fn expect(&mut self, case: &Case) -> (Expected, Option<Error>) {
+        let least = self.cost.overhead(case, case.space.cells() as f64);
+        let at_least = |seconds| Expected {
+            seconds,
+            at_least: true,
+        };
+        let limit = self.budget.limit();
+        let spent = self.predicting > PREDICTING * limit;
+        if self.has_results() && (spent || least > LARGEST_PART * limit) {
+            return (at_least(least), None);
+        }
+        let began = Instant::now();
+        let work = self.cost.work(case);
+        self.predicting += began.elapsed().as_secs_f64();
+        match work {
+            Ok(work) => {
+                let expected = Expected {
+                    seconds: self.cost.seconds(case, work),
+                    at_least: false,
+                };
+                (expected, None)
+            }
+            Err(error) => (at_least(least), Some(error)),
+        }
+    }
+
+    /// `case` on the cells that it needs, where these are known.
+    fn known_scene(&self, case: &Case) -> Option<Case> {
+        let key = SceneKey::of(case);
+        let scene = self.scenes.iter().find(|scene| scene.key == key)?;
+        Some(Case {
+            space: scene.space.clone(),
+            reductions: scene.reductions.clone(),
+            ..case.clone()
+        })
+    }
+
+    /// `case` on the cells that it needs. Collective.
+    fn reduce(&mut self, case: &Case) -> Result<Case> {
+        if let Some(known) = self.known_scene(case) {
+            return Ok(known);
+        }
+        let began = Instant::now();
+        let found = reduced(self.budget.group(), case);
+        let seconds = began.elapsed().as_secs_f64();
+        self.predicting += seconds;
+        let cells = case.space.cells();
+        if seconds > MEASURABLE && cells >= self.reducing.cells {
+            self.reducing = ReducingRate {
+                seconds_per_cell: seconds / cells as f64,
+                cells,
+            };
+        }
+        let found = found?;
+        self.scenes.push(ReducedScene {
+            key: SceneKey::of(case),
+            space: found.space.clone(),
+            reductions: found.reductions.clone(),
+        });
+        Ok(found)
+    }
+
+    /// A trial and its seconds; of a quick one the least of a few. Collective.
+    fn timed(&self, case: &Case) -> Result<(Trial, Seconds)> {
+        let once = || -> Result<(Trial, [f64; 3])> {
+            let began = Instant::now();
+            let trial = trial(self.world, case)?;
+            let solve = trial.summary.solve_seconds;
+            let mine = [trial.seconds, solve, began.elapsed().as_secs_f64()];
+            Ok((trial, self.budget.from_rank_zero(mine)))
+        };
+        let (trial, mut least) = once()?;
+        for _ in 1..REPEATS {
+            if least[2] > QUICK * self.budget.limit() {
+                break;
+            }
+            let (_, again) = once()?;
+            least = std::array::from_fn(|k| least[k].min(again[k]));
+        }
+        let [result, solve, total] = least;
+        let seconds = Seconds {
+            result,
+            solve,
+            total,
+        };
+        Ok((trial, seconds))
+    }
+
+    /// Bounds of the case's matrix, measured where they must be. Collective.
+    fn measured_bounds(&self, case: &Case) -> Result<Bounds> {
+        refuse_hopeless_here(self.world, case)?;
+        let here = ranks_and_memory(self.world);
+        let found = Assembled::new(self.world, case, &Bounds::new(case)?, (&here, 1))?;
+        Ok(found.bounds)
+    }
+
+    /// The finest grid, up to the case's own, on which comparing methods is affordable on rank 0, and
+    /// the reason why it is not the case's own. Collective.
+    pub fn grid_for_comparison(&mut self, programme: &Programme) -> (PhaseSpace, Option<String>) {
+        let candidates = &programme.grids[..=programme.own];
+        let mut finest = 0;
+        let mut why = None;
+        for (k, space) in candidates.iter().enumerate().rev() {
+            let reason = self.too_expensive(&programme.profiles(space));
+            if reason.is_none() {
+                finest = k;
+                break;
+            }
+            if k == programme.own {
+                why = reason;
+            }
+        }
+        let [finest] = self.budget.from_rank_zero([finest as f64]);
+        let finest = (finest as usize).min(programme.own);
+        let why = why.filter(|_| finest < programme.own);
+        (candidates[finest].clone(), why)
+    }
+
+    /// The reason why these trials together are too expensive to compare methods on their grid.
+    fn too_expensive(&mut self, settings: &[Setting]) -> Option<String> {
+        let allowed = COMPARED * self.budget.limit();
+        if self.elapsed() > self.budget.limit() {
+            return Some("the budget was used up before it".to_owned());
+        }
+        let began = Instant::now();
+        let (mut sum, mut bound) = (0.0, "");
+        for Setting { space, setup } in settings {
+            let case = setup.apply(self.case, space, None);
+            let overhead = self.least_seconds(&case);
+            if sum + overhead > allowed {
+                (sum, bound) = (sum + overhead, "at least ");
+                break;
+            }
+            let case = self.known_scene(&case).unwrap_or(case);
+            // Refused settings cost nothing.
+            if let Ok(work) = self.cost.work(&case) {
+                sum += self.cost.seconds(&case, work);
+            }
+        }
+        self.predicting += began.elapsed().as_secs_f64();
+        (sum > allowed).then(|| {
+            format!(
+                "a trial of each profile there is expected to take {bound}{} in all, \
+                 more than {} of the budget",
+                time_text(sum),
+                time_text(allowed)
+            )
+        })
+    }
+}

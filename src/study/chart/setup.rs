@@ -1,0 +1,192 @@
+//! A method with its settings, and the case that it makes of a case file.
+
+use crate::matrix::bounds::Bounds;
+use crate::problem::case::Coefficients;
+use crate::problem::case::{
+    Case, DEFAULT_CFL, Delta, Embedding, Integrator, Interface, LARGEST_TOLERANCE, Limiter, Method,
+    ProfileChoice, PropagatorMethod, RecoveryMethod, Shift,
+};
+use crate::problem::grid::PhaseSpace;
+use crate::study::trial::{final_fields_only, plan_series, propagation};
+
+/// The measure against the growth that the hat interface brings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Treatment {
+    /// The hat interface and dissipative weights.
+    Weights,
+    /// The conservative interface, which has no growth.
+    Conservative,
+    /// The hat interface without weights.
+    Neither,
+    /// `V` does not jump: the interfaces are the same, and weights are not needed.
+    NoJump,
+}
+
+impl Treatment {
+    /// The treatments that differ where `V` jumps, or where it does not.
+    pub fn all(jumps: bool) -> &'static [Self] {
+        match jumps {
+            true => &[Self::Weights, Self::Conservative, Self::Neither],
+            false => &[Self::NoJump],
+        }
+    }
+}
+
+/// Schrödingerization by modes, planned from the tolerance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Modes {
+    /// `g(p)`.
+    pub profile: ProfileChoice,
+    /// Against growth.
+    pub treatment: Treatment,
+    /// Of a mode.
+    pub propagator: PropagatorMethod,
+    /// Steps of an implicit propagator.
+    pub steps: Option<usize>,
+    /// Requested relative error.
+    pub tolerance: f64,
+}
+
+/// A method with its settings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Setup {
+    /// As the case file has it.
+    Given,
+    /// `f' = A f + b` directly.
+    Classical {
+        /// Kind of steps.
+        integrator: Integrator,
+        /// Slopes.
+        limiter: Limiter,
+        /// Step over the largest stable one.
+        cfl: f64,
+    },
+    /// By modes.
+    Modes(Modes),
+    /// The paper's: `e^{−|p|}` sampled on `N_p` points of `[−(λ⁻T + 5), λ⁺T + 5]`, no weights, the
+    /// doubled system with `δ = max|b|`.
+    Paper {
+        /// `N_p`.
+        points: usize,
+        /// Crank–Nicolson in so many steps, as in the paper; without them a Chebyshev series.
+        steps: Option<usize>,
+    },
+}
+
+impl From<Modes> for Setup {
+    fn from(modes: Modes) -> Self {
+        Self::Modes(modes)
+    }
+}
+
+/// Margin at either end of the paper's interval.
+const PAPER_MARGIN: f64 = 5.0;
+
+impl Setup {
+    /// A classical method at the default step.
+    pub fn classical(integrator: Integrator, limiter: Limiter) -> Self {
+        Self::Classical {
+            integrator,
+            limiter,
+            cfl: DEFAULT_CFL,
+        }
+    }
+
+    /// Whether its case depends on measured bounds of the matrix.
+    pub fn needs_bounds(&self) -> bool {
+        matches!(self, Self::Paper { .. })
+    }
+
+    /// `case` on the grid `space` with this method. `bounds` are those of the matrix of
+    /// [`Setup::Paper`], where they are known.
+    pub fn apply(&self, case: &Case, space: &PhaseSpace, bounds: Option<&Bounds>) -> Case {
+        let mut case = final_fields_only(case);
+        case.space = space.clone();
+        match *self {
+            Self::Given => {}
+            Self::Classical {
+                integrator,
+                limiter,
+                cfl,
+            } => {
+                case.method = Method::Classical;
+                (case.integrator, case.limiter, case.cfl) = (integrator, limiter, cfl);
+                case.warp.delta = Delta::Planned;
+            }
+            Self::Modes(modes) => modes.apply(&mut case),
+            Self::Paper { points, steps } => apply_paper(&mut case, points, steps, bounds),
+        }
+        // The exponential integrator is the verification itself, and has no slopes.
+        case.verify = case.limiter == Limiter::None && !is_reference(&case);
+        case
+    }
+}
+
+impl Modes {
+    fn apply(&self, case: &mut Case) {
+        plan_modes(case);
+        case.warp.profile = self.profile;
+        case.tolerance = self.tolerance;
+        case.propagator = propagation(case, self.propagator, self.steps);
+        match self.treatment {
+            Treatment::Weights | Treatment::Neither => case.interface = Interface::Hat,
+            Treatment::Conservative => case.interface = Interface::Conservative,
+            Treatment::NoJump => {}
+        }
+        case.warp.weights = self.treatment == Treatment::Weights;
+    }
+}
+
+fn apply_paper(case: &mut Case, points: usize, steps: Option<usize>, bounds: Option<&Bounds>) {
+    plan_modes(case);
+    let time = case.end;
+    case.interface = Interface::Hat;
+    case.tolerance = LARGEST_TOLERANCE;
+    case.warp.profile = ProfileChoice::Exponential { alpha: 1.0 };
+    case.warp.coefficients = Coefficients::Sampled;
+    case.warp.weights = false;
+    (case.warp.inflow, case.warp.delta) = (Embedding::Full, Delta::Largest);
+    case.warp.points = Some(points);
+    case.warp.interval = bounds.map(|b| {
+        let lower = b.decay * time + PAPER_MARGIN;
+        [-lower, b.growth.max(0.0) * time + PAPER_MARGIN]
+    });
+    let method = match steps {
+        Some(_) => PropagatorMethod::CrankNicolson,
+        None => PropagatorMethod::Chebyshev,
+    };
+    case.propagator = propagation(case, method, steps);
+}
+
+/// By modes, everything planned from the tolerance.
+fn plan_modes(case: &mut Case) {
+    case.method = Method::Schrodingerized;
+    case.limiter = Limiter::None;
+    plan_series(case);
+    case.warp.recovery_method = RecoveryMethod::Point;
+    case.warp.shift = Shift::Given(0.0);
+}
+
+/// Whether `case` computes the exact semi-discrete solution, to which others are compared.
+pub fn is_reference(case: &Case) -> bool {
+    case.method == Method::Classical && case.integrator == Integrator::Exponential
+}
+
+/// Why a case file with these choices would be refused.
+pub fn refused(case: &Case) -> Option<&'static str> {
+    let modes = case.method == Method::Schrodingerized;
+    let other = case.propagator.method != PropagatorMethod::Chebyshev;
+    if case.varies() && case.limiter != Limiter::None {
+        return Some("slopes take the inflow at time 0, and it depends on t");
+    }
+    if case.varies() && modes && other {
+        return Some("the inflow depends on t; only chebyshev is stepped");
+    }
+    if modes && other && case.enters() && case.warp.inflow == Embedding::Scalar {
+        return Some(
+            "solver.warp.inflow = \"scalar\" couples one unknown to all rows, \
+             which only chebyshev applies",
+        );
+    }
+    None
+}

@@ -1,0 +1,315 @@
+//! The work of runs, and a model of the seconds that they take.
+//!
+//! Work is counted in applications of the matrix over all modes and fields: a linear solve or a step
+//! with slopes counts as several ([`Kind::weight`]). With the cells of the grid,
+//!
+//! ```text
+//! seconds = a + b · cells + rate · work · cells
+//! ```
+//!
+//! The rate of a kind of work is that of the longest trial of it so far. The overhead `a + b · cells`
+//! (matrix, weights, plan, comparisons) follows from the quickest trials of the coarsest and of the
+//! finest grid.
+
+use crate::base::error::Result;
+use crate::matrix::bounds::Bounds;
+use crate::plan::{ASSUMED_RATIO, Plan};
+use crate::problem::case::{Case, Integrator, Limiter, Method, PropagatorMethod};
+use crate::propagate::classical::classical_steps;
+use crate::propagate::descriptor;
+use crate::schrodingerization::warp_plan::WarpPlan;
+use std::collections::BTreeMap;
+
+/// Seconds an application takes a cell before anything is measured; on the slow side.
+const RATE: f64 = 5e-9;
+/// The same of the overhead.
+const OVERHEAD: f64 = 3e-6;
+/// Factor on the time of vectors that leave the cache, where the rate is from a smaller grid.
+const OUT_OF_CACHE: f64 = 2.0;
+/// Seconds of a trial that may be start-up, while only one grid was tried.
+const START_UP: f64 = 0.2;
+/// Applications that a step with slopes counts as, per stage.
+const SLOPES: f64 = 8.0;
+
+/// Work of which each unit takes about the same time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    Steps,
+    Slopes,
+    Series,
+    Lanczos,
+    Solves,
+}
+
+impl Kind {
+    fn of(case: &Case) -> Self {
+        match (case.method, case.limiter, case.propagator.method) {
+            (Method::Classical, Limiter::None, _) => Self::Steps,
+            (Method::Classical, _, _) => Self::Slopes,
+            (_, _, PropagatorMethod::Chebyshev) => Self::Series,
+            (_, _, PropagatorMethod::Krylov) => Self::Lanczos,
+            (_, _, PropagatorMethod::CrankNicolson | PropagatorMethod::BackwardEuler) => {
+                Self::Solves
+            }
+        }
+    }
+
+    /// Applications that a unit counts as.
+    fn weight(self) -> f64 {
+        let of = |method| descriptor(method).applications_per_work() as f64;
+        match self {
+            Self::Steps | Self::Series => 1.0,
+            Self::Slopes => SLOPES,
+            Self::Lanczos => of(PropagatorMethod::Krylov),
+            Self::Solves => of(PropagatorMethod::CrankNicolson),
+        }
+    }
+
+    /// Growth of a unit's time per cell with the cells, relative to a small grid: that of sparse
+    /// factors.
+    fn growth(self, cells: f64) -> f64 {
+        match self {
+            Self::Solves => (cells / 1024.0).sqrt(),
+            _ => 1.0,
+        }
+    }
+}
+
+/// Work of a classical run of `case`, whose matrix has these `bounds`.
+pub fn classical_work(case: &Case, bounds: &Bounds) -> f64 {
+    let stages = match case.integrator {
+        Integrator::SspRk3 => 3,
+        Integrator::ForwardEuler | Integrator::Exponential => 1,
+    };
+    let steps: usize = classical_steps(case, bounds).iter().sum();
+    Kind::of(case).weight() * (stages * steps * case.fields.len()) as f64
+}
+
+/// Work of a run of `case` as `plan` has it.
+pub fn planned_work(case: &Case, plan: &Plan) -> f64 {
+    match &plan.warp {
+        Some(warp) => Kind::of(case).weight() * (warp.applications + warp.solves) as f64,
+        None => classical_work(case, &plan.bounds),
+    }
+}
+
+/// What determines the matrix of a case beside its potential: grid, rows, weights and embedding.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct MatrixKey {
+    shape: Vec<usize>,
+    rows: String,
+}
+
+impl MatrixKey {
+    fn of(case: &Case) -> Self {
+        let warp = &case.warp;
+        let embedding = (warp.weights, warp.inflow, warp.delta);
+        Self {
+            shape: case.space.shape(),
+            rows: format!("{:?} {embedding:?} {:?}", case.interface, warp.shift),
+        }
+    }
+
+    fn cells(&self) -> usize {
+        self.shape.iter().product()
+    }
+}
+
+/// Comparisons and preparation differ by these.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct OverheadKey {
+    by_modes: bool,
+    verified: bool,
+}
+
+impl OverheadKey {
+    fn of(case: &Case) -> Self {
+        Self {
+            by_modes: case.method == Method::Schrodingerized,
+            verified: case.verify,
+        }
+    }
+}
+
+/// A measured rate and where it is from.
+#[derive(Clone, Copy, Debug)]
+struct Rate {
+    /// Seconds an application takes a cell.
+    seconds_per_cell: f64,
+    cells: f64,
+    seconds: f64,
+}
+
+/// Seconds of a trial.
+#[derive(Clone, Copy, Debug)]
+pub struct Seconds {
+    /// For the result alone.
+    pub result: f64,
+    /// To solve.
+    pub solve: f64,
+    /// In all.
+    pub total: f64,
+}
+
+/// A model of the seconds of runs of a case, learnt from its trials.
+#[derive(Debug, Default)]
+pub struct CostModel {
+    rates: BTreeMap<Kind, Rate>,
+    /// Least seconds besides the work, by cells.
+    overheads: BTreeMap<OverheadKey, BTreeMap<usize, f64>>,
+    /// Bounds before anything is measured, of matrices by modes and of others.
+    unmeasured: BTreeMap<(MatrixKey, bool), Bounds>,
+    /// Bounds, and `‖ũ(0)‖/‖f(t)‖`.
+    measured: BTreeMap<MatrixKey, (Bounds, f64)>,
+}
+
+impl CostModel {
+    /// Predicts the work of `case`, from a plan of some of its modes.
+    ///
+    /// # Errors
+    /// As [`WarpPlan::forecast`], where it cannot be planned.
+    pub fn work(&mut self, case: &Case) -> Result<f64> {
+        match case.method {
+            Method::Schrodingerized => {
+                let (bounds, ratio) = self.bounds(case)?;
+                Ok(Kind::of(case).weight() * WarpPlan::forecast(case, &bounds, ratio)?)
+            }
+            Method::Classical => Ok(classical_work(case, &self.unmeasured(case)?)),
+        }
+    }
+
+    /// Bounds and `‖ũ(0)‖/‖f(t)‖` of the case's matrix: as measured, or with the growth measured on
+    /// the grid nearest to it, which goes with the cells of an axis.
+    fn bounds(&mut self, case: &Case) -> Result<(Bounds, f64)> {
+        let wanted = MatrixKey::of(case);
+        if let Some(known) = self.measured.get(&wanted) {
+            return Ok(known.clone());
+        }
+        let found = self.unmeasured(case)?;
+        let cells = wanted.cells();
+        let nearest = (self.measured.iter())
+            .filter(|(key, _)| key.rows == wanted.rows)
+            .min_by_key(|(key, _)| key.cells().abs_diff(cells));
+        let Some((key, (known, ratio))) = nearest else {
+            return Ok((found.expected(), ASSUMED_RATIO));
+        };
+        let finer = (cells as f64 / key.cells() as f64).powf(1.0 / key.shape.len() as f64);
+        let growth = match found.growth.is_finite() {
+            true => found.growth,
+            false => known.growth.max(0.0) * finer.max(1.0),
+        };
+        let bounds = Bounds {
+            growth,
+            decay: 2.0 * found.rate + growth,
+            stages: known.stages,
+            ..found
+        };
+        Ok((bounds, *ratio))
+    }
+
+    /// Bounds of the case's matrix without a measurement; computed once a matrix.
+    fn unmeasured(&mut self, case: &Case) -> Result<Bounds> {
+        let key = (MatrixKey::of(case), case.method == Method::Schrodingerized);
+        if let Some(known) = self.unmeasured.get(&key) {
+            return Ok(known.clone());
+        }
+        let found = Bounds::new(case)?;
+        self.unmeasured.insert(key, found.clone());
+        Ok(found)
+    }
+
+    /// Whether the bounds of the case's matrix were measured: its predicted work is then the plan's.
+    pub fn is_measured(&self, case: &Case) -> bool {
+        case.method == Method::Classical || self.measured.contains_key(&MatrixKey::of(case))
+    }
+
+    /// Seconds of a trial of `case` with this work, comparisons included.
+    pub fn seconds(&self, case: &Case, work: f64) -> f64 {
+        let (kind, cells) = (Kind::of(case), case.space.cells() as f64);
+        let measured = (self.rates.get_key_value(&kind)).or_else(|| self.rates.last_key_value());
+        let rate = measured.map_or(RATE, |(of, rate)| {
+            let beyond = cells > 2.0 * rate.cells;
+            let slower = if beyond { OUT_OF_CACHE } else { 1.0 };
+            let larger = kind.growth(cells) / of.growth(rate.cells);
+            rate.seconds_per_cell * slower * larger
+        });
+        self.overhead(case, cells) + rate * work * cells
+    }
+
+    /// Seconds besides the work, on so many cells.
+    pub fn overhead(&self, case: &Case, cells: f64) -> f64 {
+        let wanted = OverheadKey::of(case);
+        let differs = |of: &OverheadKey| {
+            let verified = of.verified != wanted.verified;
+            (of.by_modes != wanted.by_modes, verified)
+        };
+        let nearest = self.overheads.iter().min_by_key(|(of, _)| differs(of));
+        nearest.map_or(OVERHEAD * cells, |(_, known)| {
+            overhead(known, cells, case.space.shape().len())
+        })
+    }
+
+    /// Learns from a trial of `case` with this plan.
+    pub fn learn(&mut self, case: &Case, plan: &Plan, seconds: Seconds) {
+        let cells = case.space.cells();
+        let (work, Seconds { solve, total, .. }) = (planned_work(case, plan), seconds);
+        if work > 0.0 && solve > 0.0 {
+            let rate = Rate {
+                seconds_per_cell: solve / (work * cells as f64),
+                cells: cells as f64,
+                seconds: solve,
+            };
+            let known = self.rates.entry(Kind::of(case)).or_insert(rate);
+            if rate.seconds >= known.seconds {
+                *known = rate;
+            }
+        }
+        let overhead = (total - solve).max(0.0);
+        let known = self.overheads.entry(OverheadKey::of(case)).or_default();
+        let least = known.entry(cells).or_insert(overhead);
+        *least = least.min(overhead);
+        if let Some(warp) = &plan.warp {
+            let found = (plan.bounds.clone(), warp.ratio);
+            self.measured.insert(MatrixKey::of(case), found);
+        }
+    }
+}
+
+/// `a + b · cells` through the seconds known of the fewest and of the most cells. It grows with the
+/// cells, at least by [`OVERHEAD`] a cell where that is not more than what is known. Beyond them the
+/// steps of a comparison grow with the cells of an axis.
+fn overhead(known: &BTreeMap<usize, f64>, cells: f64, axes: usize) -> f64 {
+    let ends = known.first_key_value().zip(known.last_key_value());
+    let Some(((&few, &little), (&many, &much))) = ends else {
+        return OVERHEAD * cells;
+    };
+    let (few, many) = (few as f64, many as f64);
+    let fixed = match many > few {
+        true => little - (much - little) / (many - few) * few,
+        false => (little - OVERHEAD * few).min(START_UP),
+    };
+    let fixed = fixed.clamp(0.0, little.min(much));
+    let each = ((much - fixed) / many).max(OVERHEAD.min(much / many));
+    let longer = (cells / many).powf(1.0 / axes.max(1) as f64).max(1.0);
+    fixed + each * cells * longer
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn overheads_grow_with_the_cells_and_starting_up_does_not() {
+        // A slow start on 16 x 16 says little about 64 x 64.
+        let noisy = BTreeMap::from([(256, 0.13)]);
+        let found = overhead(&noisy, 4096.0, 2);
+        assert!((0.13..0.3).contains(&found), "{found}");
+        // Two grids give both parts back.
+        let both = BTreeMap::from([(100, 0.05 + 100.0 * 1e-4), (400, 0.05 + 400.0 * 1e-4)]);
+        assert!((overhead(&both, 200.0, 2) - 0.07).abs() < 1e-12);
+        for known in [noisy, both, BTreeMap::from([(100, 0.4), (400, 0.1)])] {
+            let all = [100.0, 400.0, 1600.0, 6400.0].map(|cells| overhead(&known, cells, 2));
+            assert!(all.windows(2).all(|two| two[0] < two[1]), "{all:?}");
+        }
+    }
+}

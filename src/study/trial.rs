@@ -1,0 +1,123 @@
+//! Trials: runs of a case for its numbers only, in memory and without console output.
+
+use crate::base::error::Result;
+use crate::base::machine;
+use crate::matrix::observables::Moments;
+use crate::parallel::communicator::World;
+use crate::plan::Plan;
+use crate::plan::here::memory_per_rank;
+use crate::plan::layout::Resources;
+use crate::problem::case::{Case, Coefficients, Delta, Propagation, PropagatorMethod};
+use crate::results::dataset::ExactSolution;
+use crate::results::summary::Summary;
+use crate::run::{Computed, compute};
+use std::ops::Range;
+
+/// Steps of a run that only compare its result with others.
+const COMPARISONS: [&str; 3] = ["exact", "verify", "readout"];
+
+/// The result of a trial.
+pub struct Trial {
+    /// As a run writes it; `memory_peak_bytes_per_rank` is that of this trial alone.
+    pub summary: Summary,
+    /// The plan of the run.
+    pub plan: Plan,
+    /// Seconds without the comparisons with other results.
+    pub seconds: f64,
+    /// This rank's space cells, one range an x-axis; may be empty.
+    pub share: Vec<Range<usize>>,
+    /// Every field at `T` on them, velocities fastest.
+    pub fields: Vec<Vec<f64>>,
+    /// Moments there.
+    pub moments: Moments,
+    /// The exact solution there, where one is named.
+    pub exact: Option<ExactSolution>,
+}
+
+/// Runs `case` without writing files or console output. Collective.
+///
+/// # Errors
+/// As [`crate::run::run`], but for files.
+pub fn trial(world: &World, case: &Case) -> Result<Trial> {
+    machine::reset_peak_memory();
+    let case = Case {
+        warped_field: false,
+        // Comparisons need all of the grid.
+        expand: true,
+        ..case.clone()
+    };
+    let Computed {
+        mut summary,
+        plan,
+        share,
+        fields,
+        exact,
+        moments,
+        watch,
+        ..
+    } = compute(world, &case, None)?;
+    summary.finish(&world.group(), watch);
+    let compared: f64 = (COMPARISONS.iter())
+        .filter_map(|step| summary.seconds.get(*step))
+        .sum();
+    Ok(Trial {
+        seconds: summary.wall_seconds - compared,
+        summary,
+        plan,
+        share,
+        fields,
+        moments,
+        exact,
+    })
+}
+
+/// `case` with no output but the fields at its end.
+pub fn final_fields_only(case: &Case) -> Case {
+    Case {
+        plateau: None,
+        readout: None,
+        times: Vec::new(),
+        warped_field: false,
+        ..case.clone()
+    }
+}
+
+/// Removes what the case file fixes of the series in `p`: interval, points, recovery point, sampled
+/// coefficients and the scale of the inflow are planned.
+pub fn plan_series(case: &mut Case) {
+    let warp = &mut case.warp;
+    (warp.interval, warp.points, warp.recovery) = (None, None, None);
+    (warp.coefficients, warp.delta) = (Coefficients::Analytic, Delta::Planned);
+}
+
+/// A propagator that takes `steps` equal steps to `T`, or none.
+pub fn propagation(case: &Case, method: PropagatorMethod, steps: Option<usize>) -> Propagation {
+    Propagation {
+        method,
+        step: steps.map(|n| case.end / n as f64),
+    }
+}
+
+/// The ranks of `world` on any mesh.
+pub fn ranks(world: &World) -> Resources {
+    Resources {
+        ranks: world.group().size(),
+        ..Resources::default()
+    }
+}
+
+/// The ranks of `world` with the memory that is free. Collective.
+pub fn ranks_and_memory(world: &World) -> Resources {
+    Resources {
+        memory_per_rank: Some(memory_per_rank(&world.group())),
+        ..ranks(world)
+    }
+}
+
+/// The title of `case`, or its name.
+pub fn title(case: &Case) -> &str {
+    match case.title.is_empty() {
+        true => &case.name,
+        false => &case.title,
+    }
+}
