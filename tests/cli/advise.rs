@@ -1,7 +1,7 @@
 //! `phasewarp advise` from outside: what it advises is run, and reaches the accuracy; half of it does not.
 
 use crate::support::datasets;
-use crate::support::{Finished, Job, case, check_all, directory};
+use crate::support::{Job, case, check_all, directory};
 use serde_json::Value;
 use std::path::Path;
 
@@ -16,10 +16,6 @@ exact.f = "exp(-6*(x - v*t + 0.6)^2 - 20*(v - 0.4)^2)"
 
 fn advise(path: &str, accuracy: &str) -> Job {
     Job::new(["advise", path, "--accuracy", accuracy, "--json"]).within(120)
-}
-
-fn read(finished: &Finished) -> Result<Value, String> {
-    serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))
 }
 
 fn require(holds: bool, advised: &Value, what: &str) -> Result<(), String> {
@@ -76,7 +72,7 @@ fn advice_on_a_smooth_problem_is_right() {
         let epsilon: f64 = accuracy.parse().map_err(|_| "no number")?;
         let place = directory();
         let path = written(place.path(), SMOOTH)?;
-        let advised = read(&advise(&path, accuracy).succeed()?)?;
+        let advised = advise(&path, accuracy).succeed()?.json()?;
         let classical = entry(&advised, "classical, exponential")?;
         let order = number(&classical["order"]["order"]);
         require((order - 1.0).abs() < 0.25, classical, "not of order 1")?;
@@ -117,7 +113,10 @@ fn advice_on_a_smooth_problem_is_right() {
             &format!("half of it reaches {coarser:e}"),
         )?;
         // Without the exact solution.
-        let blind = read(&advise(&path, accuracy).set(&["exact={}"]).succeed()?)?;
+        let blind = advise(&path, accuracy)
+            .set(&["exact={}"])
+            .succeed()?
+            .json()?;
         require(blind["exact"] == false, &blind, "exact")?;
         let blind = entry(&blind, "classical, exponential")?;
         require(blind["known"] == "estimated", blind, "not estimated")?;
@@ -136,7 +135,10 @@ fn advice_at_a_step_knows_its_order_and_keeps_the_step_on_a_face() {
     let rows = [(127, 2e-2), (128, 3e-2)];
     check_all(&rows, |(cells, epsilon)| {
         let job = advise(&case("example1.toml"), &epsilon.to_string());
-        let advised = read(&job.set(&[&format!("axis.0.x.cells={cells}")]).succeed()?)?;
+        let advised = job
+            .set(&[&format!("axis.0.x.cells={cells}")])
+            .succeed()?
+            .json()?;
         let first = entry(&advised, "classical, exponential, hat")?;
         let order = number(&first["order"]["order"]);
         require((0.3..1.05).contains(&order), first, "order")?;
@@ -168,7 +170,7 @@ fn advice_is_the_same_on_any_ranks() {
                 .within(300)
                 .set(settings)
                 .with(["--budget", "300s"]);
-            let mut advised = read(&job.on(ranks).succeed()?)?;
+            let mut advised = job.on(ranks).succeed()?.json()?;
             let best = advised["best"]
                 .as_u64()
                 .map(|k| advised["entries"][k as usize]["name"].clone());
@@ -218,13 +220,9 @@ fn a_zero_density_is_refused_and_merged_axes_are_kept() {
         let path = written(place.path(), &text)?;
         if !answered {
             let finished = advise(&path, "1e-1").within(60).run()?;
-            let says = "a relative error has no meaning";
-            return match finished.code == Some(2) && finished.errors.contains(says) {
-                true => Ok(()),
-                false => Err(finished.report(&format!("exit code 2 and \"{says}\" expected"))),
-            };
+            return finished.ended(2, &["a relative error has no meaning"]);
         }
-        let advised = read(&advise(&path, "2e-1").within(120).succeed()?)?;
+        let advised = advise(&path, "2e-1").within(120).succeed()?.json()?;
         for entry in advised["entries"].as_array().into_iter().flatten() {
             require(numbers(&entry["shape"])[1] == 6.0, entry, "cells along y")?;
         }
@@ -252,10 +250,6 @@ fn what_is_out_of_reach_is_refused() {
         let mut words = vec!["advise", &path];
         words.extend(arguments);
         let finished = Job::new(words).within(120).run()?;
-        if finished.code == Some(2) && finished.errors.contains(says) {
-            Ok(())
-        } else {
-            Err(finished.report(&format!("exit code 2 and \"{says}\" expected")))
-        }
+        finished.ended(2, &[says])
     });
 }

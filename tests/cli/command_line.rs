@@ -109,7 +109,7 @@ fn mistakes_on_the_command_line_are_refused() {
     ];
     check_all(&rows, |(arguments, says)| {
         let job = Job::new(arguments.iter().copied());
-        refused(&job.on(2).within(20).run()?, says)
+        job.on(2).within(20).is_refused(says)
     });
     assert!(
         !Path::new(&out).exists(),
@@ -227,8 +227,11 @@ fn an_output_directory_that_cannot_be_written_is_refused() {
         made("occupied"),
     ];
     check_all(&rows, |path| {
-        let finished = run("example1.toml").into(path).on(2).within(20).run()?;
-        refused(&finished, &["output", &path.display().to_string()])
+        run("example1.toml")
+            .into(path)
+            .on(2)
+            .within(20)
+            .is_refused(&["output", &path.display().to_string()])
     });
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept");
 }

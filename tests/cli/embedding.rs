@@ -79,6 +79,6 @@ fn what_no_embedding_can_do() {
         "solver.warp.delta=2",
     ];
     let summary = run("example1.toml").set(&grid).solve(place.path()).unwrap();
-    let warnings = summary.value["warnings"].to_string();
+    let warnings = summary.warnings();
     assert!(warnings.contains("delta has no effect"), "{warnings}");
 }

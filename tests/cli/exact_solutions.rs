@@ -20,8 +20,7 @@ fn error_of_example_1_against_the_exact_solution() {
                 ])
                 .solve(place.path())?;
             let l1 = summary.number("error_l1")?;
-            let outcome = near("error_l1", l1, expected, 1e-4);
-            summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+            summary.holds(near("error_l1", l1, expected, 1e-4))?;
             // The same from the file: f and the exact solution are both there.
             let stored = datasets(place.path())?;
             let exact = stored
@@ -30,8 +29,7 @@ fn error_of_example_1_against_the_exact_solution() {
             let volume = (3.0 / cells as f64).powi(2);
             let pairs = stored["/f"].numbers().into_iter().zip(exact.numbers());
             let sum: f64 = pairs.map(|(f, g)| (f - g).abs()).sum();
-            let outcome = near("error_l1 from result.h5", volume * sum, l1, 1e-12);
-            summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+            summary.holds(near("error_l1 from result.h5", volume * sum, l1, 1e-12))?;
             Ok(l1)
         };
         let order = (error(64, coarse)? / error(128, fine)?).log2();
@@ -59,8 +57,7 @@ fn slopes_gain_on_example_1() {
                 &format!("scheme.limiter={limiter}"),
             ]);
             let summary = job.solve(place.path())?;
-            let outcome = near("error_l1", summary.number("error_l1")?, expected, by);
-            summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+            summary.holds(near("error_l1", summary.number("error_l1")?, expected, by))?;
         }
         Ok(())
     });

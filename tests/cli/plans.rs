@@ -42,8 +42,7 @@ fn plan_works_for_every_case_and_number_of_ranks() {
     check_all(&rows, |(name, ranks)| {
         let plan = || plan(name, *ranks).set(shrunk(name));
         let finished = plan().with(["--json"]).succeed()?;
-        let value: serde_json::Value = serde_json::from_str(&finished.output)
-            .map_err(|e| finished.report(&format!("no JSON: {e}")))?;
+        let value = finished.json()?;
         let mesh = &value["layout"]["mesh"];
         let blocks = mesh["space"].as_array().into_iter().flatten();
         let ranks_of_mesh: u64 = blocks
@@ -59,18 +58,15 @@ fn plan_works_for_every_case_and_number_of_ranks() {
         }
         let text = plan().succeed()?;
         let applications = planned(&finished, &value)?.applications;
-        for words in [
+        let applications = format!("{applications}");
+        let says = [
             "memory",
             "modes",
             "degree",
-            &format!("{applications}"),
-            &format!("{ranks}"),
-        ] {
-            require(text.output.contains(words), &text, || {
-                format!("\"{words}\" is not said")
-            })?;
-        }
-        Ok(())
+            &applications,
+            &ranks.to_string(),
+        ];
+        text.says(&text.output, &says)
     });
 }
 
@@ -107,28 +103,25 @@ fn plans_are_kept() {
         let small = shrunk(name);
         let job = plan(name, 2).set(small).set(&[tolerance]);
         let finished = job.with(["--json"]).succeed()?;
-        let value =
-            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let value = finished.json()?;
         let plan = planned(&finished, &value)?;
         let place = directory();
         let job = run(name).set(small).set(&[tolerance]).on(2);
         let summary = job.solve(place.path())?;
         let done = summary.number("matvecs")?;
-        let outcome = near(
+        summary.holds(near(
             "applications planned over done",
             plan.applications / done,
             1.0,
             0.2,
-        );
-        summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        ))?;
         let memory = summary.number("memory_planned_bytes_per_rank")?;
-        let outcome = near(
+        summary.holds(near(
             "memory planned alone over planned in the run",
             plan.memory / memory,
             1.0,
             0.2,
-        );
-        summary.require(outcome.is_ok(), || outcome.unwrap_err())
+        ))
     });
 }
 
@@ -176,8 +169,7 @@ fn calibrated_plans_are_those_of_the_run() {
     let compare = |ranks: usize, name: &str, settings: &[&str]| {
         let job = Job::new(["plan", &case(name), "--calibrate", "--json"]).set(settings);
         let finished = job.on(ranks).succeed()?;
-        let value: serde_json::Value =
-            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let value = finished.json()?;
         let place = directory();
         let job = run(name).set(settings).on(ranks);
         let summary = job.solve(place.path())?;
@@ -185,8 +177,7 @@ fn calibrated_plans_are_those_of_the_run() {
         require(blocks, &finished, || "not the mesh of the run".to_owned())?;
         // The same modes, where a plan was made for them.
         let modes = value["warp"]["modes"].as_f64().unwrap_or(0.0);
-        let outcome = near("modes planned", modes, summary.number("modes")?, 0.0);
-        summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+        summary.holds(near("modes planned", modes, summary.number("modes")?, 0.0))?;
         let seconds = |key: &str| value["calibration"][key].as_f64().unwrap_or(f64::NAN);
         let (solve, wall) = (seconds("solve_seconds"), seconds("wall_seconds"));
         let sensible = solve > 0.0 && wall > solve && wall.is_finite();
@@ -212,26 +203,17 @@ fn plans_for_nodes() {
     let rows = [1, 2, 3];
     check_all(&rows, |ranks| {
         let finished = job().with(["--calibrate"]).on(*ranks).succeed()?;
-        for words in [
+        let says = [
             "64 = ",
             "nodes           4 of 16 ranks",
             "--ranks-x",
             "not the ranks of the run",
             "to solve",
-        ] {
-            require(finished.output.contains(words), &finished, || {
-                format!("\"{words}\" is not said")
-            })?;
-        }
+        ];
+        finished.says(&finished.output, &says)?;
         let small = Job::new(["plan", &case("example1.toml"), "--ranks", "64"]);
-        let refused = small
-            .with(["--memory-per-node", "100MiB", "--ranks-per-node", "16"])
-            .run()?;
-        require(
-            refused.code == Some(2) && refused.errors.contains("6.2 MiB"),
-            &refused,
-            || "100 MiB for 16 ranks are enough".to_owned(),
-        )
+        let small = small.with(["--memory-per-node", "100MiB", "--ranks-per-node", "16"]);
+        small.is_refused(&["6.2 MiB"])
     });
 }
 
@@ -254,8 +236,7 @@ fn every_case_is_in_the_readme() {
         // The row's number of cells is the file's.
         let all = plan(name, 1).set(&["solver.reduce=false"]);
         let finished = all.with(["--json"]).succeed()?;
-        let value: serde_json::Value =
-            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let value = finished.json()?;
         let cells = format!("= {} |", value["cells"]);
         require(row.contains(&cells), &finished, || {
             format!("cases/README.md: \"{row}\" does not end with \"{cells}\"")

@@ -227,8 +227,7 @@ fn the_plan_holds_the_profile() {
     check_all(&rows, |(name, tolerance)| {
         let job = plan(name, 2).set(&[&format!("solver.tolerance={tolerance}")]);
         let finished = job.with(["--json"]).succeed()?;
-        let value: serde_json::Value =
-            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let value = finished.json()?;
         let number = |path: &str| {
             (value.pointer(path).and_then(serde_json::Value::as_f64))
                 .ok_or_else(|| finished.report(&format!("no number at {path}")))
@@ -309,7 +308,7 @@ fn profiles_with_propagators_and_shifts() {
             summary.number("tolerance")?,
         );
         let told = summary.boolean("error_estimate_reliable")?;
-        let warned = summary.value["warnings"].to_string();
+        let warned = summary.warnings();
         let implicit = set.len() > 1;
         let met = error <= tolerance || implicit && (warned.contains("step") || !told);
         summary.require(met, || format!("error {error:e}, told {told}: {warned}"))?;
@@ -363,9 +362,7 @@ fn the_papers_own_set_ups() {
         summary.require(steps > 0.0, || "no implicit steps".to_owned())?;
         let error = summary.number("error_semidiscrete")?;
         summary.require(error <= *limit, || format!("error {error:e} above {limit}"))?;
-        let text = std::fs::read_to_string(place.path().join("summary.json")).unwrap_or_default();
-        let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
-        let warnings = value["warnings"].to_string();
+        let warnings = summary.warnings();
         for key in *warned {
             summary.require(warnings.contains(key), || {
                 format!("no warning about {key}: {warnings}")

@@ -1,6 +1,6 @@
 //! What a scene does not need is left out, and nothing else: the answer is that of the whole grid.
 
-use crate::support::{Finished, Job, case, check_all, directory, field};
+use crate::support::{Finished, Job, Mistake, all_refused, case, check_all, directory, field};
 use crate::support::{datasets, differences, distance};
 
 /// A case, what makes it small or another, and how many ranks it runs on.
@@ -332,14 +332,8 @@ fn mistakes_are_refused() {
             "crank-nicolson",
         ),
     ];
-    check_all(rows, |(settings, word)| {
-        let finished = Job::new(["check", &case("periodic2d.toml")])
-            .set(settings)
-            .run()?;
-        if finished.code == Some(2) && finished.errors.contains(word) {
-            return Ok(());
-        }
-        Err(finished.report(&format!("exit code 2 and {word} expected")))
+    all_refused(rows, |(settings, word), _| {
+        Mistake::set("periodic2d.toml", settings, &[word])
     });
     // All of it may be switched off together wherever part of it may not.
     let settings = ["solver.reduce=false", "output.warped_field=true"];
@@ -352,8 +346,8 @@ fn space_is_split_where_it_is_asked_for() {
     let blocks = |more: &[&str]| -> Vec<u64> {
         let job = Job::new(["plan", &case("example1.toml"), "--ranks", "4", "--json"])
             .with(more.to_vec());
-        let finished = job.succeed().expect("a plan");
-        let plan: serde_json::Value = serde_json::from_str(&finished.output).expect("JSON");
+        let plan = job.succeed().and_then(|finished| finished.json());
+        let plan = plan.expect("a plan");
         let space = plan["layout"]["mesh"]["space"]
             .as_array()
             .expect("a list")

@@ -1,6 +1,6 @@
 //! Mistakes in the case file are refused with their line, key and value.
 
-use crate::support::{Job, check_all, directory, edited, refused};
+use crate::support::{Mistake, all_refused, edited};
 
 #[test]
 fn mistakes_in_the_file_are_named_with_their_line() {
@@ -385,20 +385,23 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             &["time"],
         ),
     ];
-    check_all(rows, |(old, new, says)| {
-        let place = directory();
-        let (path, mut line) = edited(place.path(), old, new);
+    all_refused(rows, |(old, new, says), place| {
+        let (path, mut line) = edited(place, old, new);
         // A mistake on a later line of the new text, where that is what is wrong.
         if new.contains('\n') && !new.starts_with("where") {
             line += 1;
         }
         let path = path.display().to_string();
-        let finished = Job::new(["check", &path]).on(2).within(20).run()?;
-        let mut says = says.to_vec();
-        let location = format!("{path}:{line}:");
         // A key that is missing is missed in its table, which starts further up.
-        let missing = says.contains(&"missing");
-        says.push(if missing { &path } else { &location });
-        refused(&finished, &says).map_err(|e| format!("{old}  ->  {new}\n{e}"))
+        let location = match says.contains(&"missing") {
+            true => path.clone(),
+            false => format!("{path}:{line}:"),
+        };
+        let says = says.iter().map(|s| (*s).to_owned());
+        Mistake {
+            path,
+            settings: Vec::new(),
+            says: says.chain([location]).collect(),
+        }
     });
 }

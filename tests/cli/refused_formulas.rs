@@ -1,6 +1,6 @@
 //! Formulas that are not finite, and files that are no case, are refused with a short message.
 
-use crate::support::{Job, case, check, check_all, directory, refused, run};
+use crate::support::{Job, Mistake, all_refused, case, check, check_all, directory, refused, run};
 
 /// Longer than this is no message.
 const LONGEST_MESSAGE: usize = 2000;
@@ -39,7 +39,7 @@ fn formulas_that_are_not_finite_are_named_with_the_place() {
 fn check_finds_formulas_that_are_not_finite() {
     check_all(NOT_FINITE, |(key, formula, says)| {
         let job = check("example1.toml").set(&[&format!("{key}=\"{formula}\"")]);
-        refused(&job.run()?, says)
+        job.is_refused(says)
     });
 }
 
@@ -47,7 +47,7 @@ fn check_finds_formulas_that_are_not_finite() {
 #[test]
 fn conditions_that_are_not_finite_are_refused() {
     let job = check("example1.toml").set(&["potential.0.where=\"sqrt(x)\""]);
-    refused(&job.run().unwrap(), &["where", "sqrt(x)", "NaN"]).unwrap();
+    job.is_refused(&["where", "sqrt(x)", "NaN"]).unwrap();
 }
 
 /// An exact solution that yields no number is found before the solve, not after it.
@@ -55,8 +55,11 @@ fn conditions_that_are_not_finite_are_refused() {
 fn exact_solution_is_checked_before_the_solve() {
     let place = directory();
     let job = run("example1.toml").set(&["exact={f=\"sqrt(-x)\"}"]);
-    let finished = job.into(place.path()).on(2).within(20).run().unwrap();
-    refused(&finished, &["exact.f", "sqrt(-x)", "NaN", "x = 0.0"]).unwrap();
+    job.into(place.path())
+        .on(2)
+        .within(20)
+        .is_refused(&["exact.f", "sqrt(-x)", "NaN", "x = 0.0"])
+        .unwrap();
 }
 
 /// A file that is none, or cannot be one.
@@ -121,14 +124,11 @@ fn files_that_are_no_case_are_refused() {
             &["potential.0.value", "10000"],
         ),
     ];
-    check_all(&rows, |(name, bytes, says)| {
-        let place = directory();
-        let path = place.path().join(format!("{name}.toml"));
-        std::fs::write(&path, bytes).map_err(|e| e.to_string())?;
+    all_refused(&rows, |(name, bytes, says), place| {
+        let path = place.join(format!("{name}.toml"));
+        std::fs::write(&path, bytes).expect("a file");
         let path = path.display().to_string();
-        let finished = Job::new(["check", &path]).on(2).within(20).run()?;
-        let says: Vec<&str> = says.iter().copied().chain([path.as_str()]).collect();
-        refused(&finished, &says)
+        Mistake::set(&path, &[], &[says, &[path.as_str()][..]].concat())
     });
     // The longest list of terms that is read does no harm.
     let place = directory();

@@ -1,8 +1,7 @@
 //! Mistakes in `--set`, and in keys that depend on each other, are refused with their text.
 
-use crate::support::{Job, SLOPES, check, check_all, directory, edited, refused, run};
+use crate::support::{Job, Mistake, SLOPES, all_refused, check_all, directory, edited, run};
 
-/// A key that must be there and is misspelt: missing, and the nearest to it is known.
 /// Slopes are not linear: refused wherever a matrix is needed.
 #[test]
 fn slopes_where_none_can_be_are_refused() {
@@ -15,26 +14,26 @@ fn slopes_where_none_can_be_are_refused() {
         ),
     ];
     check_all(rows, |(settings, says)| {
-        let job = check("example1.toml")
-            .set(&["scheme.limiter=van-leer"])
-            .set(settings);
-        let finished = job.on(2).run()?;
-        refused(&finished, says)?;
-        refused(&finished, &["scheme.limiter", "van-leer"])
+        let settings = [&["scheme.limiter=van-leer"], *settings].concat();
+        let says = [*says, &["scheme.limiter", "van-leer"]].concat();
+        Mistake::set("example1.toml", &settings, &says).refused_by_reader()
     });
-    let job = check("example1.toml").set(&["scheme.limiter=superbee"]);
-    let finished = job.set(&SLOPES).on(2).run().unwrap();
-    refused(&finished, &["superbee", "minmod", "van-leer"]).unwrap();
+    let settings = ["scheme.limiter=superbee", SLOPES[0], SLOPES[1]];
+    let says = ["superbee", "minmod", "van-leer"];
+    let mistake = Mistake::set("example1.toml", &settings, &says);
+    mistake.refused_by_reader().unwrap();
 }
 
+/// A key that must be there and is misspelt: missing, and the nearest to it is known.
 #[test]
 fn misspelt_keys_that_must_be_there_are_named() {
     let place = directory();
     let (path, line) = edited(place.path(), "end = 1.0", "edn = 1.0");
     let path = path.display().to_string();
-    let finished = Job::new(["check", &path]).run().unwrap();
     let location = format!("{path}:{line}:");
-    refused(&finished, &["edn", "mean \"end\"", &location]).unwrap();
+    let says = ["edn", "mean \"end\"", &location];
+    let mistake = Mistake::set(&path, &[], &says);
+    mistake.refused_by_reader().unwrap();
 }
 
 /// An implicit method without its step, in the file or set from outside.
@@ -45,11 +44,12 @@ fn a_missing_step_is_named_with_its_place() {
         let new = format!("method = \"{method}\"");
         let (path, _) = edited(place.path(), "method = \"chebyshev\"", &new);
         let path = path.display().to_string();
-        let finished = Job::new(["check", &path]).run().unwrap();
-        refused(&finished, &["solver.propagator.step", "missing", &path]).unwrap();
+        let says = ["solver.propagator.step", "missing", &path];
+        let mistake = Mistake::set(&path, &[], &says);
+        mistake.refused_by_reader().unwrap();
         let setting = format!("solver.propagator.method={method}");
-        let finished = check("example1.toml").set(&[&setting]).run().unwrap();
-        refused(&finished, &["solver.propagator.step", "missing"]).unwrap();
+        let mistake = Mistake::set("example1.toml", &[&setting], &says[..2]);
+        mistake.refused_by_reader().unwrap();
     }
 }
 
@@ -116,15 +116,13 @@ fn mistakes_in_a_set_option_are_named_with_its_text() {
         ("time", &["key=value"]),
         ("=3", &["key"]),
     ];
-    check_all(rows, |(setting, says)| {
-        let finished = check("example1.toml")
-            .set(&[setting])
-            .on(2)
-            .within(20)
-            .run()?;
+    all_refused(rows, |(setting, says), _| {
         let text = format!("--set {setting}: ");
-        let says: Vec<&str> = says.iter().copied().chain([text.as_str()]).collect();
-        refused(&finished, &says)
+        Mistake::set(
+            "example1.toml",
+            &[setting],
+            &[says, &[text.as_str()][..]].concat(),
+        )
     });
 }
 
@@ -139,42 +137,31 @@ fn late_mistakes_name_the_file() {
         let place = directory();
         let (path, _) = edited(place.path(), old, new);
         let path = path.display().to_string();
-        let finished = Job::new(["plan", &path]).run()?;
-        refused(&finished, &[key, &path])
+        Job::new(["plan", &path]).is_refused(&[key, &path])
     });
 }
 
 /// Where periodic axes are asked for and where they are not to be had.
 #[test]
 fn boundaries_that_cannot_be_are_refused() {
-    let rows: [(&[&str], &[&str], &[&str]); 4] = [
+    let rows: [(&str, &[&str]); 3] = [
         (
-            &["axis.0.x.boundary=reflecting"],
-            &[],
+            "axis.0.x.boundary=reflecting",
             &["axis.0.x.boundary", "reflecting", "periodic"],
         ),
         (
-            &["axis.0.v.boundary=periodic"],
-            &[],
+            "axis.0.v.boundary=periodic",
             &["axis.0.v.boundary", "velocity"],
         ),
-        (
-            &["axis.0.x.boundry=periodic"],
-            &[],
-            &["boundry", "boundary"],
-        ),
-        (
-            &[],
-            &["--ranks-x", "1,2"],
-            &["--ranks-x", "2 blocks", "y", "periodic"],
-        ),
+        ("axis.0.x.boundry=periodic", &["boundry", "boundary"]),
     ];
-    check_all(&rows, |(settings, arguments, says)| {
-        let place = directory();
-        let job = run("periodic2d.toml")
-            .set(settings)
-            .with(arguments.iter().copied());
-        let finished = job.on(2).into(place.path()).run()?;
-        refused(&finished, says)
+    check_all(&rows, |(setting, says)| {
+        Mistake::set("periodic2d.toml", &[setting], says).refused_by_reader()
     });
+    let place = directory();
+    let job = run("periodic2d.toml").with(["--ranks-x", "1,2"]);
+    job.on(2)
+        .into(place.path())
+        .is_refused(&["--ranks-x", "2 blocks", "y", "periodic"])
+        .unwrap();
 }

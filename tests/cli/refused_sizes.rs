@@ -53,10 +53,13 @@ fn grids_beyond_the_memory_are_refused() {
         if *command == "run" {
             job = job.into(place.path());
         }
-        refused(&job.on(2).within(20).capped().run()?, &["memory", "cells"])
+        job.on(2)
+            .within(20)
+            .capped()
+            .is_refused(&["memory", "cells"])
     });
     let plan = plan("example1.toml", 4).with(["--memory-per-rank", "1MB"]);
-    refused(&plan.run().unwrap(), &["memory", "needed", "976.6 KiB"]).unwrap();
+    plan.is_refused(&["memory", "needed", "976.6 KiB"]).unwrap();
 }
 
 /// However many cells, `plan` and `check` answer or refuse.

@@ -15,15 +15,11 @@ fn resources_are_counted() {
     ];
     check_all(&rows, |&(name, ranks, qubits)| {
         let job = |format: &str| Job::new(["resources", &case(name), "--format", format]);
-        let read = |format: &str| -> Result<serde_json::Value, String> {
-            let finished = job(format).on(ranks).succeed()?;
-            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))
-        };
+        let read = |format: &str| job(format).on(ranks).succeed()?.json();
         let (record, azure, qref) = (read("json")?, read("azure")?, read("qref")?);
         let alone = job("json").succeed()?;
         // Nothing depends on ranks but round-off of norms, of which there is none.
-        let same =
-            serde_json::from_str::<serde_json::Value>(&alone.output).ok() == Some(record.clone());
+        let same = alone.json()? == record;
         require(same, &alone, || {
             format!("other than on {ranks} ranks: {record}")
         })?;
@@ -63,11 +59,7 @@ fn resources_are_counted() {
             || format!("{chain}"),
         )?;
         let text = Job::new(["resources", &case(name)]).succeed()?;
-        require(
-            text.output.contains("unavailable: the oracles"),
-            &text,
-            || "T gates".to_owned(),
-        )
+        text.says(&text.output, &["unavailable: the oracles"])
     });
     for (name, settings, words) in [
         (
@@ -88,10 +80,8 @@ fn resources_are_counted() {
     ] {
         for more in [None, Some("--optimise")] {
             let job = Job::new(["resources", &case(name)]).with(more);
-            let finished = job.set(&[settings, "exact={f='0'}"]).on(2).run().unwrap();
-            assert_eq!(finished.code, Some(2), "{}", finished.report("refused"));
-            let said = finished.errors.contains(words);
-            assert!(said, "{}", finished.report(words));
+            let job = job.set(&[settings, "exact={f='0'}"]).on(2);
+            job.is_refused(&[words]).unwrap();
         }
     }
 }

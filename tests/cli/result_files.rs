@@ -233,9 +233,9 @@ fn damaged_results_are_found() {
     found(&[], 2, "result.h5");
     found(b"no HDF5 at all", 2, "result.h5");
     std::fs::remove_file(&path).unwrap();
-    refused(&look(2).run().unwrap(), &["result.h5"]).unwrap();
+    look(2).is_refused(&["result.h5"]).unwrap();
     std::fs::create_dir(&path).unwrap();
-    refused(&look(2).run().unwrap(), &["result.h5", "no file"]).unwrap();
+    look(2).is_refused(&["result.h5", "no file"]).unwrap();
 }
 
 /// Without `-o`, results go to `results/<name of the case>`.

@@ -1,8 +1,6 @@
 //! `phasewarp spectrum`: the extreme eigenvalues of the symmetric part, by refinement, with inflow, inside their bounds.
 
-use crate::support::{
-    Finished, Job, at_most, case, cases, check_all, near, refused, require, shrunk,
-};
+use crate::support::{Finished, Job, at_most, case, cases, check_all, near, require, shrunk};
 
 /// Numbers of a line of `phasewarp spectrum`: the line that starts with `label`, the word after `key`.
 fn spectrum_number(finished: &Finished, label: &str, key: &str) -> Result<f64, String> {
@@ -87,8 +85,7 @@ fn spectrum_by_refinement() {
             .set(&[&format!("scheme.interface={interface}")])
             .on(2)
             .succeed()?;
-        let value: serde_json::Value =
-            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let value = finished.json()?;
         for (_, weighted, highest, lowest) in rows.iter().filter(|r| r.0 == *interface) {
             for (k, refinement) in [1, 2, 4].into_iter().enumerate() {
                 let found = value
@@ -158,8 +155,7 @@ fn spectrum_of_every_case() {
         let job = Job::new(["spectrum", &case(name), "--json"]);
         let job = job.set(shrunk(name)).set(&["axis.0.x.cells=12"]).on(2);
         let finished = job.succeed()?;
-        let value: serde_json::Value =
-            serde_json::from_str(&finished.output).map_err(|e| finished.report(&e.to_string()))?;
+        let value = finished.json()?;
         let rows = value.as_array().filter(|rows| !rows.is_empty());
         for row in rows.ok_or_else(|| finished.report("no rows"))? {
             let number = |path: &str| {
@@ -217,10 +213,10 @@ fn spectrum_of_a_grid_beyond_the_memory_is_refused() {
     check_all(more, |(name, refine, settings)| {
         let job = Job::new(["spectrum", &case(name), "--refine", refine]);
         let job = job.set(settings).on(2).within(20).capped();
-        refused(&job.run()?, &["memory", "cells"])
+        job.is_refused(&["memory", "cells"])
     });
     let job = Job::new(["spectrum", &case("example1.toml")]);
     let job = job.set(&["axis.0.x.cells=40000", "axis.0.v.cells=40000"]);
     let job = job.on(2).within(20).capped();
-    refused(&job.run().unwrap(), &["memory"]).unwrap();
+    job.is_refused(&["memory"]).unwrap();
 }

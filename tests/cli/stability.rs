@@ -366,10 +366,6 @@ fn ordinary_runs_say_so_near_the_borders() {
     let said = said.map(|f| f.output).unwrap_or_else(|e| e);
     assert!(said.contains("solver.warp.delta"), "{said}");
     let cfl = ["solver.method=classical", "solver.classical.cfl=1.01"];
-    let refused = Job::new(["run", &case("example1.toml")])
-        .set(&cfl)
-        .into(place.path());
-    let refused = refused.run().unwrap();
-    assert_eq!(refused.code, Some(2), "{}", refused.errors);
-    assert!(refused.errors.contains("cfl") && refused.errors.contains("1.01"));
+    let job = Job::new(["run", &case("example1.toml")]).set(&cfl);
+    job.into(place.path()).is_refused(&["cfl", "1.01"]).unwrap();
 }

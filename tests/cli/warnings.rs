@@ -1,6 +1,6 @@
 //! Warnings are said once, and stand in the summary.
 
-use crate::support::{check, check_all, directory, require, run};
+use crate::support::{Summary, check, check_all, directory, require, run};
 
 /// An edge inside a cell is moved to a face: said, with the distance, by `check`, by `run` and in `summary.json`.
 #[test]
@@ -15,11 +15,7 @@ fn region_edges_off_the_faces_give_a_warning() {
         let setting = format!("potential.0.where=\"{condition}\"");
         let says = ["warning: potential", "x = ", edge, by];
         let finished = check("example1.toml").set(&[&setting]).succeed()?;
-        for words in says {
-            require(finished.output.contains(words), &finished, || {
-                format!("\"{words}\" is not said")
-            })?;
-        }
+        finished.says(&finished.output, &says)?;
         let place = directory();
         let job = run("example1.toml").set(&[&setting, "time.end=0.01"]).on(2);
         let finished = job.clone().into(place.path()).succeed()?;
@@ -29,14 +25,10 @@ fn region_edges_off_the_faces_give_a_warning() {
                 format!("\"{words}\" is said {times} times")
             })?;
         }
-        let text = std::fs::read_to_string(place.path().join("summary.json")).unwrap_or_default();
-        let value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
-        let warnings = value["warnings"].to_string();
-        require(
-            warnings.contains(edge) && warnings.contains(by),
-            &finished,
-            || format!("warnings in summary.json: {warnings}"),
-        )
+        let summary = Summary::read(finished, place.path())?;
+        let warnings = summary.warnings();
+        let known = warnings.contains(edge) && warnings.contains(by);
+        summary.require(known, || format!("warnings in summary.json: {warnings}"))
     });
     // Control: an edge on a face, and one that is on a face of this grid alone.
     for condition in ["x < 0", "x < 0.0234375"] {

@@ -114,11 +114,7 @@ fn damaged_checkpoints_are_refused_and_the_older_one_used() {
         if !(finished.errors.contains(said) && finished.errors.contains(name)) {
             return Err(finished.report(&format!("{what}: \"{said}\" expected")));
         }
-        let text = io(fs::read_to_string(path.join("summary.json")))?;
-        let summary = Summary {
-            command: finished.command,
-            value: serde_json::from_str(&text).map_err(|e| e.to_string())?,
-        };
+        let summary = Summary::read(finished, path)?;
         same(path, &summary)?;
         let here = count(&summary, "matvecs_here")?;
         summary.require(older_done == Some((WHOLE.1 - here) as u64), || {

@@ -236,13 +236,7 @@ fn a_time_too_short_for_anything_is_an_error() {
             .on(ranks)
             .into(directory.path())
             .with(["--walltime", "0.01"]);
-        let finished = job.run().expect("a run");
-        assert_eq!(finished.code, Some(2), "{}", finished.report("refused"));
-        assert!(
-            finished.errors.contains("--walltime 0.01"),
-            "{}",
-            finished.errors
-        );
+        job.is_refused(&["--walltime 0.01"]).unwrap();
     }
     assert!(!directory.path().join("checkpoint").exists());
 }

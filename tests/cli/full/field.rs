@@ -276,12 +276,9 @@ fn a_directory_in_the_way_of_a_warped_field_is_refused() {
     std::fs::create_dir(place.path().join("warped_f_0001.h5")).unwrap();
     let job = small(&["output.field_times=[0.3]"]).into(place.path());
     job.clone().on(2).succeed().unwrap();
-    let finished = job.with(["--mode", "full"]).on(2).run().unwrap();
-    assert_eq!(finished.code, Some(2), "{}", finished.report("refused"));
-    let said = finished
-        .errors
-        .contains("warped_f_0001.h5 in it is a directory");
-    assert!(said, "{}", finished.report("not named"));
+    let job = job.with(["--mode", "full"]).on(2);
+    job.is_refused(&["warped_f_0001.h5 in it is a directory"])
+        .unwrap();
 }
 
 /// `check-result` looks at warped fields too, and names what is not as written.
@@ -304,21 +301,11 @@ fn damage_to_a_warped_field_is_noticed() {
         w.write_raw(&values).unwrap();
     }
     let finished = check().run().unwrap();
-    let noticed = finished.errors.contains("/w") && finished.errors.contains("warped_f_0001.h5");
-    assert!(
-        finished.code == Some(1) && noticed,
-        "{}",
-        finished.report("damage")
-    );
+    finished.ended(1, &["/w", "warped_f_0001.h5"]).unwrap();
     // Nor is it a start.
     let from = format!("initial={{warped='{}'}}", path.display());
-    let finished = small(&[&from]).into(place.path()).on(2).run().unwrap();
-    let noticed = finished.errors.contains("checksum");
-    assert!(
-        finished.code == Some(2) && noticed,
-        "{}",
-        finished.report("damage")
-    );
+    let job = small(&[&from]).into(place.path()).on(2);
+    job.is_refused(&["checksum"]).unwrap();
 }
 
 /// Memory is planned for, and refused where there is not enough; classical runs keep no modes.
@@ -326,9 +313,7 @@ fn damage_to_a_warped_field_is_noticed() {
 fn what_is_kept_is_planned() {
     let plan = |settings: &[&str]| {
         let job = Job::new(["plan", &case("example1.toml"), "--json"]).set(settings);
-        let finished = job.succeed().unwrap();
-        let plan: serde_json::Value = serde_json::from_str(&finished.output).unwrap();
-        plan
+        job.succeed().unwrap().json().unwrap()
     };
     let array = |plan: &serde_json::Value, name: &str| {
         let list = plan["layout"]["arrays"].as_array().unwrap().clone();
@@ -367,9 +352,8 @@ fn what_is_kept_is_planned() {
 
     let place = directory();
     let refused = |settings: &[&str], says: &str| {
-        let finished = small(settings).into(place.path()).run().unwrap();
-        let refused = finished.code == Some(2) && finished.errors.contains(says);
-        assert!(refused, "{}", finished.report(says));
+        let job = small(settings).into(place.path());
+        job.is_refused(&[says]).unwrap();
     };
     let huge = [
         "output.warped_field=true",

@@ -1,7 +1,7 @@
 //! The case files, what makes them small, and directories for results.
 
 use super::launch::Job;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The case files, sorted by name.
 pub fn cases() -> Vec<String> {
@@ -71,32 +71,20 @@ pub const SLOPES: [&str; 2] = [
     "solver.classical.integrator=ssp-rk3",
 ];
 
+/// Both interface laws.
 pub const INTERFACES: [&str; 2] = ["hat", "conservative"];
 
+/// `phasewarp run` of a case of `cases/`.
 pub fn run(name: &str) -> Job {
     Job::new(["run", &case(name)])
 }
 
+/// `phasewarp check` of a case of `cases/`.
 pub fn check(name: &str) -> Job {
     Job::new(["check", &case(name)])
 }
 
+/// `phasewarp plan` of a case of `cases/`, for so many ranks.
 pub fn plan(name: &str, ranks: usize) -> Job {
     Job::new(["plan", &case(name), "--ranks", &ranks.to_string()])
-}
-
-/// `cases/example1.toml` with the one occurrence of `old` replaced, written into `place`; the file and the line of it.
-pub fn edited(place: &Path, old: &str, new: &str) -> (PathBuf, usize) {
-    let text = std::fs::read_to_string(case("example1.toml")).unwrap();
-    let found: Vec<usize> = text.match_indices(old).map(|(at, _)| at).collect();
-    assert_eq!(
-        found.len(),
-        1,
-        "\"{old}\" occurs {} times in example1.toml",
-        found.len()
-    );
-    let line = 1 + text[..found[0]].matches('\n').count();
-    let path = place.join("edited.toml");
-    std::fs::write(&path, text.replace(old, new)).unwrap();
-    (path, line)
 }

@@ -2,6 +2,7 @@
 
 use super::launch::SLOTS;
 use super::outcome::{Finished, Summary};
+use super::refusal::refused;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -35,9 +36,7 @@ pub fn check_all<T: Sync>(rows: &[T], check: impl Fn(&T) -> Result<(), String> +
     );
 }
 
-/// Slower than this is no answer to bad input; mpirun itself takes one to two seconds to end a job that failed.
-pub const SECONDS_TO_REFUSE: f64 = 10.0;
-
+/// An error with all that the job said, unless `holds`.
 pub fn require(
     holds: bool,
     finished: &Finished,
@@ -59,6 +58,7 @@ pub fn at_most(what: &str, value: f64, limit: f64) -> Result<(), String> {
     }
 }
 
+/// `value` is `expected` up to `by`; written so that NaN fails.
 pub fn near(what: &str, value: f64, expected: f64, by: f64) -> Result<(), String> {
     if (value - expected).abs() <= by {
         Ok(())
@@ -76,8 +76,7 @@ pub fn meets_its_tolerance(summary: &Summary) -> Result<(), String> {
 pub fn meets_its_tolerance_within(summary: &Summary, factor: f64) -> Result<(), String> {
     let tolerance = summary.number("tolerance")?;
     let error = summary.number("error_semidiscrete")?;
-    let outcome = at_most("error_semidiscrete", error, tolerance);
-    summary.require(outcome.is_ok(), || outcome.unwrap_err())?;
+    summary.holds(at_most("error_semidiscrete", error, tolerance))?;
     let estimate = summary.number("error_estimate")?;
     let reliable = summary.boolean("error_estimate_reliable")?;
     let ratio = estimate / error;
@@ -87,40 +86,6 @@ pub fn meets_its_tolerance_within(summary: &Summary, factor: f64) -> Result<(), 
     let defect = summary.number("unitarity_defect")?;
     summary.require(defect > 0.0 && defect <= 1.0, || {
         format!("unitarity_defect {defect}, above 0 and at most 1 expected")
-    })
-}
-
-/// Refused as a mistake of the user: exit code 2, soon, with one message, from rank 0, that says all of `says`.
-pub fn refused(finished: &Finished, says: &[&str]) -> Result<(), String> {
-    let message = &finished.errors;
-    require(finished.code == Some(2), finished, || {
-        "exit code 2 expected".into()
-    })?;
-    require(finished.others.is_empty(), finished, || {
-        "only rank 0 speaks".into()
-    })?;
-    let errors = message.matches("error: ").count();
-    require(errors == 1, finished, || {
-        format!("one message expected, \"error: \" occurs {errors} times")
-    })?;
-    let before = message.split("error: ").next().unwrap_or_default();
-    let at_once = before.lines().all(|l| l.starts_with("warning: "));
-    require(at_once, finished, || {
-        format!("said before it was refused: {before}")
-    })?;
-    for crash in ["panicked", "backtrace", "RUST_BACKTRACE", "signal"] {
-        require(!message.contains(crash), finished, || {
-            format!("\"{crash}\"")
-        })?;
-    }
-    for words in says {
-        require(message.contains(words), finished, || {
-            format!("the message does not say \"{words}\"")
-        })?;
-    }
-    let seconds = finished.seconds;
-    require(seconds < SECONDS_TO_REFUSE, finished, || {
-        format!("refused after {seconds:.1} s")
     })
 }
 
@@ -137,10 +102,7 @@ pub fn solved_or_refused(
     require(finished.code == Some(0), finished, || {
         "neither solved nor refused".into()
     })?;
-    let text = std::fs::read_to_string(directory.join("summary.json"))
-        .map_err(|e| finished.report(&format!("summary.json: {e}")))?;
-    let value: serde_json::Value =
-        serde_json::from_str(&text).map_err(|e| finished.report(&format!("summary.json: {e}")))?;
+    let value = Summary::read(finished.clone(), directory)?.value;
     let error = value["error_semidiscrete"].as_f64().unwrap_or(f64::NAN);
     require(error <= tolerance, finished, || {
         format!(

@@ -267,15 +267,7 @@ impl Job {
     /// As [`succeed`](Self::succeed) for `run … -o directory`, with `summary.json` as the result.
     pub fn solve(&self, directory: &Path) -> Result<Summary, String> {
         let finished = self.clone().into(directory).succeed()?;
-        let path = directory.join("summary.json");
-        let text = std::fs::read_to_string(&path)
-            .map_err(|e| finished.report(&format!("{}: {e}", path.display())))?;
-        let value = serde_json::from_str(&text)
-            .map_err(|e| finished.report(&format!("{}: {e}", path.display())))?;
-        Ok(Summary {
-            command: finished.command,
-            value,
-        })
+        Summary::read(finished, directory)
     }
 }
 

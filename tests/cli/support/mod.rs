@@ -6,10 +6,12 @@ mod cases;
 mod checks;
 mod launch;
 mod outcome;
+mod refusal;
 mod results;
 
 pub use cases::*;
 pub use checks::*;
 pub use launch::Job;
 pub use outcome::{Finished, Summary};
+pub use refusal::*;
 pub use results::*;

@@ -1,6 +1,7 @@
 //! What a job said and left: its streams by rank, its exit code, its summary.
 
 use serde_json::Value;
+use std::path::Path;
 
 /// What rank 0, the other ranks and mpirun itself said. mpirun marks every piece it gets from a rank, also in the middle
 /// of a line, with `[job,rank]<stdout>:`.
@@ -53,6 +54,27 @@ pub struct Finished {
 }
 
 impl Finished {
+    /// What was printed, as JSON.
+    pub fn json(&self) -> Result<Value, String> {
+        serde_json::from_str(&self.output).map_err(|e| self.report(&format!("no JSON: {e}")))
+    }
+
+    /// An error with all that was said, unless it ended with this exit code and an error message that holds each of `words`.
+    pub fn ended(&self, code: i32, words: &[&str]) -> Result<(), String> {
+        if self.code != Some(code) {
+            return Err(self.report(&format!("exit code {code} expected")));
+        }
+        self.says(&self.errors, words)
+    }
+
+    /// An error with all that was said, unless `said` holds each of `words`.
+    pub fn says(&self, said: &str, words: &[&str]) -> Result<(), String> {
+        match words.iter().find(|words| !said.contains(**words)) {
+            Some(words) => Err(self.report(&format!("\"{words}\" is not said"))),
+            None => Ok(()),
+        }
+    }
+
     /// `what` went wrong, with the command and all that was said.
     pub fn report(&self, what: &str) -> String {
         let ending = match self.code {
@@ -97,6 +119,29 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// That of the run `finished`, in `directory`.
+    pub fn read(finished: Finished, directory: &Path) -> Result<Self, String> {
+        let path = directory.join("summary.json");
+        let fails =
+            |e: &dyn std::fmt::Display| finished.report(&format!("{}: {e}", path.display()));
+        let text = std::fs::read_to_string(&path).map_err(|e| fails(&e))?;
+        let value = serde_json::from_str(&text).map_err(|e| fails(&e))?;
+        Ok(Self {
+            command: finished.command,
+            value,
+        })
+    }
+
+    /// `outcome`, with the command where it is an error.
+    pub fn holds(&self, outcome: Result<(), String>) -> Result<(), String> {
+        outcome.map_err(|what| format!("{what}\n  command: {}", self.command))
+    }
+
+    /// The warnings, as text.
+    pub fn warnings(&self) -> String {
+        self.value["warnings"].to_string()
+    }
+
     /// A number that must be there.
     pub fn number(&self, key: &str) -> Result<f64, String> {
         self.value[key].as_f64().ok_or_else(|| {

@@ -1,0 +1,155 @@
+//! What is refused: by the program, and, many mistakes at a time, by the reader of case files in this process.
+
+use super::cases::{case, directory};
+use super::checks::{check_all, require};
+use super::launch::Job;
+use super::outcome::Finished;
+use phasewarp::problem::case::Case;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Slower than this is no answer to bad input; mpirun itself takes one to two seconds to end a job that failed.
+pub const SECONDS_TO_REFUSE: f64 = 10.0;
+
+/// Stack of the program's main thread, on which it reads case files.
+const STACK: usize = 8 << 20;
+
+impl Job {
+    /// Runs it, which must be [`refused`].
+    pub fn is_refused(&self, says: &[&str]) -> Result<(), String> {
+        refused(&self.run()?, says)
+    }
+}
+
+/// Refused as a mistake of the user: exit code 2, soon, with one message, from rank 0, that says all of `says`.
+pub fn refused(finished: &Finished, says: &[&str]) -> Result<(), String> {
+    require(finished.code == Some(2), finished, || {
+        "exit code 2 expected".into()
+    })?;
+    require(finished.others.is_empty(), finished, || {
+        "only rank 0 speaks".into()
+    })?;
+    one_message(&finished.errors, says).map_err(|what| finished.report(&what))?;
+    let seconds = finished.seconds;
+    require(seconds < SECONDS_TO_REFUSE, finished, || {
+        format!("refused after {seconds:.1} s")
+    })
+}
+
+/// One message, after nothing but warnings, that says all of `says`.
+fn one_message(message: &str, says: &[&str]) -> Result<(), String> {
+    let errors = message.matches("error: ").count();
+    if errors != 1 {
+        return Err(format!(
+            "one message expected, \"error: \" occurs {errors} times"
+        ));
+    }
+    let before = message.split("error: ").next().unwrap_or_default();
+    if !before.lines().all(|l| l.starts_with("warning: ")) {
+        return Err(format!("said before it was refused: {before}"));
+    }
+    for crash in ["panicked", "backtrace", "RUST_BACKTRACE", "signal"] {
+        if message.contains(crash) {
+            return Err(format!("\"{crash}\""));
+        }
+    }
+    match says.iter().find(|words| !message.contains(**words)) {
+        Some(words) => Err(format!("the message does not say \"{words}\"")),
+        None => Ok(()),
+    }
+}
+
+/// A mistake in a case file or in what is set, and what the message must say.
+pub struct Mistake {
+    /// The case file.
+    pub path: String,
+    /// Values of `--set`.
+    pub settings: Vec<String>,
+    /// Pieces of the message.
+    pub says: Vec<String>,
+}
+
+impl Mistake {
+    /// In a file of `cases/` with these settings.
+    pub fn set(name: &str, settings: &[&str], says: &[&str]) -> Self {
+        let owned = |list: &[&str]| list.iter().map(|s| (*s).to_owned()).collect();
+        Self {
+            path: case(name),
+            settings: owned(settings),
+            says: owned(says),
+        }
+    }
+
+    /// Refused by the reader, in this process: what [`refused`] asks for, of the error that the program would print and
+    /// end with.
+    pub fn refused_by_reader(&self) -> Result<(), String> {
+        let read = || {
+            let outcome = Case::load(Path::new(&self.path), &self.settings);
+            outcome.map_err(|e| (e.exit_code(), format!("error: {e}")))
+        };
+        let started = Instant::now();
+        let outcome = std::thread::scope(|scope| {
+            let thread = std::thread::Builder::new().stack_size(STACK);
+            thread.spawn_scoped(scope, read).map(|thread| thread.join())
+        });
+        let seconds = started.elapsed().as_secs_f64();
+        let command = self.job().command();
+        let (code, message) = match outcome {
+            Ok(Ok(Err(refusal))) => refusal,
+            Ok(Ok(Ok(_))) => return Err(format!("accepted: {command}")),
+            Ok(Err(_)) => return Err(format!("panicked: {command}")),
+            Err(e) => return Err(format!("no thread: {e}")),
+        };
+        let fails = |what: String| format!("{what}\n  as in: {command}\n  message: {message}");
+        one_message(&message, &self.says()).map_err(fails)?;
+        if code != 2 || seconds >= SECONDS_TO_REFUSE {
+            return Err(fails(format!("exit code {code} after {seconds:.1} s")));
+        }
+        Ok(())
+    }
+
+    /// Refused by `phasewarp check` on two ranks.
+    pub fn refused_by_program(&self) -> Result<(), String> {
+        self.job().on(2).within(20).is_refused(&self.says())
+    }
+
+    fn job(&self) -> Job {
+        let settings: Vec<&str> = self.settings.iter().map(String::as_str).collect();
+        Job::new(["check", &self.path]).set(&settings)
+    }
+
+    fn says(&self) -> Vec<&str> {
+        self.says.iter().map(String::as_str).collect()
+    }
+}
+
+/// Every row's mistake is refused by the reader; that of the first, the middle and the last row by the program, too.
+/// Files may be written into the directory that `mistake` gets.
+pub fn all_refused<T: Sync>(rows: &[T], mistake: impl Fn(&T, &Path) -> Mistake + Sync) {
+    let by_program = [0, rows.len() / 2, rows.len() - 1];
+    let rows: Vec<(usize, &T)> = rows.iter().enumerate().collect();
+    check_all(&rows, |(k, row)| {
+        let place = directory();
+        let mistake = mistake(row, place.path());
+        if by_program.contains(k) {
+            mistake.refused_by_program()?;
+        }
+        mistake.refused_by_reader()
+    });
+}
+
+/// `cases/example1.toml` with the one occurrence of `old` replaced, written into `place`; the file and the line of it.
+pub fn edited(place: &Path, old: &str, new: &str) -> (PathBuf, usize) {
+    let text = std::fs::read_to_string(case("example1.toml")).unwrap();
+    let found: Vec<usize> = text.match_indices(old).map(|(at, _)| at).collect();
+    assert_eq!(
+        found.len(),
+        1,
+        "\"{old}\" occurs {} times in example1.toml",
+        found.len()
+    );
+    let line = 1 + text[..found[0]].matches('\n').count();
+    let path = place.join("edited.toml");
+    std::fs::write(&path, text.replace(old, new)).unwrap();
+    (path, line)
+}
