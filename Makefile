@@ -20,7 +20,7 @@ CARGO   = $(shell scripts/setup.sh --environment) cargo
 PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 
 .DEFAULT_GOAL := build
-.PHONY: stability quantum run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers qiskit setup clean help browser examples chart
+.PHONY: baseline stability quantum run build test bench example3 calibration study slurm check check-fmt check-clippy check-doc readers qiskit setup clean help browser examples chart
 
 run: build ## build, then solve example 1 of the paper on two ranks (CASE=, RANKS=, RESULTS= for another)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
@@ -51,6 +51,9 @@ study: build ## memory and time against N_p, into docs/scaling.md, .csv, .svg (A
 stability: build ## where methods fail on example 1: borders beside theory, docs/charts/stability.svg for docs/stability.md (CASE= and RESULTS= for another)
 	mpirun -np $(RANKS) $(PROGRAM) stability $(CASE) --budget 5m -o $(RESULTS)-stability
 	@if [ "$(CASE)" = cases/example1.toml ]; then mkdir -p docs/charts && cp $(RESULTS)-stability/stability.svg docs/charts/stability.svg; fi
+
+baseline: build ## where results differ from those of an older commit: scripts/baseline.sh (REFERENCE=DIR)
+	scripts/baseline.sh --compare $(REFERENCE) --program $(PROGRAM) $(ARGS)
 
 slurm: build ## the job scripts on a Slurm that is started here (Debian, as root; three minutes)
 	PHASEWARP=$(PROGRAM) tests/slurm.sh
