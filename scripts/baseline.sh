@@ -17,8 +17,8 @@
 # way, what differs between 1 and 3 ranks, but did not in the reference. The new records stay in
 # target/baseline. Exit code 0: nothing differs; 1: something does; 2: the command is wrong.
 #
-# Two minutes on two idle cores, six on busy ones. JOBS (2): runs at a time. Needs a python3 with
-# h5py: that of $PYTHON, of the path, or of `make readers`.
+# Takes two minutes of processor time. JOBS (2): how many runs at a time. Needs a python3 (3.11)
+# with h5py: that of $PYTHON, of the path, or of `make readers`.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -278,7 +278,7 @@ program=$(realpath "$program")
 target=${CARGO_TARGET_DIR:-target}
 python=""
 for candidate in "${PYTHON:-}" python3 "$target/readers/bin/python"; do
-    if [ -n "$candidate" ] && "$candidate" -c 'import h5py' 2>/dev/null; then
+    if [ -n "$candidate" ] && "$candidate" -c 'import h5py, tomllib' 2>/dev/null; then
         python=$candidate
         break
     fi
