@@ -301,7 +301,7 @@ struct Planned<'a> {
 fn load(world: &World, args: &CaseArgs) -> Result<Case> {
     let group = world.group();
     let text = if group.rank() == 0 {
-        case::read::read_text(&args.case)
+        case::read_text(&args.case)
     } else {
         Ok(String::new())
     };

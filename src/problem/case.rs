@@ -1,431 +1,69 @@
-//! The case file: typed, with every default here, unknown keys refused, values checked.
+//! The case file: a problem, and how to solve it.
+//!
+//! [`Case::parse`] reads a case in three steps, without MPI: [`file`] reads TOML and `--set` into a tree that remembers where
+//! each value stands; serde makes a `Tables` of it, by [`reader`], which refuses unknown keys and wrong types; `Case::new`
+//! turns that into a [`Case`], a section after the other, and [`Case::validate`] refuses what does not go together.
+//!
+//! A key of the case file is a field of its section's table, with its default in the table's `Default` and its check in the
+//! table's `check`: [`axes`], [`data`], [`solver`], [`warp`], [`output`], [`readout`]. Limits are in
+//! [`limits`](crate::problem::limits).
 
-pub mod file;
-pub mod read;
+pub(crate) mod axes;
+pub(crate) mod data;
+pub(crate) mod file;
+pub(crate) mod output;
+pub(crate) mod reader;
+pub(crate) mod readout;
+pub(crate) mod solver;
+pub(crate) mod warp;
 
-use crate::problem::formula::Expression;
+pub use crate::problem::case::data::{
+    Data, Exact, Field, Inflow, MOST_FIELDS, Region, TIME, WarpedStart,
+};
+pub use crate::problem::case::output::{DeltaWidth, OutputTime, Plateau, Storage};
+pub use crate::problem::case::readout::{Effort, Readout};
+pub use crate::problem::case::solver::{
+    Allowed, DEFAULT_CFL, Integrator, Interface, Limiter, Method, Propagation, PropagatorMethod,
+};
+pub use crate::problem::case::warp::{
+    Coefficients, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Delta, Embedding, ProfileChoice,
+    RecoveryMethod, Shift, Warp,
+};
+pub use crate::problem::limits::LARGEST_TOLERANCE;
+
+use crate::base::error::{Error, Result};
+use crate::problem::case::axes::AxisPair;
+use crate::problem::case::data::{ExactTable, InflowTable, InitialTable, RegionTable};
+use crate::problem::case::file::CaseFile;
+use crate::problem::case::output::OutputTable;
+use crate::problem::case::reader::List;
+use crate::problem::case::readout::ReadoutTable;
+use crate::problem::case::solver::{CheckpointTable, SchemeTable, SolverTable, TimeTable};
 use crate::problem::grid::PhaseSpace;
-use crate::problem::limits::{CHUNK, MOST_CHUNKS};
-use serde::{Deserialize, Serialize};
+use crate::problem::limits::LONGEST_FILE;
+use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::io::Read;
+use std::path::Path;
 use std::time::Duration;
 
-/// Default of `checkpoint.minutes`.
-pub const DEFAULT_CHECKPOINT: f64 = 30.0;
-
-/// Default of `solver.tolerance`.
-pub const DEFAULT_TOLERANCE: f64 = 1e-6;
-/// Default of `solver.warp.alpha`.
-pub const DEFAULT_ALPHA: f64 = 1.0;
-/// Default of `solver.warp.order`.
-pub const DEFAULT_ORDER: usize = 8;
-/// Default of `solver.warp.beta`.
-pub const DEFAULT_BETA: f64 = 0.75;
-/// Default of `output.plateau.points`.
-pub const DEFAULT_PLATEAU: usize = 9;
-/// Default of `solver.classical.cfl`.
-pub const DEFAULT_CFL: f64 = 0.9;
-/// Default of `readout.shots`.
-pub const DEFAULT_SHOTS: u64 = 10_000;
-/// Default of `readout.evaluations`.
-pub const DEFAULT_EVALUATIONS: u64 = 256;
-/// Most fields of a case: a density and a level set for each velocity axis.
-pub const MOST_FIELDS: usize = 4;
-/// Largest `solver.tolerance`.
-pub const LARGEST_TOLERANCE: f64 = 0.1;
-/// Lengths, velocities and times lie between the inverse of this and this: their products stay finite.
-pub const MOST: f64 = 1e100;
-
-/// One branch of the potential; the first whose condition holds at a cell's centre gives `V` in that cell.
-#[derive(Clone, Debug)]
-pub struct Region {
-    /// `where`; absent in the last region.
-    pub condition: Option<Expression>,
-    /// `V(x, y, z)`.
-    pub value: Expression,
-}
-
-/// What enters through the boundary of the phase-space box.
-#[derive(Clone, Debug)]
-pub enum Inflow {
-    /// A formula taken at ghost centres.
-    Formula(Expression),
-    /// The initial formula, taken at ghost centres.
-    Initial,
-}
-
-/// How the Hamiltonian-preserving flux at a jump of `V` finds its sources.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Interface {
-    /// Linear interpolation at the source velocity (the paper's).
-    Hat,
-    /// Overlap of energy intervals; keeps row and flux-weighted column sums.
-    Conservative,
-}
-
-/// Time integrator of the classical method `f' = A f + b`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Integrator {
-    /// The exact exponential of the semi-discrete system.
-    Exponential,
-    /// First-order forward Euler.
-    ForwardEuler,
-    /// Third-order strong-stability-preserving Runge–Kutta.
-    SspRk3,
-}
-
-/// Slope limiter of the classical method (paper, the remark after section 4.2).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Limiter {
-    /// First order, the scheme itself.
-    None,
-    /// `ψ(θ) = max(0, min(1, θ))`.
-    Minmod,
-    /// `ψ(θ) = (|θ| + θ)/(1 + |θ|)`.
-    VanLeer,
-}
-
-/// What computes `f(T)`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Method {
-    /// Schrödingerization: unitary modes, recovered by the profile.
-    #[default]
-    Schrodingerized,
-    /// Direct integration of the semi-discrete system.
-    Classical,
-}
-
-/// Which profile `g(p)`, with its parameter (see [`crate::schrodingerization::profile`]).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(tag = "kind", rename_all = "kebab-case")]
-pub enum ProfileChoice {
-    /// `Designed` or `Gaussian`, whichever takes less work.
-    Planned,
-    /// A trigonometric polynomial that is `e^{−p}` where it must be, by least squares.
-    Designed,
-    /// `e^{−p}` cut off by a normal distribution function.
-    Gaussian,
-    /// `e^{−p}` for `p ≥ 0`, `e^{αp}` for `p < 0` (the paper's).
-    Exponential {
-        /// `α > 0`.
-        alpha: f64,
-    },
-    /// `e^{−|p|}` with the polynomial of degree `2r+1` between −1 and 0 that is smooth to `r` derivatives.
-    Smooth {
-        /// `r`.
-        order: usize,
-    },
-    /// `e^{−|p|}` convolved with a Gaussian, read at `c` (Low and Somma, arXiv 2508.19238).
-    LowSomma {
-        /// `c > 0`; planned where none is given.
-        c: Option<f64>,
-    },
-    /// The kernel of An, Childs and Lin (arXiv 2312.03916).
-    Acl {
-        /// `β` in [`BETAS`](crate::problem::limits::BETAS).
-        beta: f64,
-    },
-}
-
-/// Where the Fourier coefficients come from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Coefficients {
-    /// `ĝ` itself.
-    Analytic,
-    /// The discrete Fourier transform of samples of `g` on `[L, R)` (the paper's).
-    Sampled,
-}
-
-/// How `u` is read from the warped field.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum RecoveryMethod {
-    /// `e^{p◇} v(p◇)`.
-    Point,
-    /// From the integral of `v` over `p ≥ p◇`.
-    Integral,
-    /// From several points at and above `p◇`, by least squares.
-    LeastSquares,
-}
-
-/// How the inflow becomes part of a homogeneous system.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Embedding {
-    /// An auxiliary unknown for each row that something enters.
-    Boundary,
-    /// An auxiliary unknown for every row (the paper's).
-    Full,
-    /// One auxiliary unknown for all.
-    Scalar,
-}
-
-/// `δ`, the initial value of the auxiliary unknowns.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Delta {
-    /// From the growth it may add.
-    Planned,
-    /// `max |b|` (the paper's).
-    #[serde(rename = "max")]
-    Largest,
-    /// This number.
-    Given(f64),
-}
-
-/// `[solver.warp]`: everything about the auxiliary variable `p`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Warp {
-    /// `profile` and its parameter.
-    pub profile: ProfileChoice,
-    /// `coefficients`.
-    pub coefficients: Coefficients,
-    /// `interval = [L, R]`, by hand.
-    pub interval: Option<[f64; 2]>,
-    /// `points = N_p`, by hand.
-    pub points: Option<usize>,
-    /// `recovery = p◇`, by hand.
-    pub recovery: Option<f64>,
-    /// `recovery_method`.
-    pub recovery_method: RecoveryMethod,
-    /// `weights = "dissipative"`.
-    pub weights: bool,
-    /// `inflow`.
-    pub inflow: Embedding,
-    /// `delta`.
-    pub delta: Delta,
-    /// `shift`: `u = e^{σt} ũ`.
-    pub shift: Shift,
-}
-
-impl Warp {
-    /// The profile to be planned: `Planned` is the Gaussian where samples, an interval or points are given by hand, as a
-    /// designed one is no function on the line.
-    pub fn choice(&self) -> ProfileChoice {
-        match (self.profile, self.by_hand()) {
-            (ProfileChoice::Planned, Some(_)) => ProfileChoice::Gaussian,
-            (given, _) => given,
-        }
-    }
-
-    /// A key that a designed profile does not take, where one is given.
-    pub fn by_hand(&self) -> Option<&'static str> {
-        let sampled = self.coefficients == Coefficients::Sampled;
-        let keys = [
-            ("coefficients", sampled),
-            ("interval", self.interval.is_some()),
-            ("points", self.points.is_some()),
-        ];
-        keys.into_iter()
-            .find(|(_, given)| *given)
-            .map(|(key, _)| key)
-    }
-}
-
-/// `σ` of the spectral shift `u = e^{σt} ũ`, `ũ' = (A − σ) ũ`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Shift {
-    /// The bound on the growth, so that `ũ` does not grow.
-    Growth,
-    /// This number.
-    Given(f64),
-}
-
-impl Shift {
-    /// `σ` where the growth is at most `growth`.
-    pub fn of(self, growth: f64) -> f64 {
-        match self {
-            Self::Growth => growth,
-            Self::Given(sigma) => sigma,
-        }
-    }
-}
-
-/// `output.plateau`: the field read at several points.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plateau {
-    /// The first point; from the plan where none is given.
-    pub from: Option<f64>,
-    /// The last point, above `from`; from the plan where none is given.
-    pub to: Option<f64>,
-    /// Number of points, at least 2.
-    pub points: usize,
-}
-
-/// What applies `exp(−iHT)` to a mode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum PropagatorMethod {
-    /// Chebyshev series.
-    Chebyshev,
-    /// Lanczos.
-    Krylov,
-    /// Second-order implicit midpoint, unitary.
-    CrankNicolson,
-    /// First-order implicit, dissipative.
-    BackwardEuler,
-}
-
-impl PropagatorMethod {
-    /// Order in the time step; 0 where the method meets a tolerance by itself.
-    pub fn order(self) -> usize {
-        match self {
-            Self::Chebyshev | Self::Krylov => 0,
-            Self::CrankNicolson => 2,
-            Self::BackwardEuler => 1,
-        }
-    }
-}
-
-/// `[solver.propagator]`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Propagation {
-    /// `method`.
-    pub method: PropagatorMethod,
-    /// `step`: of the implicit methods, which need it; the longest of `krylov`.
-    pub step: Option<f64>,
-}
-
-/// What `[initial]` gives.
-#[derive(Clone, Debug)]
-pub enum Data {
-    /// `f0(x, v)`.
-    Density,
-    /// `f0 = density(x) Π δ(v_a − velocity_a(x))`, by level sets.
-    Measure {
-        /// `density(x)`.
-        density: Expression,
-        /// `velocity_a(x)`.
-        velocity: Vec<Expression>,
-    },
-}
-
-/// Half-width `ω_a` of the discrete delta function of `ψ_a` (see [`crate::matrix::observables`]).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DeltaWidth {
-    /// `max(|det ∂Ψ/∂v|, 1) Δv_a` (the paper's).
-    Determinant,
-    /// `max(Σ_b |∂ψ_a/∂v_b| Δv_b, Δv_a)`; the same in one dimension.
-    Gradient,
-}
-
-/// A function on phase space that obeys the Liouville equation.
-#[derive(Clone, Debug)]
-pub struct Field {
-    /// `f`; or `phi`, `psi_x`, `psi_y`, `psi_z`.
-    pub name: &'static str,
-    /// Its values at time zero.
-    pub initial: Expression,
-    /// Its values on the boundary.
-    pub inflow: Inflow,
-}
-
-impl Field {
-    /// The formula of what enters.
-    pub fn entering(&self) -> &Expression {
-        match &self.inflow {
-            Inflow::Formula(f) => f,
-            Inflow::Initial => &self.initial,
-        }
-    }
-
-    /// Whether anything may enter.
-    pub fn enters(&self) -> bool {
-        self.entering().constant() != Some(0.0)
-    }
-
-    /// Whether what enters depends on time.
-    pub fn varies(&self) -> bool {
-        self.entering().depends_on(TIME)
-    }
-}
-
-/// `initial.warped`: a file that holds `w(0, x, v, p)`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct WarpedStart {
-    /// Where it is.
-    pub path: PathBuf,
-    /// File and line of the key, for errors.
-    pub place: String,
-}
-
-/// Position of `t` among the coordinates `[x, y, z, vx, vy, vz, t]` of a formula.
-pub const TIME: usize = 6;
-
-/// A time before the end at which results are written.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct OutputTime {
-    /// The time.
-    pub time: f64,
-    /// Whether the fields are, and not their moments only.
-    pub fields: bool,
-}
-
-/// The exact solution results are compared with.
-#[derive(Clone, Debug)]
-pub enum Exact {
-    /// Particles traced back through the piecewise linear potential.
-    Characteristics,
-    /// A formula for `f(T, x, v)`; `t` may occur.
-    Formula(Expression),
-}
-
-/// How the fields are stored in `result.h5`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Storage {
-    /// `output.compression`: level of deflate, 0 for none.
-    pub compression: u8,
-    /// `output.chunks`: cells of a chunk along each axis, in storage order; planned where there is compression.
-    pub chunks: Option<Vec<usize>>,
-    /// `output.xdmf`: whether to write `fields.xdmf`, and what it shows.
-    pub xdmf: bool,
-}
-
-impl Storage {
-    /// At most so many chunks has a dataset; 0 where there are none.
-    pub fn most_chunks(&self, space: &PhaseSpace) -> usize {
-        match &self.chunks {
-            Some(chunks) => (chunks.iter().zip(space.axes()))
-                .map(|(c, axis)| axis.cells.div_ceil(*c))
-                .product(),
-            // Planned chunks are of CHUNK/2 cells at least, and not more than half of them at the ends of an axis.
-            None if self.compression > 0 => (1 + 4 * space.cells() / CHUNK).min(MOST_CHUNKS),
-            None => 0,
-        }
-    }
-}
-
-/// `[readout]`: what is measured of the result on a quantum computer (see [`crate::quantum::readout`]).
-#[derive(Clone, Debug, PartialEq)]
-pub struct Readout {
-    /// Space cells, along each axis from 0.
-    pub cells: Vec<Vec<usize>>,
-    /// How long it is measured.
-    pub effort: Effort,
-    /// `seed` of the random numbers.
-    pub seed: u64,
-}
-
-/// How long an observable is measured.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Effort {
-    /// So long.
-    Given {
-        /// Shots of a Hadamard test.
-        shots: u64,
-        /// Values of the register of amplitude estimation, a power of two.
-        evaluations: u64,
-    },
-    /// As long as density and momentum take to be known to within this.
-    Accuracy(f64),
+/// The case file as it is written.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+struct Tables {
+    title: String,
+    reference: String,
+    axis: List<AxisPair>,
+    potential: List<RegionTable>,
+    initial: InitialTable,
+    inflow: InflowTable,
+    time: TimeTable,
+    scheme: SchemeTable,
+    solver: SolverTable,
+    exact: ExactTable,
+    output: OutputTable,
+    checkpoint: CheckpointTable,
+    readout: Option<ReadoutTable>,
 }
 
 /// A problem and how to solve it, as read from a case file.
@@ -504,6 +142,221 @@ pub struct Case {
 }
 
 impl Case {
+    /// Reads a case from the text of a file called `name`, with `--set` overrides applied.
+    ///
+    /// # Errors
+    /// [`Error::Input`] with file, line, key, value and limit.
+    pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Self> {
+        let file = CaseFile::parse(name, text, overrides)?;
+        let mut case = Self::new(&file, file.read()?)?;
+        case.validate(&file)?;
+        name.clone_into(&mut case.name);
+        text.clone_into(&mut case.text);
+        case.overrides = overrides.to_vec();
+        Ok(case)
+    }
+
+    /// Reads a case file from disk.
+    ///
+    /// # Errors
+    /// As [`parse`](Self::parse), and when the file cannot be read or is larger than 1 MiB.
+    pub fn load(path: &Path, overrides: &[String]) -> Result<Self> {
+        Self::parse(&path.display().to_string(), &read_text(path)?, overrides)
+    }
+
+    /// The case of `tables`, each section checked by itself.
+    fn new(file: &CaseFile<'_>, tables: Tables) -> Result<Self> {
+        let space = axes::space(file, &tables.axis.0)?;
+        let n = space.dimension();
+        let potential = data::potential(file, &tables.potential.0, n)?;
+        let (data, fields) = tables.initial.check(file, n, &tables.inflow)?;
+        let end = tables.time.check(file)?;
+        let solver = tables.solver;
+        let output = tables.output;
+        let readout = tables.readout.map(|table| table.check(file, &space));
+        Ok(Self {
+            name: String::new(),
+            title: tables.title,
+            reference: tables.reference,
+            potential,
+            exact: tables.exact.check(file, n, &data)?,
+            data,
+            fields,
+            start: tables.initial.start(file)?,
+            end,
+            interface: tables.scheme.interface,
+            limiter: tables.scheme.limiter,
+            method: solver.method,
+            tolerance: solver.tolerance(file)?,
+            tolerance_place: file.place("solver.tolerance"),
+            interval_place: file.place("solver.warp.interval"),
+            verify: solver.verify,
+            warp: solver.warp.check(file, end)?,
+            propagator: solver.propagator.check(file, end)?,
+            integrator: solver.classical.integrator,
+            cfl: solver.classical.cfl(file)?,
+            reduce: solver.reduce,
+            reductions: Reductions::default(),
+            recovery_points: output.recovery_points(file)?,
+            plateau: output.plateau(file)?,
+            times: output.times(file, end)?,
+            warped_field: output.warped_field,
+            expand: output.expand,
+            delta_width: output.delta_width,
+            storage: output.storage(file, &space)?,
+            checkpoint_every: tables.checkpoint.check(file)?,
+            readout: readout.transpose()?,
+            text: String::new(),
+            overrides: Vec::new(),
+            settings: file.settings(),
+            space,
+        })
+    }
+
+    /// Refuses settings that do not go together, and adapts those that another one settles.
+    fn validate(&mut self, file: &CaseFile<'_>) -> Result<()> {
+        if self.method == Method::Classical {
+            // The classical method embeds nothing.
+            (self.warp.inflow, self.warp.delta) = (Embedding::Boundary, Delta::Planned);
+        }
+        self.warp.check_embedding(file, &self.fields)?;
+        self.check_limiter(file)?;
+        if self.varies() {
+            self.check_varying_inflow(file)?;
+        }
+        let summed = self.warp.inflow == Embedding::Scalar && self.enters();
+        if summed && self.propagator.method != PropagatorMethod::Chebyshev {
+            return file.refuse(
+                "solver.propagator.method",
+                "solver.warp.inflow = \"scalar\" couples one unknown to all rows, which only \"chebyshev\" applies: \
+                 choose it, or \"boundary\" or \"full\"",
+            );
+        }
+        if self.start.is_some() {
+            self.check_warped_start(file)?;
+        }
+        if !self.reduce.modes && self.method == Method::Schrodingerized {
+            self.check_every_mode(file)?;
+        }
+        if self.warped_field && self.method == Method::Classical {
+            return file.refuse(
+                "output.warped_field",
+                "solver.method = \"classical\" has no modes; leave it out, or choose \"schrodingerized\"",
+            );
+        }
+        Ok(())
+    }
+
+    /// A limiter is not linear: refused where `A` is needed as a matrix.
+    fn check_limiter(&self, file: &CaseFile<'_>) -> Result<()> {
+        if self.limiter == Limiter::None {
+            return Ok(());
+        }
+        let key = "scheme.limiter";
+        let wanted = "solver.method = \"classical\" with solver.classical.integrator = \"ssp-rk3\" or \"forward-euler\" takes one";
+        let conflict = if self.method == Method::Schrodingerized {
+            "solver.method = \"schrodingerized\" evolves a linear system, and slopes are not linear"
+        } else if self.integrator == Integrator::Exponential {
+            "solver.classical.integrator = \"exponential\" is that of a linear system, and slopes are not linear"
+        } else if self.verify {
+            return file.refuse(
+                key,
+                "solver.verify = true measures the distance to exp(A T) f0, which slopes leave; set one of them to its default",
+            );
+        } else {
+            return Ok(());
+        };
+        file.refuse(
+            key,
+            format!("{conflict}; {wanted}, or leave limiter = \"none\""),
+        )
+    }
+
+    /// Refuses methods that do not know of an inflow that depends on time.
+    fn check_varying_inflow(&self, file: &CaseFile<'_>) -> Result<()> {
+        let timed = [
+            "output.moments_every",
+            "output.moment_times",
+            "output.field_times",
+        ];
+        if let Some(key) = timed.into_iter().find(|key| file.has(key)) {
+            return file.refuse(
+                key,
+                "with t in inflow.value results are written at time.end only; leave it out",
+            );
+        }
+        if self.limiter != Limiter::None {
+            return file.refuse(
+                "scheme.limiter",
+                "takes the inflow at time 0; with t in inflow.value only \"none\"",
+            );
+        }
+        let modes = self.method == Method::Schrodingerized;
+        if modes && self.propagator.method != PropagatorMethod::Chebyshev {
+            return file.refuse(
+                "solver.propagator.method",
+                "with t in inflow.value the generator depends on time; only \"chebyshev\" is stepped",
+            );
+        }
+        Ok(())
+    }
+
+    /// Refuses what makes no sense with a warped field to start from.
+    fn check_warped_start(&self, file: &CaseFile<'_>) -> Result<()> {
+        let refuse = |why: &str| file.refuse("initial.warped", why);
+        if self.method == Method::Classical {
+            return refuse("solver.method = \"classical\" knows no p; \"schrodingerized\" does");
+        }
+        if self.enters() {
+            return refuse(
+                "nothing may enter, as the file has no auxiliary unknowns: leave inflow.value out or 0",
+            );
+        }
+        if matches!(self.exact, Some(Exact::Characteristics)) {
+            return refuse(
+                "exact.kind = \"characteristics\" needs initial.f; leave it out, or give exact.f",
+            );
+        }
+        if self.verify {
+            return file.refuse(
+                "solver.verify",
+                "needs initial.f; with initial.warped leave it out",
+            );
+        }
+        let warp = &self.warp;
+        let given = [
+            ("profile", warp.profile != ProfileChoice::Planned),
+            ("coefficients", warp.coefficients != Coefficients::Analytic),
+            ("interval", warp.interval.is_some()),
+            ("points", warp.points.is_some()),
+            ("shift", warp.shift != Shift::Given(0.0)),
+        ];
+        match given.into_iter().find(|(_, given)| *given) {
+            Some((key, _)) => file.refuse(
+                &format!("solver.warp.{key}"),
+                "with initial.warped the file says what w is at every p; leave it out",
+            ),
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses modes of both signs where they have no use; `reduce = false` does without them there.
+    fn check_every_mode(&mut self, file: &CaseFile<'_>) -> Result<()> {
+        let why = if self.warped_field || self.start.is_some() {
+            "the warped field is kept by its modes l >= 0"
+        } else if self.propagator.method.order() > 0 {
+            "crank-nicolson and backward-euler take modes l >= 0 only"
+        } else {
+            return Ok(());
+        };
+        let key = "solver.reduce.modes";
+        if file.has(key) {
+            return file.refuse(key, format!("{why}; leave it out, or true"));
+        }
+        self.reduce.modes = true;
+        Ok(())
+    }
+
     /// Whether anything may enter, of any field.
     pub fn enters(&self) -> bool {
         self.fields.iter().any(Field::enters)
@@ -537,29 +390,23 @@ impl Case {
     }
 }
 
-/// `[solver.reduce]`: what may be left out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Allowed {
-    /// Axes along which nothing varies.
-    pub axes: bool,
-    /// Velocities that nothing reaches.
-    pub velocities: bool,
-    /// Auxiliary unknowns where nothing enters.
-    pub inflow: bool,
-    /// The modes `l < 0`.
-    pub modes: bool,
-}
-
-impl Allowed {
-    /// All, or nothing.
-    pub fn all(allowed: bool) -> Self {
-        Self {
-            axes: allowed,
-            velocities: allowed,
-            inflow: allowed,
-            modes: allowed,
-        }
+/// The text of a case file.
+///
+/// # Errors
+/// [`Error::Input`] when it cannot be read or is larger than 1 MiB.
+pub fn read_text(path: &Path) -> Result<String> {
+    let fail = |e: &dyn std::fmt::Display| Error::Input(format!("{}: {e}", path.display()));
+    let mut text = String::new();
+    std::fs::File::open(path)
+        .and_then(|file| file.take(LONGEST_FILE + 1).read_to_string(&mut text))
+        .map_err(|e| fail(&e))?;
+    if text.len() as u64 > LONGEST_FILE {
+        return Err(fail(&format!(
+            "a case file has at most {LONGEST_FILE} bytes"
+        )));
     }
+    // A byte order mark is no part of the text.
+    Ok(text.trim_start_matches('\u{feff}').to_owned())
 }
 
 /// What was left out of a case, and what was not though it looks so; a line each.

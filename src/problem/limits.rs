@@ -20,3 +20,24 @@ pub const MOST_SHOTS: f64 = 1e15;
 
 /// Most evaluations of a run of amplitude estimation: the register has 40 qubits then.
 pub const MOST_EVALUATIONS: f64 = (1u64 << 40) as f64;
+
+/// Lengths, velocities and times lie between the inverse of this and this: their products stay finite.
+pub const MOST: f64 = 1e100;
+
+/// Largest `solver.tolerance`.
+pub const LARGEST_TOLERANCE: f64 = 0.1;
+
+/// Largest `|σT|` of a spectral shift.
+pub const LARGEST_SHIFT: f64 = 25.0;
+
+/// Most phase-space cells that are looked at; memory is checked against the machine by the plan.
+pub const MOST_CELLS: f64 = 1e12;
+
+/// Most space cells: `V` is evaluated on all of them before anything else.
+pub const MOST_SPACE_CELLS: f64 = 1e8;
+
+/// Most time steps of a propagator.
+pub const MOST_STEPS: f64 = 1e7;
+
+/// Longest case file, in bytes.
+pub const LONGEST_FILE: u64 = 1 << 20;

@@ -1,0 +1,120 @@
+//! `[[axis]]`: the grid.
+
+use crate::base::error::Result;
+use crate::problem::case::file::CaseFile;
+use crate::problem::case::reader::Item;
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
+use crate::problem::limits::{MOST, MOST_CELLS, MOST_SPACE_CELLS};
+use serde::Deserialize;
+
+/// One of `[[axis]]`: a space axis and its velocity axis.
+#[derive(Debug, Deserialize)]
+pub struct AxisPair {
+    x: Option<AxisTable>,
+    v: Option<AxisTable>,
+}
+
+impl Item for AxisPair {
+    const PLURAL: &'static str = "tables, [[axis]],";
+}
+
+/// `x` or `v` of `[[axis]]`.
+#[derive(Debug, Deserialize)]
+struct AxisTable {
+    lower: Option<f64>,
+    upper: Option<f64>,
+    cells: Option<i64>,
+    boundary: Option<Boundary>,
+}
+
+/// `boundary` of a space axis; `inflow` where none is given.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Boundary {
+    Inflow,
+    Periodic,
+}
+
+impl AxisTable {
+    /// The axis that stands at `key`.
+    fn check(&self, file: &CaseFile<'_>, key: &str) -> Result<Axis> {
+        let number = |name: &str, value: Option<f64>| -> Result<f64> {
+            file.required(&format!("{key}.{name}"), value, "a number")
+        };
+        let upper_key = format!("{key}.upper");
+        let cells_key = format!("{key}.cells");
+        let cells = file.required(&cells_key, self.cells, "a whole number")?;
+        let axis = Axis::new(
+            number("lower", self.lower)?,
+            number("upper", self.upper)?,
+            file.count(&cells_key, cells, 1)?,
+        );
+        if axis.lower >= axis.upper {
+            return file.refuse(&upper_key, format!("must be above lower = {}", axis.lower));
+        }
+        for (name, value) in [("lower", axis.lower), ("upper", axis.upper)] {
+            file.within(&format!("{key}.{name}"), value, -MOST..=MOST, || {
+                format!("must be between -{MOST:e} and {MOST:e}")
+            })?;
+        }
+        if axis.cells as f64 > MOST_CELLS {
+            return file.refuse(&cells_key, "more cells than any machine's memory holds");
+        }
+        let width = axis.width();
+        let (next, last) = (axis.lower + width, axis.upper - width);
+        if width < 1.0 / MOST || next == axis.lower || last == axis.upper {
+            let message =
+                format!("cells of width {width:e} cannot be told apart in double precision");
+            return file.refuse(&cells_key, message);
+        }
+        Ok(axis)
+    }
+}
+
+/// The grid.
+pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair]) -> Result<PhaseSpace> {
+    if pairs.is_empty() || pairs.len() > MAX_DIMENSION {
+        let message = format!(
+            "{} tables given; one [[axis]] a space dimension, 1 to {MAX_DIMENSION}",
+            pairs.len()
+        );
+        return file.refuse("axis", message);
+    }
+    let mut space = PhaseSpace {
+        x: Vec::new(),
+        v: Vec::new(),
+        periodic: [false; MAX_DIMENSION],
+    };
+    for (a, AxisPair { x, v }) in pairs.iter().enumerate() {
+        let expected = "{ lower = …, upper = …, cells = … }";
+        let x_key = format!("axis.{a}.x");
+        let v_key = format!("axis.{a}.v");
+        let x = file.required(&x_key, x.as_ref(), expected)?;
+        let v = file.required(&v_key, v.as_ref(), expected)?;
+        if v.boundary.is_some() {
+            return file.refuse(
+                &format!("{v_key}.boundary"),
+                "a velocity axis has none to choose; what enters there has the value of inflow.value",
+            );
+        }
+        space.periodic[a] = x.boundary == Some(Boundary::Periodic);
+        space.x.push(x.check(file, &x_key)?);
+        space.v.push(v.check(file, &v_key)?);
+    }
+    let cells: f64 = space.axes().map(|a| a.cells as f64).product();
+    if cells > MOST_CELLS {
+        let bytes = 8.0 * cells;
+        let message = format!(
+            "{cells:.3e} phase-space cells; the state alone takes {bytes:.1e} bytes of memory"
+        );
+        return file.refuse("axis", message);
+    }
+    let points: f64 = space.x.iter().map(|a| a.cells as f64).product();
+    if points > MOST_SPACE_CELLS {
+        let message = format!(
+            "{points:.3e} space cells; at most {MOST_SPACE_CELLS:e} are planned for (memory and time)"
+        );
+        return file.refuse("axis", message);
+    }
+    Ok(space)
+}

@@ -1,0 +1,333 @@
+//! `[[potential]]`, `[initial]`, `[inflow]` and `[exact]`: the formulas of a case.
+
+use crate::base::error::Result;
+use crate::problem::case::file::CaseFile;
+use crate::problem::case::reader::{Formula, Item, List};
+use crate::problem::formula::Expression;
+use crate::problem::grid::MAX_DIMENSION;
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+
+/// Most fields of a case: a density and a level set for each velocity axis.
+pub const MOST_FIELDS: usize = 1 + MAX_DIMENSION;
+
+/// Position of `t` among the coordinates `[x, y, z, vx, vy, vz, t]` of a formula.
+pub const TIME: usize = 6;
+
+/// One branch of the potential; the first whose condition holds at a cell's centre gives `V` in that cell.
+#[derive(Clone, Debug)]
+pub struct Region {
+    /// `where`; absent in the last region.
+    pub condition: Option<Expression>,
+    /// `V(x, y, z)`.
+    pub value: Expression,
+}
+
+/// What enters through the boundary of the phase-space box.
+#[derive(Clone, Debug)]
+pub enum Inflow {
+    /// A formula taken at ghost centres.
+    Formula(Expression),
+    /// The initial formula, taken at ghost centres.
+    Initial,
+}
+
+/// What `[initial]` gives.
+#[derive(Clone, Debug)]
+pub enum Data {
+    /// `f0(x, v)`.
+    Density,
+    /// `f0 = density(x) Π δ(v_a − velocity_a(x))`, by level sets.
+    Measure {
+        /// `density(x)`.
+        density: Expression,
+        /// `velocity_a(x)`.
+        velocity: Vec<Expression>,
+    },
+}
+
+/// A function on phase space that obeys the Liouville equation.
+#[derive(Clone, Debug)]
+pub struct Field {
+    /// `f`; or `phi`, `psi_x`, `psi_y`, `psi_z`.
+    pub name: &'static str,
+    /// Its values at time zero.
+    pub initial: Expression,
+    /// Its values on the boundary.
+    pub inflow: Inflow,
+}
+
+impl Field {
+    /// The formula of what enters.
+    pub fn entering(&self) -> &Expression {
+        match &self.inflow {
+            Inflow::Formula(f) => f,
+            Inflow::Initial => &self.initial,
+        }
+    }
+
+    /// Whether anything may enter.
+    pub fn enters(&self) -> bool {
+        self.entering().constant() != Some(0.0)
+    }
+
+    /// Whether what enters depends on time.
+    pub fn varies(&self) -> bool {
+        self.entering().depends_on(TIME)
+    }
+}
+
+/// `initial.warped`: a file that holds `w(0, x, v, p)`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WarpedStart {
+    /// Where it is.
+    pub path: PathBuf,
+    /// File and line of the key, for errors.
+    pub place: String,
+}
+
+/// The exact solution results are compared with.
+#[derive(Clone, Debug)]
+pub enum Exact {
+    /// Particles traced back through the piecewise linear potential.
+    Characteristics,
+    /// A formula for `f(T, x, v)`; `t` may occur.
+    Formula(Expression),
+}
+
+/// One of `[[potential]]`.
+#[derive(Debug, Deserialize)]
+pub struct RegionTable {
+    #[serde(rename = "where")]
+    condition: Option<Formula>,
+    value: Option<Formula>,
+}
+
+impl Item for RegionTable {
+    const PLURAL: &'static str = "tables, [[potential]],";
+}
+
+/// `[initial]`.
+#[derive(Debug, Default, Deserialize)]
+pub struct InitialTable {
+    f: Option<Formula>,
+    density: Option<Formula>,
+    velocity: Option<List<Formula>>,
+    warped: Option<String>,
+}
+
+/// `[inflow]`.
+#[derive(Debug, Default, Deserialize)]
+pub struct InflowTable {
+    /// Where none is given, `initial` for measure-valued data and 0 for others.
+    value: Option<Formula>,
+}
+
+/// `[exact]`.
+#[derive(Debug, Default, Deserialize)]
+pub struct ExactTable {
+    kind: Option<ExactKind>,
+    f: Option<Formula>,
+}
+
+/// `exact.kind`.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum ExactKind {
+    Characteristics,
+}
+
+/// The names of the coordinates `[x, y, z, vx, vy, vz, t]` that a formula may use.
+pub type Names = [&'static [&'static str]; 7];
+
+/// The space coordinates of `n` dimensions.
+fn names_of_space(n: usize) -> Names {
+    let space: Names = [&["x"], &["y"], &["z"], &[], &[], &[], &[]];
+    std::array::from_fn(|a| if a < n { space[a] } else { &[] })
+}
+
+/// Those and the velocities.
+fn names_of_phase_space(n: usize) -> Names {
+    let mut names = names_of_space(n);
+    let velocities: [&[&str]; MAX_DIMENSION] = [&["vx"], &["vy"], &["vz"]];
+    names[3..3 + n].copy_from_slice(&velocities[..n]);
+    if n == 1 {
+        names[3] = &["v", "vx"];
+    }
+    names
+}
+
+/// Those and the time.
+fn names_with_time(n: usize) -> Names {
+    let mut names = names_of_phase_space(n);
+    names[TIME] = &["t"];
+    names
+}
+
+/// The formula of `key`, if it is given.
+fn formula(
+    file: &CaseFile<'_>,
+    key: &str,
+    text: &Option<Formula>,
+    names: &Names,
+) -> Result<Option<Expression>> {
+    let text = text.as_ref();
+    text.map(|Formula(text)| file.formula(key, text, names))
+        .transpose()
+}
+
+/// The formula of `key`, which must be given.
+fn required_formula(
+    file: &CaseFile<'_>,
+    key: &str,
+    text: &Option<Formula>,
+    names: &Names,
+) -> Result<Expression> {
+    file.required(key, formula(file, key, text, names)?, "a formula")
+}
+
+/// The regions of `V` in `n` dimensions.
+pub fn potential(file: &CaseFile<'_>, tables: &[RegionTable], n: usize) -> Result<Vec<Region>> {
+    if tables.is_empty() {
+        let message = "missing; at least one [[potential]] with value = \"…\"";
+        return file.refuse("potential", message);
+    }
+    let names = names_of_space(n);
+    let region = |(i, table): (usize, &RegionTable)| {
+        let key = format!("potential.{i}.where");
+        let condition = formula(file, &key, &table.condition, &names)?;
+        let last = i + 1 == tables.len();
+        if last && condition.is_some() {
+            let message = "the last [[potential]] holds everywhere else and needs no where";
+            return file.refuse(&key, message);
+        }
+        if !last && condition.is_none() {
+            return file.refuse(&key, "missing; only the last [[potential]] goes without");
+        }
+        let key = format!("potential.{i}.value");
+        let value = required_formula(file, &key, &table.value, &names)?;
+        Ok(Region { condition, value })
+    };
+    tables.iter().enumerate().map(region).collect()
+}
+
+impl InflowTable {
+    /// What enters; `default` where the file does not say.
+    fn check(&self, file: &CaseFile<'_>, n: usize, default: &str) -> Result<Inflow> {
+        let text = self.value.as_ref().map_or(default, |Formula(text)| text);
+        match text {
+            "initial" => Ok(Inflow::Initial),
+            text => file
+                .formula("inflow.value", text, &names_with_time(n))
+                .map(Inflow::Formula),
+        }
+    }
+}
+
+impl InitialTable {
+    /// The fields to evolve in `n` dimensions, with what enters.
+    pub fn check(
+        &self,
+        file: &CaseFile<'_>,
+        n: usize,
+        inflow: &InflowTable,
+    ) -> Result<(Data, Vec<Field>)> {
+        let keys = ["initial.f", "initial.density", "initial.velocity"];
+        let given = |keys: &[&'static str]| keys.iter().copied().find(|key| file.has(key));
+        if self.warped.is_some()
+            && let Some(other) = given(&keys)
+        {
+            return file.refuse(other, format!("give either initial.warped, or {other}"));
+        }
+        if given(&keys[1..]).is_some() {
+            return self.measure(file, n, inflow);
+        }
+        let names = names_of_phase_space(n);
+        let initial = match self.warped {
+            // f(0) is not known; with this formula nothing is left of it.
+            Some(_) => file.formula("initial.warped", "0", &names)?,
+            None => required_formula(file, "initial.f", &self.f, &names)?,
+        };
+        let field = Field {
+            name: "f",
+            initial,
+            inflow: inflow.check(file, n, "0")?,
+        };
+        Ok((Data::Density, vec![field]))
+    }
+
+    /// Measure-valued data: the density `φ` and the level sets `ψ_a = v_a − velocity_a(x)`.
+    fn measure(
+        &self,
+        file: &CaseFile<'_>,
+        n: usize,
+        inflow: &InflowTable,
+    ) -> Result<(Data, Vec<Field>)> {
+        if self.f.is_some() {
+            let message = "give either initial.f, or initial.density and initial.velocity";
+            return file.refuse("initial.f", message);
+        }
+        let names = names_of_space(n);
+        let density = required_formula(file, "initial.density", &self.density, &names)?;
+        let key = "initial.velocity";
+        let texts = self.velocity.as_ref().map_or(&[][..], |list| &list.0);
+        if texts.len() != n {
+            let given = texts.len();
+            let message = format!("{given} formulas given; a list of {n} expected, one an axis");
+            return file.refuse(key, message);
+        }
+        let mut fields = vec![Field {
+            name: "phi",
+            initial: density.clone(),
+            inflow: inflow.check(file, n, "initial")?,
+        }];
+        let mut velocity = Vec::new();
+        for (a, Formula(text)) in texts.iter().enumerate() {
+            velocity.push(file.formula(key, text, &names)?);
+            let level_set = format!("{} - ({text})", ["vx", "vy", "vz"][a]);
+            fields.push(Field {
+                name: ["psi_x", "psi_y", "psi_z"][a],
+                initial: file.formula(key, &level_set, &names_of_phase_space(n))?,
+                inflow: Inflow::Initial,
+            });
+        }
+        Ok((Data::Measure { density, velocity }, fields))
+    }
+
+    /// `initial.warped`: relative to the directory of the case file.
+    pub fn start(&self, file: &CaseFile<'_>) -> Result<Option<WarpedStart>> {
+        let Some(path) = &self.warped else {
+            return Ok(None);
+        };
+        if path.is_empty() {
+            let message = "the path of a file expected, such as \"warped_f.h5\"";
+            return file.refuse("initial.warped", message);
+        }
+        let directory = Path::new(file.name()).parent().unwrap_or(Path::new(""));
+        Ok(Some(WarpedStart {
+            path: directory.join(path),
+            place: file.place("initial.warped"),
+        }))
+    }
+}
+
+impl ExactTable {
+    /// What results are compared with.
+    pub fn check(&self, file: &CaseFile<'_>, n: usize, data: &Data) -> Result<Option<Exact>> {
+        if self.f.is_some() && !matches!(data, Data::Density) {
+            return file.refuse(
+                "exact.f",
+                "measure-valued data have no f; exact.kind = \"characteristics\" gives density and velocity",
+            );
+        }
+        match (
+            self.kind,
+            formula(file, "exact.f", &self.f, &names_with_time(n))?,
+        ) {
+            (None, None) => Ok(None),
+            (None, Some(f)) => Ok(Some(Exact::Formula(f))),
+            (Some(ExactKind::Characteristics), None) => Ok(Some(Exact::Characteristics)),
+            (Some(_), Some(_)) => file.refuse("exact.f", "give either exact.kind or exact.f"),
+        }
+    }
+}

@@ -1,0 +1,305 @@
+//! `[output]`: what is written, when, and how it is stored.
+
+use crate::base::error::Result;
+use crate::problem::case::file::CaseFile;
+use crate::problem::case::reader::List;
+use crate::problem::grid::PhaseSpace;
+use crate::problem::limits::{CHUNK, MOST_CHUNKS};
+use serde::{Deserialize, Serialize};
+
+/// Most times at which anything is written.
+const MOST_TIMES: usize = 10_000;
+/// Times closer than this part of the run are one.
+const SAME_TIME: f64 = 1e-9;
+
+/// `output.plateau`: the field read at several points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plateau {
+    /// The first point; from the plan where none is given.
+    pub from: Option<f64>,
+    /// The last point, above `from`; from the plan where none is given.
+    pub to: Option<f64>,
+    /// Number of points, at least 2.
+    pub points: usize,
+}
+
+/// Half-width `ω_a` of the discrete delta function of `ψ_a` (see [`crate::matrix::observables`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DeltaWidth {
+    /// `max(|det ∂Ψ/∂v|, 1) Δv_a` (the paper's).
+    #[default]
+    Determinant,
+    /// `max(Σ_b |∂ψ_a/∂v_b| Δv_b, Δv_a)`; the same in one dimension.
+    Gradient,
+}
+
+/// A time before the end at which results are written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OutputTime {
+    /// The time.
+    pub time: f64,
+    /// Whether the fields are, and not their moments only.
+    pub fields: bool,
+}
+
+/// How the fields are stored in `result.h5`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Storage {
+    /// `output.compression`: level of deflate, 0 for none.
+    pub compression: u8,
+    /// `output.chunks`: cells of a chunk along each axis, in storage order; planned where there is compression.
+    pub chunks: Option<Vec<usize>>,
+    /// `output.xdmf`: whether to write `fields.xdmf`, and what it shows.
+    pub xdmf: bool,
+}
+
+impl Storage {
+    /// At most so many chunks has a dataset; 0 where there are none.
+    pub fn most_chunks(&self, space: &PhaseSpace) -> usize {
+        match &self.chunks {
+            Some(chunks) => (chunks.iter().zip(space.axes()))
+                .map(|(c, axis)| axis.cells.div_ceil(*c))
+                .product(),
+            // Planned chunks are of CHUNK/2 cells at least, and not more than half of them at the ends of an axis.
+            None if self.compression > 0 => (1 + 4 * space.cells() / CHUNK).min(MOST_CHUNKS),
+            None => 0,
+        }
+    }
+}
+
+/// `[output]`.
+#[derive(Debug, Deserialize)]
+#[serde(default)]
+pub struct OutputTable {
+    recovery_points: i64,
+    pub warped_field: bool,
+    plateau: Option<PlateauTable>,
+    moments_every: Option<f64>,
+    moment_times: List<f64>,
+    field_times: List<f64>,
+    pub delta_width: DeltaWidth,
+    pub expand: bool,
+    compression: i64,
+    chunks: Option<List<i64>>,
+    xdmf: bool,
+}
+
+impl Default for OutputTable {
+    fn default() -> Self {
+        Self {
+            recovery_points: 2,
+            warped_field: false,
+            plateau: None,
+            moments_every: None,
+            moment_times: List::default(),
+            field_times: List::default(),
+            delta_width: DeltaWidth::default(),
+            expand: false,
+            compression: 0,
+            chunks: None,
+            xdmf: true,
+        }
+    }
+}
+
+impl OutputTable {
+    /// `recovery_points`.
+    pub fn recovery_points(&self, file: &CaseFile<'_>) -> Result<usize> {
+        let key = "output.recovery_points";
+        match file.count(key, self.recovery_points, 1)? {
+            points @ 1..=2 => Ok(points),
+            _ => file.refuse(key, "must be 1, or 2 for the error estimate"),
+        }
+    }
+
+    /// The times before the end at which moments or fields are asked for, ascending.
+    pub fn times(&self, file: &CaseFile<'_>, end: f64) -> Result<Vec<OutputTime>> {
+        let inside = |time: f64| time > SAME_TIME * end && time < (1.0 - SAME_TIME) * end;
+        let mut times: Vec<OutputTime> = Vec::new();
+        let lists = [
+            ("output.moment_times", &self.moment_times, false),
+            ("output.field_times", &self.field_times, true),
+        ];
+        for (key, List(list), fields) in lists {
+            if let Some(time) = list.iter().find(|time| !inside(**time)) {
+                let message = format!(
+                    "{time} given; times above 0 and below time.end = {end} expected, whose results are always written"
+                );
+                return file.refuse(key, message);
+            }
+            times.extend(list.iter().map(|&time| OutputTime { time, fields }));
+        }
+        if let Some(every) = self.moments_every {
+            if !(every > 0.0 && end / every <= MOST_TIMES as f64) {
+                let message = format!(
+                    "must be above 0, and time.end = {end} at most {MOST_TIMES} times as long"
+                );
+                return file.refuse("output.moments_every", message);
+            }
+            let multiples = (1..=MOST_TIMES).map(|k| k as f64 * every);
+            let fields = false;
+            times.extend(
+                (multiples.take_while(|&t| inside(t))).map(|time| OutputTime { time, fields }),
+            );
+        }
+        times.sort_by(|a, b| a.time.total_cmp(&b.time));
+        times.dedup_by(|later, earlier| {
+            let same = later.time - earlier.time <= SAME_TIME * end;
+            earlier.fields |= same && later.fields;
+            same
+        });
+        if times.len() > MOST_TIMES {
+            let message = format!("{} times in all; at most {MOST_TIMES}", times.len());
+            return file.refuse("output.moment_times", message);
+        }
+        Ok(times)
+    }
+
+    /// `plateau`.
+    pub fn plateau(&self, file: &CaseFile<'_>) -> Result<Option<Plateau>> {
+        self.plateau
+            .as_ref()
+            .map(|table| table.check(file))
+            .transpose()
+    }
+
+    /// How the fields are stored.
+    pub fn storage(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<Storage> {
+        Ok(Storage {
+            compression: self.compression(file)?,
+            chunks: self.chunks(file, space)?,
+            xdmf: self.xdmf,
+        })
+    }
+
+    fn compression(&self, file: &CaseFile<'_>) -> Result<u8> {
+        let key = "output.compression";
+        let level = match file.count(key, self.compression, 0)? {
+            level @ 0..=9 => level as u8,
+            _ => return file.refuse(key, "must be from 0 (none) to 9"),
+        };
+        if level > 0
+            && let Some(why) = compression_refused(hdf5::library_version(), deflate_available())
+        {
+            return file.refuse(key, why);
+        }
+        Ok(level)
+    }
+
+    fn chunks(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<Option<Vec<usize>>> {
+        /// HDF5 takes chunks of less than 4 GiB, and every rank holds the chunks it writes.
+        const MOST_IN_A_CHUNK: f64 = (1 << 30) as f64 / 8.0;
+        let key = "output.chunks";
+        let Some(List(chunks)) = &self.chunks else {
+            return Ok(None);
+        };
+        let axes = 2 * space.dimension();
+        if chunks.len() != axes || chunks.iter().any(|&cells| cells < 1) {
+            return file.refuse(
+                key,
+                format!("a list of {axes} whole numbers above 0 expected"),
+            );
+        }
+        let chunks: Vec<usize> = chunks.iter().map(|&cells| cells as usize).collect();
+        let cut = || chunks.iter().zip(space.axes());
+        let size: f64 = cut().map(|(&c, a)| c.min(a.cells) as f64).product();
+        let count: f64 = cut().map(|(&c, a)| a.cells.div_ceil(c) as f64).product();
+        if size > MOST_IN_A_CHUNK {
+            let message = format!(
+                "{size:e} cells in a chunk; at most {MOST_IN_A_CHUNK:e} (1 GiB) are written"
+            );
+            return file.refuse(key, message);
+        }
+        if count > MOST_CHUNKS as f64 {
+            let message = format!("makes {count:.3e} chunks; at most {MOST_CHUNKS} are written");
+            return file.refuse(key, message);
+        }
+        Ok(Some(chunks))
+    }
+}
+
+/// `output.plateau`.
+#[derive(Debug, Deserialize)]
+#[serde(default)]
+struct PlateauTable {
+    from: Option<f64>,
+    to: Option<f64>,
+    points: i64,
+}
+
+impl Default for PlateauTable {
+    fn default() -> Self {
+        Self {
+            from: None,
+            to: None,
+            points: 9,
+        }
+    }
+}
+
+impl PlateauTable {
+    fn check(&self, file: &CaseFile<'_>) -> Result<Plateau> {
+        /// Each takes 24 bytes a cell.
+        const MOST_POINTS: usize = 1000;
+        /// Beyond this distance from 0 `e^p` is no number.
+        const HIGHEST: f64 = 300.0;
+        let key = "output.plateau.points";
+        let points = file.count(key, self.points, 2)?;
+        if points > MOST_POINTS {
+            return file.refuse(key, format!("must be at most {MOST_POINTS}"));
+        }
+        let ends = [
+            ("output.plateau.from", self.from),
+            ("output.plateau.to", self.to),
+        ];
+        for (key, value) in ends {
+            file.within(key, value.unwrap_or(0.0), -HIGHEST..=HIGHEST, || {
+                format!("must be between -{HIGHEST} and {HIGHEST}")
+            })?;
+        }
+        if let (Some(from), Some(to)) = (self.from, self.to)
+            && from >= to
+        {
+            return file.refuse("output.plateau.to", format!("must be above from = {from}"));
+        }
+        Ok(Plateau {
+            from: self.from,
+            to: self.to,
+            points,
+        })
+    }
+}
+
+/// Why this HDF5 library cannot compress what several ranks write together, if so.
+fn compression_refused((major, minor, micro): (u8, u8, u8), deflate: bool) -> Option<String> {
+    if (major, minor, micro) < (1, 10, 2) {
+        return Some(format!(
+            "HDF5 {major}.{minor}.{micro} cannot compress what several ranks write; 1.10.2 and later can. Leave it out or 0"
+        ));
+    }
+    (!deflate)
+        .then(|| "this HDF5 library was built without deflate (zlib); leave it out or 0".to_owned())
+}
+
+/// Whether the HDF5 library knows deflate.
+fn deflate_available() -> bool {
+    use hdf5_sys::h5z::{H5Z_FILTER_DEFLATE, H5Zfilter_avail};
+    // SAFETY: a plain question.
+    hdf5::sync::sync(|| unsafe { H5Zfilter_avail(H5Z_FILTER_DEFLATE) > 0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn old_libraries_do_not_compress() {
+        let refused = |version, deflate| compression_refused(version, deflate);
+        assert!(refused((1, 8, 20), true).is_some_and(|m| m.contains("1.8.20")));
+        assert!(refused((1, 10, 1), true).is_some());
+        assert_eq!(refused((1, 10, 2), true), None);
+        assert_eq!(refused((2, 0, 0), true), None);
+        assert!(refused((1, 14, 3), false).is_some_and(|m| m.contains("deflate")));
+    }
+}

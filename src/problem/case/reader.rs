@@ -1,0 +1,350 @@
+//! Values of the case file for serde, so that types, unknown keys and choices are refused in the user's words.
+//!
+//! The `toml` crate's own deserializer says "expected f64" and lists all the keys there are; this one names the key, says
+//! what is expected there, and the nearest of the known names.
+
+use crate::problem::case::file::joined;
+use serde::de::value::{MapDeserializer, SeqDeserializer, StrDeserializer};
+use serde::de::{
+    self, Deserialize, DeserializeOwned, Deserializer, Expected, IntoDeserializer, SeqAccess,
+    Unexpected, Visitor,
+};
+use std::fmt::{self, Display, Formatter};
+use std::marker::PhantomData;
+use toml::Spanned;
+use toml::de::{DeInteger, DeValue};
+
+/// What is wrong in a case file.
+#[derive(Debug)]
+pub struct Mistake {
+    /// The full key of what is wrong, once it is known.
+    pub key: Option<String>,
+    /// Whether there is no such key.
+    pub unknown: bool,
+    /// What is expected.
+    pub message: String,
+}
+
+impl Mistake {
+    fn expected(what: impl Display) -> Self {
+        de::Error::custom(format!("{what} expected"))
+    }
+
+    /// This mistake, found while `key` is read.
+    fn at(mut self, key: &str) -> Self {
+        self.key.get_or_insert_with(|| key.to_owned());
+        self
+    }
+}
+
+impl Display for Mistake {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for Mistake {}
+
+impl de::Error for Mistake {
+    fn custom<T: Display>(message: T) -> Self {
+        Self {
+            key: None,
+            unknown: false,
+            message: message.to_string(),
+        }
+    }
+
+    fn invalid_type(_: Unexpected<'_>, expected: &dyn Expected) -> Self {
+        Self::expected(expected)
+    }
+
+    fn unknown_variant(given: &str, known: &'static [&'static str]) -> Self {
+        let quoted: Vec<String> = known.iter().map(|name| format!("\"{name}\"")).collect();
+        let quoted = quoted.join(", ");
+        Self::custom(format!("not one of {quoted}{}", nearest(given, known)))
+    }
+}
+
+/// ` (did you mean "…"?)` when one of `known` is close to `given`.
+fn nearest(given: &str, known: &[&str]) -> String {
+    known
+        .iter()
+        .map(|k| (strsim::damerau_levenshtein(given, k), k))
+        .min()
+        .filter(|(distance, k)| *distance <= 1 + k.len() / 3)
+        .map_or(String::new(), |(_, k)| format!(" (did you mean \"{k}\"?)"))
+}
+
+/// The number, if it has 64 bits.
+fn integer(number: &DeInteger<'_>) -> Option<i64> {
+    i64::from_str_radix(number.as_str(), number.radix()).ok()
+}
+
+/// A whole number in decimal digits, if it has 64 bits, or as it was given.
+pub fn written(number: &DeInteger<'_>) -> String {
+    integer(number).map_or_else(|| number.as_str().to_owned(), |number| number.to_string())
+}
+
+/// A value with its key.
+#[derive(Clone, Debug)]
+pub struct Entry<'t> {
+    key: String,
+    value: &'t DeValue<'t>,
+}
+
+impl<'t> Entry<'t> {
+    /// The whole file.
+    pub fn root(value: &'t DeValue<'t>) -> Self {
+        let key = String::new();
+        Self { key, value }
+    }
+
+    /// What is in a table, or the parts of a list.
+    fn below(&self, name: &str, value: &'t Spanned<DeValue<'t>>) -> Self {
+        Entry {
+            key: joined(&self.key, name),
+            value: value.get_ref(),
+        }
+    }
+
+    /// The mistake that this is not what is expected.
+    fn wrong<T>(&self, expected: impl Display) -> Result<T, Mistake> {
+        Err(Mistake::expected(expected).at(&self.key))
+    }
+
+    /// The value as a number, which need not be finite.
+    fn number(&self) -> Option<f64> {
+        match self.value {
+            DeValue::Integer(number) => Some(integer(number).map_or(f64::INFINITY, |i| i as f64)),
+            DeValue::Float(number) => number.as_str().parse().ok(),
+            _ => None,
+        }
+    }
+
+    /// The value as the text of a formula: a bare number is one too.
+    fn formula(&self) -> Result<String, Mistake> {
+        match self.value {
+            DeValue::String(text) => Ok(text.to_string()),
+            DeValue::Integer(number) => Ok(written(number)),
+            DeValue::Float(number) => Ok(number.as_str().to_owned()),
+            _ => self.wrong("a formula in quotes"),
+        }
+    }
+}
+
+impl<'de> IntoDeserializer<'de, Mistake> for Entry<'de> {
+    type Deserializer = Self;
+
+    fn into_deserializer(self) -> Self {
+        self
+    }
+}
+
+impl<'de> Deserializer<'de> for Entry<'de> {
+    type Error = Mistake;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        match self.value {
+            DeValue::String(text) => visitor.visit_str(text),
+            DeValue::Boolean(b) => visitor.visit_bool(*b),
+            DeValue::Integer(_) | DeValue::Float(_) => {
+                visitor.visit_f64(self.number().unwrap_or(f64::NAN))
+            }
+            DeValue::Array(list) => {
+                let items = list.iter().enumerate();
+                let items = items.map(|(i, value)| self.below(&i.to_string(), value));
+                visitor.visit_seq(SeqDeserializer::new(items))
+            }
+            DeValue::Table(_) | DeValue::Datetime(_) => {
+                Err(Mistake::expected(&visitor as &dyn Expected))
+            }
+        }
+        .map_err(|mistake| mistake.at(&self.key))
+    }
+
+    fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        match self.number() {
+            Some(number) if number.is_finite() => visitor.visit_f64(number),
+            Some(_) => self.wrong("a finite number"),
+            None => self.wrong("a number"),
+        }
+    }
+
+    fn deserialize_i64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        match self.value.as_integer().and_then(integer) {
+            Some(number) => visitor.visit_i64(number),
+            None => self.wrong("a whole number"),
+        }
+    }
+
+    fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        match self.value.as_bool() {
+            Some(b) => visitor.visit_bool(b),
+            None => self.wrong("true or false"),
+        }
+    }
+
+    fn deserialize_string<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        match self.value.as_str() {
+            Some(text) => visitor.visit_str(text),
+            None => self.wrong("text in quotes"),
+        }
+    }
+
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        visitor.visit_some(self)
+    }
+
+    /// A [`Formula`].
+    fn deserialize_newtype_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        visitor: V,
+    ) -> Result<V::Value, Mistake> {
+        visitor.visit_newtype_struct(self.formula()?.into_deserializer())
+    }
+
+    /// All keys are looked at before any value is read, so that a misspelt one is named before what it stands for is missed.
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        name: &'static str,
+        known: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Mistake> {
+        let table = match self.value {
+            DeValue::Table(table) => table,
+            // A switch in the place of a table of switches is the value of each.
+            DeValue::Boolean(_) if name == "Allowed" => {
+                let entries = known.iter().map(|key| (*key, self.clone()));
+                return visitor.visit_map(MapDeserializer::new(entries));
+            }
+            _ if name == "Allowed" => return self.wrong("true, false or a table"),
+            _ => return self.wrong("a table"),
+        };
+        if let Some(name) = (table.keys()).find(|name| !known.contains(&name.get_ref().as_ref())) {
+            let near = nearest(name.get_ref(), known);
+            return Err(Mistake {
+                key: Some(joined(&self.key, name.get_ref())),
+                unknown: true,
+                message: format!("{near}; known here: {}", known.join(", ")),
+            });
+        }
+        let entries = table.iter().map(|(name, value)| {
+            let name = name.get_ref().as_ref();
+            (name, self.below(name, value))
+        });
+        visitor.visit_map(MapDeserializer::new(entries))
+    }
+
+    fn deserialize_enum<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        _: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Mistake> {
+        match self.value.as_str() {
+            Some(text) => (visitor.visit_enum(StrDeserializer::new(text)))
+                .map_err(|mistake: Mistake| mistake.at(&self.key)),
+            None => self.wrong("text in quotes"),
+        }
+    }
+
+    serde::forward_to_deserialize_any! {
+        i8 i16 i32 i128 u8 u16 u32 u64 u128 f32 char str bytes byte_buf unit unit_struct seq tuple
+        tuple_struct map identifier ignored_any
+    }
+}
+
+/// The text of a formula.
+#[derive(Clone, Debug, serde::Deserialize)]
+pub struct Formula(pub String);
+
+/// A number, or one of the words of `W` in its place.
+#[derive(Clone, Copy, Debug)]
+pub enum NumberOr<W> {
+    Number(f64),
+    Word(W),
+}
+
+impl<'de, W: DeserializeOwned> Deserialize<'de> for NumberOr<W> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Reader<W>(PhantomData<W>);
+
+        impl<W: DeserializeOwned> Visitor<'_> for Reader<W> {
+            type Value = NumberOr<W>;
+
+            fn expecting(&self, f: &mut Formatter<'_>) -> fmt::Result {
+                f.write_str("a number")
+            }
+
+            fn visit_f64<E: de::Error>(self, number: f64) -> Result<Self::Value, E> {
+                match number.is_finite() {
+                    true => Ok(NumberOr::Number(number)),
+                    false => Err(E::custom("a finite number expected")),
+                }
+            }
+
+            fn visit_str<E: de::Error>(self, word: &str) -> Result<Self::Value, E> {
+                W::deserialize(word.into_deserializer()).map(NumberOr::Word)
+            }
+        }
+
+        deserializer.deserialize_any(Reader(PhantomData))
+    }
+}
+
+/// What a [`List`] holds.
+pub trait Item: DeserializeOwned {
+    /// Several of them, as messages name them.
+    const PLURAL: &'static str;
+}
+
+impl Item for f64 {
+    const PLURAL: &'static str = "numbers";
+}
+
+impl Item for i64 {
+    const PLURAL: &'static str = "whole numbers";
+}
+
+impl Item for Formula {
+    const PLURAL: &'static str = "formulas in quotes";
+}
+
+impl Item for List<f64> {
+    const PLURAL: &'static str = "lists of numbers";
+}
+
+/// A list whose messages say what it is a list of.
+#[derive(Clone, Debug)]
+pub struct List<T>(pub Vec<T>);
+
+impl<T> Default for List<T> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
+impl<'de, T: Item> Deserialize<'de> for List<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Reader<T>(PhantomData<T>);
+
+        impl<'de, T: Item> Visitor<'de> for Reader<T> {
+            type Value = List<T>;
+
+            fn expecting(&self, f: &mut Formatter<'_>) -> fmt::Result {
+                write!(f, "a list of {}", T::PLURAL)
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Self::Value, A::Error> {
+                let mut list = Vec::new();
+                while let Some(item) = items.next_element()? {
+                    list.push(item);
+                }
+                Ok(List(list))
+            }
+        }
+
+        deserializer.deserialize_any(Reader(PhantomData))
+    }
+}

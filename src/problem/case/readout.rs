@@ -1,0 +1,179 @@
+//! `[readout]`: what is measured of the result on a quantum computer.
+
+use crate::base::error::Result;
+use crate::problem::case::file::CaseFile;
+use crate::problem::case::reader::List;
+use crate::problem::grid::{Axis, PhaseSpace};
+use crate::problem::limits::{MOST, MOST_EVALUATIONS, MOST_SHOTS};
+use serde::Deserialize;
+
+/// Most cells that are read: data of all cells are what a quantum computer is no good for, and each takes some 15 kB of
+/// `summary.json`.
+const MOST_READ: usize = 256;
+
+/// `[readout]`: what is measured of the result on a quantum computer (see [`crate::quantum::readout`]).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Readout {
+    /// Space cells, along each axis from 0.
+    pub cells: Vec<Vec<usize>>,
+    /// How long it is measured.
+    pub effort: Effort,
+    /// `seed` of the random numbers.
+    pub seed: u64,
+}
+
+/// How long an observable is measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Effort {
+    /// So long.
+    Given {
+        /// Shots of a Hadamard test.
+        shots: u64,
+        /// Values of the register of amplitude estimation, a power of two.
+        evaluations: u64,
+    },
+    /// As long as density and momentum take to be known to within this.
+    Accuracy(f64),
+}
+
+/// `[readout]`.
+#[derive(Debug, Deserialize)]
+#[serde(default)]
+pub struct ReadoutTable {
+    cells: Option<List<List<f64>>>,
+    points: Option<List<List<f64>>>,
+    shots: i64,
+    evaluations: i64,
+    accuracy: Option<f64>,
+    seed: i64,
+}
+
+impl Default for ReadoutTable {
+    fn default() -> Self {
+        Self {
+            cells: None,
+            points: None,
+            shots: 10_000,
+            evaluations: 256,
+            accuracy: None,
+            seed: 0,
+        }
+    }
+}
+
+impl ReadoutTable {
+    /// What is measured on the grid `space`.
+    pub fn check(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<Readout> {
+        Ok(Readout {
+            cells: self.cells(file, space)?,
+            effort: self.effort(file)?,
+            seed: file.count("readout.seed", self.seed, 0)? as u64,
+        })
+    }
+
+    fn effort(&self, file: &CaseFile<'_>) -> Result<Effort> {
+        let Some(accuracy) = self.accuracy else {
+            return Ok(Effort::Given {
+                shots: self.shots(file)?,
+                evaluations: self.evaluations(file)?,
+            });
+        };
+        if let Some(key) =
+            (["readout.shots", "readout.evaluations"].into_iter()).find(|k| file.has(k))
+        {
+            return file.refuse(key, "follows from readout.accuracy; give one of them");
+        }
+        let least = 1.0 / MOST;
+        file.within("readout.accuracy", accuracy, least..=MOST, || {
+            format!("must be above 0, between {least:e} and {MOST:e}")
+        })
+        .map(Effort::Accuracy)
+    }
+
+    fn shots(&self, file: &CaseFile<'_>) -> Result<u64> {
+        let key = "readout.shots";
+        let shots = file.count(key, self.shots, 1)?;
+        if shots as f64 > MOST_SHOTS {
+            return file.refuse(key, format!("must be at most {MOST_SHOTS:e}"));
+        }
+        Ok(shots as u64)
+    }
+
+    fn evaluations(&self, file: &CaseFile<'_>) -> Result<u64> {
+        let key = "readout.evaluations";
+        let evaluations = file.count(key, self.evaluations, 2)?;
+        if !evaluations.is_power_of_two() || evaluations as f64 > MOST_EVALUATIONS {
+            let message = format!(
+                "values of a register of qubits: a power of two, at most {MOST_EVALUATIONS:e}"
+            );
+            return file.refuse(key, message);
+        }
+        Ok(evaluations as u64)
+    }
+
+    /// The space cells, by `cells` or by `points`.
+    fn cells(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<Vec<Vec<usize>>> {
+        let (key, List(rows)) = match (&self.cells, &self.points) {
+            (Some(_), Some(_)) => {
+                let message = "give either readout.cells or readout.points";
+                return file.refuse("readout.points", message);
+            }
+            (Some(rows), None) => ("readout.cells", rows),
+            (None, Some(rows)) => ("readout.points", rows),
+            (None, None) => {
+                return file.refuse(
+                    "readout.cells",
+                    "missing; a list of space cells, counted from 0, or readout.points, a list of points",
+                );
+            }
+        };
+        let n = space.dimension();
+        if rows.iter().any(|List(row)| row.len() != n) {
+            let plural = if n == 1 { "" } else { "s" };
+            let message = format!("a list of lists of {n} number{plural} each expected");
+            return file.refuse(key, message);
+        }
+        if rows.is_empty() || rows.len() > MOST_READ {
+            let message = format!("{} given; 1 to {MOST_READ} are read", rows.len());
+            return file.refuse(key, message);
+        }
+        let by_number = self.cells.is_some();
+        let cell = |List(row): &List<f64>| -> Result<Vec<usize>> {
+            let axes = space.x.iter().zip(row).enumerate();
+            axes.map(|(a, (axis, &x))| {
+                let cell = if by_number {
+                    numbered(axis, x)
+                } else {
+                    holding(axis, x)
+                };
+                cell.map_or_else(
+                    || {
+                        let allowed = match by_number {
+                            true => format!("whole numbers from 0 to {}", axis.cells - 1),
+                            false => format!("numbers from {} to {}", axis.lower, axis.upper),
+                        };
+                        let name = ["x", "y", "z"][a];
+                        file.refuse(key, format!("{x} along {name}; {allowed} expected"))
+                    },
+                    Ok,
+                )
+            })
+            .collect()
+        };
+        rows.iter().map(cell).collect()
+    }
+}
+
+/// The cell of `axis` whose number is `x`.
+fn numbered(axis: &Axis, x: f64) -> Option<usize> {
+    let known = x.fract() == 0.0 && x >= 0.0 && x < axis.cells as f64;
+    known.then_some(x as usize)
+}
+
+/// The cell of `axis` that holds the point `x`; the upper end belongs to the last one.
+fn holding(axis: &Axis, x: f64) -> Option<usize> {
+    match x == axis.upper {
+        true => Some(axis.cells - 1),
+        false => numbered(axis, ((x - axis.lower) / axis.width()).floor()),
+    }
+}

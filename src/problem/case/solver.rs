@@ -1,0 +1,264 @@
+//! `[time]`, `[scheme]`, `[solver]` but for its `warp`, and `[checkpoint]`: the method and its accuracy.
+
+use crate::base::error::Result;
+use crate::problem::case::file::CaseFile;
+use crate::problem::case::warp::WarpTable;
+use crate::problem::limits::{LARGEST_TOLERANCE, MOST, MOST_STEPS};
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// Default of `solver.classical.cfl`.
+pub const DEFAULT_CFL: f64 = 0.9;
+
+/// How the Hamiltonian-preserving flux at a jump of `V` finds its sources.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Interface {
+    /// Linear interpolation at the source velocity (the paper's).
+    #[default]
+    Hat,
+    /// Overlap of energy intervals; keeps row and flux-weighted column sums.
+    Conservative,
+}
+
+/// Time integrator of the classical method `f' = A f + b`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Integrator {
+    /// The exact exponential of the semi-discrete system.
+    #[default]
+    Exponential,
+    /// First-order forward Euler.
+    ForwardEuler,
+    /// Third-order strong-stability-preserving Runge–Kutta.
+    SspRk3,
+}
+
+/// Slope limiter of the classical method (paper, the remark after section 4.2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Limiter {
+    /// First order, the scheme itself.
+    #[default]
+    None,
+    /// `ψ(θ) = max(0, min(1, θ))`.
+    Minmod,
+    /// `ψ(θ) = (|θ| + θ)/(1 + |θ|)`.
+    VanLeer,
+}
+
+/// What computes `f(T)`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Schrödingerization: unitary modes, recovered by the profile.
+    #[default]
+    Schrodingerized,
+    /// Direct integration of the semi-discrete system.
+    Classical,
+}
+
+/// What applies `exp(−iHT)` to a mode.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PropagatorMethod {
+    /// Chebyshev series.
+    #[default]
+    Chebyshev,
+    /// Lanczos.
+    Krylov,
+    /// Second-order implicit midpoint, unitary.
+    CrankNicolson,
+    /// First-order implicit, dissipative.
+    BackwardEuler,
+}
+
+impl PropagatorMethod {
+    /// Order in the time step; 0 where the method meets a tolerance by itself.
+    pub fn order(self) -> usize {
+        match self {
+            Self::Chebyshev | Self::Krylov => 0,
+            Self::CrankNicolson => 2,
+            Self::BackwardEuler => 1,
+        }
+    }
+}
+
+/// `[time]`.
+#[derive(Debug, Default, Deserialize)]
+pub struct TimeTable {
+    end: Option<f64>,
+}
+
+impl TimeTable {
+    /// The final time.
+    pub fn check(&self, file: &CaseFile<'_>) -> Result<f64> {
+        let end = file.required("time.end", self.end, "a number")?;
+        let least = 1.0 / MOST;
+        file.within("time.end", end, least..=MOST, || {
+            format!("must be above 0, between {least:e} and {MOST:e}")
+        })
+    }
+}
+
+/// `[scheme]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct SchemeTable {
+    pub interface: Interface,
+    pub limiter: Limiter,
+}
+
+/// `[solver]`.
+#[derive(Debug, Deserialize)]
+#[serde(default)]
+pub struct SolverTable {
+    pub method: Method,
+    tolerance: f64,
+    pub verify: bool,
+    pub warp: WarpTable,
+    pub propagator: Propagation,
+    pub classical: ClassicalTable,
+    pub reduce: Allowed,
+}
+
+impl Default for SolverTable {
+    fn default() -> Self {
+        Self {
+            method: Method::default(),
+            tolerance: 1e-6,
+            verify: false,
+            warp: WarpTable::default(),
+            propagator: Propagation::default(),
+            classical: ClassicalTable::default(),
+            reduce: Allowed::all(true),
+        }
+    }
+}
+
+impl SolverTable {
+    /// `tolerance`.
+    pub fn tolerance(&self, file: &CaseFile<'_>) -> Result<f64> {
+        if !(self.tolerance > 0.0 && self.tolerance <= LARGEST_TOLERANCE) {
+            let message = format!("must be above 0 and at most {LARGEST_TOLERANCE}");
+            return file.refuse("solver.tolerance", message);
+        }
+        Ok(self.tolerance)
+    }
+}
+
+/// `[solver.propagator]`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Propagation {
+    /// `method`.
+    pub method: PropagatorMethod,
+    /// `step`: of the implicit methods, which need it; the longest of `krylov`.
+    pub step: Option<f64>,
+}
+
+impl Propagation {
+    /// The settings of a run to `end`.
+    pub(super) fn check(self, file: &CaseFile<'_>, end: f64) -> Result<Self> {
+        let key = "solver.propagator.step";
+        match self.step {
+            None if self.method.order() > 0 => file.refuse(
+                key,
+                "missing; crank-nicolson and backward-euler need a time step above 0",
+            ),
+            Some(_) if self.method == PropagatorMethod::Chebyshev => file.refuse(
+                key,
+                "the Chebyshev series takes the whole time at once; leave it out, or choose another method",
+            ),
+            Some(step) if !(end / step > 0.0 && end / step <= MOST_STEPS) => file.refuse(
+                key,
+                format!("must be above 0, and time.end = {end:e} at most {MOST_STEPS:e} steps"),
+            ),
+            _ => Ok(self),
+        }
+    }
+}
+
+/// `[solver.classical]`.
+#[derive(Debug, Deserialize)]
+#[serde(default)]
+pub struct ClassicalTable {
+    pub integrator: Integrator,
+    cfl: f64,
+}
+
+impl Default for ClassicalTable {
+    fn default() -> Self {
+        Self {
+            integrator: Integrator::default(),
+            cfl: DEFAULT_CFL,
+        }
+    }
+}
+
+impl ClassicalTable {
+    /// `cfl`.
+    pub fn cfl(&self, file: &CaseFile<'_>) -> Result<f64> {
+        if !(self.cfl > 0.0 && self.cfl <= 1.0) {
+            let message = "must be above 0 and at most 1, where forward Euler stops being stable";
+            return file.refuse("solver.classical.cfl", message);
+        }
+        Ok(self.cfl)
+    }
+}
+
+/// `[solver.reduce]`: what may be left out; `true` or `false` in its place for all of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(default)]
+pub struct Allowed {
+    /// Axes along which nothing varies.
+    pub axes: bool,
+    /// Velocities that nothing reaches.
+    pub velocities: bool,
+    /// Auxiliary unknowns where nothing enters.
+    pub inflow: bool,
+    /// The modes `l < 0`.
+    pub modes: bool,
+}
+
+impl Default for Allowed {
+    fn default() -> Self {
+        Self::all(true)
+    }
+}
+
+impl Allowed {
+    /// All, or nothing.
+    pub fn all(allowed: bool) -> Self {
+        Self {
+            axes: allowed,
+            velocities: allowed,
+            inflow: allowed,
+            modes: allowed,
+        }
+    }
+}
+
+/// `[checkpoint]`.
+#[derive(Debug, Deserialize)]
+#[serde(default)]
+pub struct CheckpointTable {
+    minutes: f64,
+}
+
+impl Default for CheckpointTable {
+    fn default() -> Self {
+        Self { minutes: 30.0 }
+    }
+}
+
+impl CheckpointTable {
+    /// How often a checkpoint is made; `None` for never by the clock.
+    pub fn check(&self, file: &CaseFile<'_>) -> Result<Option<Duration>> {
+        const YEAR: f64 = 525_600.0;
+        let minutes = file.within("checkpoint.minutes", self.minutes, 0.0..=YEAR, || {
+            format!("must be from 0 (no checkpoints by the clock) to {YEAR}")
+        })?;
+        Ok((minutes > 0.0).then(|| Duration::from_secs_f64(60.0 * minutes)))
+    }
+}

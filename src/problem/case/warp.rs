@@ -1,0 +1,419 @@
+//! `[solver.warp]`: everything about the auxiliary variable `p`.
+
+use crate::base::error::Result;
+use crate::problem::case::data::Field;
+use crate::problem::case::file::CaseFile;
+use crate::problem::case::reader::{List, NumberOr};
+use crate::problem::limits::{BETAS, LARGEST_SHIFT, MOST, MOST_MODES, MOST_ORDER};
+use serde::{Deserialize, Serialize};
+
+/// Default of `solver.warp.alpha`.
+pub const DEFAULT_ALPHA: f64 = 1.0;
+/// Default of `solver.warp.order`.
+pub const DEFAULT_ORDER: usize = 8;
+/// Default of `solver.warp.beta`.
+pub const DEFAULT_BETA: f64 = 0.75;
+
+/// Which profile `g(p)`, with its parameter (see [`crate::schrodingerization::profile`]).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum ProfileChoice {
+    /// `Designed` or `Gaussian`, whichever takes less work.
+    Planned,
+    /// A trigonometric polynomial that is `e^{−p}` where it must be, by least squares.
+    Designed,
+    /// `e^{−p}` cut off by a normal distribution function.
+    Gaussian,
+    /// `e^{−p}` for `p ≥ 0`, `e^{αp}` for `p < 0` (the paper's).
+    Exponential {
+        /// `α > 0`.
+        alpha: f64,
+    },
+    /// `e^{−|p|}` with the polynomial of degree `2r+1` between −1 and 0 that is smooth to `r` derivatives.
+    Smooth {
+        /// `r`.
+        order: usize,
+    },
+    /// `e^{−|p|}` convolved with a Gaussian, read at `c` (Low and Somma, arXiv 2508.19238).
+    LowSomma {
+        /// `c > 0`; planned where none is given.
+        c: Option<f64>,
+    },
+    /// The kernel of An, Childs and Lin (arXiv 2312.03916).
+    Acl {
+        /// `β` in [`BETAS`](crate::problem::limits::BETAS).
+        beta: f64,
+    },
+}
+
+/// Where the Fourier coefficients come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Coefficients {
+    /// `ĝ` itself.
+    #[default]
+    Analytic,
+    /// The discrete Fourier transform of samples of `g` on `[L, R)` (the paper's).
+    Sampled,
+}
+
+/// How `u` is read from the warped field.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RecoveryMethod {
+    /// `e^{p◇} v(p◇)`.
+    #[default]
+    Point,
+    /// From the integral of `v` over `p ≥ p◇`.
+    Integral,
+    /// From several points at and above `p◇`, by least squares.
+    LeastSquares,
+}
+
+/// How the inflow becomes part of a homogeneous system.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Embedding {
+    /// An auxiliary unknown for each row that something enters.
+    #[default]
+    Boundary,
+    /// An auxiliary unknown for every row (the paper's).
+    Full,
+    /// One auxiliary unknown for all.
+    Scalar,
+}
+
+/// `δ`, the initial value of the auxiliary unknowns.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Delta {
+    /// From the growth it may add.
+    Planned,
+    /// `max |b|` (the paper's).
+    #[serde(rename = "max")]
+    Largest,
+    /// This number.
+    Given(f64),
+}
+
+/// `σ` of the spectral shift `u = e^{σt} ũ`, `ũ' = (A − σ) ũ`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shift {
+    /// The bound on the growth, so that `ũ` does not grow.
+    Growth,
+    /// This number.
+    Given(f64),
+}
+
+impl Shift {
+    /// `σ` where the growth is at most `growth`.
+    pub fn of(self, growth: f64) -> f64 {
+        match self {
+            Self::Growth => growth,
+            Self::Given(sigma) => sigma,
+        }
+    }
+}
+
+/// `[solver.warp]`: everything about the auxiliary variable `p`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Warp {
+    /// `profile` and its parameter.
+    pub profile: ProfileChoice,
+    /// `coefficients`.
+    pub coefficients: Coefficients,
+    /// `interval = [L, R]`, by hand.
+    pub interval: Option<[f64; 2]>,
+    /// `points = N_p`, by hand.
+    pub points: Option<usize>,
+    /// `recovery = p◇`, by hand.
+    pub recovery: Option<f64>,
+    /// `recovery_method`.
+    pub recovery_method: RecoveryMethod,
+    /// `weights = "dissipative"`.
+    pub weights: bool,
+    /// `inflow`.
+    pub inflow: Embedding,
+    /// `delta`.
+    pub delta: Delta,
+    /// `shift`: `u = e^{σt} ũ`.
+    pub shift: Shift,
+}
+
+impl Warp {
+    /// The profile to be planned: `Planned` is the Gaussian where samples, an interval or points are given by hand, as a
+    /// designed one is no function on the line.
+    pub fn choice(&self) -> ProfileChoice {
+        match (self.profile, self.by_hand()) {
+            (ProfileChoice::Planned, Some(_)) => ProfileChoice::Gaussian,
+            (given, _) => given,
+        }
+    }
+
+    /// A key that a designed profile does not take, where one is given.
+    pub fn by_hand(&self) -> Option<&'static str> {
+        let sampled = self.coefficients == Coefficients::Sampled;
+        let keys = [
+            ("coefficients", sampled),
+            ("interval", self.interval.is_some()),
+            ("points", self.points.is_some()),
+        ];
+        keys.into_iter()
+            .find(|(_, given)| *given)
+            .map(|(key, _)| key)
+    }
+
+    /// Refuses embeddings that several fields cannot share: there is one matrix for all.
+    pub fn check_embedding(&self, file: &CaseFile<'_>, fields: &[Field]) -> Result<()> {
+        let key = "solver.warp.inflow";
+        if fields.len() > 1 && fields.iter().any(Field::varies) {
+            return file.refuse(
+                key,
+                "what enters may depend on t where initial.f is given; the unknowns of measure-valued data have one value each",
+            );
+        }
+        let entering = fields.iter().filter(|f| f.enters()).count();
+        if entering > 1 && self.inflow == Embedding::Scalar {
+            return file.refuse(
+                key,
+                format!(
+                    "\"scalar\" has one unknown for all rows, and its couplings are one field's; {entering} fields have inflow here: \"boundary\" or \"full\""
+                ),
+            );
+        }
+        Ok(())
+    }
+}
+
+/// `[solver.warp]` as the file has it.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct WarpTable {
+    profile: ProfileName,
+    alpha: Option<f64>,
+    order: Option<i64>,
+    c: Option<f64>,
+    beta: Option<f64>,
+    coefficients: Coefficients,
+    interval: Option<List<f64>>,
+    points: Option<i64>,
+    recovery: Option<f64>,
+    recovery_method: RecoveryMethod,
+    weights: Weights,
+    inflow: Embedding,
+    delta: Option<NumberOr<DeltaWord>>,
+    shift: Option<NumberOr<ShiftWord>>,
+}
+
+/// `solver.warp.profile`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum ProfileName {
+    #[default]
+    Planned,
+    Designed,
+    Gaussian,
+    Exponential,
+    Smooth,
+    LowSomma,
+    Acl,
+}
+
+/// `solver.warp.weights`.
+#[derive(Debug, Default, PartialEq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Weights {
+    #[default]
+    Dissipative,
+    None,
+}
+
+/// `solver.warp.delta` that is no number.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum DeltaWord {
+    Max,
+}
+
+/// `solver.warp.shift` that is no number.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum ShiftWord {
+    Growth,
+}
+
+impl WarpTable {
+    /// The settings of a run to `end`.
+    pub fn check(&self, file: &CaseFile<'_>, end: f64) -> Result<Warp> {
+        let interval = self.interval(file)?;
+        let warp = Warp {
+            profile: self.profile(file)?,
+            coefficients: self.coefficients,
+            interval,
+            points: self.points(file)?,
+            recovery: self.recovery(file, interval)?,
+            recovery_method: self.recovery_method,
+            weights: self.weights == Weights::Dissipative,
+            inflow: self.inflow,
+            delta: self.delta(file)?,
+            shift: self.shift(file, end)?,
+        };
+        match warp.by_hand() {
+            Some(key) if warp.profile == ProfileChoice::Designed => file.refuse(
+                &format!("solver.warp.{key}"),
+                "is of profiles that are functions on the line; solver.warp.profile = \"designed\" is a series, known on its domain only: \
+                 \"gaussian\", or another, or the key left out",
+            ),
+            _ => Ok(warp),
+        }
+    }
+
+    /// The profile with its own parameter; the others' parameters are refused.
+    fn profile(&self, file: &CaseFile<'_>) -> Result<ProfileChoice> {
+        let parameters = [
+            ("alpha", "exponential", ProfileName::Exponential),
+            ("order", "smooth", ProfileName::Smooth),
+            ("c", "low-somma", ProfileName::LowSomma),
+            ("beta", "acl", ProfileName::Acl),
+        ];
+        for (name, profile, own) in parameters {
+            let key = format!("solver.warp.{name}");
+            if own != self.profile && file.has(&key) {
+                let message = format!("belongs to solver.warp.profile = \"{profile}\" only");
+                return file.refuse(&key, message);
+            }
+        }
+        // Beyond 100 and 16 the profile is as good as a jump, or read where nothing is left of it.
+        let within = |name: &str, value: f64, least: f64, most: f64| {
+            let key = format!("solver.warp.{name}");
+            file.within(&key, value, least..=most, || {
+                format!("must be between {least} and {most}")
+            })
+        };
+        Ok(match self.profile {
+            ProfileName::Planned => ProfileChoice::Planned,
+            ProfileName::Designed => ProfileChoice::Designed,
+            ProfileName::Gaussian => ProfileChoice::Gaussian,
+            ProfileName::Exponential => ProfileChoice::Exponential {
+                alpha: within("alpha", self.alpha.unwrap_or(DEFAULT_ALPHA), 0.01, 100.0)?,
+            },
+            ProfileName::Smooth => {
+                let order = self.order.map_or(Ok(DEFAULT_ORDER), |order| {
+                    file.count("solver.warp.order", order, 1)
+                })?;
+                within("order", order as f64, 1.0, MOST_ORDER as f64)?;
+                ProfileChoice::Smooth { order }
+            }
+            ProfileName::LowSomma => ProfileChoice::LowSomma {
+                c: self.c.map(|c| within("c", c, 0.05, 16.0)).transpose()?,
+            },
+            ProfileName::Acl => ProfileChoice::Acl {
+                beta: within(
+                    "beta",
+                    self.beta.unwrap_or(DEFAULT_BETA),
+                    BETAS[0],
+                    BETAS[1],
+                )?,
+            },
+        })
+    }
+
+    /// `interval = [L, R]`.
+    fn interval(&self, file: &CaseFile<'_>) -> Result<Option<[f64; 2]>> {
+        /// Largest magnitude of a point in `p`.
+        const MOST_P: f64 = 1e9;
+        let key = "solver.warp.interval";
+        let Some(List(ends)) = &self.interval else {
+            return Ok(None);
+        };
+        let &[lower, upper] = ends.as_slice() else {
+            return file.refuse(key, "a list of two numbers, [L, R], expected");
+        };
+        if lower >= 0.0 || upper <= 0.0 {
+            let message = format!(
+                "[{lower}, {upper}] given; L below and R above 0, where the profile changes, expected"
+            );
+            return file.refuse(key, message);
+        }
+        if -lower > MOST_P || upper > MOST_P {
+            let message = format!(
+                "[{lower}, {upper}] given; ends between -{MOST_P:e} and {MOST_P:e} expected"
+            );
+            return file.refuse(key, message);
+        }
+        Ok(Some([lower, upper]))
+    }
+
+    /// `points = N_p`.
+    fn points(&self, file: &CaseFile<'_>) -> Result<Option<usize>> {
+        const MOST_POINTS: usize = 2 * MOST_MODES - 2;
+        let key = "solver.warp.points";
+        let Some(points) = self.points else {
+            return Ok(None);
+        };
+        let points = file.count(key, points, 2)?;
+        if !points.is_multiple_of(2) || points > MOST_POINTS {
+            let message = format!("must be even, and at most {MOST_POINTS}");
+            return file.refuse(key, message);
+        }
+        Ok(Some(points))
+    }
+
+    /// `recovery = p◇`.
+    fn recovery(&self, file: &CaseFile<'_>, interval: Option<[f64; 2]>) -> Result<Option<f64>> {
+        /// Beyond this `e^{p◇}` is no number.
+        const HIGHEST: f64 = 300.0;
+        let key = "solver.warp.recovery";
+        let Some(point) = self.recovery else {
+            return Ok(None);
+        };
+        file.within(key, point, 0.0..=HIGHEST, || {
+            format!("must be between 0 and {HIGHEST}")
+        })?;
+        match interval {
+            Some([_, upper]) if point >= upper => {
+                let message = format!("must be below the end of solver.warp.interval, {upper}");
+                file.refuse(key, message)
+            }
+            _ => Ok(Some(point)),
+        }
+    }
+
+    /// `delta`: a number or `"max"`.
+    fn delta(&self, file: &CaseFile<'_>) -> Result<Delta> {
+        let least = 1.0 / MOST;
+        let message = || {
+            format!(
+                "must be above 0, between {least:e} and {MOST:e}; or \"max\" for max |b|; leave it out to have it planned"
+            )
+        };
+        match self.delta {
+            None => Ok(Delta::Planned),
+            Some(NumberOr::Word(DeltaWord::Max)) => Ok(Delta::Largest),
+            Some(NumberOr::Number(delta)) => file
+                .within("solver.warp.delta", delta, least..=MOST, message)
+                .map(Delta::Given),
+        }
+    }
+
+    /// `shift`: a number or `"growth"`; 0 where none is given.
+    fn shift(&self, file: &CaseFile<'_>, end: f64) -> Result<Shift> {
+        let key = "solver.warp.shift";
+        let shift = match self.shift {
+            None => 0.0,
+            Some(NumberOr::Word(ShiftWord::Growth)) => return Ok(Shift::Growth),
+            Some(NumberOr::Number(shift)) => shift,
+        };
+        file.within(key, shift, -MOST..=MOST, || {
+            format!("must be between -{MOST:e} and {MOST:e}")
+        })?;
+        let growth = shift * end;
+        file.within(key, growth, -LARGEST_SHIFT..=LARGEST_SHIFT, || {
+            format!(
+                "times time.end is {growth:.1}; at most {LARGEST_SHIFT} either way, e^{{shift T}} leaves no digits beyond"
+            )
+        })?;
+        Ok(Shift::Given(shift))
+    }
+}
