@@ -98,8 +98,11 @@ impl Steps {
         let levels = vec![self.constants.clone(); blocking.map_or(1, Blocking::depth)];
         let [y, x] = &mut self.vectors;
         for _ in 0..trips {
-            let (vectors, start) = ((&mut *y, &mut *x), &self.start);
-            (self.matrix).steps(&mut self.exchange, blocking, &levels, None, vectors, start);
+            let steps = phasewarp::matrix::blocking::Steps {
+                levels: &levels,
+                couplings: None,
+            };
+            (self.matrix).steps(&mut self.exchange, blocking, &steps, y, x, &self.start);
         }
     }
 }

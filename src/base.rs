@@ -2,6 +2,7 @@
 //!
 //! Uses no other room.
 
+pub mod bisect;
 pub mod checksum;
 pub mod disk;
 pub mod error;

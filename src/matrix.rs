@@ -1,8 +1,10 @@
-//! The distributed matrix pair `(S, K)`, `S = (A+Aᵀ)/2`, `K = (A−Aᵀ)/2`, and what is measured on it.
+//! The distributed matrix pair `(S, K)`, `S = (A+Aᵀ)/2`, `K = (A−Aᵀ)/2`, and what is measured on
+//! it.
 //!
-//! [`block_matrix::BlockMatrix`] holds the rows of one rank; [`kernel`] and [`blocking`] apply them to a batch of
-//! modes; [`embedding`] adds the unknowns of the inflow; [`weights`] is the norm in which `S ≤ 0`;
-//! [`bounds::Bounds`] are guaranteed bounds of the spectrum; [`observables`] are moments.
+//! [`block_matrix::BlockMatrix`] holds the rows of one rank; [`kernel`] and [`blocking`] apply them
+//! to a batch of modes; [`embedding`] adds the unknowns of the inflow; [`weights`] is the norm in
+//! which `S ≤ 0`; [`bounds::Bounds`] are guaranteed bounds of the spectrum; [`observables`] are
+//! moments.
 //!
 //! Uses: scheme, parallel, problem, base. Paper: section 3.1 (`H1 = S`, `iH2 = K`).
 
@@ -11,6 +13,7 @@ pub mod block_matrix;
 pub mod blocking;
 pub mod bounds;
 pub mod embedding;
+pub mod inflow;
 pub mod kernel;
 pub mod lanes;
 pub mod observables;

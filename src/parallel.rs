@@ -1,7 +1,7 @@
 //! Who owns which part of phase space, and how ranks exchange.
 //!
-//! [`partition`] splits space blocks and mode groups; [`communicator::Communicator`] holds the groups, the exchange
-//! of ghost layers, the transpose and votes.
+//! [`partition`] splits space blocks and mode groups; [`communicator::Communicator`] holds the
+//! groups, the exchange of ghost layers, the transpose and votes.
 //!
 //! Uses: problem (the grid), base.
 

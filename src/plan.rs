@@ -29,7 +29,7 @@ use crate::propagate::{Span, descriptor};
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
-use crate::schrodingerization::warp_plan::{WarpPlan, weight};
+use crate::schrodingerization::warp_plan::{Modes, WarpPlan};
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt;
@@ -223,15 +223,14 @@ impl Plan {
             modes,
             points: None,
             plateau: Vec::new(),
-            seen: 1.0,
+            estimator_efficiency: 1.0,
             leg_work: vec![work.clone()],
             mode_tolerances: vec![tolerance; modes],
             applications: case.fields.len() * work.iter().sum::<usize>(),
             solves: 0,
-            amplification: readings.first().map_or(0.0, |r| {
-                (0..modes)
-                    .map(|l| weight((&series, modes), r, l).norm())
-                    .sum()
+            amplification: (readings.first()).map_or(0.0, |r| {
+                let (series, count) = (&series, modes);
+                Modes { series, count }.amplification(r)
             }),
             warnings: Vec::new(),
             work,
@@ -263,7 +262,7 @@ impl Plan {
 
     /// Jacobi sweeps that better weights are worth: a sweep takes about as long as two applications, and they should not
     /// take more than a few hundredths of the run.
-    pub fn patience(&self) -> usize {
+    pub fn max_weight_sweeps(&self) -> usize {
         self.warp.as_ref().map_or(0, |w| {
             let unit = descriptor(self.propagation.method).applications_per_work();
             ((w.applications + w.solves) * unit / 50).max(16)

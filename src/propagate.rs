@@ -7,9 +7,8 @@
 //! | [`implicit`] | Crank–Nicolson, backward Euler | second, first order in the step | steps, each a solve |
 //!
 //! A propagator is a file of this folder that implements [`method::Propagator`] and says in a
-//! [`method::Descriptor`] what a plan needs to know beforehand. [`descriptor`] is the table: to add a
-//! propagator, add its file, a line there, and its name to
-//! [`PropagatorMethod`].
+//! [`method::Descriptor`] what a plan needs to know beforehand. [`descriptor`] is the table: to add
+//! a propagator, add its file, a line there, and its name to [`PropagatorMethod`].
 //! [`commutator_free`] is the Chebyshev propagator where the inflow depends on time; [`classical`]
 //! integrates `f' = A f + b` directly.
 //!
@@ -45,8 +44,8 @@ pub fn descriptor(method: PropagatorMethod) -> &'static dyn Descriptor {
     }
 }
 
-/// The propagator of a setting, with its scratch; a product of exponentials with a `schedule` of the
-/// inflow.
+/// The propagator of a setting, with its scratch; a product of exponentials with a `schedule` of
+/// the inflow.
 ///
 /// # Errors
 /// Where the matrix of an implicit step cannot be analysed. Not collective.
@@ -64,9 +63,9 @@ pub fn propagator<'a>(
     }
 }
 
-/// Bound on the relative round-off of a mode's norm after `steps` steps of an implicit method, 0 for
-/// the others. Each step solves a system to a residual of some units, which add up like a random walk
-/// (measured: half of this at 1000 and at 4000 steps of example 1).
+/// Bound on the relative round-off of a mode's norm after `steps` steps of an implicit method, 0
+/// for the others. Each step solves a system to a residual of some units, which add up like a
+/// random walk (measured: half of this at 1000 and at 4000 steps of example 1).
 pub fn round_off(steps: usize) -> f64 {
     f64::EPSILON * (1.0 + 8.0 * (steps as f64).sqrt())
 }

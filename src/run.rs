@@ -241,7 +241,7 @@ pub(crate) fn compute(
     // 2. The discrete problem on this rank.
     let place = Place::new(case, &plan, &communicator);
     let width = plan.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
-    let sizes = (width, plan.patience());
+    let sizes = (width, plan.max_weight_sweeps());
     let mut problem = Problem::new(case, &bounds, &communicator, place.block.clone(), sizes)?;
     let bounds = problem.bounds(case, &bounds);
     watch.part("weights", problem.weight_seconds);

@@ -9,6 +9,7 @@ use crate::plan::Plan;
 use crate::plan::here::{memory_per_rank, refuse_hopeless_here};
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Interface, Method};
+use crate::scheme::interface::law_of;
 use crate::solve::spectrum;
 use crate::solve::spectrum::{End, Extremes};
 use crate::solve::system::Problem;
@@ -72,7 +73,7 @@ pub fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Re
     }
     let mut found = Vec::new();
     for ((case, (bounds, plan)), &refinement) in grids.iter().zip(&plans).zip(refine) {
-        let hat = case.interface == Interface::Hat;
+        let grows = law_of(case.interface).may_grow();
         let systems = match (case.enters(), case.varies()) {
             (false, _) => vec![(System::Closed, case.clone())],
             // Couplings that change with time have no one spectrum.
@@ -83,7 +84,7 @@ pub fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Re
             ],
         };
         for weighted in [false, true] {
-            if weighted && !(bounds.jumps && hat) {
+            if weighted && !(bounds.jumps && grows) {
                 continue;
             }
             let bounds = Bounds {

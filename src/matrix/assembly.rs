@@ -1,22 +1,26 @@
-//! Assembly of a block's rows of `(S, K)` from the scheme's rows of `A`, layer by layer along the first x-axis.
+//! Assembly of a block's rows of `(S, K)` from the scheme's rows of `A`, layer by layer along the
+//! first x-axis.
 //!
-//! An entry `A_ij` gives `½ A_ij` to entry `(i, j)` of `S` and of `K`, and `½ A_ij`, `−½ A_ij` to entry `(j, i)`. A row of `A` draws on
-//! cells of its own layer and of the two next to it, so three layers are collected at a time, each row of `A`, those of ghosts
-//! included, is evaluated once, and never are more than three layers kept that are not yet compressed. Where the first axis is
-//! periodic, the last layer is next to the first: what the first gives to it waits, and its rows are evaluated beforehand for what
-//! they give to the first.
+//! An entry `A_ij` gives `½ A_ij` to entry `(i, j)` of `S` and of `K`, and `½ A_ij`, `−½ A_ij` to
+//! entry `(j, i)`. A row of `A` draws on cells of its own layer and of the two next to it, so
+//! contributions to three layers are collected at a time. Each row of `A`, those of ghosts
+//! included, is evaluated once, and at most three layers are kept that are not yet compressed.
+//!
+//! Where the first axis is periodic, the last layer is next to the first. What the first gives to
+//! the last waits; rows of the last are evaluated beforehand for what they give to the first.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::embedding::{Entering, Inflow};
+use crate::matrix::inflow::{Entering, Inflow, InflowRows};
 use crate::matrix::rows::{Builder, Entry};
-use crate::parallel::partition::{Block, Place};
+use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::{Case, Embedding};
 use crate::scheme::rows::{Row, Scheme};
+use std::ops::Range;
 
 /// What a row of `A` adds to row `row` of a layer.
 #[derive(Clone, Copy)]
-struct Part {
+struct Contribution {
     /// Row, counted in the layer.
     row: u32,
     /// Local column.
@@ -27,22 +31,24 @@ struct Part {
     k: f64,
 }
 
-/// The parts of one layer's rows.
-#[derive(Default)]
-struct Layer(Vec<Part>);
-
 /// What sorting a layer needs.
 #[derive(Default)]
 struct Sorter {
     ends: Vec<usize>,
-    sorted: Vec<Part>,
+    sorted: Vec<Contribution>,
     entries: Vec<Entry>,
 }
 
 impl Sorter {
-    /// Passes the `rows` rows of `layer` to `take`, in order, and empties it: entries by rising global column, those of the same
-    /// column added up. There are two at most, and their sum does not depend on their order.
-    fn drain(&mut self, layer: &mut Layer, rows: usize, mut take: impl FnMut(&mut Vec<Entry>)) {
+    /// Passes the `rows` rows of `layer` to `take`, in order, and empties it: entries by rising
+    /// global column, those of the same column added up. There are two at most, and their sum does
+    /// not depend on their order.
+    fn drain(
+        &mut self,
+        layer: &mut Vec<Contribution>,
+        rows: usize,
+        mut take: impl FnMut(&mut Vec<Entry>),
+    ) {
         let Self {
             ends,
             sorted,
@@ -50,7 +56,7 @@ impl Sorter {
         } = self;
         ends.clear();
         ends.resize(rows + 1, 0);
-        for part in &layer.0 {
+        for part in &*layer {
             ends[part.row as usize + 1] += 1;
         }
         for i in 0..rows {
@@ -58,8 +64,8 @@ impl Sorter {
         }
         // Each place is written; what stands there before does not matter.
         sorted.clear();
-        sorted.extend_from_slice(&layer.0);
-        for part in layer.0.drain(..) {
+        sorted.extend_from_slice(layer);
+        for part in layer.drain(..) {
             let next = &mut ends[part.row as usize];
             sorted[*next] = part;
             *next += 1;
@@ -84,129 +90,223 @@ impl Sorter {
     }
 }
 
-/// The rows that have an auxiliary unknown, or a share in the common one; and where a varying inflow comes from.
-struct Listing<'a> {
-    case: &'a Case,
-    inflow: Vec<Inflow>,
-    entering: Entering,
+/// The rows that have an auxiliary unknown, or a share in the common one; and where a varying
+/// inflow comes from.
+fn inflow_rows(case: &Case, scheme: &Scheme<'_>, block: &Block, row: &mut Row) -> InflowRows {
+    let varies = case.varies();
+    let listed = |row: &Row| match case.warp.inflow {
+        Embedding::Full => true,
+        Embedding::Boundary | Embedding::Scalar if varies => !row.ghosts.is_empty(),
+        Embedding::Boundary | Embedding::Scalar if case.enters() => {
+            row.inflow.iter().any(|&b| b != 0.0)
+        }
+        Embedding::Boundary | Embedding::Scalar => row.draw > 0.0,
+    };
+    let mut rows = InflowRows {
+        list: Vec::new(),
+        entering: Entering::default(),
+        shared: case.embeds() && case.warp.inflow == Embedding::Scalar,
+    };
+    if !case.embeds() {
+        return rows;
+    }
+    block.for_each_own(|global, local| {
+        for v in 0..block.velocity_cells {
+            scheme.row(row, global + v);
+            if listed(row) {
+                rows.list.push(Inflow {
+                    row: (local + v) as u32,
+                    values: row.inflow,
+                    draw: row.draw,
+                    coupling: 0.0,
+                });
+                if varies {
+                    rows.entering.push(row);
+                }
+            }
+        }
+    });
+    rows
 }
 
-impl Listing<'_> {
-    /// Whether `row`'s inflow is an entry of the matrix: couplings that vary with time are none.
-    fn coupled(&self, row: &Row) -> bool {
-        !self.case.varies() && row.inflow.iter().any(|&b| b != 0.0)
+/// A number of an unknown, or of the first one of a space cell, globally and on this rank.
+#[derive(Clone, Copy)]
+struct Numbers {
+    global: usize,
+    local: usize,
+}
+
+/// The space cells of a block and its ghosts, by layer along the first x-axis.
+struct Layers {
+    /// The first unknown of each space cell, layer by layer.
+    cells: Vec<Numbers>,
+    /// The block's layers.
+    range: Range<usize>,
+    /// Unknowns of a layer of the whole grid.
+    global_size: usize,
+    /// Unknowns of a layer of the block.
+    local_size: usize,
+    /// Velocity cells at a point of space.
+    velocities: usize,
+}
+
+impl Layers {
+    /// Those of `block`, whose ghosts are numbered from `rows` on.
+    fn new(case: &Case, block: &Block, rows: usize) -> Self {
+        let velocities = block.velocity_cells;
+        let range = block.ranges[0].clone();
+        let mut this = Self {
+            cells: Vec::with_capacity(block.space_cells() + block.ghosts() / velocities),
+            global_size: case.space.cells() / case.space.x[0].cells,
+            local_size: block.cells() / range.len(),
+            range,
+            velocities,
+        };
+        let cells = &mut this.cells;
+        block.for_each_own(|global, local| cells.push(Numbers { global, local }));
+        block.for_each_ghost(|global, ghost| {
+            let local = rows + ghost;
+            cells.push(Numbers { global, local });
+        });
+        let size = this.global_size;
+        this.cells.sort_by_key(|cell| cell.global / size);
+        this
     }
 
-    fn visit(&mut self, row: &Row, local: usize) {
-        let varies = self.case.varies();
-        let listed = match self.case.warp.inflow {
-            Embedding::Full => self.case.embeds(),
-            Embedding::Boundary | Embedding::Scalar if varies => !row.ghosts.is_empty(),
-            Embedding::Boundary | Embedding::Scalar if self.case.enters() => self.coupled(row),
-            Embedding::Boundary | Embedding::Scalar => row.draw > 0.0,
+    /// The layer of a global unknown.
+    fn of(&self, global: usize) -> usize {
+        global / self.global_size
+    }
+
+    /// The space cells of each layer.
+    fn each(&self) -> impl DoubleEndedIterator<Item = &[Numbers]> {
+        (self.cells).chunk_by(|a, b| self.of(a.global) == self.of(b.global))
+    }
+
+    /// The unknowns of space cells.
+    fn unknowns(&self, cells: &[Numbers]) -> impl Iterator<Item = Numbers> {
+        let velocities = self.velocities;
+        (cells.iter()).flat_map(move |&Numbers { global, local }| {
+            (0..velocities).map(move |v| Numbers {
+                global: global + v,
+                local: local + v,
+            })
+        })
+    }
+}
+
+/// What rows of `A` have added so far.
+struct Collector<'a> {
+    block: &'a Block,
+    layers: &'a Layers,
+    /// Rows of the block, auxiliary unknowns included: ghosts are numbered from here on.
+    rows: usize,
+    /// The layer whose rows are evaluated.
+    current: usize,
+    /// To the layer before it, to it and to the next.
+    window: [Vec<Contribution>; 3],
+    /// What the first layer gives to the last one, where that is not the next.
+    turned: Vec<Contribution>,
+}
+
+impl Collector<'_> {
+    /// Adds to local row `target` in `layer` of the block.
+    fn put(&mut self, target: usize, layer: usize, column: Numbers, [s, k]: [f64; 2]) {
+        let list = match (layer + 1).checked_sub(self.current) {
+            Some(next @ 0..=2) => &mut self.window[next],
+            Some(_) => &mut self.turned,
+            None => return,
         };
-        if listed {
-            self.inflow.push(Inflow {
-                row: local as u32,
-                values: row.inflow,
-                draw: row.draw,
-                coupling: 0.0,
-            });
-            if varies {
-                self.entering.push(row);
+        let first = (layer - self.layers.range.start) * self.layers.local_size;
+        list.push(Contribution {
+            row: (target - first) as u32,
+            column: column.local as u32,
+            key: column.global,
+            s,
+            k,
+        });
+    }
+
+    /// Adds what row `i` of `A`, which is in the current layer, gives to `S` and `K`.
+    fn add(&mut self, i: Numbers, row: &Row) {
+        let cells = self.block.cells();
+        for &(global, value) in &row.entries {
+            let local = match self.block.local(global) {
+                Some(LocalIndex::Own(j)) => j,
+                Some(LocalIndex::Ghost(g)) => self.rows + g,
+                None => continue,
+            };
+            let (j, half) = (Numbers { global, local }, 0.5 * value);
+            let diagonal = i.local == j.local;
+            if i.local < cells {
+                let pair = if diagonal { [value, 0.0] } else { [half, half] };
+                self.put(i.local, self.current, j, pair);
+            }
+            if !diagonal && j.local < cells {
+                self.put(j.local, self.layers.of(j.global), i, [half, -half]);
             }
         }
     }
-}
 
-/// The unknowns of space cells that are given by the numbers of their first ones, global and local.
-fn unknowns(cells: &[(usize, usize)], nv: usize) -> impl Iterator<Item = (usize, usize)> {
-    let velocities =
-        move |&(global, local): &(usize, usize)| (0..nv).map(move |v| (global + v, local + v));
-    cells.iter().flat_map(velocities)
+    /// Adds what the rows of the last layer, around a periodic axis, give to the first one.
+    fn add_around(&mut self, scheme: &Scheme<'_>, row: &mut Row) {
+        let layers = self.layers;
+        let last = layers.each().next_back().unwrap_or_default();
+        for i in layers.unknowns(last) {
+            scheme.row(row, i.global);
+            for &(column, value) in row.entries.iter().filter(|e| layers.of(e.0) == 0) {
+                if let Some(LocalIndex::Own(j)) = self.block.local(column) {
+                    self.window[1].push(Contribution {
+                        row: j as u32,
+                        column: i.local as u32,
+                        key: i.global,
+                        s: 0.5 * value,
+                        k: -0.5 * value,
+                    });
+                }
+            }
+        }
+    }
 }
 
 impl BlockMatrix {
-    /// Assembles this rank's rows; couplings to auxiliary unknowns are zero until [`couple`](Self::couple).
+    /// Assembles this rank's rows; couplings to auxiliary unknowns are zero until
+    /// [`couple`](Self::couple).
     ///
     /// # Errors
-    /// [`crate::base::error::Error::Formula`] where `V` or the inflow is not finite. Not collective.
+    /// [`crate::base::error::Error::Formula`] where `V` or the inflow is not finite. Not
+    /// collective.
     pub fn assemble(case: &Case, block: Block) -> Result<Self> {
         let scheme = Scheme::new(case, &block.wide_ranges())?;
-        let nv = block.velocity_cells;
-        let cells = block.cells();
         let mut row = Row::default();
-
         // Auxiliary unknowns stand before the ghosts: their number comes first.
-        let mut listing = Listing {
-            case,
-            inflow: Vec::new(),
-            entering: Entering::default(),
+        let inflow = inflow_rows(case, &scheme, &block, &mut row);
+        let rows = block.cells() + inflow.unknowns();
+        let layers = Layers::new(case, &block, rows);
+        let range = layers.range.clone();
+        let mut collector = Collector {
+            block: &block,
+            layers: &layers,
+            rows,
+            current: range.start,
+            window: Default::default(),
+            turned: Vec::new(),
         };
-        if case.embeds() {
-            block.for_each_own(|global, local| {
-                for v in 0..nv {
-                    scheme.row(&mut row, global + v);
-                    listing.visit(&row, local + v);
-                }
-            });
+        if case.space.is_periodic(0) && range.len() > 2 {
+            collector.add_around(&scheme, &mut row);
         }
-        let Listing {
-            inflow, entering, ..
-        } = listing;
-        let shared = case.embeds() && case.warp.inflow == Embedding::Scalar;
-        let rows = cells + if shared { 1 } else { inflow.len() };
 
-        // The space cells layer by layer, ghosts among them: global and local number of their first unknown.
-        let range = block.ranges[0].clone();
-        let layer_cells = cells / range.len();
-        let global_layer = case.space.cells() / case.space.x[0].cells;
-        let mut layers = Vec::with_capacity(block.space_cells() + block.ghosts() / nv);
-        block.for_each_own(|global, local| layers.push((global, local)));
-        block.for_each_ghost(|global, ghost| layers.push((global, rows + ghost)));
-        layers.sort_by_key(|(global, _)| global / global_layer);
-
-        let local = |place: Place| match place {
-            Place::Own(j) => j,
-            Place::Ghost(g) => rows + g,
-        };
+        // Couplings that vary with time are no entries.
         let enters_at = |aux: &Inflow| !case.varies() && aux.enters();
-        let mut coupled = inflow
-            .iter()
-            .enumerate()
-            .filter(|(_, aux)| enters_at(aux))
-            .peekable();
+        let coupled = inflow.list.iter().enumerate();
+        let mut coupled = coupled.filter(|(_, aux)| enters_at(aux)).peekable();
         let mut builder = Builder::with_capacity(rows);
         let mut sorter = Sorter::default();
-        // Those of the layer before, of this one and of the next.
-        let mut collected: [Layer; 3] = Default::default();
-        // What the first layer gives to the last one, where that is not the next; and what the last one gives to the first.
-        let mut turned = Layer::default();
-        let by_layer =
-            |a: &(usize, usize), b: &(usize, usize)| a.0 / global_layer == b.0 / global_layer;
-        if case.space.is_periodic(0) && range.len() > 2 {
-            let last = layers.chunk_by(by_layer).next_back();
-            for (global, i) in unknowns(last.unwrap_or_default(), nv) {
-                scheme.row(&mut row, global);
-                let first = row.entries.iter().filter(|e| e.0 < global_layer);
-                for &(column, value) in first {
-                    if let Some(Place::Own(j)) = block.place(column) {
-                        collected[1].0.push(Part {
-                            row: j as u32,
-                            column: i as u32,
-                            key: global,
-                            s: 0.5 * value,
-                            k: -0.5 * value,
-                        });
-                    }
-                }
-            }
-        }
         let mut done = 0;
-        let mut finish = |layer: &mut Layer, builder: &mut Builder| {
-            sorter.drain(layer, layer_cells, |entries| {
+        let mut finish = |layer: &mut Vec<Contribution>, builder: &mut Builder| {
+            sorter.drain(layer, layers.local_size, |entries| {
                 if let Some((m, _)) = coupled.next_if(|(_, aux)| aux.row as usize == done) {
-                    let column = if shared { cells } else { cells + m };
+                    let column = block.cells() + if inflow.shared { 0 } else { m };
                     entries.push((column as u32, 0.0, 0.0));
                 }
                 builder.push(entries);
@@ -214,69 +314,37 @@ impl BlockMatrix {
             });
         };
         let mut next = range.start;
-        for layer in layers.chunk_by(by_layer) {
-            let a = layer[0].0 / global_layer;
-            next = a + 1;
-            for (global, i) in unknowns(layer, nv) {
-                scheme.row(&mut row, global);
-                let own = i < cells;
-                for &(column, value) in &row.entries {
-                    let Some(place) = block.place(column) else {
-                        continue;
-                    };
-                    let j = local(place);
-                    let half = 0.5 * value;
-                    let mut put = |target: usize, layer: usize, part: (usize, usize, f64, f64)| {
-                        let (column, key, s, k) = part;
-                        let list = match (layer + 1).checked_sub(a) {
-                            Some(next @ 0..=2) => &mut collected[next],
-                            Some(_) => &mut turned,
-                            None => return,
-                        };
-                        list.0.push(Part {
-                            row: (target - (layer - range.start) * layer_cells) as u32,
-                            column: column as u32,
-                            key,
-                            s,
-                            k,
-                        });
-                    };
-                    match (own, i == j) {
-                        (true, true) => put(i, a, (i, global, value, 0.0)),
-                        (true, false) => put(i, a, (j, column, half, half)),
-                        (false, _) => {}
-                    }
-                    if i != j && j < cells {
-                        put(j, column / global_layer, (i, global, half, -half));
-                    }
-                }
+        for layer in layers.each() {
+            collector.current = layers.of(layer[0].global);
+            next = collector.current + 1;
+            for i in layers.unknowns(layer) {
+                scheme.row(&mut row, i.global);
+                collector.add(i, &row);
             }
+            let Collector { window, turned, .. } = &mut collector;
             if next == range.end {
-                collected[1].0.append(&mut turned.0);
+                window[1].append(turned);
             }
             // Nothing more comes to the layer before.
-            if a > range.start {
-                finish(&mut collected[0], &mut builder);
+            if next > range.start + 1 {
+                finish(&mut window[0], &mut builder);
             }
-            collected.rotate_left(1);
+            window.rotate_left(1);
         }
         if next == range.end {
-            finish(&mut collected[0], &mut builder);
+            finish(&mut collector.window[0], &mut builder);
         }
         scheme.inflow_is_finite(&row)?;
-        if shared {
+        if inflow.shared {
             // Its row is a sum over all ranks, see `embedding`.
             builder.push(&[]);
         } else {
-            for aux in &inflow {
+            for aux in &inflow.list {
                 let entry = [(aux.row, 0.0, 0.0)];
                 builder.push(if enters_at(aux) { &entry } else { &[] });
             }
         }
-        Ok(Self::new(
-            block,
-            builder.finish(),
-            (inflow, entering, shared),
-        ))
+        let rows = builder.finish();
+        Ok(Self::new(block, rows, inflow))
     }
 }

@@ -1,14 +1,17 @@
-//! The distributed block matrix `(S, K)`, `S = (A+Aᵀ)/2`, `K = (A−Aᵀ)/2`, assembled from the scheme's rows.
+//! The distributed block matrix `(S, K)`, `S = (A+Aᵀ)/2`, `K = (A−Aᵀ)/2`, assembled from the
+//! scheme's rows.
 //!
-//! One pattern carries both: per entry a local column, `s` and `k`. `Aᵀ`'s rows come from the rows of the ghost layer,
-//! computed here, so assembling needs no communication. A row's entries stand in the order of their global columns, so
-//! sums have the same bits on any partition.
+//! One pattern carries both: per entry a local column, `s` and `k`. `Aᵀ`'s rows come from the rows
+//! of the ghost layer, computed here, so assembling needs no communication. A row's entries stand
+//! in the order of their global columns, so sums have the same bits on any partition.
 //!
-//! Unknowns of a rank: its cells, then its auxiliary unknowns (see [`crate::matrix::embedding`]), then its ghosts.
+//! Unknowns of a rank: its cells, then its auxiliary unknowns (see [`crate::matrix::embedding`]),
+//! then its ghosts.
 
 use crate::base::error::Result;
-use crate::matrix::embedding::{Entering, Inflow};
-use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
+use crate::matrix::inflow::{Entering, Inflow, InflowRows};
+use crate::matrix::kernel;
+use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::matrix::rows::Rows;
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::Block;
@@ -18,7 +21,7 @@ use std::ops::Range;
 
 /// Which matrix is applied to a real vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Part {
+pub enum Operator {
     /// `A = S + K`.
     Generator,
     /// `Aᵀ = S − K`.
@@ -52,16 +55,17 @@ pub struct BlockMatrix {
 }
 
 impl BlockMatrix {
-    /// The matrix of `rows`, and what enters: the rows listed, where from, and whether they share an unknown.
-    pub(crate) fn new(
-        block: Block,
-        rows: Rows,
-        (inflow, entering, shared): (Vec<Inflow>, Entering, bool),
-    ) -> Self {
+    /// The matrix of `rows`, and what enters.
+    pub(crate) fn new(block: Block, rows: Rows, inflow: InflowRows) -> Self {
+        let InflowRows {
+            list,
+            entering,
+            shared,
+        } = inflow;
         let mut this = Self {
             counts_shared: block.ranges.iter().all(|r| r.start == 0),
             block,
-            inflow,
+            inflow: list,
             entering,
             shared,
             summed: false,
@@ -99,7 +103,8 @@ impl BlockMatrix {
         if self.shared { 1 } else { self.inflow.len() }
     }
 
-    /// The global number of the cell to which each of them belongs; the largest there is for the common one.
+    /// The global number of the cell to which each of them belongs; the largest there is for the
+    /// common one.
     pub fn auxiliary_cells(&self) -> Vec<u64> {
         if self.shared {
             return vec![u64::MAX];
@@ -120,12 +125,14 @@ impl BlockMatrix {
         self.block.cells() + self.auxiliaries()
     }
 
-    /// The row of the unknown that all ranks share, where there is one; [`row`](Self::row) lists this rank's part of it.
+    /// The row of the unknown that all ranks share, where there is one; [`row`](Self::row) lists
+    /// this rank's part of it.
     pub fn shared_row(&self) -> Option<usize> {
         self.shared.then(|| self.block.cells())
     }
 
-    /// The first so many rows count in sums over ranks; a copy of a common unknown, the last row, counts once.
+    /// The first so many rows count in sums over ranks; a copy of a common unknown, the last row,
+    /// counts once.
     pub fn counted_rows(&self) -> usize {
         self.rows() - usize::from(self.shared && !self.counts_shared)
     }
@@ -145,13 +152,18 @@ impl BlockMatrix {
         self.rows.templates()
     }
 
+    /// The rows as they are stored, for the kernels.
+    pub fn stored(&self) -> &Rows {
+        &self.rows
+    }
+
     /// Bytes that the rows take.
     pub fn bytes(&self) -> usize {
         self.rows.bytes()
     }
 
-    /// The entries of local row `i`: `(local column, s, k)`, in the order of global columns; of a common auxiliary
-    /// unknown's row, those to this rank's cells.
+    /// The entries of local row `i`: `(local column, s, k)`, in the order of global columns; of a
+    /// common auxiliary unknown's row, those to this rank's cells.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let common = if self.shared && i == self.block.cells() {
             &self.inflow[..]
@@ -179,12 +191,12 @@ impl BlockMatrix {
         });
     }
 
-    fn apply_rows(&self, rows: &[Range<usize>], part: Part, y: &mut [f64], x: &[f64]) {
+    fn apply_rows(&self, rows: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
         // A loop each, so that the choice is made once.
-        match part {
-            Part::Generator => self.sum_entries(rows, |s, k| s + k, y, x),
-            Part::Transpose => self.sum_entries(rows, |s, k| s - k, y, x),
-            Part::Symmetric => self.sum_entries(rows, |s, _| s, y, x),
+        match operator {
+            Operator::Generator => self.sum_entries(rows, |s, k| s + k, y, x),
+            Operator::Transpose => self.sum_entries(rows, |s, k| s - k, y, x),
+            Operator::Symmetric => self.sum_entries(rows, |s, _| s, y, x),
         }
     }
 
@@ -207,18 +219,25 @@ impl BlockMatrix {
         }
     }
 
-    /// `y ← (S ± K) x` or `S x` for real vectors; `x`'s ghosts are refreshed. Collective over the space group.
-    pub fn apply(&self, exchange: &mut GhostExchange, part: Part, y: &mut [f64], x: &mut [f64]) {
+    /// `y ← (S ± K) x` or `S x` for real vectors; `x`'s ghosts are refreshed. Collective over the
+    /// space group.
+    pub fn apply(
+        &self,
+        exchange: &mut GhostExchange,
+        operator: Operator,
+        y: &mut [f64],
+        x: &mut [f64],
+    ) {
         let rows = self.rows();
         exchange.start(&x[..rows]);
-        self.apply_rows(&self.interior, part, y, x);
+        self.apply_rows(&self.interior, operator, y, x);
         exchange.finish(&mut x[rows..]);
-        self.apply_rows(&self.border, part, y, x);
-        if self.summed && part != Part::Generator {
+        self.apply_rows(&self.border, operator, y, x);
+        if self.summed && operator != Operator::Generator {
             let share = |aux: &Inflow| [aux.coupling * x[aux.row as usize]];
             let [sum] =
                 (exchange.group()).sum_lanes(self.inflow_rows, self.inflow.iter().map(share));
-            y[self.block.cells()] = if part == Part::Transpose {
+            y[self.block.cells()] = if operator == Operator::Transpose {
                 sum
             } else {
                 0.5 * sum
@@ -226,9 +245,10 @@ impl BlockMatrix {
         }
     }
 
-    /// One fused step for a batch of modes, `x`'s ghosts being refreshed: `y ← a((−iμS + K)x + icx) + y + coefficient · start`,
-    /// with `couplings` to the auxiliary unknowns that are no entries of the matrix: those of a stage where the inflow varies,
-    /// row by row of [`inflow`](Self::inflow). Collective over the space group.
+    /// One fused step for a batch of modes, `x`'s ghosts being refreshed:
+    /// `y ← a((−iμS + K)x + icx) + y + coefficient · start`, with `couplings` to the auxiliary
+    /// unknowns that are no entries of the matrix: those of a stage where the inflow varies, row by
+    /// row of [`inflow`](Self::inflow). Collective over the space group.
     pub fn step<R: StartRow>(
         &self,
         exchange: &mut GhostExchange,
@@ -239,28 +259,67 @@ impl BlockMatrix {
         start: &[R],
     ) {
         let rows = self.rows();
-        let step = crate::matrix::kernel::stepper();
+        let step = kernel::stepper();
         exchange.start(&x[..rows]);
         for run in &self.interior {
-            step(self, run.clone(), constants, y, x, start);
+            step(&self.rows, run.clone(), constants, y, x, start);
         }
         exchange.finish(&mut x[rows..]);
         for run in &self.border {
-            step(self, run.clone(), constants, y, x, start);
+            step(&self.rows, run.clone(), constants, y, x, start);
         }
         if self.summed {
             let couplings = self.inflow.iter().map(|aux| aux.coupling);
             self.step_shared(exchange, constants, couplings, y, x);
         }
         if let Some(couplings) = couplings {
-            self.step_couplings(constants, (0..self.inflow.len(), couplings), y, x);
+            self.step_couplings(constants, 0..self.inflow.len(), couplings, y, x);
             if self.shared {
                 self.step_shared(exchange, constants, couplings.iter().copied(), y, x);
             }
         }
     }
 
-    /// `y ← (−iμS + K)x` for one mode, `x`'s ghosts being refreshed. Collective over the space group.
+    /// What couplings that are no entries of the matrix add to a step of the rows `range` of
+    /// [`inflow`](Self::inflow) and of their auxiliary unknowns, but for a common one.
+    pub(crate) fn step_couplings(
+        &self,
+        constants: &StepConstants,
+        range: Range<usize>,
+        couplings: &[f64],
+        y: &mut [Lanes],
+        x: &[Lanes],
+    ) {
+        let cells = self.block.cells();
+        for (m, coupling) in range.zip(couplings) {
+            let (i, half) = (self.inflow[m].row as usize, 0.5 * coupling);
+            let r = if self.shared { cells } else { cells + m };
+            add_coupled(constants, 1.0, half, &x[r].0, &mut y[i].0);
+            if !self.shared {
+                add_coupled(constants, -1.0, half, &x[i].0, &mut y[r].0);
+            }
+        }
+    }
+
+    /// The common auxiliary unknown's part of a step: `y_r ← a(−iμ − 1) ½ Σ κ_i x_i + y_r`, the
+    /// rest of its row being done. Collective over the space group.
+    pub(crate) fn step_shared(
+        &self,
+        exchange: &GhostExchange,
+        constants: &StepConstants,
+        couplings: impl Iterator<Item = f64> + Clone,
+        y: &mut [Lanes],
+        x: &[Lanes],
+    ) {
+        let share = |(aux, coupling): (&Inflow, f64)| x[aux.row as usize].0.map(|x| coupling * x);
+        let terms = self.inflow.iter().zip(couplings).map(share);
+        let total: [f64; 2 * LANES] = exchange.group().sum_lanes(self.inflow_rows, terms);
+        let row = self.block.cells();
+        add_coupled(constants, -1.0, 0.5, &total, &mut y[row].0);
+    }
+
+    /// `y ← (−iμS + K)x` for one mode, `x`'s ghosts being refreshed. Collective over the space
+    /// group.
     pub fn apply_mode(
         &self,
         exchange: &mut GhostExchange,
@@ -284,8 +343,9 @@ impl BlockMatrix {
         apply(&self.border, y, x);
     }
 
-    /// Sum over all unknowns of the group of `term(local row)`, not negative and at most `bound` a space cell: first
-    /// over the velocities at one point of space, which are always together, then exactly.
+    /// Sum over all unknowns of the group of `term(local row)`, not negative and at most `bound` a
+    /// space cell: first over the velocities at one point of space, which are always together, then
+    /// exactly.
     pub fn sum_rows(
         &self,
         group: &Group,
@@ -298,6 +358,23 @@ impl BlockMatrix {
         let space = (0..cells / nv).map(|c| (c * nv..(c + 1) * nv).map(&term).sum::<f64>());
         let aux = (cells..self.counted_rows()).map(&term);
         group.sum(bound, count, space.chain(aux))
+    }
+}
+
+/// `y ← a(−iμ + sign) half x + y`: an entry `s = half`, `k = sign · half`.
+#[inline(always)]
+fn add_coupled(
+    constants: &StepConstants,
+    sign: f64,
+    half: f64,
+    x: &[f64; 2 * LANES],
+    y: &mut [f64; 2 * LANES],
+) {
+    for l in 0..LANES {
+        let (mu, a) = (constants.wavenumber[l], half * constants.scale[l]);
+        let (re, im) = (x[l], x[LANES + l]);
+        y[l] += a * (mu * im + sign * re);
+        y[LANES + l] += a * (sign * im - mu * re);
     }
 }
 
@@ -334,8 +411,7 @@ pub fn sample(
     block.for_each_own(|global, _| {
         for v in 0..block.velocity_cells {
             let point = space.point(&space.cell(global + v));
-            let [x, y, z, vx, vy, vz] = point;
-            let value = formula.eval(&[x, y, z, vx, vy, vz, time]);
+            let value = formula.at_point(&point, time);
             if !value.is_finite() && failure.is_none() {
                 failure = Some(formula.undefined(value, describe_point(space.dimension(), &point)));
             }

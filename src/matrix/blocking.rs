@@ -1,15 +1,17 @@
 //! Several steps in one trip through memory, where the vectors do not fit into the cache of a core.
 //!
-//! Rows are gathered into tiles: the velocities at a cell of space, or a range of them, with their auxiliary unknowns. A tile
-//! at level `m` holds its rows of the vectors of steps `m` and `m − 1`. It may go on to `m + 1`, written over `m − 1`, once every
-//! tile that it is coupled to is at `m` or `m + 1`: those at `m` hold what it reads, those at `m + 1` still do, and none of them needs
-//! its `m − 1` any more. Every order that keeps this rule does the same operations on the same numbers: the same bits as
-//! step after step.
+//! Rows are gathered into tiles: the velocities at a cell of space, or a range of them, with their
+//! auxiliary unknowns. A tile at level `m` holds its rows of the vectors of steps `m` and `m − 1`.
+//! It may go on to `m + 1`, written over `m − 1`, once every tile that it is coupled to is at `m`
+//! or `m + 1`: those at `m` hold what it reads, those at `m + 1` still do, and none of them needs
+//! its `m − 1` any more. Every order that keeps this rule does the same operations on the same
+//! numbers: the same bits as step after step.
 //!
-//! The order taken here is a wavefront (as in Wellein et al. 2009 for stencils, Alappat et al. 2023 for powers of sparse
-//! matrices): tiles are opened range by range of velocities, strip by strip of the second and third x-axis, along the first;
-//! whenever one is opened, every tile that may go on does, up to level [`Shape::depth`]. So behind the front follow the later
-//! levels, each a cell behind, and a tile is read from memory about once for all of them:
+//! The order taken here is a wavefront (as in Wellein et al. 2009 for stencils, Alappat et al. 2023
+//! for powers of sparse matrices): tiles are opened range by range of velocities, strip by strip of
+//! the second and third x-axis, along the first; whenever one is opened, every tile that may go on
+//! does, up to level [`BlockingShape::depth`]. So behind the front follow the later levels, each a
+//! cell behind, and a tile is read from memory about once for all of them:
 //!
 //! ```text
 //! level 3   x x x . . . .
@@ -17,12 +19,14 @@
 //! level 1   x x x x x . .      next: the sixth cell to 1, the fifth to 2, the fourth to 3
 //! ```
 //!
-//! Along a strip's edge every level begins a cell earlier, and what is left open there waits for the next strip. Where an axis is
-//! periodic, both of its ends are such edges: the first cells wait for the last ones.
+//! Along a strip's edge every level begins a cell earlier, and what is left open there waits for
+//! the next strip. Where an axis is periodic, both of its ends are such edges: the first cells wait
+//! for the last ones.
 //!
-//! Ghosts are like a tile that goes on by an exchange: towards them the levels fall off cell by cell, and each exchange lets all
-//! of those go on by one. So there is one message a step as without blocking, whatever the neighbour's depth, nothing is computed
-//! twice, and all but a margin of [`Shape::depth`] cells is done while the first message is under way.
+//! Ghosts are like a tile that goes on by an exchange: towards them the levels fall off cell by
+//! cell, and each exchange lets all of those go on by one. So there is one message a step as
+//! without blocking, whatever the neighbour's depth, nothing is computed twice, and all but a
+//! margin of [`BlockingShape::depth`] cells is done while the first message is under way.
 
 use crate::base::machine::cache_per_core;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -35,14 +39,15 @@ use std::ops::Range;
 pub const MOST_LEVELS: usize = 16;
 /// Bytes of the vectors, a row: two batches and the start.
 const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0;
-/// Part of the cache that what is in use may fill: lines that share a place in it push each other out before it is full.
+/// Part of the cache that what is in use may fill: lines that share a place in it push each other
+/// out before it is full.
 const SHARE: f64 = 0.55;
 /// Fewest rows of a tile that is not a whole cell.
 const FEWEST_ROWS: usize = 32;
 
 /// How rows are gathered and in what order.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shape {
+pub struct BlockingShape {
     /// Steps in one trip, at most [`MOST_LEVELS`].
     pub depth: usize,
     /// Cells of a strip along each x-axis but the first.
@@ -51,12 +56,30 @@ pub struct Shape {
     pub parts: usize,
 }
 
+/// Rows that go on together.
+#[derive(Clone, Debug)]
+struct Tile {
+    /// Rows of cells.
+    rows: Range<u32>,
+    /// Their auxiliary unknowns, by number among the auxiliary ones.
+    auxiliaries: Range<u32>,
+}
+
+/// Several steps of a recurrence.
+#[derive(Clone, Copy)]
+pub struct Steps<'a> {
+    /// What each step needs besides the matrix.
+    pub levels: &'a [StepConstants],
+    /// Couplings to the auxiliary unknowns that are no entries of the matrix (see
+    /// [`BlockMatrix::step`]).
+    pub couplings: Option<&'a [f64]>,
+}
+
 /// Tiles, and the order in which they take several steps.
 #[derive(Clone, Debug)]
 pub struct Blocking {
-    shape: Shape,
-    /// Rows of cells, and the auxiliary unknowns of those, by number among the auxiliary ones.
-    tiles: Vec<(Range<u32>, Range<u32>)>,
+    shape: BlockingShape,
+    tiles: Vec<Tile>,
     /// Which tile goes on, and from which level.
     order: Vec<(u32, u32)>,
     /// Where in `order` the ghosts of a level must have come, level by level.
@@ -64,18 +87,19 @@ pub struct Blocking {
 }
 
 impl Blocking {
-    /// Bytes a row that it takes, while it is made, with so many velocities at a cell: a tile is that, or more rows.
+    /// Bytes a row that it takes, while it is made, with so many velocities at a cell: a tile is
+    /// that, or more rows.
     pub fn bytes_per_row(velocities: usize) -> f64 {
         200.0 / velocities.clamp(1, FEWEST_ROWS) as f64
     }
 
-    /// The blocking that is modelled to move the fewest bytes, for the cache of this machine; `None` where step after step is
-    /// as good or a row is a sum over all ranks.
+    /// The blocking that is modelled to move the fewest bytes, for the cache of this machine;
+    /// `None` where step after step is as good or a row is a sum over all ranks.
     pub fn planned(matrix: &BlockMatrix) -> Option<Self> {
         if !Self::possible(matrix) {
             return None;
         }
-        let shape = Shape::planned(matrix, SHARE * cache_per_core() as f64)?;
+        let shape = BlockingShape::planned(matrix, SHARE * cache_per_core() as f64)?;
         Some(Self::new(matrix, &shape))
     }
 
@@ -85,7 +109,7 @@ impl Blocking {
     }
 
     /// The blocking of `shape`; of a matrix for which it is [`possible`](Self::possible).
-    pub fn new(matrix: &BlockMatrix, shape: &Shape) -> Self {
+    pub fn new(matrix: &BlockMatrix, shape: &BlockingShape) -> Self {
         assert!(Self::possible(matrix) && (1..=MOST_LEVELS).contains(&shape.depth));
         let tiling = Tiling::new(matrix, shape.parts);
         let neighbours = tiling.neighbours(matrix);
@@ -97,8 +121,9 @@ impl Blocking {
         };
         let mut levels = vec![0u32; tiling.tiles.len()];
         let mut waiting = Vec::new();
-        // Lets `tile` go on, and then all that can, while the ghosts of `ghosts` levels are there. Tiles beyond the front are at
-        // level 0 and not open, so only `tile` itself can be the first to go on.
+        // Lets `tile` go on, and then all that can, while the ghosts of `ghosts` levels are there.
+        // Tiles beyond the front are at level 0 and not open, so only `tile` itself can be the
+        // first to go on.
         let mut open = |tile: usize, ghosts: u32, order: &mut Vec<(u32, u32)>| {
             waiting.push(tile);
             while let Some(t) = waiting.pop() {
@@ -144,13 +169,14 @@ impl Blocking {
     }
 
     /// How it was made.
-    pub fn shape(&self) -> Shape {
+    pub fn shape(&self) -> BlockingShape {
         self.shape
     }
 }
 
-impl Shape {
-    /// The shape of least modelled traffic whose tiles in use fit into `cache` bytes, if that is less than step after step.
+impl BlockingShape {
+    /// The shape of least modelled traffic whose tiles in use fit into `cache` bytes, if that is
+    /// less than step after step.
     fn planned(matrix: &BlockMatrix, cache: f64) -> Option<Self> {
         let rows = matrix.rows() as f64;
         let bytes = BYTES_PER_ROW + matrix.bytes() as f64 / rows;
@@ -173,7 +199,8 @@ impl Shape {
                     section *= if cut { cells + 0.5 * open } else { cells };
                     edges *= if cut { 1.0 + open / cells } else { 1.0 };
                 }
-                // Towards ghosts, `depth` cells wait for them level by level; around a periodic axis, for those at the other end.
+                // Towards ghosts, `depth` cells wait for them level by level; around a periodic
+                // axis, for those at the other end.
                 let waiting: f64 = (matrix.block.ranges.iter().zip(&wide).enumerate())
                     .map(|(a, (own, wide))| {
                         let around = if a == 0 && matrix.block.closed { 2 } else { 0 };
@@ -197,7 +224,8 @@ impl Shape {
     }
 }
 
-/// Calls `visit` with every cell of a box, by its row-major number: strip by strip of all axes but the first, along the first.
+/// Calls `visit` with every cell of a box, by its row-major number: strip by strip of all axes but
+/// the first, along the first.
 fn for_each_in_strips(ranges: &[Range<usize>], width: usize, mut visit: impl FnMut(usize)) {
     let sizes: Vec<usize> = ranges[1..].iter().map(Range::len).collect();
     let section: usize = sizes.iter().product();
@@ -225,7 +253,7 @@ fn for_each_in_strips(ranges: &[Range<usize>], width: usize, mut visit: impl FnM
 struct Tiling {
     parts: usize,
     velocities: usize,
-    tiles: Vec<(Range<u32>, Range<u32>)>,
+    tiles: Vec<Tile>,
 }
 
 impl Tiling {
@@ -246,7 +274,10 @@ impl Tiling {
                 {
                     next += 1;
                 }
-                tiles.push((rows, first..next));
+                tiles.push(Tile {
+                    rows,
+                    auxiliaries: first..next,
+                });
             }
         }
         Self {
@@ -273,7 +304,7 @@ impl Tiling {
             border: vec![false; self.tiles.len()],
         };
         let mut seen = vec![u32::MAX; self.tiles.len()];
-        for (t, (rows, _)) in self.tiles.iter().enumerate() {
+        for (t, Tile { rows, .. }) in self.tiles.iter().enumerate() {
             seen[t] = t as u32;
             // An auxiliary unknown is coupled to its own row only, in the same tile.
             for i in rows.start as usize..rows.end as usize {
@@ -310,8 +341,9 @@ impl Neighbours {
 }
 
 impl BlockMatrix {
-    /// Ranges of velocities that go through space by themselves but for a few cells, as small as is worth a tile: whole lines
-    /// of the last axis in more than one dimension, for a jump in `x` couples the velocities along `x` only. One where a force acts.
+    /// Ranges of velocities that go through space by themselves but for a few cells, as small as is
+    /// worth a tile: whole lines of the last axis in more than one dimension, for a jump in `x`
+    /// couples the velocities along `x` only. One where a force acts.
     fn independent_velocities(&self) -> usize {
         let (nv, count) = (self.block.velocity_cells, self.block.space_cells());
         let coupled = |cell: &usize| {
@@ -330,17 +362,18 @@ impl BlockMatrix {
         (nv / (line * FEWEST_ROWS.div_ceil(line))).max(1)
     }
 
-    /// One step for each of `levels`, as many [`step`](Self::step)s would: from `x` and the vector before it, `y`, to the last
-    /// two, which come out in the same places. Collective over the space group.
+    /// Several steps, as many [`step`](Self::step)s would: from `x` and the vector before it, `y`,
+    /// to the last two, which come out in the same places. Collective over the space group.
     pub fn steps<R: StartRow>(
         &self,
         exchange: &mut GhostExchange,
         blocking: Option<&Blocking>,
-        levels: &[StepConstants],
-        couplings: Option<&[f64]>,
-        (y, x): (&mut Vec<Lanes>, &mut Vec<Lanes>),
+        steps: &Steps<'_>,
+        y: &mut Vec<Lanes>,
+        x: &mut Vec<Lanes>,
         start: &[R],
     ) {
+        let &Steps { levels, couplings } = steps;
         let Some(blocking) = blocking.filter(|_| levels.len() > 1) else {
             for constants in levels {
                 self.step(exchange, constants, couplings, y, x, start);
@@ -352,29 +385,23 @@ impl BlockMatrix {
         let rows = self.rows();
         // Level `m` is in `vectors[m % 2]`.
         let mut vectors: [&mut [Lanes]; 2] = [x, y];
-        let ends = blocking.exchanges.iter().skip(1).copied();
-        let mut ends = ends.chain([blocking.order.len()]);
-        let mut from = match blocking.exchanges.first() {
-            None => 0,
-            Some(&first) => {
-                exchange.start(&vectors[0][..rows]);
-                let order = &blocking.order[..first];
-                self.advance((blocking, order), levels, couplings, &mut vectors, start);
-                exchange.finish(&mut vectors[0][rows..]);
-                first
-            }
-        };
-        for level in 0..levels.len() {
-            let Some(to) = ends.next() else {
-                break;
-            };
+        // Where in the order the next exchange is due: `advance` goes up to there.
+        let (tiles, order) = (&blocking.tiles, &blocking.order);
+        let mut ends = blocking.exchanges.iter().copied().chain([order.len()]);
+        let mut from = 0;
+        if !blocking.exchanges.is_empty() {
+            exchange.start(&vectors[0][..rows]);
+            from = ends.next().unwrap_or(0);
+            self.advance(tiles, &order[..from], steps, &mut vectors, start);
+            exchange.finish(&mut vectors[0][rows..]);
+        }
+        for (level, to) in (0..levels.len()).zip(ends) {
             if level > 0 {
                 let vector = &mut *vectors[level % 2];
                 exchange.start(&vector[..rows]);
                 exchange.finish(&mut vector[rows..]);
             }
-            let order = &blocking.order[from..to];
-            self.advance((blocking, order), levels, couplings, &mut vectors, start);
+            self.advance(tiles, &order[from..to], steps, &mut vectors, start);
             from = to;
         }
         if levels.len() % 2 == 1 {
@@ -385,9 +412,9 @@ impl BlockMatrix {
     /// Lets the tiles of `order` go on.
     fn advance<R: StartRow>(
         &self,
-        (blocking, order): (&Blocking, &[(u32, u32)]),
-        levels: &[StepConstants],
-        couplings: Option<&[f64]>,
+        tiles: &[Tile],
+        order: &[(u32, u32)],
+        steps: &Steps<'_>,
         vectors: &mut [&mut [Lanes]; 2],
         start: &[R],
     ) {
@@ -395,7 +422,7 @@ impl BlockMatrix {
         let step = kernel::stepper::<R>();
         let [even, odd] = vectors;
         for &(tile, level) in order {
-            let Some(constants) = levels.get(level as usize) else {
+            let Some(constants) = steps.levels.get(level as usize) else {
                 continue;
             };
             let (y, x) = if level % 2 == 0 {
@@ -403,21 +430,15 @@ impl BlockMatrix {
             } else {
                 (&mut **even, &**odd)
             };
-            let (rows, auxiliaries) = &blocking.tiles[tile as usize];
-            step(
-                self,
-                rows.start as usize..rows.end as usize,
-                constants,
-                y,
-                x,
-                start,
-            );
+            let Tile { rows, auxiliaries } = &tiles[tile as usize];
+            let rows = rows.start as usize..rows.end as usize;
+            step(&self.rows, rows, constants, y, x, start);
             let own = auxiliaries.start as usize..auxiliaries.end as usize;
             if !own.is_empty() {
                 let rows = cells + own.start..cells + own.end;
-                step(self, rows, constants, y, x, start);
-                if let Some(couplings) = couplings {
-                    self.step_couplings(constants, (own.clone(), &couplings[own]), y, x);
+                step(&self.rows, rows, constants, y, x, start);
+                if let Some(couplings) = steps.couplings {
+                    self.step_couplings(constants, own.clone(), &couplings[own], y, x);
                 }
             }
         }

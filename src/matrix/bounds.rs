@@ -12,15 +12,17 @@ use std::collections::HashSet;
 /// More kinds of cells than this are not counted.
 pub const MOST_KINDS: usize = 4096;
 
-/// Growth over the whole run, `λ⁺T`, that the weights may leave where particles are trapped. Less costs sweeps, more costs modes and degrees: from
-/// 0.375 to 0.15 the applications of example 1 at 1e-11 fall by 5 %, the sweeps in a well double.
+/// Growth over the whole run, `λ⁺T`, that the weights may leave where particles are trapped. Less
+/// costs sweeps, more costs modes and degrees: from 0.375 to 0.15 the applications of example 1 at
+/// 1e-11 fall by 5 %, the sweeps in a well double.
 pub const WEIGHT_GROWTH: f64 = 0.15;
 
-/// Shift of the weights' system, `sT`; its solution has growth `½ sT`, and the sweeps stop at [`WEIGHT_GROWTH`].
+/// Shift of the weights' system, `sT`; its solution has growth `½ sT`, and the sweeps stop at
+/// [`WEIGHT_GROWTH`].
 pub const WEIGHT_SHIFT: f64 = 0.2;
 
-/// Growth over the whole run, `θT`, that the inflow's couplings may add. Less makes the auxiliary unknowns larger beside
-/// the field (as `1/√θ`), which tightens the tolerance of the state.
+/// Growth over the whole run, `θT`, that the inflow's couplings may add. Less makes the auxiliary
+/// unknowns larger beside the field (as `1/√θ`), which tightens the tolerance of the state.
 pub const INFLOW_GROWTH: f64 = 0.375;
 
 /// Largest `rate·T`: such a run has some hundred thousand modes of some million applications each.
@@ -37,20 +39,22 @@ pub struct Bounds {
     pub decay: f64,
     /// Whether `V` jumps.
     pub jumps: bool,
-    /// Kinds of space cells by slopes and jumps of `V`, up to [`MOST_KINDS`]: rows of the matrix repeat where a kind does.
+    /// Kinds of space cells by slopes and jumps of `V`, up to [`MOST_KINDS`]: rows of the matrix
+    /// repeat where a kind does.
     pub kinds: usize,
     /// Whether the interface law needs weights to keep `γ`.
     pub weighted: bool,
     /// Whether anything may enter.
     pub inflow: bool,
-    /// Exponentials in a row that an inflow takes that depends on time; 0 where there is none, or before it is known.
+    /// Exponentials in a row that an inflow takes that depends on time; 0 where there is none, or
+    /// before it is known.
     pub stages: usize,
 }
 
 impl Bounds {
-    /// Bounds of `case`; evaluates `V` on the whole space grid. Growth is what weights and inflow are allowed; without
-    /// weights a law that may grow has no such bound, nor has inflow with a given `δ`, and [`f64::INFINITY`] stands until it
-    /// is measured.
+    /// Bounds of `case`; evaluates `V` on the whole space grid. Growth is what weights and inflow
+    /// are allowed; without weights a law that may grow has no such bound, nor has inflow with a
+    /// given `δ`, and [`f64::INFINITY`] stands until it is measured.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Formula`] where `V` is not finite.

@@ -1,16 +1,19 @@
-//! The inner loop: one step of a Chebyshev or Lanczos recurrence for a batch of modes, in one pass over the matrix.
+//! The inner loop: one step of a Chebyshev or Lanczos recurrence for a batch of modes, in one pass
+//! over the matrix.
 //!
 //! ```text
 //! y ← a ((−iμ S + K) x + i c x) + y + coefficient · start        per lane: a = scale, c = shift, μ = wavenumber
 //! ```
 //!
-//! where `start` is what a series is of: a real vector that the lanes share, a vector for each lane, or nothing.
+//! where `start` is what a series is of: a real vector that the lanes share, a vector for each
+//! lane, or nothing.
 //!
-//! Vectors are `[row][re: B lanes][im: B lanes]`: every operation is vertical over modes. The same loop is compiled
-//! three times, for AVX-512, for AVX2 with FMA and for any processor; which one runs is decided once at start.
+//! Vectors are `[row][re: B lanes][im: B lanes]`: every operation is vertical over modes. The same
+//! loop is compiled three times, for AVX-512, for AVX2 with FMA and for any processor; which one
+//! runs is decided once at start.
 
-use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants, multiply_add};
+use crate::matrix::rows::Rows;
 use std::ops::Range;
 use std::sync::OnceLock;
 
@@ -36,25 +39,23 @@ impl StartRow for f64 {
     }
 }
 
-/// The loop over rows. `FMA` only where the processor has it: elsewhere `mul_add` is a slow library call.
+/// The loop over rows. `FMA` only where the processor has it: elsewhere `mul_add` is a slow library
+/// call.
 #[inline(always)]
 fn step_rows<const FMA: bool, R: StartRow>(
-    matrix: &BlockMatrix,
+    matrix: &Rows,
     rows: Range<usize>,
     constants: &StepConstants,
     y: &mut [Lanes],
     x: &[Lanes],
     start: &[R],
 ) {
-    assert!(
-        x.len() >= matrix.rows.reach(),
-        "vector and matrix do not fit"
-    );
+    assert!(x.len() >= matrix.reach(), "vector and matrix do not fit");
     let vectors = y[rows.clone()].iter_mut().zip(&x[rows.clone()]);
     for (i, (Lanes(out), Lanes(own))) in rows.zip(vectors) {
         // S x and K x.
         let (mut sx, mut kx) = ([0.0; 2 * LANES], [0.0; 2 * LANES]);
-        for (column, s, k) in matrix.rows.row(i) {
+        for (column, s, k) in matrix.row(i) {
             // SAFETY: every column is below the reach of the rows, which `x` has, as was asserted.
             let Lanes(value) = unsafe { x.get_unchecked(column) };
             for part in 0..2 * LANES {
@@ -85,7 +86,7 @@ fn step_rows<const FMA: bool, R: StartRow>(
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
 fn step_avx512<R: StartRow>(
-    matrix: &BlockMatrix,
+    matrix: &Rows,
     rows: Range<usize>,
     constants: &StepConstants,
     y: &mut [Lanes],
@@ -98,7 +99,7 @@ fn step_avx512<R: StartRow>(
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
 fn step_avx2<R: StartRow>(
-    matrix: &BlockMatrix,
+    matrix: &Rows,
     rows: Range<usize>,
     constants: &StepConstants,
     y: &mut [Lanes],
@@ -159,7 +160,7 @@ impl InstructionSet {
 }
 
 /// The loop over some rows: matrix, rows, constants, `y`, `x`, start.
-pub type Stepper<R> = fn(&BlockMatrix, Range<usize>, &StepConstants, &mut [Lanes], &[Lanes], &[R]);
+pub type Stepper<R> = fn(&Rows, Range<usize>, &StepConstants, &mut [Lanes], &[Lanes], &[R]);
 
 /// The loop for this processor.
 pub fn stepper<R: StartRow>() -> Stepper<R> {

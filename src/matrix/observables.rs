@@ -1,4 +1,5 @@
-//! Moments of the result and norms of its error, on a rank's share of space; velocities are never split.
+//! Moments of the result and norms of its error, on a rank's share of space; velocities are never
+//! split.
 //!
 //! The result is `f` itself or, for measure-valued data, `φ Π_a δ(ψ_a)` (see [`level_sets`]).
 
@@ -88,8 +89,8 @@ impl VelocityFactors {
 }
 
 impl Moments {
-    /// From the sums over the velocity cells at each point of a share of space in `n` dimensions. Collective over `world`
-    /// (the largest density).
+    /// From the sums over the velocity cells at each point of a share of space in `n` dimensions.
+    /// Collective over `world` (the largest density).
     pub fn of_sums(
         world: &Group,
         n: usize,
@@ -120,8 +121,8 @@ impl Moments {
     }
 }
 
-/// Moments of the result whose fields are `fields`, in the order of `case.fields`, each given on a share of space with
-/// all velocities. Collective over `world`.
+/// Moments of the result whose fields are `fields`, in the order of `case.fields`, each given on a
+/// share of space with all velocities. Collective over `world`.
 pub fn moments(world: &Group, case: &Case, fields: &[&[f64]]) -> Moments {
     let space = &case.space;
     let factors = VelocityFactors::new(space);

@@ -1,8 +1,8 @@
 //! Sparse rows of `(S, K)`, those that repeat stored once.
 //!
-//! Far from jumps, ends and weights the row of a cell is that of the next cell along x: the same values at the same distances from
-//! the diagonal. Such rows share a template, so that the inner loop reads four bytes a row instead of a hundred, and templates stay
-//! in the first cache.
+//! Far from jumps, ends and weights the row of a cell is that of the next cell along x: the same
+//! values at the same distances from the diagonal. Such rows share a template, so that the inner
+//! loop reads four bytes a row instead of a hundred, and templates stay in the first cache.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -10,7 +10,8 @@ use std::hash::{BuildHasherDefault, Hasher};
 /// An entry: local column, `s` and `k`.
 pub type Entry = (u32, f64, f64);
 
-/// Rows in their order. Only the order of a row's entries matters to the bits of a product, and it is kept.
+/// Rows in their order. Only the order of a row's entries matters to the bits of a product, and it
+/// is kept.
 #[derive(Clone, Debug)]
 pub struct Rows {
     /// Template of each row.
@@ -52,8 +53,9 @@ impl Rows {
     #[inline(always)]
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let t = self.template[i] as usize;
-        // SAFETY: templates are numbers below `templates()`, so that `t + 1` is a place in `offsets`, which rise to the common length
-        // of `distances` and `values`; `Builder` makes nothing else, and nobody changes them.
+        // SAFETY: templates are numbers below `templates()`, so that `t + 1` is a place in
+        // `offsets`, which rise to the common length of `distances` and `values`; `Builder` makes
+        // nothing else, and nobody changes them.
         let entry = |e: usize| unsafe {
             let [s, k] = *self.values.get_unchecked(e);
             (*self.distances.get_unchecked(e), s, k)

@@ -1,23 +1,26 @@
 //! Dissipative weights: a diagonal change of norm in which the hat interface does not grow.
 //!
-//! `A` has off-diagonals ≥ 0 and row sums ≤ 0, but at an interface some column sums are positive, so `S` has positive
-//! eigenvalues that grow like `1/Δx`. For any `π > 0` with `D = diag(√π)`, Cauchy–Schwarz in the form
+//! `A` has off-diagonals ≥ 0 and row sums ≤ 0, but at an interface some column sums are positive,
+//! so `S` has positive eigenvalues that grow like `1/Δx`. For any `π > 0` with `D = diag(√π)`,
+//! Cauchy–Schwarz in the form
 //!
 //! ```text
 //! Σ π_i y_i A_ij y_j ≤ ½ Σ π_i (A1)_i y_i² + ½ Σ (Aᵀπ)_j y_j²
 //! ```
 //!
-//! gives `λ⁺(sym D A D⁻¹) ≤ ½ max_j (Aᵀπ)_j/π_j`: the certificate. Weights that make it small solve the M-matrix system
-//! `(Aᵀ − s I) π' = −e`, `e_j = max(0, (Aᵀ1)_j)`, `π = 1 + π'`, by Jacobi sweeps. Where every particle leaves what lies
-//! behind it for good, `s = 0` is solved exactly by as many sweeps as the longest path has cells, and `λ⁺ = 0`. Where
-//! particles are trapped (a well), `Aᵀ` is singular: after so many sweeps `s > 0` takes over, until the first certificate
+//! gives `λ⁺(sym D A D⁻¹) ≤ ½ max_j (Aᵀπ)_j/π_j`: the certificate. Weights that make it small solve
+//! the M-matrix system `(Aᵀ − s I) π' = −e`, `e_j = max(0, (Aᵀ1)_j)`, `π = 1 + π'`, by Jacobi
+//! sweeps. Where every particle leaves what lies behind it for good, `s = 0` is solved exactly by
+//! as many sweeps as the longest path has cells, and `λ⁺ = 0`. Where particles are trapped (a
+//! well), `Aᵀ` is singular: after so many sweeps `s > 0` takes over, until the first certificate
 //! that suffices. Maxima only: the same on any ranks.
 
 use crate::base::error::{Error, Result};
-use crate::matrix::block_matrix::{BlockMatrix, Part};
+use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::parallel::communicator::{GhostExchange, Group};
 
-/// Jacobi contracts by `d/(d + s)` a sweep; after this many times `d/s` sweeps nothing is left to gain.
+/// Jacobi contracts by `d/(d + s)` a sweep; after this many times `d/s` sweeps nothing is left to
+/// gain.
 const MOST_SWEEPS: f64 = 100.0;
 /// A certificate this fraction of what suffices is as good as zero.
 const NEGLIGIBLE: f64 = 1e-6;
@@ -46,7 +49,8 @@ fn not_negative(entries: impl Iterator<Item = (usize, usize, f64)>) -> Result<()
 /// `π` and what is known of it.
 #[derive(Clone, Debug)]
 pub struct Weights {
-    /// `π ≥ 1`, for the rows and ghosts of the matrix; 1 for auxiliary unknowns until they are coupled.
+    /// `π ≥ 1`, for the rows and ghosts of the matrix; 1 for auxiliary unknowns until they are
+    /// coupled.
     pub pi: Vec<f64>,
     /// `½ max (Aᵀπ)/π`, a bound on `λ⁺`.
     pub certificate: f64,
@@ -54,6 +58,17 @@ pub struct Weights {
     pub sweeps: usize,
     /// `max √π / min √π`.
     pub spread: f64,
+}
+
+/// What weights are asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct WeightGoal {
+    /// Largest certificate.
+    pub limit: f64,
+    /// Shift `s > limit` of the system that is solved where the one without does not get there.
+    pub shift: f64,
+    /// Sweeps of the system without shift.
+    pub max_weight_sweeps: usize,
 }
 
 impl Weights {
@@ -69,29 +84,33 @@ impl Weights {
         }
     }
 
-    /// Weights whose certificate is at most `limit`, better where it costs little: from the system without shift for
-    /// `patience` sweeps, then with `shift > limit`. Collective over the space group.
+    /// Weights that reach `goal`, better where it costs little. Collective over the space group.
     ///
     /// # Errors
-    /// [`Error::Negative`] where the bound does not hold; [`Error::Weights`] if the sweeps do not get there.
+    /// [`Error::Negative`] where the bound does not hold; [`Error::Weights`] if the sweeps do not
+    /// get there.
     pub fn dissipative(
         matrix: &BlockMatrix,
         exchange: &mut GhostExchange,
         space: &Group,
-        (shift, limit): (f64, f64),
-        patience: usize,
+        goal: WeightGoal,
     ) -> Result<Self> {
+        let WeightGoal {
+            shift,
+            limit,
+            max_weight_sweeps,
+        } = goal;
         let cells = matrix.block.cells();
         let entries = (0..cells).flat_map(|i| matrix.row(i).map(move |(j, s, k)| (i, j, s + k)));
         space.agree(not_negative(entries))?;
         let mut state = State::new(matrix);
         let mut sweeps = 0;
         let rate = space.max(state.diagonal.iter().copied().fold(0.0, f64::max));
-        let most_sweeps = patience.saturating_add((MOST_SWEEPS * rate / shift) as usize);
+        let most_sweeps = max_weight_sweeps.saturating_add((MOST_SWEEPS * rate / shift) as usize);
         let certificate = loop {
             let certificate = state.certificate(matrix, exchange, space);
-            let patient = sweeps < patience;
-            if certificate <= if patient { NEGLIGIBLE * limit } else { limit } {
+            let unshifted = sweeps < max_weight_sweeps;
+            if certificate <= if unshifted { NEGLIGIBLE * limit } else { limit } {
                 break certificate;
             }
             if sweeps == most_sweeps || certificate.is_nan() {
@@ -101,7 +120,7 @@ impl Weights {
                     sweeps,
                 });
             }
-            state.sweep(shift, patient);
+            state.sweep(shift, unshifted);
             sweeps += 1;
         };
         let mut pi: Vec<f64> = state.extra.iter().map(|p| 1.0 + p).collect();
@@ -165,7 +184,7 @@ impl State {
         for (pi, extra) in self.pi[..self.cells].iter_mut().zip(&self.extra) {
             *pi = 1.0 + extra;
         }
-        matrix.apply(exchange, Part::Transpose, &mut self.image, &mut self.pi);
+        matrix.apply(exchange, Operator::Transpose, &mut self.image, &mut self.pi);
         if self.offset.is_empty() {
             // First call: π = 1, the image is the column sums.
             self.offset = self.image[..self.cells]
@@ -177,12 +196,13 @@ impl State {
         0.5 * space.max(largest(quotients.map(|(image, pi)| image / pi)))
     }
 
-    /// `π' ← (Bᵀπ' + e)/(d + s)`, with `Bᵀπ' = Aᵀπ' + dπ'` and `A = B − d`. What nothing leaves (`d = 0`, particles at rest)
-    /// has the shift always; elsewhere only where it is not to be `patient`.
-    fn sweep(&mut self, shift: f64, patient: bool) {
+    /// `π' ← (Bᵀπ' + e)/(d + s)`, with `Bᵀπ' = Aᵀπ' + dπ'` and `A = B − d`. What nothing leaves
+    /// (`d = 0`, particles at rest) has the shift always; elsewhere unless the sweep is
+    /// `unshifted`.
+    fn sweep(&mut self, shift: f64, unshifted: bool) {
         for i in 0..self.cells {
             let d = self.diagonal[i];
-            let shift = if patient && d > 0.0 { 0.0 } else { shift };
+            let shift = if unshifted && d > 0.0 { 0.0 } else { shift };
             let right = self.image[i] + self.offset[i] + d * self.extra[i];
             self.extra[i] = (right / (d + shift)).max(0.0);
         }

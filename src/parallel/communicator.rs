@@ -1,7 +1,8 @@
-//! What knows MPI, here and in the files below: start and end, groups of ranks, agreement on errors, exact reductions, ghost exchange.
+//! What knows MPI, here and in the files below: start and end, groups of ranks, agreement on
+//! errors, exact reductions, ghost exchange.
 //!
-//! Serial is one rank. Nothing here depends on timing; reductions are of integers, maxima and minima only, so results
-//! are the same bits on any number of ranks.
+//! Serial is one rank. Nothing here depends on timing; reductions are of integers, maxima and
+//! minima only, so results are the same bits on any number of ranks.
 
 pub mod transpose;
 pub mod vote;
@@ -66,7 +67,8 @@ impl World {
     }
 }
 
-/// Most elements handed to MPI in one call; counts are C ints, and a bounded piece keeps MPI's own buffers small.
+/// Most elements handed to MPI in one call; counts are C ints, and a bounded piece keeps MPI's own
+/// buffers small.
 const MOST_AT_ONCE: usize = 1 << 20;
 
 /// A group of ranks.
@@ -117,7 +119,8 @@ impl Group {
         let (mut keys, mut result) = ([0u64; PIECE], [0u64; PIECE]);
         for piece in values.chunks_mut(PIECE) {
             let (keys, result) = (&mut keys[..piece.len()], &mut result[..piece.len()]);
-            // MPI_MAX leaves open what it does with NaN: it is carried as infinity's successor in an integer order.
+            // MPI_MAX leaves open what it does with NaN: it is carried as infinity's successor in
+            // an integer order.
             for (key, &value) in keys.iter_mut().zip(&*piece) {
                 *key = ordered_key(value);
             }
@@ -129,39 +132,32 @@ impl Group {
         }
     }
 
+    /// One number over the ranks; allocates nothing.
+    fn reduced(&self, value: u64, operation: SystemOperation) -> u64 {
+        let mut result = 0;
+        (self.communicator).all_reduce_into(&value, &mut result, operation);
+        result
+    }
+
     /// Largest value over the ranks, NaN if one is; allocates nothing.
     pub fn max(&self, value: f64) -> f64 {
-        let mut largest = 0u64;
-        self.communicator.all_reduce_into(
-            &ordered_key(value),
-            &mut largest,
-            SystemOperation::max(),
-        );
-        from_ordered_key(largest)
+        from_ordered_key(self.reduced(ordered_key(value), SystemOperation::max()))
     }
 
     /// Sum of counts over the ranks.
     pub fn sum_count(&self, value: usize) -> usize {
-        let mut sum = 0u64;
-        self.communicator
-            .all_reduce_into(&(value as u64), &mut sum, SystemOperation::sum());
-        sum as usize
+        self.sum_modulo(value as u64) as usize
     }
 
     /// Largest count over the ranks.
     pub fn max_count(&self, value: usize) -> usize {
-        let mut max = 0u64;
-        self.communicator
-            .all_reduce_into(&(value as u64), &mut max, SystemOperation::max());
-        max as usize
+        self.reduced(value as u64, SystemOperation::max()) as usize
     }
 
     /// Whether all ranks give the same number.
     pub fn same(&self, value: u64) -> bool {
-        let mut largest = [0u64; 2];
-        self.communicator
-            .all_reduce_into(&[value, !value], &mut largest, SystemOperation::max());
-        largest[0] == !largest[1]
+        let largest = self.reduced(value, SystemOperation::max());
+        largest == self.reduced(value, SystemOperation::min())
     }
 
     /// Adds a few integers over the ranks, elementwise, in place; allocates nothing.
@@ -177,27 +173,23 @@ impl Group {
 
     /// Sum over the ranks, modulo 2^64.
     pub fn sum_modulo(&self, value: u64) -> u64 {
-        let mut sum = 0u64;
-        self.communicator
-            .all_reduce_into(&value, &mut sum, SystemOperation::sum());
-        sum
+        self.reduced(value, SystemOperation::sum())
     }
 
-    /// Adds integers over the ranks to rank `root`; elsewhere `values` are left as they are. Collective.
+    /// Adds integers over the ranks to rank `root`; elsewhere `values` are left as they are.
+    /// Collective.
     pub fn sum_integers_to(&self, root: usize, values: &mut [i64]) {
         if self.size() == 1 {
             return;
         }
         let process = self.communicator.process_at_rank(root as i32);
         let mine = self.rank() == root;
-        let mut result = vec![
-            0i64;
-            if mine {
-                values.len().min(MOST_AT_ONCE)
-            } else {
-                0
-            }
-        ];
+        let length = if mine {
+            values.len().min(MOST_AT_ONCE)
+        } else {
+            0
+        };
+        let mut result = vec![0i64; length];
         for piece in values.chunks_mut(MOST_AT_ONCE) {
             if mine {
                 let result = &mut result[..piece.len()];
@@ -209,7 +201,8 @@ impl Group {
         }
     }
 
-    /// The numbers of all ranks, as many each, rank after rank, on rank 0; nothing elsewhere. Collective.
+    /// The numbers of all ranks, as many each, rank after rank, on rank 0; nothing elsewhere.
+    /// Collective.
     pub fn gather_counts(&self, values: &[u64]) -> Vec<u64> {
         let root = self.communicator.process_at_rank(0);
         if self.rank() > 0 {
@@ -221,8 +214,8 @@ impl Group {
         all
     }
 
-    /// Sum of `count` terms in all, of magnitude at most `bound`, the same bits on any ranks; `terms` are this rank's.
-    /// NaN for a bound that is not finite.
+    /// Sum of `count` terms in all, of magnitude at most `bound`, the same bits on any ranks;
+    /// `terms` are this rank's. NaN for a bound that is not finite.
     pub fn sum(&self, bound: f64, count: usize, terms: impl Iterator<Item = f64>) -> f64 {
         if !bound.is_finite() {
             return f64::NAN;
@@ -238,8 +231,9 @@ impl Group {
         fixed.join(total)
     }
 
-    /// Sums of `N` numbers side by side over `count` terms in all, the same bits on any ranks; `terms` are this rank's. The
-    /// largest of each is found first. NaN where a term is not finite. Allocates nothing.
+    /// Sums of `N` numbers side by side over `count` terms in all, the same bits on any ranks;
+    /// `terms` are this rank's. The largest of each is found first. NaN where a term is not finite.
+    /// Allocates nothing.
     pub fn sum_lanes<const N: usize>(
         &self,
         count: usize,
@@ -288,17 +282,15 @@ impl Group {
         self.sum(bound, count, terms.iter().copied())
     }
 
-    /// Makes all ranks agree: `Ok` only if every rank has it, otherwise the lowest failing rank's error on all.
+    /// Makes all ranks agree: `Ok` only if every rank has it, otherwise the lowest failing rank's
+    /// error on all.
     ///
     /// # Errors
     /// That error; [`Error::Remote`] where it is another rank's.
     pub fn agree<T>(&self, result: Result<T>) -> Result<T> {
         let size = self.size();
         let mine = if result.is_err() { self.rank() } else { size } as u64;
-        let mut first = 0u64;
-        self.communicator
-            .all_reduce_into(&mine, &mut first, SystemOperation::min());
-        let first = first as usize;
+        let first = self.reduced(mine, SystemOperation::min()) as usize;
         if first == size {
             return result;
         }
@@ -437,8 +429,8 @@ struct Neighbour {
 }
 
 impl GhostExchange {
-    /// The exchange of `block`'s ghosts over the ranks of `space`, with buffers for `width` numbers a row. Collective over
-    /// `space`.
+    /// The exchange of `block`'s ghosts over the ranks of `space`, with buffers for `width` numbers
+    /// a row. Collective over `space`.
     pub fn new(space: &Group, block: &Block, width: usize) -> Self {
         let neighbours: Vec<Neighbour> = block
             .exchanges()
@@ -477,7 +469,8 @@ impl GhostExchange {
             let length = neighbour.ghosts.len() * R::WIDTH;
             for piece in neighbour.receive[..length].chunks_mut(MOST_AT_ONCE) {
                 let mut request = std::mem::MaybeUninit::uninit();
-                // SAFETY: the buffer lives in `self` and is not touched until `finish` has waited for the request.
+                // SAFETY: the buffer lives in `self` and is not touched until `finish` has waited
+                // for the request.
                 unsafe {
                     ffi::MPI_Irecv(
                         piece.as_mut_ptr().cast(),

@@ -1,7 +1,8 @@
 //! Who owns what: arithmetic only, no communication.
 //!
-//! Ranks form a mesh `space × modes`. Space blocks split the x-axes, never v; one layer of neighbouring space cells
-//! (ghosts) carries the flux rows of their common faces; a periodic axis is not split. Rank `r` has space block `r mod S` and mode group `r / S`.
+//! Ranks form a mesh `space × modes`. Space blocks split the x-axes, never v; one layer of
+//! neighbouring space cells (ghosts) carries the flux rows of their common faces; a periodic axis
+//! is not split. Rank `r` has space block `r mod S` and mode group `r / S`.
 
 use crate::base::error::{Error, Result};
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
@@ -76,7 +77,8 @@ impl Mesh {
             .collect()
     }
 
-    /// The part of block `block` that rank `group` of its mode groups writes out: a piece along the first x-axis.
+    /// The part of block `block` that rank `group` of its mode groups writes out: a piece along the
+    /// first x-axis.
     pub fn share(&self, space: &PhaseSpace, block: usize, group: usize) -> Vec<Range<usize>> {
         let mut ranges = self.ranges(space, block);
         ranges[0] = split(&ranges[0], self.groups, group);
@@ -106,7 +108,8 @@ pub struct Block {
     pub velocity_cells: usize,
     /// Velocity cells along the last axis.
     pub velocity_line: usize,
-    /// Whether the first x-axis is periodic: the first cells of the block along it are next to the last ones.
+    /// Whether the first x-axis is periodic: the first cells of the block along it are next to the
+    /// last ones.
     pub closed: bool,
     slabs: Vec<Slab>,
     shape: Vec<usize>,
@@ -157,7 +160,7 @@ pub fn common_runs(from: &[Range<usize>], to: &[Range<usize>]) -> Vec<CommonRun>
 
 /// Where an unknown is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum LocalIndex {
     /// A cell of the block, by local number.
     Own(usize),
     /// A ghost, by number among the ghosts.
@@ -268,8 +271,9 @@ impl Block {
             .fold(0, |index, (&cells, &i)| index * cells + i)
     }
 
-    /// Where global unknown `index` is kept; `None` if it is neither in the block nor a ghost of it.
-    pub fn place(&self, index: usize) -> Option<Place> {
+    /// Where global unknown `index` is kept; `None` if it is neither in the block nor a ghost of
+    /// it.
+    pub fn local(&self, index: usize) -> Option<LocalIndex> {
         let (mut rest, v) = (index / self.velocity_cells, index % self.velocity_cells);
         let mut i = [0; MAX_DIMENSION];
         for (a, &cells) in self.shape.iter().enumerate().rev() {
@@ -277,11 +281,11 @@ impl Block {
             rest /= cells;
         }
         if let Some(position) = position_in(&self.ranges, &i) {
-            return Some(Place::Own(position * self.velocity_cells + v));
+            return Some(LocalIndex::Own(position * self.velocity_cells + v));
         }
         self.slabs.iter().find_map(|slab| {
             let position = position_in(&slab.ghost, &i)?;
-            Some(Place::Ghost(
+            Some(LocalIndex::Ghost(
                 slab.start + position * self.velocity_cells + v,
             ))
         })
@@ -369,7 +373,7 @@ mod tests {
                     for k in 0..nv {
                         assert_eq!(owner[global + k], usize::MAX);
                         owner[global + k] = b;
-                        assert_eq!(block.place(global + k), Some(Place::Own(local + k)));
+                        assert_eq!(block.local(global + k), Some(LocalIndex::Own(local + k)));
                     }
                 });
             }
@@ -379,7 +383,7 @@ mod tests {
                 let nv = block.velocity_cells;
                 block.for_each_ghost(|global, ghost| {
                     for k in 0..nv {
-                        assert_eq!(block.place(global + k), Some(Place::Ghost(ghost + k)));
+                        assert_eq!(block.local(global + k), Some(LocalIndex::Ghost(ghost + k)));
                         ghosts[ghost + k] = global + k;
                     }
                 });

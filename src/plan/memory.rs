@@ -1,7 +1,7 @@
 //! Memory of a run on a rank, in bytes, before anything is allocated.
 
 use crate::matrix::bounds::Bounds;
-use crate::matrix::embedding::Inflow;
+use crate::matrix::inflow::Inflow;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::partition::Mesh;

@@ -227,6 +227,12 @@ impl Expression {
         self.tree.eval(coordinates)
     }
 
+    /// The value at a point `(x, y, z, vx, vy, vz)` and a time.
+    pub fn at_point(&self, point: &[f64; 6], time: f64) -> f64 {
+        let &[x, y, z, vx, vy, vz] = point;
+        self.eval(&[x, y, z, vx, vy, vz, time])
+    }
+
     /// The formula read as a condition; `None` where it is undefined.
     pub fn holds(&self, coordinates: &[f64]) -> Option<bool> {
         let value = self.eval(coordinates);

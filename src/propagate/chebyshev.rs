@@ -1,37 +1,42 @@
 //! Chebyshev series of the evolution.
 //!
-//! With the spectrum of `H` in `[c − h, c + h]`, `H̃ = (H − c)/h`, `τ = hT` and `φ_k = (−i)^k T_k(H̃) x`,
+//! With the spectrum of `H` in `[c − h, c + h]`, `H̃ = (H − c)/h`, `τ = hT` and
+//! `φ_k = (−i)^k T_k(H̃) x`,
 //!
 //! ```text
 //! exp(−iHT) x = e^{−icT} ( J_0(τ) φ_0 + 2 Σ_k J_k(τ) φ_k ),     φ_{k+1} = (2/h)(−iμS + K + ic) φ_k + φ_{k−1}
 //! ```
 //!
-//! (Tal-Ezer and Kosloff 1984). Since `‖φ_k‖ ≤ ‖x‖`, cutting the series at `K` costs at most `2 Σ_{k>K} |J_k(τ)|`.
+//! (Tal-Ezer and Kosloff 1984). Since `‖φ_k‖ ≤ ‖x‖`, cutting the series at `K` costs at most
+//! `2 Σ_{k>K} |J_k(τ)|`.
 //!
-//! It is summed backwards (Clenshaw 1955), with `G = (1/h)(−iμS + K + ic)`, `a_0 = J_0` and `a_k = 2J_k`:
+//! It is summed backwards (Clenshaw 1955), with `G = (1/h)(−iμS + K + ic)`, `a_0 = J_0` and
+//! `a_k = 2J_k`:
 //!
 //! ```text
 //! b_k = a_k x + 2G b_{k+1} + b_{k+2},   k = K … 1,     b_{K+1} = b_{K+2} = 0
 //! Σ a_k φ_k = a_0 x + G b_1 + b_2
 //! ```
 //!
-//! as many applications as forwards, but two vectors a mode and none for the sum: the start `x` is mostly real and common to
-//! the modes of a batch. Each lane has a degree of its own, with zeros above it, so its bits do not depend on the others'.
+//! as many applications as forwards, but two vectors a mode and none for the sum: the start `x` is
+//! mostly real and common to the modes of a batch. Each lane has a degree of its own, with zeros
+//! above it, so its bits do not depend on the others'.
 //!
-//! **The interval is guaranteed, not estimated.** Let `A = B − diag(d)`, `B ≥ 0`, in weighted unknowns with growth bound
-//! `γ` (see [`crate::matrix::weights`]). For a unit vector, `x*(D A D⁻¹)x = −δ + β` with `δ = Σ d_i |x_i|²` in `[0, d]` and
-//! `|β| ≤ δ + γ`; and `x*Hx = μ Re(β − δ) − Im β`, so
+//! **The interval is guaranteed, not estimated.** Let `A = B − diag(d)`, `B ≥ 0`, in weighted
+//! unknowns with growth bound `γ` (see [`crate::matrix::weights`]). For a unit vector,
+//! `x*(D A D⁻¹)x = −δ + β` with `δ = Σ d_i |x_i|²` in `[0, d]` and `|β| ≤ δ + γ`; and
+//! `x*Hx = μ Re(β − δ) − Im β`, so
 //!
 //! ```text
 //! −μ d − √(1+μ²)(d + γ)  ≤  x*Hx  ≤  d (√(1+μ²) − μ) + √(1+μ²) γ
 //! ```
 //!
-//! `d` being the largest of the `d_i`. It is narrower than the sum of the bounds for `μS` and `iK`, and needs no
-//! reduction over ranks.
+//! `d` being the largest of the `d_i`. It is narrower than the sum of the bounds for `μS` and `iK`,
+//! and needs no reduction over ranks.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::blocking::Blocking;
+use crate::matrix::blocking::{Blocking, Steps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::parallel::communicator::GhostExchange;
 use crate::propagate::method::{
@@ -50,8 +55,8 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// The interval for wavenumber `mu`, largest rate `d` and growth bound `γ`. As `H_{−l} = −conj(H_l)`, that of `−mu` is its mirror
-    /// image.
+    /// The interval for wavenumber `mu`, largest rate `d` and growth bound `γ`. As
+    /// `H_{−l} = −conj(H_l)`, that of `−mu` is its mirror image.
     pub fn new(mu: f64, rate: f64, growth: f64) -> Self {
         if mu < 0.0 {
             let mirrored = Self::new(-mu, rate, growth);
@@ -73,9 +78,11 @@ impl Interval {
 /// Below this the first three Bessel functions are their leading terms to round-off.
 const SMALL_ARGUMENT: f64 = 1e-8;
 
-/// `J_0(τ), …, J_K(τ)` into `out`, where `K` is the least degree with `2 Σ_{k>K} |J_k(τ)| ≤ tail`; returns that sum.
+/// `J_0(τ), …, J_K(τ)` into `out`, where `K` is the least degree with `2 Σ_{k>K} |J_k(τ)| ≤ tail`;
+/// returns that sum.
 ///
-/// Backward recurrence `J_{k−1} = (2k/τ) J_k − J_{k+1}` from far above (Miller), normalised by `J_0 + 2 Σ J_{2k} = 1`.
+/// Backward recurrence `J_{k−1} = (2k/τ) J_k − J_{k+1}` from far above (Miller), normalised by
+/// `J_0 + 2 Σ J_{2k} = 1`.
 pub fn bessel_series(out: &mut Vec<f64>, tau: f64, tail: f64) -> f64 {
     out.clear();
     if tau < SMALL_ARGUMENT {
@@ -118,8 +125,9 @@ fn cut(out: &mut Vec<f64>, tail: f64) -> f64 {
     left
 }
 
-/// The least degree `K` with `2 Σ_{k>K} |J_k(τ)| ≤ tail`; for long series one that is at most some units larger, from
-/// `J_k(k sech α) ≤ exp(−k(α − tanh α))/√(2πk tanh α)` (DLMF 10.14.5) and the geometric series that follows.
+/// The least degree `K` with `2 Σ_{k>K} |J_k(τ)| ≤ tail`; for long series one that is at most some
+/// units larger, from `J_k(k sech α) ≤ exp(−k(α − tanh α))/√(2πk tanh α)` (DLMF 10.14.5) and the
+/// geometric series that follows.
 pub fn degree(scratch: &mut Vec<f64>, tau: f64, tail: f64) -> usize {
     /// Up to here the series itself is computed.
     const SHORT: f64 = 1e4;
@@ -161,7 +169,8 @@ pub struct Chebyshev {
 }
 
 impl Chebyshev {
-    /// Scratch for vectors of `matrix` and degrees up to `largest_degree`, steps blocked as planned.
+    /// Scratch for vectors of `matrix` and degrees up to `largest_degree`, steps blocked as
+    /// planned.
     pub fn new(matrix: &BlockMatrix, largest_degree: usize) -> Self {
         Self::blocked(matrix, largest_degree, Blocking::planned(matrix))
     }
@@ -188,8 +197,8 @@ impl Chebyshev {
         self.coefficients.len() / LANES - 1
     }
 
-    /// The coefficients of `exp(−iHt)`, `t = time`, up to the degree of each lane, and what the steps
-    /// need.
+    /// The coefficients of `exp(−iHt)`, `t = time`, up to the degree of each lane, and what the
+    /// steps need.
     pub(crate) fn prepare(
         &mut self,
         system: &Evolution<'_>,
@@ -197,13 +206,8 @@ impl Chebyshev {
         time: f64,
     ) -> (StepConstants, BatchReport) {
         let degree = batch.largest_work();
-        let mut report = BatchReport {
-            phases: [Complex64::ZERO; LANES],
-            tails: [0.0; LANES],
-            unitary: true,
-            applications: batch.work[..batch.modes].iter().sum(),
-            solves: 0,
-        };
+        let mut report = BatchReport::unitary([Complex64::ZERO; LANES]);
+        report.applications = batch.work[..batch.modes].iter().sum();
         let mut constants = StepConstants {
             scale: [0.0; LANES],
             shift: [0.0; LANES],
@@ -234,8 +238,8 @@ impl Chebyshev {
         (constants, report)
     }
 
-    /// The series of degree `degree` from [`prepare`](Self::prepare) of `start`, into `current`; with the `couplings` of a
-    /// stage, if the inflow varies. Collective over the space group.
+    /// The series of degree `degree` from [`prepare`](Self::prepare) of `start`, into `current`;
+    /// with the `couplings` of a stage, if the inflow varies. Collective over the space group.
     pub(crate) fn series<R: StartRow>(
         &mut self,
         matrix: &BlockMatrix,
@@ -268,11 +272,12 @@ impl Chebyshev {
             let levels = left.min(most);
             self.levels
                 .extend((left - levels..left).rev().map(constants));
-            let (vectors, blocking) = (
-                (&mut self.previous, &mut self.current),
-                self.blocking.as_ref(),
-            );
-            matrix.steps(exchange, blocking, &self.levels, couplings, vectors, start);
+            let steps = Steps {
+                levels: &self.levels,
+                couplings,
+            };
+            let (y, x) = (&mut self.previous, &mut self.current);
+            matrix.steps(exchange, self.blocking.as_ref(), &steps, y, x, start);
             left -= levels;
         }
     }

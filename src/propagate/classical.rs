@@ -1,10 +1,11 @@
 //! The semi-discrete system integrated directly: `f' = A f + b`.
 //!
-//! The inflow is carried by the auxiliary unknowns of the matrix, so the system is homogeneous here: `u' = A u`.
-//! [`Classical::exponential`] is the reference that the tolerance is defined by. The steps take slopes, see [`crate::propagate::limiter`].
+//! The inflow is carried by the auxiliary unknowns of the matrix, so the system is homogeneous
+//! here: `u' = A u`. [`Classical::exponential`] is the reference that the tolerance is defined by.
+//! The steps take slopes, see [`crate::propagate::limiter`].
 
 use crate::base::progress::Progress;
-use crate::matrix::block_matrix::{BlockMatrix, Part};
+use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::GhostExchange;
 use crate::problem::case::{Case, Field, Integrator};
@@ -46,7 +47,8 @@ pub fn poisson_window(lambda: f64, negligible: f64) -> Range<usize> {
 /// Poisson probabilities over [`poisson_window`], scaled to sum 1 exactly up to round-off.
 fn poisson_weights(lambda: f64, negligible: f64) -> (usize, Vec<f64>) {
     let window = poisson_window(lambda, negligible);
-    // From the largest outwards by ratios: relative errors stay at round-off, which `lgamma` would spoil.
+    // From the largest outwards by ratios: relative errors stay at round-off, which `lgamma` would
+    // spoil.
     let mode = (lambda.floor() as usize).clamp(window.start, window.end - 1);
     let mut weights = vec![1.0; window.len()];
     for k in mode + 1..window.end {
@@ -60,8 +62,9 @@ fn poisson_weights(lambda: f64, negligible: f64) -> (usize, Vec<f64>) {
     (window.start, weights)
 }
 
-/// Panels of [`Classical::duhamel`] for a run of `courant = rate·time`: on 16 nodes a function that varies with the rate is
-/// integrated to round-off; twice as many, and at least 32, for what enters.
+/// Panels of [`Classical::duhamel`] for a run of `courant = rate·time`: on 16 nodes a function that
+/// varies with the rate is integrated to round-off; twice as many, and at least 32, for what
+/// enters.
 pub fn duhamel_panels(courant: f64) -> usize {
     ((courant / 4.0).ceil() as usize).max(32)
 }
@@ -80,7 +83,8 @@ pub fn duhamel_applications(courant: f64, panels: usize) -> usize {
 /// Nodes of Gauss's rule on a panel of [`Classical::duhamel`].
 const GAUSS_NODES: usize = 16;
 
-/// Gauss's rule on `[0, 1]`: `(node, weight)`, ascending. Newton's method on the Legendre polynomial.
+/// Gauss's rule on `[0, 1]`: `(node, weight)`, ascending. Newton's method on the Legendre
+/// polynomial.
 pub fn gauss(count: usize) -> Vec<(f64, f64)> {
     let n = count as f64;
     (1..=count)
@@ -116,7 +120,8 @@ pub struct Classical<'a> {
     stage: Vec<f64>,
     sum: Vec<f64>,
     reconstruction: Option<Reconstruction>,
-    /// `b_i` now, in weighted unknowns, row by row of the matrix's `inflow`; empty where the matrix couples it.
+    /// `b_i` now, in weighted unknowns, row by row of the matrix's `inflow`; empty where the matrix
+    /// couples it.
     held: Vec<f64>,
     /// An inflow that varies, and `√π_i` of its rows.
     source: Option<(&'a Field, Vec<f64>)>,
@@ -156,7 +161,7 @@ impl<'a> Classical<'a> {
 
     /// With what enters of `field`, which varies with time, in unknowns weighted by `√π`.
     pub fn with_source(self, field: &'a Field, pi: &[f64]) -> Self {
-        let root = |aux: &crate::matrix::embedding::Inflow| pi[aux.row as usize].sqrt();
+        let root = |aux: &crate::matrix::inflow::Inflow| pi[aux.row as usize].sqrt();
         let roots = self.matrix.inflow.iter().map(root).collect();
         Self {
             source: Some((field, roots)),
@@ -187,9 +192,11 @@ impl<'a> Classical<'a> {
         }
     }
 
-    /// `state ← state(time)` of `f' = A f + b(t)`: `exp(A time) state + ∫ exp(A (time − s)) b(s) ds`, the integral by Gauss's
-    /// rule on `panels` equal parts. Between nodes nothing enters; at a node `s` with weight `w`, `w b(s)` is added.
-    /// Converges like a power `2·16` of the panels' length where `b` is smooth. Collective over the space group.
+    /// `state ← state(time)` of `f' = A f + b(t)`:
+    /// `exp(A time) state + ∫ exp(A (time − s)) b(s) ds`, the integral by Gauss's rule on `panels`
+    /// equal parts. Between nodes nothing enters; at a node `s` with weight `w`, `w b(s)` is added.
+    /// Converges like a power `2·16` of the panels' length where `b` is smooth. Collective over the
+    /// space group.
     pub fn duhamel(
         &mut self,
         exchange: &mut GhostExchange,
@@ -229,9 +236,10 @@ impl<'a> Classical<'a> {
         }
     }
 
-    /// `state ← exp(A time) state`, with `rate ≥ max |A_ii|`: `exp(At) = Σ_k e^{−λ} λ^k/k! Q^k`, `λ = rate·t`,
-    /// `Q = I + A/rate ≥ 0`. All terms are of one sign where the data are, so nothing cancels (uniformisation,
-    /// Jensen 1953), those below `negligible` left out ([`EXACT`], [`ROUGH`]). Collective over the space group.
+    /// `state ← exp(A time) state`, with `rate ≥ max |A_ii|`: `exp(At) = Σ_k e^{−λ} λ^k/k! Q^k`,
+    /// `λ = rate·t`, `Q = I + A/rate ≥ 0`. All terms are of one sign where the data are, so nothing
+    /// cancels (uniformisation, Jensen 1953), those below `negligible` left out ([`EXACT`],
+    /// [`ROUGH`]). Collective over the space group.
     pub fn exponential(
         &mut self,
         exchange: &mut GhostExchange,
@@ -254,7 +262,7 @@ impl<'a> Classical<'a> {
                 }
             }
             self.matrix
-                .apply(exchange, Part::Generator, &mut self.image, state);
+                .apply(exchange, Operator::Generator, &mut self.image, state);
             // A constant inflow is an unknown 1 that stays 1.
             self.add_held();
             for (x, a) in state[..rows].iter_mut().zip(&self.image) {
@@ -266,8 +274,9 @@ impl<'a> Classical<'a> {
         state[..rows].copy_from_slice(&self.sum[..rows]);
     }
 
-    /// `steps` steps of forward Euler, or of the third-order strong-stability-preserving Runge–Kutta method (Shu and
-    /// Osher 1988), of length `time/steps`. Collective over the space group.
+    /// `steps` steps of forward Euler, or of the third-order strong-stability-preserving
+    /// Runge–Kutta method (Shu and Osher 1988), of length `time/steps`. Collective over the space
+    /// group.
     pub fn steps(
         &mut self,
         exchange: &mut GhostExchange,
@@ -282,10 +291,11 @@ impl<'a> Classical<'a> {
             let now = step as f64 * dt;
             match integrator {
                 Integrator::ForwardEuler | Integrator::Exponential => {
-                    self.euler(exchange, state, (now, dt));
+                    self.euler(exchange, state, now, dt);
                 }
                 Integrator::SspRk3 => {
-                    // u1 = E u, u2 = ¾ u + ¼ E u1, u ← ⅓ u + ⅔ E u2, with E u = u + dt (A u + b), b at t, t + dt, t + dt/2.
+                    // u1 = E u, u2 = ¾ u + ¼ E u1, u ← ⅓ u + ⅔ E u2, with E u = u + dt (A u + b), b
+                    // at t, t + dt, t + dt/2.
                     let mut stage = std::mem::take(&mut self.stage);
                     stage[..rows].copy_from_slice(&state[..rows]);
                     let stages = [
@@ -294,7 +304,7 @@ impl<'a> Classical<'a> {
                         (1.0 / 3.0, 2.0 / 3.0, 0.5),
                     ];
                     for (keep, add, later) in stages {
-                        self.euler(exchange, &mut stage, (now + later * dt, dt));
+                        self.euler(exchange, &mut stage, now + later * dt, dt);
                         for (s, u) in stage[..rows].iter_mut().zip(&*state) {
                             *s = keep * u + add * *s;
                         }
@@ -309,10 +319,10 @@ impl<'a> Classical<'a> {
     }
 
     /// `state ← state + dt (A state + b(now))`, with slopes where there are some.
-    fn euler(&mut self, exchange: &mut GhostExchange, state: &mut [f64], (now, dt): (f64, f64)) {
+    fn euler(&mut self, exchange: &mut GhostExchange, state: &mut [f64], now: f64, dt: f64) {
         let rows = self.matrix.rows();
         self.matrix
-            .apply(exchange, Part::Generator, &mut self.image, state);
+            .apply(exchange, Operator::Generator, &mut self.image, state);
         self.hold_source(now);
         self.add_held();
         if let Some(reconstruction) = &mut self.reconstruction {

@@ -1,5 +1,5 @@
-//! Propagation where the inflow depends on time: a product of exponentials, each a Chebyshev series (see
-//! [`crate::propagate::time_dependent_inflow`]).
+//! Propagation where the inflow depends on time: a product of exponentials, each a Chebyshev series
+//! (see [`crate::propagate::time_dependent_inflow`]).
 
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
@@ -20,9 +20,9 @@ pub struct CommutatorFree<'a> {
     series: Vec<f64>,
 }
 
-/// Degree of the series of one of `stages` equal parts of a run, for a mode whose series of the whole
-/// run, of argument `tau = hT`, is cut at `whole_degree`: each part may leave its share of what that
-/// leaves.
+/// Degree of the series of one of `stages` equal parts of a run, for a mode whose series of the
+/// whole run, of argument `tau = hT`, is cut at `whole_degree`: each part may leave its share of
+/// what that leaves.
 pub fn stage_degree(scratch: &mut Vec<f64>, tau: f64, whole_degree: usize, stages: usize) -> usize {
     let rest = bessel_series(scratch, tau, 0.0);
     let cut = scratch.len().min(whole_degree + 1);
@@ -34,7 +34,8 @@ pub fn stage_degree(scratch: &mut Vec<f64>, tau: f64, whole_degree: usize, stage
 impl<'a> CommutatorFree<'a> {
     /// Scratch for vectors of `matrix` and batches whose modes take at most `largest_work`.
     pub fn new(matrix: &BlockMatrix, largest_work: usize, schedule: &'a Schedule) -> Self {
-        // A stage's series is shorter than that of the whole run, but for what its smaller error takes.
+        // A stage's series is shorter than that of the whole run, but for what its smaller error
+        // takes.
         let largest = largest_work + 60;
         Self {
             chebyshev: Chebyshev::new(matrix, largest),

@@ -7,9 +7,11 @@
 //! backward Euler    (I − Δt G) w' = w                    w' = z,       (I − Δt G) z = w
 //! ```
 //!
-//! Crank–Nicolson is unitary; backward Euler damps a component of frequency `ω` by `(1 + ω²Δt²)^{−½}` a step. Both commute with
-//! `G`, which gives the leading term of their error at `T` from the result alone: `n` steps are `exp(nΔt G')` with
-//! `G' = (2/Δt) artanh(Δt G/2) = G + Δt²G³/12 + …` and `G' = −(1/Δt) ln(I − Δt G) = G + Δt G²/2 + …`, so
+//! Crank–Nicolson is unitary; backward Euler damps a component of frequency `ω` by
+//! `(1 + ω²Δt²)^{−½}` a step. Both commute with `G`, which gives the leading term of their error at
+//! `T` from the result alone: `n` steps are `exp(nΔt G')` with
+//! `G' = (2/Δt) artanh(Δt G/2) = G + Δt²G³/12 + …` and
+//! `G' = −(1/Δt) ln(I − Δt G) = G + Δt G²/2 + …`, so
 //!
 //! ```text
 //! w_n − w(T) ≈ T Δt²/12 G³ w_n        and        w_n − w(T) ≈ T Δt/2 G² w_n
@@ -63,7 +65,8 @@ impl Implicit {
         })
     }
 
-    /// What `G^(order + 1) w` is multiplied by in the leading term of the error after `steps` steps that take `time`.
+    /// What `G^(order + 1) w` is multiplied by in the leading term of the error after `steps` steps
+    /// that take `time`.
     fn leading(&self, time: f64, steps: usize) -> f64 {
         let dt = time / steps as f64;
         match self.order {
@@ -92,11 +95,8 @@ impl Propagator for Implicit {
         let a = if self.order == 2 { 0.5 * dt } else { dt };
         let leading = self.leading(system.time, steps);
         let mut report = BatchReport {
-            phases: [Complex64::ONE; LANES],
-            tails: [0.0; LANES],
             unitary: self.order == 2,
-            applications: 0,
-            solves: 0,
+            ..BatchReport::unitary([Complex64::ONE; LANES])
         };
         self.state.fill(Lanes::ZERO);
         self.error.fill(Lanes::ZERO);

@@ -1,13 +1,14 @@
 //! Lanczos: the exponential in a Krylov space, restarted in time.
 //!
-//! With `H̃ = H − c`, `c` the centre of the spectral interval (see [`crate::propagate::chebyshev`]), the recurrence
+//! With `H̃ = H − c`, `c` the centre of the spectral interval (see
+//! [`crate::propagate::chebyshev`]), the recurrence
 //!
 //! ```text
 //! β_j u_{j+1} = (−iμS + K + ic + iα_j) u_j + β_{j−1} u_{j−1},     u_0 = w/‖w‖
 //! ```
 //!
-//! gives orthonormal `v_j = i^j u_j` with `H̃ v_j = β_{j−1} v_{j−1} + α_j v_j + β_j v_{j+1}`: in these vectors `H̃` is the real
-//! tridiagonal `T_m` of the `α` and `β`, and
+//! gives orthonormal `v_j = i^j u_j` with `H̃ v_j = β_{j−1} v_{j−1} + α_j v_j + β_j v_{j+1}`: in
+//! these vectors `H̃` is the real tridiagonal `T_m` of the `α` and `β`, and
 //!
 //! ```text
 //! exp(−iHτ) w ≈ ‖w‖ e^{−icτ} Σ_j y_j v_j,     y = exp(−iT_m τ) e_0
@@ -15,13 +16,17 @@
 //!
 //! (Park and Light 1986). Two bounds on its error, relative to `‖w‖`, choose the step `τ`:
 //!
-//! - before: twice that of the best polynomial of degree `m − 1` on the interval, hence at most `4 Σ_{k≥m} |J_k(hτ)|`;
-//! - after: the residual, `β_{m−1} ∫_0^τ |(exp(−iT_m s))_{m−1,0}| ds`, since `exp(−iHs)` is unitary (Hochbruck and Lubich
-//!   1997; Saad 1992). The integral is taken as an upper sum over steps in which the integrand rises.
+//! - before: twice that of the best polynomial of degree `m − 1` on the interval, hence at most
+//!   `4 Σ_{k≥m} |J_k(hτ)|`;
+//! - after: the residual, `β_{m−1} ∫_0^τ |(exp(−iT_m s))_{m−1,0}| ds`, since `exp(−iHs)` is unitary
+//!   (Hochbruck and Lubich 1997; Saad 1992). The integral is taken as an upper sum over steps in
+//!   which the integrand rises.
 //!
-//! A step is as long as either bound allows within the mode's tolerance times `τ/T`, so the whole run keeps it. The basis is
-//! not reorthogonalised: lost orthogonality costs the exponential no accuracy (Druskin and Knizhnerman 1991).
+//! A step is as long as either bound allows within the mode's tolerance times `τ/T`, so the whole
+//! run keeps it. The basis is not reorthogonalised: lost orthogonality costs the exponential no
+//! accuracy (Druskin and Knizhnerman 1991).
 
+use crate::base::bisect::bisect;
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes, StepConstants};
@@ -51,19 +56,12 @@ fn longest(scratch: &mut Vec<f64>, m: usize, slope: f64, most: f64) -> f64 {
     if bound_before(scratch, m, most) <= slope * most {
         return most;
     }
-    let (mut low, mut high) = (0.0, most);
-    for _ in 0..40 {
-        let middle = 0.5 * (low + high);
-        if bound_before(scratch, m, middle) <= slope * middle {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    low
+    let [longest, _] = bisect(0.0, most, 40, |x| bound_before(scratch, m, x) <= slope * x);
+    longest
 }
 
-/// The least dimension that keeps the error below `allowed` for `x = hτ`; [`DIMENSION`] if none does.
+/// The least dimension that keeps the error below `allowed` for `x = hτ`; [`DIMENSION`] if none
+/// does.
 fn dimension(scratch: &mut Vec<f64>, x: f64, allowed: f64) -> usize {
     bessel_series(scratch, x, 0.0);
     let mut rest = 0.0;
@@ -140,9 +138,9 @@ impl Projected {
         }
     }
 
-    /// Finds the eigenvalues and -vectors of the tridiagonal matrix of dimension `m` with `(α_j, β_j)` in `entry`; whether
-    /// they were found. QL iteration with implicit shifts (Dubrulle, Martin and Wilkinson 1968): unlike a general
-    /// routine it allocates nothing.
+    /// Finds the eigenvalues and -vectors of the tridiagonal matrix of dimension `m` with
+    /// `(α_j, β_j)` in `entry`; whether they were found. QL iteration with implicit shifts
+    /// (Dubrulle, Martin and Wilkinson 1968): unlike a general routine it allocates nothing.
     fn decompose(&mut self, m: usize, entry: impl Fn(usize) -> (f64, f64)) -> bool {
         const MOST_SWEEPS: usize = 100;
         let (d, q) = (&mut self.values, &mut self.vectors);
@@ -201,9 +199,9 @@ impl Projected {
         true
     }
 
-    /// The longest multiple of `piece` that `β ∫ |(exp(−iTs))_{m−1,0}| ds ≤ slope · s` allows, until `most` is passed; and
-    /// that integral.
-    fn follow(&mut self, m: usize, beta: f64, (piece, most): (f64, f64), slope: f64) -> (f64, f64) {
+    /// The longest multiple of `piece` that `β ∫ |(exp(−iTs))_{m−1,0}| ds ≤ slope · s` allows,
+    /// until `most` is passed; and that integral.
+    fn follow(&mut self, m: usize, beta: f64, piece: f64, most: f64, slope: f64) -> (f64, f64) {
         for k in 0..m {
             let product = self.vectors[k][0] * self.vectors[k][m - 1];
             self.terms[k] = product.into();
@@ -257,13 +255,15 @@ impl Krylov {
         }
     }
 
-    /// `u_0, …, u_m` and their `α`, `β` from the state, whose norms are `norms`. Collective over the space group.
+    /// `u_0, …, u_m` and their `α`, `β` from the state, whose norms are `norms`. Collective over
+    /// the space group.
     fn build(
         &mut self,
         system: &mut Evolution<'_>,
         constants: &mut StepConstants,
         norms: &[f64; LANES],
-        (m, sizes): (usize, &[f64; LANES]),
+        m: usize,
+        sizes: &[f64; LANES],
     ) {
         let rows = self.state.len();
         let inverse = norms.map(|n| if n > 0.0 { 1.0 / n } else { 0.0 });
@@ -314,6 +314,34 @@ impl Krylov {
         }
     }
 
+    /// What is guaranteed beforehand: each lane's step, at most the time it has `left` of `time`,
+    /// and the dimension that takes all of them.
+    fn guaranteed(
+        &mut self,
+        intervals: &[Interval; LANES],
+        batch: &BatchSpec,
+        time: f64,
+        left: &[f64; LANES],
+    ) -> ([f64; LANES], usize) {
+        let mut steps = [0.0; LANES];
+        let mut m = 1;
+        for l in (0..LANES).filter(|&l| left[l] > 0.0) {
+            let (h, slope) = (intervals[l].half_width, batch.tolerances[l] / time);
+            let most = self.step.unwrap_or(time).min(left[l]);
+            let series = &mut self.series;
+            if h == 0.0 {
+                steps[l] = most;
+                continue;
+            }
+            steps[l] = longest(series, DIMENSION, slope / h, h * most) / h;
+            if steps[l] >= most * (1.0 - 1e-12) {
+                steps[l] = most;
+            }
+            m = m.max(dimension(series, h * steps[l], slope * steps[l]));
+        }
+        (steps, m)
+    }
+
     /// `w ← Σ_j c_j u_j`.
     fn combine(&mut self, coefficients: &[[f64; 2 * LANES]]) {
         for (j, c) in coefficients.iter().enumerate() {
@@ -347,13 +375,8 @@ impl Propagator for Krylov {
     ) -> Result<BatchReport> {
         let time = system.time;
         let intervals = (batch.wavenumbers).map(|mu| Interval::new(mu, system.rate, system.growth));
-        let mut report = BatchReport {
-            phases: intervals.map(|i| Complex64::new(0.0, -i.centre * time).exp()),
-            tails: [0.0; LANES],
-            unitary: true,
-            applications: 0,
-            solves: 0,
-        };
+        let phases = intervals.map(|i| Complex64::new(0.0, -i.centre * time).exp());
+        let mut report = BatchReport::unitary(phases);
         let mut constants = StepConstants {
             scale: [1.0; LANES],
             shift: intervals.map(|i| i.centre),
@@ -374,30 +397,14 @@ impl Propagator for Krylov {
         let largest = initial.norms.into_iter().fold(0.0, f64::max);
         let mut left = [time; LANES];
         while left.iter().any(|&t| t > 0.0) && largest > 0.0 {
-            // What is guaranteed beforehand: the step, or the dimension that takes the lane to its end.
-            let mut steps = [0.0; LANES];
-            let mut m = 1;
-            for l in (0..LANES).filter(|&l| left[l] > 0.0) {
-                let (h, slope) = (intervals[l].half_width, batch.tolerances[l] / time);
-                let most = self.step.unwrap_or(time).min(left[l]);
-                let series = &mut self.series;
-                if h == 0.0 {
-                    steps[l] = most;
-                    continue;
-                }
-                steps[l] = longest(series, DIMENSION, slope / h, h * most) / h;
-                if steps[l] >= most * (1.0 - 1e-12) {
-                    steps[l] = most;
-                }
-                m = m.max(dimension(series, h * steps[l], slope * steps[l]));
-            }
+            let (steps, m) = self.guaranteed(&intervals, batch, time, &left);
             let squares = initial.norms.map(|norm| 2.0 * norm * norm);
             let norms = system.lane_sums(&squares, |i| {
                 let Lanes(w) = &self.state[i];
                 std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
             });
             let norms = norms.map(f64::sqrt);
-            self.build(system, &mut constants, &norms, (m, &sizes));
+            self.build(system, &mut constants, &norms, m, &sizes);
             report.applications += batch.modes * m;
 
             let mut coefficients = [[0.0; 2 * LANES]; DIMENSION];
@@ -411,7 +418,7 @@ impl Propagator for Krylov {
                     let slope = batch.tolerances[l] / time;
                     let piece = tau / PIECES;
                     let last = self.beta[m - 1][l];
-                    let (reach, bound) = self.projected.follow(m, last, (piece, most), slope);
+                    let (reach, bound) = self.projected.follow(m, last, piece, most, slope);
                     if reach >= tau {
                         (tau, error) = (reach.min(most), bound);
                     }
@@ -548,7 +555,8 @@ mod tests {
         let mut scratch = Vec::new();
         for (span, tolerance) in [(0.1, 1e-6), (20.0, 1e-6), (500.0, 1e-12)] {
             let whole = all(&mut scratch, span, 1.0, tolerance);
-            // A Chebyshev series of that accuracy is a polynomial of one piece: shorter, but not by much.
+            // A Chebyshev series of that accuracy is a polynomial of one piece: shorter, but not by
+            // much.
             bessel_series(&mut scratch, span, tolerance);
             let degree = scratch.len() - 1;
             assert!(

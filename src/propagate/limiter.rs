@@ -1,33 +1,38 @@
-//! Second order in `x` and `v` by limited slopes: what is added to the first-order right-hand side `A f + b`.
+//! Second order in `x` and `v` by limited slopes: what is added to the first-order right-hand side
+//! `A f + b`.
 //!
-//! The paper (remark after section 4.2) replaces the source `f` of a face by its value at the face, `f ± ½Δ s`. The scheme is
-//! linear in its sources, so this adds, axis by axis,
+//! The paper (remark after section 4.2) replaces the source `f` of a face by its value at the face,
+//! `f ± ½Δ s`. The scheme is linear in its sources, so this adds, axis by axis,
 //!
 //! ```text
 //! −|speed| (face of the cell itself − Σ weight · face of the source),   face = ± half,
 //! half_i = ½ (f_{i+1} − f_i) ψ(θ_i),  θ_i = (f_i − f_{i−1})/(f_{i+1} − f_i)
 //! ```
 //!
-//! with `+` at an upper and `−` at a lower face, and the weights of [`Scheme::neighbour`], those of `A`; with `ψ = 0` nothing is
-//! added. `ψ` is minmod or van Leer, both symmetric in the two differences.
+//! with `+` at an upper and `−` at a lower face, and the weights of [`Scheme::neighbour`], those of
+//! `A`; with `ψ = 0` nothing is added. `ψ` is minmod or van Leer, both symmetric in the two
+//! differences.
 //!
-//! **Next to a jump** `f_{i±1}` at the same velocity belongs to another energy. The difference is taken along the path instead:
-//! `f` behind the face at the same energy, transmitted or reflected, `Σ weight · f` once more. So a face value always lies
-//! between `f_i` and a mean of what the path goes through, and the maximum principle holds across jumps too: forward Euler
-//! keeps `min f, max f` while `dt · rate · (1 + ½ max ψ) ≤ 1` (Harten 1983), [`longest_step`], and so does every convex
-//! combination of such steps.
+//! **Next to a jump** `f_{i±1}` at the same velocity belongs to another energy. The difference is
+//! taken along the path instead: `f` behind the face at the same energy, transmitted or reflected,
+//! `Σ weight · f` once more. So a face value always lies between `f_i` and a mean of what the path
+//! goes through, and the maximum principle holds across jumps too: forward Euler keeps
+//! `min f, max f` while `dt · rate · (1 + ½ max ψ) ≤ 1` (Harten 1983), [`longest_step`], and so
+//! does every convex combination of such steps.
 //!
-//! **At the box's ends** the ghost cell holds the inflow. Its own slope is not known: the face takes the mean of the
-//! ghost and the cell. Where particles leave there is nothing beyond, and the slope is zero.
+//! **At the box's ends** the ghost cell holds the inflow. Its own slope is not known: the face
+//! takes the mean of the ghost and the cell. Where particles leave there is nothing beyond, and the
+//! slope is zero.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::parallel::communicator::GhostExchange;
-use crate::parallel::partition::Place;
+use crate::parallel::partition::LocalIndex;
 use crate::problem::case::{Case, Limiter};
 use crate::scheme::rows::{Row, Scheme};
 
-/// The longest step of forward Euler that keeps the maximum principle, times the largest rate: `1/(1 + ½ max ψ)`.
+/// The longest step of forward Euler that keeps the maximum principle, times the largest rate:
+/// `1/(1 + ½ max ψ)`.
 pub fn longest_step(limiter: Limiter) -> f64 {
     match limiter {
         Limiter::None => 1.0,
@@ -126,10 +131,10 @@ impl Reconstruction {
             limiter: case.limiter,
             velocity_cells: matrix.block.velocity_cells,
             transport: (0..n)
-                .map(|a| Transport::new(case, &scheme, matrix, (a, field), &mut row))
+                .map(|a| Transport::new(case, &scheme, matrix, a, field, &mut row))
                 .collect(),
             force: (0..n)
-                .map(|a| Force::new(case, &scheme, matrix, (a, field), &mut row))
+                .map(|a| Force::new(case, &scheme, matrix, a, field, &mut row))
                 .filter(|force| force.speed.iter().any(|&d| d != 0.0))
                 .collect(),
             half: vec![0.0; matrix.length()],
@@ -138,7 +143,8 @@ impl Reconstruction {
         Ok(Some(this))
     }
 
-    /// `image ← image +` the second-order part for `state`, whose ghosts are fresh. Collective over the space group.
+    /// `image ← image +` the second-order part for `state`, whose ghosts are fresh. Collective over
+    /// the space group.
     pub fn add(
         &mut self,
         exchange: &mut GhostExchange,
@@ -165,14 +171,15 @@ impl Transport {
         case: &Case,
         scheme: &Scheme<'_>,
         matrix: &BlockMatrix,
-        (axis, field): (usize, usize),
+        axis: usize,
+        field: usize,
         row: &mut Row,
     ) -> Self {
         let (space, block) = (&case.space, &matrix.block);
         let (nv, rows) = (block.velocity_cells, matrix.rows());
-        let local = |global: usize| match block.place(global) {
-            Some(Place::Own(i)) => Some(i as u32),
-            Some(Place::Ghost(g)) => Some((rows + g) as u32),
+        let local = |global: usize| match block.local(global) {
+            Some(LocalIndex::Own(i)) => Some(i as u32),
+            Some(LocalIndex::Ghost(g)) => Some((rows + g) as u32),
             None => None,
         };
         let mut this = Self {
@@ -282,7 +289,8 @@ impl Transport {
                     Beyond::Faces(first) => {
                         let face = &self.faces[first as usize + v];
                         for share in self.shares(face) {
-                            // Through this face the source across goes on, the reflected one comes back.
+                            // Through this face the source across goes on, the reflected one comes
+                            // back.
                             let signed = if share.same { -speed } else { speed };
                             image[i] += signed * share.weight * half[share.column as usize];
                         }
@@ -300,7 +308,8 @@ impl Force {
         case: &Case,
         scheme: &Scheme<'_>,
         matrix: &BlockMatrix,
-        (a, field): (usize, usize),
+        a: usize,
+        field: usize,
         row: &mut Row,
     ) -> Self {
         let (space, block) = (&case.space, &matrix.block);

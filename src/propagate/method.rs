@@ -1,7 +1,7 @@
 //! The interface of propagators.
 //!
-//! [`Propagator`] propagates batches of an [`Evolution`]; [`Descriptor`] is what a plan needs to know of
-//! it beforehand.
+//! [`Propagator`] propagates batches of an [`Evolution`]; [`Descriptor`] is what a plan needs to
+//! know of it beforehand.
 
 use crate::base::error::Result;
 use crate::base::fixed_point::FixedPoint;
@@ -33,9 +33,10 @@ pub struct Evolution<'a> {
 }
 
 impl Evolution<'_> {
-    /// Sums of `term(row)` over all unknowns, by lane, where a sum's terms add up to no more than `bounds[l]` in magnitude:
-    /// over the velocities at each point of space, then exactly over space and ranks, so that the bits do not depend on
-    /// the partition. Collective over the space group; allocates nothing.
+    /// Sums of `term(row)` over all unknowns, by lane, where a sum's terms add up to no more than
+    /// `bounds[l]` in magnitude: over the velocities at each point of space, then exactly over
+    /// space and ranks, so that the bits do not depend on the partition. Collective over the space
+    /// group; allocates nothing.
     pub fn lane_sums(
         &self,
         bounds: &[f64; LANES],
@@ -62,8 +63,8 @@ impl Evolution<'_> {
     }
 }
 
-/// The rows that are always together on a rank: the velocities at each point of space, then each auxiliary unknown; one that
-/// the ranks share on the first of them.
+/// The rows that are always together on a rank: the velocities at each point of space, then each
+/// auxiliary unknown; one that the ranks share on the first of them.
 pub(crate) fn pieces(matrix: &BlockMatrix) -> impl Iterator<Item = Range<usize>> {
     let (nv, cells) = (matrix.block.velocity_cells, matrix.block.cells());
     let points = (0..cells / nv).map(move |c| c * nv..(c + 1) * nv);
@@ -121,8 +122,8 @@ pub struct BatchSpec {
     pub wavenumbers: [f64; LANES],
     /// Relative error that each lane is allowed.
     pub tolerances: [f64; LANES],
-    /// What the plan says each lane's mode takes: applications (Chebyshev: its degree), or steps of an implicit method, which are
-    /// as many in every lane; unused lanes repeat the last.
+    /// What the plan says each lane's mode takes: applications (Chebyshev: its degree), or steps of
+    /// an implicit method, which are as many in every lane; unused lanes repeat the last.
     pub work: [usize; LANES],
 }
 
@@ -138,20 +139,34 @@ impl BatchSpec {
 pub struct BatchReport {
     /// Factor of each lane that [`Propagator::state`] leaves out.
     pub phases: [Complex64; LANES],
-    /// Bound on the relative error of each lane from cutting a series or a Krylov space, or from solving to a residual; the
-    /// norm must not change by more, round-off aside. The error of an implicit step is not in it.
+    /// Bound on the relative error of each lane from cutting a series or a Krylov space, or from
+    /// solving to a residual; the norm must not change by more, round-off aside. The error of an
+    /// implicit step is not in it.
     pub tails: [f64; LANES],
     /// Whether the method keeps the norm.
     pub unitary: bool,
-    /// Applications of `(−iμS + K)`, over the modes of the batch: for a Chebyshev series the terms of each mode's own, whatever
-    /// the others take.
+    /// Applications of `(−iμS + K)`, over the modes of the batch: for a Chebyshev series the terms
+    /// of each mode's own, whatever the others take.
     pub applications: usize,
     /// Linear systems solved, over the modes of the batch.
     pub solves: usize,
 }
 
-/// A method that applies `exp(−iHT)` to the modes of a batch. Scratch is made once; propagating allocates nothing, but for
-/// what factorising a mode's matrix takes.
+impl BatchReport {
+    /// Of a method that keeps the norm, with nothing counted yet.
+    pub(super) fn unitary(phases: [Complex64; LANES]) -> Self {
+        Self {
+            phases,
+            tails: [0.0; LANES],
+            unitary: true,
+            applications: 0,
+            solves: 0,
+        }
+    }
+}
+
+/// A method that applies `exp(−iHT)` to the modes of a batch. Scratch is made once; propagating
+/// allocates nothing, but for what factorising a mode's matrix takes.
 pub trait Propagator {
     /// Propagates `initial` in every lane. Collective over the space group.
     ///
@@ -164,17 +179,18 @@ pub trait Propagator {
         initial: &Initial<'_>,
     ) -> Result<BatchReport>;
 
-    /// `w(T)` of the batch that was propagated last, on this rank's rows, but for the lanes' phases.
+    /// `w(T)` of the batch that was propagated last, on this rank's rows, but for the lanes'
+    /// phases.
     fn state(&self) -> &[Lanes];
 
-    /// Leading term of the error that the time step leaves in [`state`](Self::state); `None` where the method meets its
-    /// tolerance by itself.
+    /// Leading term of the error that the time step leaves in [`state`](Self::state); `None` where
+    /// the method meets its tolerance by itself.
     fn step_error(&self) -> Option<&[Lanes]> {
         None
     }
 
-    /// Bound on the norm of [`step_error`](Self::step_error) for wavenumbers up to `mu` and so many steps, beside that of the
-    /// initial state.
+    /// Bound on the norm of [`step_error`](Self::step_error) for wavenumbers up to `mu` and so many
+    /// steps, beside that of the initial state.
     fn largest_step_error(&self, _system: &Evolution<'_>, _mu: f64, _steps: usize) -> f64 {
         0.0
     }
@@ -183,13 +199,13 @@ pub trait Propagator {
 /// How the modes of a batch are coupled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BatchCoupling {
-    /// Side by side in the lanes, each with the bits it would have alone: a batch takes as long as its
-    /// longest mode.
+    /// Side by side in the lanes, each with the bits it would have alone: a batch takes as long as
+    /// its longest mode.
     Independent,
     /// Side by side, the bits of each depend on the others: batches are fixed blocks of neighbours.
     Coupled,
-    /// One after the other, each with the bits it would have alone: a batch takes as long as its modes
-    /// together.
+    /// One after the other, each with the bits it would have alone: a batch takes as long as its
+    /// modes together.
     Sequential,
 }
 

@@ -1,11 +1,14 @@
 //! Linear systems `(I − aG) z = w` with `G = −iμS + K`, one mode at a time.
 //!
-//! `G` is skew-Hermitian, so `M = I − aG` is normal, its eigenvalues lie on `1 + i[−a‖H‖, a‖H‖]`, `‖M⁻¹‖ ≤ 1`: a residual bounds
-//! the error. The part of `M` on this rank's rows has the same form. It is factorised by a sparse LU, whose symbolic part is
-//! done once. Where one rank holds the space that solves the system; where it is split, it is the preconditioner (block
-//! Jacobi) of GMRES, restarted. Either way the residual of the whole system is computed and must come below a limit.
+//! `G` is skew-Hermitian, so `M = I − aG` is normal, its eigenvalues lie on `1 + i[−a‖H‖, a‖H‖]`,
+//! `‖M⁻¹‖ ≤ 1`: a residual bounds the error. The part of `M` on this rank's rows has the same form.
+//! It is factorised by a sparse LU, whose symbolic part is done once. Where one rank holds the
+//! space that solves the system; where it is split, it is the preconditioner (block Jacobi) of
+//! GMRES, restarted. Either way the residual of the whole system is computed and must come below a
+//! limit.
 //!
-//! Sums over ranks go through fixed-point integers: the bits depend on how space is split, not on timing or mode groups.
+//! Sums over ranks go through fixed-point integers: the bits depend on how space is split, not on
+//! timing or mode groups.
 
 use crate::base::error::{Error, Result};
 use crate::base::fixed_point::FixedPoint;
@@ -31,11 +34,12 @@ pub const REFINEMENTS: usize = 2;
 /// Iterations after which a system is given up.
 const MOST_ITERATIONS: usize = 3000;
 
-/// Bytes a row that the factors and their workspace take at the fullest, from measurements on grids of one to three
-/// dimensions (docs/numerics.md): not a bound, but up to four times too much.
+/// Bytes a row that the factors and their workspace take at the fullest, from measurements on grids
+/// of one to three dimensions (docs/numerics.md): not a bound, but up to four times too much.
 ///
-/// Unknowns that a cell's rows are coupled to form a grid of the x-axes, and of the v-axes where a force moves particles along them.
-/// Chains fill little, two axes like `log` of the grid, more like its largest separator.
+/// Unknowns that a cell's rows are coupled to form a grid of the x-axes, and of the v-axes where a
+/// force moves particles along them. Chains fill little, two axes like `log` of the grid, more like
+/// its largest separator.
 pub fn factor_bytes(share: &MatrixShare<'_>) -> f64 {
     let MatrixShare {
         case, bounds, mesh, ..
@@ -123,7 +127,8 @@ impl Local {
         let count = matrix.rows();
         let (mut offsets, mut rows) = (vec![0usize], Vec::new());
         for j in 0..count {
-            // The pattern is symmetric: row j lists the rows of column j. Auxiliary unknowns have no diagonal entry.
+            // The pattern is symmetric: row j lists the rows of column j. Auxiliary unknowns have
+            // no diagonal entry.
             rows.extend(matrix.row(j).map(|e| e.0).filter(|&i| i < count && i != j));
             rows.push(j);
             // Rows are in the order of global columns, not of local ones.
@@ -225,7 +230,8 @@ impl Shifted {
         system.space.agree(done)
     }
 
-    /// `z ← M⁻¹ w`, `w` of norm at most `norm`; `w` and `z` have room for ghosts. Collective over the space group.
+    /// `z ← M⁻¹ w`, `w` of norm at most `norm`; `w` and `z` have room for ghosts. Collective over
+    /// the space group.
     ///
     /// # Errors
     /// [`Error::Solver`] where the residual does not come below its limit, on all ranks.
@@ -270,7 +276,7 @@ impl Shifted {
                 });
             }
             before = found;
-            applications += gmres.improve(local, system, z, (found, aim * norm), size);
+            applications += gmres.improve(local, system, z, found, aim * norm, size);
         }
     }
 }
@@ -316,7 +322,8 @@ impl Gmres {
         }
     }
 
-    /// `products[k] ← ⟨v_k, v_count⟩` for `k < count`, of magnitude at most `bound`. Collective over the space group.
+    /// `products[k] ← ⟨v_k, v_count⟩` for `k < count`, of magnitude at most `bound`. Collective
+    /// over the space group.
     fn project(&mut self, system: &Evolution<'_>, count: usize, bound: f64) {
         let fixed = FixedPoint::new(bound, system.terms);
         let integers = &mut self.integers[..4 * count];
@@ -339,14 +346,15 @@ impl Gmres {
         }
     }
 
-    /// `z ← z + P⁻¹ Σ y_k v_k` with the `y` that makes the residual smallest in a Krylov space of `M P⁻¹`; until its norm,
-    /// at first `from`, is below `goal`. Returns the applications.
+    /// `z ← z + P⁻¹ Σ y_k v_k` with the `y` that makes the residual smallest in a Krylov space of
+    /// `M P⁻¹`; until its norm, at first `from`, is below `goal`. Returns the applications.
     fn improve(
         &mut self,
         local: &mut Local,
         system: &mut Evolution<'_>,
         z: &mut [Complex64],
-        (from, goal): (f64, f64),
+        from: f64,
+        goal: f64,
         size: f64,
     ) -> usize {
         let (rows, stride, restart) = (system.matrix.rows(), self.length, self.restart);

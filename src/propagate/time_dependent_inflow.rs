@@ -1,29 +1,31 @@
 //! Inflow that depends on time: `f' = A f + b(t)`.
 //!
-//! A step of length `h` from `t` is two exponentials of length `h/2`, each with a constant inflow: the commutator-free
-//! scheme of order 4 (Blanes and Moan 2006; Alvermann and Fehske 2011, CF4:2) with the Gauss nodes `t + (½ ∓ √3/6) h`,
-//! where `b` is `b_1` and `b_2`:
+//! A step of length `h` from `t` is two exponentials of length `h/2`, each with a constant inflow:
+//! the commutator-free scheme of order 4 (Blanes and Moan 2006; Alvermann and Fehske 2011, CF4:2)
+//! with the Gauss nodes `t + (½ ∓ √3/6) h`, where `b` is `b_1` and `b_2`:
 //!
 //! ```text
 //! first  half: b̄ = (½ + √3/3) b_1 + (½ − √3/3) b_2
 //! second half: b̄ = (½ − √3/3) b_1 + (½ + √3/3) b_2
 //! ```
 //!
-//! (`A` itself is constant, and the two weights add up to 1.) Schrödingerization of a stage, whose generator is constant,
-//! is exact: what is recovered from the modes is the product of the stages' real exponentials. So the error of the time
-//! steps is that of the same scheme applied to `f' = A f + b(t)` directly, and one real vector tells how many steps a
-//! tolerance takes: they are doubled, and from the ratio `q` by which the distance `d` of two runs fell (16 at order 4, less
-//! where the steps are too long or `b` is rough; 16 at most is believed, and 4 until there is a ratio) the error of the
-//! finer of them is `d/(q − 1)`, that of the coarser `d q/(q − 1)`.
+//! (`A` itself is constant, and the two weights add up to 1.) Schrödingerization of a stage, whose
+//! generator is constant, is exact: what is recovered from the modes is the product of the stages'
+//! real exponentials. So the error of the time steps is that of the same scheme applied to
+//! `f' = A f + b(t)` directly, and one real vector tells how many steps a tolerance takes: they are
+//! doubled, and from the ratio `q` by which the distance `d` of two runs fell (16 at order 4, less
+//! where the steps are too long or `b` is rough; 16 at most is believed, and 4 until there is a
+//! ratio) the error of the finer of them is `d/(q − 1)`, that of the coarser `d q/(q − 1)`.
 //!
-//! The couplings of a stage are `κ_i = b̄_i/δ_i`, `r_i(0) = δ_i`, with the `δ_i` that make the largest of them over the stages
-//! what [`crate::matrix::embedding`] allows.
+//! The couplings of a stage are `κ_i = b̄_i/δ_i`, `r_i(0) = δ_i`, with the `δ_i` that make the
+//! largest of them over the stages what [`crate::matrix::embedding`] allows.
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::machine::available_memory;
 use crate::base::text::bytes_text;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::INFLOW_GROWTH;
+use crate::matrix::inflow::Inflow;
 use crate::parallel::communicator::{Communicator, GhostExchange};
 use crate::problem::case::{Case, Delta, Embedding};
 use crate::problem::grid::describe_point;
@@ -122,7 +124,8 @@ pub fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
     Ok(largest)
 }
 
-/// `‖f‖`, the weights undone, of what `f` gives row by row of the block's cells. Collective over the space group.
+/// `‖f‖`, the weights undone, of what `f` gives row by row of the block's cells. Collective over
+/// the space group.
 fn norm(
     communicator: &Communicator,
     case: &Case,
@@ -136,7 +139,8 @@ fn norm(
     sum.sqrt()
 }
 
-/// Refuses so many steps that their couplings, in this run and the one before, do not fit into the memory. Not collective.
+/// Refuses so many steps that their couplings, in this run and the one before, do not fit into the
+/// memory. Not collective.
 ///
 /// # Errors
 /// [`Error::Memory`].
@@ -154,27 +158,82 @@ fn fits(matrix: &BlockMatrix, steps: usize) -> Result<()> {
     })
 }
 
-/// Finds the number of steps that `case.tolerance` takes, and the couplings of their stages; `start` is the weighted field
-/// at time zero. Collective.
+/// The field that a schedule is found for.
+pub struct WeightedField<'a> {
+    /// Weights `π` of the rows.
+    pub weights: &'a [f64],
+    /// The weighted field at time zero.
+    pub state: &'a [f64],
+    /// Bound on `max |A_ii|`.
+    pub rate: f64,
+}
+
+/// A run of so many steps, of the real field itself.
+struct Run {
+    /// `b̄_i`, stage by stage.
+    values: Vec<f64>,
+    /// The weighted field at the end.
+    state: Vec<f64>,
+}
+
+/// Runs of the real field, to see how many steps they take.
+struct Search<'a> {
+    case: &'a Case,
+    matrix: &'a BlockMatrix,
+    communicator: &'a Communicator,
+    start: &'a WeightedField<'a>,
+    /// `√π` of the rows that something enters.
+    roots: Vec<f64>,
+}
+
+impl Search<'_> {
+    /// The run of `steps` steps. Collective.
+    fn run(&self, exchange: &mut GhostExchange, steps: usize) -> Result<Run> {
+        let world = &self.communicator.world;
+        world.agree(fits(self.matrix, steps))?;
+        let values = stage_values(self.case, self.matrix, steps);
+        let (rows, stages) = (self.matrix.inflow.len(), 2 * steps);
+        let span = (self.start.rate, self.case.end / stages as f64);
+        let mut state = self.start.state.to_vec();
+        let mut classical = Classical::new(self.matrix);
+        // Ranks that nothing enters take part in the others' exchanges.
+        for k in 0..stages {
+            let stage = &values[k * rows..(k + 1) * rows];
+            classical.hold(stage.iter().zip(&self.roots).map(|(b, root)| b * root));
+            classical.exponential(exchange, &mut state, span, NEGLIGIBLE);
+        }
+        Ok(Run { values, state })
+    }
+
+    /// `‖f‖` of what `f` gives in weighted unknowns. Collective over the space group.
+    fn norm(&self, f: impl Fn(usize) -> f64) -> f64 {
+        let unweighted = |i: usize| f(i) / self.start.weights[i].sqrt();
+        norm(self.communicator, self.case, self.matrix, unweighted)
+    }
+
+    /// Whether a run sees the inflow: steps so long that they miss a pulse agree with each other,
+    /// too. Collective over the space group.
+    fn sees(&self, run: &Run, largest: f64) -> bool {
+        let found = run.values.iter().fold(0.0, |m: f64, b| m.max(b.abs()));
+        self.communicator.space.max(found) >= 0.9 * largest
+    }
+}
+
+/// Finds the number of steps that `case.tolerance` takes, and the couplings of their stages.
+/// Collective.
 ///
 /// # Errors
-/// [`Error::Formula`] where the inflow is not finite, [`Error::Tolerance`] for one below what so many roundings allow,
-/// [`Error::Input`] where it varies too fast.
+/// [`Error::Formula`] where the inflow is not finite, [`Error::Tolerance`] for one below what so
+/// many roundings allow, [`Error::Input`] where it varies too fast.
 pub fn schedule(
     case: &Case,
     matrix: &BlockMatrix,
     exchange: &mut GhostExchange,
     communicator: &Communicator,
-    (pi, start, rate): (&[f64], &[f64], f64),
+    start: &WeightedField<'_>,
 ) -> Result<Schedule> {
-    let space = &communicator.space;
     let largest = communicator.world.agree(sampled(case, matrix))?;
-    let largest = space.max(largest);
-    let root: Vec<f64> = matrix
-        .inflow
-        .iter()
-        .map(|aux| pi[aux.row as usize].sqrt())
-        .collect();
+    let largest = communicator.space.max(largest);
     if case.tolerance < SMALLEST {
         return Err(Error::Tolerance {
             place: case.tolerance_place.clone(),
@@ -184,150 +243,116 @@ pub fn schedule(
             growth: 0.0,
         });
     }
+    let roots = (matrix.inflow.iter())
+        .map(|aux| start.weights[aux.row as usize].sqrt())
+        .collect();
+    let search = Search {
+        case,
+        matrix,
+        communicator,
+        start,
+        roots,
+    };
     let goal = TIME_SHARE * case.tolerance;
-    // The run with half as many steps: its field, its inflow; and the last distance.
-    let mut before: Option<(Vec<f64>, Vec<f64>)> = None;
-    let mut last = f64::NAN;
+    // The run of half as many steps, and the distance of the last two.
+    let (mut coarse, mut last) = (search.run(exchange, STEPS.0)?, f64::NAN);
     let mut steps = STEPS.0;
-    let (values, error, end) = loop {
-        communicator.world.agree(fits(matrix, steps))?;
-        let values = stage_values(case, matrix, steps);
-        let largest_of =
-            |values: &[f64]| space.max(values.iter().fold(0.0, |m: f64, b| m.max(b.abs())));
-        let mut state = start.to_vec();
-        let stage_time = case.end / (2 * steps) as f64;
-        let mut classical = Classical::new(matrix);
-        for stage in values.chunks(matrix.inflow.len().max(1)) {
-            classical.hold(stage.iter().zip(&root).map(|(b, root)| b * root));
-            classical.exponential(exchange, &mut state, (rate, stage_time), NEGLIGIBLE);
+    let (run, steps, error, norm) = loop {
+        let fine = search.run(exchange, 2 * steps)?;
+        let norm = search.norm(|i| fine.state[i]);
+        let distance = match search.norm(|i| fine.state[i] - coarse.state[i]) {
+            0.0 => 0.0,
+            distance => distance / norm,
+        };
+        let ratio = if last.is_nan() || distance == 0.0 {
+            4.0
+        } else {
+            (last / distance).clamp(1.5, 16.0)
+        };
+        last = distance;
+        let error = distance / (ratio - 1.0);
+        if error * ratio <= goal && search.sees(&coarse, largest) {
+            break (coarse, steps, error * ratio, norm);
         }
-        if matrix.inflow.is_empty() {
-            // Ranks that nothing enters take part in the others' exchanges.
-            for _ in 0..2 * steps {
-                classical.exponential(exchange, &mut state, (rate, stage_time), NEGLIGIBLE);
-            }
+        if error <= goal && search.sees(&fine, largest) {
+            break (fine, 2 * steps, error, norm);
         }
-        let end = norm(communicator, case, matrix, |i| state[i] / pi[i].sqrt());
-        if let Some((coarse, coarse_values)) = before.take() {
-            let distance = norm(communicator, case, matrix, |i| {
-                (state[i] - coarse[i]) / pi[i].sqrt()
-            });
-            let distance = if distance == 0.0 { 0.0 } else { distance / end };
-            let fell = if last.is_nan() || distance == 0.0 {
-                4.0
-            } else {
-                (last / distance).clamp(1.5, 16.0)
-            };
-            last = distance;
-            let error = distance / (fell - 1.0);
-            // Steps so long that they miss a pulse agree too.
-            let seen = |values: &[f64]| largest_of(values) >= 0.9 * largest;
-            if error * fell <= goal && seen(&coarse_values) {
-                steps /= 2;
-                break (coarse_values, error * fell, end);
-            }
-            if error <= goal && seen(&values) {
-                break (values, error, end);
-            }
-            if steps >= STEPS.1 || error.is_nan() {
-                return Err(Error::Input(format!(
-                    "{}: what enters changes too fast for {steps} steps of time: the field is known to {error:.1e}, \
-                     {goal:.1e} wanted; a smoother function of t, a smaller time.end or a larger solver.tolerance",
-                    case.fields[0].entering().place()
-                )));
-            }
+        if 2 * steps >= STEPS.1 || error.is_nan() {
+            return Err(Error::Input(format!(
+                "{}: what enters changes too fast for {} steps of time: the field is known to {error:.1e}, \
+                 {goal:.1e} wanted; a smoother function of t, a smaller time.end or a larger solver.tolerance",
+                case.fields[0].entering().place(),
+                2 * steps
+            )));
         }
-        before = Some((state, values));
-        steps *= 2;
+        (coarse, steps) = (fine, 2 * steps);
     };
     let mut schedule = Schedule {
         steps,
         error,
-        norm: end,
+        norm,
         ..Schedule::default()
     };
-    couple(
-        case,
-        matrix,
-        communicator,
-        (values, &root, largest),
-        &mut schedule,
-    );
+    schedule.couple(&search, run.values, largest);
     Ok(schedule)
 }
 
-/// From `b̄_i` to couplings and auxiliary unknowns. Collective over the space group.
-fn couple(
-    case: &Case,
-    matrix: &BlockMatrix,
-    communicator: &Communicator,
-    (values, root, largest): (Vec<f64>, &[f64], f64),
-    schedule: &mut Schedule,
-) {
-    let rows = matrix.inflow.len();
-    let space = &communicator.space;
-    let allowed = INFLOW_GROWTH / case.end;
-    let given = match case.warp.delta {
-        Delta::Planned => None,
-        Delta::Largest => Some(largest),
-        Delta::Given(delta) => Some(delta),
-    };
-    let mut most = vec![0.0f64; rows];
-    for stage in values.chunks(rows.max(1)) {
-        for (most, b) in most.iter_mut().zip(stage) {
-            *most = most.max(b.abs());
-        }
-    }
-    schedule.couplings = values;
-    if case.warp.inflow == Embedding::Scalar {
-        let count = space.sum_count(rows);
-        let share = |((aux, root), b): ((&crate::matrix::embedding::Inflow, &f64), &f64)| {
-            let weighted = root * b;
-            [if *b == 0.0 {
-                0.0
-            } else {
-                weighted * weighted / (2.0 * aux.draw)
-            }]
+impl Schedule {
+    /// Couplings and auxiliary unknowns from the values `b̄_i`, stage by stage, where `largest` is
+    /// the largest inflow. Collective over the space group.
+    fn couple(&mut self, search: &Search<'_>, values: Vec<f64>, largest: f64) {
+        let (inflow, roots) = (&search.matrix.inflow, &search.roots);
+        let (space, warp) = (&search.communicator.space, &search.case.warp);
+        let rows = inflow.len();
+        let allowed = INFLOW_GROWTH / search.case.end;
+        let given = match warp.delta {
+            Delta::Planned => None,
+            Delta::Largest => Some(largest),
+            Delta::Given(delta) => Some(delta),
         };
-        let [sum] = space.sum_lanes(count, matrix.inflow.iter().zip(root).zip(&most).map(share));
-        let delta = given.unwrap_or((sum / allowed).sqrt());
-        let scale = |root: &f64| if delta > 0.0 { root / delta } else { 0.0 };
-        for stage in schedule.couplings.chunks_mut(rows.max(1)) {
-            stage
-                .iter_mut()
-                .zip(root)
-                .for_each(|(k, root)| *k *= scale(root));
+        let mut most = vec![0.0f64; rows];
+        for stage in values.chunks(rows.max(1)) {
+            for (most, b) in most.iter_mut().zip(stage) {
+                *most = most.max(b.abs());
+            }
         }
-        schedule.envelope = most
-            .iter()
-            .zip(root)
-            .map(|(b, root)| b * scale(root))
+        let scalar = warp.inflow == Embedding::Scalar;
+        let deltas: Vec<f64> = if scalar {
+            // Σ b²/(2 g), weighted.
+            let share = |((aux, root), b): ((&Inflow, &f64), &f64)| {
+                let weighted = root * b;
+                [match *b {
+                    0.0 => 0.0,
+                    _ => weighted * weighted / (2.0 * aux.draw),
+                }]
+            };
+            let terms = inflow.iter().zip(roots).zip(&most).map(share);
+            let [sum] = space.sum_lanes(space.sum_count(rows), terms);
+            let delta = given.unwrap_or((sum / allowed).sqrt());
+            self.unknowns = vec![delta];
+            vec![delta; rows]
+        } else {
+            let own = |(aux, most): (&Inflow, &f64)| match given {
+                Some(delta) => delta,
+                None if *most == 0.0 => 0.0,
+                None => most / (2.0 * aux.draw * allowed).sqrt(),
+            };
+            let deltas: Vec<f64> = inflow.iter().zip(&most).map(own).collect();
+            self.unknowns = deltas.iter().zip(roots).map(|(d, root)| d * root).collect();
+            deltas
+        };
+        let coupling = |m: usize, b: f64| match (deltas[m] > 0.0, scalar) {
+            (true, true) => b * (roots[m] / deltas[m]),
+            (true, false) => b / deltas[m],
+            (false, true) => b * 0.0,
+            (false, false) => 0.0,
+        };
+        self.couplings = values;
+        for stage in self.couplings.chunks_mut(rows.max(1)) {
+            (stage.iter_mut().enumerate()).for_each(|(m, k)| *k = coupling(m, *k));
+        }
+        self.envelope = (most.iter().enumerate())
+            .map(|(m, &b)| coupling(m, b))
             .collect();
-        schedule.unknowns = vec![delta];
-        return;
     }
-    let delta: Vec<f64> = (matrix.inflow.iter().zip(&most))
-        .map(|(aux, most)| match given {
-            Some(delta) => delta,
-            None if *most == 0.0 => 0.0,
-            None => most / (2.0 * aux.draw * allowed).sqrt(),
-        })
-        .collect();
-    let ratio = |b: f64, delta: f64| if delta > 0.0 { b / delta } else { 0.0 };
-    for stage in schedule.couplings.chunks_mut(rows.max(1)) {
-        stage
-            .iter_mut()
-            .zip(&delta)
-            .for_each(|(k, delta)| *k = ratio(*k, *delta));
-    }
-    schedule.envelope = most
-        .iter()
-        .zip(&delta)
-        .map(|(b, delta)| ratio(*b, *delta))
-        .collect();
-    schedule.unknowns = delta
-        .iter()
-        .zip(root)
-        .map(|(delta, root)| delta * root)
-        .collect();
 }

@@ -13,7 +13,7 @@
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::parallel::communicator::Group;
-use crate::parallel::partition::{Block, Place};
+use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::describe_point;
 use crate::problem::potential::Potential;
@@ -155,7 +155,7 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
                     }
                 }
                 for &column in &*list {
-                    if let Some(Place::Own(j)) = block.place(column) {
+                    if let Some(LocalIndex::Own(j)) = block.local(column) {
                         columns[part][j] += 1;
                     }
                 }

@@ -303,7 +303,7 @@ fn write_all(
     let (mut transpose, mut all, mut values) = spread.buffers(&transform);
     let modes = transform.modes();
     spread.rounds(spread.cells_at_once(points), |cells, slab| {
-        transpose.to_cells((kept.values(), kept.rows()), cells, &mut all);
+        transpose.to_cells(kept.values(), kept.rows(), cells, &mut all);
         let own = cells[transpose.rank()].clone();
         let values = &mut values[..own.len() * points];
         let lines = all.chunks_exact(modes).zip(values.chunks_exact_mut(points));
@@ -422,7 +422,7 @@ impl Given {
             for (cell, (modes, values)) in own.zip(lines) {
                 transform.to_modes(values, spread.pi[cell].sqrt(), modes);
             }
-            transpose.to_modes(&all, cells, (kept.values_mut(), rows));
+            transpose.to_modes(&all, cells, kept.values_mut(), rows);
             Ok(())
         })?;
         // Files of other programs carry none.

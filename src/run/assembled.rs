@@ -33,10 +33,16 @@ impl Assembled {
         (here, width): (&Resources, usize),
     ) -> Result<Self> {
         let expected = Plan::provisional(case, bounds, here)?;
-        let (mesh, patience) = (&expected.layout.mesh, expected.patience());
+        let (mesh, max_weight_sweeps) = (&expected.layout.mesh, expected.max_weight_sweeps());
         let communicator = Communicator::new(world, mesh);
         let block = Block::new(&case.space, mesh, communicator.space.rank());
-        let mut problem = Problem::new(case, bounds, &communicator, block, (width, patience))?;
+        let mut problem = Problem::new(
+            case,
+            bounds,
+            &communicator,
+            block,
+            (width, max_weight_sweeps),
+        )?;
         let bounds = problem.bounds(case, bounds);
         let ratio = problem.probe(&communicator, bounds.rate, &case.legs());
         Ok(Self {

@@ -119,14 +119,14 @@ pub fn estimate(
         largest_ratio = largest_ratio.max(ratio);
         if let Some(second) = readings.get(1) {
             // The part of the error that the second reading shares is not seen in the distance.
-            let estimate = norms.distance(second) / warp.seen;
+            let estimate = norms.distance(second) / warp.estimator_efficiency;
             let amplification: f64 = (warp.readings[..2].iter())
                 .map(|r| warp.amplification(r))
                 .sum();
             // Every stage of an inflow that depends on time rounds anew.
             let stages = plan.bounds.stages.max(1) as f64;
             let noise = round_off(plan.steps) * stages.sqrt() * amplification * ratio;
-            let round_off = ROUND_OFF_MARGIN * noise / warp.seen;
+            let round_off = ROUND_OFF_MARGIN * noise / warp.estimator_efficiency;
             summary.fields[k].error_estimate = Some(estimate).filter(|e| e.is_finite());
             if found.is_none_or(|(e, _)| estimate > e) {
                 found = Some((estimate, round_off));

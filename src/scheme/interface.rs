@@ -1,6 +1,7 @@
 //! Transmission and reflection at a face: where the velocity `ξ_j` that leaves the face comes from.
 //!
-//! An interface law is a file of this folder that implements [`InterfaceLaw`]. [`law_of`] is the table.
+//! An interface law is a file of this folder that implements [`InterfaceLaw`]. [`law_of`] is the
+//! table.
 
 pub mod conservative;
 pub mod hat;
@@ -79,13 +80,14 @@ mod tests {
 
     #[test]
     fn conservative_flux_is_conserved() {
-        // Σ over targets on both sides of |ξ_j| w_jk = |ξ_k| for every source cell whose targets are on the lattice.
+        // Σ over targets on both sides of |ξ_j| w_jk = |ξ_k| for every source cell whose targets
+        // are on the lattice.
         let mut out = Vec::new();
         for (lower, upper, cells) in BOXES {
             let axis = Axis::new(lower, upper, cells);
             for rise in [-0.4, -0.013, 0.05, 0.3] {
-                // Sources on the left side moving right: k > 0. Targets: right side moving right across `rise`,
-                // left side moving left by reflection (their own rise is −rise).
+                // Sources on the left side moving right: k > 0. Targets: right side moving right
+                // across `rise`, left side moving left by reflection (their own rise is −rise).
                 for k in -40..100i64 {
                     let xi = velocity(&axis, k);
                     if xi <= 0.0 {

@@ -8,11 +8,14 @@
 //! | auxiliary unknowns | nothing enters | they are zero |
 //! | modes `l < 0` | always | data and `A` are real: `w_{−l}` is the conjugate of `w_l` |
 //!
-//! An axis keeps its place: it has one cell as long as all of them ([`Part::Merged`](crate::problem::grid::Part)), so that mass and momentum are
-//! right, or is a window of the case's cells ([`Part::Window`](crate::problem::grid::Part)), whose centres have the same bits. Results are
-//! put back onto the case's velocities, zero where none were kept, and with `output.expand` onto all of its grid.
+//! An axis keeps its place: it has one cell as long as all of them
+//! ([`Part::Merged`](crate::problem::grid::Part)), so that mass and momentum are right, or is a
+//! window of the case's cells ([`Part::Window`](crate::problem::grid::Part)), whose centres have
+//! the same bits. Results are put back onto the case's velocities, zero where none were kept, and
+//! with `output.expand` onto all of its grid.
 //!
-//! Explicit steps are as long as the fastest cell allows: on fewer cells they would be longer, and their error another one. They keep the grid.
+//! Explicit steps are as long as the fastest cell allows: on fewer cells they would be longer, and
+//! their error another one. They keep the grid.
 
 pub mod reached;
 
@@ -23,7 +26,8 @@ use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, Part, PhaseSpace, axis_names};
 use crate::scheme::interface::velocity;
 
-/// `case` without what it does not need; one that was reduced before stays as it is. Collective over `world`.
+/// `case` without what it does not need; one that was reduced before stays as it is. Collective
+/// over `world`.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Formula`] where `V` is not finite.
@@ -32,51 +36,54 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
     if case.reductions != Reductions::default() {
         return Ok(case);
     }
-    let mut said = Reductions::default();
+    let mut reductions = Reductions::default();
     let (allowed, before) = (case.reduce, case.space.cells());
     match needs_all(&case) {
         Some(key) if allowed.axes || allowed.velocities => {
             let line = format!("axes and velocities: all of them, for {key}");
-            said.kept.push(line);
+            reductions.kept.push(line);
         }
         Some(_) => {}
         None => {
             if allowed.axes {
-                merge_axes(&mut case, &mut said);
+                merge_axes(&mut case, &mut reductions);
             }
             if allowed.velocities {
-                crate::scheme::reduce::reached::crop(world, &mut case, &mut said)?;
+                crate::scheme::reduce::reached::crop(world, &mut case, &mut reductions)?;
                 if allowed.axes {
                     // Where what is left of the velocities stands still.
-                    merge_axes(&mut case, &mut said);
+                    merge_axes(&mut case, &mut reductions);
                 }
             }
             if allowed.axes {
-                (0..case.space.dimension()).for_each(|a| said.kept.extend(why_kept(&case, a)));
+                (0..case.space.dimension())
+                    .for_each(|a| reductions.kept.extend(why_kept(&case, a)));
             }
         }
     }
     if case.space.cells() < before {
         let after = case.space.cells();
-        (said.dropped).push(format!("all in all {before} cells -> {after}"));
+        (reductions.dropped).push(format!("all in all {before} cells -> {after}"));
     }
     if case.method == Method::Schrodingerized {
-        said.every_mode = !allowed.modes;
+        reductions.every_mode = !allowed.modes;
         if !case.enters() {
-            said.idle_unknowns = !allowed.inflow;
+            reductions.idle_unknowns = !allowed.inflow;
             let line = "auxiliary unknowns: nothing enters";
             match allowed.inflow {
-                true => said.dropped.push(line.to_owned()),
-                false => (said.kept).push(format!("{line}, but solver.reduce.inflow is false")),
+                true => reductions.dropped.push(line.to_owned()),
+                false => {
+                    (reductions.kept).push(format!("{line}, but solver.reduce.inflow is false"))
+                }
             }
         }
         let line = "modes l < 0: conjugates of those above, as the data are real";
         match allowed.modes {
-            true => said.dropped.push(line.to_owned()),
-            false => (said.kept).push(format!("{line}, but solver.reduce.modes is false")),
+            true => reductions.dropped.push(line.to_owned()),
+            false => (reductions.kept).push(format!("{line}, but solver.reduce.modes is false")),
         }
     }
-    case.reductions = said;
+    case.reductions = reductions;
     Ok(case)
 }
 
@@ -134,7 +141,7 @@ fn stands_still(case: &Case, a: usize) -> bool {
 }
 
 /// Merges the cells of the axes along which nothing varies and no boundary differs.
-fn merge_axes(case: &mut Case, said: &mut Reductions) {
+fn merge_axes(case: &mut Case, reductions: &mut Reductions) {
     let n = case.space.dimension();
     let names = axis_names(n);
     for a in 0..n {
@@ -150,12 +157,12 @@ fn merge_axes(case: &mut Case, said: &mut Reductions) {
         };
         if cells > 1 {
             case.space.x[a] = case.space.x[a].merged();
-            (said.dropped).push(format!("{x}: {why}; {cells} cells -> 1"));
+            (reductions.dropped).push(format!("{x}: {why}; {cells} cells -> 1"));
         }
         let velocities = case.space.v[a].cells;
         if velocities > 1 && varies_along(case, VELOCITY + a).is_none() {
             case.space.v[a] = case.space.v[a].merged();
-            (said.dropped).push(format!(
+            (reductions.dropped).push(format!(
                 "{v}: nothing varies along it either; {velocities} cells -> 1"
             ));
         }

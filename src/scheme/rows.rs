@@ -7,8 +7,8 @@
 //!            − Σ_a |d_a| (f_ij − f_{i, j ∓ e_a})                  force, upwind; d_a = −slope_a/Δv_a
 //! ```
 //!
-//! Off-diagonal entries are not negative, row sums not positive; what is missing from a row sum is what the row takes
-//! from the inflow.
+//! Off-diagonal entries are not negative, row sums not positive; what is missing from a row sum is
+//! what the row takes from the inflow.
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Interface, MOST_FIELDS};
@@ -26,7 +26,8 @@ pub struct Row {
     pub inflow: [f64; MOST_FIELDS],
     /// `−Σ_j A_ij ≥ 0`: the rate at which the row draws on the inflow.
     pub draw: f64,
-    /// Where the inflow is taken, `(rate, ghost centre)`: `b_i(t) = Σ rate · value(ghost centre, t)`.
+    /// Where the inflow is taken, `(rate, ghost centre)`:
+    /// `b_i(t) = Σ rate · value(ghost centre, t)`.
     pub ghosts: Vec<(f64, [f64; 6])>,
     /// First place where an inflow formula was not finite.
     bad: Option<(usize, f64, [f64; 6])>,
@@ -113,8 +114,9 @@ impl<'a> Scheme<'a> {
         row.finish();
     }
 
-    /// Cells a unit of time that particles in `cell` cross along `axis` of the `2n`: `v_a/Δx_a` in space, `d_a` in velocity. Zero
-    /// where the cell is its own neighbour and what leaves it comes back as it was.
+    /// Cells a unit of time that particles in `cell` cross along `axis` of the `2n`: `v_a/Δx_a` in
+    /// space, `d_a` in velocity. Zero where the cell is its own neighbour and what leaves it comes
+    /// back as it was.
     pub fn speed(&self, cell: &Cell, axis: usize) -> f64 {
         let n = self.space.dimension();
         if axis < n {
@@ -129,8 +131,8 @@ impl<'a> Scheme<'a> {
         }
     }
 
-    /// The cell behind `cell`'s lower face along space axis `a`, or behind its upper one if `above`, at the same velocity; `None`
-    /// where the face ends the box or `V` jumps.
+    /// The cell behind `cell`'s lower face along space axis `a`, or behind its upper one if
+    /// `above`, at the same velocity; `None` where the face ends the box or `V` jumps.
     pub fn plain_neighbour(&self, cell: &Cell, a: usize, above: bool) -> Option<Cell> {
         let (step, jump) = if above {
             (1, self.potential.jump_above(cell, a))
@@ -142,23 +144,24 @@ impl<'a> Scheme<'a> {
         (jump == 0.0).then_some(behind)
     }
 
-    /// What the scheme finds behind the lower face of `cell` along `axis` of the `2n`, or behind the upper one if `above`,
-    /// at the same energy: `Σ entries f + inflow`, weights of sum 1, of which `draw` lies off the grid. In a cell that
-    /// particles leave through this face, that is where they will be, time reversed: transmitted or reflected alike.
+    /// What the scheme finds behind the lower face of `cell` along `axis` of the `2n`, or behind
+    /// the upper one if `above`, at the same energy: `Σ entries f + inflow`, weights of sum 1, of
+    /// which `draw` lies off the grid. In a cell that particles leave through this face, that is
+    /// where they will be, time reversed: transmitted or reflected alike.
     pub fn neighbour(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool) {
         row.clear();
         self.behind_face(row, cell, axis, above, 1.0);
         row.finish();
     }
 
-    /// Adds `rate` times what is behind a face, as [`neighbour`](Self::neighbour) says. In velocity, the next cell; in space
-    /// what [`interface`] says.
+    /// Adds `rate` times what is behind a face, as [`neighbour`](Self::neighbour) says. In
+    /// velocity, the next cell; in space what [`interface`] says.
     fn behind_face(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool, rate: f64) {
         let n = self.space.dimension();
         let step = if above { 1 } else { -1 };
         if axis >= n {
             let a = axis - n;
-            let source = (cell[a] as i64, cell[n + a] as i64 + step);
+            let source = [cell[a] as i64, cell[n + a] as i64 + step];
             self.take(row, cell, a, source, rate);
             return;
         }
@@ -177,14 +180,14 @@ impl<'a> Scheme<'a> {
                 Side::Across => cell[a] as i64 + step,
                 Side::Same => cell[a] as i64,
             };
-            self.take(row, cell, a, (i, source.velocity), rate * source.weight);
+            self.take(row, cell, a, [i, source.velocity], rate * source.weight);
         }
         row.scratch = list;
     }
 
-    /// Adds `rate · f` of the cell that has `(i, j)` instead of `cell`'s indices along space and velocity axis `a`; an
-    /// inflow value where that is off the grid.
-    fn take(&self, row: &mut Row, cell: &Cell, a: usize, (i, j): (i64, i64), rate: f64) {
+    /// Adds `rate · f` of the cell that has `(i, j)` instead of `cell`'s indices along space and
+    /// velocity axis `a`; an inflow value where that is off the grid.
+    fn take(&self, row: &mut Row, cell: &Cell, a: usize, [i, j]: [i64; 2], rate: f64) {
         let n = self.space.dimension();
         let (x, v) = (&self.space.x[a], &self.space.v[a]);
         let inside = self.space.wrap(a, i);
@@ -204,9 +207,8 @@ impl<'a> Scheme<'a> {
         point[a] = x.centre(inside.map_or(i, |place| place as i64));
         point[3 + a] = v.centre(j);
         row.ghosts.push((rate, point));
-        let [px, py, pz, vx, vy, vz] = point;
         for (f, field) in self.case.fields.iter().enumerate() {
-            let value = field.entering().eval(&[px, py, pz, vx, vy, vz, 0.0]);
+            let value = field.entering().at_point(&point, 0.0);
             if !value.is_finite() && row.bad.is_none() {
                 row.bad = Some((f, value, point));
             }
@@ -214,7 +216,8 @@ impl<'a> Scheme<'a> {
         }
     }
 
-    /// The error of a row whose inflow was not finite, if there was one among the rows computed with `row`.
+    /// The error of a row whose inflow was not finite, if there was one among the rows computed
+    /// with `row`.
     ///
     /// # Errors
     /// [`Error::Formula`](crate::base::error::Error::Formula), naming the place.
@@ -228,8 +231,9 @@ impl<'a> Scheme<'a> {
     }
 }
 
-/// `Σ_a max |v_a|/Δx_a`: the fastest transport, where `V` does not jump at the face of a cell that is its own neighbour; with the
-/// steepest force it bounds `max_i |A_ii|`. A function of the case alone, so the same on any ranks.
+/// `Σ_a max |v_a|/Δx_a`: the fastest transport, where `V` does not jump at the face of a cell that
+/// is its own neighbour; with the steepest force it bounds `max_i |A_ii|`. A function of the case
+/// alone, so the same on any ranks.
 pub fn transport_rate(space: &PhaseSpace) -> f64 {
     (0..space.dimension())
         .filter(|&a| !space.is_single(a))

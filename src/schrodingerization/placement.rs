@@ -2,11 +2,10 @@
 
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
-use crate::problem::case::{
-    Case, Coefficients, Delta, Interface, LARGEST_TOLERANCE, RecoveryMethod, Warp,
-};
+use crate::problem::case::{Case, Coefficients, Delta, LARGEST_TOLERANCE, RecoveryMethod, Warp};
 use crate::problem::limits::MOST_MODES;
 use crate::propagate;
+use crate::scheme::interface::law_of;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::{Demand, Form, Profile, Shape, Window};
 use crate::schrodingerization::recovery::{Reading, shown};
@@ -16,12 +15,12 @@ use std::f64::consts::PI;
 const SECOND_POINT: f64 = 1.0;
 /// Width in `p` of what an integral or least squares are taken over.
 const WINDOW: f64 = 1.0;
-/// What the plateau shows around `p◇` unless it is told.
+/// Default width of the plateau on each side of `p◇`.
 const PLATEAU: f64 = 2.0;
-/// Growth over the run from which on it is said what takes it away: an amplification by e.
+/// Growth over the run beyond which a warning names its remedy: an amplification by e.
 const MUCH_GROWTH: f64 = 1.0;
-/// Part of the tolerance that modes left out may take where coefficients come from samples: what is left out comes back
-/// under the wavenumbers that are kept.
+/// Part of the tolerance that modes left out may take where coefficients come from samples: what is
+/// left out comes back under the wavenumbers that are kept.
 const SAMPLED_TRUNCATION: f64 = 0.2;
 
 /// The profile of a run and how it is read.
@@ -31,15 +30,16 @@ pub(crate) struct Placement {
     pub interval: [f64; 2],
     pub readings: Vec<Reading>,
     pub plateau: Vec<Reading>,
-    pub seen: f64,
+    pub estimator_efficiency: f64,
     pub warnings: Vec<String>,
 }
 
 /// The plan of the auxiliary variable for the state's tolerance `ε = tolerance/ratio`.
 ///
 /// # Errors
-/// [`Error::Tolerance`], [`Error::Growth`], [`Error::Recovery`] when round-off forbids it, [`Error::Interval`] when the interval given by
-/// hand is too short, [`Error::Modes`] when there are too many.
+/// [`Error::Tolerance`], [`Error::Growth`], [`Error::Recovery`] when round-off forbids it,
+/// [`Error::Interval`] when the interval given by hand is too short, [`Error::Modes`] when there
+/// are too many.
 pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placement> {
     let warp = &case.warp;
     if let (Some(_), Some(interval), Some(points)) = (&case.start, warp.interval, warp.points) {
@@ -67,15 +67,16 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
             demand.growth
         ));
     }
-    // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p = p◇ + σT.
+    // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p =
+    // p◇ + σT.
     let shift = shift(case, bounds);
-    let (readings, seen) = match profile.form() {
+    let (readings, estimator_efficiency) = match profile.form() {
         _ if case.recovery_points < 2 => (readings(case, &window, interval, 0.0), 1.0),
         Form::Transform(_) => {
             let readings = readings(case, &window, interval, SECOND_POINT);
             let apart = readings[1].point - window.point;
-            let seen = profile.visible_error(window.point, apart);
-            (readings, seen)
+            let estimator_efficiency = profile.visible_error(window.point, apart);
+            (readings, estimator_efficiency)
         }
         Form::Series(_) => {
             let at = |apart| readings(case, &window, interval, apart);
@@ -83,7 +84,7 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
         }
     };
     Ok(Placement {
-        seen,
+        estimator_efficiency,
         plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
         profile: Some(profile),
         series,
@@ -93,11 +94,12 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     })
 }
 
-/// How a warped field on `points` points of `interval`, whatever it is at the start, is read: as one that is `e^{−p} f` where information
-/// reaches the recovery point from.
+/// How a warped field on `points` points of `interval`, whatever it is at the start, is read: as
+/// one that is `e^{−p} f` where information reaches the recovery point from.
 ///
 /// # Errors
-/// [`Error::Input`] where the recovery point is not in the interval; [`Error::Modes`] for too many points.
+/// [`Error::Input`] where the recovery point is not in the interval; [`Error::Modes`] for too many
+/// points.
 fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) -> Result<Placement> {
     let period = interval[1] - interval[0];
     if points / 2 + 1 > MOST_MODES {
@@ -126,7 +128,7 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
     };
     let readings = readings(case, &window, interval, SECOND_POINT);
     Ok(Placement {
-        seen: 1.0,
+        estimator_efficiency: 1.0,
         plateau: plateau(case, &window, interval, readings[0].width),
         warnings: vec![format!(
             "initial.warped: f is e^p w read at p = {point:.4}, which is right where w(0) is e^(-p) f for all p above {:.4}",
@@ -139,7 +141,8 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
     })
 }
 
-/// The series of a profile that is known on the line, and its interval: planned, but for what is given by hand.
+/// The series of a profile that is known on the line, and its interval: planned, but for what is
+/// given by hand.
 fn transformed(
     case: &Case,
     demand: &Demand,
@@ -187,13 +190,14 @@ fn transformed(
     Ok((series, interval))
 }
 
-/// What is said of a growth that the case asks for: of weights left out where particles graze, of a small `δ`.
+/// A warning about large growth that the case causes: weights left out where particles graze, or a
+/// small `δ`.
 fn much_growth(case: &Case, bounds: &Bounds) -> Option<String> {
     let growth = bounds.growth * case.end;
     if growth <= MUCH_GROWTH {
         return None;
     }
-    let grazes = bounds.jumps && case.interface == Interface::Hat && !case.warp.weights;
+    let grazes = bounds.jumps && law_of(case.interface).may_grow() && !case.warp.weights;
     let (key, instead) = match case.warp.delta {
         _ if grazes => (
             "solver.warp.weights = \"none\"".to_owned(),
@@ -221,8 +225,8 @@ fn shift(case: &Case, bounds: &Bounds) -> f64 {
     case.warp.shift.of(bounds.growth) * case.end
 }
 
-/// What is asked of the profile: everything shares the tolerance, unless the interval is given by hand. Then any one
-/// effect may take all of it, and the second reading may be worse.
+/// What is asked of the profile: everything shares the tolerance, unless the interval is given by
+/// hand. Then any one effect may take all of it, and the second reading may be worse.
 fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
     let (warp, time) = (&case.warp, case.end);
     // Spectral shift: u = e^{σt} ũ, ũ' = (A − σ) ũ, planned for.
@@ -259,8 +263,8 @@ fn width(warp: &Warp) -> f64 {
     }
 }
 
-/// The plan where the guaranteed one does not fit into the interval given by hand: for the decay that the transport alone
-/// has, with a warning. Or the reason why there is none.
+/// The plan where the guaranteed one does not fit into the interval given by hand: for the decay
+/// that the transport alone has, with a warning. Or the reason why there is none.
 fn relaxed(
     case: &Case,
     bounds: &Bounds,
@@ -308,8 +312,8 @@ fn relaxed(
         ));
         return Ok(planned);
     }
-    // The whole state, auxiliary unknowns included, may be far larger than the field that is left of it, and an image of it is
-    // seldom in the field alone.
+    // The whole state, auxiliary unknowns included, may be far larger than the field that is left
+    // of it, and an image of it is seldom in the field alone.
     let of_state = Demand {
         tolerance: demand.tolerance * ratio,
         ..transport
@@ -323,7 +327,8 @@ fn relaxed(
         ));
         return Ok(planned);
     }
-    // What would do: the ends for the decay of the transport alone and relative to the state, as that is what was refused.
+    // What would do: the ends for the decay of the transport alone and relative to the state, as
+    // that is what was refused.
     let open = Demand {
         decay: of_state.decay,
         tolerance: of_state.tolerance,
@@ -351,7 +356,8 @@ fn round_up(x: f64) -> f64 {
     (x / unit * (1.0 + 1e-9)).ceil() * unit
 }
 
-/// What points given by hand cannot resolve: a warning and no refusal, as convergence in `N_p` is studied so.
+/// What points given by hand cannot resolve: a warning and no refusal, as convergence in `N_p` is
+/// studied so.
 fn too_few(
     demand: &Demand,
     shape: &dyn Shape,
@@ -377,7 +383,8 @@ fn too_few(
     })
 }
 
-/// The reading at `p◇`, and the one further on for the error estimate; within an interval given by hand.
+/// The reading at `p◇`, and the one further on for the error estimate; within an interval given by
+/// hand.
 fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec<Reading> {
     let room = if case.warp.interval.is_some() {
         interval[1] - window.point
@@ -395,14 +402,15 @@ fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec
         .collect()
 }
 
-/// The readings of a designed series, whose error oscillates: the second where their distance shows about the same part of the error
-/// whatever the state is made of; and that part.
+/// The readings of a designed series, whose error oscillates: the second where their distance shows
+/// about the same part of the error whatever the state is made of; and that part.
 fn most_alike(
     series: &Series,
     spectrum: [f64; 2],
     at: impl Fn(f64) -> Vec<Reading>,
 ) -> (Vec<Reading>, f64) {
-    /// Points tried: the last is [`SECOND_POINT`] further on, the first half of that (closer ones share too much).
+    /// Points tried: the last is [`SECOND_POINT`] further on, the first half of that (closer ones
+    /// share too much).
     const TRIED: u32 = 16;
     let candidates = (TRIED / 2..=TRIED).map(|i| {
         let readings = at(SECOND_POINT * f64::from(i) / f64::from(TRIED));

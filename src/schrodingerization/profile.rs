@@ -1,18 +1,20 @@
 //! Initial functions `g(p)` of the auxiliary variable, planned from a tolerance, as Fourier series.
 //!
-//! Only two things are asked of `g`: it equals `e^{−p}` where information reaches the recovery point from, and its
-//! Fourier series is short. With period `P`, `μ_l = 2πl/P` and `g(p) ≈ Σ_l c_l e^{iμ_l p}` the solution is
+//! Only two things are asked of `g`: it equals `e^{−p}` where information reaches the recovery
+//! point from, and its Fourier series is short. With period `P`, `μ_l = 2πl/P` and
+//! `g(p) ≈ Σ_l c_l e^{iμ_l p}` the solution is
 //!
 //! ```text
 //! u(T) = e^{p◇} Σ_l c_l e^{iμ_l p◇} w_l(T),     w_l(T) = exp((−iμ_l S + K)T) u(0)
 //! ```
 //!
-//! read at a point `p◇`, or by another [`Reading`](crate::schrodingerization::recovery::Reading). Data
-//! are real, so `c_{−l} w_{−l}` is the conjugate of `c_l w_l`, and only `l ≥ 0` is kept.
+//! read at a point `p◇`, or by another [`Reading`](crate::schrodingerization::recovery::Reading).
+//! Data are real, so `c_{−l} w_{−l}` is the conjugate of `c_l w_l`, and only `l ≥ 0` is kept.
 //!
-//! A profile is a file of this folder: its parameters, its plan (`meeting`), and [`Planned`]. To add one,
-//! add its file and a line to each of the two tables below: [`Profile`] and [`Profile::plan`].
-//! Where `g = e^{−p}` from an edge on, [`window::place`] finds recovery point, period and cut-off.
+//! A profile is a file of this folder: its parameters, its plan (`meeting`), and [`Planned`]. To
+//! add one, add its file and a line to each of the two tables below: [`Profile`] and
+//! [`Profile::plan`]. Where `g = e^{−p}` from an edge on, [`window::place`] finds recovery point,
+//! period and cut-off.
 
 pub mod acl;
 pub mod designed;
@@ -27,6 +29,7 @@ pub mod window;
 pub use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
 pub use crate::schrodingerization::profile::window::{Demand, Window};
 
+use crate::base::bisect::bisect;
 use crate::problem::case::ProfileChoice;
 use crate::schrodingerization::profile::acl::Acl;
 use crate::schrodingerization::profile::designed::Designed;
@@ -82,8 +85,8 @@ profiles! {
 }
 
 impl Profile {
-    /// The profile of `choice` that meets `demand` at least cost, and where it is read; `None` if there
-    /// is none.
+    /// The profile of `choice` that meets `demand` at least cost, and where it is read; `None` if
+    /// there is none.
     pub fn plan(choice: ProfileChoice, demand: &Demand) -> Option<(Self, Window)> {
         fn any<P: Into<Profile>>(found: Option<(P, Window)>) -> Option<(Profile, Window)> {
             found.map(|(profile, window)| (profile.into(), window))
@@ -124,19 +127,12 @@ impl Profile {
             };
             Self::possible(choice, &demand)
         };
-        let (mut low, mut high) = (1e-16f64.ln(), 0.1f64.ln());
+        let (low, high) = (1e-16f64.ln(), 0.1f64.ln());
         if !met(high.exp()) {
             return None;
         }
-        for _ in 0..50 {
-            let middle = 0.5 * (low + high);
-            if met(middle.exp()) {
-                high = middle;
-            } else {
-                low = middle;
-            }
-        }
-        Some(high.exp())
+        let [_, smallest] = bisect(low, high, 50, |x| !met(x.exp()));
+        Some(smallest.exp())
     }
 
     /// The interval that a window asks for; a designed series ends with its domain.

@@ -9,7 +9,8 @@ use std::f64::consts::TAU;
 /// Points of the least-squares reading.
 const POINTS: usize = 9;
 
-/// A linear functional of a function of `p` that gives 1 for `e^{−p}`; applied to `v`, it gives `u`.
+/// A linear functional of a function of `p` that gives 1 for `e^{−p}`; applied to `v`, it gives
+/// `u`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
     /// Which.
@@ -25,7 +26,8 @@ impl Reading {
     ///
     /// - point: `e^{p◇} v(p◇)`;
     /// - integral: `∫ v dp / (e^{−p◇} − e^{−p◇−width})` over the window;
-    /// - least squares: the `u` with the least `Σ |v(q) − e^{−q} u|²` over equally spaced `q`, `Σ e^{−q} v(q) / Σ e^{−2q}`.
+    /// - least squares: the `u` with the least `Σ |v(q) − e^{−q} u|²` over equally spaced `q`,
+    ///   `Σ e^{−q} v(q) / Σ e^{−2q}`.
     pub fn of_wave(&self, mu: f64) -> Complex64 {
         // e^{p◇} e^{iμp◇} is common to all.
         let at_point = Complex64::new(self.point, mu * self.point).exp();
@@ -56,9 +58,10 @@ impl Reading {
     }
 }
 
-/// What parts of the error of `first` its distance to `second` shows, the least and the largest: of the series' own error, for
-/// states whose spectrum of `−ST` is spread over `[from, from + s]`, for some `s` up to `to − from`. A component there is read as the functional
-/// of `g(p + s)`, and should be `e^{−s}`.
+/// What parts of the error of `first` its distance to `second` shows, the least and the largest: of
+/// the series' own error, for states whose spectrum of `−ST` is spread over `[from, from + s]`, for
+/// some `s` up to `to − from`. A component there is read as the functional of `g(p + s)`, and
+/// should be `e^{−s}`.
 pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 2]) -> [f64; 2] {
     /// The `s`, besides all, and samples in each.
     const SPREADS: [f64; 4] = [0.06, 0.6, 6.0, 20.0];

@@ -1,11 +1,13 @@
-//! The Fourier transform in `p`: from the modes of a cell to its values at equally spaced points, and back.
+//! The Fourier transform in `p`: from the modes of a cell to its values at equally spaced points,
+//! and back.
 
 use crate::schrodingerization::profile::series::{Series, points};
 use num_complex::Complex64;
 use rustfft::{Fft, FftPlanner};
 use std::sync::Arc;
 
-/// The points `p_j = L + jP/N_p`, `j = 0 … N_p − 1`, and the transform between them and the modes `l ≥ 0` of real values:
+/// The points `p_j = L + jP/N_p`, `j = 0 … N_p − 1`, and the transform between them and the modes
+/// `l ≥ 0` of real values:
 ///
 /// ```text
 /// w(p_j) = Σ_l Re[ factor_l e^{iμ_l p_j} x_l ] = Re Σ_l ( factor_l e^{iμ_l L} x_l ) e^{2πi lj/N_p}
@@ -15,7 +17,8 @@ use std::sync::Arc;
 pub struct Transform {
     /// `factor_l e^{iμ_l L}`.
     factors: Vec<Complex64>,
-    /// `1/(N_p factor_l e^{iμ_l L})`, twice that where `l` stands for `−l` too; zero where the factor is.
+    /// `1/(N_p factor_l e^{iμ_l L})`, twice that where `l` stands for `−l` too; zero where the
+    /// factor is.
     inverse: Vec<Complex64>,
     lower: f64,
     period: f64,
@@ -220,7 +223,8 @@ mod tests {
             transform.to_modes(&values, 0.25, &mut back);
             for (l, (x, back)) in x.iter().zip(&back).enumerate() {
                 let factor = transform.factors[l];
-                // Mode 0, and one that stands for itself, are seen as the real part of what they give.
+                // Mode 0, and one that stands for itself, are seen as the real part of what they
+                // give.
                 let seen = if series.is_alone(l) {
                     Complex64::from((factor * x).re) / factor
                 } else {

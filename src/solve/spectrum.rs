@@ -6,7 +6,7 @@
 //! [`crate::matrix::bounds::Bounds`].
 
 use crate::base::error::{Error, Result};
-use crate::matrix::block_matrix::{BlockMatrix, Part};
+use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::solve::system::Problem;
 
@@ -214,7 +214,7 @@ pub fn extremes(
     let mut found: Option<[End; 2]> = None;
     let mut next_look = 2;
     loop {
-        matrix.apply(exchange, Part::Symmetric, &mut image, &mut vector);
+        matrix.apply(exchange, Operator::Symmetric, &mut image, &mut vector);
         let a = dot(&image, &vector, bound);
         for i in 0..rows {
             image[i] -= a * vector[i] + off * previous[i];

@@ -4,7 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
-use crate::matrix::weights::Weights;
+use crate::matrix::weights::{WeightGoal, Weights};
 use crate::parallel::communicator::{Communicator, GhostExchange, Group};
 use crate::parallel::partition::Block;
 use crate::problem::case::{Case, Method};
@@ -58,7 +58,7 @@ fn magnitude(world: &Group, formula: &Expression, values: impl Iterator<Item = f
 
 impl Problem {
     /// Assembles the block of this rank, finds the weights, samples the initial state; `width` is the widest row of a
-    /// vector whose ghosts will be exchanged, `patience` the sweeps that better weights are worth. Collective.
+    /// vector whose ghosts will be exchanged, `max_weight_sweeps` the sweeps that better weights are worth. Collective.
     ///
     /// # Errors
     /// Formulas that are not finite; weights that do not converge.
@@ -67,7 +67,7 @@ impl Problem {
         bounds: &Bounds,
         communicator: &Communicator,
         block: Block,
-        (width, patience): (usize, usize),
+        (width, max_weight_sweeps): (usize, usize),
     ) -> Result<Self> {
         let space = &communicator.space;
         let assembled = BlockMatrix::assemble(case, block);
@@ -75,16 +75,14 @@ impl Problem {
         let mut exchange = GhostExchange::new(space, &matrix.block, width);
         let started = Instant::now();
         let mut weights = if bounds.weighted {
-            let target = (WEIGHT_SHIFT / case.end, WEIGHT_GROWTH / case.end);
             // No path is worth following much longer than the grid is wide.
             let width: usize = case.space.axes().map(|a| a.cells).sum();
-            let weights = Weights::dissipative(
-                &matrix,
-                &mut exchange,
-                space,
-                target,
-                patience.min(2 * width),
-            )?;
+            let goal = WeightGoal {
+                limit: WEIGHT_GROWTH / case.end,
+                shift: WEIGHT_SHIFT / case.end,
+                max_weight_sweeps: max_weight_sweeps.min(2 * width),
+            };
+            let weights = Weights::dissipative(&matrix, &mut exchange, space, goal)?;
             matrix.scale(&weights.pi);
             weights
         } else {
@@ -120,13 +118,17 @@ impl Problem {
                 None
             }
             (true, Method::Schrodingerized) => {
-                let data = (&weights.pi[..], &states[0][..], bounds.rate);
+                let field = time_dependent_inflow::WeightedField {
+                    weights: &weights.pi,
+                    state: &states[0],
+                    rate: bounds.rate,
+                };
                 Some(time_dependent_inflow::schedule(
                     case,
                     &matrix,
                     &mut exchange,
                     communicator,
-                    data,
+                    &field,
                 )?)
             }
         };

@@ -170,7 +170,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     block_plan.layout.mesh = here;
     let place = Place::new(&part, &block_plan, &communicator);
     let width = expected.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
-    let sizes = (width, expected.patience());
+    let sizes = (width, expected.max_weight_sweeps());
     let block = place.block.clone();
     let mut problem = Problem::new(&part, &bounds, &communicator, block, sizes)?;
     watch.part("weights", problem.weight_seconds);

@@ -51,9 +51,9 @@ pub fn application_of_all_parts(world: &World) {
     for_every_piece(world, |twin, mesh, piece| {
         let x = random(twin, 2);
         for (part, expected) in [
-            (Part::Generator, twin.generator.apply(&x)),
-            (Part::Transpose, twin.generator.transposed().apply(&x)),
-            (Part::Symmetric, twin.generator.symmetric().apply(&x)),
+            (Operator::Generator, twin.generator.apply(&x)),
+            (Operator::Transpose, twin.generator.transposed().apply(&x)),
+            (Operator::Symmetric, twin.generator.symmetric().apply(&x)),
         ] {
             let mut y = vec![f64::NAN; piece.matrix.length()];
             let mut local = piece.scatter(&x);
@@ -79,10 +79,10 @@ pub fn adjoint(world: &World) {
         let mut aty = ax.clone();
         piece
             .matrix
-            .apply(&mut piece.exchange, Part::Generator, &mut ax, &mut x);
+            .apply(&mut piece.exchange, Operator::Generator, &mut ax, &mut x);
         piece
             .matrix
-            .apply(&mut piece.exchange, Part::Transpose, &mut aty, &mut y);
+            .apply(&mut piece.exchange, Operator::Transpose, &mut aty, &mut y);
         let product = |a: &[f64], b: &[f64], sign: fn(f64) -> f64| {
             let terms: Vec<f64> = (0..piece.matrix.counted_rows())
                 .map(|i| sign(a[i] * b[i]))
@@ -100,7 +100,7 @@ pub fn adjoint(world: &World) {
         let mut ay = vec![f64::NAN; piece.matrix.length()];
         piece
             .matrix
-            .apply(&mut piece.exchange, Part::Generator, &mut ay, &mut y);
+            .apply(&mut piece.exchange, Operator::Generator, &mut ay, &mut y);
         assert!((left - product(&ay, &x, |t| t)).abs() > 1e-6 * scale);
     });
 }
@@ -154,7 +154,7 @@ pub fn one_step(world: &World) {
         for set in InstructionSet::all() {
             let mut other = local(20);
             let step = kernel::stepper_for(set);
-            step(matrix, 0..rows, &constants, &mut other, &x, &start);
+            step(matrix.stored(), 0..rows, &constants, &mut other, &x, &start);
             for i in (0..rows).filter(|&i| Some(i) != matrix.shared_row()) {
                 for (a, b) in other[i].0.iter().zip(&from_complex[i].0) {
                     let near = (a - b).abs() <= 1e-14 * scale;
@@ -236,16 +236,18 @@ pub fn blocked_steps(world: &World) {
             let mut run = |blocking: Option<&Blocking>, steps: usize| {
                 let (mut y, mut x) = (vector(1), vector(2));
                 let (matrix, exchange) = (&piece.matrix, &mut piece.exchange);
-                let vectors = (&mut y, &mut x);
-                let levels = &levels[..steps];
-                matrix.steps(exchange, blocking, levels, couplings, vectors, &start);
+                let steps = Steps {
+                    levels: &levels[..steps],
+                    couplings,
+                };
+                matrix.steps(exchange, blocking, &steps, &mut y, &mut x, &start);
                 let bits = |v: &[Lanes]| -> Vec<_> {
                     v[..rows].iter().map(|r| r.0.map(f64::to_bits)).collect()
                 };
                 (bits(&y), bits(&x))
             };
             for (depth, width, parts) in shapes {
-                let shape = Shape {
+                let shape = BlockingShape {
                     depth,
                     width,
                     parts,

@@ -95,7 +95,7 @@ pub fn limited_slopes(world: &World) {
                     let mut local = piece.scatter(&x);
                     let mut image = vec![f64::NAN; piece.matrix.length()];
                     let exchange = &mut piece.exchange;
-                    (piece.matrix).apply(exchange, Part::Generator, &mut image, &mut local);
+                    (piece.matrix).apply(exchange, Operator::Generator, &mut image, &mut local);
                     reconstruction.add(exchange, &mut image, &local, rows);
                     let found = piece.gather(&twin, &image);
                     let tolerance = 2e-14 * twin.generator.largest();

@@ -27,7 +27,7 @@ pub fn ghost_exchange(world: &World) {
         }
         // Every ghost is where its block says.
         for (ghost, &i) in piece.number[rows..].iter().enumerate() {
-            assert_eq!(piece.matrix.block.place(i), Some(Place::Ghost(ghost)));
+            assert_eq!(piece.matrix.block.local(i), Some(LocalIndex::Ghost(ghost)));
         }
     });
 }

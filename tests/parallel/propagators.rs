@@ -100,7 +100,7 @@ pub fn chebyshev_propagation(world: &World) {
             };
             let whole = degrees(1e-16).into_iter().max().unwrap_or(0);
             let matrix = &weighted.problem.matrix;
-            let shape = Shape {
+            let shape = BlockingShape {
                 depth: 5,
                 width: 2,
                 parts: 2,

@@ -292,7 +292,8 @@ pub fn recovered_field(world: &World) {
                 assert!(recovered.step_errors.is_empty(), "{name}");
                 assert!(error <= tolerance, "{name}: error {error:e}");
                 // The second recovery point tells how large it is.
-                let estimate = distance(&fields[1], &fields[0]) / warp_plan.seen / error;
+                let estimate =
+                    distance(&fields[1], &fields[0]) / warp_plan.estimator_efficiency / error;
                 let factor = if profile == ProfileChoice::Gaussian {
                     3.0
                 } else {

@@ -51,13 +51,13 @@ pub fn transpose_and_back(world: &World) {
                         })
                         .collect();
                     all.fill(Complex64::new(f64::NAN, f64::NAN));
-                    transpose.to_cells((&field, rows), &ranges, &mut all);
+                    transpose.to_cells(&field, rows, &ranges, &mut all);
                     for (i, cell) in ranges[rank].clone().enumerate() {
                         for l in 0..modes {
                             assert_eq!(all[i * modes + l], value(l, cell), "mode {l}, {cell}");
                         }
                     }
-                    transpose.to_modes(&all, &ranges, (&mut back, rows));
+                    transpose.to_modes(&all, &ranges, &mut back, rows);
                 }
                 for (k, (found, expected)) in back.iter().zip(&field).enumerate() {
                     let inside = k % rows < cells;

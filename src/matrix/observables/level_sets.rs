@@ -1,21 +1,24 @@
 //! Measure-valued data: `f = φ Π_a δ(ψ_a)` at one point of space, with a discrete delta function.
 //!
-//! The density `φ` and the level sets `ψ_a` obey the Liouville equation with smooth data, and only at the output time
-//! is a delta function put on the velocity grid (paper, section Numerical examples; Jin and Wen 2005):
+//! The density `φ` and the level sets `ψ_a` obey the Liouville equation with smooth data, and only
+//! at the output time is a delta function put on the velocity grid (paper, section Numerical
+//! examples; Jin and Wen 2005):
 //!
 //! ```text
 //! δ_ω(y) = (1 + cos(πy/ω))/(2ω) for |y| ≤ ω, else 0,      ω_a = max(|det ∂Ψ/∂v|, 1) Δv_a
 //! ```
 //!
-//! In one dimension, where `ψ` is linear in `v` with slope of magnitude 1 or more, `δ_ω(ψ)` is a hat-like bell of half-width
-//! `Δv` in `v`, and its values sum to `1/(|ψ'| Δv)` exactly wherever its centre lies. For slopes below 1 the bell is
-//! `K = 1/|ψ'|` cells wide to a side and the sum is off by the factor `1 + 2 sin(2πK)/(2πK(1 − 4K²)) cos(2πc) + …` with the
-//! centre `c` in cells: at most 6 %, nothing where `2K` is whole.
+//! In one dimension, where `ψ` is linear in `v` with slope of magnitude 1 or more, `δ_ω(ψ)` is a
+//! hat-like bell of half-width `Δv` in `v`, and its values sum to `1/(|ψ'| Δv)` exactly wherever
+//! its centre lies. For slopes below 1 the bell is `K = 1/|ψ'|` cells wide to a side and the sum is
+//! off by the factor `1 + 2 sin(2πK)/(2πK(1 − 4K²)) cos(2πc) + …` with the centre `c` in cells: at
+//! most 6 %, nothing where `2K` is whole.
 //!
-//! In more dimensions the determinant is the right width only for one axis at a time: for `∂Ψ/∂v = diag(λ_1, λ_2)` the bell
-//! of axis 1 has `K_1 = |λ_2|` cells, and below one cell it falls between the lattice points.
-//! [`DeltaWidth::Gradient`] takes the width of each level set from its own gradient, `Σ_b |∂ψ_a/∂v_b| Δv_b` (Engquist,
-//! Tornberg, Tsai 2005), which is the same in one dimension and right for any diagonal Jacobian.
+//! In more dimensions the determinant is the right width only for one axis at a time: for
+//! `∂Ψ/∂v = diag(λ_1, λ_2)` the bell of axis 1 has `K_1 = |λ_2|` cells, and below one cell it falls
+//! between the lattice points. [`DeltaWidth::Gradient`] takes the width of each level set from its
+//! own gradient, `Σ_b |∂ψ_a/∂v_b| Δv_b` (Engquist, Tornberg, Tsai 2005), which is the same in one
+//! dimension and right for any diagonal Jacobian.
 
 use crate::problem::case::DeltaWidth;
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
@@ -42,14 +45,15 @@ pub fn determinant(j: &Jacobian) -> f64 {
     j[0][0] * minor(1, 2) - j[0][1] * minor(0, 2) + j[0][2] * minor(0, 1)
 }
 
-/// `∂ψ/∂v` along an axis of `cells` cells of width `h` at cell `j`, `value(i)` being `ψ` in cell `i` of the axis: central,
-/// one-sided at the ends; `None` where there is one cell only.
+/// `∂ψ/∂v` along an axis of `cells` cells of width `h` at cell `j`, `value(i)` being `ψ` in cell
+/// `i` of the axis: central, one-sided at the ends; `None` where there is one cell only.
 fn derivative(j: usize, cells: usize, h: f64, value: impl Fn(usize) -> f64) -> Option<f64> {
     let (lower, upper) = (j.saturating_sub(1), (j + 1).min(cells - 1));
     (lower < upper).then(|| (value(upper) - value(lower)) / ((upper - lower) as f64 * h))
 }
 
-/// `out ← φ Π_a δ_{ω_a}(ψ_a)` over the velocity cells at one point of space; `phi` and each of `psi` hold the values there.
+/// `out ← φ Π_a δ_{ω_a}(ψ_a)` over the velocity cells at one point of space; `phi` and each of
+/// `psi` hold the values there.
 pub fn concentrate(
     out: &mut [f64],
     space: &PhaseSpace,

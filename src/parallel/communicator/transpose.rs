@@ -1,13 +1,15 @@
-//! Distributed transpose: between ranks that have some modes of every cell and ranks that have every mode of some cells.
+//! Distributed transpose: between ranks that have some modes of every cell and ranks that have
+//! every mode of some cells.
 //!
 //! ```text
 //! by mode   rank g has  x_l(i)  for its own modes l and all cells i
 //! by cell   rank g has  x_l(i)  for all modes l and its own cells i
 //! ```
 //!
-//! The caller goes through the cells in rounds, of at most so many cells a rank, so that buffers stay small whatever the field. In a
-//! round the ranks go in a ring: in step `s` each sends to `rank + s` and receives from `rank − s`, in pieces whose number of elements is
-//! a C int; what a rank sends to itself is copied.
+//! The caller goes through the cells in rounds, of at most so many cells a rank, so that buffers
+//! stay small whatever the field. In a round the ranks go in a ring: in step `s` each sends to
+//! `rank + s` and receives from `rank − s`, in pieces whose number of elements is a C int; what a
+//! rank sends to itself is copied.
 
 use crate::parallel::communicator::{Group, MOST_AT_ONCE};
 use mpi::point_to_point::send_receive_into;
@@ -31,7 +33,8 @@ pub struct Transpose<'a> {
 }
 
 impl<'a> Transpose<'a> {
-    /// For the `modes` of each rank of `group`, which are the numbers `0..` each once, and rounds of at most `cells` cells a rank.
+    /// For the `modes` of each rank of `group`, which are the numbers `0..` each once, and rounds
+    /// of at most `cells` cells a rank.
     pub fn new(group: &'a Group, modes: Vec<Vec<usize>>, cells: usize) -> Self {
         Self::in_pieces(group, modes, cells, MOST_AT_ONCE)
     }
@@ -66,11 +69,13 @@ impl<'a> Transpose<'a> {
         self.group.rank()
     }
 
-    /// From modes to cells: `all[(i − cells[rank].start)·modes + l] = by_mode[k·stride + i]`, `l` being the `k`-th mode of the rank that has
-    /// it, for the cells `cells[rank]` of each rank. Collective over the group; allocates nothing.
+    /// From modes to cells: `all[(i − cells[rank].start)·modes + l] = by_mode[k·stride + i]`, `l`
+    /// being the `k`-th mode of the rank that has it, for the cells `cells[rank]` of each rank.
+    /// Collective over the group; allocates nothing.
     pub fn to_cells(
         &mut self,
-        (by_mode, stride): (&[Complex64], usize),
+        by_mode: &[Complex64],
+        stride: usize,
         cells: &[Range<usize>],
         all: &mut [Complex64],
     ) {
@@ -81,7 +86,7 @@ impl<'a> Transpose<'a> {
             if step == 0 {
                 for (k, &l) in self.modes[rank].iter().enumerate() {
                     let line = &by_mode[k * stride..][cells[rank].clone()];
-                    scatter(line, all, (l, count));
+                    scatter(line, all, l, count);
                 }
                 continue;
             }
@@ -91,9 +96,10 @@ impl<'a> Transpose<'a> {
                 self.send[k * length..][..length].copy_from_slice(line);
             }
             let outgoing = self.modes[rank].len() * length;
-            self.swap((to, outgoing), (from, self.modes[from].len() * own));
+            let incoming = self.modes[from].len() * own;
+            self.swap(Message::new(to, outgoing), Message::new(from, incoming));
             for (k, &l) in self.modes[from].iter().enumerate() {
-                scatter(&self.receive[k * own..][..own], all, (l, count));
+                scatter(&self.receive[k * own..][..own], all, l, count);
             }
         }
     }
@@ -103,7 +109,8 @@ impl<'a> Transpose<'a> {
         &mut self,
         all: &[Complex64],
         cells: &[Range<usize>],
-        (by_mode, stride): (&mut [Complex64], usize),
+        by_mode: &mut [Complex64],
+        stride: usize,
     ) {
         let (rank, size, count) = (self.rank(), self.size(), self.count);
         let own = cells[rank].len();
@@ -112,16 +119,17 @@ impl<'a> Transpose<'a> {
             if step == 0 {
                 for (k, &l) in self.modes[rank].iter().enumerate() {
                     let line = &mut by_mode[k * stride..][cells[rank].clone()];
-                    gather(line, all, (l, count));
+                    gather(line, all, l, count);
                 }
                 continue;
             }
             for (k, &l) in self.modes[to].iter().enumerate() {
-                gather(&mut self.send[k * own..][..own], all, (l, count));
+                gather(&mut self.send[k * own..][..own], all, l, count);
             }
             let length = cells[from].len();
             let incoming = self.modes[rank].len() * length;
-            self.swap((to, self.modes[to].len() * own), (from, incoming));
+            let outgoing = self.modes[to].len() * own;
+            self.swap(Message::new(to, outgoing), Message::new(from, incoming));
             for k in 0..self.modes[rank].len() {
                 let line = &mut by_mode[k * stride..][cells[from].clone()];
                 line.copy_from_slice(&self.receive[k * length..][..length]);
@@ -129,12 +137,13 @@ impl<'a> Transpose<'a> {
         }
     }
 
-    /// Sends the first `outgoing` elements packed to rank `to` and receives `incoming` from rank `from`, in as many pieces as the longest
-    /// message between any two ranks takes, so that every rank takes part in as many.
-    fn swap(&mut self, (to, outgoing): (usize, usize), (from, incoming): (usize, usize)) {
+    /// Sends the elements packed for `to` and receives those of `from`, in as many pieces as the
+    /// longest message between any two ranks takes, so that every rank takes part in as many.
+    fn swap(&mut self, to: Message, from: Message) {
+        let (outgoing, incoming) = (to.length, from.length);
         let communicator = &self.group.communicator;
-        let to = communicator.process_at_rank(to as i32);
-        let from = communicator.process_at_rank(from as i32);
+        let to = communicator.process_at_rank(to.rank as i32);
+        let from = communicator.process_at_rank(from.rank as i32);
         let longest = buffer(&self.modes, self.cells);
         let (send, receive) = (&self.send[..outgoing], &mut self.receive[..incoming]);
         for start in (0..longest).step_by(self.most) {
@@ -142,6 +151,19 @@ impl<'a> Transpose<'a> {
             let into = &mut receive[piece(incoming)];
             send_receive_into(&send[piece(outgoing)], &to, into, &from);
         }
+    }
+}
+
+/// A message to or from a rank.
+struct Message {
+    rank: usize,
+    /// Elements.
+    length: usize,
+}
+
+impl Message {
+    fn new(rank: usize, length: usize) -> Self {
+        Self { rank, length }
     }
 }
 
@@ -154,14 +176,14 @@ fn buffer(modes: &[Vec<usize>], cells: usize) -> usize {
 }
 
 /// Mode `l` of `count`, cell after cell, into its place among the modes of each cell.
-fn scatter(line: &[Complex64], all: &mut [Complex64], (l, count): (usize, usize)) {
+fn scatter(line: &[Complex64], all: &mut [Complex64], l: usize, count: usize) {
     for (x, cell) in line.iter().zip(all.chunks_exact_mut(count)) {
         cell[l] = *x;
     }
 }
 
 /// The way back of [`scatter`].
-fn gather(line: &mut [Complex64], all: &[Complex64], (l, count): (usize, usize)) {
+fn gather(line: &mut [Complex64], all: &[Complex64], l: usize, count: usize) {
     for (x, cell) in line.iter_mut().zip(all.chunks_exact(count)) {
         *x = cell[l];
     }

@@ -1,7 +1,8 @@
 //! A vote that nobody waits for: a bit set by any rank is set in the outcome.
 //!
-//! Every rank posts the same number of votes, each when it comes to it, and looks now and then whether the outcome is there:
-//! it is once every rank has posted. So ranks that work at their own pace learn what any of them wants.
+//! Every rank posts the same number of votes, each when it comes to it, and looks now and then
+//! whether the outcome is there: it is once every rank has posted. So ranks that work at their own
+//! pace learn what any of them wants.
 
 use crate::parallel::communicator::Group;
 use mpi::collective::SystemOperation;
@@ -11,7 +12,7 @@ use mpi::traits::*;
 
 /// The votes of a group, one after the other.
 pub struct Vote {
-    /// A communicator of its own: collectives of the others go by in between.
+    /// A duplicate communicator: other collectives may run in between.
     group: Group,
     /// What this rank posted, and the outcome: MPI's between `post` and the end of the vote.
     ballots: Vec<u64>,
@@ -44,7 +45,8 @@ impl Vote {
         self.ballots[0] = bits;
         self.posted = true;
         let ballots = self.ballots.as_mut_ptr();
-        // SAFETY: both numbers live in `self`, on the heap, and are not touched until `take` has waited for the request.
+        // SAFETY: both numbers live in `self`, on the heap, and are not touched until `take` has
+        // waited for the request.
         unsafe {
             ffi::MPI_Iallreduce(
                 ballots.cast(),

@@ -1,12 +1,13 @@
 //! The conservative law: overlap of energy intervals.
 //!
 //! Velocity cell `[a, b]` of one sign holds the kinetic energies `[a²/2, b²/2]`, of length `|ξ|Δξ`.
-//! Shifted by `rise` they are given to the source cells by overlap; the part below the lowest energy of
-//! the grid is reflected. Row sums are 1 and `Σ_j |ξ_j| w_jk = |ξ_k|`, so both sums of `A` vanish away
-//! from the ends of the box.
+//! Shifted by `rise` they are given to the source cells by overlap; the part below the lowest
+//! energy of the grid is reflected. Row sums are 1 and `Σ_j |ξ_j| w_jk = |ξ_k|`, so both sums of
+//! `A` vanish away from the ends of the box.
 //!
-//! A cell that contains zero holds `[min², max²]/2` of its edges, so that the length stays `|ξ|Δξ`. The
-//! lowest energy of the lattice, `floor`, is then that of the face nearest to zero, for both signs.
+//! A cell that contains zero holds `[min², max²]/2` of its edges, so that the length stays `|ξ|Δξ`.
+//! The lowest energy of the lattice, `floor`, is then that of the face nearest to zero, for both
+//! signs.
 
 use crate::problem::grid::Axis;
 use crate::scheme::interface::law::{FARTHEST, InterfaceLaw, Side, Source, velocity};
@@ -22,7 +23,8 @@ impl InterfaceLaw for Conservative {
         let lattice = Lattice::new(axis);
         let (low, high) = lattice.energies(j);
         let length = high - low;
-        // Reflection: the part of the interval below floor − rise, found at the opposite velocities of the same cell.
+        // Reflection: the part of the interval below floor − rise, found at the opposite velocities
+        // of the same cell.
         let threshold = lattice.floor - rise;
         if low < threshold {
             lattice.share(out, Side::Same, -sign, low, high.min(threshold), length);
@@ -37,7 +39,8 @@ impl InterfaceLaw for Conservative {
                 length,
             );
         }
-        // Beside a very high wall energies are rounded: the shares are made to add up to 1 again, whatever is left of them.
+        // Beside a very high wall energies are rounded: the shares are made to add up to 1 again,
+        // whatever is left of them.
         let sum: f64 = out.iter().map(|s| s.weight).sum();
         if sum > 0.0 {
             out.iter_mut().for_each(|s| s.weight /= sum);
@@ -86,7 +89,8 @@ impl<'a> Lattice<'a> {
         at.clamp(-FARTHEST, FARTHEST).floor() as i64
     }
 
-    /// Shares the energies `[low, high]` among the cells of velocities with `sign`; weights are overlaps over `length`.
+    /// Shares the energies `[low, high]` among the cells of velocities with `sign`; weights are
+    /// overlaps over `length`.
     fn share(
         &self,
         out: &mut Vec<Source>,

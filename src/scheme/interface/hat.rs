@@ -4,8 +4,9 @@
 //! f(x⁺, ξ_j) = a^T Σ_k h(±√(ξ_j² + 2 rise) − ξ_k) f_k + a^R f_{j'}
 //! ```
 //!
-//! `h` is the hat function of width `Δξ`; `j'`, in the cell itself, has the velocity `−ξ_j`. On boxes
-//! that are not symmetric about zero `f_{j'}` is interpolated at `−ξ_j` by the same hat function.
+//! `h` is the hat function of width `Δξ`; `j'`, in the cell itself, has the velocity `−ξ_j`. On
+//! boxes that are not symmetric about zero `f_{j'}` is interpolated at `−ξ_j` by the same hat
+//! function.
 
 use crate::problem::grid::Axis;
 use crate::scheme::interface::law::{FARTHEST, InterfaceLaw, Side, Source, velocity};

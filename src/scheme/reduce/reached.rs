@@ -1,10 +1,12 @@
 //! Velocities that nothing ever reaches.
 //!
-//! Each term of a row of the scheme changes the indices along one axis only, `(i_a, j_a)`. So the cells that `f` reaches lie, for every axis
-//! `a`, over those that it reaches in the plane `(x_a, v_a)`: begun with what is there at time zero and what enters, and closed under the
-//! sources of the scheme with every jump that a face along `x_a` has anywhere, and every slope. In one dimension these are exactly the
-//! cells of which a path of entries of `A` leads from data; in more, the product of the planes holds them all. What lies outside
-//! stays exactly zero, so that rows there need not be computed; a source there counts as nothing.
+//! Each term of a row of the scheme changes the indices along one axis only, `(i_a, j_a)`. So the
+//! cells that `f` reaches lie, for every axis `a`, over those that it reaches in the plane
+//! `(x_a, v_a)`: begun with what is there at time zero and what enters, and closed under the
+//! sources of the scheme with every jump that a face along `x_a` has anywhere, and every slope. In
+//! one dimension these are exactly the cells of which a path of entries of `A` leads from data; in
+//! more, the product of the planes holds them all. What lies outside stays exactly zero, so that
+//! rows there need not be computed; a source there counts as nothing.
 
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
@@ -27,7 +29,7 @@ const MOST_JUMPS: usize = 512;
 ///
 /// # Errors
 /// [`crate::base::error::Error::Formula`] where `V` is not finite.
-pub(crate) fn crop(world: &Group, case: &mut Case, said: &mut Reductions) -> Result<()> {
+pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) -> Result<()> {
     if case.fields.len() > 1 {
         // Level sets vanish at single velocities only.
         return Ok(());
@@ -44,11 +46,13 @@ pub(crate) fn crop(world: &Group, case: &mut Case, said: &mut Reductions) -> Res
         None
     };
     if let Some(why) = why {
-        said.kept.push(format!("velocities: all of them; {why}"));
+        reductions
+            .kept
+            .push(format!("velocities: all of them; {why}"));
         return Ok(());
     }
     // An error is that of the potential, the same on all ranks.
-    let mut planes = filled(case, (world.rank(), world.size()))?;
+    let mut planes = filled(case, world.rank(), world.size())?;
     for plane in &mut planes {
         world.max_into(&mut plane.reached);
     }
@@ -64,7 +68,7 @@ pub(crate) fn crop(world: &Group, case: &mut Case, said: &mut Reductions) -> Res
         }
         let window = axis.window(&range);
         let name = names[case.space.dimension() + a];
-        said.dropped.push(format!(
+        reductions.dropped.push(format!(
             "{name}: nothing is ever outside of [{:.6}, {:.6}]; {} cells -> {}",
             window.lower, window.upper, axis.cells, window.cells
         ));
@@ -225,9 +229,9 @@ impl Faces {
     }
 }
 
-/// The planes with what is there at time zero and where something enters, of every `of`-th point of space from `first` on; not all of it
-/// where the planes are full before.
-fn filled(case: &Case, (first, of): (usize, usize)) -> Result<Vec<Plane>> {
+/// The planes with what is there at time zero and where something enters, of every `of`-th point of
+/// space from `first` on; not all of it where the planes are full before.
+fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<Plane>> {
     let (space, n) = (&case.space, case.space.dimension());
     let mut planes: Vec<Plane> = (0..n)
         .map(|axis| Plane {
@@ -310,7 +314,8 @@ mod tests {
         Case::parse("scene", &text, &settings).expect("a case")
     }
 
-    /// Against a walk over the rows of the whole grid: nothing is reached outside of the boxes, and in one dimension they are the least.
+    /// Against a walk over the rows of the whole grid: nothing is reached outside of the boxes, and
+    /// in one dimension they are the least.
     #[test]
     fn boxes_hold_what_rows_reach() {
         for (dimension, settings) in SCENES {
@@ -331,7 +336,7 @@ mod tests {
                 }
                 now = reached.iter().filter(|r| **r).count();
             }
-            let planes = filled(&case, (0, 1)).expect("planes");
+            let planes = filled(&case, 0, 1).expect("planes");
             let boxes = boxes(&case, planes).expect("boxes");
             for (a, range) in boxes.iter().enumerate() {
                 let found = (0..space.cells()).filter(|&i| reached[i]);

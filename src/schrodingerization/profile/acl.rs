@@ -4,8 +4,9 @@
 //! ĝ(μ) = exp(2^β − (1−iμ)^β) / (1+iμ).
 //! ```
 //!
-//! In the upper half plane it is analytic but for the pole at `μ = i`, so `g = e^{−p}` exactly for `p > 0`; below, the branch cut from
-//! `−i` down gives `|g(p)| ≤ C e^p` for `p < 0`, `C = (1/2π) ∫ |ĝ(x−i)| dx`. All derivatives exist at 0.
+//! In the upper half plane it is analytic but for the pole at `μ = i`, so `g = e^{−p}` exactly for
+//! `p > 0`; below, the branch cut from `−i` down gives `|g(p)| ≤ C e^p` for `p < 0`,
+//! `C = (1/2π) ∫ |ĝ(x−i)| dx`. All derivatives exist at 0.
 
 use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
 use crate::schrodingerization::profile::window::{Demand, Window, place, summed_by_parts};
@@ -53,8 +54,8 @@ impl Acl {
         (2f64.powf(self.beta) - (1.0 - i_mu).powf(self.beta)).exp() / (1.0 + i_mu)
     }
 
-    /// `g(p)`, `−½ < p < 0`: the inverse transform along `Im μ = −½`, by the trapezoidal rule. Its step sets a period
-    /// `2π/h` after which both tails are beyond round-off.
+    /// `g(p)`, `−½ < p < 0`: the inverse transform along `Im μ = −½`, by the trapezoidal rule. Its
+    /// step sets a period `2π/h` after which both tails are beyond round-off.
     fn near(&self, p: f64) -> f64 {
         const PERIOD: f64 = 2.0 * DIGITS + 2.0;
         let step = 2.0 * PI / PERIOD;
@@ -69,7 +70,8 @@ impl Acl {
     }
 
     /// `g(p)`, `p ≤ −½`, along both sides of the cut `μ = −i(1+t)`:
-    /// `(1/π) ∫_0^∞ e^{(1+t)p + 2^β − t^β cos πβ} sin(t^β sin πβ)/(2+t) dt`, with `t = e^s` by the trapezoidal rule.
+    /// `(1/π) ∫_0^∞ e^{(1+t)p + 2^β − t^β cos πβ} sin(t^β sin πβ)/(2+t) dt`, with `t = e^s` by the
+    /// trapezoidal rule.
     fn far(&self, p: f64) -> f64 {
         const STEP: f64 = 0.125;
         let (sin, cos) = (PI * self.beta).sin_cos();

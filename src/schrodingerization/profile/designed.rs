@@ -1,28 +1,35 @@
-//! A trigonometric polynomial designed to be `e^{−p}` on the domain of dependence `[−Λ⁺, Λ⁻ + reach]` and nowhere else, with few
-//! modes: of a period longer than the domain by a gap, in which it may be anything that round-off allows.
+//! A trigonometric polynomial designed to be `e^{−p}` on the domain of dependence
+//! `[−Λ⁺, Λ⁻ + reach]` and nowhere else, with few modes: of a period longer than the domain by a
+//! gap, in which it may be anything that round-off allows.
 //!
-//! **Least squares.** About the middle `m` of the domain, of length `L`, with `y = p − m`, even and odd parts are apart,
+//! **Least squares.** About the middle `m` of the domain, of length `L`, with `y = p − m`, even and
+//! odd parts are apart,
 //!
 //! ```text
 //! g = Σ_l a_l cos(μ_l y) + b_l sin(μ_l y),     e^{−p} = e^{−m} (cosh y − sinh y),     μ_l = 2πl/P,
 //! ```
 //!
-//! and `a`, `b` minimise `mean |g − e^{−p}|² + η²‖·‖²` each over nodes `y = (L/2) sin(θ)`, `θ` equally spaced (Chebyshev's, denser to the ends,
-//! where the error would be largest). A Fourier extension (Huybrechs 2010, SIAM J. Numer. Anal. 47, 4326), whose system
-//! is singular to all digits; the penalty `η` keeps `Σ|c_l|`, which amplifies round-off, below `ε/(20 ε_machine)`.
+//! and `a`, `b` minimise `mean |g − e^{−p}|² + η²‖·‖²` each over nodes `y = (L/2) sin(θ)`, `θ`
+//! equally spaced (Chebyshev's, denser to the ends, where the error would be largest). A Fourier
+//! extension (Huybrechs 2010, SIAM J. Numer. Anal. 47, 4326), whose system is singular to all
+//! digits; the penalty `η` keeps `Σ|c_l|`, which amplifies round-off, below `ε/(20 ε_machine)`.
 //!
-//! **How many modes.** `g` is the sum of the images of `e^{−p} 1_{p>0}` convolved with an `h` that lives in the gap, `∫ h e^s ds = 1`. With
-//! `|ĥ| ≤ G` up to the cut-off `W` and `≤ ε` beyond, analytic in the upper half plane, `ln|ĥ(i)| = 0` is at most the mean of the
-//! bounds by the harmonic measure of `[−W, W]` seen from `i`, `ω = (2/π) arctan W` (two-constants theorem). So with `G = ε/(20 ε_machine)`
+//! **How many modes.** `g` is the sum of the images of `e^{−p} 1_{p>0}` convolved with an `h` that
+//! lives in the gap, `∫ h e^s ds = 1`. With `|ĥ| ≤ G` up to the cut-off `W` and `≤ ε` beyond,
+//! analytic in the upper half plane, `ln|ĥ(i)| = 0` is at most the mean of the bounds by the
+//! harmonic measure of `[−W, W]` seen from `i`, `ω = (2/π) arctan W` (two-constants theorem). So
+//! with `G = ε/(20 ε_machine)`
 //!
 //! ```text
 //! W ≥ tan((π/2) ln(1/ε) / ln(1/(20 ε_machine))),
 //! ```
 //!
-//! whatever the gap; a long one comes close to it, and below it where the domain itself is short. The search starts there.
+//! whatever the gap; a long one comes close to it, and below it where the domain itself is short.
+//! The search starts there.
 //!
-//! **Long domains.** Beyond `LARGEST` modes the design is made for a shorter domain, cut at its end, where `g` is below `ε`, and
-//! continued by zero to the period wanted, which takes some percent of modes more.
+//! **Long domains.** Beyond `LARGEST` modes the design is made for a shorter domain, cut at its
+//! end, where `g` is below `ε`, and continued by zero to the period wanted, which takes some
+//! percent of modes more.
 
 pub mod circle;
 pub mod least_squares;
@@ -35,15 +42,18 @@ use crate::schrodingerization::profile::window::{Demand, Window};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI, SQRT_2, TAU};
 
-/// What there is room for between the largest `Σ|c_l|` and the largest error, `ln(1/(20 ε_machine))`.
+/// What there is room for between the largest `Σ|c_l|` and the largest error,
+/// `ln(1/(20 ε_machine))`.
 const ROOM: f64 = 33.05;
 /// Least `ε e^{−Λ⁺}` that is designed for. A tenth of it takes twice the modes.
 const SMALLEST: f64 = 1e-13;
-/// Longest domain that is designed for: units of a millionth of the period resolve `e^{−p}`, and a design takes seconds.
+/// Longest domain that is designed for: units of a millionth of the period resolve `e^{−p}`, and a
+/// design takes seconds.
 const LONGEST: f64 = 2e4;
 /// Part of `ε` that the error may take on the domain; the rest is for the propagator and round-off.
 const SHARE: f64 = 0.7;
-/// The same of a design that is then continued (the cut may double its error), and its part of the largest `Σ|c_l|`.
+/// The same of a design that is then continued (the cut may double its error), and its part of the
+/// largest `Σ|c_l|`.
 const CONTINUED_SHARES: [f64; 2] = [0.35, 0.9];
 /// Most modes of a design, about; one with more is that of a shorter domain continued.
 const LARGEST: f64 = 160.0;
@@ -63,8 +73,8 @@ pub struct Designed {
 }
 
 impl Designed {
-    /// The one of about least work for `demand`, read at `p◇ = 0` or where it is told; `None` where round-off forbids it
-    /// ([`possible`](Self::possible)).
+    /// The one of about least work for `demand`, read at `p◇ = 0` or the given point; `None` where
+    /// round-off forbids it ([`possible`](Self::possible)).
     pub fn meeting(demand: &Demand) -> Option<(Self, Window)> {
         if !Self::possible(demand) {
             return None;
@@ -107,8 +117,8 @@ impl Designed {
         Some((designed, window))
     }
 
-    /// Whether there is one: `ε e^{−Λ⁺}` is not too small, the domain not too long, and no interval and no samples are asked for. Beyond its domain it
-    /// is no function to take samples of.
+    /// Whether there is one: `ε e^{−Λ⁺}` is not too small, the domain not too long, and no interval
+    /// and no samples are asked for. Beyond its domain it is no function to take samples of.
     pub fn possible(demand: &Demand) -> bool {
         // False where the growth is not known, too.
         let least = demand.tolerance * libm::exp(-demand.growth);
@@ -153,10 +163,10 @@ fn with_gap(circle: &Circle, demand: &Demand, gap: f64) -> Option<Polynomial> {
     // Of the digits that are asked for, the last are lost to round-off first: a larger penalty.
     let eta = 5e-15 * coarser(demand) * libm::exp(0.12 * (digits - 20.7).max(0.0));
     let design = |upper: f64, share: f64, digits: f64| {
-        let place = Place::new([lower, upper], gap);
-        let guess = 1 + (place.period * cutoff / TAU) as usize;
+        let domain = LatticeDomain::new([lower, upper], gap);
+        let guess = 1 + (domain.period * cutoff / TAU) as usize;
         least(guess, 2 * guess + 40, |modes| {
-            let g = place.fit(circle, modes, eta);
+            let g = domain.fit(circle, modes, eta);
             let kept = g.keeps_digits(digits * tolerance, demand.round_off);
             (kept && g.meets(circle, [lower, upper], share * tolerance)).then_some(g)
         })
@@ -181,8 +191,8 @@ fn with_gap(circle: &Circle, demand: &Demand, gap: f64) -> Option<Polynomial> {
     Some(long)
 }
 
-/// What `attempt` returns for the least number of modes, from 2 to `most`, that it does not refuse: by steps from `guess`, then by
-/// bisection; of many about the least.
+/// What `attempt` returns for the least number of modes, from 2 to `most`, that it does not refuse:
+/// by steps from `guess`, then by bisection; of many about the least.
 fn least<T>(guess: usize, most: usize, mut attempt: impl FnMut(usize) -> Option<T>) -> Option<T> {
     let (mut low, mut high) = (1, None);
     let (mut modes, mut step) = (guess.clamp(2, most), 1 + guess / 24);
@@ -204,13 +214,13 @@ fn least<T>(guess: usize, most: usize, mut attempt: impl FnMut(usize) -> Option<
 }
 
 /// Period and domain in whole units of `P/TURN`.
-struct Place {
+struct LatticeDomain {
     period: f64,
     middle: i64,
     end: i64,
 }
 
-impl Place {
+impl LatticeDomain {
     /// Not shorter than the domain, and longer by a millionth of the period.
     fn new([lower, upper]: [f64; 2], gap: f64) -> Self {
         let period = upper - lower + gap;
@@ -282,8 +292,8 @@ impl Polynomial {
         2.0 * sum <= tolerance / (20.0 * round_off)
     }
 
-    /// `|g − e^{−p}|` at points as close as a sixth of the shortest wave's half, and closer to the ends; of very many modes as far
-    /// apart as such a wave.
+    /// `|g − e^{−p}|` at points as close as a sixth of the shortest wave's half, and closer to the
+    /// ends; of very many modes as far apart as such a wave.
     fn errors(&self, circle: &Circle, [lower, upper]: [f64; 2]) -> impl Iterator<Item = f64> {
         let unit = self.period / TURN as f64;
         let (middle, half) = (0.5 * (lower + upper), 0.5 * (upper - lower));
@@ -304,9 +314,9 @@ impl Polynomial {
         self.errors(circle, domain).all(|error| error <= limit)
     }
 
-    /// The first `modes` coefficients, for the longer `period`, of the function that is this one on the period that ends at `end`, and
-    /// zero elsewhere: with that period's middle `q`, of length `P`,
-    /// `c_l = (P/period) Σ_m c_m e^{iν_m q} sinc(π(m − lP/period))`.
+    /// The first `modes` coefficients, for the longer `period`, of the function that is this one on
+    /// the period that ends at `end`, and zero elsewhere: with that period's middle `q`, of length
+    /// `P`, `c_l = (P/period) Σ_m c_m e^{iν_m q} sinc(π(m − lP/period))`.
     fn continued(&self, end: f64, period: f64, modes: usize) -> Self {
         let unit = period / TURN as f64;
         let centre = ((end - 0.5 * self.period) / unit).round() as i64;

@@ -1,6 +1,6 @@
-//! `g(p) = e^{−p}` for `p ≥ 0`, `e^{αp}` for `p < 0`: the paper's. It has a corner at 0, `ĝ(μ) = 1/(1+iμ) + 1/(α−iμ)` falls like
-//! `(1+α)/μ²`, and the modes beyond `μ` add `(1+α)/(πμ)` at the corner (first order in `N_p`), but only about
-//! `(1+α)/(πdμ²)` at a distance `d` from it.
+//! `g(p) = e^{−p}` for `p ≥ 0`, `e^{αp}` for `p < 0`: the paper's. It has a corner at 0,
+//! `ĝ(μ) = 1/(1+iμ) + 1/(α−iμ)` falls like `(1+α)/μ²`, and the modes beyond `μ` add `(1+α)/(πμ)` at
+//! the corner (first order in `N_p`), but only about `(1+α)/(πdμ²)` at a distance `d` from it.
 
 use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
 use crate::schrodingerization::profile::window::{Demand, Window, place};
@@ -49,7 +49,8 @@ impl Shape for Exponential {
         bound.ln().min(0.0) / self.alpha
     }
 
-    /// From `ĝ = (1+α)/μ² + (1−α²)/(iμ)³ + …`, what follows being at most `(1+α³)/μ⁴`; or all magnitudes.
+    /// From `ĝ = (1+α)/μ² + (1−α²)/(iμ)³ + …`, what follows being at most `(1+α³)/μ⁴`; or all
+    /// magnitudes.
     fn tail(&self, mu: f64, distance: f64) -> f64 {
         let a = self.alpha;
         let parts = (1.0 + a) * corner(1, mu, distance)
@@ -59,9 +60,9 @@ impl Shape for Exponential {
     }
 }
 
-/// Bound on what the modes beyond `μ` of a corner add, `(2/P) Σ cos(μ_l p)/μ_l^{order+1}` at `p ≥ distance`: the integral of the
-/// magnitudes, `1/(π order μ^order)`, or, since neighbours cancel, summation by parts (once or twice) with
-/// `sin(πp/P) ≥ πp/(1.12 P)` for `p ≤ P/4`.
+/// Bound on what the modes beyond `μ` of a corner add, `(2/P) Σ cos(μ_l p)/μ_l^{order+1}` at
+/// `p ≥ distance`: the integral of the magnitudes, `1/(π order μ^order)`, or, since neighbours
+/// cancel, summation by parts (once or twice) with `sin(πp/P) ≥ πp/(1.12 P)` for `p ≤ P/4`.
 fn corner(order: usize, mu: f64, distance: f64) -> f64 {
     let k = order as f64;
     let power = mu.powf(-k);

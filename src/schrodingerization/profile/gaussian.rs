@@ -1,4 +1,5 @@
-//! `g(p) = e^{−p} Φ((p − p0)/σ)`, `Φ` the normal distribution function. It equals `e^{−p}` to within `ε` above `p0 + zσ`, and
+//! `g(p) = e^{−p} Φ((p − p0)/σ)`, `Φ` the normal distribution function. It equals `e^{−p}` to
+//! within `ε` above `p0 + zσ`, and
 //!
 //! ```text
 //! ĝ(μ) = ∫ g(p) e^{−iμp} dp = exp(½σ²(1+iμ)² − (1+iμ) p0) / (1+iμ)
@@ -6,6 +7,7 @@
 //!
 //! decays like a Gaussian: spectrally accurate, since `ĝ` itself and no samples of `g` are used.
 
+use crate::base::bisect::bisect;
 use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
 use crate::schrodingerization::profile::window::{Demand, Window};
 use num_complex::Complex64;
@@ -26,32 +28,19 @@ pub struct Gaussian {
 
 /// `z` with `Φ(−z) = ε`, `0 < ε ≤ ½`.
 pub fn normal_quantile(epsilon: f64) -> f64 {
-    let (mut low, mut high) = (0.0, 40.0);
-    for _ in 0..100 {
-        let middle = 0.5 * (low + high);
-        if 0.5 * libm::erfc(middle / SQRT_2) > epsilon {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
+    let above = |z: f64| 0.5 * libm::erfc(z / SQRT_2) > epsilon;
+    let [low, high] = bisect(0.0, 40.0, 100, above);
     0.5 * (low + high)
 }
 
 impl Gaussian {
-    /// The cheapest one that recovers `u` to `tolerance`, when the spectrum of `S·T` lies in
-    /// `[−decay, growth]` and recovery points in `[0, reach]`; `None` if round-off forbids it.
+    /// Those that meet `demand` when read from `p = 0` on, by rising width.
     ///
-    /// The conditions: `p0 = −zσ − growth`, `Φ(−z) = ε`; round-off, `exp(−p0 + σ²/2) ≤ ε/(20 ε_machine)`; left tail
-    /// `q = σ² + σ√(σ² + 2(−p0 + ln 1/ε))` and period `P = decay + growth + reach + q − p0`, and at least `growth + ln 2/ε`, so that
-    /// the next period's `e^{−p−P}` does not reach in (this matters for short times); cut-off
-    /// `μ_max² = 1 + 2(ln 1/ε − p0)/σ²`. Among widths `σ` the one of least `P μ_max (μ_max + 1)`, what a run costs.
-    pub fn plan(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Option<Self> {
-        Self::candidates(&Demand::new(tolerance, growth, decay, reach))
-            .min_by(|a, b| a.cost().total_cmp(&b.cost()))
-    }
-
-    /// What [`plan`](Self::plan) chooses from, by rising width.
+    /// The conditions: `p0 = −zσ − growth`, `Φ(−z) = ε`; round-off,
+    /// `exp(−p0 + σ²/2) ≤ ε/(20 ε_machine)`; left tail `q = σ² + σ√(σ² + 2(−p0 + ln 1/ε))` and
+    /// period `P = decay + growth + reach + q − p0`, and at least `growth + ln 2/ε`, so that the
+    /// next period's `e^{−p−P}` does not reach in (this matters for short times); cut-off
+    /// `μ_max² = 1 + 2(ln 1/ε − p0)/σ²`.
     fn candidates(demand: &Demand) -> impl Iterator<Item = Self> + use<> {
         let &Demand {
             tolerance,
@@ -84,11 +73,8 @@ impl Gaussian {
         })
     }
 
-    fn cost(&self) -> f64 {
-        self.period * self.cutoff * (self.cutoff + 1.0)
-    }
-
-    /// The cheapest for `demand`. Where `p◇` is given by hand, the switch is moved along: everything is as at `p◇ = 0`.
+    /// The cheapest for `demand`: the width of least `P μ_max (μ_max + 1)`, what a run costs. Where `p◇` is given by hand, the switch is moved along:
+    /// everything is as at `p◇ = 0`.
     pub fn meeting(demand: &Demand) -> Option<(Self, Window)> {
         let point = demand.recovery.unwrap_or(0.0);
         let moved = |mut profile: Self| {
@@ -123,9 +109,9 @@ impl Planned for Gaussian {
         )
     }
 
-    /// Where the spectrum of `S` near zero dominates, the error is how `g` differs from `e^{−p}`. The
-    /// relative deficit of `g` is `Φ((p0 − p)/σ)`, which both readings have in part: what is visible of
-    /// the first one's is what it does not share with the second.
+    /// Where the spectrum of `S` near zero dominates, the error is how `g` differs from `e^{−p}`.
+    /// The relative deficit of `g` is `Φ((p0 − p)/σ)`, which both readings have in part: what is
+    /// visible of the first one's is what it does not share with the second.
     fn visible_error(&self, point: f64, apart: f64) -> f64 {
         let deficit = |p: f64| libm::erfc((p - self.offset) / (self.sigma * SQRT_2));
         1.0 - deficit(point + apart) / deficit(point)
@@ -174,6 +160,11 @@ mod tests {
         Series::analytic(g.period, modes, |mu| g.coefficient(mu))
     }
 
+    fn plan(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Option<Gaussian> {
+        let demand = Demand::new(tolerance, growth, decay, reach);
+        Gaussian::meeting(&demand).map(|(g, _)| g)
+    }
+
     #[test]
     fn quantile_inverts_the_distribution() {
         assert!((normal_quantile(0.5)).abs() < 1e-12);
@@ -183,7 +174,7 @@ mod tests {
 
     #[test]
     fn coefficients_are_the_fourier_transform_of_the_profile() {
-        let g = Gaussian::plan(1e-6, 0.3, 60.0, 0.0).expect("possible");
+        let g = plan(1e-6, 0.3, 60.0, 0.0).expect("possible");
         for mu in [0.0, 0.4, 1.7] {
             // Trapezoidal rule, spectrally accurate for a function that decays at both ends.
             let (a, b, n) = (-60.0, 60.0, 40_000);
@@ -206,7 +197,7 @@ mod tests {
     fn the_series_is_the_exponential_where_it_must_be() {
         for tolerance in [1e-3, 1e-6, 1e-9, 1e-11] {
             for (growth, decay) in [(0.0, 3.0), (0.375, 127.0), (0.1, 1000.0)] {
-                let g = Gaussian::plan(tolerance, growth, decay, 0.0).expect("possible");
+                let g = plan(tolerance, growth, decay, 0.0).expect("possible");
                 let series = series(&g);
                 for i in 0..=50 {
                     let p = -growth + (decay + growth) * f64::from(i) / 50.0;
@@ -225,7 +216,7 @@ mod tests {
     fn mode_counts_of_the_design() {
         for (decay, expected) in [(63.0, [38, 49, 68, 99]), (127.0, [57, 76, 115, 178])] {
             for (tolerance, modes) in [1e-3, 1e-6, 1e-9, 1e-11].into_iter().zip(expected) {
-                let g = Gaussian::plan(tolerance, 0.0, decay, 0.0).expect("possible");
+                let g = plan(tolerance, 0.0, decay, 0.0).expect("possible");
                 let found = series(&g).modes();
                 assert!(found.abs_diff(modes) <= 1, "{decay} {tolerance}: {found}");
             }
@@ -242,6 +233,6 @@ mod tests {
         assert_eq!(limit(50.0, 127.0), None);
         assert_eq!(limit(f64::INFINITY, f64::INFINITY), None);
         assert!(smallest > 1e-15 && smallest < 1e-12, "{smallest}");
-        assert!(Gaussian::plan(smallest * 0.9, 0.375, 127.0, 0.0).is_none());
+        assert!(plan(smallest * 0.9, 0.375, 127.0, 0.0).is_none());
     }
 }

@@ -1,17 +1,20 @@
-//! `e^{−|p|}` convolved with a normal density of variance `σ²`, times `e^{−σ²/2}` (Low and Somma, arXiv 2508.19238):
+//! `e^{−|p|}` convolved with a normal density of variance `σ²`, times `e^{−σ²/2}` (Low and Somma,
+//! arXiv 2508.19238):
 //!
 //! ```text
 //! g(p) = e^{−p} Φ(p/σ − σ) + e^{p} Φ(−p/σ − σ),     ĝ(μ) = 2/(1+μ²) · e^{−σ²(1+μ²)/2}.
 //! ```
 //!
-//! It is `e^{−p}` from `p = c` on, to within what `σ` leaves. As published, with `γ = (1/c)√(c + ln((1+1/2π)/ε))`:
-//! `σ = 1/(√2 γ)`, cut-off `2cγ²`, spacing of the wavenumbers at most `π/(½T‖S‖ + ln(64 e^{3c/2}/15ε))`. Planned here:
-//! the largest `σ` whose deviation at `c` is within the tolerance, cut-off and period as for every profile.
+//! It is `e^{−p}` from `p = c` on, to within what `σ` leaves. As published, with
+//! `γ = (1/c)√(c + ln((1+1/2π)/ε))`: `σ = 1/(√2 γ)`, cut-off `2cγ²`, spacing of the wavenumbers at
+//! most `π/(½T‖S‖ + ln(64 e^{3c/2}/15ε))`. Planned here: the largest `σ` whose deviation at `c` is
+//! within the tolerance, cut-off and period as for every profile.
 
+use crate::base::bisect::bisect;
 use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
 use crate::schrodingerization::profile::window::{Demand, Window, place};
 use num_complex::Complex64;
-use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
+use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 /// Part of the tolerance that the deviation of `g` from `e^{−p}` may take.
 const DEVIATION: f64 = 0.25;
@@ -60,19 +63,14 @@ impl LowSomma {
 
     /// The one of largest `σ` with `|e^p g − 1| ≤ allowed` from `c` on.
     pub fn within(c: f64, allowed: f64) -> Option<Self> {
-        let (mut low, mut high) = (1e-4 * c, 10.0 * c.sqrt());
+        let (low, high) = (1e-4 * c, 10.0 * c.sqrt());
         let least = Self { c, sigma: low }.deviation();
         if least.is_nan() || least > allowed {
             return None;
         }
-        for _ in 0..60 {
-            let sigma = 0.5 * (low + high);
-            if (Self { c, sigma }).deviation() <= allowed {
-                low = sigma;
-            } else {
-                high = sigma;
-            }
-        }
+        let [low, _] = bisect(low, high, 60, |sigma| {
+            Self { c, sigma }.deviation() <= allowed
+        });
         Some(Self { c, sigma: low })
     }
 
@@ -83,13 +81,6 @@ impl LowSomma {
             return 1.0;
         }
         normal(s - c / s) + (2.0 * c).exp() * normal(-c / s - s)
-    }
-
-    /// `σ` and the cut-off as published.
-    pub fn published(c: f64, tolerance: f64) -> (Self, f64) {
-        let gamma = (c + ((1.0 + 0.5 / PI) / tolerance).ln()).sqrt() / c;
-        let sigma = 1.0 / (SQRT_2 * gamma);
-        (Self { c, sigma }, 2.0 * c * gamma * gamma)
     }
 }
 

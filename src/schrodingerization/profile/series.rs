@@ -12,12 +12,14 @@ pub struct Series {
     pub period: f64,
     /// `c_l`, `l = 0, 1, …`; in JSON pairs of real and imaginary part.
     pub coefficients: Vec<Complex64>,
-    /// Whether the last mode stands for itself only: of an even number `N_p` of modes, `−N_p/2` has no partner.
+    /// Whether the last mode stands for itself only: of an even number `N_p` of modes, `−N_p/2` has
+    /// no partner.
     pub alone: bool,
 }
 
 impl Series {
-    /// `c_l = ĝ(μ_l)/P` for `modes` modes `l ≥ 0` and their partners: the coefficients of the periodic sum of `g`.
+    /// `c_l = ĝ(μ_l)/P` for `modes` modes `l ≥ 0` and their partners: the coefficients of the
+    /// periodic sum of `g`.
     pub fn analytic(period: f64, modes: usize, transform: impl Fn(f64) -> Complex64) -> Self {
         let coefficient = |l| transform(TAU * l as f64 / period) / period;
         Self {
@@ -39,7 +41,8 @@ impl Series {
         }
     }
 
-    /// `c_l = 1` for the modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even: of a field whose modes have values of their own.
+    /// `c_l = 1` for the modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even: of a field whose modes have
+    /// values of their own.
     pub fn ones(period: f64, points: usize) -> Self {
         Self {
             period,
@@ -48,9 +51,9 @@ impl Series {
         }
     }
 
-    /// `c_l = (1/N_p) Σ_k g(p_k) e^{−iμ_l p_k}`, `p_k = L + kP/N_p`, for the modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even: the
-    /// trigonometric interpolant. Of the analytic coefficients of the periodic continuation of `g` from `[L, R)` it holds
-    /// `Σ_m c_{l+mN_p}`.
+    /// `c_l = (1/N_p) Σ_k g(p_k) e^{−iμ_l p_k}`, `p_k = L + kP/N_p`, for the modes
+    /// `l = −N_p/2 … N_p/2 − 1`, `N_p` even: the trigonometric interpolant. Of the analytic
+    /// coefficients of the periodic continuation of `g` from `[L, R)` it holds `Σ_m c_{l+mN_p}`.
     pub fn sampled([lower, upper]: [f64; 2], points: usize, value: impl Fn(f64) -> f64) -> Self {
         let period = upper - lower;
         let at = |k: usize| lower + period * k as f64 / points as f64;
@@ -86,7 +89,8 @@ impl Series {
         l == 0 || (self.alone && l + 1 == self.modes())
     }
 
-    /// Factor of `w_l` in a real sum over all modes: twice the coefficient where it stands for `−l` too.
+    /// Factor of `w_l` in a real sum over all modes: twice the coefficient where it stands for `−l`
+    /// too.
     pub fn factor(&self, l: usize) -> Complex64 {
         self.coefficients[l] * if self.is_alone(l) { 1.0 } else { 2.0 }
     }
@@ -99,14 +103,16 @@ impl Series {
     }
 }
 
-/// The number of points `N_p` that shows every mode of a series: twice the last mode where that stands for itself only, as it does where `N_p`
-/// is given; else the least even number without prime factors beyond 5 that is at least twice the number of modes.
+/// The number of points `N_p` that shows every mode of a series: twice the last mode where that
+/// stands for itself only, as it does where `N_p` is given; else the least even number without
+/// prime factors beyond 5 that is at least twice the number of modes.
 pub fn points(series: &Series) -> usize {
     let modes = series.modes();
     if series.alone && modes > 1 {
         return 2 * (modes - 1);
     }
-    // Over all 3^b 5^c below the power of two that would do; never an endless search, whatever the number of modes.
+    // Over all 3^b 5^c below the power of two that would do; never an endless search, whatever the
+    // number of modes.
     let least = 2 * modes.max(1);
     let mut points = least.next_power_of_two();
     let mut fives = 1usize;

@@ -1,12 +1,14 @@
-//! `e^{−p}` for `p ≥ 0`, `e^{p}` for `p ≤ −1`, and between them the polynomial `q` of degree `2r+1` that matches `r` derivatives
-//! at both ends. With `A` the first `r+1` terms of `e^y (1−y)^{−(r+1)}`, that is `A_k = Σ_{j≤k} C(r+k−j, k−j)/j!`, and `y = −p`,
+//! `e^{−p}` for `p ≥ 0`, `e^{p}` for `p ≤ −1`, and between them the polynomial `q` of degree `2r+1`
+//! that matches `r` derivatives at both ends. With `A` the first `r+1` terms of
+//! `e^y (1−y)^{−(r+1)}`, that is `A_k = Σ_{j≤k} C(r+k−j, k−j)/j!`, and `y = −p`,
 //!
 //! ```text
 //! q(p) = (1−y)^{r+1} A(y) + e^{−1} y^{r+1} A(1−y).
 //! ```
 //!
-//! `ĝ` is the transforms of the two exponentials and of `q`. For large `μ` its terms in `1/μ … 1/μ^{r+1}` cancel; they are left out
-//! there, so that what remains, the jumps of the derivatives `r+1 … 2r+1`, keeps its digits:
+//! `ĝ` is the transforms of the two exponentials and of `q`. For large `μ` its terms in
+//! `1/μ … 1/μ^{r+1}` cancel; they are left out there, so that what remains, the jumps of the
+//! derivatives `r+1 … 2r+1`, keeps its digits:
 //!
 //! ```text
 //! ĝ = (iμ)^{−r−1} [ (−1)^{r+1}/(1+iμ) + e^{−1+iμ}/(1−iμ) ] + Σ_{k>r} (q^{(k)}(−1) e^{iμ} − q^{(k)}(0)) (iμ)^{−k−1}.
@@ -19,7 +21,8 @@ use std::f64::consts::{E, PI};
 
 /// Up to here the polynomial's transform is a quadrature.
 const SMALL: f64 = 40.0;
-/// Nodes of the quadrature: exact for polynomials of degree 127, so to round-off for `q(p) e^{−iμp}`, `μ ≤ SMALL`.
+/// Nodes of the quadrature: exact for polynomials of degree 127, so to round-off for
+/// `q(p) e^{−iμp}`, `μ ≤ SMALL`.
 const NODES: usize = 64;
 
 /// The profile.
@@ -46,7 +49,8 @@ fn factorial(n: usize) -> f64 {
     (1..=n).map(|i| i as f64).product()
 }
 
-/// Nodes and weights of Gauss and Legendre on `[−1, 1]`, by Newton's method on the three-term recurrence.
+/// Nodes and weights of Gauss and Legendre on `[−1, 1]`, by Newton's method on the three-term
+/// recurrence.
 fn gauss_legendre(n: usize) -> Vec<[f64; 2]> {
     let polynomial = |x: f64| {
         let (mut before, mut p) = (1.0, x);
@@ -75,7 +79,8 @@ impl Smooth {
         place(&profile, 0.0, demand).map(|window| (profile, window))
     }
 
-    /// The profile of `r = order`, between 1 and [`MOST_ORDER`](crate::problem::limits::MOST_ORDER).
+    /// The profile of `r = order`, between 1 and
+    /// [`MOST_ORDER`](crate::problem::limits::MOST_ORDER).
     pub fn new(order: usize) -> Self {
         let r = order;
         let term = |k: usize| {
@@ -124,7 +129,8 @@ impl Smooth {
         s.powi(power) * sum(y) + y.powi(power) * sum(s) / E
     }
 
-    /// The two parts of `ĝ`, from the corners at −1 (but for its `e^{iμ}`) and at 0, exact for all `μ ≠ 0`.
+    /// The two parts of `ĝ`, from the corners at −1 (but for its `e^{iμ}`) and at 0, exact for all
+    /// `μ ≠ 0`.
     fn corners(&self, mu: f64) -> [Complex64; 2] {
         let inverse = 1.0 / Complex64::new(0.0, mu);
         let sign = if self.order.is_multiple_of(2) {

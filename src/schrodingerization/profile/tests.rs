@@ -31,7 +31,8 @@ fn shape(profile: &Profile) -> &dyn Shape {
     }
 }
 
-/// Points and `g` times the weights of Simpson's rule, on pieces that end where profiles have corners.
+/// Points and `g` times the weights of Simpson's rule, on pieces that end where profiles have
+/// corners.
 fn samples(g: &dyn Shape) -> Vec<[f64; 2]> {
     let pieces = [
         (-200.0, -1.0, 160_000),
@@ -73,7 +74,8 @@ fn coefficients_are_the_transform_of_the_values() {
     }
 }
 
-/// `smooth` far out, where its formula changes: the formula without cancellation agrees with quadrature at 40.
+/// `smooth` far out, where its formula changes: the formula without cancellation agrees with
+/// quadrature at 40.
 #[test]
 fn smooth_coefficients_agree_where_their_formulas_meet() {
     for order in 1..=MOST_ORDER {
@@ -117,7 +119,8 @@ fn tails_bound_what_is_left_out() {
                     largest <= bound + 1e-12 * g.coefficient(0.0).norm(),
                     "{profile}, mu {mu}, distance {distance}: {largest:e}, bound {bound:e}"
                 );
-                // Not by orders of magnitude too large, but where an order of smoothness is not yet felt.
+                // Not by orders of magnitude too large, but where an order of smoothness is not yet
+                // felt.
                 let sharp = matches!(
                     choice,
                     Choice::Exponential { alpha: 1.0 } | Choice::LowSomma { .. }
@@ -202,7 +205,8 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
     }
 }
 
-/// `c_l` of samples is `Σ_m c_{l+mN}` of the analytic ones, where the ends of the interval are far out.
+/// `c_l` of samples is `Σ_m c_{l+mN}` of the analytic ones, where the ends of the interval are far
+/// out.
 #[test]
 fn samples_alias() {
     for (choice, _) in PROFILES {
@@ -234,20 +238,28 @@ fn samples_alias() {
     }
 }
 
-/// The published parameters of Low and Somma keep the deviation and the cut-off within the tolerance, and those planned
-/// here are not far from them.
+/// `σ` and the cut-off as published.
+fn published(c: f64, tolerance: f64) -> (LowSomma, f64) {
+    let gamma = (c + ((1.0 + 0.5 / PI) / tolerance).ln()).sqrt() / c;
+    let sigma = 1.0 / (std::f64::consts::SQRT_2 * gamma);
+    (LowSomma { c, sigma }, 2.0 * c * gamma * gamma)
+}
+
+/// The published parameters of Low and Somma keep the deviation and the cut-off within the
+/// tolerance, and those planned here are not far from them.
 #[test]
 fn low_somma_is_as_published() {
     for tolerance in [1e-3, 1e-6, 1e-9] {
         for c in [0.5, 1.0, 3.0] {
-            let (published, cutoff) = LowSomma::published(c, tolerance);
+            let (published, cutoff) = published(c, tolerance);
             assert!(published.deviation() <= tolerance, "{c} {tolerance}");
             let left_out = c.exp() * published.tail(cutoff, 0.0);
             assert!(left_out <= tolerance, "{c} {tolerance}: {left_out:e}");
             let own = LowSomma::within(c, tolerance).expect("possible");
             let ratio = own.sigma / published.sigma;
             assert!((1.0..1.3).contains(&ratio), "{c} {tolerance}: {ratio}");
-            // Spacing: at most 2 pi over the period that our conditions ask for, and not half of it.
+            // Spacing: at most 2 pi over the period that our conditions ask for, and not half of
+            // it.
             let decay = 60.0;
             let demand = Demand::new(tolerance, 0.0, decay, 0.0);
             let spacing = PI / (0.5 * decay + (64.0 * (1.5 * c).exp() / (15.0 * tolerance)).ln());
@@ -277,8 +289,9 @@ fn order(g: &dyn Shape, point: f64, phase: f64, points: [usize; 2], sampled: boo
     (error(points[0]) / error(points[1])).log2() / (points[1] as f64 / points[0] as f64).log2()
 }
 
-/// First order where the corner is felt, second away from it; `r + 1` and `r + 2` for smooth(r); the same for samples and for
-/// `ĝ`, and for corners on and off the grid. (On it, the leading term away from a corner of odd `r` vanishes: the order is higher.)
+/// First order where the corner is felt, second away from it; `r + 1` and `r + 2` for smooth(r);
+/// the same for samples and for `ĝ`, and for corners on and off the grid. (On it, the leading term
+/// away from a corner of odd `r` vanishes: the order is higher.)
 #[test]
 fn orders_in_the_number_of_points() {
     let rows: [(Choice, f64, [usize; 2]); 5] = [
@@ -291,7 +304,8 @@ fn orders_in_the_number_of_points() {
     for (choice, expected, points) in rows {
         let (profile, _) = planned(choice, &Demand::new(1e-2, 0.0, 5.0, 0.0));
         for sampled in [true, false] {
-            // Cells that divide 1. On the grid, and a third of a cell off the coarse and the fine one.
+            // Cells that divide 1. On the grid, and a third of a cell off the coarse and the fine
+            // one.
             for phase in [0.0, 80.0 / 3.0 / points[0] as f64] {
                 let g = shape(&profile);
                 let at = order(g, 0.0, phase, points, sampled);

@@ -1,5 +1,6 @@
 //! Where a profile is read, how long its period is, and which modes are kept.
 
+use crate::base::bisect::bisect;
 use crate::schrodingerization::profile::shape::Shape;
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
@@ -23,7 +24,8 @@ pub struct Demand {
     pub recovery: Option<f64>,
     /// `[L, R]`, by hand.
     pub interval: Option<[f64; 2]>,
-    /// Whether the coefficients come from samples, so that the ends of the interval matter and not only its length.
+    /// Whether the coefficients come from samples, so that the ends of the interval matter and not
+    /// only its length.
     pub sampled: bool,
     /// Whether the shortest period is wanted instead of the cheapest run.
     pub shortest: bool,
@@ -58,8 +60,9 @@ impl Demand {
         }
     }
 
-    /// About how many applications of `H` the modes take: with `τ = ½Λ⁻√(1+μ²)` a Chebyshev series of `ln 1/tail = d` digits has
-    /// the degree `τ + ½(3d)^{2/3} τ^{1/3}` (from `J_k(k sech α) ~ e^{−kα³/3}`).
+    /// About how many applications of `H` the modes take: with `τ = ½Λ⁻√(1+μ²)` a Chebyshev series
+    /// of `ln 1/tail = d` digits has the degree `τ + ½(3d)^{2/3} τ^{1/3}` (from
+    /// `J_k(k sech α) ~ e^{−kα³/3}`).
     pub fn work(&self, period: f64, modes: usize) -> f64 {
         const SAMPLES: u32 = 100;
         let digits = 3.0 * libm::log(10.0 * modes as f64 / self.tolerance);
@@ -79,17 +82,17 @@ impl Demand {
         self.images * self.tolerance * (-point).exp()
     }
 
-    /// Least period for reading at `point` and `reach` further: with `q` the point below which `g` is small enough, the left images end
-    /// before the domain of dependence, `P ≥ p◇ + reach + Λ⁻ − q`; the right ones add `e^{−P}` at its other end,
-    /// `P ≥ Λ⁺ + ln 1/ε`.
+    /// Least period for reading at `point` and `reach` further: with `q` the point below which `g`
+    /// is small enough, the left images end before the domain of dependence,
+    /// `P ≥ p◇ + reach + Λ⁻ − q`; the right ones add `e^{−P}` at its other end, `P ≥ Λ⁺ + ln 1/ε`.
     pub fn period(&self, shape: &dyn Shape, point: f64) -> f64 {
         let furthest = point + self.reach + self.decay;
         let right = self.growth - (self.images * self.tolerance).ln();
         (furthest - shape.left(self.image(point))).max(right)
     }
 
-    /// The interval that a window asks for. Samples see `e^{−p}` end at `R` and the left tail at `L`: both
-    /// within what an image may add.
+    /// The interval that a window asks for. Samples see `e^{−p}` end at `R` and the left tail at
+    /// `L`: both within what an image may add.
     pub fn ends(&self, shape: &dyn Shape, window: &Window) -> [f64; 2] {
         let upper = window.point + self.reach - (self.images * self.tolerance).ln();
         let mut lower = upper - window.period;
@@ -111,7 +114,8 @@ impl Demand {
         inside && long && (!self.sampled || small)
     }
 
-    /// Whether a reading amplified by `e^{point}` keeps its digits: `e^{p◇} Σ|c_l| ≤ ε/(20 r)` for a round-off `r`, `Σ|c_l| ≤ 2`.
+    /// Whether a reading amplified by `e^{point}` keeps its digits: `e^{p◇} Σ|c_l| ≤ ε/(20 r)` for
+    /// a round-off `r`, `Σ|c_l| ≤ 2`.
     pub fn keeps_digits(&self, point: f64) -> bool {
         point <= self.highest_point()
     }
@@ -127,7 +131,8 @@ impl Demand {
 pub struct Window {
     /// `p◇`.
     pub point: f64,
-    /// How far everything that reaches `p◇` stays from where `g` is not smooth, or not `e^{−p}`; negative when it does not.
+    /// How far everything that reaches `p◇` stays from where `g` is not smooth, or not `e^{−p}`;
+    /// negative when it does not.
     pub distance: f64,
     /// `P`.
     pub period: f64,
@@ -136,15 +141,16 @@ pub struct Window {
 }
 
 impl Window {
-    /// Modes `l ≥ 0` up to the cut-off with this period; as a float, since there may be too many to count.
+    /// Modes `l ≥ 0` up to the cut-off with this period; as a float, since there may be too many to
+    /// count.
     pub fn modes(&self, period: f64) -> f64 {
         (self.cutoff * period / TAU).ceil() + 1.0
     }
 }
 
-/// The window of least cost for a profile that is `e^{−p}` from `edge` on. What is read at `p◇` comes from
-/// `[p◇ − Λ⁺, p◇ + Λ⁻]`, so `p◇ = Λ⁺ + edge`, or one more: there the amplification is `e` times larger and the modes left out
-/// of a profile with a corner cancel.
+/// The window of least cost for a profile that is `e^{−p}` from `edge` on. What is read at `p◇`
+/// comes from `[p◇ − Λ⁺, p◇ + Λ⁻]`, so `p◇ = Λ⁺ + edge`, or one more: there the amplification is
+/// `e` times larger and the modes left out of a profile with a corner cancel.
 pub fn place(shape: &dyn Shape, edge: f64, demand: &Demand) -> Option<Window> {
     let planned = [0.0, 1.0].map(|further| demand.growth + edge + further);
     let points = match &demand.recovery {
@@ -168,15 +174,8 @@ fn window(shape: &dyn Shape, edge: f64, demand: &Demand, point: f64) -> Option<W
     let allowed = demand.truncation * demand.tolerance * (-point).exp();
     // Below MOST, in equal ratios.
     const MOST: f64 = 1e12;
-    let (mut low, mut high) = (1e-3f64.ln(), MOST.ln());
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if shape.tail(middle.exp(), distance.max(0.0)) > allowed {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
+    let refused = |x: f64| shape.tail(x.exp(), distance.max(0.0)) > allowed;
+    let [_, cutoff] = bisect(1e-3f64.ln(), MOST.ln(), 60, refused);
     Some(Window {
         point,
         distance,
@@ -184,13 +183,15 @@ fn window(shape: &dyn Shape, edge: f64, demand: &Demand, point: f64) -> Option<W
         period: demand
             .period(shape, point)
             .max(point + demand.reach + demand.decay + distance + 1.0),
-        cutoff: high.exp(),
+        cutoff: cutoff.exp(),
     })
 }
 
-/// Bound on `|(2/P) Re Σ ĝ(μ_l) e^{iμ_l p}|` over `μ_l > μ`, where `ĝ` is a sum of parts `a(x) e^{ixc}` from corners `−c` at least `distance`
-/// from `p`, whose `a` vary slowly: the integral of the magnitudes, `(1/π) ∫_μ^∞ Σ|a| dx`, or, since neighbours cancel, by
-/// summation by parts `Σ (|a(μ)| + ∫_μ^∞ |a'| dx) / (P sin(πp/P))`, with `sin(πp/P) ≥ πp/(1.12 P)` for `p ≤ P/4`.
+/// Bound on `|(2/P) Re Σ ĝ(μ_l) e^{iμ_l p}|` over `μ_l > μ`, where `ĝ` is a sum of parts
+/// `a(x) e^{ixc}` from corners `−c` at least `distance` from `p`, whose `a` vary slowly: the
+/// integral of the magnitudes, `(1/π) ∫_μ^∞ Σ|a| dx`, or, since neighbours cancel, by summation by
+/// parts `Σ (|a(μ)| + ∫_μ^∞ |a'| dx) / (P sin(πp/P))`, with `sin(πp/P) ≥ πp/(1.12 P)` for
+/// `p ≤ P/4`.
 pub fn summed_by_parts<const N: usize>(
     parts: impl Fn(f64) -> [Complex64; N],
     mu: f64,

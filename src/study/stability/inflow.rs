@@ -20,7 +20,7 @@ const PER_DECADE: i32 = 4;
 const DECADES: i32 = 3;
 
 /// Largest of `of` over the rows of inflow on all ranks. Collective.
-fn over_rows(found: &Assembled, of: impl Fn(&crate::matrix::embedding::Inflow) -> f64) -> f64 {
+fn over_rows(found: &Assembled, of: impl Fn(&crate::matrix::inflow::Inflow) -> f64) -> f64 {
     let rows = found.problem.matrix.inflow.iter();
     found
         .communicator
@@ -56,7 +56,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     let loss = |found: &mut Assembled| -> Result<[f64; 3]> {
         let grows = growth(found)? * case.end;
         let matrix = &found.problem.matrix;
-        let block = |aux: &crate::matrix::embedding::Inflow| {
+        let block = |aux: &crate::matrix::inflow::Inflow| {
             let row = aux.row as usize;
             let own: f64 = (matrix.row(row).filter(|&(j, ..)| j == row))
                 .map(|(_, s, _)| s)

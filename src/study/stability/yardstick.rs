@@ -82,7 +82,7 @@ impl Yardstick {
         resources.ranks_x = Some(plan.layout.mesh.space.clone());
         let communicator = Communicator::new(world, &plan.layout.mesh);
         let place = Place::new(&case, &plan, &communicator);
-        let sizes = (size_of::<Lanes>() / 8, plan.patience());
+        let sizes = (size_of::<Lanes>() / 8, plan.max_weight_sweeps());
         let block = place.block.clone();
         let mut problem = Problem::new(&case, &bounds, &communicator, block, sizes)?;
         plan.bounds = problem.bounds(&case, &bounds);

@@ -1,4 +1,5 @@
-//! The discrete delta function against its Fourier series, moments of exact level sets against closed-form densities.
+//! The discrete delta function against its Fourier series, moments of exact level sets against
+//! closed-form densities.
 
 use super::*;
 use crate::problem::grid::Axis;
@@ -11,7 +12,8 @@ fn sum(k: f64, centre: f64) -> f64 {
         .sum()
 }
 
-/// What the Poisson formula gives for it: `Σ_m δ̂(m/h) cos(2πmc)`, `δ̂(m/h) = sin(2πKm)/(2πKm(1 − 4K²m²))`.
+/// What the Poisson formula gives for it: `Σ_m δ̂(m/h) cos(2πmc)`,
+/// `δ̂(m/h) = sin(2πKm)/(2πKm(1 − 4K²m²))`.
 fn series(k: f64, centre: f64) -> f64 {
     let term = |m: i32| {
         let y = 2.0 * k * f64::from(m);
@@ -92,8 +94,9 @@ fn density(
     out.iter().sum::<f64>() * space.velocity_volume()
 }
 
-/// Free streaming of `w(x) = a sin(x)`: `ψ = v − w(x − vt)`, `φ = ρ0(x − vt)`, `ρ0 = 2 + cos x`, so that
-/// `ρ = ρ0/|1 + w't|` at `x0 = x − ut`. The largest relative error over the points with slopes `1 + w't` in a range.
+/// Free streaming of `w(x) = a sin(x)`: `ψ = v − w(x − vt)`, `φ = ρ0(x − vt)`, `ρ0 = 2 + cos x`, so
+/// that `ρ = ρ0/|1 + w't|` at `x0 = x − ut`. The largest relative error over the points with slopes
+/// `1 + w't` in a range.
 fn streaming_error(slopes: std::ops::Range<f64>, cells: usize) -> f64 {
     let (a, time, points) = (0.9, 0.7, 97);
     let error = |k: i32| {
@@ -110,7 +113,8 @@ fn streaming_error(slopes: std::ops::Range<f64>, cells: usize) -> f64 {
     (0..points).filter_map(error).fold(0.0, f64::max)
 }
 
-/// Where the level set is steeper than 1 the bell is two cells wide, and the density converges with the first order.
+/// Where the level set is steeper than 1 the bell is two cells wide, and the density converges with
+/// the first order.
 #[test]
 fn density_of_a_rarefying_beam_converges() {
     let errors = [60, 120, 240, 480, 960].map(|cells| streaming_error(1.0..2.0, cells));
@@ -119,7 +123,8 @@ fn density_of_a_rarefying_beam_converges() {
     assert!(errors[4] < 1e-3, "{errors:?}");
 }
 
-/// Where it is less steep the paper's width is not a whole number of half cells: an error stays, below 6 %.
+/// Where it is less steep the paper's width is not a whole number of half cells: an error stays,
+/// below 6 %.
 #[test]
 fn density_of_a_dense_beam_is_good_to_six_per_cent() {
     let errors = [240, 960].map(|cells| streaming_error(0.3..1.0, cells));
@@ -162,7 +167,8 @@ fn determinants() {
     assert_eq!(determinant(&turned), 1.0);
 }
 
-/// At the ends of the box the differences are one-sided, with one cell there is none, and support beyond the box is cut.
+/// At the ends of the box the differences are one-sided, with one cell there is none, and support
+/// beyond the box is cut.
 #[test]
 fn ends_of_the_box() {
     let value = |i: usize| [3.0, 5.0, 9.0][i];

@@ -1,4 +1,5 @@
-//! Points of the unit circle at multiples of a small angle, without the rounding of large arguments.
+//! Points of the unit circle at multiples of a small angle, without the rounding of large
+//! arguments.
 
 use num_complex::Complex64;
 use std::f64::consts::TAU;

@@ -1,12 +1,14 @@
 //! Regularised linear least squares, dense, by Householder's reflections.
 //!
-//! Additions, multiplications, divisions and square roots only, in one order, so that every machine finds the same bits:
-//! the minimiser is sensitive to rounding (the minimum is not), and the ranks of a run must agree on it.
+//! Additions, multiplications, divisions and square roots only, in one order, so that every machine
+//! finds the same bits: the minimiser is sensitive to rounding (the minimum is not), and the ranks
+//! of a run must agree on it.
 
 /// Partial sums of a scalar product; the compiler adds them side by side.
 const LANES: usize = 8;
 
-/// The minimiser `c` of `‖Bc − f‖² + η²‖c‖²`: `Q R = [B; ηI]`, `R c = Qᵀ [f; 0]`. The columns of `B` have the length of `f`.
+/// The minimiser `c` of `‖Bc − f‖² + η²‖c‖²`: `Q R = [B; ηI]`, `R c = Qᵀ [f; 0]`. The columns of
+/// `B` have the length of `f`.
 pub fn minimiser(columns: &[Vec<f64>], f: &[f64], eta: f64) -> Vec<f64> {
     let (rows, n) = (f.len(), columns.len());
     // Column by column, the right-hand side last.
@@ -59,7 +61,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// The gradient vanishes: `Bᵀ(Bc − f) + η²c = 0`; and without a penalty a square system is solved.
+    /// The gradient vanishes: `Bᵀ(Bc − f) + η²c = 0`; and without a penalty a square system is
+    /// solved.
     #[test]
     fn the_gradient_vanishes() {
         let entry = |i: usize, j: usize| ((1 + i) as f64 * (0.3 + j as f64)).sin();

@@ -29,7 +29,8 @@ fn value(series: &Series, k: i64) -> f64 {
     terms.sum()
 }
 
-/// Largest `|g − e^{−p}|/ε` on the domain, on a grid unlike the design's: equally spaced, and by powers of 1.1 towards its ends.
+/// Largest `|g − e^{−p}|/ε` on the domain, on a grid unlike the design's: equally spaced, and by
+/// powers of 1.1 towards its ends.
 fn worst(demand: &Demand, series: &Series) -> f64 {
     let [lower, upper] = domain(demand);
     let unit = series.period / TURN as f64;
@@ -49,7 +50,8 @@ fn worst(demand: &Demand, series: &Series) -> f64 {
         / demand.tolerance
 }
 
-/// The table of docs/numerics.md: `cargo test --release --lib table_of_designs -- --ignored --nocapture`.
+/// The table of docs/numerics.md:
+/// `cargo test --release --lib table_of_designs -- --ignored --nocapture`.
 #[test]
 #[ignore = "prints a table"]
 fn table_of_designs() {
@@ -84,8 +86,9 @@ fn table_of_designs() {
     }
 }
 
-/// On the domain of dependence and as far beyond it as is read the series is `e^{−p}` to within the tolerance, keeps its digits, and takes
-/// at most half of the Gaussian's applications (a third where there are many).
+/// On the domain of dependence and as far beyond it as is read the series is `e^{−p}` to within the
+/// tolerance, keeps its digits, and takes at most half of the Gaussian's applications (a third
+/// where there are many).
 #[test]
 fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
     for (i, decay) in DECAYS.into_iter().enumerate() {
@@ -125,7 +128,8 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
     }
 }
 
-/// Least squares at a cut-off a tenth below the one that the two-constants theorem allows are no good, whatever the gap.
+/// Least squares at a cut-off a tenth below the one that the two-constants theorem allows are no
+/// good, whatever the gap.
 #[test]
 fn cut_off_is_near_what_is_possible() {
     for digits in [6, 9, 11] {
@@ -200,7 +204,8 @@ fn recovery_point_by_hand_moves_it() {
     }
 }
 
-/// Very short and very long times, and demands that leave hardly any digits: found, or refused, and no panic.
+/// Very short and very long times, and demands that leave hardly any digits: found, or refused, and
+/// no panic.
 #[test]
 fn extremes() {
     for decay in [0.0, 1e-9, 1e-3, 0.2, 1.9e4, 2.1e4] {

@@ -1,0 +1,20 @@
+//! Bisection.
+
+/// The ends of `[low, high]` after `halvings` halvings, where `below` says whether a point is below the
+/// one that is looked for.
+pub fn bisect(
+    mut low: f64,
+    mut high: f64,
+    halvings: usize,
+    mut below: impl FnMut(f64) -> bool,
+) -> [f64; 2] {
+    for _ in 0..halvings {
+        let middle = 0.5 * (low + high);
+        if below(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    [low, high]
+}

@@ -1,0 +1,83 @@
+//! The rows that something enters through the boundary.
+
+use crate::problem::case::{Field, MOST_FIELDS};
+use crate::scheme::rows::Row;
+
+/// The rows that have an auxiliary unknown, or a share in the common one.
+pub(crate) struct InflowRows {
+    /// In their order.
+    pub list: Vec<Inflow>,
+    /// Where a varying inflow comes from, row by row of `list`; empty for a constant one.
+    pub entering: Entering,
+    /// Whether one auxiliary unknown serves all rows.
+    pub shared: bool,
+}
+
+impl InflowRows {
+    /// Auxiliary unknowns of this rank.
+    pub fn unknowns(&self) -> usize {
+        if self.shared { 1 } else { self.list.len() }
+    }
+}
+
+/// A row with an auxiliary unknown, its own or the common one.
+#[derive(Clone, Copy, Debug)]
+pub struct Inflow {
+    /// Local number of row `i`.
+    pub row: u32,
+    /// `b_i` of each field; at time zero, if it varies.
+    pub values: [f64; MOST_FIELDS],
+    /// `g_i`.
+    pub draw: f64,
+    /// `κ_i`, in weighted unknowns; zero where it varies with time.
+    pub coupling: f64,
+}
+
+impl Inflow {
+    /// Whether anything enters, of any field.
+    pub fn enters(&self) -> bool {
+        self.values.iter().any(|&b| b != 0.0)
+    }
+
+    /// Largest `|b_i|` over the fields.
+    pub(super) fn largest(&self) -> f64 {
+        self.values.iter().fold(0.0, |m, b| m.max(b.abs()))
+    }
+}
+
+/// Where a varying inflow comes from: `b_i(t) = Σ rate · value(ghost centre, t)`, row by row.
+#[derive(Clone, Debug, Default)]
+pub struct Entering {
+    /// `ghosts[ends[m − 1]..ends[m]]` are those of row `m`.
+    ends: Vec<usize>,
+    ghosts: Vec<(f64, [f64; 6])>,
+}
+
+impl Entering {
+    /// Adds a row.
+    pub(crate) fn push(&mut self, row: &Row) {
+        self.ghosts.extend_from_slice(&row.ghosts);
+        self.ends.push(self.ghosts.len());
+    }
+
+    /// `b_i(time)` of `field`, row by row of the list of inflow rows.
+    pub fn values(&self, field: &Field, time: f64) -> impl Iterator<Item = f64> {
+        let formula = field.entering();
+        self.ends.iter().enumerate().map(move |(m, &end)| {
+            let start = m.checked_sub(1).map_or(0, |before| self.ends[before]);
+            let value = |(rate, point): &(f64, [f64; 6])| rate * formula.at_point(point, time);
+            self.ghosts[start..end].iter().map(value).sum()
+        })
+    }
+
+    /// The first ghost of row `m` at which `field`'s inflow is not finite, and its value there.
+    pub fn worst(&self, field: &Field, m: usize, time: f64) -> (f64, [f64; 6]) {
+        let start = m.checked_sub(1).map_or(0, |before| self.ends[before]);
+        let value =
+            |&(_, point): &(f64, [f64; 6])| (field.entering().at_point(&point, time), point);
+        let mut values = self.ghosts[start..self.ends[m]].iter().map(value);
+        values
+            .find(|(value, _)| !value.is_finite())
+            .unwrap_or((f64::NAN, [0.0; 6]))
+    }
+}
