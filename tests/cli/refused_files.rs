@@ -230,7 +230,7 @@ fn mistakes_in_the_file_are_named_with_their_line() {
         ),
         // Regions.
         (
-            "value = \"0\"                                           # low side",
+            "value = \"0\"                                     # low side",
             "where = \"x > 0\"\nvalue = \"0\"  # low side",
             &["potential.1.where", "x > 0", "last"],
         ),
