@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
-"""The error budget of docs/quantum.md, from the continuous problem to a measured density: runs examples 1 and 2, reads what they wrote, and replaces the
-tables between the markers; docs/quantum.csv holds the same numbers. Needs h5py and numpy (`make readers`).
+"""The error budget of docs/quantum.md, from the continuous problem to a measured density.
 
 Usage: quantum.py [--ranks N] [--quick]
+
+Runs examples 1 and 2, reads their results, and replaces the tables between the markers of
+docs/quantum.md; docs/quantum.csv holds the same numbers. Needs h5py and numpy (`make readers`).
 """
 
 import argparse
@@ -21,16 +23,23 @@ import numpy as np
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 DOCUMENT, TABLE = (os.path.join(ROOT, "docs", name) for name in ["quantum.md", "quantum.csv"])
 POINTS = [-1.2, -0.9, -0.6, -0.3, 0.3, 0.6, 0.9, 1.2]
-COLUMNS = ["case", "cells", "tolerance", "accuracy", "discretisation", "schrodingerization", "propagation", "hadamard", "amplitude_estimation",
-           "bound", "total", "note"]
+COLUMNS = [
+    "case", "cells", "tolerance", "accuracy", "discretisation", "schrodingerization", "propagation",
+    "hadamard", "amplitude_estimation", "bound", "total", "note"
+]
 
 
 def run(case, ranks, settings):
     """Runs the program; gives density, exact density, space axis, summary and readout lines."""
-    program = os.path.join(os.environ.get("CARGO_TARGET_DIR", os.path.join(ROOT, "target")), "release", "phasewarp")
+    program = os.path.join(os.environ.get("CARGO_TARGET_DIR", os.path.join(ROOT, "target")),
+                           "release", "phasewarp")
     place = tempfile.mkdtemp()
     try:
-        command = ["mpirun", "-np", str(ranks), program, "run", os.path.join(ROOT, "cases", f"{case}.toml"), "-o", place]
+        command = [
+            "mpirun", "-np",
+            str(ranks), program, "run",
+            os.path.join(ROOT, "cases", f"{case}.toml"), "-o", place
+        ]
         for setting in settings:
             command += ["--set", setting]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -58,15 +67,20 @@ def rms(values):
 
 
 def budget(case, cells, tolerance, accuracy, ranks):
-    """Root mean squares over the points of every error, in the density; None where it is not known."""
+    """Root mean square over the points of every error in the density; None where unknown."""
     grid = [f"axis.0.x.cells={cells}", f"axis.0.v.cells={cells}"]
-    readout = "readout={points=[%s],accuracy=%g,seed=7}" % (",".join(f"[{p}]" for p in POINTS), accuracy)
+    points = ",".join(f"[{p}]" for p in POINTS)
+    readout = f"readout={{points=[{points}],accuracy={accuracy:g},seed=7}}"
     reference, exact, x, _, _ = run(case, ranks, grid + ["solver.method=classical"])
     found, _, _, _, lines = run(case, ranks, grid + [f"solver.tolerance={tolerance:g}", readout])
-    other, *_ = run(case, ranks, grid + [f"solver.tolerance={tolerance:g}", "solver.propagator.method=krylov"])
+    other, *_ = run(case, ranks,
+                    grid + [f"solver.tolerance={tolerance:g}", "solver.propagator.method=krylov"])
     at = [int(np.argmin(np.abs(x - p))) for p in POINTS]
     row = {
-        "case": case, "cells": cells, "tolerance": tolerance, "accuracy": accuracy,
+        "case": case,
+        "cells": cells,
+        "tolerance": tolerance,
+        "accuracy": accuracy,
         "discretisation": rms((reference - exact)[at]),
         "schrodingerization": rms((found - reference)[at]),
         "propagation": rms((found - other)[at]),
@@ -89,14 +103,21 @@ def budget(case, cells, tolerance, accuracy, ranks):
     return row
 
 
+def number(row, key):
+    if row.get(key) is None:
+        return "-"
+    return f"{row[key]}²" if key == "cells" else f"{row[key]:.1e}"
+
+
 def table(rows):
-    head = ["cells", "tolerance", "accuracy", "discretisation", "Schrödingerization", "Chebyshev less Krylov", "Hadamard test", "amplitude est.",
-            "bound", "total"]
+    head = [
+        "cells", "tolerance", "accuracy", "discretisation", "Schrödingerization",
+        "Chebyshev less Krylov", "Hadamard test", "amplitude est.", "bound", "total"
+    ]
     keys = COLUMNS[1:-1]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for row in rows:
-        number = lambda key: "-" if row.get(key) is None else f"{row[key]:.1e}" if key != "cells" else f"{row[key]}²"
-        lines.append("| " + " | ".join(number(key) for key in keys) + " |")
+        lines.append("| " + " | ".join(number(row, key) for key in keys) + " |")
     notes = sorted({row["note"] for row in rows if row["note"]})
     return "\n".join(lines + [""] + [f"`-`: unavailable, {note}." for note in notes])
 
@@ -107,9 +128,13 @@ def main():
     parser.add_argument("--quick", action="store_true")
     options = parser.parse_args()
     cells = [32, 64] if options.quick else [32, 64, 128]
-    plans = {"example1": [(n, 1e-6, 1e-2) for n in cells] + [(cells[-1], t, a) for t, a in [(1e-4, 1e-1), (1e-6, 1e-1), (1e-6, 1e-3)]],
-             "example2": [(n, 1e-6, 1e-2) for n in cells]}
-    rows = {case: [budget(case, *plan, options.ranks) for plan in list_] for case, list_ in plans.items()}
+    grids = [(n, 1e-6, 1e-2) for n in cells]
+    others = [(cells[-1], t, a) for t, a in [(1e-4, 1e-1), (1e-6, 1e-1), (1e-6, 1e-3)]]
+    plans = {"example1": grids + others, "example2": grids}
+    rows = {
+        case: [budget(case, *plan, options.ranks) for plan in list_]
+        for case, list_ in plans.items()
+    }
     with open(TABLE, "w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()

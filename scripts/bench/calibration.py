@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""Compares what `phasewarp plan --calibrate` expects with what runs then take, into a table of docs/performance.md. Standard library only.
+"""Compares predictions of `phasewarp plan --calibrate` with runs: a table of docs/performance.md.
 
 Usage: calibration.py [--program FILE] [--document FILE] [--rounds N] [--quick]
 
-A round calibrates and then runs, case by case; the table shows medians of both, with the range of the runs. --quick: one round of the
-shortest cases, printed, the document left as it is. A command that fails ends with exit code 1 and what it said.
+Needs the standard library only. A round calibrates and then runs, case by case. The table shows
+medians of both, with the range of the runs. --quick: one round of the shortest cases, printed; the
+document is left as it was. If a command fails, the script prints its message and ends with exit
+code 1.
 """
 
 import argparse
@@ -31,11 +33,13 @@ CASES = [
     ("example 3, 24⁴", "example3", cells(24, 2)),
     ("steady inflow", "inflow_barrier", []),
     ("inflow that varies", "pulsed_inflow", []),
-    ("example 1, ten output times", "example1", ["solver.tolerance=1e-9", "output.moments_every=0.1"]),
+    ("example 1, ten output times", "example1",
+     ["solver.tolerance=1e-9", "output.moments_every=0.1"]),
     ("example 1, Crank–Nicolson", "example1", [CRANK_NICOLSON]),
     ("example 1, Krylov", "example1", ["solver.propagator.method=krylov"]),
-    ("example 1, 256², classical, ssp-rk3", "example1",
-     cells(256) + ["solver.method=classical", "solver.classical.integrator=ssp-rk3", "solver.classical.cfl=0.1"]),
+    ("example 1, 256², classical, ssp-rk3", "example1", cells(256) +
+     ["solver.method=classical", "solver.classical.integrator=ssp-rk3", "solver.classical.cfl=0.1"
+      ]),
 ]
 QUICK = ["example 1, 1e-6", "steady inflow"]
 RANKS = [1, 2]
@@ -49,9 +53,14 @@ SETTINGS = {
 
 def call(ranks, *words):
     command = ["mpirun", "-np", str(ranks), "--bind-to", "none", *words]
-    done = subprocess.run(command, capture_output=True, text=True, env=SETTINGS | os.environ, check=False)
+    done = subprocess.run(command,
+                          capture_output=True,
+                          text=True,
+                          env=SETTINGS | os.environ,
+                          check=False)
     if done.returncode != 0:
-        raise Bad(f"{' '.join(command)}: exit code {done.returncode}: {(done.stderr or done.stdout).strip()[-500:]}")
+        text = (done.stderr or done.stdout).strip()[-500:]
+        raise Bad(f"{' '.join(command)}: exit code {done.returncode}: {text}")
     return done.stdout
 
 
@@ -61,7 +70,8 @@ def measure(program, case, settings, ranks):
     for setting in settings:
         words += ["--set", setting]
     place = f"plan --calibrate {' '.join(words)}"
-    told = Node(json.loads(call(ranks, program, "plan", *words, "--calibrate", "--json")), place)["calibration"]
+    told = Node(json.loads(call(ranks, program, "plan", *words, "--calibrate", "--json")),
+                place)["calibration"]
     with tempfile.TemporaryDirectory() as folder:
         call(ranks, program, "run", *words, "-o", folder)
         path = os.path.join(folder, "summary.json")
@@ -96,11 +106,13 @@ def main():
                 row += [short(expected), spread(taken), f"{ratio:.2f}"]
             rows.append([*row, short(median([f[2] for f in found]))])
             print("calibration:", *rows[-1], sep="  ", flush=True)
-    header = ["case", "ranks", "solve expected, s", "taken, s", "ratio", "in all expected, s", "taken, s", "ratio", "calibrating, s"]
-    text = table(header, rows) + (
-        f"\n\n{within} of {2 * len(rows)} ratios are within 20 %; the furthest is off by a factor of {worst:.2f}. "
-        f"Rounds: {rounds}; load of the machine before: {load:.1f}."
-    )
+    header = [
+        "case", "ranks", "solve expected, s", "taken, s", "ratio", "in all expected, s", "taken, s",
+        "ratio", "calibrating, s"
+    ]
+    text = table(header, rows) + (f"\n\n{within} of {2 * len(rows)} ratios are within 20 %; "
+                                  f"the furthest is off by a factor of {worst:.2f}. "
+                                  f"Rounds: {rounds}; load of the machine before: {load:.1f}.")
     if options.quick:
         print(text)
         return

@@ -1,6 +1,7 @@
-"""Example 1 of the paper, assembled with NumPy and SciPy alone: nothing here comes from the program's own assembly.
+"""Example 1 of the paper, assembled with NumPy and SciPy, independently of the program.
 
-Unknowns f[i, j], row-major, x first. Upwind in x; at the face x = 0 the hat interpolation of the Hamiltonian-preserving scheme.
+Unknowns f[i, j], row-major, x first. Upwind in x; at the face x = 0 the hat interpolation of the
+Hamiltonian-preserving scheme.
 """
 
 import numpy as np
@@ -26,7 +27,7 @@ def initial(cells):
 
 
 def hat(velocity, centres, width):
-    """Indices and weights of linear interpolation at `velocity`; what lies off the grid is inflow, 0."""
+    """Indices and weights of linear interpolation at `velocity`; off the grid is inflow, 0."""
     place = (velocity - centres[0]) / width
     lower = int(np.floor(place))
     pairs = [(lower, 1 - (place - lower)), (lower + 1, place - lower)]
@@ -58,7 +59,7 @@ def generator(cells):
                 continue
             # Energy is kept: v²/2 + V here = w²/2 + V behind the face.
             here, behind = (V_RIGHT, V_LEFT) if ahead > 0 else (V_LEFT, V_RIGHT)
-            square = v[j] ** 2 + 2 * (here - behind)
+            square = v[j]**2 + 2 * (here - behind)
             if square > 0:
                 for l, weight in hat(ahead * np.sqrt(square), v, width):
                     entry(i, j, source, l, rate * weight)
@@ -70,14 +71,13 @@ def generator(cells):
 
 
 def weights(A):
-    """√π with Aᵀπ = 0 where columns grow: then the symmetric part of D A D⁻¹ has no positive eigenvalue."""
+    """√π with Aᵀπ = 0 where columns grow: then sym(D A D⁻¹) has no positive eigenvalue."""
     growth = np.maximum(0, np.asarray(A.sum(axis=0)).ravel())
     return np.sqrt(1 + spla.spsolve(A.T.tocsc(), -growth))
 
 
 class Modes:
     """Mode l obeys dw/dt = (−iμ_l S + K) w, w(0) = D f0; f(T) = D⁻¹ Re Σ weight_l w_l(T)."""
-
     def __init__(self, cells, plan):
         self.cells, self.time = cells, plan["time"]
         A = generator(cells)
@@ -89,7 +89,7 @@ class Modes:
         self.K = ((weighted - weighted.T) / 2).tocsr()
         self.start = d * self.f0
         self.rate = -A.diagonal().min()
-        # Any bound on the growth will do: the Gershgorin-like certificate of the weights is zero to round-off.
+        # Any bound on the growth will do; the certificate of the weights is zero to round-off.
         self.growth = max(0.0, 0.5 * np.max((A.T @ d**2) / d**2))
         warp = plan["warp"]
         series, reading = warp["series"], warp["readings"][0]

@@ -52,7 +52,7 @@ def relative(a, b):
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
 
 
-# --- the peers: each yields l, w_l(T) -----------------------------------------------------------------------------------
+# --- the peers: each yields l, w_l(T) -------------------------------------------------------------
 
 
 def scipy_expm(modes, chosen):
@@ -70,7 +70,7 @@ def quspin(modes, chosen):
         yield l, work.dot(modes.start.astype(complex))
 
 
-# --- running them -------------------------------------------------------------------------------------------------------
+# --- running them ---------------------------------------------------------------------------------
 
 
 def solve(modes, method, chosen, keep):
@@ -86,7 +86,8 @@ def solve(modes, method, chosen, keep):
 
 def work(modes, method, threads, keep, pipe):
     """A worker: waits for lists of modes, answers with their sum."""
-    os.environ["OMP_NUM_THREADS"] = str(threads)  # read once, when the first library that uses it is loaded
+    os.environ["OMP_NUM_THREADS"] = str(
+        threads)  # read once, when the first library that uses it is loaded
     while (chosen := pipe.recv()) is not None:
         try:
             pipe.send(solve(modes, method, chosen, keep))
@@ -96,14 +97,15 @@ def work(modes, method, threads, keep, pipe):
 
 class Workers:
     """Processes that share the modes: one, or two with every second mode each."""
-
     def __init__(self, modes, method, processes, threads, chosen, keep):
         self.parts = [chosen[k::processes] for k in range(processes)]
         self.pipes, self.processes = [], []
         context = multiprocessing.get_context("fork")
         for _ in self.parts:
             ours, theirs = context.Pipe()
-            process = context.Process(target=work, args=(modes, method, threads, keep, theirs), daemon=True)
+            process = context.Process(target=work,
+                                      args=(modes, method, threads, keep, theirs),
+                                      daemon=True)
             process.start()
             self.pipes.append(ours)
             self.processes.append(process)
@@ -132,7 +134,6 @@ class Workers:
 
 class Slepc:
     """SLEPc's MFN in processes of the interpreter it is installed for."""
-
     def __init__(self, modes, python, method, processes, chosen, keep, place):
         self.keep, self.place = keep, place
         self.parts = [chosen[k::processes] for k in range(processes)]
@@ -141,8 +142,12 @@ class Slepc:
         rows = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
         entries = lambda M: np.asarray(M[rows, pattern.indices]).ravel()
         common = dict(
-            indptr=pattern.indptr, indices=pattern.indices, S=entries(modes.S), K=entries(modes.K),
-            start=modes.start, time=modes.time,
+            indptr=pattern.indptr,
+            indices=pattern.indices,
+            S=entries(modes.S),
+            K=entries(modes.K),
+            start=modes.start,
+            time=modes.time,
         )
         self.processes = []
         for number, part in enumerate(self.parts):
@@ -154,7 +159,9 @@ class Slepc:
         def fresh():
             process = subprocess.Popen(
                 [python, os.path.join(HERE, "slepc_mfn.py"), method, path],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
             )
             if process.stdout.readline().strip() != "ready":
                 raise RuntimeError(f"SLEPc {method} did not start")
@@ -191,26 +198,35 @@ class Slepc:
 def slepc_python():
     """An interpreter that has SLEPc for complex numbers, and its version; or why there is none."""
     said = "not looked for"
-    for python in dict.fromkeys(filter(None, [os.environ.get("SLEPC_PYTHON"), "/usr/bin/python3", sys.executable])):
+    for python in dict.fromkeys(
+            filter(None, [os.environ.get("SLEPC_PYTHON"), "/usr/bin/python3", sys.executable])):
         if not shutil.which(python):
             continue
-        found = subprocess.run(
-            [python, os.path.join(HERE, "slepc_mfn.py"), "--version"], capture_output=True, text=True
-        )
+        found = subprocess.run([python, os.path.join(HERE, "slepc_mfn.py"), "--version"],
+                               capture_output=True,
+                               text=True)
         if found.returncode == 0:
             return python, found.stdout.strip()
-        said = found.stderr.strip().splitlines()[-1] if found.stderr.strip() else f"exit code {found.returncode}"
+        said = found.stderr.strip().splitlines()[-1] if found.stderr.strip(
+        ) else f"exit code {found.returncode}"
     return None, said
 
 
-# --- phasewarp ----------------------------------------------------------------------------------------------------------
+# --- phasewarp ------------------------------------------------------------------------------------
 
 
 def phasewarp(program, place, cells, tolerance, ranks, more=()):
     """Wall seconds of the whole job, its summary, its directory."""
     directory = os.path.join(place, "run")
-    settings = [f"axis.0.x.cells={cells}", f"axis.0.v.cells={cells}", f"solver.tolerance={tolerance}", WHOLE_GRID, *more]
-    command = ["mpirun", "-np", str(ranks), program, "run", os.path.join(ROOT, "cases/example1.toml"), "-o", directory]
+    settings = [
+        f"axis.0.x.cells={cells}", f"axis.0.v.cells={cells}", f"solver.tolerance={tolerance}",
+        WHOLE_GRID, *more
+    ]
+    command = [
+        "mpirun", "-np",
+        str(ranks), program, "run",
+        os.path.join(ROOT, "cases/example1.toml"), "-o", directory
+    ]
     for setting in settings:
         command += ["--set", setting]
     begin = time.perf_counter()
@@ -256,18 +272,20 @@ def run(options, cells, rounds, tolerance, place):
 
     # The assembly is right if exp(AT) f0 is what phasewarp computes to its tolerance.
     theirs = relative(field, exact)
-    note(f"example 1, {cells} x {cells}, tolerance {options.tolerance}: {count} modes; phasewarp against exp(AT) f0: {theirs:.1e}")
+    note(f"example 1, {cells} x {cells}, tolerance {options.tolerance}: {count} modes; "
+         f"phasewarp's distance to exp(AT) f0: {theirs:.1e}")
     if not theirs <= tolerance:
-        sys.exit(f"peers: phasewarp is {theirs:e} from exp(AT) f0 of the assembly in example1.py, tolerance {tolerance:e}")
+        sys.exit(f"peers: phasewarp is {theirs:e} from exp(AT) f0 of the assembly in example1.py, "
+                 f"tolerance {tolerance:e}")
 
     # References for single modes, to round-off.
     step = max(1, count // 8)
-    checked = everything[step // 2 :: step]
+    checked = everything[step // 2::step]
     reference = dict(scipy_expm(modes, checked))
 
     # About a dozen for those that take long, evenly spread, about their middle.
     stride = max(1, count // (4 if options.quick else 12))
-    sample = everything[stride // 2 :: stride]
+    sample = everything[stride // 2::stride]
     methods = []  # name, how, processes, threads, modes, group
     for processes in (1, 2):
         for name, method in [
@@ -278,7 +296,9 @@ def run(options, cells, rounds, tolerance, place):
             methods.append((name, method, processes, 1, everything))
         methods.append(("SciPy expm_multiply", scipy_expm, processes, 1, sample))
     skipped = []
-    versions = {"Python": sys.version.split()[0], "NumPy": np.__version__, "SciPy": scipy.__version__}
+    versions = {
+        "Python": sys.version.split()[0], "NumPy": np.__version__, "SciPy": scipy.__version__
+    }
     try:
         # Not imported here: it reads the number of threads then, and each worker has its own.
         versions["parallel-sparse-tools"] = importlib.metadata.version("parallel-sparse-tools")
@@ -297,23 +317,37 @@ def run(options, cells, rounds, tolerance, place):
     peers = []
     for name, method, processes, threads, chosen in methods:
         workers = Workers(modes, method, processes, threads, chosen, set(checked))
-        peers.append(dict(name=name, processes=processes, threads=threads, chosen=chosen, workers=workers, seconds=[]))
+        peers.append(
+            dict(name=name,
+                 processes=processes,
+                 threads=threads,
+                 chosen=chosen,
+                 workers=workers,
+                 seconds=[]))
     if python is not None:
         for kind in ("krylov", "expokit"):
             for processes in (1, 2):
                 workers = Slepc(modes, python, kind, processes, sample, set(checked), place)
                 peers.append(
-                    dict(name=f"SLEPc MFN {kind}", processes=processes, threads=1, chosen=sample, workers=workers, seconds=[])
-                )
+                    dict(name=f"SLEPc MFN {kind}",
+                         processes=processes,
+                         threads=1,
+                         chosen=sample,
+                         workers=workers,
+                         seconds=[]))
 
-    mine = {key: [] for key in ("wall2", "solve2", "wall1", "solve1", "classical_wall1", "classical_solve1")}
+    mine = {
+        key: []
+        for key in ("wall2", "solve2", "wall1", "solve1", "classical_wall1", "classical_solve1")
+    }
     classical = []
     for number in range(rounds):
         for ranks in (2, 1):
             wall, summary, _ = phasewarp(options.program, place, cells, options.tolerance, ranks)
             mine[f"wall{ranks}"].append(wall)
             mine[f"solve{ranks}"].append(summary["solve_seconds"])
-        wall, direct, _ = phasewarp(options.program, place, cells, options.tolerance, 1, ["solver.method=classical"])
+        wall, direct, _ = phasewarp(options.program, place, cells, options.tolerance, 1,
+                                    ["solver.method=classical"])
         mine["classical_wall1"].append(wall)
         mine["classical_solve1"].append(direct["solve_seconds"])
         begin = time.perf_counter()
@@ -327,26 +361,42 @@ def run(options, cells, rounds, tolerance, place):
             seconds, total, kept = peer["workers"].run()
             peer["seconds"].append(seconds / part)
             errors = [
-                relative(w, reference[l]) / max(modes.tolerance[l], 1e-12) for l, w in kept.items() if l in reference
+                relative(w, reference[l]) / max(modes.tolerance[l], 1e-12) for l, w in kept.items()
+                if l in reference
             ]
             peer["mode_error"] = max(errors, default=None)
             if errors and not max(errors) <= 1.5:
-                sys.exit(f"peers: {peer['name']}: a mode is {max(errors):.1f} times its tolerance off")
+                sys.exit(
+                    f"peers: {peer['name']}: a mode is {max(errors):.1f} times its tolerance off")
             if part == 1:
                 peer["field_error"] = relative(modes.recovered(total), exact)
                 peer["field_difference"] = relative(modes.recovered(total), field)
                 if not max(peer["field_error"], peer["field_difference"] / 2) <= tolerance:
-                    sys.exit(f"peers: {peer['name']}: the field is {peer['field_error']:e} off, tolerance {tolerance:e}")
+                    off = peer["field_error"]
+                    sys.exit(f"peers: {peer['name']}: the field is {off:e} off, "
+                             f"tolerance {tolerance:e}")
             if number == 0:
-                note(f"  {peer['name']}, {peer['processes']} x {peer['threads']}: {seconds / part:.3f} s")
+                how = f"{peer['processes']} x {peer['threads']}"
+                note(f"  {peer['name']}, {how}: {seconds / part:.3f} s")
     for peer in peers:
         peer.pop("workers").close()
         peer["modes"] = len(peer.pop("chosen"))
     result = dict(
-        quick=options.quick, cells=cells, tolerance=tolerance, modes=count, applications=summary["matvecs"],
-        peer_applications=int(chebyshev.applications(modes, everything)), error=theirs, rounds=rounds,
-        versions=versions, skipped=skipped, phasewarp=mine, classical=classical, peers=peers,
-        commit=described(), load=os.getloadavg()[0],
+        quick=options.quick,
+        cells=cells,
+        tolerance=tolerance,
+        modes=count,
+        applications=summary["matvecs"],
+        peer_applications=int(chebyshev.applications(modes, everything)),
+        error=theirs,
+        rounds=rounds,
+        versions=versions,
+        skipped=skipped,
+        phasewarp=mine,
+        classical=classical,
+        peers=peers,
+        commit=described(),
+        load=os.getloadavg()[0],
     )
     os.makedirs(os.path.dirname(os.path.abspath(options.output)), exist_ok=True)
     with open(options.output, "w") as file:
@@ -356,7 +406,10 @@ def run(options, cells, rounds, tolerance, place):
 
 
 def described():
-    found = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True)
+    found = subprocess.run(["git", "describe", "--always", "--dirty"],
+                           cwd=ROOT,
+                           capture_output=True,
+                           text=True)
     return found.stdout.strip() or "unknown"
 
 

@@ -16,12 +16,12 @@ import math
 import os
 import re
 import sys
+import textwrap
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 # Bytes a row, mode and step of a series summed forwards, as peers do it: read v_k; read and write
 # v_{k-1} and the sum. Summed backwards, as phasewarp does it, they are 49.
 MODEL_BYTES = 80
-
 
 # Marks the header of a column of seconds; see `columns`.
 TIMED = " (timed)"
@@ -31,7 +31,7 @@ class Bad(Exception):
     """What is wrong with the input, and where."""
 
 
-# --- reading ------------------------------------------------------------------------------------------------------------
+# --- reading --------------------------------------------------------------------------------------
 
 
 def load(path):
@@ -47,7 +47,6 @@ def load(path):
 
 class Node:
     """A value of a JSON file that knows where it stands."""
-
     def __init__(self, value, place):
         self.value, self.place = value, place
 
@@ -67,7 +66,9 @@ class Node:
 
     def number(self, key):
         node = self[key]
-        if isinstance(node.value, bool) or not isinstance(node.value, (int, float)) or not math.isfinite(node.value):
+        if isinstance(node.value,
+                      bool) or not isinstance(node.value,
+                                              (int, float)) or not math.isfinite(node.value):
             raise Bad(f"{node.place}: {node.value!r} is not a finite number")
         return node.value
 
@@ -91,7 +92,7 @@ class Node:
         return values
 
 
-# --- numbers ------------------------------------------------------------------------------------------------------------
+# --- numbers --------------------------------------------------------------------------------------
 
 
 def median(values):
@@ -123,23 +124,27 @@ def power(value):
 
 
 def fit(x, y):
-    """Exponent of y ~ x^a by least squares of the logarithms, its standard error, and the points."""
+    """Exponent a of y ~ x^a by least squares of the logarithms, its standard error, the points."""
     if len(x) < 3 or min(*x, *y) <= 0:
         return None
     X, Y = [math.log(v) for v in x], [math.log(v) for v in y]
     n = len(X)
     mx, my = sum(X) / n, sum(Y) / n
-    square = sum((a - mx) ** 2 for a in X)
+    square = sum((a - mx)**2 for a in X)
     if square == 0:
         return None
     slope = sum((a - mx) * (b - my) for a, b in zip(X, Y)) / square
-    rest = sum((b - my - slope * (a - mx)) ** 2 for a, b in zip(X, Y))
+    rest = sum((b - my - slope * (a - mx))**2 for a, b in zip(X, Y))
     return slope, math.sqrt(rest / (n - 2) / square), n
 
 
 def fitted(x, y):
     found = fit(x, y)
     return "–" if found is None else f"{found[0]:.2f} ± {found[1]:.2f}"
+
+
+def prose(text):
+    return textwrap.fill(text, 100, break_long_words=False, break_on_hyphens=False)
 
 
 def table(header, rows):
@@ -150,7 +155,8 @@ def table(header, rows):
 def columns(runs, *chosen):
     """A table with a row a run and a column for each (header, value of a run).
 
-    A header that ends with `TIMED` is of a column that needs seconds; it is left out where a run was not timed.
+    A header that ends with `TIMED` belongs to a column that needs seconds. Such a column is left
+    out if a run was not timed.
     """
     timed = all(run.timed for run in runs)
     kept = [(name, value) for name, value in chosen if timed or not name.endswith(TIMED)]
@@ -158,12 +164,11 @@ def columns(runs, *chosen):
     return table(header, [[value(run) for _, value in kept] for run in runs])
 
 
-# --- whole-program runs -------------------------------------------------------------------------------------------------
+# --- whole-program runs ---------------------------------------------------------------------------
 
 
 class Run:
     """A row of programs.json."""
-
     def __init__(self, node):
         self.node = node
         self.labels, self.plan = node["labels"], node["plan"]
@@ -194,7 +199,7 @@ class Run:
 
     @property
     def phases(self):
-        """Σ τ_l, τ_l half the length of H_l's spectrum times T: what Chebyshev series take at least."""
+        """Σ τ_l, τ_l half the length of H_l's spectrum times T: the least that series take."""
         p = self.plan
         rate, time, period = (p.positive(k) for k in ("rate", "time", "period"))
         wave = 2 * math.pi / period
@@ -205,7 +210,8 @@ class Run:
     @property
     def applications(self):
         """Those of the run; those planned where nothing was solved."""
-        return self.summary.positive("matvecs") if self.solved else self.plan.positive("applications")
+        return self.summary.positive("matvecs") if self.solved else self.plan.positive(
+            "applications")
 
     @property
     def work(self):
@@ -241,17 +247,21 @@ def of(runs, name):
 def machine(programs):
     m = programs["machine"]
     load = m.number("load")
+    program = f"phasewarp {m.text('version')}, commit {m.text('commit')}"
     triads = [value for row in programs["rows"] if row.has("triad") for value in row.times("triad")]
     if not triads:
-        return f"Counts, errors and memory of runs: phasewarp {m.text('version')}, commit {m.text('commit')}; not timed."
+        return f"Counts, errors and memory of runs, not timed: {program}."
     lines = [
-        f"{m.text('processor')}, {m['cores'].value} cores, {m.text('l1')} L1 and {m.text('l2')} L2 a core, {m.text('l3')} L3, "
-        f"{m.text('memory')} of memory; {m.text('rustc')}; {m.text('mpi')}; phasewarp {m.text('version')}, commit {m.text('commit')}.",
-        f"Load of the machine when the runs began: {load:.1f}"
-        + (". **Others used the machine: times are too long and ratios noisy.**" if load > 0.5 else "."),
+        f"{m.text('processor')}, {m['cores'].value} cores, {m.text('l1')} L1 and {m.text('l2')} L2 "
+        f"a core, {m.text('l3')} L3, {m.text('memory')} of memory; {m.text('rustc')}; "
+        f"{m.text('mpi')}; {program}.",
+        f"Load of the machine when the runs began: {load:.1f}" +
+        (". **Others used the machine: times are too long and ratios noisy.**"
+         if load > 0.5 else "."),
     ]
-    lines.append(f"Triad before each timed run, one core: {spread([t / 1e9 for t in triads])} GB/s.")
-    return "\n".join(lines)
+    lines.append(
+        f"Triad before each timed run, one core: {spread([t / 1e9 for t in triads])} GB/s.")
+    return "\n".join(prose(line) for line in lines)
 
 
 def by_tolerance(runs):
@@ -266,7 +276,8 @@ def by_tolerance(runs):
         ("solve, s" + TIMED, lambda r: spread(r.solve)),
         ("whole job, s" + TIMED, lambda r: spread(r.wall)),
         ("distance to exp(AT)", lambda r: r.reached),
-        ("L1 to exact", lambda r: ", ".join(f"{r.summary.number(k):.4f}" for k in errors if r.summary.has(k))),
+        ("L1 to exact", lambda r: ", ".join(f"{r.summary.number(k):.4f}"
+                                            for k in errors if r.summary.has(k))),
         ("MiB a rank", lambda r: r.mebibytes),
         ("80-byte model / triad" + TIMED, lambda r: f"{r.share:.2f}"),
     )
@@ -281,7 +292,10 @@ def parts(runs):
         seconds = run.summary["seconds"]
         each = [f"{1e3 * seconds.number(n):.1f}" if seconds.has(n) else "–" for n in names]
         wall = 1e3 * run.summary.positive("wall_seconds")
-        rows.append([run.case, power(run.label("tolerance")), *each, f"{wall:.0f}", f"{1e3 * median(run.wall):.0f}"])
+        rows.append([
+            run.case,
+            power(run.label("tolerance")), *each, f"{wall:.0f}", f"{1e3 * median(run.wall):.0f}"
+        ])
     return table(["case", "tolerance", *names, "all", "whole job"], rows)
 
 
@@ -289,23 +303,36 @@ def by_ranks(runs):
     rows = []
     found = of(runs, "ranks")
     for run in found:
-        alone = next(
-            (r for r in found if r.label("tolerance") == run.label("tolerance") and r.label("ranks") == 1), None
-        )
+        alone = next((r for r in found
+                      if r.label("tolerance") == run.label("tolerance") and r.label("ranks") == 1),
+                     None)
         if alone is None:
             raise Bad(f"{run.node.place}: no row of one rank to compare with")
         rows.append([
-            run.case, power(run.label("tolerance")), f"{run.label('ranks'):.0f}", spread(run.solve), spread(run.wall),
+            run.case,
+            power(run.label("tolerance")),
+            f"{run.label('ranks'):.0f}",
+            spread(run.solve),
+            spread(run.wall),
             f"{alone.seconds / run.seconds:.2f}",
         ])
-    return table(["case", "tolerance", "ranks", "solve, s", "whole job, s", "speed-up of the solve"], rows)
+    return table(
+        ["case", "tolerance", "ranks", "solve, s", "whole job, s", "speed-up of the solve"], rows)
 
 
 def exponents(runs, x, *more):
     """Fitted exponents in `x` beside those of the model."""
-    rows = [["applications", fitted(x, [r.applications for r in runs]), "Σ τ", fitted(x, [r.phases for r in runs])]]
+    rows = [[
+        "applications",
+        fitted(x, [r.applications for r in runs]), "Σ τ",
+        fitted(x, [r.phases for r in runs])
+    ]]
     if all(r.timed for r in runs):
-        rows.append(["solve, s", fitted(x, [r.seconds for r in runs]), "rows × applications", fitted(x, [r.work for r in runs])])
+        rows.append([
+            "solve, s",
+            fitted(x, [r.seconds for r in runs]), "rows × applications",
+            fitted(x, [r.work for r in runs])
+        ])
     return table(["measured", "", "model", ""], [*rows, *more])
 
 
@@ -354,29 +381,31 @@ def by_span(runs):
     for tolerance in tolerances:
         mine = [r for r in found if r.label("tolerance") == tolerance]
         cells = [
-            f"{r.plan.number('modes'):.0f} / {r.applications:.0f}" if (r := at.get((tolerance, s))) else "–"
-            for s in spans
+            f"{r.plan.number('modes'):.0f} / {r.applications:.0f}" if (r := at.get(
+                (tolerance, s))) else "–" for s in spans
         ]
         upper = [r for r in mine if r.span > 100]
         exponent = fitted([r.span for r in upper], [r.applications for r in upper])
         rows.append([power(tolerance), *cells, exponent])
     header = ["tolerance", *(f"Λ = {s}" for s in spans), "exponent of the applications, Λ > 100"]
-    return f"Profile `{found[0].plan.text('profile')}`; modes / applications.\n\n" + table(header, rows)
+    return f"Profile `{found[0].plan.text('profile')}`; modes / applications.\n\n" + table(
+        header, rows)
 
 
 def by_digits(runs):
     found = of(runs, "digits")
-    rows = [[power(r.label("tolerance")), f"{r.plan.number('modes'):.0f}", f"{r.applications:.0f}"] for r in found]
+    rows = [[power(r.label("tolerance")), f"{r.plan.number('modes'):.0f}", f"{r.applications:.0f}"]
+            for r in found]
     loose = [r for r in found if r.label("tolerance") > 0.5e-9]
     digits = [math.log(1 / r.label("tolerance")) for r in loose]
-    return (
-        table(["tolerance", "modes", "applications"], rows)
-        + f"\n\nFrom 1e-2 to 1e-9, exponent in ln 1/ε: modes {fitted(digits, [r.plan.number('modes') for r in loose])}, "
-        + f"applications {fitted(digits, [r.applications for r in loose])}."
-    )
+    modes = fitted(digits, [r.plan.number("modes") for r in loose])
+    applications = fitted(digits, [r.applications for r in loose])
+    return (table(["tolerance", "modes", "applications"], rows) +
+            "\n\nFrom 1e-2 to 1e-9, exponent in ln 1/ε: "
+            f"modes {modes}, applications {applications}.")
 
 
-# --- peers --------------------------------------------------------------------------------------------------------------
+# --- peers ----------------------------------------------------------------------------------------
 
 
 def over(peer, mine):
@@ -399,36 +428,70 @@ def by_peer(peers):
         modes = peer.positive("modes")
         how = f"{peer.number('processes')} × {peer.number('threads')}"
         checked = f"{peer.number('field_error'):.1e}" if peer.has("field_error") else "by mode"
-        rows.append([peer.text("name"), how, f"{modes:.0f}" + ("" if modes == count else f" of {count:.0f}, scaled"), spread(seconds),
-                     checked, over(seconds, solve), over(seconds, wall)])
+        rows.append([
+            peer.text("name"), how,
+            f"{modes:.0f}" + ("" if modes == count else f" of {count:.0f}, scaled"),
+            spread(seconds), checked,
+            over(seconds, solve),
+            over(seconds, wall)
+        ])
     if best is None:
         raise Bad(f"{peers.place}: no peers")
     versions = ", ".join(f"{k} {v}" for k, v in peers["versions"].value.items())
     cells = peers.number("cells")
     text = [
-        f"Example 1, {cells}², tolerance {power(peers.positive('tolerance'))}, {count:.0f} modes, {peers.number('applications'):.0f} "
-        f"applications (the Chebyshev peers, by their own count: {peers.number('peer_applications'):.0f}); "
-        f"rounds: {peers.number('rounds')}; commit {peers.text('commit')}, load {peers.number('load'):.1f}; {versions}.",
+        f"Example 1, {cells}², tolerance {power(peers.positive('tolerance'))}, {count:.0f} modes, "
+        f"{peers.number('applications'):.0f} applications (the Chebyshev peers, by their count: "
+        f"{peers.number('peer_applications'):.0f}); rounds: {peers.number('rounds')}; "
+        f"commit {peers.text('commit')}, load {peers.number('load'):.1f}; {versions}.",
     ]
     text += [f"Skipped: {line.value}." for line in peers["skipped"]]
-    text += ["", table(["", "solve, s", "whole job, s", "distance to exp(AT)"], [
-        ["phasewarp, 2 ranks", spread(solve), spread(wall), f"{peers.number('error'):.1e}"],
-        ["phasewarp, 1 rank", spread(alone), spread(mine.times("wall1")), "the same bits"],
-    ]), "", table(["peer", "processes × threads", "modes", "seconds", "distance to exp(AT)", "/ solve", "/ whole job"], rows), ""]
+    text = [prose(line) for line in text]
+    text += [
+        "",
+        table(["", "solve, s", "whole job, s", "distance to exp(AT)"], [
+            ["phasewarp, 2 ranks",
+             spread(solve),
+             spread(wall), f"{peers.number('error'):.1e}"],
+            ["phasewarp, 1 rank",
+             spread(alone),
+             spread(mine.times("wall1")), "the same bits"],
+        ]), "",
+        table([
+            "peer", "processes × threads", "modes", "seconds", "distance to exp(AT)", "/ solve",
+            "/ whole job"
+        ], rows), ""
+    ]
+    fastest = best[0]
+    name = (f"{fastest.text('name')}, "
+            f"{fastest.number('processes')} × {fastest.number('threads')}")
     classical, ours = peers.times("classical"), mine.times("classical_solve1")
-    text.append(table(["goal", "ratio", ""], [
-        [f"best peer ({best[0].text('name')}, {best[0].number('processes')} × {best[0].number('threads')}) / phasewarp's solve: at least 20",
-         over(best[1], solve), "met" if median(best[1]) >= 20 * median(solve) else "not met"],
-        [f"SciPy's classical `expm_multiply(A)`, {spread(classical)} s / phasewarp's solve: at least 1",
-         over(classical, solve), "met" if median(classical) >= median(solve) else "not met"],
-        ["best peer / the whole job of phasewarp, MPI's start included", over(best[1], wall), "no goal: a peer's process is not counted either"],
-        ["SciPy's classical / the whole job of phasewarp", over(classical, wall), "no goal"],
-        [f"the same / phasewarp's own classical exponential, 1 rank, {spread(ours)} s", over(classical, ours), "no goal"],
-    ]))
+    text.append(
+        table(["goal", "ratio", ""], [
+            [
+                f"best peer ({name}) / phasewarp's solve: at least 20",
+                over(best[1], solve), "met" if median(best[1]) >= 20 * median(solve) else "not met"
+            ],
+            [
+                f"SciPy's classical `expm_multiply(A)`, {spread(classical)} s / phasewarp's solve: "
+                "at least 1",
+                over(classical, solve), "met" if median(classical) >= median(solve) else "not met"
+            ],
+            [
+                "best peer / the whole job of phasewarp, MPI's start included",
+                over(best[1], wall), "no goal: a peer's process is not counted either"
+            ],
+            ["SciPy's classical / the whole job of phasewarp",
+             over(classical, wall), "no goal"],
+            [
+                f"the same / phasewarp's own classical exponential, 1 rank, {spread(ours)} s",
+                over(classical, ours), "no goal"
+            ],
+        ]))
     return "\n".join(text)
 
 
-# --- example 3 ----------------------------------------------------------------------------------------------------------
+# --- example 3 ------------------------------------------------------------------------------------
 
 
 def by_example3(folder):
@@ -440,19 +503,28 @@ def by_example3(folder):
             continue
         if s.number("cells") != n**4:
             raise Bad(f"{s.place}: {s.number('cells')} cells, {n**4} expected")
-        planned, peak, ranks = (s.positive(k) for k in
-                                ("memory_planned_bytes_per_rank", "memory_peak_bytes_per_rank", "ranks"))
+        planned, peak, ranks = (s.positive(k) for k in ("memory_planned_bytes_per_rank",
+                                                        "memory_peak_bytes_per_rank", "ranks"))
         estimate = f"{s.number('error_estimate'):.1e}" if s.has("error_estimate") else "–"
         rows.append([
-            f"{n}⁴", s.number("modes"), s.number("matvecs"), short(s.positive("solve_seconds")), short(s.positive("wall_seconds")),
-            f"{ranks * peak / 2**30:.2f}, {ranks * planned / 2**30:.2f}", estimate, f"{s.number('error_density_l1'):.4f}",
-            f"{s.number('error_velocity_l1'):.4f}", f"{s.number('mass'):.5f}",
+            f"{n}⁴",
+            s.number("modes"),
+            s.number("matvecs"),
+            short(s.positive("solve_seconds")),
+            short(s.positive("wall_seconds")),
+            f"{ranks * peak / 2**30:.2f}, {ranks * planned / 2**30:.2f}",
+            estimate,
+            f"{s.number('error_density_l1'):.4f}",
+            f"{s.number('error_velocity_l1'):.4f}",
+            f"{s.number('mass'):.5f}",
         ])
-    return table(["cells", "modes", "applications", "solve, s", "all, s", "GiB in all: measured, planned", "error estimate",
-                  "density, L1 to exact", "mean velocity, L1 to exact", "mass"], rows)
+    return table([
+        "cells", "modes", "applications", "solve, s", "all, s", "GiB in all: measured, planned",
+        "error estimate", "density, L1 to exact", "mean velocity, L1 to exact", "mass"
+    ], rows)
 
 
-# --- the document -------------------------------------------------------------------------------------------------------
+# --- the document ---------------------------------------------------------------------------------
 
 
 def replaced(text, name, content, path):
@@ -466,6 +538,7 @@ def rates(path):
     """The table of the inner loop, from what `cargo bench --bench application` printed."""
     number = r"([\d.]+)"
     rate = rf": {number} ns a row, mode and step, {number} us a mode; {number} of the triad"
+    shape = r"\d+ steps, strips of \d+, \d+ ranges"
     plain, blocked, head = {}, {}, None
     with open(path, encoding="utf-8") as file:
         for line in file:
@@ -473,7 +546,7 @@ def rates(path):
                 head = line.strip().removeprefix("triad: ")
             elif found := re.match(rf"(.+), step after step{rate}", line):
                 plain[found[1]] = found.groups()[1:]
-            elif found := re.match(rf"(.+), (\d+ steps, strips of \d+, \d+ ranges) of velocities{rate}.*; {number} times", line):
+            elif found := re.match(rf"(.+), ({shape}) of velocities{rate}.*; {number} times", line):
                 blocked[found[1]] = found.groups()[1:]
     if head is None or not plain:
         raise Bad(f"{path}: no line about the triad, or none about a grid")
@@ -481,8 +554,10 @@ def rates(path):
     for grid, (ns, us, share) in plain.items():
         how, fast, quick, part, ratio = blocked.get(grid, ("in cache: not blocked", *["–"] * 4))
         rows.append([grid, ns, us, share, how, fast, quick, part, ratio])
-    header = ["grid", "step by step: ns a row, mode and step", "µs a mode", "of the triad",
-              "blocked", "ns a row, mode and step", "µs a mode", "of the triad", "speed-up"]
+    header = [
+        "grid", "step by step: ns a row, mode and step", "µs a mode", "of the triad", "blocked",
+        "ns a row, mode and step", "µs a mode", "of the triad", "speed-up"
+    ]
     return f"Triad: {head}.\n\n" + table(header, rows)
 
 
@@ -499,20 +574,30 @@ def main():
         runs = [Run(node) for node in programs["rows"]]
         number = lambda name: lambda run: run.label(name)
         content |= {
-            "machine": machine(programs), "tolerance": by_tolerance(runs),
-            "cells": growth(runs, "cells", lambda r: f"{r.label('cells'):.0f}², {r.cells:.0f} computed", lambda r: r.cells, "cells"),
-            "cells4": growth(runs, "cells4", lambda r: f"{r.label('cells'):.0f}⁴, {r.cells:.0f} computed", lambda r: r.cells, "cells"),
+            "machine": machine(programs),
+            "tolerance": by_tolerance(runs),
+            "cells": growth(runs, "cells",
+                            lambda r: f"{r.label('cells'):.0f}², {r.cells:.0f} computed",
+                            lambda r: r.cells, "cells"),
+            "cells4": growth(runs, "cells4",
+                             lambda r: f"{r.label('cells'):.0f}⁴, {r.cells:.0f} computed",
+                             lambda r: r.cells, "cells"),
             "time": growth(runs, "time", lambda r: f"{r.label('time'):g}", number("time"), "T"),
-            "points": by_points(runs), "span": by_span(runs), "digits": by_digits(runs),
+            "points": by_points(runs),
+            "span": by_span(runs),
+            "digits": by_digits(runs),
         }
         if all(run.timed for run in runs if run.solved):
             content |= {"parts": parts(runs), "ranks": by_ranks(runs)}
-    if not options.only and os.path.exists(path := os.path.join(options.results, "application.txt")):
+    if not options.only and os.path.exists(
+            path := os.path.join(options.results, "application.txt")):
         content["rates"] = rates(path)
     peers = None if options.only else load(os.path.join(options.results, "peers.json"))
     if peers is not None:
         content["peers"] = by_peer(peers)
-    if any(os.path.exists(os.path.join(options.example3, f"example3-{n}", "summary.json")) for n in (8, 16, 32, 64)):
+    if any(
+            os.path.exists(os.path.join(options.example3, f"example3-{n}", "summary.json"))
+            for n in (8, 16, 32, 64)):
         content["example3"] = by_example3(options.example3)
     with open(options.document, encoding="utf-8") as file:
         text = file.read()

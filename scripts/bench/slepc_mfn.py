@@ -1,7 +1,10 @@
-"""exp(−iH_l T) w by SLEPc's MFN. Started by peers.py with the interpreter that SLEPc is installed for, which has its own NumPy.
+"""exp(−iH_l T) w by SLEPc's MFN, for peers.py.
 
-Usage: slepc_mfn.py METHOD FILE.npz; the file holds S and K in CSR form, the start vector, T and the wavenumbers. The name of a
-result file comes on standard input, when it is time to begin; seconds are printed, w_l(T) written.
+Usage: slepc_mfn.py METHOD FILE.npz
+
+peers.py starts it with the interpreter that SLEPc is installed for, which has its own NumPy. The
+file holds S and K in CSR form, the start vector, T and the wavenumbers. The name of the result file
+comes on standard input when it is time to begin. The script prints seconds and writes w_l(T).
 """
 
 import glob
@@ -10,9 +13,8 @@ import time
 
 # Where Debian and Ubuntu keep the complex build.
 sys.path[:0] = sorted(
-    glob.glob("/usr/lib/petscdir/*/*-complex/lib/python3/dist-packages")
-    + glob.glob("/usr/lib/slepcdir/*/*-complex/lib/python3/dist-packages")
-)
+    glob.glob("/usr/lib/petscdir/*/*-complex/lib/python3/dist-packages") +
+    glob.glob("/usr/lib/slepcdir/*/*-complex/lib/python3/dist-packages"))
 import slepc4py
 
 slepc4py.init([sys.argv[0]])
@@ -39,7 +41,9 @@ def main():
     begin = time.perf_counter()
     for mu, tolerance in zip(data["mu"], data["tolerance"]):
         values = mu * data["S"] + 1j * data["K"]
-        H = PETSc.Mat().createAIJ(size=(n, n), csr=(pointers, columns, values), comm=PETSc.COMM_SELF)
+        H = PETSc.Mat().createAIJ(size=(n, n),
+                                  csr=(pointers, columns, values),
+                                  comm=PETSc.COMM_SELF)
         mfn = SLEPc.MFN().create(comm=PETSc.COMM_SELF)
         mfn.setOperator(H)
         mfn.setType(method)
@@ -50,7 +54,8 @@ def main():
         y = start.duplicate()
         mfn.solve(start, y)
         if mfn.getConvergedReason() < 0:
-            sys.exit(f"SLEPc {method} did not converge at mu = {mu}: reason {mfn.getConvergedReason()}")
+            sys.exit(
+                f"SLEPc {method} did not converge at mu = {mu}: reason {mfn.getConvergedReason()}")
         results.append(y.getArray().copy())
         mfn.destroy()
         H.destroy()
