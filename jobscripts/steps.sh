@@ -1,14 +1,16 @@
-# What the job scripts do, for Slurm and PBS; sourced after env.sh.
-# shellcheck shell=bash disable=SC2154  # program, LAUNCH, most_jobs, reserve, memory_per_node: env.sh
+# Functions of the job scripts, for Slurm and PBS; sourced after env.sh, which sets program, LAUNCH,
+# most_jobs, reserve and memory_per_node.
+# shellcheck shell=bash disable=SC2154
 
-# launch RANKS COMMAND…
+# launch RANKS COMMAND…: starts an MPI program.
 launch() {
     local words
     read -ra words <<<"$LAUNCH"
     "${words[@]}" "$@"
 }
 
-# read_settings FILE: `settings` becomes a --set for each line KEY=VALUE; empty lines and those that begin with # are left out.
+# read_settings FILE: `settings` becomes a --set for each line KEY=VALUE. Empty lines and lines that
+# begin with # are skipped.
 read_settings() {
     local line
     settings=()
@@ -19,11 +21,11 @@ read_settings() {
     done <"$1"
 }
 
-# show_plan RANKS CASE [OPTION]…: is the case right, does it fit? Options are those of `run` that say what is computed and where.
+# show_plan RANKS CASE [OPTION]…: checks the case and prints its plan. Options are those of `run`.
 show_plan() {
     local ranks=$1 case=$2 node=() of_case=() option next=""
     shift 2
-    # `check` looks at the case alone: who computes what is no option of it.
+    # `check` looks at the case alone: it has no --ranks-x.
     for option in "$@"; do
         if [ "$next" = dropped ]; then
             next=""
@@ -34,13 +36,14 @@ show_plan() {
         fi
     done
     if [ -n "$memory_per_node" ]; then
-        node=(--memory-per-node "$memory_per_node" --ranks-per-node "${SLURM_NTASKS_PER_NODE:-$ranks}")
+        node=(--memory-per-node "$memory_per_node"
+            --ranks-per-node "${SLURM_NTASKS_PER_NODE:-$ranks}")
     fi
     launch 1 "$program" check "$case" "${of_case[@]}"
     launch 1 "$program" plan "$case" --ranks "$ranks" "${node[@]}" "$@"
 }
 
-# seconds_of [[D-]H:]M:S: as batch systems write times; nothing where it is none.
+# seconds_of [[D-]H:]M:S: the seconds of a time; prints nothing if it is not a time.
 seconds_of() {
     local days=0 rest=$1 sum=0 part parts
     if [[ $rest == *-* ]]; then
@@ -56,7 +59,7 @@ seconds_of() {
     echo $((86400 * 10#$days + sum))
 }
 
-# seconds_left: until the job ends; nothing where that is not known.
+# seconds_left: the seconds until the job ends; prints nothing if unknown.
 seconds_left() {
     local limit
     if [ -n "${SLURM_JOB_ID:-}" ]; then
@@ -68,8 +71,9 @@ seconds_left() {
     fi
 }
 
-# solve RANKS CASE RESULTS [OPTION]…: from the newest checkpoint on, if there is one. A USR1 that the job gets reaches the
-# program, which then makes a checkpoint. Returns its exit code.
+# solve RANKS CASE RESULTS [OPTION]…: solves the case, from the newest checkpoint on if there is
+# one. A USR1 that the job receives is passed on to the program, which then writes a checkpoint.
+# Returns the program's exit code.
 solve() {
     local ranks=$1 case=$2 results=$3 words code=0 told="" left walltime=()
     shift 3
@@ -78,7 +82,7 @@ solve() {
         walltime=(--walltime $((left - reserve)))
     fi
     read -ra words <<<"$LAUNCH"
-    # In the background: the shell runs a trap at once only while it waits.
+    # In the background, because the shell runs a trap at once only while it waits.
     "${words[@]}" "$ranks" "$program" run "$case" -o "$results" --resume "${walltime[@]}" "$@" &
     local job=$!
     trap 'told=yes; echo "told to stop: USR1"; kill -USR1 "$job" 2>/dev/null || true' USR1
@@ -91,7 +95,7 @@ solve() {
     return "$code"
 }
 
-# finished RESULTS: how far the newest checkpoint is; nothing where there is none.
+# finished RESULTS: the progress of the newest checkpoint; prints nothing if there is none.
 finished() {
     local newest="" manifest
     for manifest in "$1"/checkpoint/*/manifest.json; do
@@ -104,19 +108,20 @@ finished() {
     fi
 }
 
-# may_go_on JOBS BEFORE AFTER: whether another job is worth it, as the JOBS-th was stopped, and says why not.
+# may_go_on JOBS BEFORE AFTER: whether to submit another job after the JOBS-th was stopped; prints
+# the reason if not.
 may_go_on() {
     if [ "$1" -ge "$most_jobs" ]; then
         echo "not submitted again: $1 jobs so far, most_jobs is $most_jobs"
         return 1
     fi
     if [ -z "$3" ] || [ "$2" = "$3" ]; then
-        echo "not submitted again: nothing was finished in this job; give it more time or more ranks"
+        echo "not submitted again: this job finished nothing; give it more time or more ranks"
         return 1
     fi
 }
 
-# number FILE KEY: a number of a summary.json.
+# number FILE KEY: prints a number of a summary.json.
 number() {
     sed -n "s/^  \"$2\": \([-+0-9.e]*\),*\$/\1/p" "$1"
 }

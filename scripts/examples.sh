@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
-# Redraws figures 2 to 5 of the paper from runs of our own, into docs/examples/: `make examples`.
+# Draws figures 2 to 5 of the paper from our own runs, into docs/examples/: `make examples`.
 #
 #   scripts/examples.sh [--program PATH] [--paper] [--out DIR]
 #
-# The grids are the paper's. The classical solution is forward Euler's, as the paper's; the Schrödingerized one is planned for 1e-6. With --paper it is the
-# paper's own set-up instead (its profile, interval, N_p, p◇ and step: cases/paper/), which takes minutes: example 1 as it is, example 3 as it is, example 2 on
-# 64 x 64 cells with N_p = 4096, and files are called paper-figureN. RANKS (2) is how many ranks.
+# The grids are the paper's. The classical solution is by forward Euler, like the paper's; the
+# Schrödingerized one is planned for 1e-6. With --paper it uses the paper's own set-up (profile,
+# interval, N_p, p◇ and step: cases/paper/), which takes minutes: examples 1 and 3 as they are,
+# example 2 on 64 x 64 cells with N_p = 4096. Files are then called paper-figureN. RANKS is the
+# number of ranks (2).
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -27,7 +29,7 @@ prefix=${paper%/}
 prefix=${prefix:+$prefix-}
 mkdir -p "$out"
 
-# example N OVERRIDE…: both runs, drawn beside each other; what they say goes to standard output.
+# example N OVERRIDE…: makes both runs and draws them beside each other.
 example() {
     local n=$1 results=results/examples/${prefix}example$1 set=()
     shift
@@ -41,7 +43,7 @@ example() {
     "$program" plot "$results" --beside "$results-classical" -o "$results/plots" >/dev/null
 }
 
-# figure K N PICTURE: picture of example N as the paper's figure K.
+# figure K N PICTURE: copies a picture of example N to the paper's figure K.
 figure() {
     cp "results/examples/${prefix}example$2/plots/$3.svg" "$out/${prefix}figure$1.svg"
     echo "$out/${prefix}figure$1.svg"

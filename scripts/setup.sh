@@ -1,15 +1,21 @@
 #!/usr/bin/env bash
 # Finds what phasewarp is built and run with, and installs what is missing.
 #
-#   scripts/setup.sh                 check; on Debian and Ubuntu install what is missing (root, or sudo without password)
+#   scripts/setup.sh                 check; on Debian and Ubuntu install what is missing (as root,
+#                                    or by sudo without password)
 #   scripts/setup.sh --check         check only
-#   scripts/setup.sh --readers       a Python with what tests/readers.py reads results with, in target/readers (half a minute)
-#   scripts/setup.sh --qiskit        a Python with what tests/simulator.py runs circuits with, in target/qiskit (half a minute)
-#   scripts/setup.sh --browser       a Chromium for tests/cli/pictures/browser.rs, by apt-get (a minute)
-#   scripts/setup.sh --environment   print what cargo needs set to find parallel HDF5: "HDF5_DIR=…", mostly nothing
+#   scripts/setup.sh --readers       install a Python with h5py, xarray and VTK into target/readers,
+#                                    for tests/readers.py (half a minute)
+#   scripts/setup.sh --qiskit        install a Python with Qiskit into target/qiskit, for
+#                                    tests/simulator.py (half a minute)
+#   scripts/setup.sh --browser       install a Chromium by apt-get, for
+#                                    tests/cli/pictures/browser.rs (a minute)
+#   scripts/setup.sh --environment   print the variable that cargo needs to find parallel HDF5:
+#                                    "HDF5_DIR=…", or nothing if none is needed
 #
-# Exit code 0 when everything is there, 1 when something is missing. Silent and instant when there is nothing to do.
-# Environment: HDF5_DIR, LIBCLANG_PATH, MPICC name places to look in first, as they do for cargo.
+# Exit code 0 if everything is there, 1 if something is missing. Prints nothing and takes no time if
+# there is nothing to do. Environment: HDF5_DIR, LIBCLANG_PATH, MPICC name places to look in first,
+# as they do for cargo.
 
 # shellcheck disable=SC2329  # the have_… functions are called by name
 set -euo pipefail
@@ -17,7 +23,9 @@ shopt -s nullglob
 
 # --- what is looked for; each function says nothing and returns whether it was found ---
 
-have_cargo() { command -v cargo || [ -x "${CARGO_HOME:-${HOME:-}/.cargo}/bin/cargo" ]; } >/dev/null 2>&1
+have_cargo() {
+    command -v cargo >/dev/null 2>&1 || [ -x "${CARGO_HOME:-${HOME:-}/.cargo}/bin/cargo" ]
+}
 
 have_compiler() { command -v cc >/dev/null 2>&1; }
 
@@ -35,7 +43,8 @@ have_libclang() {
         return
     fi
     prefix=$("${LLVM_CONFIG_PATH:-llvm-config}" --libdir 2>/dev/null) || prefix=""
-    for directory in ${prefix:+"$prefix"} /usr/lib/llvm-*/lib /usr/lib64/llvm*/lib /usr/lib64 /usr/lib /usr/local/lib; do
+    for directory in ${prefix:+"$prefix"} /usr/lib/llvm-*/lib /usr/lib64/llvm*/lib \
+        /usr/lib64 /usr/lib /usr/local/lib; do
         if has_libclang "$directory" && has_clang_headers "$directory"; then
             return 0
         fi
@@ -59,7 +68,8 @@ is_parallel() {
     grep -qsE '^#define +H5_HAVE_PARALLEL +1' "${headers[@]}"
 }
 
-# Whether cargo finds a parallel HDF5 by itself: where HDF5_DIR points or, without it, where pkg-config does.
+# Whether cargo finds a parallel HDF5 by itself: where HDF5_DIR points or, without it, where
+# pkg-config does.
 cargo_finds_hdf5() {
     local directory
     if [ -n "${HDF5_DIR:-}" ]; then
@@ -74,12 +84,13 @@ cargo_finds_hdf5() {
     return 1
 }
 
-# Prints the root of a parallel HDF5 that cargo does not find by itself: a cluster's module, or Debian's Open MPI build
-# standing next to a serial one.
+# Prints the root of a parallel HDF5 that cargo does not find by itself: a cluster's module, or
+# Debian's Open MPI build standing next to a serial one.
 hdf5_elsewhere() {
     local root compiler
     compiler=$(command -v h5pcc) || compiler=""
-    for root in "${HDF5_ROOT:-}" "${EBROOTHDF5:-}" "${compiler%/bin/h5pcc}" /usr/lib/*/hdf5/openmpi; do
+    for root in "${HDF5_ROOT:-}" "${EBROOTHDF5:-}" "${compiler%/bin/h5pcc}" \
+        /usr/lib/*/hdf5/openmpi; do
         if [ -n "$root" ] && [ -d "$root/lib" ] && is_parallel "$root/include"; then
             echo "$root"
             return 0
@@ -131,13 +142,15 @@ can_install() {
 
 # apt-get, not asking anything, waiting for another one to end.
 apt_get() {
-    as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq -o Dpkg::Use-Pty=0 -o DPkg::Lock::Timeout=300 "$@" </dev/null >&2
+    as_root env DEBIAN_FRONTEND=noninteractive \
+        apt-get -qq -o Dpkg::Use-Pty=0 -o DPkg::Lock::Timeout=300 "$@" </dev/null >&2
 }
 
 install_packages() {
     local try
     for try in 1 2 3 4; do
-        # A failed update is not the end: one package list of many may be out of reach, and not be needed.
+        # A failed update is not the end: one package list of many may be out of reach, and not be
+        # needed.
         apt_get update || say "apt-get update failed"
         if apt_get install -y --no-install-recommends "$@"; then
             return 0
@@ -160,7 +173,8 @@ explain() {
         say "cargo comes with Rust, 1.89 or later: https://rustup.rs"
     fi
     if [ -n "${HDF5_DIR:-}" ] && ! have_hdf5; then
-        say "HDF5_DIR=$HDF5_DIR holds no include/H5pubconf.h with H5_HAVE_PARALLEL; unset or correct it"
+        say "HDF5_DIR=$HDF5_DIR holds no include/H5pubconf.h with H5_HAVE_PARALLEL:" \
+            "unset or correct it"
     fi
     if [ "${#packages[@]}" -gt 0 ]; then
         cat >&2 <<'TEXT'
@@ -171,7 +185,7 @@ setup: install, as root, and run this again:
        or, on a cluster, load modules; their names differ, typically
                            module load gcc openmpi hdf5/<version>-mpi llvm
        and say where they are if they still are not found:
-         HDF5_DIR          the directory that holds include/ and lib/ of an HDF5 built with the same MPI
+         HDF5_DIR          directory with include/ and lib/ of an HDF5 built with the same MPI
          LIBCLANG_PATH     the directory that holds libclang.so
 TEXT
     fi
@@ -179,7 +193,8 @@ TEXT
 
 # --- Pythons for tests, each in a place of its own; nothing to do where it is there ---
 
-# set_up_python NAME SCRIPT REQUIREMENTS PACKAGE…: target/NAME with the requirements, and packages without theirs.
+# set_up_python NAME SCRIPT REQUIREMENTS PACKAGE…: target/NAME with the requirements, and packages
+# without theirs.
 set_up_python() {
     local root place script requirements
     root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -197,7 +212,8 @@ set_up_python() {
     say "installing what $script takes into $place"
     python3 -m venv "$place" &&
         "$place/bin/pip" --quiet --disable-pip-version-check install -r "$requirements" &&
-        { [ "$#" -eq 0 ] || "$place/bin/pip" --quiet --disable-pip-version-check install --no-deps "$@"; } &&
+        { [ "$#" -eq 0 ] ||
+            "$place/bin/pip" --quiet --disable-pip-version-check install --no-deps "$@"; } &&
         "$place/bin/python" "$script" --packages
 }
 

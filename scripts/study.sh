@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# What `make study` runs: scripts/study.py, with a Python that has Matplotlib where one can be had. See there for the options.
+# What `make study` runs: scripts/study.py, by a Python with Matplotlib if one can be installed.
+# scripts/study.py describes the options.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 if ! python=$(scripts/bench/setup.sh --charts); then

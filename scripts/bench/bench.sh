@@ -53,7 +53,8 @@ if ! command -v python3 >/dev/null 2>&1; then
 fi
 python=python3
 if [ "$peers" = yes ] && python=$(scripts/bench/setup.sh); then
-    "$python" scripts/bench/peers.py "${CARGO_TARGET_DIR:-target}/release/phasewarp" "$place/peers.json" "${quick[@]}" ||
+    program=${CARGO_TARGET_DIR:-target}/release/phasewarp
+    "$python" scripts/bench/peers.py "$program" "$place/peers.json" "${quick[@]}" ||
         echo "bench: peers failed; their tables stay as they were"
 else
     python=python3
