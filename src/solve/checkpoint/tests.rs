@@ -1,16 +1,11 @@
+//! Checkpoints written by the ranks of any mesh and read on any other, and what may go on from them.
+
 use super::*;
-use crate::parallel::partition::{Block, Mesh};
+use crate::parallel::partition::Mesh;
 use crate::problem::grid::{Axis, PhaseSpace};
-use crate::solve::checkpoint::file;
-use crate::solve::checkpoint::file::{Destination, Header, RankFile};
-use crate::solve::kept::KeptModes;
-use crate::solve::kept::Passage;
-use crate::solve::snapshot::Fingerprint;
-use crate::solve::snapshot::Kept;
-use crate::solve::snapshot::KeptMode;
-use crate::solve::snapshot::Numbers;
-use crate::solve::snapshot::Start;
-use crate::solve::snapshot::State;
+use crate::solve::checkpoint::file::{self, Destination, Header, RankFile};
+use crate::solve::kept::{KeptModes, Passage};
+use crate::solve::snapshot::{Fingerprint, Kept, KeptMode, Numbers, Start, State};
 use crate::solve::told::Told;
 use num_complex::Complex64;
 use std::collections::BTreeMap;
@@ -112,70 +107,149 @@ fn part(array: usize, index: usize, (group, groups): (usize, usize)) -> i64 {
     }
 }
 
-fn write_all(directory: &Path, space: &PhaseSpace, mesh: &Mesh) -> Vec<file::Written> {
-    (0..mesh.ranks())
-        .map(|rank| {
-            let (block, group) = (rank % mesh.blocks(), rank / mesh.blocks());
-            let ranges = mesh.ranges(space, block);
-            let share = mesh.share(space, block, group);
-            let sums: Vec<Vec<i64>> = (SUMS.iter().enumerate())
-                .map(|(k, width)| {
-                    let points = global_points(space, &ranges).into_iter();
-                    let numbers = points.flat_map(|p| 2 * width * p..2 * width * (p + 1));
-                    numbers.map(|i| part(k, i, (group, mesh.groups))).collect()
-                })
-                .collect();
-            let results: Vec<Vec<f64>> = (RESULTS.iter().enumerate())
-                .map(|(k, width)| expected_result(space, &share, k, *width))
-                .collect();
-            let modes: Vec<usize> = (0..MODES).filter(|l| l % mesh.groups == group).collect();
-            let kept: Vec<Vec<Complex64>> = modes
+/// A rank of a mesh.
+struct Rank<'a> {
+    space: &'a PhaseSpace,
+    number: usize,
+    group: usize,
+    groups: usize,
+    block: Vec<Range<usize>>,
+    share: Vec<Range<usize>>,
+    modes: Vec<usize>,
+}
+
+impl<'a> Rank<'a> {
+    fn all(space: &'a PhaseSpace, mesh: &Mesh) -> Vec<Self> {
+        (0..mesh.ranks())
+            .map(|number| {
+                let (block, group) = (number % mesh.blocks(), number / mesh.blocks());
+                Self {
+                    space,
+                    number,
+                    group,
+                    groups: mesh.groups,
+                    block: mesh.ranges(space, block),
+                    share: mesh.share(space, block, group),
+                    modes: (0..MODES).filter(|l| l % mesh.groups == group).collect(),
+                }
+            })
+            .collect()
+    }
+
+    /// Cells with an auxiliary unknown.
+    fn auxiliary(&self) -> Vec<u64> {
+        auxiliary(self.space, &self.block)
+    }
+
+    fn header(&self, state: &State) -> Header {
+        Header {
+            fingerprint: fingerprint(),
+            generation: 3,
+            rank: self.number,
+            velocity_cells: self.space.velocity_cells(),
+            sums: SUMS.to_vec(),
+            results: RESULTS.to_vec(),
+            auxiliary: self.auxiliary().len(),
+            kept: self
+                .modes
                 .iter()
-                .map(|&mode| rows(space, &ranges, mode))
-                .collect();
-            let snapshot = Snapshot {
-                state: State {
-                    finished: modes.clone(),
-                    beyond: vec![1.0 / 3.0, 1e-300, 0.1 + 0.2],
-                    ..State::default()
-                },
-                sums: (sums.iter().zip(SUMS))
-                    .map(|(values, width)| Numbers { width, values })
-                    .collect(),
-                results: (results.iter().zip(RESULTS))
-                    .map(|(values, width)| Numbers { width, values })
-                    .collect(),
-                kept: Some(Kept {
-                    auxiliary: auxiliary(space, &ranges),
-                    modes: (modes.iter().zip(&kept))
-                        .map(|(&mode, rows)| KeptMode {
-                            mode,
-                            passage: passage(mode),
-                            rows,
-                        })
-                        .collect(),
-                }),
-            };
-            let header = Header {
-                fingerprint: fingerprint(),
-                generation: 3,
-                rank,
-                velocity_cells: space.velocity_cells(),
-                sums: SUMS.to_vec(),
-                results: RESULTS.to_vec(),
-                auxiliary: auxiliary(space, &ranges).len(),
-                kept: modes.iter().map(|&mode| (mode, passage(mode))).collect(),
-                state: snapshot.state.clone(),
-                block: ranges,
-                share,
-            };
-            let path = file_of(directory, rank);
-            let written = file::write(&path, &header, &snapshot).expect("a file");
-            assert_eq!(file::check(&path, &written), Ok(()));
-            assert_eq!(RankFile::open(&path).expect("a file").header, header);
-            written
-        })
-        .collect()
+                .map(|&mode| (mode, passage(mode)))
+                .collect(),
+            state: state.clone(),
+            block: self.block.clone(),
+            share: self.share.clone(),
+        }
+    }
+
+    /// Writes its file below `directory`, which is what was written.
+    fn write(&self, directory: &Path) -> file::Written {
+        let points = global_points(self.space, &self.block);
+        let sums: Vec<Vec<i64>> = (SUMS.iter().enumerate())
+            .map(|(k, width)| {
+                let numbers = points
+                    .iter()
+                    .flat_map(|p| 2 * width * p..2 * width * (p + 1));
+                numbers
+                    .map(|i| part(k, i, (self.group, self.groups)))
+                    .collect()
+            })
+            .collect();
+        let results = (RESULTS.iter().enumerate())
+            .map(|(k, width)| expected_result(self.space, &self.share, k, *width));
+        let results: Vec<Vec<f64>> = results.collect();
+        let kept = self
+            .modes
+            .iter()
+            .map(|&mode| rows(self.space, &self.block, mode));
+        let kept: Vec<Vec<Complex64>> = kept.collect();
+        let modes = self.modes.iter().zip(&kept).map(|(&mode, rows)| KeptMode {
+            mode,
+            passage: passage(mode),
+            rows,
+        });
+        let snapshot = Snapshot {
+            state: State {
+                finished: self.modes.clone(),
+                beyond: vec![1.0 / 3.0, 1e-300, 0.1 + 0.2],
+                ..State::default()
+            },
+            sums: (sums.iter().zip(SUMS))
+                .map(|(values, width)| Numbers { width, values })
+                .collect(),
+            results: (results.iter().zip(RESULTS))
+                .map(|(values, width)| Numbers { width, values })
+                .collect(),
+            kept: Some(Kept {
+                auxiliary: self.auxiliary(),
+                modes: modes.collect(),
+            }),
+        };
+        let header = self.header(&snapshot.state);
+        let path = file_of(directory, self.number);
+        let written = file::write(&path, &header, &snapshot).expect("a file");
+        assert_eq!(file::check(&path, &written), Ok(()));
+        assert_eq!(RankFile::open(&path).expect("a file").header, header);
+        written
+    }
+
+    /// Reads what concerns it from the files that the ranks of `from` wrote, compares results and modes; its
+    /// part of the sums.
+    fn read(&self, directory: &Path, from: &Mesh) -> Vec<Vec<i64>> {
+        let own = file::points(&self.block);
+        let sum = |width: &usize| vec![0; 2 * width * own];
+        let mut sums: Vec<Vec<i64>> = SUMS.iter().map(sum).collect();
+        let behind = self.auxiliary();
+        let cells = own * self.space.velocity_cells();
+        let mut kept = KeptModes::new(cells + behind.len(), self.modes.clone());
+        let result = |width: &usize| vec![0.0; width * file::points(&self.share)];
+        let mut into = Destination {
+            block: &self.block,
+            share: &self.share,
+            sums: sums.iter_mut().map(|sum| &mut sum[..]).collect(),
+            results: RESULTS.iter().map(result).collect(),
+            kept: Some((behind, &mut kept)),
+        };
+        for other in 0..from.ranks() {
+            let file = RankFile::open(&file_of(directory, other)).expect("a file");
+            let with_sums = other / from.blocks() % self.groups == self.group;
+            file.read_into(&mut into, with_sums).expect("a reading");
+        }
+        for (k, result) in into.results.iter().enumerate() {
+            let expected = expected_result(self.space, &self.share, k, RESULTS[k]);
+            assert_eq!(result, &expected);
+        }
+        for &mode in &self.modes {
+            let expected = rows(self.space, &self.block, mode);
+            assert_eq!(kept.mode(mode), Some(&expected[..]));
+            assert_eq!(kept.passage(mode), Some(passage(mode)));
+        }
+        sums
+    }
+}
+
+fn write_all(directory: &Path, space: &PhaseSpace, mesh: &Mesh) -> Vec<file::Written> {
+    let ranks = Rank::all(space, mesh);
+    ranks.iter().map(|rank| rank.write(directory)).collect()
 }
 
 fn file_of(directory: &Path, rank: usize) -> PathBuf {
@@ -190,92 +264,43 @@ fn expected_result(space: &PhaseSpace, share: &[Range<usize>], k: usize, width: 
 
 #[test]
 fn what_a_mesh_wrote_is_read_on_any_other() {
-    let one = space(&[11]);
-    let two = space(&[5, 4]);
     let mesh = |space: &[usize], groups: usize| Mesh {
         space: space.to_vec(),
         groups,
     };
     // Some shares are empty: more groups than layers of a block.
-    let meshes = [
-        (
-            &one,
-            vec![
-                mesh(&[1], 1),
-                mesh(&[3], 1),
-                mesh(&[1], 4),
-                mesh(&[4], 3),
-                mesh(&[2], 7),
-            ],
-        ),
-        (
-            &two,
-            vec![
-                mesh(&[1, 1], 2),
-                mesh(&[2, 3], 1),
-                mesh(&[5, 1], 2),
-                mesh(&[1, 4], 3),
-            ],
-        ),
-    ];
-    for (space, meshes) in &meshes {
-        let whole: Vec<Range<usize>> = space.x.iter().map(|a| 0..a.cells).collect();
+    let line = [(1, 1), (3, 1), (1, 4), (4, 3), (2, 7)].map(|(x, groups)| mesh(&[x], groups));
+    let plane = [([1, 1], 2), ([2, 3], 1), ([5, 1], 2), ([1, 4], 3)];
+    let plane = plane.map(|(space, groups)| mesh(&space, groups));
+    for (space, meshes) in [(space(&[11]), &line[..]), (space(&[5, 4]), &plane)] {
         for from in meshes {
             let directory = tempfile::tempdir().expect("a directory");
-            write_all(directory.path(), space, from);
+            write_all(directory.path(), &space, from);
             for to in meshes {
-                let mut sums: Vec<Vec<i64>> = SUMS
-                    .iter()
-                    .map(|width| vec![0; 2 * width * file::points(&whole)])
-                    .collect();
-                for rank in 0..to.ranks() {
-                    let (block, group) = (rank % to.blocks(), rank / to.blocks());
-                    let ranges = to.ranges(space, block);
-                    let share = to.share(space, block, group);
-                    let own = global_points(space, &ranges);
-                    let mut mine: Vec<Vec<i64>> = SUMS
-                        .iter()
-                        .map(|width| vec![0; 2 * width * own.len()])
-                        .collect();
-                    let cells = Block::new(space, to, block).cells();
-                    let behind = auxiliary(space, &ranges);
-                    let modes: Vec<usize> = (0..MODES).filter(|l| l % to.groups == group).collect();
-                    let mut kept = KeptModes::new(cells + behind.len(), modes.clone());
-                    let mut into = Destination {
-                        block: &ranges,
-                        share: &share,
-                        sums: mine.iter_mut().map(|sum| &mut sum[..]).collect(),
-                        results: (RESULTS.iter())
-                            .map(|width| vec![0.0; width * file::points(&share)])
-                            .collect(),
-                        kept: Some((behind, &mut kept)),
-                    };
-                    for other in 0..from.ranks() {
-                        let file =
-                            RankFile::open(&file_of(directory.path(), other)).expect("a file");
-                        let with_sums = other / from.blocks() % to.groups == group;
-                        file.read_into(&mut into, with_sums).expect("a reading");
-                    }
-                    for (k, result) in into.results.iter().enumerate() {
-                        assert_eq!(result, &expected_result(space, &share, k, RESULTS[k]));
-                    }
-                    for (sum, (mine, width)) in sums.iter_mut().zip(mine.iter().zip(SUMS)) {
-                        let places = own.iter().flat_map(|p| 2 * width * p..2 * width * (p + 1));
-                        places
-                            .zip(mine)
-                            .for_each(|(place, part)| sum[place] += part);
-                    }
-                    for &mode in &modes {
-                        assert_eq!(kept.mode(mode), Some(&rows(space, &ranges, mode)[..]));
-                        assert_eq!(kept.passage(mode), Some(passage(mode)));
-                    }
-                }
-                for (k, sum) in sums.iter().enumerate() {
-                    for (i, &found) in sum.iter().enumerate() {
-                        assert_eq!(found, value(k, i) as i64 >> 4, "{from:?} to {to:?}");
-                    }
-                }
+                read_all(directory.path(), &space, from, to);
             }
+        }
+    }
+}
+
+/// Reads what the ranks of `from` wrote on those of `to`; the sums of all are whole.
+fn read_all(directory: &Path, space: &PhaseSpace, from: &Mesh, to: &Mesh) {
+    let whole: Vec<Range<usize>> = space.x.iter().map(|a| 0..a.cells).collect();
+    let sum = |width: &usize| vec![0; 2 * width * file::points(&whole)];
+    let mut sums: Vec<Vec<i64>> = SUMS.iter().map(sum).collect();
+    for rank in Rank::all(space, to) {
+        let own = global_points(space, &rank.block);
+        let parts = rank.read(directory, from);
+        for ((sum, part), width) in sums.iter_mut().zip(parts).zip(SUMS) {
+            let places = own.iter().flat_map(|p| 2 * width * p..2 * width * (p + 1));
+            places
+                .zip(part)
+                .for_each(|(place, part)| sum[place] += part);
+        }
+    }
+    for (k, sum) in sums.iter().enumerate() {
+        for (i, &found) in sum.iter().enumerate() {
+            assert_eq!(found, value(k, i) as i64 >> 4, "{from:?} to {to:?}");
         }
     }
 }
@@ -309,59 +334,40 @@ fn runs_that_differ_are_told_apart() {
     let own = fingerprint();
     assert_eq!(own.difference(&own), None);
     let start = |points, values| Some(Start { points, values });
+    let change = |change: &dyn Fn(&mut Fingerprint)| {
+        let mut other = own.clone();
+        change(&mut other);
+        other
+    };
     for (other, word) in [
+        (change(&|f| f.program = "2".to_owned()), "phasewarp 2"),
         (
-            Fingerprint {
-                program: "2".to_owned(),
-                ..own.clone()
-            },
-            "phasewarp 2",
-        ),
-        (
-            Fingerprint {
-                settings: settings(&[("time.end", "3"), ("output.xdmf", "true")]),
-                ..own.clone()
-            },
+            change(&|f| f.settings = settings(&[("time.end", "3"), ("output.xdmf", "true")])),
             "time.end is 3 there, 2 here",
         ),
         (
-            Fingerprint {
-                settings: settings(&[("time.end", "2")]),
-                ..own.clone()
-            },
+            change(&|f| f.settings = settings(&[("time.end", "2")])),
             "output.xdmf is not given there, true here",
         ),
+        // Other points make another plan, too; that is not the reason.
         (
-            // Other points make another plan, too; that is not the reason.
-            Fingerprint {
-                start: start(([4, 5], 8), Some(7)),
-                plan: 9,
-                ..own.clone()
-            },
+            change(&|f| (f.start, f.plan) = (start(([4, 5], 8), Some(7)), 9)),
             "initial.warped",
         ),
         (
-            Fingerprint {
-                start: start(([4, 5], 6), Some(8)),
-                ..own.clone()
-            },
+            change(&|f| f.start = start(([4, 5], 6), Some(8))),
             "initial.warped",
         ),
-        (
-            Fingerprint {
-                plan: 9,
-                ..own.clone()
-            },
-            "another plan",
-        ),
+        (change(&|f| f.plan = 9), "another plan"),
     ] {
-        assert!(own.difference(&other).is_some_and(|why| why.contains(word)));
+        let why = own.difference(&other);
+        assert!(
+            why.as_ref().is_some_and(|why| why.contains(word)),
+            "{why:?}"
+        );
     }
     // Before the file was read.
-    let unread = Fingerprint {
-        start: start(([4, 5], 6), None),
-        ..own.clone()
-    };
+    let unread = change(&|f| f.start = start(([4, 5], 6), None));
     assert_eq!(unread.difference(&own), None);
 }
 
