@@ -1,10 +1,12 @@
-//! The run loop allocates nothing: a counting allocator around the propagation of a batch by each propagator.
+//! Tests that the run loop allocates nothing, by a counting allocator: the propagation of a batch
+//! by each propagator, classical steps, and a run of one batch beside one of all.
+
+mod support;
 
 use phasewarp::base::progress::Progress;
-use phasewarp::matrix::bounds::Bounds;
 use phasewarp::matrix::lanes::LANES;
-use phasewarp::parallel::communicator::{Communicator, World};
-use phasewarp::parallel::partition::{Block, Mesh};
+use phasewarp::parallel::communicator::World;
+use phasewarp::parallel::partition::Mesh;
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::{Case, Integrator};
@@ -13,14 +15,12 @@ use phasewarp::propagate::classical::Classical;
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::limiter::Reconstruction;
-use phasewarp::propagate::method::{BatchSpec, Evolution, Initial, Propagator};
-use phasewarp::propagate::propagator;
-use phasewarp::solve::modes;
-use phasewarp::solve::modes::{Besides, Leg, Task};
-use phasewarp::solve::system::Problem;
+use phasewarp::propagate::method::{BatchSpec, Propagator};
+use phasewarp::solve::modes::{self, Besides, Leg, Task};
 use std::alloc::{GlobalAlloc, Layout, System};
-use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use support::dense::case;
+use support::prepared::{Parts, Prepared};
 
 struct Counting;
 
@@ -46,69 +46,156 @@ fn allocations(work: impl FnOnce()) -> usize {
     ALLOCATIONS.load(Ordering::Relaxed) - before
 }
 
-/// The propagator that a run of `case` would have.
-fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
-    let allowed = Bounds::new(case).expect("V is finite");
-    let block = Block::new(&case.space, mesh, 0);
-    let sizes = (2 * LANES, 100);
-    let mut problem = Problem::new(case, &allowed, communicator, block, sizes).expect("a problem");
-    let bounds = problem.bounds(case, &allowed);
+fn main() {
+    // MPI starts once in a process.
+    let world = World::start().expect("MPI starts");
+    let checks = [
+        the_counter_counts,
+        series_and_lanczos,
+        implicit_steps,
+        classical_steps,
+        runs,
+    ];
+    for check in checks {
+        check(&world);
+    }
+    println!("{} passed, 0 failed", checks.len());
+}
+
+/// A case of the repository on 24 × 17 cells, with further overrides.
+fn small(file: &str, set: &[&str]) -> Case {
+    let cells = ["axis.0.x.cells=24", "axis.0.v.cells=17"];
+    case(file, &[&cells, set].concat())
+}
+
+/// A case prepared on one rank.
+fn prepared(world: &World, case: &Case) -> Prepared {
+    let mesh = Mesh {
+        space: vec![1],
+        groups: 1,
+    };
+    Prepared::new(world, case, &mesh)
+}
+
+/// The control: an allocation is counted.
+fn the_counter_counts(_: &World) {
+    assert!(allocations(|| drop(std::hint::black_box(vec![1.0; 100]))) > 0);
+}
+
+/// Allocations of a batch of full size by a propagator, with `work` terms or steps.
+fn of_a_batch(parts: &mut Parts<'_>, propagator: &mut dyn Propagator, work: usize) -> usize {
+    let batch = BatchSpec {
+        modes: LANES,
+        wavenumbers: std::array::from_fn(|l| 0.2 * l as f64),
+        tolerances: [1e-8; LANES],
+        work: [work; LANES],
+    };
+    allocations(|| {
+        let report = propagator.propagate(&mut parts.evolution, &batch, &parts.initial[0]);
+        assert!(report.is_ok_and(|r| r.applications > 0));
+    })
+}
+
+/// Neither allocates anything.
+fn series_and_lanczos(world: &World) {
+    let case = small("example1.toml", &[]);
+    let mut prepared = prepared(world, &case);
+    let mut parts = prepared.parts(case.end);
+    let mut chebyshev = Chebyshev::new(parts.evolution.matrix, 100);
+    for degree in [3, 40, 100] {
+        let count = of_a_batch(&mut parts, &mut chebyshev, degree);
+        assert_eq!(count, 0, "allocations at degree {degree}");
+    }
+    let mut krylov = Krylov::new(parts.evolution.matrix, None);
+    let count = of_a_batch(&mut parts, &mut krylov, 0);
+    assert_eq!(count, 0, "allocations of Lanczos");
+}
+
+/// They allocate where they factorise, once for each mode, and never in the time loop.
+fn implicit_steps(world: &World) {
+    let case = small("example1.toml", &[]);
+    let mut prepared = prepared(world, &case);
+    let mut parts = prepared.parts(case.end);
+    for order in [1, 2] {
+        let few = [1, 2, 50].map(|steps| {
+            let implicit = Implicit::new(parts.evolution.matrix, order, false);
+            let mut implicit = implicit.expect("the pattern is analysed");
+            // The factors' room grows with the first modes.
+            of_a_batch(&mut parts, &mut implicit, steps);
+            of_a_batch(&mut parts, &mut implicit, steps)
+        });
+        assert_eq!(few, [few[0]; 3], "allocations of 1, 2 and 50 steps");
+    }
+}
+
+/// With slopes, they allocate nothing.
+fn classical_steps(world: &World) {
+    let set = [
+        "solver.method=classical",
+        "scheme.limiter=van-leer",
+        "solver.classical.integrator=ssp-rk3",
+    ];
+    let case = small("slope_jump.toml", &set);
+    let problem = &mut prepared(world, &case).problem;
+    let slopes = Reconstruction::new(&case, &problem.matrix, 0).expect("formulas are finite");
+    assert!(slopes.is_some());
+    let mut classical = Classical::new(&problem.matrix).with_slopes(slopes);
+    for integrator in [Integrator::ForwardEuler, Integrator::SspRk3] {
+        let (exchange, state) = (&mut problem.exchange, &mut problem.states[0]);
+        let count = allocations(|| classical.steps(exchange, state, integrator, 0.1, 10));
+        assert_eq!(count, 0, "allocations of {integrator:?}");
+    }
+}
+
+/// An inflow by one shared unknown, one that varies, and none; each by the propagator of its plan.
+fn runs(world: &World) {
+    for (file, set) in [
+        ("inflow_barrier.toml", "solver.warp.inflow=scalar"),
+        ("pulsed_inflow.toml", "solver.tolerance=1e-2"),
+        ("example1.toml", "solver.tolerance=1e-6"),
+    ] {
+        allocations_of_a_run(world, &small(file, &[set]), file);
+    }
+}
+
+fn allocations_of_a_run(world: &World, case: &Case, name: &str) {
+    let mut prepared = prepared(world, case);
     let resources = Resources {
         ranks: 1,
         ..Resources::default()
     };
-    let plan = Plan::with_bounds(case, bounds.clone(), &resources, 2.0).expect("a plan");
+    let plan = Plan::with_bounds(case, prepared.bounds.clone(), &resources, 2.0).expect("a plan");
     let warp = plan.warp.as_ref().expect("a schrodingerized run");
-    let setting = plan.propagator_setting(warp);
-    let mut propagator =
-        propagator(&setting, problem.schedule.as_ref(), &problem.matrix).expect("a propagator");
-    let state = &problem.states[0];
-    let rows = problem.matrix.rows();
-    let initial = Initial::real(&state[..rows], problem.norm(communicator, state, false));
-    let mut system = Evolution {
-        matrix: &problem.matrix,
-        exchange: &mut problem.exchange,
-        space: &communicator.space,
-        rate: bounds.rate,
-        growth: bounds.growth,
-        time: case.end,
-        terms: problem.terms,
-    };
+    let mut parts = prepared.parts(case.end);
+    let mut propagator = parts.propagator(&plan);
     for work in [3, warp.largest_work() / 2, warp.largest_work()] {
-        let batch = BatchSpec {
-            modes: LANES,
-            wavenumbers: std::array::from_fn(|l| 0.2 * l as f64),
-            tolerances: [1e-8; LANES],
-            work: [work; LANES],
-        };
-        let count = allocations(|| {
-            let report = propagator.propagate(&mut system, &batch, &initial);
-            assert!(report.is_ok_and(|r| r.applications > 0));
-        });
+        let count = of_a_batch(&mut parts, &mut *propagator, work);
         assert_eq!(count, 0, "{name}: allocations at degree {work}");
     }
     // The whole of a run, readings and sums included: as many for one batch as for all.
-    let cells = problem.matrix.block.cells();
+    let cells = 0..parts.pi.len();
     let batches = &plan.layout.groups[0];
     assert!(batches.len() > 1, "{name}");
     let few = [1, batches.len()].map(|count| {
         allocations(|| {
+            let task = Task {
+                communicator: parts.communicator,
+                warp,
+                legs: &[Leg {
+                    time: case.end,
+                    moments_only: false,
+                }],
+                batches: &batches[..count],
+                initial: &parts.initial,
+                shares: std::slice::from_ref(&cells),
+                moments: None,
+            };
+            let (system, progress) = (&mut parts.evolution, &mut Progress::silent());
             let recovered = modes::run(
-                &Task {
-                    communicator,
-                    warp,
-                    legs: &[Leg {
-                        time: system.time,
-                        moments_only: false,
-                    }],
-                    batches: &batches[..count],
-                    initial: &[initial],
-                    shares: std::slice::from_ref(&(0..cells)),
-                    moments: None,
-                },
-                &mut system,
+                &task,
+                system,
                 &mut *propagator,
-                &mut Progress::silent(),
+                progress,
                 Besides::default(),
             );
             drop(recovered.expect("a unitary run"));
@@ -118,98 +205,4 @@ fn streamed(communicator: &Communicator, case: &Case, mesh: &Mesh, name: &str) {
         few[0], few[1],
         "{name}: allocations of one batch and of all"
     );
-}
-
-fn main() {
-    let world = World::start().expect("MPI starts");
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/example1.toml");
-    let set = ["axis.0.x.cells=24", "axis.0.v.cells=17"].map(str::to_owned);
-    let case = Case::load(&path, &set).expect("a case of the repository");
-    let bounds = Bounds::new(&case).expect("V is finite");
-    let mesh = Mesh {
-        space: vec![1],
-        groups: 1,
-    };
-    let communicator = Communicator::new(&world, &mesh);
-    let block = Block::new(&case.space, &mesh, 0);
-    let sizes = (2 * LANES, 100);
-    let mut problem = Problem::new(&case, &bounds, &communicator, block, sizes).expect("a problem");
-    let rows = problem.matrix.rows();
-    let norm = problem.norm(&communicator, &problem.states[0], false);
-    let initial = Initial::real(&problem.states[0][..rows], norm);
-    let mut system = Evolution {
-        matrix: &problem.matrix,
-        exchange: &mut problem.exchange,
-        space: &communicator.space,
-        rate: bounds.rate,
-        growth: bounds.growth,
-        time: case.end,
-        terms: problem.terms,
-    };
-    let mut count = |propagator: &mut dyn Propagator, work: usize| {
-        let batch = BatchSpec {
-            modes: LANES,
-            wavenumbers: std::array::from_fn(|l| 0.2 * l as f64),
-            tolerances: [1e-8; LANES],
-            work: [work; LANES],
-        };
-        allocations(|| {
-            let report = propagator.propagate(&mut system, &batch, &initial);
-            assert!(report.is_ok_and(|r| r.applications > 0));
-        })
-    };
-    let mut chebyshev = Chebyshev::new(&problem.matrix, 100);
-    for degree in [3, 40, 100] {
-        let count = count(&mut chebyshev, degree);
-        assert_eq!(count, 0, "allocations at degree {degree}");
-    }
-    let mut krylov = Krylov::new(&problem.matrix, None);
-    assert_eq!(count(&mut krylov, 0), 0, "allocations of Lanczos");
-    // Implicit methods allocate where they factorise, once for each mode, and never in the time loop.
-    for order in [1, 2] {
-        let few = [1, 2, 50].map(|steps| {
-            let made = Implicit::new(&problem.matrix, order, false);
-            let mut implicit = made.expect("the pattern is analysed");
-            // The factors' room grows with the first modes.
-            count(&mut implicit, steps);
-            count(&mut implicit, steps)
-        });
-        assert_eq!(few, [few[0]; 3], "allocations of 1, 2 and 50 steps");
-    }
-    // The classical steps, with slopes.
-    let set = [
-        "axis.0.x.cells=24",
-        "axis.0.v.cells=17",
-        "solver.method=classical",
-        "scheme.limiter=van-leer",
-        "solver.classical.integrator=ssp-rk3",
-    ];
-    let path = path.with_file_name("slope_jump.toml");
-    let case = Case::load(&path, &set.map(str::to_owned)).expect("a case of the repository");
-    let bounds = Bounds::new(&case).expect("V is finite");
-    let block = Block::new(&case.space, &mesh, 0);
-    let mut problem =
-        Problem::new(&case, &bounds, &communicator, block, (1, 100)).expect("a problem");
-    let slopes = Reconstruction::new(&case, &problem.matrix, 0).expect("formulas are finite");
-    assert!(slopes.is_some());
-    let mut classical = Classical::new(&problem.matrix).with_slopes(slopes);
-    for integrator in [Integrator::ForwardEuler, Integrator::SspRk3] {
-        let (exchange, state) = (&mut problem.exchange, &mut problem.states[0]);
-        let count = allocations(|| classical.steps(exchange, state, integrator, 0.1, 10));
-        assert_eq!(count, 0, "allocations of {integrator:?}");
-    }
-    // Every embedding of the inflow, and one that varies.
-    for (name, more) in [
-        ("inflow_barrier", "solver.warp.inflow=scalar"),
-        ("pulsed_inflow", "solver.tolerance=1e-2"),
-        ("example1", "solver.tolerance=1e-6"),
-    ] {
-        let path = path.with_file_name(format!("{name}.toml"));
-        let set = ["axis.0.x.cells=24", "axis.0.v.cells=17", more].map(str::to_owned);
-        let case = Case::load(&path, &set).expect("a case of the repository");
-        streamed(&communicator, &case, &mesh, name);
-    }
-    // A control: the counter counts.
-    assert!(allocations(|| drop(std::hint::black_box(vec![1.0; 100]))) > 0);
-    println!("1 passed, 0 failed");
 }

@@ -1,7 +1,21 @@
-//! Tests the distributed `(S, K)`: its entries, its products, one step and several at once.
+//! Tests the distributed `(S, K)` against dense twins: its entries, its products, one step, and
+//! several at once.
 
-use crate::*;
+use crate::bits::report_bits;
+use crate::dense_twins::Twin;
+use crate::pieces::{Piece, Weighted, for_every_piece};
+use crate::support::dense::{assert_close, assert_same, noise};
+use num_complex::Complex64;
+use phasewarp::matrix::block_matrix::Operator;
+use phasewarp::matrix::blocking::{Blocking, BlockingShape, Steps};
+use phasewarp::matrix::kernel;
+use phasewarp::matrix::kernel::InstructionSet;
+use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
+use phasewarp::parallel::communicator::{Communicator, World};
+use phasewarp::parallel::partition::Mesh;
+use phasewarp::problem::case::Embedding;
 
+/// `S`, `K` and `u(0)`, without weights and with them.
 pub fn matrix_entry_for_entry(world: &World) {
     for_every_piece(world, |twin, mesh, piece| {
         let name = format!("{}, {mesh:?}", twin.name);
@@ -13,54 +27,47 @@ pub fn matrix_entry_for_entry(world: &World) {
         };
         assert_same(&name, &s, &twin.generator.symmetric(), round_off);
         assert_same(&name, &k, &twin.generator.skew(), round_off);
-        let space = &piece.communicator.space;
         let coupled = piece.matrix.inflow.iter().filter(|aux| aux.coupling != 0.0);
-        assert_eq!(
-            space.sum_count(coupled.count()),
-            twin.coupled.len(),
-            "{name}"
-        );
+        let coupled = piece.communicator.space.sum_count(coupled.count());
+        assert_eq!(coupled, twin.coupled.len(), "{name}");
         for (m, r) in piece.matrix.auxiliary(0, twin.case.enters()).enumerate() {
             let m = piece.number[piece.matrix.block.cells() + m];
             assert!((r - twin.state[m]).abs() <= 1e-14 * r.abs(), "{name}: {r}");
         }
-        // In weighted unknowns.
-        let mut weighted = Weighted::new(world, twin, mesh);
-        let (s, k) = {
-            let matrix = std::mem::replace(
-                &mut weighted.problem.matrix,
-                Piece::assemble(world, twin, mesh).matrix,
-            );
-            Piece::new(twin, Communicator::new(world, mesh), matrix).gather_matrix(world, twin)
-        };
-        let tolerance = 1e-14 * weighted.generator.largest();
-        assert_same(&name, &s, &weighted.generator.symmetric(), tolerance);
-        assert_same(&name, &k, &weighted.generator.skew(), tolerance);
-        let local = &weighted.problem.states[0][..weighted.problem.matrix.rows()];
-        for (i, u) in local.iter().enumerate() {
-            let expected = weighted.state[weighted.number[i]];
-            assert!(
-                (u - expected).abs() <= 1e-14 * expected.abs(),
-                "{name}: {u} {expected}"
-            );
-        }
+        weighted_entry_for_entry(world, twin, mesh);
     });
 }
 
+fn weighted_entry_for_entry(world: &World, twin: &Twin, mesh: &Mesh) {
+    let name = format!("{}, {mesh:?}", twin.name);
+    let weighted = Weighted::new(world, twin, mesh);
+    let problem = weighted.prepared.problem;
+    for (i, u) in problem.states[0][..problem.matrix.rows()]
+        .iter()
+        .enumerate()
+    {
+        let expected = weighted.state[weighted.number[i]];
+        let close = (u - expected).abs() <= 1e-14 * expected.abs();
+        assert!(close, "{name}: {u} {expected}");
+    }
+    let piece = Piece::new(twin, Communicator::new(world, mesh), problem.matrix);
+    let (s, k) = piece.gather_matrix(world, twin);
+    let tolerance = 1e-14 * weighted.generator.largest();
+    assert_same(&name, &s, &weighted.generator.symmetric(), tolerance);
+    assert_same(&name, &k, &weighted.generator.skew(), tolerance);
+}
+
+/// `A x`, `Aᵀ x` and `S x`.
 pub fn application_of_all_parts(world: &World) {
     for_every_piece(world, |twin, mesh, piece| {
-        let x = random(twin, 2);
+        let x = twin.noise(2);
         for (part, expected) in [
             (Operator::Generator, twin.generator.apply(&x)),
             (Operator::Transpose, twin.generator.transposed().apply(&x)),
             (Operator::Symmetric, twin.generator.symmetric().apply(&x)),
         ] {
-            let mut y = vec![f64::NAN; piece.matrix.length()];
-            let mut local = piece.scatter(&x);
-            piece
-                .matrix
-                .apply(&mut piece.exchange, part, &mut y, &mut local);
-            let found = piece.gather(twin, &y);
+            let image = piece.apply(part, &mut piece.scatter(&x));
+            let found = piece.gather(twin, &image);
             let name = format!("{}, {mesh:?}, {part:?}", twin.name);
             assert_close(&name, &found, &expected, 1e-14 * twin.generator.largest());
             report_bits(world, &format!("{part:?} of {}", twin.name), &found);
@@ -71,70 +78,75 @@ pub fn application_of_all_parts(world: &World) {
 /// `⟨y, A x⟩ = ⟨Aᵀ y, x⟩` of what is distributed.
 pub fn adjoint(world: &World) {
     for_every_piece(world, |twin, mesh, piece| {
-        let (mut x, mut y) = (
-            piece.scatter(&random(twin, 3)),
-            piece.scatter(&random(twin, 4)),
-        );
-        let mut ax = vec![f64::NAN; piece.matrix.length()];
-        let mut aty = ax.clone();
-        piece
-            .matrix
-            .apply(&mut piece.exchange, Operator::Generator, &mut ax, &mut x);
-        piece
-            .matrix
-            .apply(&mut piece.exchange, Operator::Transpose, &mut aty, &mut y);
+        let mut x = piece.scatter(&twin.noise(3));
+        let mut y = piece.scatter(&twin.noise(4));
+        let ax = piece.apply(Operator::Generator, &mut x);
+        let aty = piece.apply(Operator::Transpose, &mut y);
+        let ay = piece.apply(Operator::Generator, &mut y);
         let product = |a: &[f64], b: &[f64], sign: fn(f64) -> f64| {
-            let terms: Vec<f64> = (0..piece.matrix.counted_rows())
-                .map(|i| sign(a[i] * b[i]))
-                .collect();
+            let rows = 0..piece.matrix.counted_rows();
+            let terms: Vec<f64> = rows.map(|i| sign(a[i] * b[i])).collect();
             piece.communicator.space.sum_terms(&terms)
         };
         let (left, right) = (product(&y, &ax, |t| t), product(&aty, &x, |t| t));
         let scale = product(&y, &ax, f64::abs);
-        assert!(
-            (left - right).abs() <= 1e-15 * scale * (twin.size() as f64).sqrt(),
-            "{} {mesh:?}: {left} {right}",
-            twin.name
-        );
+        let round_off = 1e-15 * scale * (twin.size() as f64).sqrt();
+        let name = format!("{} {mesh:?}: {left} {right}", twin.name);
+        assert!((left - right).abs() <= round_off, "{name}");
         // The generator is not its own adjoint, or the test would see nothing.
-        let mut ay = vec![f64::NAN; piece.matrix.length()];
-        piece
-            .matrix
-            .apply(&mut piece.exchange, Operator::Generator, &mut ay, &mut y);
-        assert!((left - product(&ay, &x, |t| t)).abs() > 1e-6 * scale);
+        assert!(
+            (left - product(&ay, &x, |t| t)).abs() > 1e-6 * scale,
+            "{name}"
+        );
     });
 }
 
-/// `y ← a ((−iμS + K) x + i c x) + y + coefficient · start`, the start being real, complex or nothing.
+/// Row `i` of a complex vector that is the same on any ranks, in every lane.
+fn complex_noise(i: usize, seed: u64) -> [Complex64; LANES] {
+    let part = |l, seed| noise(i * LANES + l, seed);
+    std::array::from_fn(|l| Complex64::new(part(l, seed), part(l, seed + 50)))
+}
+
+/// The same as a row of a batch: real parts, then imaginary parts.
+fn lanes_of_noise(i: usize, seed: u64) -> [f64; 2 * LANES] {
+    let values = complex_noise(i, seed);
+    std::array::from_fn(|l| {
+        if l < LANES {
+            values[l].re
+        } else {
+            values[l - LANES].im
+        }
+    })
+}
+
+/// Constants of a step, other ones in each lane.
+fn step_constants(seeds: [u64; 4]) -> StepConstants {
+    let lane = |l: usize| std::array::from_fn::<f64, LANES, _>(|m| noise(m * 8 + l, seeds[l]));
+    StepConstants {
+        scale: lane(0),
+        shift: lane(1),
+        wavenumber: lane(2).map(|mu| 10.0 * mu),
+        coefficient: lane(3),
+    }
+}
+
+/// `y ← a ((−iμS + K) x + i c x) + y + coefficient · start`, the start being real, complex or
+/// nothing; `y`, `x` and a complex start are [`complex_noise`] of these seeds, a real start is
+/// noise.
+const Y: u64 = 20;
+const X: u64 = 21;
+const START: u64 = 22;
+const REAL_START: u64 = 23;
+
+/// One step against the dense formula; the same by every instruction set.
 pub fn one_step(world: &World) {
-    let lane = |l: usize, seed| std::array::from_fn::<f64, LANES, _>(|m| noise(m * 8 + l, seed));
-    let constants = StepConstants {
-        scale: lane(0, 5),
-        shift: lane(1, 6),
-        wavenumber: lane(2, 7).map(|mu| 10.0 * mu),
-        coefficient: lane(3, 8),
-    };
+    let constants = step_constants([5, 6, 7, 8]);
     for_every_piece(world, |twin, mesh, piece| {
-        let complex = |i: usize, l: usize, seed: u64| {
-            Complex64::new(noise(i * LANES + l, seed), noise(i * LANES + l, seed + 50))
-        };
-        let local = |seed: u64| -> Vec<Lanes> {
-            let lanes = |&i: &usize| {
-                Lanes(std::array::from_fn(|l| match l < LANES {
-                    true => complex(i, l, seed).re,
-                    false => complex(i, l - LANES, seed).im,
-                }))
-            };
-            let rows = piece.matrix.rows();
-            let mut list: Vec<Lanes> = piece.number[..rows].iter().map(lanes).collect();
-            list.resize(piece.matrix.length(), Lanes([f64::NAN; 2 * LANES]));
-            list
-        };
-        let (y, mut x, start) = (local(20), local(21), local(22));
-        let rows = piece.matrix.rows();
-        let real: Vec<f64> = (piece.number[..rows].iter())
-            .map(|&i| noise(i, 23))
-            .collect();
+        let name = format!("{}, {mesh:?}", twin.name);
+        let vector = |seed| piece.batch(|i| lanes_of_noise(i, seed));
+        let (y, mut x, start) = (vector(Y), vector(X), vector(START));
+        let mut real = piece.reals(|i| noise(i, REAL_START));
+        real.truncate(piece.matrix.rows());
         let nothing: &[()] = &[];
         let (mut plain, mut from_real, mut from_complex) = (y.clone(), y.clone(), y);
         let (matrix, exchange) = (&piece.matrix, &mut piece.exchange);
@@ -148,55 +160,70 @@ pub fn one_step(world: &World) {
             &mut x,
             &start,
         );
-        let (s, k) = (twin.generator.symmetric(), twin.generator.skew());
-        let scale = twin.generator.largest() * 10.0;
-        // The same to round-off by every instruction set, but for the row that is a sum over all ranks.
+        let tolerance = 1e-14 * twin.generator.largest() * 10.0;
         for set in InstructionSet::all() {
-            let mut other = local(20);
-            let step = kernel::stepper_for(set);
-            step(matrix.stored(), 0..rows, &constants, &mut other, &x, &start);
-            for i in (0..rows).filter(|&i| Some(i) != matrix.shared_row()) {
-                for (a, b) in other[i].0.iter().zip(&from_complex[i].0) {
-                    let near = (a - b).abs() <= 1e-14 * scale;
-                    assert!(near, "{} {mesh:?} {set:?} row {i}: {a} {b}", twin.name);
-                }
+            let mut other = piece.batch(|i| lanes_of_noise(i, Y));
+            let rows = 0..piece.matrix.rows();
+            kernel::stepper_for(set)(
+                piece.matrix.stored(),
+                rows.clone(),
+                &constants,
+                &mut other,
+                &x,
+                &start,
+            );
+            // But for the row that is a sum over all ranks.
+            for i in rows.filter(|&i| Some(i) != piece.matrix.shared_row()) {
+                let name = format!("{name}, {set:?} row {i}");
+                assert_close(&name, &other[i].0, &from_complex[i].0, tolerance);
             }
         }
-        for l in 0..LANES {
-            let [a, c, mu, coefficient] = [
-                constants.scale[l],
-                constants.shift[l],
-                constants.wavenumber[l],
-                constants.coefficient[l],
-            ];
-            for (local, &i) in piece.number[..piece.matrix.rows()].iter().enumerate() {
-                let mut hx = Complex64::new(0.0, c) * complex(i, l, 21);
-                for j in 0..twin.size() {
-                    hx += Complex64::new(k.at(i, j), -mu * s.at(i, j)) * complex(j, l, 21);
-                }
-                let expected = a * hx + complex(i, l, 20);
-                for (found, expected) in [
-                    (&plain, expected),
-                    (&from_real, expected + coefficient * noise(i, 23)),
-                    (&from_complex, expected + coefficient * complex(i, l, 22)),
+        let expected = dense_step(twin, &constants);
+        for (local, &i) in piece.number[..piece.matrix.rows()].iter().enumerate() {
+            let complex_start = complex_noise(i, START);
+            for l in 0..LANES {
+                let coefficient = constants.coefficient[l];
+                for (found, added) in [
+                    (&plain, Complex64::ZERO),
+                    (&from_real, noise(i, REAL_START).into()),
+                    (&from_complex, complex_start[l]),
                 ] {
                     let Lanes(row) = found[local];
                     let found = Complex64::new(row[l], row[LANES + l]);
-                    assert!(
-                        (found - expected).norm() <= 1e-14 * scale,
-                        "{} {mesh:?} row {i} lane {l}: {found} {expected}",
-                        twin.name
-                    );
+                    let expected = expected[i][l] + coefficient * added;
+                    let close = (found - expected).norm() <= tolerance;
+                    assert!(close, "{name} row {i} lane {l}: {found} {expected}");
                 }
             }
         }
     });
 }
 
-/// Several steps in one trip through memory have the bits of step after step, whatever the shape: strips and ranges that do
-/// not divide, more levels than cells, trips of fewer steps than the blocking is made for; with the inflow of a stage too.
+/// `a ((−iμS + K) x + i c x) + y` for every row and lane.
+fn dense_step(twin: &Twin, constants: &StepConstants) -> Vec<[Complex64; LANES]> {
+    let (s, k) = (twin.generator.symmetric(), twin.generator.skew());
+    let x: Vec<[Complex64; LANES]> = (0..twin.size()).map(|i| complex_noise(i, X)).collect();
+    let row = |i: usize| {
+        let y = complex_noise(i, Y);
+        std::array::from_fn(|l| {
+            let mu = constants.wavenumber[l];
+            let mut hx = Complex64::new(0.0, constants.shift[l]) * x[i][l];
+            for (j, x) in x.iter().enumerate() {
+                hx += Complex64::new(k.at(i, j), -mu * s.at(i, j)) * x[l];
+            }
+            constants.scale[l] * hx + y[l]
+        })
+    };
+    (0..twin.size()).map(row).collect()
+}
+
+/// Most steps in one trip through memory.
+const LEVELS: usize = 7;
+
+/// Several steps in one trip through memory have the bits of step after step, whatever the shape:
+/// strips and ranges that do not divide, more levels than cells, trips of fewer steps than the
+/// blocking is made for; with the inflow of a stage too.
 pub fn blocked_steps(world: &World) {
-    const LEVELS: usize = 7;
     let shapes = [
         (2, 1, 1),
         (3, 2, 1),
@@ -204,48 +231,17 @@ pub fn blocked_steps(world: &World) {
         (LEVELS, 3, 2),
         (LEVELS, 100, 1000),
     ];
-    let levels: Vec<StepConstants> = (0..LEVELS as u64)
-        .map(|k| {
-            let lane = |seed| std::array::from_fn::<f64, LANES, _>(|l| noise(l, 10 * k + seed));
-            StepConstants {
-                scale: lane(1).map(|a| 0.01 * a),
-                shift: lane(2),
-                wavenumber: lane(3),
-                coefficient: lane(4),
-            }
-        })
-        .collect();
+    let levels: Vec<StepConstants> = (0..LEVELS as u64).map(constants_of_level).collect();
     let mut blocked = 0;
     for_every_piece(world, |twin, mesh, piece| {
         if !Blocking::possible(&piece.matrix) {
             assert!(piece.matrix.shared_row().is_some());
             return;
         }
-        let rows = piece.matrix.rows();
-        let vector = |seed: usize| -> Vec<Lanes> {
-            let row = |i| Lanes(std::array::from_fn(|l| noise(i, (100 * seed + l) as u64)));
-            let mut list: Vec<Lanes> = piece.number[..rows].iter().copied().map(row).collect();
-            list.resize(piece.matrix.length(), Lanes([f64::NAN; 2 * LANES]));
-            list
-        };
-        let start: Vec<f64> = (0..rows).map(|i| noise(i, 5)).collect();
         let couplings: Vec<f64> = (0..piece.matrix.inflow.len())
             .map(|m| noise(m, 6))
             .collect();
         for couplings in [None, Some(&couplings[..])] {
-            let mut run = |blocking: Option<&Blocking>, steps: usize| {
-                let (mut y, mut x) = (vector(1), vector(2));
-                let (matrix, exchange) = (&piece.matrix, &mut piece.exchange);
-                let steps = Steps {
-                    levels: &levels[..steps],
-                    couplings,
-                };
-                matrix.steps(exchange, blocking, &steps, &mut y, &mut x, &start);
-                let bits = |v: &[Lanes]| -> Vec<_> {
-                    v[..rows].iter().map(|r| r.0.map(f64::to_bits)).collect()
-                };
-                (bits(&y), bits(&x))
-            };
             for (depth, width, parts) in shapes {
                 let shape = BlockingShape {
                     depth,
@@ -253,15 +249,51 @@ pub fn blocked_steps(world: &World) {
                     parts,
                 };
                 let blocking = Blocking::new(&piece.matrix, &shape);
-                for steps in [depth, depth - 1] {
-                    let same = run(Some(&blocking), steps) == run(None, steps);
+                for levels in [&levels[..depth], &levels[..depth - 1]] {
+                    let found = bits_of_steps(piece, Some(&blocking), levels, couplings);
+                    let same = found == bits_of_steps(piece, None, levels, couplings);
+                    let steps = levels.len();
                     assert!(same, "{} {mesh:?} {shape:?}, {steps} steps", twin.name);
                     blocked += 1;
                 }
             }
             // A step fewer is another result, or the test would see nothing.
-            assert!(run(None, LEVELS) != run(None, LEVELS - 2));
+            let [all, fewer] = [LEVELS, LEVELS - 2]
+                .map(|steps| bits_of_steps(piece, None, &levels[..steps], couplings));
+            assert!(all != fewer);
         }
     });
     assert!(blocked > 0);
+}
+
+fn constants_of_level(level: u64) -> StepConstants {
+    let lane = |seed| std::array::from_fn::<f64, LANES, _>(|l| noise(l, 10 * level + seed));
+    StepConstants {
+        scale: lane(1).map(|a| 0.01 * a),
+        shift: lane(2),
+        wavenumber: lane(3),
+        coefficient: lane(4),
+    }
+}
+
+/// The bits of `y` and `x` after the steps of `levels`.
+fn bits_of_steps(
+    piece: &mut Piece,
+    blocking: Option<&Blocking>,
+    levels: &[StepConstants],
+    couplings: Option<&[f64]>,
+) -> [Vec<[u64; 2 * LANES]>; 2] {
+    let rows = piece.matrix.rows();
+    let value = |i, seed| std::array::from_fn(|l| noise(i, 100 * seed + l as u64));
+    let [mut y, mut x] = [1u64, 2].map(|seed| piece.batch(|i| value(i, seed)));
+    let start: Vec<f64> = (0..rows).map(|i| noise(i, 5)).collect();
+    let steps = Steps { levels, couplings };
+    let exchange = &mut piece.exchange;
+    (piece.matrix).steps(exchange, blocking, &steps, &mut y, &mut x, &start);
+    [y, x].map(|v| {
+        v[..rows]
+            .iter()
+            .map(|row| row.0.map(f64::to_bits))
+            .collect()
+    })
 }

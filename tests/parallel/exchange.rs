@@ -1,28 +1,36 @@
-//! Tests what ranks send each other: ghost layers, and the transpose between modes and cells.
+//! Tests what ranks send each other: ghost layers, and modes of all cells for cells of all modes.
 
-use crate::*;
+use crate::pieces::{for_every_piece, meshes};
+use crate::support::dense::{case, noise};
+use crate::support::prepared::block_of;
+use num_complex::Complex64;
+use phasewarp::matrix::lanes::{LANES, Lanes};
+use phasewarp::parallel::communicator::transpose::Transpose;
+use phasewarp::parallel::communicator::{Communicator, GhostExchange, Group, World};
+use phasewarp::parallel::partition::{LocalIndex, Mesh};
+use std::ops::Range;
 
+/// Every ghost holds what its owner has, real numbers and batches through the same buffers.
 pub fn ghost_exchange(world: &World) {
     for_every_piece(world, |twin, mesh, piece| {
         let rows = piece.matrix.rows();
-        let value = |i: usize, seed| noise(piece.number[i], seed);
+        let value = noise;
+        let values = |i, seed| std::array::from_fn(|l| value(i, 100 * seed + l as u64));
         for seed in 0..3 {
-            // Real numbers and batches through the same buffers.
-            let mut real: Vec<f64> = (0..rows).map(|i| value(i, seed)).collect();
-            let mut batch: Vec<Lanes> = (0..rows)
-                .map(|i| Lanes(std::array::from_fn(|l| value(i, 100 * seed + l as u64))))
-                .collect();
-            real.resize(piece.matrix.length(), f64::NAN);
-            batch.resize(piece.matrix.length(), Lanes([f64::NAN; 2 * LANES]));
+            let mut real = piece.reals(|i| value(i, seed));
+            let mut batch = piece.batch(|i| values(i, seed));
             piece.exchange.start(&real[..rows]);
             piece.exchange.finish(&mut real[rows..]);
             piece.exchange.start(&batch[..rows]);
             piece.exchange.finish(&mut batch[rows..]);
-            for i in 0..piece.matrix.length() {
-                assert_eq!(real[i], value(i, seed), "{} {mesh:?} {i}", twin.name);
-                for l in 0..2 * LANES {
-                    assert_eq!(batch[i].0[l], value(i, 100 * seed + l as u64));
-                }
+            for (i, &number) in piece.number.iter().enumerate() {
+                assert_eq!(real[i], value(number, seed), "{} {mesh:?} {i}", twin.name);
+                assert_eq!(
+                    batch[i].0,
+                    values(number, seed),
+                    "{} {mesh:?} {i}",
+                    twin.name
+                );
             }
         }
         // Every ghost is where its block says.
@@ -35,17 +43,15 @@ pub fn ghost_exchange(world: &World) {
 /// A ghost layer of more numbers than go in one message.
 pub fn long_messages(world: &World) {
     let ranks = world.group().size();
-    let (cells, velocities) = ("axis.0.x.cells=5", 70_000);
-    let case = case(
-        "example1.toml",
-        &[cells, &format!("axis.0.v.cells={velocities}")],
-    );
+    let velocities = 70_000;
+    let velocity_cells = format!("axis.0.v.cells={velocities}");
+    let case = case("example1.toml", &["axis.0.x.cells=5", &velocity_cells]);
     let mesh = Mesh {
         space: vec![ranks],
         groups: 1,
     };
     let communicator = Communicator::new(world, &mesh);
-    let block = Block::new(&case.space, &mesh, communicator.space.rank());
+    let block = block_of(&case, &mesh, &communicator);
     assert!(ranks == 1 || 2 * LANES * block.ghosts() > 1 << 20);
     let mut exchange = GhostExchange::new(&communicator.space, &block, 2 * LANES);
     let row = |global: usize| Lanes(std::array::from_fn(|l| (global * 2 * LANES + l) as f64));
@@ -59,4 +65,67 @@ pub fn long_messages(world: &World) {
     block.for_each_ghost(|first, ghost| {
         (0..velocities).for_each(|v| assert_eq!(ghosts[ghost + v], row(first + v)));
     });
+}
+
+/// Mode `l` of cell `cell`: any numbers, the same on any ranks.
+pub fn mode_value(l: usize, cell: usize) -> Complex64 {
+    let number = 1000 * cell + l;
+    Complex64::new(noise(number, 1), noise(number, 2))
+}
+
+/// Modes dealt out unevenly: mode `l` to rank `(l² + 1) mod ranks`, so that some may have none;
+/// ascending.
+pub fn dealt(modes: usize, ranks: usize) -> Vec<Vec<usize>> {
+    let of = |rank: usize| (0..modes).filter(move |l| (l * l + 1) % ranks == rank);
+    (0..ranks).map(|rank| of(rank).collect()).collect()
+}
+
+/// Every mode of some cells from some modes of every cell, and back, in every process mesh: uneven
+/// shares, ranks without modes or cells, messages of a few numbers.
+pub fn transpose_and_back(world: &World) {
+    let case = case("example1.toml", &["axis.0.x.cells=5", "axis.0.v.cells=4"]);
+    for mesh in meshes(world, &case) {
+        let communicator = Communicator::new(world, &mesh);
+        for (modes, cells) in [(1, 1), (7, 5), (2, 11), (10, 3), (0, 4), (5, 0), (33, 29)] {
+            for (at_once, most) in [(1, 1), (2, 3), (4, 1 << 20)] {
+                let group = &communicator.modes;
+                let lists = dealt(modes, group.size());
+                let mut transpose = Transpose::in_pieces(group, lists, at_once, most);
+                assert_eq!(transpose.modes(), modes);
+                there_and_back(group, &mut transpose, cells, at_once);
+            }
+        }
+    }
+}
+
+/// Some cells after the other, `at_once` for each rank of `group`.
+fn there_and_back(group: &Group, transpose: &mut Transpose<'_>, cells: usize, at_once: usize) {
+    let (rank, size, modes) = (group.rank(), group.size(), transpose.modes());
+    let mine = dealt(modes, size).swap_remove(rank);
+    // Rows beyond the cells stay where they are.
+    let rows = cells + 2;
+    let of_mode = |l| (0..rows).map(move |cell| mode_value(l, cell));
+    let field: Vec<Complex64> = mine.into_iter().flat_map(of_mode).collect();
+    let mut back = vec![Complex64::ZERO; field.len()];
+    let mut all = vec![Complex64::ZERO; at_once * modes];
+    for first in (0..cells).step_by(at_once * size) {
+        let at = |r: usize| (first + r * at_once).min(cells);
+        let ranges: Vec<Range<usize>> = (0..size).map(|r| at(r)..at(r + 1)).collect();
+        all.fill(Complex64::new(f64::NAN, f64::NAN));
+        transpose.to_cells(&field, rows, &ranges, &mut all);
+        for (i, cell) in ranges[rank].clone().enumerate() {
+            for l in 0..modes {
+                assert_eq!(all[i * modes + l], mode_value(l, cell), "mode {l}, {cell}");
+            }
+        }
+        transpose.to_modes(&all, &ranges, &mut back, rows);
+    }
+    for (k, (found, expected)) in back.iter().zip(&field).enumerate() {
+        let inside = k % rows < cells;
+        let expected = if inside { *expected } else { Complex64::ZERO };
+        assert_eq!(
+            *found, expected,
+            "{size} groups, {modes} modes, {cells} cells"
+        );
+    }
 }

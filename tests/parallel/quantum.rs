@@ -1,163 +1,171 @@
-//! Oracles, sparsity and probabilities against dense twins.
+//! Tests what a quantum computer would be given against dense twins: oracles, sparsity, and the
+//! norm of its state.
 
-use super::*;
+use crate::bits::report_bits;
+use crate::dense_twins::Twin;
+use crate::pieces::{Weighted, meshes, one_block};
+use crate::support::dense::Dense;
+use num_complex::Complex64;
+use phasewarp::parallel::communicator::World;
+use phasewarp::plan::Plan;
+use phasewarp::plan::layout::Resources;
+use phasewarp::problem::case::ProfileChoice;
 use phasewarp::quantum::access::{Scratch, SparseAccess};
 use phasewarp::quantum::probability::{points, square_sum, window_end};
-use phasewarp::quantum::sparsity::measure;
+use phasewarp::quantum::sparsity::{Sparsity, measure};
+use phasewarp::schrodingerization::profile::series::Series;
+use std::f64::consts::TAU;
 
-/// The oracles rebuild `H = H1 ⊗ D_μ − H2 ⊗ I` of the dense twin, weights and inflow included: every entry that is not zero is found, once, and
-/// nothing else; it is Hermitian; no row is fuller than stated; values to m bits are the nearest.
+/// Points in `p` of the oracles.
+const POINTS: usize = 6;
+/// Period in `p` of the oracles.
+const PERIOD: f64 = 9.0;
+
+/// The oracles rebuild `H = H1 ⊗ D_μ − H2 ⊗ I` of the dense twin, weights and inflow included:
+/// every entry that is not zero is found, once, and nothing else; it is Hermitian; no row is fuller
+/// than stated; values to m bits are the nearest.
 pub fn oracles(world: &World) {
-    const POINTS: usize = 6;
-    const PERIOD: f64 = 9.0;
+    let group = world.group();
     for twin in Twin::all() {
         let mesh = one_block(world, &twin.case);
         let weighted = Weighted::new(world, &twin, &mesh);
-        let (s, k) = (weighted.generator.symmetric(), weighted.generator.skew());
-        let access = SparseAccess::new(&twin.case, &weighted.problem, (POINTS, PERIOD))
-            .expect("V is finite");
+        let access = SparseAccess::new(&twin.case, &weighted.prepared.problem, (POINTS, PERIOD));
+        let access = access.expect("V is finite");
         assert_eq!(access.unknowns(), twin.size(), "{}", twin.name);
         assert_eq!(access.order(), POINTS * twin.size());
-        let mut scratch = Scratch::default();
-        let number = |j: usize| (weighted.number[j / POINTS], j % POINTS);
-        let exact = |j: usize, column: usize| {
-            let ((i, l), (other, m)) = (number(j), number(column));
-            let mu = std::f64::consts::TAU * (l as f64 - 3.0) / PERIOD;
-            match l == m {
-                true => Complex64::new(mu * s.at(i, other), k.at(i, other)),
-                false => Complex64::ZERO,
-            }
+        let oracle = Oracle {
+            name: twin.name,
+            access: &access,
+            number: &weighted.number,
+            s: weighted.generator.symmetric(),
+            k: weighted.generator.skew(),
         };
+        // Every row of small twins; of larger ones some, others on other numbers of ranks. Dealt
+        // out to the ranks.
+        let stride = 1 + access.order() / 600;
+        let rows = ((group.size() - 1) % stride..access.order()).step_by(stride);
+        let mut scratch = Scratch::default();
         let (mut largest, mut fullest) = (0.0f64, 0);
-        // Every row of small twins; of larger ones those of a few unknowns, all ranks together going through all.
-        let group = world.group();
-        let step = 1 + access.order() / 600;
-        for j in (group.rank()..access.order()).step_by(step) {
-            let mut found = Vec::new();
-            for entry in 0..=access.sparsity() {
-                let column = access.location(&mut scratch, j, entry);
-                if column == access.order() {
-                    assert_eq!(access.value(&mut scratch, j, column), Complex64::ZERO);
-                    break;
-                }
-                assert!(
-                    found.last().is_none_or(|last| *last < column),
-                    "{}: row {j}",
-                    twin.name
-                );
-                found.push(column);
-                let value = access.value(&mut scratch, j, column);
-                let back = access.value(&mut scratch, column, j);
-                assert!(
-                    (value - back.conj()).norm() <= 1e-14 * access.largest(),
-                    "{}: {j} {column}",
-                    twin.name
-                );
-                assert!(value != Complex64::ZERO);
-                for m in [4, 20, 50] {
-                    let unit = access.unit(m);
-                    let [re, im] = access.value_bits(&mut scratch, (j, column), m);
-                    for (bits, x) in [(re, value.re), (im, value.im)] {
-                        // The largest itself is one unit more than the bits hold; beyond the bits of a double nothing is told.
-                        let off = (bits as f64 * unit - x).abs();
-                        let most = if x.abs() > access.largest() - unit {
-                            1.0
-                        } else {
-                            0.5
-                        };
-                        let round_off = 1e-15 * access.largest();
-                        assert!(off <= most * unit + round_off, "{m} bits: {off:e} {unit:e}");
-                        assert!(bits.unsigned_abs() < 1 << (m - 1));
-                    }
-                }
-            }
-            assert!(found.len() <= access.sparsity(), "{}: row {j}", twin.name);
+        for j in rows.skip(group.rank()).step_by(group.size()) {
+            let found = oracle.entries(&mut scratch, j);
             fullest = fullest.max(found.len());
-            for column in 0..access.order() {
-                let exact = exact(j, column);
-                largest = largest.max(exact.norm());
-                let value = access.value(&mut scratch, j, column);
-                assert!(
-                    (value - exact).norm() <= 1e-13 * access.largest(),
-                    "{}: {j} {column}: {value} {exact}",
-                    twin.name
-                );
-                assert_eq!(
-                    value != Complex64::ZERO,
-                    found.contains(&column),
-                    "{}: {j} {column}",
-                    twin.name
-                );
-            }
+            largest = largest.max(oracle.compare(&mut scratch, j, &found));
         }
         assert!(largest <= access.largest() * (1.0 + 1e-13));
-        if step == 1 {
-            assert_eq!(group.max_count(fullest), access.sparsity(), "{}", twin.name);
-            let most = group.max(largest) / access.largest();
+        let (largest, fullest) = (group.max(largest), group.max_count(fullest));
+        if stride == 1 {
+            assert_eq!(fullest, access.sparsity(), "{}", twin.name);
+            let most = largest / access.largest();
             assert!((most - 1.0).abs() < 1e-13, "{}: {most}", twin.name);
         }
     }
 }
 
+/// The oracles of a twin beside its dense matrix.
+struct Oracle<'a> {
+    name: &'static str,
+    access: &'a SparseAccess<'a>,
+    number: &'a [usize],
+    s: Dense,
+    k: Dense,
+}
+
+impl Oracle<'_> {
+    /// `H_jk` of the dense twin.
+    fn exact(&self, j: usize, column: usize) -> Complex64 {
+        let number = |j: usize| (self.number[j / POINTS], j % POINTS);
+        let ((i, l), (other, m)) = (number(j), number(column));
+        let mu = TAU * (l as f64 - 3.0) / PERIOD;
+        match l == m {
+            true => Complex64::new(mu * self.s.at(i, other), self.k.at(i, other)),
+            false => Complex64::ZERO,
+        }
+    }
+
+    /// The columns that the location oracle finds in row `j`, ascending; the values there are
+    /// Hermitian, and not zero.
+    fn entries(&self, scratch: &mut Scratch, j: usize) -> Vec<usize> {
+        let (access, name) = (self.access, self.name);
+        let mut found = Vec::new();
+        for entry in 0..=access.sparsity() {
+            let column = access.location(scratch, j, entry);
+            let value = access.value(scratch, j, column);
+            if column == access.order() {
+                assert_eq!(value, Complex64::ZERO);
+                break;
+            }
+            let ascending = found.last().is_none_or(|last| *last < column);
+            assert!(ascending, "{name}: row {j}");
+            found.push(column);
+            let back = access.value(scratch, column, j);
+            let hermitian = (value - back.conj()).norm() <= 1e-14 * access.largest();
+            assert!(hermitian, "{name}: {j} {column}");
+            assert!(value != Complex64::ZERO);
+            for bits in [4, 20, 50] {
+                self.check_bits(scratch, (j, column), value, bits);
+            }
+        }
+        assert!(found.len() <= access.sparsity(), "{name}: row {j}");
+        found
+    }
+
+    /// The value to so many bits is the nearest.
+    fn check_bits(&self, scratch: &mut Scratch, at: (usize, usize), value: Complex64, m: u32) {
+        let access = self.access;
+        let unit = access.unit(m);
+        let [re, im] = access.value_bits(scratch, at, m);
+        for (bits, x) in [(re, value.re), (im, value.im)] {
+            let off = (bits as f64 * unit - x).abs();
+            // The largest itself is one unit more than the bits hold.
+            let most = if x.abs() > access.largest() - unit {
+                1.0
+            } else {
+                0.5
+            };
+            // More bits than a double has tell nothing.
+            let round_off = 1e-15 * access.largest();
+            assert!(off <= most * unit + round_off, "{m} bits: {off:e} {unit:e}");
+            assert!(bits.unsigned_abs() < 1 << (m - 1));
+        }
+    }
+
+    /// The values in row `j` are those of the twin, and zero where nothing was found; the largest
+    /// of them.
+    fn compare(&self, scratch: &mut Scratch, j: usize, found: &[usize]) -> f64 {
+        let mut largest = 0.0f64;
+        for column in 0..self.access.order() {
+            let (value, exact) = (self.access.value(scratch, j, column), self.exact(j, column));
+            largest = largest.max(exact.norm());
+            let close = (value - exact).norm() <= 1e-13 * self.access.largest();
+            assert!(close, "{}: {j} {column}: {value} {exact}", self.name);
+            let present = found.contains(&column);
+            assert_eq!(
+                value != Complex64::ZERO,
+                present,
+                "{}: {j} {column}",
+                self.name
+            );
+        }
+        largest
+    }
+}
+
 /// Nonzeros of rows and columns are those of the dense twins, on every mesh.
-pub fn sparsity_counted(world: &World) {
+pub fn sparsity(world: &World) {
     for twin in Twin::all() {
         for mesh in meshes(world, &twin.case) {
             let weighted = Weighted::new(world, &twin, &mesh);
             let name = format!("{}, {mesh:?}", twin.name);
-            let found = measure(
-                &twin.case,
-                &weighted.problem.matrix,
-                &weighted.communicator.space,
-            )
-            .expect("V is finite");
-            let of = |matrix: &str| {
-                let found = found.counts.iter().find(|c| c.matrix == matrix);
-                let found = found.unwrap_or_else(|| panic!("{matrix} is counted"));
-                (found.rows.most, found.columns.most)
-            };
-            let count = |size: usize, present: &dyn Fn(usize, usize) -> bool| {
-                let rows = (0..size)
-                    .map(|i| (0..size).filter(|&j| present(i, j)).count())
-                    .max();
-                let columns = (0..size)
-                    .map(|j| (0..size).filter(|&i| present(i, j)).count())
-                    .max();
-                (rows.unwrap_or(0), columns.unwrap_or(0))
-            };
-            let a = &twin.generator;
-            assert_eq!(
-                of("A"),
-                count(twin.cells, &|i, j| a.at(i, j) != 0.0),
-                "{name}"
-            );
-            let (s, k) = (weighted.generator.symmetric(), weighted.generator.skew());
-            assert_eq!(
-                of("H"),
-                count(twin.size(), &|i, j| s.at(i, j) != 0.0 || k.at(i, j) != 0.0),
-                "{name}"
-            );
-            // Every part's nonzeros are among A's, and they make it up.
-            let n = twin.case.space.dimension();
-            let parts: Vec<(usize, usize)> = (0..n)
-                .map(|a| of(["A_x", "A_y", "A_z"][a]))
-                .chain([of("A_v")])
-                .collect();
-            assert!(
-                parts.iter().all(|p| p.0 <= of("A").0 && p.1 <= of("A").1),
-                "{name}"
-            );
-            assert!(
-                parts.iter().map(|p| p.0).sum::<usize>() >= of("A").0,
-                "{name}"
-            );
+            let prepared = &weighted.prepared;
+            let space = &prepared.communicator.space;
+            let found = measure(&twin.case, &prepared.problem.matrix, space);
+            let found = found.expect("V is finite");
+            check_counts(&twin, &weighted, &found, &name);
             // The bounds that are stated are kept, and stated where they are made for the case.
             for c in &found.counts {
                 assert!(c.rows.holds && c.columns.holds, "{name}: {c:?}");
-                assert!(
-                    found.bounded || (c.rows.bound.is_none() && c.columns.bound.is_none()),
-                    "{name}"
-                );
+                let unstated = c.rows.bound.is_none() && c.columns.bound.is_none();
+                assert!(found.bounded || unstated, "{name}");
             }
             let places = found
                 .counts
@@ -166,66 +174,122 @@ pub fn sparsity_counted(world: &World) {
             // Scenes that differ in their couplings only have the same places.
             let text = |p: &str| p.bytes().map(f64::from).sum();
             let bits: Vec<f64> = places.map(|p| text(p)).chain([text(twin.name)]).collect();
-            report_bits(
-                world,
-                &format!("places of the fullest rows of {}", twin.name),
-                &bits,
-            );
+            let name = format!("places of the fullest rows of {}", twin.name);
+            report_bits(world, &name, &bits);
         }
     }
 }
 
-/// `C_w²/‖u(0)‖² = N_p Σ|c_l|²` is `Σ_k g(p_k)²`; and a window ends where the series leaves the exponential.
+/// Entries of the fullest row and of the fullest column of a matrix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Fullest {
+    row: usize,
+    column: usize,
+}
+
+/// The counts of `A` and `H` are those of the twin; every part's nonzeros are among `A`'s, and they
+/// make it up.
+fn check_counts(twin: &Twin, weighted: &Weighted, found: &Sparsity, name: &str) {
+    let of = |matrix: &str| {
+        let found = found.counts.iter().find(|c| c.matrix == matrix);
+        let found = found.unwrap_or_else(|| panic!("{matrix} is counted"));
+        Fullest {
+            row: found.rows.most,
+            column: found.columns.most,
+        }
+    };
+    let count = |size: usize, present: &dyn Fn(usize, usize) -> bool| {
+        let row = |i: usize| (0..size).filter(|&j| present(i, j)).count();
+        let column = |j: usize| (0..size).filter(|&i| present(i, j)).count();
+        Fullest {
+            row: (0..size).map(row).max().unwrap_or(0),
+            column: (0..size).map(column).max().unwrap_or(0),
+        }
+    };
+    let a = &twin.generator;
+    assert_eq!(
+        of("A"),
+        count(twin.cells, &|i, j| a.at(i, j) != 0.0),
+        "{name}"
+    );
+    let (s, k) = (weighted.generator.symmetric(), weighted.generator.skew());
+    let coupled = |i, j| s.at(i, j) != 0.0 || k.at(i, j) != 0.0;
+    assert_eq!(of("H"), count(twin.size(), &coupled), "{name}");
+    let axes = &["A_x", "A_y", "A_z"][..twin.case.space.dimension()];
+    let parts: Vec<Fullest> = axes.iter().map(|a| of(a)).chain([of("A_v")]).collect();
+    let whole = of("A");
+    let among = |p: &Fullest| p.row <= whole.row && p.column <= whole.column;
+    assert!(parts.iter().all(among), "{name}");
+    assert!(
+        parts.iter().map(|p| p.row).sum::<usize>() >= whole.row,
+        "{name}"
+    );
+}
+
+/// `C_w²/‖u(0)‖² = N_p Σ|c_l|²` is `Σ_k g(p_k)²`; and a window ends where the series leaves the
+/// exponential. The profiles are dealt out to the ranks.
 pub fn norm_of_the_state(world: &World) {
-    let mut twin = Twin::all().swap_remove(0);
+    let mut twin = Twin::named("example 1");
+    let group = world.group();
     let resources = Resources {
-        ranks: world.group().size(),
+        ranks: group.size(),
         ..Resources::default()
     };
-    for (profile, tolerance) in [
+    let profiles = [
         (ProfileChoice::Designed, 1e-6),
         (ProfileChoice::Gaussian, 1e-9),
         (ProfileChoice::Smooth { order: 4 }, 1e-4),
         (ProfileChoice::Exponential { alpha: 1.0 }, 1e-2),
-    ] {
+    ];
+    for (profile, tolerance) in profiles
+        .into_iter()
+        .skip(group.rank())
+        .step_by(group.size())
+    {
         twin.case.warp.profile = profile;
         twin.case.tolerance = tolerance;
         let plan = Plan::new(&twin.case, &resources, 2.0).expect("a plan");
-        let warp_plan = plan.warp.as_ref().expect("a schrodingerized run");
-        let series = &warp_plan.series;
-        let count = points(series);
-        assert!(count >= 2 * (series.modes() - 1));
-        for origin in [-3.1, 0.4] {
-            let at = |k: usize| origin + series.period * k as f64 / count as f64;
-            let sum: f64 = (0..count).map(|k| series.value(at(k)).powi(2)).sum();
-            let exact = count as f64 * square_sum(series);
-            assert!(
-                (sum / exact - 1.0).abs() < 1e-10,
-                "{profile:?}: {sum} {exact}"
-            );
-        }
+        let warp = plan.warp.as_ref().expect("a schrodingerized run");
+        norm_of_series(&warp.series, &format!("{profile:?}"));
         let lambda = [plan.bounds.growth, plan.bounds.decay].map(|x| x * twin.case.end);
-        let point = warp_plan.readings[0].point;
-        let allowed = 10.0 * warp_plan.state_tolerance;
-        let end = window_end(series, point, lambda, allowed)
-            .unwrap_or_else(|| panic!("{profile:?}: no window"));
-        assert!(
-            end > point && end <= point + 12.0,
-            "{profile:?}: {point} {end}"
-        );
-        let good = |p: f64| {
-            (0..2000).all(|k| {
-                let q = p - lambda[0] + (lambda[0] + lambda[1]) * f64::from(k) / 1999.0;
-                (series.value(q) - (-q).exp()).abs() <= 1.5 * allowed * (-p).exp()
-            })
-        };
-        assert!(
-            (0..=8).all(|k| good(point + (end - point) * f64::from(k) / 8.0)),
-            "{profile:?}"
-        );
-        assert!(
-            end == point + 12.0 || !(1..=40).all(|k| good(end + 0.05 * f64::from(k))),
-            "{profile:?}"
+        let point = warp.readings[0].point;
+        let allowed = 10.0 * warp.state_tolerance;
+        end_of_window(
+            &warp.series,
+            point,
+            lambda,
+            allowed,
+            &format!("{profile:?}"),
         );
     }
+}
+
+/// The sum over the points does not depend on where they begin.
+fn norm_of_series(series: &Series, name: &str) {
+    let count = points(series);
+    assert!(count >= 2 * (series.modes() - 1));
+    for origin in [-3.1, 0.4] {
+        let at = |k: usize| origin + series.period * k as f64 / count as f64;
+        let sum: f64 = (0..count).map(|k| series.value(at(k)).powi(2)).sum();
+        let exact = count as f64 * square_sum(series);
+        assert!((sum / exact - 1.0).abs() < 1e-10, "{name}: {sum} {exact}");
+    }
+}
+
+/// Up to the end of the window the series is `e^{−p}`, to what is allowed, wherever the spectrum of
+/// `S T`, in `lambda`, has moved it; beyond it, it is not.
+fn end_of_window(series: &Series, point: f64, lambda: [f64; 2], allowed: f64, name: &str) {
+    let end = window_end(series, point, lambda, allowed);
+    let end = end.unwrap_or_else(|| panic!("{name}: no window"));
+    assert!(end > point && end <= point + 12.0, "{name}: {point} {end}");
+    let good = |p: f64| {
+        (0..2000).all(|k| {
+            let q = p - lambda[0] + (lambda[0] + lambda[1]) * f64::from(k) / 1999.0;
+            (series.value(q) - (-q).exp()).abs() <= 1.5 * allowed * (-p).exp()
+        })
+    };
+    let within = |k: i32| point + (end - point) * f64::from(k) / 8.0;
+    assert!((0..=8).all(|k| good(within(k))), "{name}");
+    let beyond = (1..=40).all(|k| good(end + 0.05 * f64::from(k)));
+    assert!(end == point + 12.0 || !beyond, "{name}");
 }

@@ -1,29 +1,49 @@
 //! Tests what all ranks agree on: sums, maxima, errors, votes, and when a run stops.
 
-use crate::*;
+use crate::bits::report_bits;
+use crate::job::RANKS;
+use crate::support::dense::noise;
+use phasewarp::base::error::Error;
+use phasewarp::parallel::communicator::vote::Vote;
+use phasewarp::parallel::communicator::{Communicator, World};
+use phasewarp::parallel::partition::Mesh;
+use phasewarp::solve::checkpoint::watch::{Standing, Times};
+use phasewarp::solve::checkpoint::watch::{Verdict, Watch};
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
+/// As many ranks as the harness asked for, each once.
 pub fn number_of_ranks(world: &World) {
-    let asked: usize = std::env::var(RANKS)
-        .expect("set by the parent")
-        .parse()
-        .expect("a number");
+    let asked = std::env::var(RANKS).expect("set by the parent");
+    let asked: usize = asked.parse().expect("a number");
     let group = world.group();
     assert_eq!(group.size(), asked);
     assert_eq!(group.sum_count(1), asked);
     assert_eq!(group.max_count(group.rank()), asked - 1);
-    // Each rank once.
     let mut seen = vec![0; asked];
     seen[group.rank()] = 1;
     group.sum_integers(&mut seen);
     assert!(seen.iter().all(|&s| s == 1));
 }
 
+/// Sums, maxima, messages and texts.
 pub fn reductions(world: &World) {
+    exact_sum(world);
+    maxima(world);
+    long_sums_of_integers(world);
     let group = world.group();
     let (rank, size) = (group.rank(), group.size());
     assert!(group.same(u64::MAX) && group.same(0));
     assert_eq!(group.same(7 + u64::from(rank + 1 == size)), size == 1);
-    // A sum that plain addition would get wrong, dealt out to the ranks.
+    let text = |r: usize| format!("rank {r} says µ ").repeat(100_000);
+    assert_eq!(group.broadcast_text(&text(rank)), text(0));
+    assert_eq!(group.broadcast_text(""), "");
+}
+
+/// A sum that plain addition would get wrong, dealt out to the ranks.
+fn exact_sum(world: &World) {
+    let group = world.group();
+    let (rank, size) = (group.rank(), group.size());
     let terms: Vec<f64> = (0..3000)
         .map(|i| noise(i, 1) * 10f64.powi(i as i32 % 7 * 4 - 12))
         .flat_map(|t| [t, -t, 1e-9 * t])
@@ -36,56 +56,51 @@ pub fn reductions(world: &World) {
     assert_eq!(group.sum_terms(&mine).to_bits(), sum.to_bits());
     report_bits(world, "a sum", &[sum]);
     // Not a number anywhere is not a number everywhere.
-    let mut spoilt = mine.clone();
+    let mut spoilt = mine;
     if rank == size - 1 {
         spoilt[0] = f64::NAN;
     }
     assert!(group.sum_terms(&spoilt).is_nan());
     assert_eq!(group.sum_terms(&[]), 0.0);
-
-    let values = |r: usize| [-1.0 - r as f64, 0.5 * r as f64, -1e300 * r as f64];
-    let mut most = values(rank);
-    group.max_into(&mut most);
-    assert_eq!(most, [-1.0, 0.5 * (size - 1) as f64, 0.0]);
-    assert_eq!(group.max(f64::NEG_INFINITY), f64::NEG_INFINITY);
-    let one = if rank == 0 { f64::NAN } else { f64::INFINITY };
-    assert!(group.max(one).is_nan());
-
-    // More than goes in one message; a root that is not rank 0.
-    let length = (1 << 20) + 3;
-    let mut numbers: Vec<i64> = (0..length).map(|i| i * (rank as i64 + 1)).collect();
-    let factor = (size * (size + 1) / 2) as i64;
-    let mut rooted = numbers.clone();
-    group.sum_integers(&mut numbers);
-    assert!(
-        numbers
-            .iter()
-            .enumerate()
-            .all(|(i, &n)| n == i as i64 * factor)
-    );
-    group.sum_integers_to(size - 1, &mut rooted);
-    let expected = if rank == size - 1 {
-        factor
-    } else {
-        rank as i64 + 1
-    };
-    assert!(
-        rooted
-            .iter()
-            .enumerate()
-            .all(|(i, &n)| n == i as i64 * expected)
-    );
-
-    let text = |r: usize| format!("rank {r} says µ ").repeat(100_000);
-    assert_eq!(group.broadcast_text(&text(rank)), text(0));
-    assert_eq!(group.broadcast_text(""), "");
 }
 
+fn maxima(world: &World) {
+    let group = world.group();
+    let values = |r: usize| [-1.0 - r as f64, 0.5 * r as f64, -1e300 * r as f64];
+    let mut most = values(group.rank());
+    group.max_into(&mut most);
+    assert_eq!(most, [-1.0, 0.5 * (group.size() - 1) as f64, 0.0]);
+    assert_eq!(group.max(f64::NEG_INFINITY), f64::NEG_INFINITY);
+    let one = if group.rank() == 0 {
+        f64::NAN
+    } else {
+        f64::INFINITY
+    };
+    assert!(group.max(one).is_nan());
+}
+
+/// More numbers than go in one message; a root that is not rank 0.
+fn long_sums_of_integers(world: &World) {
+    let group = world.group();
+    let (rank, size) = (group.rank(), group.size());
+    let multiples = |factor: i64| move |(i, &n): (usize, &i64)| n == i as i64 * factor;
+    let own = rank as i64 + 1;
+    let mut numbers: Vec<i64> = (0..(1 << 20) + 3).map(|i| i * own).collect();
+    let mut rooted = numbers.clone();
+    let total = (size * (size + 1) / 2) as i64;
+    group.sum_integers(&mut numbers);
+    assert!(numbers.iter().enumerate().all(multiples(total)));
+    group.sum_integers_to(size - 1, &mut rooted);
+    let expected = if rank == size - 1 { total } else { own };
+    assert!(rooted.iter().enumerate().all(multiples(expected)));
+}
+
+/// All ranks get the error of the lowest rank that fails, for every set of ranks that fail: with
+/// exit code 2 on even ranks, with exit code 1 on odd ones.
 pub fn agreement_on_errors(world: &World) {
     let group = world.group();
     let (rank, size) = (group.rank(), group.size());
-    assert_eq!(group.agree(Ok(rank)).expect("all are well"), rank);
-    // Every set of ranks that fail, with an exit code of 2 on even ranks and of 1 on odd ones.
+    assert_eq!(group.agree(Ok(rank)).expect("no rank fails"), rank);
     for failing in 1..1usize << size {
         let mine = if failing >> rank & 1 == 0 {
             Ok(rank)
@@ -96,27 +111,23 @@ pub fn agreement_on_errors(world: &World) {
         };
         let lowest = failing.trailing_zeros() as usize;
         let error = group.agree(mine).expect_err("one failed");
-        assert!(
-            error
-                .to_string()
-                .contains(&format!("rank {lowest} of {failing}")),
-            "{failing}: {error}"
-        );
-        assert_eq!(
-            error.exit_code(),
-            if lowest.is_multiple_of(2) { 2 } else { 1 }
-        );
+        let named = error
+            .to_string()
+            .contains(&format!("rank {lowest} of {failing}"));
+        assert!(named, "{failing}: {error}");
+        let code = if lowest.is_multiple_of(2) { 2 } else { 1 };
+        assert_eq!(error.exit_code(), code);
         let remote = matches!(error, Error::Remote { rank, .. } if rank == lowest);
         assert_eq!(remote, rank != lowest);
     }
 }
 
+/// A vote has the bits that any rank posted, whichever rank is late; posting waits for nobody.
 pub fn votes(world: &World) {
     let group = world.group();
     let (rank, size) = (group.rank(), group.size());
     let mut vote = Vote::new(&group);
     for round in 0..20 {
-        // Another rank is late each time, which nobody waits for in `post`.
         if round % size == rank {
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -132,96 +143,102 @@ pub fn votes(world: &World) {
     }
 }
 
-/// What a rank sees of a stage with so many batches, each of which takes a moment: how often it wrote, and how it ended.
-pub fn stage(
-    communicator: &Communicator,
-    times: &Times,
+/// A stage of a run on a rank: so many batches, each of which takes a millisecond, then a last
+/// standing.
+struct Stage {
     batches: usize,
     last: Standing,
-) -> (usize, Verdict) {
-    let mut watch = Watch::new(communicator, times.clone());
-    watch.expect(|| 0);
-    let (mut left, mut written) = (batches, 0);
-    loop {
-        let standing = if left > 0 { Standing::Working } else { last };
-        match watch.ask(communicator, standing) {
-            Verdict::GoOn => {
-                watch.begin(standing);
-                std::thread::sleep(Duration::from_millis(u64::from(left > 0)));
-                left = left.saturating_sub(1);
+}
+
+impl Stage {
+    /// How often the rank wrote a checkpoint, and how the stage ended.
+    fn run(&self, communicator: &Communicator, times: &Times) -> (usize, Verdict) {
+        let mut watch = Watch::new(communicator, times.clone());
+        watch.expect(|| 0);
+        let (mut left, mut written) = (self.batches, 0);
+        loop {
+            let standing = if left > 0 {
+                Standing::Working
+            } else {
+                self.last
+            };
+            match watch.ask(communicator, standing) {
+                Verdict::GoOn => {
+                    watch.begin(standing);
+                    std::thread::sleep(Duration::from_millis(u64::from(left > 0)));
+                    left = left.saturating_sub(1);
+                }
+                Verdict::Write => {
+                    // All ranks are here, or this hangs.
+                    communicator.world.barrier();
+                    written += 1;
+                    watch.wrote(Duration::from_micros(10));
+                }
+                end => return (written, end),
             }
-            Verdict::Write => {
-                // All ranks are here, or this hangs.
-                communicator.world.barrier();
-                written += 1;
-                watch.wrote(Duration::from_micros(10));
-            }
-            end => return (written, end),
         }
     }
 }
 
+/// All ranks end a stage in the same way and write as often, in every process mesh.
 pub fn verdicts(world: &World) {
-    let all = world.group();
-    let size = all.size();
+    let size = world.group().size();
     for blocks in (1..=size).filter(|blocks| size.is_multiple_of(*blocks)) {
         let mesh = Mesh {
             space: vec![blocks],
             groups: size / blocks,
         };
-        let communicator = Communicator::new(world, &mesh);
-        let group = communicator.modes.rank();
-        let last = group + 1 == mesh.groups;
-        // Ranks of different groups have different numbers of batches, the first none at all.
-        let batches = 7 * group;
-        let same = |(written, end): (usize, Verdict), expected: Verdict| {
-            assert_eq!(end, expected);
-            assert!(all.same(written as u64));
-            written
-        };
-        let never = Times::default();
-        let seen = stage(&communicator, &never, batches, Standing::Finished);
-        assert_eq!(same(seen, Verdict::Finished), 0);
-        // The last group fails, after its batches.
-        let end = if last {
-            Standing::Failed
-        } else {
-            Standing::Finished
-        };
-        same(stage(&communicator, &never, batches, end), Verdict::Failed);
-        // A checkpoint with each vote.
-        let always = Times {
-            every: Some(Duration::ZERO),
+        verdicts_on(world, &mesh);
+    }
+}
+
+fn verdicts_on(world: &World, mesh: &Mesh) {
+    let all = world.group();
+    let communicator = Communicator::new(world, mesh);
+    let group = communicator.modes.rank();
+    // How often was written, after a check that all ranks did as expected.
+    let written = |batches: usize, last: Standing, times: &Times, expected: Verdict| {
+        let (written, end) = Stage { batches, last }.run(&communicator, times);
+        assert_eq!(end, expected);
+        assert!(all.same(written as u64));
+        written
+    };
+    // Ranks of different groups have different numbers of batches, the first none at all.
+    let batches = 7 * group;
+    let never = Times::default();
+    assert_eq!(
+        written(batches, Standing::Finished, &never, Verdict::Finished),
+        0
+    );
+    // The last group fails, after its batches.
+    let fails = group + 1 == mesh.groups;
+    let last = if fails {
+        Standing::Failed
+    } else {
+        Standing::Finished
+    };
+    written(batches, last, &never, Verdict::Failed);
+    // A checkpoint with each vote.
+    let always = Times {
+        every: Some(Duration::ZERO),
+        ..Times::default()
+    };
+    assert!(written(batches + 5, Standing::Finished, &always, Verdict::Finished) > 0);
+    // One rank is asked to stop.
+    let stop = Times::default();
+    let asked = all.rank() + 1 == all.size();
+    stop.stop.store(asked, Ordering::Relaxed);
+    written(batches + 50, Standing::Finished, &stop, Verdict::StopAsTold);
+    // The time is over; or just long enough for some batches; or for all.
+    for (milliseconds, batches, expected) in [
+        (0, 10_000, Verdict::StopInTime),
+        (30, 10_000, Verdict::StopInTime),
+        (1_000_000, batches, Verdict::Finished),
+    ] {
+        let times = Times {
+            wall: Some((Instant::now(), Duration::from_millis(milliseconds))),
             ..Times::default()
         };
-        let seen = stage(&communicator, &always, batches + 5, Standing::Finished);
-        assert!(same(seen, Verdict::Finished) > 0);
-        // One rank is told to stop.
-        let stop = Times::default();
-        let told = all.rank() + 1 == size;
-        stop.stop.store(told, std::sync::atomic::Ordering::Relaxed);
-        let seen = stage(&communicator, &stop, batches + 50, Standing::Finished);
-        same(seen, Verdict::StopAsTold);
-        // The time is over; or just long enough for some batches; or for all.
-        for (milliseconds, expected) in [
-            (0, Verdict::StopInTime),
-            (30, Verdict::StopInTime),
-            (1_000_000, Verdict::Finished),
-        ] {
-            let wall = Some((Instant::now(), Duration::from_millis(milliseconds)));
-            let times = Times {
-                wall,
-                ..Times::default()
-            };
-            let many = if expected == Verdict::Finished {
-                batches
-            } else {
-                10_000
-            };
-            same(
-                stage(&communicator, &times, many, Standing::Finished),
-                expected,
-            );
-        }
+        written(batches, Standing::Finished, &times, expected);
     }
 }

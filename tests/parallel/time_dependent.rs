@@ -1,210 +1,201 @@
-//! Tests an inflow that depends on time, directly and mode by mode.
+//! Tests an inflow that depends on time, in classical steps and by modes, against one dense
+//! exponential.
 
-use crate::recovery::stream;
-use crate::*;
+use crate::bits::report_bits;
+use crate::dense_twins::cells_of_axes;
+use crate::pieces::meshes;
+use crate::streamed::StreamedRun;
+use crate::support::dense::{Dense, System, case, distance, exponential};
+use crate::support::prepared::{Prepared, block_of};
+use phasewarp::matrix::block_matrix::BlockMatrix;
+use phasewarp::parallel::communicator::{GhostExchange, World};
+use phasewarp::problem::case::{Case, Integrator, Method};
+use phasewarp::propagate::classical::{Classical, EXACT, duhamel_panels};
+use phasewarp::propagate::time_dependent_inflow;
 
-/// Scenes with an inflow `b(1 + sin ωt)`, and `f(T)` by one dense exponential: `1`, `sin ωt` and `cos ωt` obey a linear system.
+/// A scene with an inflow `b(1 + sin ωt)`.
 pub struct Varying {
     pub name: &'static str,
-    pub twin: Twin,
-    pub expected: Vec<f64>,
+    pub case: Case,
+    /// `f(T)`.
+    expected: Vec<f64>,
 }
 
+const OMEGA: f64 = 3.0;
+
 impl Varying {
-    /// The problem of `case`, one like this scene's, on `mesh`; without a dense twin.
-    pub fn weighted(&self, world: &World, case: &Case, mesh: &Mesh) -> Weighted {
-        let communicator = Communicator::new(world, mesh);
-        let block = Block::new(&case.space, mesh, communicator.space.rank());
-        let allowed = Bounds::new(case).expect("V is finite");
-        let sizes = (2 * LANES, 100);
-        let problem = Problem::new(case, &allowed, &communicator, block, sizes)
-            .expect("weights and steps are found");
-        Weighted {
-            number: numbers(&self.twin, &problem.matrix),
-            bounds: problem.bounds(case, &allowed),
-            communicator,
-            problem,
-            pi: Vec::new(),
-            generator: Dense::zero(0),
-            state: Vec::new(),
+    /// `b` is that of the inflow `formula`.
+    fn new(name: &'static str, file: &str, cells: &[usize], formula: &str, set: &[&str]) -> Self {
+        let cells = cells_of_axes(cells);
+        let with = |factor: &str| {
+            let inflow = format!("inflow.value='({formula})*{factor}'");
+            let cells = cells.iter().map(String::as_str);
+            let all: Vec<&str> = cells
+                .chain(set.iter().copied())
+                .chain([&inflow[..]])
+                .collect();
+            case(file, &all)
+        };
+        Self {
+            name,
+            expected: exact(&with("1")),
+            case: with(&format!("(1 + sin({OMEGA}*t))")),
         }
     }
 
     pub fn all() -> Vec<Self> {
-        let omega = 3.0;
-        let scene = |name, file: &str, formula: &str, overrides: &[&str]| {
-            let with = |time: &str| {
-                let value = format!("inflow.value='({formula})*{time}'");
-                let mut all = overrides.to_vec();
-                all.push(&value);
-                Twin::new(name, file, &all)
-            };
-            // The twin with the inflow at time zero gives A and b; its auxiliary unknowns are left alone.
-            let constant = with("1");
-            let cells = constant.cells;
-            let system = System::of_rows(&constant.case);
-            let mut dense = Dense::from_fn(cells + 3, |i, j| match i < cells && j < cells {
-                true => system.generator.at(i, j),
-                false => 0.0,
-            });
-            let mut state = constant.field(&constant.state).to_vec();
-            for (i, &b) in system.inflow.iter().enumerate() {
-                dense.add(i, cells, b);
-                dense.add(i, cells + 1, b);
-            }
-            dense.add(cells + 1, cells + 2, omega);
-            dense.add(cells + 2, cells + 1, -omega);
-            state.extend([1.0, 0.0, 1.0]);
-            let mut expected = exponential(&dense, &state, constant.case.end);
-            expected.truncate(cells);
-            let mut twin = with(&format!("(1 + sin({omega}*t))"));
-            // Rows that draw on the inflow have an unknown, whatever enters now.
-            if twin.case.warp.inflow == Embedding::Boundary {
-                twin.inflow = (0..cells).filter(|&i| system.draw[i] > 0.0).collect();
-            }
-            let unknowns =
-                twin.inflow.len() + usize::from(twin.case.warp.inflow == Embedding::Scalar);
-            twin.generator = Dense::zero(cells + unknowns);
-            Self {
-                name,
-                twin,
-                expected,
-            }
+        let velocities = "axis.0.v={lower=-1.0,upper=1.3,cells=9}";
+        let slopes = |name, formula, set: &[&str]| {
+            let set = [&[velocities], set].concat();
+            Self::new(name, "slope_jump.toml", &[7], formula, &set)
         };
-        let slopes = [
-            "axis.0.x.cells=7",
-            "axis.0.v={lower=-1.0,upper=1.3,cells=9}",
-        ];
-        let with = |more: &[&'static str]| [&slopes[..], more].concat();
-        let formula = "1 + x + 2*v";
+        let full = ["solver.warp.inflow='full'", "solver.warp.delta='max'"];
+        let plane = "1 if x < -1.2 else 0";
         vec![
-            scene("varying", "slope_jump.toml", formula, &with(&[])),
-            scene(
-                "varying, full",
-                "slope_jump.toml",
-                "0.9 + x + 2*v",
-                &with(&["solver.warp.inflow='full'", "solver.warp.delta='max'"]),
-            ),
-            scene(
+            slopes("varying", "1 + x + 2*v", &[]),
+            slopes("varying, full", "0.9 + x + 2*v", &full),
+            slopes(
                 "varying, scalar",
-                "slope_jump.toml",
                 "1.1 + x + 2*v",
-                &with(&["solver.warp.inflow='scalar'"]),
+                &["solver.warp.inflow='scalar'"],
             ),
-            scene(
+            Self::new(
                 "varying, two dimensions",
                 "barrier2d.toml",
-                "1 if x < -1.2 else 0",
-                &[
-                    "axis.0.x.cells=5",
-                    "axis.0.v.cells=3",
-                    "axis.1.x.cells=4",
-                    "axis.1.v.cells=4",
-                ],
+                &[5, 3, 4, 4],
+                plane,
+                &[],
             ),
         ]
     }
 }
 
-/// Duhamel's formula to round-off; forward Euler, SSP-RK3 and the commutator-free stages with their orders.
+/// `f(T)` by one dense exponential: `f`, `1`, `sin ωt` and `cos ωt` obey a linear system. `case`
+/// has the inflow `b`.
+fn exact(case: &Case) -> Vec<f64> {
+    let system = System::of_rows(case);
+    let cells = system.generator.size;
+    let (one, sine, cosine) = (cells, cells + 1, cells + 2);
+    let mut dense: Dense = system.generator.enlarged(3);
+    for (i, &b) in system.inflow.iter().enumerate() {
+        dense.add(i, one, b);
+        dense.add(i, sine, b);
+    }
+    dense.add(sine, cosine, OMEGA);
+    dense.add(cosine, sine, -OMEGA);
+    let initial = &case.fields[0].initial;
+    let value = |i| initial.eval(&case.space.point(&case.space.cell(i)));
+    let state: Vec<f64> = (0..cells).map(value).chain([1.0, 0.0, 1.0]).collect();
+    let mut expected = exponential(&dense, &state, case.end);
+    expected.truncate(cells);
+    expected
+}
+
+/// Duhamel's formula to round-off; forward Euler, SSP-RK3 and the commutator-free stages with their
+/// orders.
 pub fn varying_inflow_directly(world: &World) {
     for scene in Varying::all() {
-        let (case, expected) = (&scene.twin.case, &scene.expected);
-        let time = case.end;
-        for mesh in meshes(world, case) {
+        let time = scene.case.end;
+        let direct = Case {
+            method: Method::Classical,
+            ..scene.case.clone()
+        };
+        for mesh in meshes(world, &scene.case) {
             let name = format!("{}, {mesh:?}", scene.name);
-            let communicator = Communicator::new(world, &mesh);
-            let block = Block::new(&case.space, &mesh, communicator.space.rank());
-            let direct = Case {
-                method: Method::Classical,
-                ..case.clone()
-            };
-            let bounds = Bounds::new(&direct).expect("V is finite");
-            let mut problem = Problem::new(&direct, &bounds, &communicator, block, (1, 100))
-                .expect("no weights are needed");
-            assert!(problem.schedule.is_none());
-            let rate = bounds.rate;
-            let number = numbers(&scene.twin, &problem.matrix);
-            let cells = problem.matrix.block.cells();
-            let pi = problem.weights.pi.clone();
-            let mut run =
-                |work: &mut dyn FnMut(&mut Classical<'_>, &mut GhostExchange, &mut [f64])| {
-                    let mut state = problem.states[0].clone();
-                    let mut classical =
-                        Classical::new(&problem.matrix).with_source(&case.fields[0], &pi);
-                    work(&mut classical, &mut problem.exchange, &mut state);
-                    let entries = (0..cells).map(|i| (number[i], state[i]));
-                    gather(&communicator.space, scene.twin.cells, entries)
-                };
-            let found = run(&mut |classical, exchange, state| {
+            let mut prepared = Prepared::new(world, &direct, &mesh);
+            assert!(prepared.problem.schedule.is_none());
+            let rate = prepared.bounds.rate;
+            let found = solve(&mut prepared, &direct, |classical, exchange, state| {
                 classical.duhamel(exchange, state, (rate, time), duhamel_panels(rate * time));
             });
-            let error = distance(&found, expected);
+            let error = distance(&found, &scene.expected);
             assert!(error <= 1e-12, "{name}: Duhamel {error:e}");
             report_bits(world, &format!("Duhamel of {}", scene.name), &found);
 
-            let order =
-                |name: &str, order: f64, coarse: usize, run: &mut dyn FnMut(usize) -> Vec<f64>| {
-                    let errors = [coarse, 2 * coarse].map(|steps| distance(&run(steps), expected));
-                    let found = (errors[0] / errors[1]).log2();
-                    assert!(
-                        (found - order).abs() < 0.25,
-                        "{name}: order {found}, {errors:?}"
-                    );
-                };
-            let steps = (8.0 * rate * time).ceil() as usize;
-            for (integrator, theory) in [(Integrator::ForwardEuler, 1.0), (Integrator::SspRk3, 3.0)]
+            let coarse = (8.0 * rate * time).ceil() as usize;
+            for (integrator, order) in [(Integrator::ForwardEuler, 1.0), (Integrator::SspRk3, 3.0)]
             {
-                order(
-                    &format!("{name}, {integrator:?}"),
-                    theory,
-                    steps,
-                    &mut |steps| {
-                        run(&mut |classical, exchange, state| {
-                            classical.steps(exchange, state, integrator, time, steps);
-                        })
-                    },
-                );
+                let errors = [coarse, 2 * coarse].map(|steps| {
+                    let found = solve(&mut prepared, &direct, |classical, exchange, state| {
+                        classical.steps(exchange, state, integrator, time, steps);
+                    });
+                    distance(&found, &scene.expected)
+                });
+                check_order(&format!("{name}, {integrator:?}"), order, errors);
             }
-            let block = Block::new(&case.space, &mesh, communicator.space.rank());
-            let matrix = BlockMatrix::assemble(case, block).expect("finite formulas");
-            order(&format!("{name}, commutator-free"), 4.0, 16, &mut |steps| {
-                let values = time_dependent_inflow::stage_values(case, &matrix, steps);
-                let rows = matrix.inflow.len();
-                run(&mut |classical, exchange, state| {
-                    for stage in 0..2 * steps {
-                        let held = &values[stage * rows..(stage + 1) * rows];
-                        classical.hold(held.iter().copied());
-                        let part = time / (2 * steps) as f64;
-                        classical.exponential(exchange, state, (rate, part), EXACT);
-                    }
-                })
+            let block = block_of(&scene.case, &mesh, &prepared.communicator);
+            let matrix = BlockMatrix::assemble(&scene.case, block).expect("finite formulas");
+            let errors = [16, 32].map(|steps| {
+                let found = commutator_free(&mut prepared, &direct, &matrix, steps);
+                distance(&found, &scene.expected)
             });
+            check_order(&format!("{name}, commutator-free"), 4.0, errors);
         }
     }
 }
 
-/// The streamed run with an inflow that varies, within its tolerance, its steps within their share of it; the same bits on
+/// The second error is that of half the time step.
+fn check_order(name: &str, order: f64, errors: [f64; 2]) {
+    let found = (errors[0] / errors[1]).log2();
+    assert!(
+        (found - order).abs() < 0.25,
+        "{name}: order {found}, {errors:?}"
+    );
+}
+
+/// The whole field after `work` on the classical system from time zero.
+fn solve(
+    prepared: &mut Prepared,
+    case: &Case,
+    work: impl FnOnce(&mut Classical<'_>, &mut GhostExchange, &mut [f64]),
+) -> Vec<f64> {
+    let problem = &mut prepared.problem;
+    let mut state = problem.states[0].clone();
+    let mut classical =
+        Classical::new(&problem.matrix).with_source(&case.fields[0], &problem.weights.pi);
+    work(&mut classical, &mut problem.exchange, &mut state);
+    prepared.gather_cells(&state)
+}
+
+/// Two stages a step, each with an inflow that is held.
+fn commutator_free(
+    prepared: &mut Prepared,
+    case: &Case,
+    matrix: &BlockMatrix,
+    steps: usize,
+) -> Vec<f64> {
+    let rate = prepared.bounds.rate;
+    let part = case.end / (2 * steps) as f64;
+    let values = time_dependent_inflow::stage_values(case, matrix, steps);
+    let rows = matrix.inflow.len();
+    solve(prepared, case, |classical, exchange, state| {
+        for stage in 0..2 * steps {
+            let held = &values[stage * rows..(stage + 1) * rows];
+            classical.hold(held.iter().copied());
+            classical.exponential(exchange, state, (rate, part), EXACT);
+        }
+    })
+}
+
+/// The streamed run is within its tolerance, its steps within their share of it; the same bits on
 /// every mesh.
 pub fn varying_inflow_by_modes(world: &World) {
     for mut scene in Varying::all() {
         for tolerance in [1e-4, 1e-8] {
-            scene.twin.case.tolerance = tolerance;
-            for mesh in meshes(world, &scene.twin.case) {
+            scene.case.tolerance = tolerance;
+            for mesh in meshes(world, &scene.case) {
                 let name = format!("{}, {mesh:?}, {tolerance:e}", scene.name);
-                let twin = &scene.twin;
-                let mut weighted = scene.weighted(world, &twin.case, &mesh);
-                let (problem, bounds) = (&mut weighted.problem, &weighted.bounds);
-                let schedule = problem.schedule.as_ref().expect("steps");
+                let mut prepared = Prepared::new(world, &scene.case, &mesh);
+                let schedule = prepared.problem.schedule.as_ref().expect("steps");
                 assert!(
                     schedule.error <= time_dependent_inflow::TIME_SHARE * tolerance,
                     "{name}"
                 );
-                assert_eq!(bounds.stages, 2 * schedule.steps);
-                let communicator = &weighted.communicator;
-                let ratio = problem.probe(communicator, bounds.rate, &[twin.case.end]);
-                let size = problem.norm(communicator, &problem.states[0], false);
-                let (_, fields) = stream(world, &twin.case, &mesh, &mut weighted, ratio, size);
+                assert_eq!(prepared.bounds.stages, 2 * schedule.steps);
+                let ratio = prepared.probe(&[scene.case.end]);
+                let run = StreamedRun::new(&scene.case, &mesh, ratio);
+                let run = run.run_as_planned(world, &mut prepared);
+                let fields = run.fields(world, &prepared);
                 let error = distance(&fields[0], &scene.expected);
                 assert!(error <= tolerance, "{name}: error {error:e}");
                 let name = format!("the field of {} at {tolerance:e}", scene.name);

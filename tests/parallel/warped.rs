@@ -1,342 +1,325 @@
-//! Full runs: the distributed transpose, and the warped field as a file.
+//! Tests the warped field of a full run as a file: written from any modes, read again, refused
+//! where something is wrong.
 
-use super::*;
-use phasewarp::parallel::communicator::transpose::Transpose;
+use crate::bits::report_bits;
+use crate::dense_twins::cells_of_axes;
+use crate::exchange::{dealt, mode_value};
+use crate::pieces::{cell_numbers, meshes};
+use crate::streamed::resources;
+use crate::support::dense::case;
+use crate::support::prepared::block_of;
+use hdf5::File;
+use num_complex::Complex64;
+use phasewarp::base::error::Error;
+use phasewarp::parallel::communicator::{Communicator, Group, World};
+use phasewarp::parallel::partition::{Block, Mesh};
+use phasewarp::plan::Plan;
+use phasewarp::problem::case::Case;
 use phasewarp::results::dataset::About;
 use phasewarp::results::readback;
 use phasewarp::results::warped;
 use phasewarp::results::warped::{Given, Spread};
 use phasewarp::schrodingerization::profile::series::Series;
 use phasewarp::solve::kept::{KeptModes, Passage};
-use std::path::PathBuf;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
-/// Mode `l` of cell `cell`: any numbers, the same on any ranks.
-fn value(l: usize, cell: usize) -> Complex64 {
-    let number = 1000 * cell + l;
-    Complex64::new(noise(number, 1), noise(number, 2))
-}
-
-/// Modes dealt out unevenly: mode `l` to rank `(l² + 1) mod ranks`, so that some may have none; ascending.
-fn dealt(modes: usize, ranks: usize) -> Vec<Vec<usize>> {
-    let of = |rank: usize| (0..modes).filter(move |l| (l * l + 1) % ranks == rank);
-    (0..ranks).map(|rank| of(rank).collect()).collect()
-}
-
-/// Every mode of some cells from some modes of every cell, and back, in every process mesh: uneven shares, ranks without modes or
-/// cells, messages of a few numbers.
-pub fn transpose_and_back(world: &World) {
-    let case = case("example1.toml", &["axis.0.x.cells=5", "axis.0.v.cells=4"]);
-    for mesh in meshes(world, &case) {
-        let communicator = Communicator::new(world, &mesh);
-        let group = &communicator.modes;
-        let (rank, size) = (group.rank(), group.size());
-        for (modes, cells) in [(1, 1), (7, 5), (2, 11), (10, 3), (0, 4), (5, 0), (33, 29)] {
-            let lists = dealt(modes, size);
-            for (at_once, most) in [(1, 1), (2, 3), (4, 1 << 20)] {
-                let mut transpose = Transpose::in_pieces(group, lists.clone(), at_once, most);
-                assert_eq!(transpose.modes(), modes);
-                let mine = lists[rank].iter();
-                // Rows beyond the cells stay where they are.
-                let rows = cells + 2;
-                let field: Vec<Complex64> = mine
-                    .flat_map(|&l| (0..rows).map(move |cell| value(l, cell)))
-                    .collect();
-                let mut back = vec![Complex64::ZERO; field.len()];
-                let mut all = vec![Complex64::ZERO; at_once * modes];
-                for first in (0..cells).step_by(at_once * size) {
-                    let ranges: Vec<Range<usize>> = (0..size)
-                        .map(|r| {
-                            let at = |r: usize| (first + r * at_once).min(cells);
-                            at(r)..at(r + 1)
-                        })
-                        .collect();
-                    all.fill(Complex64::new(f64::NAN, f64::NAN));
-                    transpose.to_cells(&field, rows, &ranges, &mut all);
-                    for (i, cell) in ranges[rank].clone().enumerate() {
-                        for l in 0..modes {
-                            assert_eq!(all[i * modes + l], value(l, cell), "mode {l}, {cell}");
-                        }
-                    }
-                    transpose.to_modes(&all, &ranges, &mut back, rows);
-                }
-                for (k, (found, expected)) in back.iter().zip(&field).enumerate() {
-                    let inside = k % rows < cells;
-                    let expected = if inside { *expected } else { Complex64::ZERO };
-                    assert_eq!(*found, expected, "{mesh:?}, {modes} modes, {cells} cells");
-                }
-            }
-        }
-    }
-}
-
-/// A directory that all ranks know, gone in the end.
-struct Shared {
+/// A directory that all ranks know, deleted in the end.
+struct SharedDirectory {
     _directory: Option<tempfile::TempDir>,
     path: PathBuf,
 }
 
-impl Shared {
+impl SharedDirectory {
     fn new(group: &Group) -> Self {
         let directory = (group.rank() == 0).then(|| tempfile::tempdir().expect("a directory"));
-        let name = directory
-            .as_ref()
-            .map_or(String::new(), |d| d.path().display().to_string());
+        let name = directory.as_ref().map(|d| d.path().display().to_string());
         Self {
-            path: group.broadcast_text(&name).into(),
+            path: group.broadcast_text(&name.unwrap_or_default()).into(),
             _directory: directory,
         }
     }
 }
 
-/// The whole warped field in a file, from any modes: the naive sum over the modes at each point and cell, the same bits on every mesh; read
-/// again, the modes come back.
+/// A rank of a mesh: its block, and the modes that it keeps.
+struct Rank {
+    communicator: Communicator,
+    block: Block,
+    /// Number in the grid of each cell of the block.
+    number: Vec<usize>,
+    /// `π` of the block's cells.
+    pi: Vec<f64>,
+}
+
+/// `π` of a cell of the grid.
+fn weight(cell: usize) -> f64 {
+    1.0 + (cell % 3) as f64
+}
+
+impl Rank {
+    fn new(world: &World, case: &Case, mesh: &Mesh) -> Self {
+        let communicator = Communicator::new(world, mesh);
+        let block = block_of(case, mesh, &communicator);
+        let number = cell_numbers(&block);
+        Self {
+            pi: number.iter().map(|&cell| weight(cell)).collect(),
+            communicator,
+            block,
+            number,
+        }
+    }
+
+    fn spread<'a>(&'a self, case: &'a Case, modes: &'a [Vec<usize>], buffers: u64) -> Spread<'a> {
+        Spread {
+            communicator: &self.communicator,
+            space: &case.space,
+            block: &self.block,
+            modes,
+            pi: &self.pi,
+            buffers,
+        }
+    }
+
+    /// Rows of a mode: one more than cells, as an auxiliary unknown has.
+    fn rows(&self) -> usize {
+        self.block.cells() + 1
+    }
+
+    /// Room for the modes of this rank.
+    fn room(&self, modes: &[Vec<usize>]) -> KeptModes {
+        KeptModes::new(self.rows(), modes[self.communicator.modes.rank()].clone())
+    }
+}
+
+/// The phase of mode `l`, which is kept apart from its values.
+fn phase(l: usize) -> Complex64 {
+    Complex64::from_polar(1.0, 0.7 * l as f64)
+}
+
+/// `L`: the first point in `p`.
+const LOWER: f64 = -2.3;
+
+/// The whole warped field in a file, from any modes: the naive sum over the modes at each point and
+/// cell, the same bits on every mesh; read again, the modes come back.
 pub fn warped_file(world: &World) {
-    let group = world.group();
-    let shared = Shared::new(&group);
-    let path = shared.path.join("warped_f.h5");
+    let shared = SharedDirectory::new(&world.group());
     for (name, file, cells) in [
-        (
-            "a line",
-            "example1.toml",
-            &["axis.0.x.cells=5", "axis.0.v.cells=7"][..],
-        ),
-        (
-            "a plane",
-            "example3.toml",
-            &[
-                "axis.0.x.cells=3",
-                "axis.0.v.cells=2",
-                "axis.1.x.cells=4",
-                "axis.1.v.cells=3",
-            ],
-        ),
+        ("a line", "example1.toml", &[5, 7][..]),
+        ("a plane", "example3.toml", &[3, 2, 4, 3]),
     ] {
-        let case = case(file, cells);
-        let (space, lower) = (&case.space, -2.3);
-        let global: Vec<usize> = space.shape();
-        let cells: usize = global.iter().product();
+        let cells = cells_of_axes(cells);
+        let cells: Vec<&str> = cells.iter().map(String::as_str).collect();
+        let case = case(file, &cells);
         // Of a planned series, which its points resolve, and with a mode that stands for itself.
         let transform = |mu: f64| Complex64::new(1.0, -0.4) / Complex64::new(1.0, 0.1 * mu);
         for series in [
             Series::analytic(5.1, 13, transform),
             Series::analytic_points(5.1, 22, transform),
         ] {
-            // Buffers for one cell, for some, for all.
-            let budgets = [1, 3000, 16 << 20];
-            let each = |mesh: Mesh| budgets.map(|buffers| (mesh.clone(), buffers));
-            for (mesh, buffers) in meshes(world, &case).into_iter().flat_map(each) {
-                let resources = Resources {
-                    ranks: group.size(),
-                    ranks_x: Some(mesh.space.clone()),
-                    ..Resources::default()
-                };
-                let plan = Plan::new(&case, &resources, 1.5).expect("a plan");
-                let communicator = Communicator::new(world, &mesh);
-                let block = Block::new(space, &mesh, communicator.space.rank());
-                let modes = dealt(series.modes(), mesh.groups);
-                // The cells of the block by their numbers in the grid.
-                let mut number = vec![0; block.cells()];
-                block.for_each_own(|first, local| {
-                    for v in 0..block.velocity_cells {
-                        number[local + v] = first + v;
-                    }
-                });
-                let weight = |cell: usize| 1.0 + (cell % 3) as f64;
-                let pi: Vec<f64> = number.iter().map(|&cell| weight(cell)).collect();
-                let spread = Spread {
-                    communicator: &communicator,
-                    space,
-                    block: &block,
-                    modes: &modes,
-                    pi: &pi,
-                    buffers,
-                };
-                // One row more than cells, as an auxiliary unknown has.
-                let rows = block.cells() + 1;
-                let mine = &modes[communicator.modes.rank()];
-                let phase = |l: usize| Complex64::from_polar(1.0, 0.7 * l as f64);
-                let mut kept = KeptModes::new(rows, mine.clone());
-                for (k, &l) in mine.iter().enumerate() {
-                    let lines = kept.values_mut()[k * rows..].iter_mut();
-                    for (x, &cell) in lines.zip(&number) {
-                        *x = value(l, cell);
-                    }
-                    kept.passages_mut()[k] = Passage {
-                        phase: phase(l),
-                        ..Passage::start(1.0)
+            for mesh in meshes(world, &case) {
+                // Buffers for one cell, for some, for all.
+                for buffers in [1, 3000, 16 << 20] {
+                    let field = WarpedField {
+                        name,
+                        case: &case,
+                        series: &series,
+                        rank: Rank::new(world, &case, &mesh),
+                        modes: dealt(series.modes(), mesh.groups),
+                        buffers,
                     };
+                    field.write(&shared.path, &mesh, world);
+                    let given = field.check_file(world, &shared.path.join("warped_f.h5"));
+                    field.check_modes(&given);
+                    world.group().barrier();
                 }
-                let about = About {
-                    case: &case,
-                    plan: &plan,
-                    time: 0.5,
-                    seconds: &BTreeMap::new(),
-                    provenance: &[],
-                };
-                let field = (&series, lower);
-                warped::write(&shared.path, "warped_f.h5", &about, &spread, field, &kept)
-                    .expect("a file");
-                assert!(!shared.path.join("warped_f.h5.partial").exists());
-                let datasets = readback::check(&group, &path).expect("a file as written");
-                assert_eq!(datasets, space.shape().len() + 4, "w, axes, p, case, plan");
-
-                let given = Given::new(&group, &path, &case, "here").expect("a warped field");
-                let points = given.points;
-                assert!((given.interval[1] - given.interval[0] - series.period).abs() < 1e-13);
-                if group.rank() == 0 {
-                    let file = hdf5::File::open(&path).expect("a file");
-                    let w = file.dataset("w").expect("a dataset");
-                    let found: Vec<f64> = w.read_raw().expect("numbers");
-                    assert_eq!(found.len(), cells * points);
-                    for (at, found) in found.iter().enumerate() {
-                        let (cell, j) = (at / points, at % points);
-                        let p = lower + series.period * j as f64 / points as f64;
-                        let term = |l: usize| {
-                            let wave = Complex64::from_polar(1.0, series.wavenumber(l) * p);
-                            (series.factor(l) * wave * phase(l) * value(l, cell)).re
-                        };
-                        let sum: f64 = (0..series.modes()).map(term).sum();
-                        let expected = sum / weight(cell).sqrt();
-                        assert!(
-                            (found - expected).abs() < 1e-12,
-                            "{name}: {found} {expected}"
-                        );
-                    }
-                    report_bits(world, &format!("w of {name}, {points}"), &found);
-                }
-
-                // Of the values at all points, whatever they came from, the modes of unit factors.
-                let ones = Series::ones(series.period, points);
-                let modes = dealt(ones.modes(), mesh.groups);
-                let spread = Spread {
-                    modes: &modes,
-                    ..spread
-                };
-                let mine = &modes[communicator.modes.rank()];
-                let mut back = KeptModes::new(rows, mine.clone());
-                given
-                    .read(&spread, &ones, &mut back)
-                    .expect("it can be read");
-                for (k, &l) in mine.iter().enumerate() {
-                    for (i, &cell) in number.iter().enumerate() {
-                        let expected = if l < series.modes() {
-                            // In both series the mode has the same partners; alone, only its real part on the points is seen.
-                            let x = series.coefficients[l] * phase(l) * value(l, cell);
-                            if ones.is_alone(l) {
-                                let wave = Complex64::from_polar(1.0, ones.wavenumber(l) * lower);
-                                (wave * x).re / wave
-                            } else {
-                                x
-                            }
-                        } else {
-                            Complex64::ZERO
-                        };
-                        let found = back.values()[k * rows + i];
-                        assert!(
-                            (found - expected).norm() < 1e-12,
-                            "mode {l}: {found} {expected}"
-                        );
-                    }
-                    assert_eq!(back.values()[k * rows + rows - 1], Complex64::ZERO);
-                }
-                group.barrier();
             }
         }
     }
 }
 
+/// A warped field whose modes are spread over the ranks of a mesh.
+struct WarpedField<'a> {
+    name: &'static str,
+    case: &'a Case,
+    series: &'a Series,
+    rank: Rank,
+    modes: Vec<Vec<usize>>,
+    buffers: u64,
+}
+
+impl WarpedField<'_> {
+    fn write(&self, directory: &Path, mesh: &Mesh, world: &World) {
+        let plan = Plan::new(self.case, &resources(world, mesh), 1.5).expect("a plan");
+        let rows = self.rank.rows();
+        let mut kept = self.rank.room(&self.modes);
+        let mine = &self.modes[self.rank.communicator.modes.rank()];
+        for (k, &l) in mine.iter().enumerate() {
+            let values = kept.values_mut()[k * rows..].iter_mut();
+            for (x, &cell) in values.zip(&self.rank.number) {
+                *x = mode_value(l, cell);
+            }
+            kept.passages_mut()[k] = Passage {
+                phase: phase(l),
+                ..Passage::start(1.0)
+            };
+        }
+        let about = About {
+            case: self.case,
+            plan: &plan,
+            time: 0.5,
+            seconds: &BTreeMap::new(),
+            provenance: &[],
+        };
+        let spread = self.rank.spread(self.case, &self.modes, self.buffers);
+        let field = (self.series, LOWER);
+        warped::write(directory, "warped_f.h5", &about, &spread, field, &kept).expect("a file");
+        assert!(!directory.join("warped_f.h5.partial").exists());
+    }
+
+    /// The file holds the sum over the modes.
+    fn check_file(&self, world: &World, path: &Path) -> Given {
+        let group = world.group();
+        let datasets = readback::check(&group, path).expect("a file as written");
+        let axes = self.case.space.shape().len();
+        assert_eq!(datasets, axes + 4, "w, axes, p, case, plan");
+        let given = Given::new(&group, path, self.case, "here").expect("a warped field");
+        let length = given.interval[1] - given.interval[0];
+        assert!((length - self.series.period).abs() < 1e-13);
+        if group.rank() == 0 {
+            let file = File::open(path).expect("a file");
+            let w = file.dataset("w").expect("a dataset");
+            let found: Vec<f64> = w.read_raw().expect("numbers");
+            let cells = self.case.space.cells();
+            assert_eq!(found.len(), cells * given.points);
+            for (k, found) in found.iter().enumerate() {
+                let (cell, j) = (k / given.points, k % given.points);
+                let p = LOWER + self.series.period * j as f64 / given.points as f64;
+                let expected = self.sum(cell, p);
+                let close = (found - expected).abs() < 1e-12;
+                assert!(close, "{}: {found} {expected}", self.name);
+            }
+            report_bits(
+                world,
+                &format!("w of {}, {}", self.name, given.points),
+                &found,
+            );
+        }
+        given
+    }
+
+    /// `w(p)` in a cell, the weight undone.
+    fn sum(&self, cell: usize, p: f64) -> f64 {
+        let series = self.series;
+        let term = |l: usize| {
+            let wave = Complex64::from_polar(1.0, series.wavenumber(l) * p);
+            (series.factor(l) * wave * phase(l) * mode_value(l, cell)).re
+        };
+        (0..series.modes()).map(term).sum::<f64>() / weight(cell).sqrt()
+    }
+
+    /// Of the values at all points, whatever they came from, the modes of unit factors.
+    fn check_modes(&self, given: &Given) {
+        let ones = Series::ones(self.series.period, given.points);
+        let groups = self.rank.communicator.modes.size();
+        let modes = dealt(ones.modes(), groups);
+        let spread = self.rank.spread(self.case, &modes, self.buffers);
+        let mut back = self.rank.room(&modes);
+        given
+            .read(&spread, &ones, &mut back)
+            .expect("it can be read");
+        let rows = self.rank.rows();
+        for (k, &l) in modes[self.rank.communicator.modes.rank()]
+            .iter()
+            .enumerate()
+        {
+            let found = &back.values()[k * rows..(k + 1) * rows];
+            for (found, &cell) in found.iter().zip(&self.rank.number) {
+                let expected = self.unit_mode(&ones, l, cell);
+                let close = (found - expected).norm() < 1e-12;
+                assert!(close, "mode {l}: {found} {expected}");
+            }
+            assert_eq!(found[rows - 1], Complex64::ZERO);
+        }
+    }
+
+    /// Mode `l` of a cell in the series `ones`, in which it has the same partners as in the series
+    /// of the field.
+    fn unit_mode(&self, ones: &Series, l: usize, cell: usize) -> Complex64 {
+        if l >= self.series.modes() {
+            return Complex64::ZERO;
+        }
+        let x = self.series.coefficients[l] * phase(l) * mode_value(l, cell);
+        if !ones.is_alone(l) {
+            return x;
+        }
+        // On the points only its real part is seen.
+        let wave = Complex64::from_polar(1.0, ones.wavenumber(l) * LOWER);
+        (wave * x).re / wave
+    }
+}
+
+/// The grid of the files to start from: 3 × 2 cells, and as many points in `p`.
+struct Files<'a> {
+    group: &'a Group,
+    path: PathBuf,
+    case: Case,
+}
+
+/// Good points in `p`.
+const POINTS: [f64; 4] = [-1.0, -0.5, 0.0, 0.5];
+
+impl Files<'_> {
+    /// What a run finds in a file that `write` fills.
+    fn given(&self, write: impl Fn(&File)) -> Result<Given, Error> {
+        if self.group.rank() == 0 {
+            write(&File::create(&self.path).expect("a file"));
+        }
+        self.group.barrier();
+        let found = Given::new(self.group, &self.path, &self.case, "initial.warped");
+        self.group.barrier();
+        found
+    }
+
+    /// Writes all axes, `p` being the points.
+    fn axes(&self, file: &File, p: &[f64]) {
+        self.axes_with(file, &self.case.space.v[0].centres(), p);
+    }
+
+    fn axes_with(&self, file: &File, v: &[f64], p: &[f64]) {
+        file.create_group("axis").expect("a group");
+        let x = self.case.space.x[0].centres();
+        for (name, values) in [("axis/x", &x[..]), ("axis/vx", v), ("axis/p", p)] {
+            let dataset = file.new_dataset::<f64>().shape(values.len()).create(name);
+            dataset.expect("a dataset").write(values).expect("numbers");
+        }
+    }
+}
+
+/// Makes a dataset for the field.
+fn new_w(file: &File, shape: [usize; 3]) -> hdf5::Dataset {
+    let builder = file.new_dataset::<f64>().shape(shape);
+    builder.create("w").expect("a dataset")
+}
+
+/// An error of a user's file: on one line with `message`, exit code 2.
+fn check_refusal(error: &Error, message: &str) {
+    let text = error.to_string();
+    assert!(text.contains(message), "{text}");
+    assert_eq!(text.lines().count(), 1, "{text}");
+    assert_eq!(error.exit_code(), 2, "{text}");
+}
+
 /// What is wrong with a file to start from is said, the same on all ranks.
 pub fn warped_files_refused(world: &World) {
     let group = world.group();
-    let shared = Shared::new(&group);
-    let path = shared.path.join("start.h5");
-    let case = case("example1.toml", &["axis.0.x.cells=3", "axis.0.v.cells=2"]);
-    let [x, v] = [case.space.x[0].centres(), case.space.v[0].centres()];
-    let p = [-1.0, -0.5, 0.0, 0.5];
-    let put = |change: &dyn Fn(&hdf5::File)| {
-        if group.rank() == 0 {
-            let file = hdf5::File::create(&path).expect("a file");
-            change(&file);
-        }
-        group.barrier();
-        let found = Given::new(&group, &path, &case, "initial.warped");
-        group.barrier();
-        found
+    let shared = SharedDirectory::new(&group);
+    let files = Files {
+        group: &group,
+        path: shared.path.join("start.h5"),
+        case: case("example1.toml", &["axis.0.x.cells=3", "axis.0.v.cells=2"]),
     };
-    let list = |file: &hdf5::File, name: &str, values: &[f64]| {
-        let builder = file.new_dataset::<f64>().shape(values.len());
-        let dataset = builder.create(name).expect("a dataset");
-        dataset.write(values).expect("numbers");
-    };
-    let axes = |file: &hdf5::File, p: &[f64]| {
-        file.create_group("axis").expect("a group");
-        list(file, "axis/x", &x);
-        list(file, "axis/vx", &v);
-        list(file, "axis/p", p);
-    };
-    let w = |file: &hdf5::File, shape: &[usize]| {
-        let builder = file.new_dataset::<f64>().shape(shape);
-        builder.create("w").expect("a dataset");
-    };
-    let good = put(&|file| {
-        axes(file, &p);
-        w(file, &[3, 2, 4]);
-    });
-    let good = good.expect("a warped field");
-    assert_eq!((good.points, good.interval), (4, [-1.0, 1.0]));
-    type Damage<'a> = (&'a str, &'a dyn Fn(&hdf5::File));
-    // Single precision is near enough.
-    let single = put(&|file| {
-        axes(file, &[-0.9, -0.4, 0.1, 0.6].map(|p| f64::from(p as f32)));
-        w(file, &[3, 2, 4]);
-    });
-    assert_eq!(single.expect("a warped field").points, 4);
-    let bad: [Damage<'_>; 9] = [
-        ("holds no dataset /w", &|file| axes(file, &p)),
-        ("holds no dataset /axis/x", &|file| w(file, &[3, 2, 4])),
-        ("/w has the shape [3, 3, 4]; [3, 2]", &|file| {
-            axes(file, &p);
-            w(file, &[3, 3, 4]);
-        }),
-        ("/axis/p holds 4 points, /w 6", &|file| {
-            axes(file, &p);
-            w(file, &[3, 2, 6]);
-        }),
-        ("/w has 3 points in p; an even number", &|file| {
-            axes(file, &p[..3]);
-            w(file, &[3, 2, 3]);
-        }),
-        ("in equal steps: point 2 is off by 6.7e-2", &|file| {
-            axes(file, &[-1.0, -0.5, 0.0, 0.6]);
-            w(file, &[3, 2, 4]);
-        }),
-        ("/axis/p is not ascending in equal steps", &|file| {
-            axes(file, &[0.5, 0.0, -0.5, -1.0]);
-            w(file, &[3, 2, 4]);
-        }),
-        ("/w holds other than real numbers", &|file| {
-            axes(file, &p);
-            let builder = file.new_dataset::<num_complex::Complex64>();
-            builder.shape([3, 2, 4]).create("w").expect("a dataset");
-        }),
-        ("/axis/vx holds other cell centres", &|file| {
-            file.create_group("axis").expect("a group");
-            list(file, "axis/x", &x);
-            list(
-                file,
-                "axis/vx",
-                &v.iter().map(|v| v + 0.1).collect::<Vec<_>>(),
-            );
-            list(file, "axis/p", &p);
-            w(file, &[3, 2, 4]);
-        }),
-    ];
-    for (message, change) in bad {
-        let error = put(change).expect_err(message);
-        assert!(error.to_string().contains(message), "{error}");
-        assert!(error.to_string().contains("initial.warped"), "{error}");
-        assert_eq!(error.exit_code(), 2, "{message}");
-    }
+    accepted_files(&files);
+    refused_files(&files);
     // No file, and what is none.
     let readme = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("README.md");
     for (path, message) in [
@@ -344,56 +327,107 @@ pub fn warped_files_refused(world: &World) {
         (&shared.path, "is no file"),
         (&readme, "cannot be read as HDF5"),
     ] {
-        let error = Given::new(&group, path, &case, "initial.warped").expect_err(message);
-        let text = error.to_string();
-        assert!(
-            text.contains(message) && text.lines().count() == 1,
-            "{text}"
-        );
-        assert_eq!(error.exit_code(), 2, "{error}");
+        let found = Given::new(&group, path, &files.case, "initial.warped");
+        check_refusal(&found.expect_err(message), message);
     }
+    refused_contents(world, &files);
+}
 
-    // Contents are looked at when they are read: a number that is none, a changed one.
+fn accepted_files(files: &Files<'_>) {
+    let good = files.given(|file| {
+        files.axes(file, &POINTS);
+        new_w(file, [3, 2, 4]);
+    });
+    let good = good.expect("a warped field");
+    assert_eq!((good.points, good.interval), (4, [-1.0, 1.0]));
+    // Single precision is near enough.
+    let single = files.given(|file| {
+        files.axes(file, &[-0.9, -0.4, 0.1, 0.6].map(|p| f64::from(p as f32)));
+        new_w(file, [3, 2, 4]);
+    });
+    assert_eq!(single.expect("a warped field").points, 4);
+}
+
+/// Axes or a shape that are not those of the case.
+fn refused_files(files: &Files<'_>) {
+    type Write<'a> = &'a dyn Fn(&File);
+    let field = |file: &File, p: &[f64], shape: [usize; 3]| {
+        files.axes(file, p);
+        new_w(file, shape);
+    };
+    let shifted = files.case.space.v[0]
+        .centres()
+        .iter()
+        .map(|v| v + 0.1)
+        .collect::<Vec<_>>();
+    let bad: [(&str, Write<'_>); 9] = [
+        ("holds no dataset /w", &|file| files.axes(file, &POINTS)),
+        ("holds no dataset /axis/x", &|file| {
+            drop(new_w(file, [3, 2, 4]))
+        }),
+        ("/w has the shape [3, 3, 4]; [3, 2]", &|file| {
+            field(file, &POINTS, [3, 3, 4])
+        }),
+        ("/axis/p holds 4 points, /w 6", &|file| {
+            field(file, &POINTS, [3, 2, 6])
+        }),
+        ("/w has 3 points in p; an even number", &|file| {
+            field(file, &POINTS[..3], [3, 2, 3])
+        }),
+        ("in equal steps: point 2 is off by 6.7e-2", &|file| {
+            field(file, &[-1.0, -0.5, 0.0, 0.6], [3, 2, 4]);
+        }),
+        ("/axis/p is not ascending in equal steps", &|file| {
+            field(file, &[0.5, 0.0, -0.5, -1.0], [3, 2, 4]);
+        }),
+        ("/w holds other than real numbers", &|file| {
+            files.axes(file, &POINTS);
+            let builder = file.new_dataset::<Complex64>();
+            builder.shape([3, 2, 4]).create("w").expect("a dataset");
+        }),
+        ("/axis/vx holds other cell centres", &|file| {
+            files.axes_with(file, &shifted, &POINTS);
+            new_w(file, [3, 2, 4]);
+        }),
+    ];
+    for (message, write) in bad {
+        let error = files.given(write).expect_err(message);
+        check_refusal(&error, message);
+        assert!(error.to_string().contains("initial.warped"), "{error}");
+    }
+}
+
+/// Numbers are looked at when they are read: one that is none, a changed one.
+fn refused_contents(world: &World, files: &Files<'_>) {
     let mesh = Mesh {
         space: vec![1],
-        groups: group.size(),
+        groups: files.group.size(),
     };
-    let communicator = Communicator::new(world, &mesh);
-    let block = Block::new(&case.space, &mesh, communicator.space.rank());
+    let rank = Rank::new(world, &files.case, &mesh);
     let ones = Series::ones(2.0, 4);
     let modes = dealt(ones.modes(), mesh.groups);
-    let spread = Spread {
-        communicator: &communicator,
-        space: &case.space,
-        block: &block,
-        modes: &modes,
-        pi: &[1.0; 6],
-        buffers: 100,
-    };
+    let spread = rank.spread(&files.case, &modes, 100);
     for (message, number, checksum) in [
         ("/w is NaN at", f64::NAN, None),
         ("its checksum differs", 1.0, Some(7u64)),
     ] {
-        let given = put(&|file| {
-            axes(file, &p);
-            let builder = file.new_dataset::<f64>().shape([3, 2, 4]);
-            let w = builder.create("w").expect("a dataset");
+        let given = files.given(|file| {
+            files.axes(file, &POINTS);
+            let w = new_w(file, [3, 2, 4]);
             let mut values = [0.25; 24];
             values[13] = number;
             w.write_raw(&values).expect("numbers");
             if let Some(sum) = checksum {
-                let attribute = w
-                    .new_attr::<u64>()
-                    .create("checksum")
-                    .expect("an attribute");
-                attribute.write_scalar(&sum).expect("a number");
+                let attribute = w.new_attr::<u64>().create("checksum");
+                attribute
+                    .expect("an attribute")
+                    .write_scalar(&sum)
+                    .expect("a number");
             }
         });
-        let mut kept = KeptModes::new(6, modes[communicator.modes.rank()].clone());
+        let mut kept = rank.room(&modes);
         let read = given.expect("a file").read(&spread, &ones, &mut kept);
-        let error = read.expect_err(message);
-        assert!(error.to_string().contains(message), "{error}");
-        assert_eq!(error.exit_code(), 2, "{error}");
-        group.barrier();
+        check_refusal(&read.expect_err(message), message);
+        files.group.barrier();
     }
 }

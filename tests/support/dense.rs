@@ -15,7 +15,8 @@ pub fn case(name: &str, overrides: &[&str]) -> Case {
     Case::load(&path, &overrides).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// A number in [-1, 1) that depends on `index` and `seed` alone, so that data are the same on any ranks.
+/// A number in [-1, 1) that depends on `index` and `seed` alone, so that data are the same on any
+/// ranks.
 pub fn noise(index: usize, seed: u64) -> f64 {
     let mut h = (index as u64).wrapping_add(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     for (shift, factor) in [
@@ -85,6 +86,15 @@ impl Dense {
         (0..self.size).map(|i| self.at(i, j)).sum()
     }
 
+    /// With so many more rows and columns, of zeros.
+    pub fn enlarged(&self, more: usize) -> Self {
+        let inside = |i: usize| i < self.size;
+        Self::from_fn(self.size + more, |i, j| match inside(i) && inside(j) {
+            true => self.at(i, j),
+            false => 0.0,
+        })
+    }
+
     /// Largest magnitude of an entry.
     pub fn largest(&self) -> f64 {
         self.values.iter().fold(0.0, |m, v| m.max(v.abs()))
@@ -116,7 +126,8 @@ impl Dense {
     }
 }
 
-/// Fails unless the matrices agree entry for entry to `tolerance`, naming the entry that differs most.
+/// Fails unless the matrices agree entry for entry to `tolerance`, naming the entry that differs
+/// most.
 pub fn assert_same(what: &str, found: &Dense, expected: &Dense, tolerance: f64) {
     assert_eq!(found.size, expected.size, "{what}: sizes");
     let (mut worst, mut place) = (0.0, (0, 0));

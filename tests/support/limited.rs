@@ -1,5 +1,5 @@
-//! Slow and obvious: the right-hand side with limited slopes, cell by cell from the formulas, on the whole grid.
-#![allow(dead_code)] // each test program uses its own part
+//! Slow and obvious: the right-hand side with limited slopes, cell by cell from the formulas, on
+//! the whole grid.
 
 use phasewarp::problem::case::{Case, Interface, Limiter};
 use phasewarp::problem::grid::{Cell, PhaseSpace};
@@ -121,7 +121,8 @@ impl Limited<'_> {
             if rise == 0.0 {
                 list.push((i + step, j, 1.0, true));
             } else if self.case.interface == Interface::Hat {
-                // Σ_k h(z − ξ_k) f_k with the hat function h, over more velocities than the box has.
+                // Σ_k h(z − ξ_k) f_k with the hat function h, over more velocities than the box
+                // has.
                 let square = xi * xi + 2.0 * rise;
                 let (place, z) = if square > 0.0 {
                     (i + step, square.sqrt() * xi.signum())
@@ -218,7 +219,8 @@ impl Limited<'_> {
             for (weight, source) in self.behind(cell, axis, speed < 0.0) {
                 into += weight
                     * match source {
-                        // The upper face of what comes from below; the lower face of the cell itself.
+                        // The upper face of what comes from below; the lower face of the cell
+                        // itself.
                         Source::Cell(source, across) => {
                             let sign = if across { sign } else { -sign };
                             self.at(&source) + sign * self.half(&source, axis)

@@ -1,2 +1,7 @@
+//! What test crates share: dense twins of what the program does, and a problem as a run prepares
+//! it.
+#![allow(dead_code)] // each test crate uses its own part
+
 pub mod dense;
 pub mod limited;
+pub mod prepared;

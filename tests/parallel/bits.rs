@@ -1,0 +1,53 @@
+//! Fingerprints of results that must have the same bits on any ranks and any process mesh.
+
+use crate::Tally;
+use phasewarp::parallel::communicator::World;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Prints a fingerprint (FNV-1a) of `values`; the parent compares it with those of other ranks and
+/// meshes.
+pub fn report_bits(world: &World, name: &str, values: &[f64]) {
+    if world.group().rank() == 0 {
+        let hash = values
+            .iter()
+            .flat_map(|v| v.to_bits().to_le_bytes())
+            .fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+                (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+            });
+        println!("bits {hash:016x} {name}");
+    }
+}
+
+/// The fingerprints of each quantity, and how often it was reported.
+#[derive(Default)]
+pub struct Bits(BTreeMap<String, (BTreeSet<String>, usize)>);
+
+impl Bits {
+    /// Collects the fingerprints from the standard output of a job.
+    pub fn read(&mut self, stdout: &str) {
+        for line in stdout.lines() {
+            if let Some((hash, name)) = line.strip_prefix("bits ").and_then(|l| l.split_once(' ')) {
+                let (hashes, times) = self.0.entry(name.to_owned()).or_default();
+                hashes.insert(hash.to_owned());
+                *times += 1;
+            }
+        }
+    }
+
+    /// Counts a quantity as passed that had one fingerprint every time, and one that no other
+    /// quantity has: equal fingerprints everywhere would mean that the comparison sees nothing.
+    pub fn compare(&self, all: bool, tally: &mut Tally) {
+        let mut others: BTreeSet<&String> = BTreeSet::new();
+        for (name, (hashes, times)) in &self.0 {
+            let own = hashes.iter().all(|hash| !others.contains(hash));
+            let passed = hashes.len() == 1 && *times >= 4 && own;
+            let reason = format!("{} different in {times}; its own: {own}", hashes.len());
+            tally.count(&format!("bits of {name}"), passed, &reason);
+            others.extend(hashes);
+        }
+        if all {
+            let reason = format!("{} quantities", self.0.len());
+            tally.count("bits were compared", self.0.len() >= 50, &reason);
+        }
+    }
+}

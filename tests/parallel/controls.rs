@@ -1,0 +1,97 @@
+//! Controls of the harness: a wrong expectation must fail its job, and a job that hangs must be
+//! ended.
+
+use crate::dense_twins::Twin;
+use crate::job::{Job, TIME_LIMIT};
+use crate::pieces::{Piece, meshes};
+use crate::support::dense::assert_same;
+use phasewarp::parallel::communicator::World;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+/// Starts the job of a control; whether the harness noticed what it must, and what the job did.
+type Control = fn() -> (bool, String);
+
+/// The controls by name.
+pub const CONTROLS: [(&str, Control); 2] = [
+    ("control_wrong: a wrong expectation fails", wrong),
+    ("control_hang: a job that hangs is ended", hang),
+];
+
+/// The part of a rank in the control `name`.
+pub fn run(name: &str, world: &World) {
+    match name {
+        "wrong" => rank_with_a_wrong_expectation(world),
+        "hang" => rank_that_hangs(world),
+        other => panic!("no such control: {other}"),
+    }
+}
+
+/// The right comparison passes. The wrong one names the entry and fails the job.
+fn wrong() -> (bool, String) {
+    let outcome = Job::start(2, Some("wrong"), &[]).outcome(|_| false);
+    let (out, err) = (&outcome.stdout, &outcome.stderr);
+    let noticed = outcome.status.is_some_and(|s| !s.success())
+        && out.contains("passed the right expectation")
+        && err.contains("the wrong expectation: entry (1, 2) is ")
+        && !out.contains("passed the wrong expectation");
+    (noticed, outcome.report())
+}
+
+/// Compares a distributed matrix with its twin, then with a twin of which one entry was changed.
+fn rank_with_a_wrong_expectation(world: &World) {
+    let twin = Twin::all().swap_remove(0);
+    let speaks = world.group().rank() == 0;
+    for mesh in meshes(world, &twin.case) {
+        let piece = Piece::assemble(world, &twin, &mesh);
+        let (found, _) = piece.gather_matrix(world, &twin);
+        let mut expected = twin.generator.symmetric();
+        assert_same("the right expectation", &found, &expected, 0.0);
+        if speaks {
+            println!("passed the right expectation");
+        }
+        expected.add(1, 2, 1e-9);
+        assert_same("the wrong expectation", &found, &expected, 1e-10);
+        if speaks {
+            println!("passed the wrong expectation");
+        }
+    }
+}
+
+/// The job is ended, and none of its processes is left.
+fn hang() -> (bool, String) {
+    let processes = |text: &str| -> Vec<u32> {
+        (text.lines())
+            .filter_map(|line| line.strip_prefix("process ")?.trim().parse().ok())
+            .collect()
+    };
+    let outcome = Job::start(2, Some("hang"), &[]).outcome(|text| processes(text).len() == 2);
+    let started = processes(&outcome.stdout);
+    let mut left = started.clone();
+    for _ in 0..100 {
+        left.retain(|&process| exists(process));
+        if left.is_empty() {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let ended = outcome.status.is_none() && started.len() == 2 && left.is_empty();
+    let reason = format!("of {started:?} are left {left:?}\n{}", outcome.report());
+    (ended, reason)
+}
+
+/// Whether there is such a process: signal 0 asks for nothing else.
+fn exists(process: u32) -> bool {
+    let mut kill = Command::new("kill");
+    kill.args(["-0", &process.to_string()])
+        .stderr(Stdio::null());
+    kill.status().is_ok_and(|status| status.success())
+}
+
+/// Rank 1 sleeps longer than the harness waits, so that no barrier is passed.
+fn rank_that_hangs(world: &World) {
+    println!("process {}", std::process::id());
+    if world.group().rank() == 1 {
+        std::thread::sleep(2 * TIME_LIMIT);
+    }
+}

@@ -1,0 +1,115 @@
+//! A job of this program under mpirun, with its output and a time after which it is ended.
+
+use std::fs::File;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// Environment variable: the number of ranks a job is started on.
+pub const RANKS: &str = "PHASEWARP_TEST_RANKS";
+/// Environment variable: the control that a job runs instead of checks.
+pub const CONTROL: &str = "PHASEWARP_TEST_CONTROL";
+/// A job that takes longer is ended.
+pub const TIME_LIMIT: Duration = Duration::from_secs(120);
+
+/// A running `mpirun` of this program.
+pub struct Job {
+    mpirun: Child,
+    output: tempfile::TempDir,
+    deadline: Instant,
+}
+
+/// How a job ended.
+pub struct Outcome {
+    /// `None` where it was ended.
+    pub status: Option<ExitStatus>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Outcome {
+    /// Whether the job ended by itself, with exit code 0.
+    pub fn success(&self) -> bool {
+        self.status.is_some_and(|status| status.success())
+    }
+
+    /// How the job ended and what it wrote, for the report of a failure.
+    pub fn report(&self) -> String {
+        let ending = match self.status {
+            Some(status) => status.to_string(),
+            None => format!("ended by the harness, which waits for {TIME_LIMIT:?}"),
+        };
+        format!("{ending}\n{}{}", self.stdout, self.stderr)
+    }
+}
+
+impl Job {
+    /// Starts this program on `ranks` ranks with `arguments`, or with a control.
+    pub fn start(ranks: usize, control: Option<&str>, arguments: &[&str]) -> Self {
+        let output = tempfile::tempdir().expect("a directory for output");
+        let file = |name: &str| File::create(output.path().join(name)).expect("a file for output");
+        let program = std::env::current_exe().expect("a path of this program");
+        let mut command = Command::new("mpirun");
+        command
+            .args(["--bind-to", "none", "-np", &ranks.to_string()])
+            .arg(program)
+            .args(arguments)
+            .env(RANKS, ranks.to_string())
+            // As root, and with more ranks than cores: Open MPI 4, then 5.
+            .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
+            .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
+            .env("OMPI_MCA_rmaps_base_oversubscribe", "1")
+            .env("OMPI_MCA_mpi_yield_when_idle", "1")
+            .env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe")
+            .stdin(Stdio::null())
+            .stdout(file("stdout"))
+            .stderr(file("stderr"));
+        if let Some(control) = control {
+            command.env(CONTROL, control);
+        }
+        let mpirun = command.spawn().expect("mpirun starts");
+        Self {
+            mpirun,
+            output,
+            deadline: Instant::now() + TIME_LIMIT,
+        }
+    }
+
+    fn text(&self, name: &str) -> String {
+        let bytes = std::fs::read(self.output.path().join(name)).expect("the output is readable");
+        String::from_utf8_lossy(&bytes).into_owned()
+    }
+
+    /// Ends `mpirun`, which ends the ranks: by SIGTERM, after five seconds by SIGKILL.
+    fn end(&mut self) {
+        let id = self.mpirun.id().to_string();
+        let _ = Command::new("kill").arg(id).status();
+        for _ in 0..50 {
+            if let Ok(Some(_)) = self.mpirun.try_wait() {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        let _ = self.mpirun.kill();
+        let _ = self.mpirun.wait();
+    }
+
+    /// Waits until the job is over. Ends it after the time limit, or when `enough` holds for its
+    /// standard output.
+    pub fn outcome(mut self, enough: impl Fn(&str) -> bool) -> Outcome {
+        let status = loop {
+            if let Some(status) = self.mpirun.try_wait().expect("mpirun can be waited for") {
+                break Some(status);
+            }
+            if Instant::now() > self.deadline || enough(&self.text("stdout")) {
+                self.end();
+                break None;
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        };
+        Outcome {
+            status,
+            stdout: self.text("stdout"),
+            stderr: self.text("stderr"),
+        }
+    }
+}

@@ -1,0 +1,287 @@
+//! What a rank holds of a twin: a block of its matrix, its problem as a run prepares it, and whole
+//! vectors gathered from all.
+
+use crate::dense_twins::Twin;
+use crate::support::dense::Dense;
+use crate::support::prepared::{Prepared, block_of};
+use phasewarp::matrix::block_matrix::{BlockMatrix, Operator};
+use phasewarp::matrix::bounds::Bounds;
+use phasewarp::matrix::lanes::{LANES, Lanes};
+use phasewarp::parallel::communicator::{Communicator, GhostExchange, Group, World};
+use phasewarp::parallel::partition::{Block, Mesh, split};
+use phasewarp::problem::case::{Case, Embedding};
+use std::ops::Range;
+
+/// Every mesh of the ranks of `world` that the grid of `case` admits, those with the fewest blocks
+/// first.
+pub fn meshes(world: &World, case: &Case) -> Vec<Mesh> {
+    fn visit(case: &Case, ranks: usize, parts: &mut Vec<usize>, list: &mut Vec<Mesh>) {
+        let Some(axis) = case.space.x.get(parts.len()) else {
+            let space = parts.clone();
+            list.push(Mesh {
+                space,
+                groups: ranks,
+            });
+            return;
+        };
+        let most = case.space.most_blocks(parts.len()).min(axis.cells);
+        for blocks in (1..=ranks.min(most)).filter(|b| ranks.is_multiple_of(*b)) {
+            parts.push(blocks);
+            visit(case, ranks / blocks, parts, list);
+            parts.pop();
+        }
+    }
+    let mut list = Vec::new();
+    visit(case, world.group().size(), &mut Vec::new(), &mut list);
+    assert!(list.iter().all(|m| m.ranks() == world.group().size()));
+    list.sort_by_key(Mesh::blocks);
+    list
+}
+
+/// One block, all ranks in its mode groups.
+pub fn one_block(world: &World, case: &Case) -> Mesh {
+    Mesh {
+        space: vec![1; case.space.dimension()],
+        groups: world.group().size(),
+    }
+}
+
+/// Calls `check` with every twin, mesh and piece.
+pub fn for_every_piece(world: &World, mut check: impl FnMut(&Twin, &Mesh, &mut Piece)) {
+    for twin in Twin::all() {
+        for mesh in meshes(world, &twin.case) {
+            check(&twin, &mesh, &mut Piece::assemble(world, &twin, &mesh));
+        }
+    }
+}
+
+/// Number in the grid of each of the block's own cells.
+pub fn cell_numbers(block: &Block) -> Vec<usize> {
+    let mut number = vec![usize::MAX; block.cells()];
+    block.for_each_own(|first, local| {
+        (0..block.velocity_cells).for_each(|v| number[local + v] = first + v);
+    });
+    number
+}
+
+/// Number in the twin of each local row of `matrix`, then of each ghost.
+fn row_numbers(twin: &Twin, matrix: &BlockMatrix) -> Vec<usize> {
+    let (block, rows) = (&matrix.block, matrix.rows());
+    let mut number = cell_numbers(block);
+    if twin.case.warp.inflow == Embedding::Scalar {
+        number.resize(rows, twin.cells);
+    }
+    for aux in &matrix.inflow[..rows - number.len()] {
+        let place = twin.inflow.binary_search(&number[aux.row as usize]);
+        number.push(twin.cells + place.expect("a row with inflow"));
+    }
+    number.resize(matrix.length(), usize::MAX);
+    block.for_each_ghost(|first, ghost| {
+        (0..block.velocity_cells).for_each(|v| number[rows + ghost + v] = first + v);
+    });
+    number
+}
+
+/// A vector of length `size`, from all ranks of `group`, on every rank. Every entry has one owner.
+pub fn gather(group: &Group, size: usize, entries: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
+    let mut values = vec![f64::NEG_INFINITY; size];
+    let mut owned = 0;
+    for (i, value) in entries {
+        values[i] = value;
+        owned += 1;
+    }
+    assert_eq!(group.sum_count(owned), size, "every entry has one owner");
+    group.max_into(&mut values);
+    let missing = values.contains(&f64::NEG_INFINITY);
+    assert!(!missing, "every entry has an owner");
+    values
+}
+
+/// This rank's part of the matrix of a twin, without weights.
+pub struct Piece {
+    pub communicator: Communicator,
+    pub matrix: BlockMatrix,
+    pub exchange: GhostExchange,
+    /// Number in the twin of each local row, then of each ghost.
+    pub number: Vec<usize>,
+}
+
+impl Piece {
+    pub fn new(twin: &Twin, communicator: Communicator, matrix: BlockMatrix) -> Self {
+        let exchange = GhostExchange::new(&communicator.space, &matrix.block, 2 * LANES);
+        let number = row_numbers(twin, &matrix);
+        Self {
+            communicator,
+            matrix,
+            exchange,
+            number,
+        }
+    }
+
+    pub fn assemble(world: &World, twin: &Twin, mesh: &Mesh) -> Self {
+        let communicator = Communicator::new(world, mesh);
+        assert_eq!(communicator.space.size(), mesh.blocks());
+        assert_eq!(communicator.modes.size(), mesh.groups);
+        let block = block_of(&twin.case, mesh, &communicator);
+        let mut matrix = BlockMatrix::assemble(&twin.case, block).expect("formulas are finite");
+        let mut pi = vec![1.0; matrix.length()];
+        matrix.couple(&communicator.space, &twin.case, &mut pi);
+        assert!(pi.iter().all(|&pi| pi == 1.0), "{}", twin.name);
+        Self::new(twin, communicator, matrix)
+    }
+
+    /// One number for each local row, from the row's number in the twin; ghosts hold NaN until they
+    /// are exchanged.
+    pub fn reals(&self, value: impl Fn(usize) -> f64) -> Vec<f64> {
+        self.local(f64::NAN, value)
+    }
+
+    /// A batch of numbers for each local row, in the same way.
+    pub fn batch(&self, value: impl Fn(usize) -> [f64; 2 * LANES]) -> Vec<Lanes> {
+        self.local(Lanes([f64::NAN; 2 * LANES]), |i| Lanes(value(i)))
+    }
+
+    fn local<T: Clone>(&self, ghost: T, value: impl Fn(usize) -> T) -> Vec<T> {
+        let own = &self.number[..self.matrix.rows()];
+        let mut list: Vec<T> = own.iter().map(|&i| value(i)).collect();
+        list.resize(self.matrix.length(), ghost);
+        list
+    }
+
+    /// The local part of a vector of the twin.
+    pub fn scatter(&self, vector: &[f64]) -> Vec<f64> {
+        self.reals(|i| vector[i])
+    }
+
+    /// The whole vector, on every rank, from the rows of all; each has one owner in the space
+    /// group.
+    pub fn gather(&self, twin: &Twin, local: &[f64]) -> Vec<f64> {
+        let entries = (0..self.matrix.counted_rows()).map(|i| (self.number[i], local[i]));
+        gather(&self.communicator.space, twin.size(), entries)
+    }
+
+    /// `part` of the matrix applied to `x`, on the local rows.
+    pub fn apply(&mut self, part: Operator, x: &mut [f64]) -> Vec<f64> {
+        let mut image = vec![f64::NAN; self.matrix.length()];
+        (self.matrix).apply(&mut self.exchange, part, &mut image, x);
+        image
+    }
+
+    /// The whole `(S, K)`, dense.
+    pub fn gather_matrix(&self, world: &World, twin: &Twin) -> (Dense, Dense) {
+        let size = twin.size();
+        let space = &self.communicator.space;
+        assert_eq!(space.sum_count(self.matrix.counted_rows()), size);
+        let mut s = vec![f64::NEG_INFINITY; size * size];
+        let mut k = s.clone();
+        for i in 0..self.matrix.rows() {
+            let mut last = None;
+            for (column, es, ek) in self.matrix.row(i) {
+                let j = self.number[column];
+                assert!(last < Some(j), "{}: row {i} is not in order", twin.name);
+                last = Some(j);
+                let place = self.number[i] * size + j;
+                (s[place], k[place]) = (es, ek);
+            }
+        }
+        [s, k]
+            .map(|mut entries| {
+                // Over the world: all mode groups hold the same.
+                world.group().max_into(&mut entries);
+                let present = |entry: f64| {
+                    if entry == f64::NEG_INFINITY {
+                        0.0
+                    } else {
+                        entry
+                    }
+                };
+                Dense::from_fn(size, |i, j| present(entries[i * size + j]))
+            })
+            .into()
+    }
+}
+
+impl Prepared {
+    /// The largest `‖u(0)‖/‖f(t)‖` at the ends of `legs`, as a run estimates it.
+    pub fn probe(&mut self, legs: &[f64]) -> f64 {
+        self.problem
+            .probe(&self.communicator, self.bounds.rate, legs)
+    }
+
+    /// The block's cells that rank `group` of the mode groups keeps of what is recovered: a piece
+    /// of the first axis.
+    pub fn share(&self, group: usize) -> Range<usize> {
+        let block = &self.problem.matrix.block;
+        let leading = block.ranges[0].len();
+        let layer = block.cells() / leading;
+        let piece = split(&(0..leading), self.communicator.modes.size(), group);
+        piece.start * layer..piece.end * layer
+    }
+
+    /// The whole field, on every rank, from a state of each rank.
+    pub fn gather_cells(&self, state: &[f64]) -> Vec<f64> {
+        let number = cell_numbers(&self.problem.matrix.block);
+        let entries = number.into_iter().zip(state.iter().copied());
+        gather(&self.communicator.space, self.cells, entries)
+    }
+
+    /// Number in the grid of each point of space of this rank's share.
+    pub fn point_numbers(&self) -> Vec<usize> {
+        let block = &self.problem.matrix.block;
+        let number = cell_numbers(block);
+        let share = self.share(self.communicator.modes.rank());
+        share
+            .step_by(block.velocity_cells)
+            .map(|i| number[i] / block.velocity_cells)
+            .collect()
+    }
+
+    /// The whole field, on every rank, from what each rank recovered on its share of its block; the
+    /// weights undone.
+    pub fn gather_field(&self, world: &World, share: &[f64]) -> Vec<f64> {
+        let block = &self.problem.matrix.block;
+        let number = cell_numbers(block);
+        let mine = self.share(self.communicator.modes.rank());
+        assert_eq!(share.len(), mine.len());
+        let pi = &self.problem.weights.pi;
+        let entries = mine.zip(share).map(|(i, u)| (number[i], u / pi[i].sqrt()));
+        gather(&world.group(), self.cells, entries)
+    }
+}
+
+/// A prepared problem with weights, and its dense twin in the same unknowns.
+pub struct Weighted {
+    pub prepared: Prepared,
+    /// Number in the twin of each local row, then of each ghost.
+    pub number: Vec<usize>,
+    /// `π`, by the numbers of the twin.
+    pub pi: Vec<f64>,
+    /// `D A D⁻¹`, `D = diag(√π)`.
+    pub generator: Dense,
+    /// `D u(0)`.
+    pub state: Vec<f64>,
+}
+
+impl Weighted {
+    pub fn new(world: &World, twin: &Twin, mesh: &Mesh) -> Self {
+        let prepared = Prepared::new(world, &twin.case, mesh);
+        let allowed = Bounds::new(&twin.case).expect("V is finite");
+        // Without weights, the hat interface may grow at any rate.
+        let round_off = 1e-14 * prepared.bounds.rate;
+        let unlimited = !twin.case.warp.weights;
+        assert!(prepared.bounds.growth <= allowed.growth + round_off || unlimited);
+        let problem = &prepared.problem;
+        let number = row_numbers(twin, &problem.matrix);
+        let rows = problem.matrix.counted_rows();
+        let entries = (0..rows).map(|i| (number[i], problem.weights.pi[i]));
+        let pi = gather(&prepared.communicator.space, twin.size(), entries);
+        let weighted = |(u, pi): (&f64, &f64)| u * pi.sqrt();
+        Self {
+            generator: twin.generator.weighted(&pi),
+            state: twin.state.iter().zip(&pi).map(weighted).collect(),
+            prepared,
+            number,
+            pi,
+        }
+    }
+}

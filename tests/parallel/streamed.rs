@@ -1,0 +1,148 @@
+//! Streamed runs: modes are propagated on all ranks, and fields are recovered from them.
+
+use crate::support::prepared::Prepared;
+use phasewarp::base::progress::Progress;
+use phasewarp::matrix::lanes::LANES;
+use phasewarp::matrix::observables::VelocityFactors;
+use phasewarp::parallel::communicator::World;
+use phasewarp::parallel::partition::Mesh;
+use phasewarp::plan::Plan;
+use phasewarp::plan::balance::Batch;
+use phasewarp::plan::layout::Resources;
+use phasewarp::problem::case::Case;
+use phasewarp::schrodingerization::warp_plan::WarpPlan;
+use phasewarp::solve::modes;
+use phasewarp::solve::modes::{Besides, Leg, Recovered, Task};
+use phasewarp::solve::sum::MomentsOf;
+use std::ops::Range;
+
+/// A streamed run of a case on a mesh.
+#[derive(Clone)]
+pub struct StreamedRun<'a> {
+    pub case: &'a Case,
+    pub mesh: &'a Mesh,
+    /// The largest `‖u(0)‖/‖f(t)‖` that is planned for.
+    pub ratio: f64,
+    /// The fields of the case that it takes.
+    pub fields: Range<usize>,
+    /// The batches of a mode group.
+    pub batches: fn(&Plan, usize) -> Vec<Batch>,
+}
+
+/// What a streamed run recovered on this rank.
+pub struct Streamed {
+    pub plan: WarpPlan,
+    /// Applications or linear systems planned for this rank's batches.
+    pub planned: usize,
+    pub recovered: Recovered,
+}
+
+impl<'a> StreamedRun<'a> {
+    /// All fields, in the batches of the plan.
+    pub fn new(case: &'a Case, mesh: &'a Mesh, ratio: f64) -> Self {
+        Self {
+            case,
+            mesh,
+            ratio,
+            fields: 0..case.fields.len(),
+            batches: planned,
+        }
+    }
+
+    /// A run by a series, which takes the applications that are planned.
+    pub fn run_as_planned(&self, world: &World, prepared: &mut Prepared) -> Streamed {
+        let run = self.run(world, prepared);
+        assert_eq!(run.applications(prepared), run.plan.applications);
+        run
+    }
+
+    pub fn run(&self, world: &World, prepared: &mut Prepared) -> Streamed {
+        let resources = resources(world, self.mesh);
+        let plan = Plan::with_bounds(self.case, prepared.bounds.clone(), &resources, self.ratio)
+            .expect("a plan");
+        assert_eq!(plan.layout.mesh, *self.mesh);
+        let warp = plan.warp.as_ref().expect("a schrodingerized run");
+        let groups = 0..self.mesh.groups;
+        let shares: Vec<Range<usize>> = groups.map(|group| prepared.share(group)).collect();
+        let batches = (self.batches)(&plan, prepared.communicator.modes.rank());
+        let modes = batches.iter().flat_map(|batch| &batch.modes);
+        let planned = modes.map(|&l| warp.work[l]).sum();
+        let factors = VelocityFactors::new(&self.case.space);
+        let mut parts = prepared.parts(self.case.end);
+        let mut propagator = parts.propagator(&plan);
+        let moments = MomentsOf {
+            factors: &factors,
+            pi: parts.pi,
+        };
+        let recovered = modes::run(
+            &Task {
+                communicator: parts.communicator,
+                warp,
+                legs: &Leg::all(self.case),
+                batches: &batches,
+                initial: &parts.initial[self.fields.clone()],
+                shares: &shares,
+                moments: Some(&moments),
+            },
+            &mut parts.evolution,
+            &mut *propagator,
+            &mut Progress::silent(),
+            Besides::default(),
+        );
+        let recovered = recovered.expect("a unitary run");
+        assert!(recovered.unitarity_defect.unwrap_or(0.0) <= 1.0);
+        Streamed {
+            recovered,
+            planned,
+            plan: plan.warp.expect("a schrodingerized run"),
+        }
+    }
+}
+
+impl Streamed {
+    /// Applications on all ranks.
+    pub fn applications(&self, prepared: &Prepared) -> usize {
+        prepared
+            .communicator
+            .modes
+            .sum_count(self.recovered.applications)
+    }
+
+    /// The whole first field, on every rank, by each reading.
+    pub fn fields(&self, world: &World, prepared: &Prepared) -> Vec<Vec<f64>> {
+        let shares = self.recovered.fields[0].iter();
+        shares
+            .map(|share| prepared.gather_field(world, share))
+            .collect()
+    }
+}
+
+/// As many ranks as there are, in the space mesh of `mesh`.
+pub fn resources(world: &World, mesh: &Mesh) -> Resources {
+    Resources {
+        ranks: world.group().size(),
+        ranks_x: Some(mesh.space.clone()),
+        memory_per_rank: None,
+    }
+}
+
+/// The batches of the plan.
+pub fn planned(plan: &Plan, group: usize) -> Vec<Batch> {
+    plan.layout.groups[group].clone()
+}
+
+/// Modes dealt to the groups one by one, in batches of 1 to 8 of no order.
+pub fn mixed(plan: &Plan, group: usize) -> Vec<Batch> {
+    let modes = plan.warp.as_ref().map_or(0, |warp| warp.modes);
+    let groups = plan.layout.groups.len();
+    let mut mine: Vec<usize> = (0..modes).filter(|l| l % groups == group).collect();
+    // Far ones side by side.
+    mine.sort_by_key(|l| (7 * l) % 11);
+    let mut batches = Vec::new();
+    while !mine.is_empty() {
+        let count = (batches.len() % LANES + 1).min(mine.len());
+        let modes: Vec<usize> = mine.drain(..count).collect();
+        batches.push(Batch { modes, cost: 0 });
+    }
+    batches
+}
