@@ -26,7 +26,8 @@ use crate::results::finished::is_finished;
 use crate::results::readback;
 use crate::results::summary::Summary;
 use crate::run;
-use crate::run::Options;
+use crate::run::options::Options;
+use crate::run::{planning, warnings};
 use crate::scheme::reduce::reduced;
 use crate::study::advise::{Wanted, advise};
 use crate::study::calibrate;
@@ -68,7 +69,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             };
             let summary = run::run(world, &case, &directory, &options)?;
             if speaks {
-                for warning in &summary.warnings[summary.told..] {
+                for warning in &summary.warnings[summary.warnings_printed..] {
                     report(&format!("warning: {warning}"));
                 }
                 say(&closing_line(&summary, &directory));
@@ -86,7 +87,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         } => {
             let case = load(world, case)?;
             let all = world.group();
-            let case = reduced(&all, &*run::with_start(&all, &case)?)?;
+            let case = reduced(&all, &*planning::with_start(&all, &case)?)?;
             let started = if *calibrate { world.group().size() } else { 1 };
             let ranks = ranks.map_or(started, |n| n as usize);
             let node = memory_per_node.map(|memory| Node {
@@ -104,7 +105,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 let (plan, found) = calibrate::calibrate(world, &case, &resources)?;
                 (plan, Some(found))
             } else {
-                (run::plan(world, &case, &resources)?, None)
+                (planning::plan(world, &case, &resources)?, None)
             };
             // As if all its ranks were started here.
             let here = crate::plan::here::memory_per_rank(&world.group()) as f64;
@@ -128,7 +129,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         Command::Check { case } => {
             let case = load(world, case)?;
             let all = world.group();
-            let case = reduced(&all, &*run::with_start(&all, &case)?)?;
+            let case = reduced(&all, &*planning::with_start(&all, &case)?)?;
             refuse_hopeless_here(world, &case)?;
             let bounds = Bounds::new(&case)?;
             let resources = Resources {
@@ -136,11 +137,11 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 ..Resources::default()
             };
             // Finds formulas that are not finite and a tolerance that cannot be met, where the grid is small enough.
-            let plan = run::plan(world, &case, &resources)?;
+            let plan = planning::plan(world, &case, &resources)?;
             if speaks {
                 say(understood(&case, &bounds).trim_end());
                 let planned = plan.warp.map_or(Vec::new(), |w| w.warnings);
-                (run::warnings(&case).iter().chain(&planned))
+                (warnings::warnings(&case).iter().chain(&planned))
                     .for_each(|w| say(&format!("warning: {w}")));
             }
         }

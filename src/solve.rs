@@ -1,6 +1,6 @@
 //! A case solved on the ranks of a mesh: the discrete system, its modes in stages, checkpoints, the spectrum.
 //!
-//! [`system::Problem`] is the semi-discrete system on a rank; [`modes::run`] propagates the modes and adds them up.
+//! [`system::DiscreteSystem`] is the semi-discrete system on a rank; [`modes::run`] propagates the modes and adds them up.
 //!
 //! Uses: plan, schrodingerization, propagate, matrix, scheme, parallel, problem, base.
 
@@ -8,9 +8,10 @@ pub mod checkpoint;
 pub mod kept;
 pub mod modes;
 pub mod place;
+pub mod prepared;
 pub mod resume;
 pub mod snapshot;
 pub mod spectrum;
+pub mod statistics;
 pub mod sum;
 pub mod system;
-pub mod told;

@@ -16,7 +16,7 @@ use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::limiter::Reconstruction;
 use phasewarp::propagate::method::{BatchSpec, Propagator};
-use phasewarp::solve::modes::{self, Besides, Leg, Task};
+use phasewarp::solve::modes::{self, Leg, RunHooks, Task};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use support::dense::case;
@@ -196,7 +196,7 @@ fn allocations_of_a_run(world: &World, case: &Case, name: &str) {
                 system,
                 &mut *propagator,
                 progress,
-                Besides::default(),
+                RunHooks::default(),
             );
             drop(recovered.expect("a unitary run"));
         })

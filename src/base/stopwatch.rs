@@ -11,22 +11,23 @@ pub(crate) struct Stopwatch {
 }
 
 impl Stopwatch {
-    pub(crate) fn start() -> Self {
+    /// Begins; `start_seconds` were the start of MPI, before.
+    pub(crate) fn start(start_seconds: f64) -> Self {
         let now = Instant::now();
         Self {
-            seconds: BTreeMap::new(),
+            seconds: BTreeMap::from([("start".to_owned(), start_seconds)]),
             started: now,
             last: now,
         }
     }
 
-    /// `seconds` of what the next lap is about to count were `name`'s.
+    /// Counts `seconds` of the present lap for the step `name`.
     pub(crate) fn part(&mut self, name: &str, seconds: f64) {
         *self.seconds.entry(name.to_owned()).or_default() += seconds;
         self.last += Duration::from_secs_f64(seconds);
     }
 
-    /// What was done since the last lap took the time since then.
+    /// Ends a lap: the time since the last one, less its parts, was for the step `name`.
     pub(crate) fn lap(&mut self, name: &str) {
         *self.seconds.entry(name.to_owned()).or_default() += self.last.elapsed().as_secs_f64();
         self.last = Instant::now();

@@ -12,7 +12,7 @@ use crate::results::pictures;
 use crate::results::pictures::stored::Stored;
 use crate::results::pictures::{Album, Cut};
 use crate::results::report::{Report, missing};
-use crate::run;
+use crate::run::planning::with_start;
 use crate::scheme::reduce::reduced;
 use std::path::PathBuf;
 
@@ -110,12 +110,12 @@ fn said(world: &World, run: Option<&Stored>) -> std::result::Result<String, Stri
     });
     let told = told.and_then(|told| serde_json::to_string(&told).ok());
     let told = group.broadcast_text(&told.unwrap_or_default());
-    type Told = std::result::Result<(String, String, Vec<String>), String>;
-    let told: Told = serde_json::from_str(&told).map_err(|e| e.to_string())?;
+    type BatchStatistics = std::result::Result<(String, String, Vec<String>), String>;
+    let told: BatchStatistics = serde_json::from_str(&told).map_err(|e| e.to_string())?;
     let (name, text, overrides) = told?;
     let found = || -> Result<String> {
         let case = Case::parse(&name, &text, &overrides)?;
-        let case = reduced(&group, &*run::with_start(&group, &case)?)?;
+        let case = reduced(&group, &*with_start(&group, &case)?)?;
         Ok(understood(&case, &Bounds::new(&case)?))
     };
     found().map_err(|e| e.to_string())

@@ -1,39 +1,37 @@
 //! `phasewarp resources`: what the case takes on a quantum computer.
 
 use crate::base::error::{Error, Result};
-use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::Plan;
-use crate::plan::here::{memory_per_rank, refuse_hopeless_here};
+use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Method};
 use crate::quantum::access::largest_parts;
 use crate::quantum::optimise::{Ranking, System, choices, deltas};
 use crate::quantum::resources::Record;
-use crate::run::assembled::Assembled;
-use crate::solve::system::Norms;
+use crate::solve::prepared::Prepared;
+use crate::solve::system::StateNorms;
 
 /// Assembles `case` on all ranks and counts. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] for a classical case; as [`Assembled::new`] and [`Plan::new`].
+/// [`Error::Input`] for a classical case; as [`Prepared::new`] and [`Plan::new`].
 pub fn count(world: &World, case: &Case) -> Result<Record> {
     has_counts(case)?;
-    let mut system = assembled(world, case)?;
-    let plan = Plan::with_bounds(case, system.bounds.clone(), &here(world), system.ratio)?;
-    let Some(warp) = &plan.warp else {
+    let mut prepared = prepare(world, case)?;
+    let ratio = prepared.probe();
+    prepared.plan_modes(&Resources::here(world), ratio)?;
+    let norms = norms(&mut prepared);
+    let Some(warp) = &prepared.plan.warp else {
         return Err(Error::Input(format!(
             "{}: nothing is planned by modes",
             case.name
         )));
     };
-    let norms = norms(&mut system, case);
-    let problem = (&system.problem, norms);
     Record::new(
         case,
-        (&system.bounds, warp),
-        problem,
-        &system.communicator.space,
+        (&prepared.bounds, warp),
+        (&prepared.system, norms),
+        &prepared.communicator.space,
     )
 }
 
@@ -44,8 +42,8 @@ pub fn count(world: &World, case: &Case) -> Result<Record> {
 pub fn optimise(world: &World, case: &Case) -> Result<Ranking> {
     has_counts(case)?;
     let mut all = Vec::new();
-    let own = assembled(world, case)?;
-    let inflow = own.problem.matrix.inflow.iter();
+    let own = prepare(world, case)?;
+    let inflow = own.system.matrix.inflow.iter();
     let largest = inflow
         .flat_map(|aux| aux.values)
         .fold(0.0, |m: f64, b| m.max(b.abs()));
@@ -54,14 +52,15 @@ pub fn optimise(world: &World, case: &Case) -> Result<Ranking> {
     for delta in deltas(case, largest) {
         let mut case = case.clone();
         case.warp.delta = delta;
-        let mut system = assembled(world, &case)?;
-        let norms = norms(&mut system, &case);
-        let (s, k, nonzeros) = largest_parts(&system.problem.matrix);
-        let space = &system.communicator.space;
+        let mut prepared = prepare(world, &case)?;
+        let ratio = prepared.probe();
+        let norms = norms(&mut prepared);
+        let (s, k, nonzeros) = largest_parts(&prepared.system.matrix);
+        let space = &prepared.communicator.space;
         all.extend(choices(&System {
             case: &case,
-            bounds: &system.bounds,
-            ratio: system.ratio,
+            bounds: &prepared.bounds,
+            ratio,
             norms,
             matrix: (space.max(s), space.max(k), space.max_count(nonzeros)),
         }));
@@ -87,23 +86,13 @@ fn has_counts(case: &Case) -> Result<()> {
     Ok(())
 }
 
-/// What a plan of this machine's ranks may take.
-fn here(world: &World) -> Resources {
-    let all = world.group();
-    Resources {
-        ranks: all.size(),
-        ranks_x: None,
-        memory_per_rank: Some(memory_per_rank(&all)),
-    }
-}
-
-fn assembled(world: &World, case: &Case) -> Result<Assembled> {
+fn prepare(world: &World, case: &Case) -> Result<Prepared> {
     refuse_hopeless_here(world, case)?;
-    Assembled::new(world, case, &Bounds::new(case)?, (&here(world), 1))
+    Prepared::new(world, case, &Resources::here(world))
 }
 
 /// Norms of the first field. Collective.
-fn norms(system: &mut Assembled, case: &Case) -> Norms {
-    let rate = system.bounds.rate;
-    (system.problem).rough_norms(&system.communicator, rate, case.end)
+fn norms(prepared: &mut Prepared) -> StateNorms {
+    let (rate, time) = (prepared.bounds.rate, prepared.case.end);
+    (prepared.system).rough_norms(&prepared.communicator, rate, time)
 }

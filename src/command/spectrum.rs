@@ -3,16 +3,15 @@
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::text::bytes_text;
 use crate::matrix::bounds::Bounds;
-use crate::parallel::communicator::{Communicator, World};
-use crate::parallel::partition::Block;
+use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::here::{memory_per_rank, refuse_hopeless_here};
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Interface, Method};
 use crate::scheme::interface::law_of;
+use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
 use crate::solve::spectrum::{End, Extremes};
-use crate::solve::system::Problem;
 use crate::study::grids::refined;
 use serde::Serialize;
 
@@ -62,7 +61,7 @@ pub struct Found {
 /// Measures `case` on its grid and on grids with `refine` times its cells. Collective.
 ///
 /// # Errors
-/// [`Error::Memory`] before anything is computed if one of the grids does not fit; as [`Problem::new`].
+/// [`Error::Memory`] before anything is computed if one of the grids does not fit; as [`Prepared::new`].
 pub fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result<Vec<Found>> {
     let grids: Vec<Case> = (refine.iter())
         .map(|&factor| refined(case, factor))
@@ -121,11 +120,7 @@ fn plan(world: &World, case: &Case) -> Result<(Bounds, Plan)> {
     classical.method = Method::Classical;
     refuse_hopeless_here(world, &classical)?;
     let bounds = Bounds::new(case)?;
-    let resources = Resources {
-        ranks: world.group().size(),
-        ranks_x: None,
-        memory_per_rank: Some(memory_per_rank(&world.group())),
-    };
+    let resources = Resources::here(world);
     let plan = Plan::with_bounds(&classical, bounds.clone(), &resources, 1.0)?;
     Ok((bounds, plan))
 }
@@ -137,14 +132,12 @@ fn on_grid(
     plan: &Plan,
     steps: usize,
 ) -> Result<Found> {
-    let mesh = &plan.layout.mesh;
-    let communicator = Communicator::new(world, mesh);
-    let space = &communicator.space;
-    let block = Block::new(&case.space, mesh, space.rank());
-    let mut problem = Problem::new(case, bounds, &communicator, block, (1, usize::MAX))?;
-    let guaranteed = problem.bounds(case, bounds);
-    let (lanczos, bound) = spectrum::of(&mut problem, space, steps)?;
-    let weights = &problem.weights;
+    let mut prepared = Prepared::with_sweeps(world, case, bounds, plan.clone(), usize::MAX)?;
+    let space = &prepared.communicator.space;
+    let (lanczos, bound) = spectrum::of(&mut prepared.system, space, steps)?;
+    let system = &prepared.system;
+    let guaranteed = &prepared.bounds;
+    let weights = &system.weights;
     let mut sqrt_pi = [f64::NEG_INFINITY; 2];
     for pi in &weights.pi {
         sqrt_pi = [sqrt_pi[0].max(pi.sqrt()), sqrt_pi[1].max(-pi.sqrt())];
@@ -154,7 +147,7 @@ fn on_grid(
         refinement: 1,
         system: System::Closed,
         shape: case.space.shape(),
-        unknowns: case.space.cells() + problem.terms - case.space.space_cells(),
+        unknowns: case.space.cells() + system.terms - case.space.space_cells(),
         interface: case.interface,
         weighted: bounds.weighted,
         lanczos,

@@ -12,16 +12,22 @@ pub fn memory_per_rank(world: &Group) -> u64 {
     -world.max(-mine) as u64
 }
 
+impl Resources {
+    /// All ranks of `world` and the memory that they have here. Collective.
+    pub fn here(world: &World) -> Self {
+        let all = world.group();
+        Self {
+            ranks: all.size(),
+            ranks_x: None,
+            memory_per_rank: Some(memory_per_rank(&all)),
+        }
+    }
+}
+
 /// Refuses a grid that does not fit into this machine's memory. Collective.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Memory`].
 pub fn refuse_hopeless_here(world: &World, case: &Case) -> Result<()> {
-    let all = world.group();
-    let here = Resources {
-        ranks: all.size(),
-        ranks_x: None,
-        memory_per_rank: Some(memory_per_rank(&all)),
-    };
-    refuse_hopeless(case, &here)
+    refuse_hopeless(case, &Resources::here(world))
 }

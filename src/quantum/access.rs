@@ -17,7 +17,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::problem::case::Case;
 use crate::problem::grid::PhaseSpace;
 use crate::scheme::rows::{Row, Scheme};
-use crate::solve::system::Problem;
+use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
@@ -63,7 +63,7 @@ impl<'a> SparseAccess<'a> {
     /// [`crate::base::error::Error::Formula`] where `V` is not finite.
     pub fn new(
         case: &'a Case,
-        problem: &'a Problem,
+        problem: &'a DiscreteSystem,
         (points, period): (usize, f64),
     ) -> Result<Self> {
         let matrix = &problem.matrix;

@@ -35,7 +35,7 @@ use crate::quantum::access::{Scratch, SparseAccess};
 use crate::quantum::probability::points;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::system::Problem;
+use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -180,7 +180,7 @@ impl Export {
     pub fn new(
         case: &Case,
         (bounds, warp): (&Bounds, &WarpPlan),
-        problem: &mut Problem,
+        problem: &mut DiscreteSystem,
         communicator: &Communicator,
     ) -> Result<Self> {
         let wrong = |what: String| Err(Error::Input(format!("{}: {what}", case.name)));
@@ -380,7 +380,7 @@ fn evolved(
     case: &Case,
     bounds: &Bounds,
     (series, start): (&Series, &[Complex64]),
-    problem: &mut Problem,
+    problem: &mut DiscreteSystem,
     communicator: &Communicator,
 ) -> Result<Vec<Complex64>> {
     let (points, rows) = (start.len(), problem.matrix.rows());
@@ -460,7 +460,7 @@ fn overlaps(
 /// `H` in Matrix Market, from its oracle; rows of empty amplitudes are zero.
 fn hamiltonian(
     case: &Case,
-    problem: &Problem,
+    problem: &DiscreteSystem,
     (points, period): (usize, f64),
     unknowns: usize,
 ) -> Result<String> {

@@ -9,7 +9,7 @@ use crate::quantum::figure::Figure;
 use crate::quantum::probability::{Probabilities, points};
 use crate::quantum::resources::walk;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::system::Norms;
+use crate::solve::system::StateNorms;
 use serde::Serialize;
 use std::fmt;
 
@@ -85,7 +85,7 @@ pub struct System<'a> {
     /// `‖u(0)‖/‖f(T)‖` planned for.
     pub ratio: f64,
     /// The norms the probabilities follow from.
-    pub norms: Norms,
+    pub norms: StateNorms,
     /// `max |S_ij|` and `max |K_ij|`, nonzeros of the fullest row.
     pub matrix: (f64, f64, usize),
 }

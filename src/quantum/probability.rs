@@ -19,7 +19,7 @@ use crate::matrix::bounds::Bounds;
 use crate::quantum::figure::Figure;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::system::Norms;
+use crate::solve::system::StateNorms;
 use num_complex::Complex64;
 use rustfft::FftPlanner;
 use serde::Serialize;
@@ -53,7 +53,7 @@ pub struct Probabilities {
     /// `C_w`.
     pub norm_of_state: Figure,
     /// The norms they follow from.
-    pub norms: Norms,
+    pub norms: StateNorms,
     /// `[p◇, p_e)`.
     pub window: Option<[f64; 2]>,
     /// Of the slice at `p◇`. Halves with every doubling of `N_p`.
@@ -113,7 +113,7 @@ pub fn window_end(
 }
 
 impl Chain {
-    fn new(in_p: f64, norms: &Norms, exact: &dyn Fn(f64) -> Figure) -> Self {
+    fn new(in_p: f64, norms: &StateNorms, exact: &dyn Fn(f64) -> Figure) -> Self {
         let state = norms.weighted.hypot(norms.auxiliary);
         let square = |a: f64, b: f64| (a / b) * (a / b);
         let field = square(norms.weighted, state);
@@ -160,7 +160,7 @@ impl Probabilities {
     pub fn new(
         (bounds, warp, time): (&Bounds, &WarpPlan, f64),
         points: usize,
-        norms: Norms,
+        norms: StateNorms,
         label: &dyn Fn(f64) -> Figure,
     ) -> Self {
         let series = &warp.series;

@@ -19,7 +19,7 @@ use crate::quantum::probability::{Chain, Probabilities, points};
 use crate::quantum::sparsity;
 use crate::quantum::sparsity::{Sparsity, q};
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::system::{Norms, Problem};
+use crate::solve::system::{DiscreteSystem, StateNorms};
 use serde::Serialize;
 use std::fmt;
 
@@ -231,7 +231,7 @@ impl Record {
     pub fn new(
         case: &Case,
         (bounds, warp): (&Bounds, &WarpPlan),
-        (problem, norms): (&Problem, Norms),
+        (problem, norms): (&DiscreteSystem, StateNorms),
         space: &Group,
     ) -> Result<Self> {
         let matrix = &problem.matrix;

@@ -155,7 +155,7 @@ pub struct Summary {
     pub warnings: Vec<String>,
     /// How many of the warnings were printed before the run.
     #[serde(skip)]
-    pub told: usize,
+    pub warnings_printed: usize,
 }
 
 impl Summary {

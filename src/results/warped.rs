@@ -129,8 +129,8 @@ impl Spread<'_> {
     fn phases(&self, kept: &KeptModes) -> Vec<Complex64> {
         let count: usize = self.modes.iter().map(Vec::len).sum();
         let mut parts = vec![f64::NEG_INFINITY; 2 * count];
-        for (&l, passage) in kept.modes().iter().zip(kept.passages()) {
-            (parts[2 * l], parts[2 * l + 1]) = (passage.phase.re, passage.phase.im);
+        for (&l, progress) in kept.modes().iter().zip(kept.progress()) {
+            (parts[2 * l], parts[2 * l + 1]) = (progress.phase.re, progress.phase.im);
         }
         self.communicator.modes.max_into(&mut parts);
         let (pairs, _) = parts.as_chunks();

@@ -1,14 +1,24 @@
 //! How far a result is from what it is compared with: from its second reading, from the exact semi-discrete solution.
 
+use crate::base::error::{Error, Result};
+use crate::base::progress::Progress;
 use crate::matrix::observables::{Moments, integral, power_sum};
-use crate::parallel::communicator::{Communicator, Group};
+use crate::parallel::communicator::Group;
 use crate::plan::Plan;
+use crate::problem::case::{Case, Integrator};
 use crate::problem::exact::sheet::ExactMoments;
 use crate::problem::grid::PhaseSpace;
+use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::round_off;
-use crate::results::summary::Summary;
+use crate::quantum::figure::Figure;
+use crate::quantum::probability::{Probabilities, points};
+use crate::results::dataset::PlateauPoint;
+use crate::results::summary::{FieldSummary, Summary};
+use crate::run::classical::{Integration, integrate};
+use crate::run::fields::SolvedFields;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::system::Problem;
+use crate::solve::prepared::Prepared;
+use crate::solve::system::StateNorms;
 
 /// A result whose norm fell this much further than planned may miss its tolerance.
 const RATIO_MARGIN: f64 = 1.2;
@@ -17,7 +27,7 @@ const RATIO_MARGIN: f64 = 1.2;
 const ROUND_OFF_MARGIN: f64 = 4.0;
 
 /// Norms of the result over all ranks.
-pub struct Norms<'a> {
+pub struct FieldNorms<'a> {
     /// All ranks.
     pub world: &'a Group,
     /// Velocity cells.
@@ -26,7 +36,16 @@ pub struct Norms<'a> {
     pub f: &'a [f64],
 }
 
-impl Norms<'_> {
+impl<'a> FieldNorms<'a> {
+    /// Norms of `f` on the share of `prepared`.
+    pub fn new(prepared: &'a Prepared, f: &'a [f64]) -> Self {
+        Self {
+            world: &prepared.communicator.world,
+            velocities: prepared.case.space.velocity_cells(),
+            f,
+        }
+    }
+
     /// `Σ |f − other|^power`.
     pub fn difference(&self, other: &[f64], power: i32) -> f64 {
         let f = self.f;
@@ -90,29 +109,173 @@ pub fn moment_errors(
     [density, velocity]
 }
 
+/// Refuses a solution with NaN or infinity in it. Collective.
+///
+/// # Errors
+/// [`Error::NotFinite`].
+pub(crate) fn refuse_not_finite(prepared: &Prepared, solution: &SolvedFields) -> Result<()> {
+    let early = solution.early.iter().flat_map(|early| &early.fields);
+    let fields = solution.fields.iter().flatten().chain(early);
+    let mut values = fields.chain(&solution.plateau).flatten();
+    let checked = match values.all(|f| f.is_finite()) {
+        true => Ok(()),
+        false => Err(Error::NotFinite("NaN or infinity".into())),
+    };
+    prepared.communicator.world.agree(checked)
+}
+
+/// The error estimate, and the probabilities of measuring the field. Returns warnings. Collective.
+pub(crate) fn compare(
+    prepared: &Prepared,
+    solution: &SolvedFields,
+    summary: &mut Summary,
+) -> Vec<String> {
+    let (case, plan) = (&prepared.case, &prepared.plan);
+    summary.fields = (case.fields.iter())
+        .map(|field| FieldSummary {
+            name: field.name.to_owned(),
+            ..FieldSummary::default()
+        })
+        .collect();
+    if case.start.is_some() {
+        let why = "the field that the run began with is known on its points only";
+        summary.doubt = Some(why.to_owned());
+        return Vec::new();
+    }
+    let Some(warp) = &plan.warp else {
+        return Vec::new();
+    };
+    let mut warnings = estimate(prepared, warp, &solution.fields, summary);
+    warnings.extend(include_step_error(plan, summary));
+    let norms = state_norms(prepared, &solution.fields[0][0]);
+    summary.probabilities = Some(Probabilities::new(
+        (&plan.bounds, warp, case.end),
+        points(&warp.series),
+        norms,
+        &Figure::exact,
+    ));
+    warnings
+}
+
+/// Norms of the first field that the probabilities of measuring it follow from. Collective.
+fn state_norms(prepared: &Prepared, field: &[f64]) -> StateNorms {
+    let Prepared {
+        communicator,
+        system,
+        place,
+        ..
+    } = prepared;
+    let velocities = system.matrix.block.velocity_cells;
+    let pi = &system.weights.pi[place.mine.clone()];
+    let world = &communicator.world;
+    let norm =
+        |term: &dyn Fn(usize) -> f64| power_sum(world, velocities, field.len(), 2, term).sqrt();
+    let start = &system.states[0];
+    let [_, auxiliary] = system.norms_of_parts(communicator, start);
+    StateNorms {
+        start: system.norm(communicator, start, false),
+        weighted: norm(&|i| pi[i].sqrt() * field[i]),
+        field: norm(&|i| field[i]),
+        auxiliary,
+    }
+}
+
+/// The distance to the exact semi-discrete solution (`solver.verify`), the worst of all times at which the field is
+/// written. Collective.
+pub(crate) fn verify(
+    prepared: &mut Prepared,
+    solution: &SolvedFields,
+    speaks: bool,
+    summary: &mut Summary,
+) {
+    let reference = Case {
+        integrator: Integrator::Exponential,
+        ..prepared.case.clone()
+    };
+    let terms = classical_steps(&reference, &prepared.bounds);
+    for (k, readings) in solution.fields.iter().enumerate() {
+        let early = solution.early.iter().map(|early| early.fields.get(k));
+        let ends: Vec<Option<&Vec<f64>>> = early.chain([Some(&readings[0])]).collect();
+        let mut worst: Option<f64> = None;
+        let exact = exact_semidiscrete(prepared, k, &terms, speaks);
+        for (field, exact) in ends.into_iter().zip(exact) {
+            let Some(field) = field else { continue };
+            let error = FieldNorms::new(prepared, field).distance(&exact);
+            if error.is_finite() {
+                worst = Some(worst.unwrap_or(0.0).max(error));
+            }
+        }
+        summary.fields[k].error_semidiscrete = worst;
+        summary.error_semidiscrete = (summary.error_semidiscrete.into_iter())
+            .chain(worst)
+            .reduce(f64::max);
+    }
+}
+
+/// Field `k` by the classical exponential at the end of each leg, on this rank's share. Collective.
+fn exact_semidiscrete(
+    prepared: &mut Prepared,
+    k: usize,
+    terms: &[usize],
+    speaks: bool,
+) -> Vec<Vec<f64>> {
+    let Prepared {
+        case,
+        bounds,
+        place,
+        system,
+        ..
+    } = prepared;
+    let mut state = system.states[k].clone();
+    let progress = Progress::new(speaks, "verify", terms.iter().sum());
+    let mut classical =
+        Classical::of(case, &system.matrix, &system.weights.pi).with_progress(progress);
+    let mut ends = Vec::new();
+    for (time, &steps) in case.legs().into_iter().zip(terms) {
+        let span = Integration {
+            integrator: Integrator::Exponential,
+            rate: bounds.rate,
+            time,
+            steps,
+        };
+        integrate(&mut classical, &mut system.exchange, span, &mut state);
+        ends.push(system.unweighted(&place.mine, state[place.mine.clone()].to_vec()));
+    }
+    ends
+}
+
+/// The first field at each reading of the plateau: its norm, and its distance to the field. Collective.
+pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<PlateauPoint> {
+    let Some(warp) = &prepared.plan.warp else {
+        return Vec::new();
+    };
+    let volume = prepared.case.space.cell_volume();
+    let norms = FieldNorms::new(prepared, &solution.fields[0][0]);
+    (warp.plateau.iter().zip(&solution.plateau))
+        .map(|(reading, field)| PlateauPoint {
+            p: reading.point,
+            distance: norms.distance_of(field),
+            norm: (norms.square(field) * volume).sqrt(),
+        })
+        .collect()
+}
+
 /// The error estimate from the two readings of each field, and whether the norms fell as planned. Collective.
-pub fn estimate(
-    plan: &Plan,
+fn estimate(
+    prepared: &Prepared,
     warp: &WarpPlan,
-    problem: &Problem,
-    communicator: &Communicator,
     fields: &[Vec<Vec<f64>>],
     summary: &mut Summary,
 ) -> Vec<String> {
-    let velocities = problem.matrix.block.velocity_cells;
-    let world = &communicator.world;
+    let (plan, system) = (&prepared.plan, &prepared.system);
+    let communicator = &prepared.communicator;
     let mut warnings = Vec::new();
     let mut largest_ratio: f64 = 0.0;
     // The estimate and the round-off in it, of the field whose estimate is largest.
     let mut found: Option<(f64, f64)> = None;
-    for (k, (readings, state)) in fields.iter().zip(&problem.states).enumerate() {
-        let f = &readings[0];
-        let norms = Norms {
-            world,
-            velocities,
-            f,
-        };
-        let ratio = problem.norm(communicator, state, false) / norms.square(f).sqrt();
+    for (k, (readings, state)) in fields.iter().zip(&system.states).enumerate() {
+        let norms = FieldNorms::new(prepared, &readings[0]);
+        let ratio = system.norm(communicator, state, false) / norms.square(norms.f).sqrt();
         if !ratio.is_finite() {
             continue;
         }
@@ -144,7 +307,7 @@ pub fn estimate(
     }
     if let Some((estimate, round_off)) = found {
         // Both readings share what the steps of time leave.
-        let estimate = estimate + problem.schedule.as_ref().map_or(0.0, |s| s.error);
+        let estimate = estimate + system.schedule.as_ref().map_or(0.0, |s| s.error);
         summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
         summary.error_estimate_reliable = estimate.is_finite() && estimate > round_off;
         if summary.error_estimate_reliable && estimate > 1.5 * plan.tolerance {

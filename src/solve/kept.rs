@@ -19,12 +19,12 @@ pub struct KeptModes {
     modes: Vec<usize>,
     /// `values[k·rows + i]`: row `i` of mode `modes[k]`.
     values: Vec<Complex64>,
-    passages: Vec<Passage>,
+    progress: Vec<ModeProgress>,
 }
 
 /// How far a mode is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Passage {
+pub struct ModeProgress {
     /// Legs that it has gone.
     pub legs: usize,
     /// `phase_l`.
@@ -35,9 +35,9 @@ pub struct Passage {
     pub allowed: f64,
 }
 
-const _: () = assert!(size_of::<(usize, Passage)>() as u64 == KEPT_MODE_BYTES);
+const _: () = assert!(size_of::<(usize, ModeProgress)>() as u64 == KEPT_MODE_BYTES);
 
-impl Passage {
+impl ModeProgress {
     /// Of a mode of norm `norm` that has not begun.
     pub fn start(norm: f64) -> Self {
         Self {
@@ -56,7 +56,7 @@ impl KeptModes {
         Self {
             rows,
             values: vec![Complex64::ZERO; rows * modes.len()],
-            passages: vec![Passage::start(0.0); modes.len()],
+            progress: vec![ModeProgress::start(0.0); modes.len()],
             modes,
         }
     }
@@ -82,13 +82,13 @@ impl KeptModes {
     }
 
     /// How far each is, in the order of [`modes`](Self::modes).
-    pub fn passages(&self) -> &[Passage] {
-        &self.passages
+    pub fn progress(&self) -> &[ModeProgress] {
+        &self.progress
     }
 
     /// The same, to be written.
-    pub fn passages_mut(&mut self) -> &mut [Passage] {
-        &mut self.passages
+    pub fn progress_mut(&mut self) -> &mut [ModeProgress] {
+        &mut self.progress
     }
 
     fn place(&self, mode: usize) -> Option<usize> {
@@ -96,8 +96,8 @@ impl KeptModes {
     }
 
     /// How far `mode` is; `None` where this rank does not keep it.
-    pub fn passage(&self, mode: usize) -> Option<Passage> {
-        self.place(mode).map(|k| self.passages[k])
+    pub fn progress_of(&self, mode: usize) -> Option<ModeProgress> {
+        self.place(mode).map(|k| self.progress[k])
     }
 
     /// Row by row, `mode`; `None` where this rank does not keep it.
@@ -106,20 +106,20 @@ impl KeptModes {
         Some(&self.values[first..first + self.rows])
     }
 
-    /// Row by row, `mode`, which is now as far as `passage`, to be written; `None` where this rank does not keep it.
-    pub fn replace(&mut self, mode: usize, passage: Passage) -> Option<&mut [Complex64]> {
+    /// Row by row, `mode`, which is now as far as `progress`, to be written; `None` where this rank does not keep it.
+    pub fn replace(&mut self, mode: usize, progress: ModeProgress) -> Option<&mut [Complex64]> {
         let k = self.place(mode)?;
-        self.passages[k] = passage;
+        self.progress[k] = progress;
         Some(&mut self.values[k * self.rows..(k + 1) * self.rows])
     }
 
-    /// Stores lane `l` of `state` for `modes[l]`, which is as far as `passages[l]`; modes of other ranks are left out.
-    pub fn store(&mut self, modes: &[usize], passages: &[Passage; LANES], state: &[Lanes]) {
+    /// Stores lane `l` of `state` for `modes[l]`, which is as far as `progress[l]`; modes of other ranks are left out.
+    pub fn store(&mut self, modes: &[usize], progress: &[ModeProgress; LANES], state: &[Lanes]) {
         for (l, &mode) in modes.iter().enumerate() {
             let Some(k) = self.place(mode) else {
                 continue;
             };
-            self.passages[k] = passages[l];
+            self.progress[k] = progress[l];
             let kept = &mut self.values[k * self.rows..(k + 1) * self.rows];
             for (x, Lanes(w)) in kept.iter_mut().zip(state) {
                 *x = Complex64::new(w[l], w[LANES + l]);
@@ -150,13 +150,13 @@ mod tests {
         let (rows, all) = (5, [7, 2, 11, 4, 0, 9, 3, 8, 21, 1]);
         let mut kept = KeptModes::new(rows, all.to_vec());
         assert_eq!(kept.modes(), [0, 1, 2, 3, 4, 7, 8, 9, 11, 21]);
-        let gone = |kept: &KeptModes| kept.passages().iter().filter(|p| p.legs == 1).count();
+        let gone = |kept: &KeptModes| kept.progress().iter().filter(|p| p.legs == 1).count();
         assert_eq!(gone(&kept), 0);
         let value = |mode: usize, i: usize| Complex64::new(mode as f64 + 0.5, i as f64 - 3.0);
-        let passage = |mode: usize| Passage {
+        let progress = |mode: usize| ModeProgress {
             legs: 1,
             phase: Complex64::new(0.0, mode as f64),
-            ..Passage::start(2.0)
+            ..ModeProgress::start(2.0)
         };
         // A full batch, one that is not, and a mode of another rank.
         let batches: [&[usize]; 3] = [&[7, 2, 11, 4, 0, 9, 3, 8], &[21, 1], &[6]];
@@ -169,10 +169,10 @@ mod tests {
                     (w[l], w[LANES + l]) = (x.re, x.im);
                 }
             }
-            let passages = std::array::from_fn(|l| passage(batch[l.min(batch.len() - 1)]));
-            kept.store(batch, &passages, &state);
+            let progress = std::array::from_fn(|l| progress(batch[l.min(batch.len() - 1)]));
+            kept.store(batch, &progress, &state);
         }
-        assert!(kept.mode(6).is_none() && kept.passage(6).is_none());
+        assert!(kept.mode(6).is_none() && kept.progress_of(6).is_none());
         for batch in &batches[..2] {
             let mut state = vec![Lanes::ZERO; rows];
             kept.load(batch, &mut state);
@@ -180,7 +180,7 @@ mod tests {
                 for l in 0..LANES {
                     let mode = batch[l.min(batch.len() - 1)];
                     assert_eq!(Complex64::new(w[l], w[LANES + l]), value(mode, i));
-                    assert_eq!(kept.passage(mode), Some(passage(mode)));
+                    assert_eq!(kept.progress_of(mode), Some(progress(mode)));
                     assert_eq!(kept.mode(mode).map(|x| x[i]), Some(value(mode, i)));
                 }
             }

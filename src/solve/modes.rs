@@ -18,9 +18,9 @@ use crate::propagate::method::{BatchSpec, Evolution, Initial, Propagator, Start}
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::Checkpoints;
 use crate::solve::checkpoint::watch::Standing;
-use crate::solve::kept::{KeptModes, Passage};
+use crate::solve::kept::{KeptModes, ModeProgress};
+use crate::solve::statistics::BatchStatistics;
 use crate::solve::sum::{MomentsOf, Sum};
-use crate::solve::told::Told;
 use num_complex::Complex64;
 use std::ops::Range;
 use std::time::Instant;
@@ -98,7 +98,7 @@ pub struct Recovered {
     pub busy_seconds: f64,
 }
 
-/// What a full run does besides.
+/// What a full run does with the modes that it keeps.
 pub struct Keeping<'a> {
     /// The modes of this rank, of one field after the other.
     pub kept: &'a mut KeptModes,
@@ -204,9 +204,9 @@ fn whole_over_leg(legs: &[Leg], leg: usize) -> f64 {
     legs[..=leg].iter().map(|leg| leg.time).sum::<f64>() / legs[leg].time
 }
 
-/// What a run does besides recovering fields.
+/// What a run does beside recovering fields: it keeps modes, it writes checkpoints.
 #[derive(Default)]
-pub struct Besides<'r, 'k, 'c> {
+pub struct RunHooks<'r, 'k, 'c> {
     /// Of a full run: what is kept. A streamed run drops the modes.
     pub keeping: Option<&'r mut Keeping<'k>>,
     /// Checkpoints that are made, and the one that the run goes on from.
@@ -223,12 +223,12 @@ pub fn run(
     system: &mut Evolution<'_>,
     propagator: &mut dyn Propagator,
     progress: &mut Progress,
-    besides: Besides<'_, '_, '_>,
+    hooks: RunHooks<'_, '_, '_>,
 ) -> Result<Recovered> {
-    let Besides {
+    let RunHooks {
         mut keeping,
         mut checkpoints,
-    } = besides;
+    } = hooks;
     let world = &task.communicator.world;
     let velocities = system.matrix.block.velocity_cells;
     // What a batch starts from that does not start from a field at time zero.
@@ -246,7 +246,7 @@ pub fn run(
         .collect();
     let resumed = checkpoints.as_mut().and_then(|c| c.resumed.take());
     let first = resumed.as_ref().map_or(0, |r| r.generation.state.stage);
-    let (mut before, mut told) = (Told::default(), Told::default());
+    let (mut before, mut statistics) = (BatchStatistics::default(), BatchStatistics::default());
     let mut recovered = Recovered::default();
     for (number, &(k, leg)) in stages.iter().enumerate().skip(first) {
         let mut stage = Stage::new(task, system, propagator, (k, leg..leg + at_once));
@@ -254,8 +254,8 @@ pub fn run(
             && leg == 0
             && !keeping.begun
         {
-            let start = Passage::start(task.initial[k].norms[0]);
-            keeping.kept.passages_mut().fill(start);
+            let start = ModeProgress::start(task.initial[k].norms[0]);
+            keeping.kept.progress_mut().fill(start);
         }
         let mut finished = Vec::with_capacity(task.warp.modes);
         let mut batches = task.batches.iter();
@@ -266,10 +266,10 @@ pub fn run(
             world.agree(read)?;
             if task.communicator.modes.rank() == 0 {
                 let state = &resumed.generation.state;
-                before = state.told.clone();
+                before = state.statistics.clone();
                 finished.extend_from_slice(&state.finished);
             }
-            told = before.clone();
+            statistics = before.clone();
             batches = resumed.batches.iter();
         }
         let mut outcome = Ok(());
@@ -281,7 +281,7 @@ pub fn run(
             };
             let over = match checkpoints.as_mut() {
                 Some(checkpoints) => checkpoints.are_over(standing, || {
-                    let state = (number, &finished[..], &told);
+                    let state = (number, &finished[..], &statistics);
                     let kept = keeping.as_ref().map(|keeping| &*keeping.kept);
                     stage.snapshot(state, task, system.matrix, (kept, &recovered))
                 })?,
@@ -295,7 +295,7 @@ pub fn run(
             };
             let started = Instant::now();
             let into = (&mut stage, &mut between[..], keeping.as_deref_mut());
-            outcome = add_batch(task, system, propagator, batch, into, &mut told);
+            outcome = add_batch(task, system, propagator, batch, into, &mut statistics);
             recovered.busy_seconds += started.elapsed().as_secs_f64();
             if outcome.is_ok() {
                 finished.extend_from_slice(&batch.modes);
@@ -310,13 +310,13 @@ pub fn run(
         }
     }
     // A rank without batches knows of no defect and no norm.
-    let smallest = -world.max(-told.kept.unwrap_or(f64::INFINITY));
-    let largest = world.max(told.defect.unwrap_or(-1.0));
+    let smallest = -world.max(-statistics.kept.unwrap_or(f64::INFINITY));
+    let largest = world.max(statistics.defect.unwrap_or(-1.0));
     recovered.unitarity_defect = Some(largest).filter(|d| *d >= 0.0);
     recovered.norm_kept = Some(smallest).filter(|r| r.is_finite());
-    recovered.applications = told.applications;
-    recovered.applications_here = told.applications - before.applications;
-    recovered.solves = told.solves;
+    recovered.applications = statistics.applications;
+    recovered.applications_here = statistics.applications - before.applications;
+    recovered.solves = statistics.solves;
     Ok(recovered)
 }
 
@@ -328,7 +328,7 @@ fn add_batch(
     propagator: &mut dyn Propagator,
     batch: &Batch,
     (stage, between, keeping): (&mut Stage<'_>, &mut [Lanes], Option<&mut Keeping<'_>>),
-    told: &mut Told,
+    statistics: &mut BatchStatistics,
 ) -> Result<()> {
     let (warp, initial) = (task.warp, &task.initial[stage.field]);
     let cells = system.matrix.block.cells();
@@ -342,8 +342,9 @@ fn add_batch(
         keeping.kept.load(&batch.modes, between);
         for l in 0..LANES {
             let mode = batch.modes[l.min(batch.modes.len() - 1)];
-            if let Some(passage) = keeping.kept.passage(mode) {
-                (phases[l], allowed[l], norms[l]) = (passage.phase, passage.allowed, passage.norm);
+            if let Some(progress) = keeping.kept.progress_of(mode) {
+                (phases[l], allowed[l], norms[l]) =
+                    (progress.phase, progress.allowed, progress.norm);
             }
         }
     }
@@ -369,8 +370,8 @@ fn add_batch(
         let state = propagator.state();
         let limits = report.unitary.then_some(&allowed);
         let (ratio, found) = norms_kept(system, state, (batch, &spec), limits, &norms)?;
-        told.norms(ratio, found);
-        told.took(&report);
+        statistics.norms(ratio, found);
+        statistics.took(&report);
         for sum in &mut stage.sums[leg - stage.legs.start] {
             let weights = weights(warp, batch, (&sum.reading, &phases), &[1.0; LANES]);
             sum.add(&weights, &state[..cells]);
@@ -403,14 +404,14 @@ fn add_batch(
         }
     }
     if let Some(keeping) = keeping {
-        let passages = std::array::from_fn(|l| Passage {
+        let progress = std::array::from_fn(|l| ModeProgress {
             legs: stage.legs.end,
             phase: phases[l],
             norm: norms[l],
             allowed: allowed[l],
         });
         let state = propagator.state();
-        keeping.kept.store(&batch.modes, &passages, state);
+        keeping.kept.store(&batch.modes, &progress, state);
     }
     Ok(())
 }

@@ -7,19 +7,20 @@ use crate::problem::case::Case;
 use std::ops::Range;
 
 /// This rank's part of the grid.
-pub(crate) struct Place {
+pub struct Place {
     /// The space block.
-    pub(crate) block: Block,
+    pub block: Block,
     /// `ranges[g]`: cells of the block that rank `g` of its mode groups keeps of the result.
-    pub(crate) ranges: Vec<Range<usize>>,
+    pub ranges: Vec<Range<usize>>,
     /// This rank's of them.
-    pub(crate) mine: Range<usize>,
+    pub mine: Range<usize>,
     /// The same as space cells, one range an x-axis.
-    pub(crate) share: Vec<Range<usize>>,
+    pub share: Vec<Range<usize>>,
 }
 
 impl Place {
-    pub(crate) fn new(case: &Case, plan: &Plan, communicator: &Communicator) -> Self {
+    /// The part of the rank that `communicator` says it is, on the mesh of `plan`.
+    pub fn new(case: &Case, plan: &Plan, communicator: &Communicator) -> Self {
         let mesh = &plan.layout.mesh;
         let (in_space, group) = (communicator.space.rank(), communicator.modes.rank());
         let block = Block::new(&case.space, mesh, in_space);

@@ -8,7 +8,7 @@ use crate::solve::checkpoint::store::Generation;
 use crate::solve::kept::KeptModes;
 use crate::solve::modes::{Recovered, Stage, Task};
 use crate::solve::snapshot::{Kept, KeptMode, Numbers, Snapshot, State};
-use crate::solve::told::Told;
+use crate::solve::statistics::BatchStatistics;
 use std::ops::Range;
 
 impl Stage<'_> {
@@ -16,7 +16,7 @@ impl Stage<'_> {
     /// that have gone a leg, as the others start from the field.
     pub(crate) fn snapshot<'b>(
         &'b self,
-        (number, finished, told): (usize, &[usize], &Told),
+        (number, finished, statistics): (usize, &[usize], &BatchStatistics),
         task: &Task<'_>,
         matrix: &BlockMatrix,
         (kept, recovered): (Option<&'b KeptModes>, &'b Recovered),
@@ -27,7 +27,7 @@ impl Stage<'_> {
                 finished: finished.to_vec(),
                 beyond: self.beyond.clone(),
                 step_beyond: recovered.step_beyond.clone(),
-                told: told.clone(),
+                statistics: statistics.clone(),
             },
             sums: self.all().map(|sum| sum.numbers()).collect(),
             results: recovered.results(task, matrix.block.velocity_cells),
@@ -126,13 +126,13 @@ impl Recovered {
 impl KeptModes {
     /// The modes that have gone a leg.
     fn begun(&self) -> impl Iterator<Item = KeptMode<'_>> {
-        let all = self.modes().iter().zip(self.passages());
-        all.filter(|(_, passage)| passage.legs > 0)
-            .filter_map(|(&mode, &passage)| {
+        let all = self.modes().iter().zip(self.progress());
+        all.filter(|(_, progress)| progress.legs > 0)
+            .filter_map(|(&mode, &progress)| {
                 let rows = self.mode(mode)?;
                 Some(KeptMode {
                     mode,
-                    passage,
+                    progress,
                     rows,
                 })
             })

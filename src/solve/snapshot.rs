@@ -4,8 +4,8 @@ use crate::base::checksum;
 use crate::base::version::VERSION;
 use crate::problem::case::Case;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::kept::Passage;
-use crate::solve::told::Told;
+use crate::solve::kept::ModeProgress;
+use crate::solve::statistics::BatchStatistics;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -106,8 +106,8 @@ pub struct State {
     pub beyond: Vec<f64>,
     /// The same of the finished stages, summed.
     pub step_beyond: Vec<f64>,
-    /// What the batches told.
-    pub told: Told,
+    /// Statistics of the batches.
+    pub statistics: BatchStatistics,
 }
 
 impl State {
@@ -115,7 +115,7 @@ impl State {
     pub(crate) fn add(&mut self, other: Self) {
         self.finished.extend(other.finished);
         self.beyond.extend(other.beyond);
-        self.told.add(&other.told);
+        self.statistics.add(&other.statistics);
     }
 }
 
@@ -164,7 +164,7 @@ pub struct KeptMode<'a> {
     /// Its number.
     pub mode: usize,
     /// How far it is.
-    pub passage: Passage,
+    pub progress: ModeProgress,
     /// The block's cells and its auxiliary unknowns.
     pub rows: &'a [Complex64],
 }

@@ -8,7 +8,7 @@
 use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::parallel::communicator::{GhostExchange, Group};
-use crate::solve::system::Problem;
+use crate::solve::system::DiscreteSystem;
 
 /// An end of the spectrum is found when its residual is this fraction of it …
 const RELATIVE: f64 = 1e-6;
@@ -159,7 +159,11 @@ fn start_value(global: usize) -> f64 {
 ///
 /// # Errors
 /// [`Error::NotFinite`].
-pub fn of(problem: &mut Problem, space: &Group, steps: usize) -> Result<(Extremes, [f64; 2])> {
+pub fn of(
+    problem: &mut DiscreteSystem,
+    space: &Group,
+    steps: usize,
+) -> Result<(Extremes, [f64; 2])> {
     let bound = gershgorin(&problem.matrix, space);
     let norm = bound[0].abs().max(bound[1].abs());
     let exchange = &mut problem.exchange;

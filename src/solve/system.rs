@@ -20,7 +20,7 @@ use std::time::Instant;
 const PROBE_SAFETY: f64 = 1.01;
 
 /// The discrete problem on this rank: matrix in weighted unknowns, weights, initial state.
-pub struct Problem {
+pub struct DiscreteSystem {
     /// The rows of `(S, K)`, scaled by the weights.
     pub matrix: BlockMatrix,
     /// The weights.
@@ -56,7 +56,7 @@ fn magnitude(world: &Group, formula: &Expression, values: impl Iterator<Item = f
     })
 }
 
-impl Problem {
+impl DiscreteSystem {
     /// Assembles the block of this rank, finds the weights, samples the initial state; `width` is the widest row of a
     /// vector whose ghosts will be exchanged, `max_weight_sweeps` the sweeps that better weights are worth. Collective.
     ///
@@ -254,8 +254,8 @@ impl Problem {
         communicator.modes.max(largest)
     }
 
-    /// Norms of the first field that probabilities follow from, by the classical exponential to three digits. Collective.
-    pub fn rough_norms(&mut self, communicator: &Communicator, rate: f64, time: f64) -> Norms {
+    /// StateNorms of the first field that probabilities follow from, by the classical exponential to three digits. Collective.
+    pub fn rough_norms(&mut self, communicator: &Communicator, rate: f64, time: f64) -> StateNorms {
         let start = self.norm(communicator, &self.states[0], false);
         let mut state = self.states[0].clone();
         Classical::new(&self.matrix).exponential(
@@ -265,7 +265,7 @@ impl Problem {
             ROUGH,
         );
         let [weighted, auxiliary] = self.norms_of_parts(communicator, &state);
-        Norms {
+        StateNorms {
             start,
             weighted,
             auxiliary,
@@ -274,9 +274,9 @@ impl Problem {
     }
 }
 
-/// Norms of the vectors whose ratios are probabilities.
+/// StateNorms of the vectors whose ratios are probabilities.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Norms {
+pub struct StateNorms {
     /// `‖u(0)‖`.
     pub start: f64,
     /// `‖√π f(T)‖`.

@@ -24,7 +24,7 @@ use crate::plan::layout::Resources;
 use crate::problem::case::{
     Case, Data, Effort, Integrator, Interface, LARGEST_TOLERANCE, Limiter, Method,
 };
-use crate::run;
+use crate::run::planning;
 use crate::study::advise::entry::{Advised, Entry, Given, Parts};
 use crate::study::advise::reach::{DISCRETISATION, Known, Reach, look, reach};
 use crate::study::advise::trials::{Scheme, Trials, distance, updates_of};
@@ -432,7 +432,7 @@ impl Study<'_> {
             });
             return None;
         }
-        match run::plan(self.world, target, &self.resources()) {
+        match planning::plan(self.world, target, &self.resources()) {
             Ok(plan) => {
                 entry.memory_bytes_per_rank = plan.memory() as f64;
                 entry.computed_cells = plan.cells as f64;
@@ -540,7 +540,7 @@ impl Study<'_> {
         for _ in 0..4 {
             tolerance = rounded(tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE));
             target.tolerance = tolerance;
-            let plan = match run::plan(self.world, &target, &resources) {
+            let plan = match planning::plan(self.world, &target, &resources) {
                 Ok(plan) => plan,
                 Err(error) => {
                     leave_out(error);
@@ -645,7 +645,7 @@ impl Study<'_> {
                 let mut own = scheme.schrodingerized(self.case, &self.start);
                 (own.exact, own.readout, own.plateau, own.verify) = (None, None, None, false);
                 (own.times, own.warped_field) = (Vec::new(), false);
-                let updates = run::plan(self.world, &own, &self.resources())
+                let updates = planning::plan(self.world, &own, &self.resources())
                     .map_or(f64::INFINITY, |plan| mode_updates(&plan));
                 if trials.allows(updates, 1.0)
                     && let Ok(found) = trials.measure(&own, updates)

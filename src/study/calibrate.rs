@@ -18,7 +18,6 @@ use crate::base::error::Result;
 use crate::base::progress::Progress;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::Bounds;
-use crate::matrix::lanes::Lanes;
 use crate::matrix::observables::{VelocityFactors, moments};
 use crate::parallel::communicator::{Communicator, World};
 use crate::parallel::partition::Mesh;
@@ -38,16 +37,18 @@ use crate::propagate::time_dependent_inflow::Schedule;
 use crate::propagate::{Span, descriptor, propagator};
 use crate::results::result_file::most_bytes;
 use crate::results::warped::all_bytes;
-use crate::run::solve::integrate;
-use crate::run::{exact_solution, with_start};
+use crate::run::classical::{Integration, integrate};
+use crate::run::exact::exact_solution;
+use crate::run::planning::with_start;
 use crate::scheme::reduce::reduced;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::kept::{KeptModes, Passage};
+use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::modes;
-use crate::solve::modes::{Besides, Keeping, Leg, Task};
+use crate::solve::modes::{Keeping, Leg, RunHooks, Task};
 use crate::solve::place::Place;
+use crate::solve::prepared::Prepared;
 use crate::solve::sum::MomentsOf;
-use crate::solve::system::Problem;
+use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -144,7 +145,7 @@ pub fn seconds_text(seconds: f64) -> String {
 pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(Plan, Calibration)> {
     let started = Instant::now();
     let all = world.group();
-    let mut watch = crate::base::stopwatch::Stopwatch::start();
+    let mut watch = crate::base::stopwatch::Stopwatch::start(0.0);
     let case = &reduced(&all, &*with_start(&all, case)?)?;
     refuse_hopeless(case, resources)?;
     let bounds = Bounds::new(case)?;
@@ -165,17 +166,12 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     } else {
         part_of(case, mesh, all.size())
     };
-    let communicator = Communicator::new(world, &here);
     let mut block_plan = expected.clone();
     block_plan.layout.mesh = here;
-    let place = Place::new(&part, &block_plan, &communicator);
-    let width = expected.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
-    let sizes = (width, expected.max_weight_sweeps());
-    let block = place.block.clone();
-    let mut problem = Problem::new(&part, &bounds, &communicator, block, sizes)?;
-    watch.part("weights", problem.weight_seconds);
+    let mut prepared = Prepared::with_plan(world, &part, &bounds, block_plan)?;
+    watch.part("weights", prepared.system.weight_seconds);
     watch.lap("assemble");
-    let exact = communicator.world.agree(exact_solution(&part, &place))?;
+    let exact = (prepared.communicator.world).agree(exact_solution(&part, &prepared.place))?;
     if exact.is_some() {
         watch.lap("exact");
     }
@@ -184,10 +180,10 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     // The plan as the run will have it.
     let mut plan = expected;
     if plan.warp.is_some() {
-        let measured = problem.bounds(case, &bounds);
-        let ratio = problem.probe(&communicator, bounds.rate, &case.legs());
+        let measured = prepared.system.bounds(case, &bounds);
+        let ratio = prepared.probe();
         if case.verify {
-            let verify = verification(&watch, case, &bounds, &communicator);
+            let verify = verification(&watch, case, &bounds, &prepared.communicator);
             watch.seconds.insert("verify".to_owned(), verify);
         }
         watch.lap("probe");
@@ -195,7 +191,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
             (measured, ratio)
         } else {
             // Of the whole box, where that is cheap.
-            let found = crate::run::plan(world, case, resources)?;
+            let found = crate::run::planning::plan(world, case, resources)?;
             let ratio = found.warp.map_or(ratio, |w| w.ratio);
             (found.bounds, ratio)
         };
@@ -203,13 +199,15 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
         plan = Plan::with_bounds(case, measured, resources, ratio)?;
         watch.lap("design");
     }
-    block_plan.bounds = plan.bounds.clone();
-    block_plan.warp.clone_from(&plan.warp);
-    block_plan.layout.groups.clone_from(&plan.layout.groups);
-    let initial = std::mem::take(&mut problem.initial);
-    let mine: Vec<&[f64]> = initial.iter().map(|f| &f[place.mine.clone()]).collect();
+    prepared.plan.bounds = plan.bounds.clone();
+    prepared.plan.warp.clone_from(&plan.warp);
+    (prepared.plan.layout.groups).clone_from(&plan.layout.groups);
+    let initial = std::mem::take(&mut prepared.system.initial);
+    let mine: Vec<&[f64]> = (initial.iter())
+        .map(|f| &f[prepared.place.mine.clone()])
+        .collect();
     watch.last = Instant::now();
-    moments(&communicator.world, &part, &mine);
+    moments(&prepared.communicator.world, &part, &mine);
     // Of the fields at the start and at the end.
     watch.seconds.insert(
         "observables".to_owned(),
@@ -219,14 +217,14 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
 
     let trials = Trials {
         case: &part,
-        plan: &block_plan,
-        communicator: &communicator,
-        place: &place,
+        plan: &prepared.plan,
+        communicator: &prepared.communicator,
+        place: &prepared.place,
         whole,
     };
     let (solve, rate) = match &plan.warp {
-        Some(warp) => trials.modes(&mut problem, warp)?,
-        None => trials.classical(&mut problem)?,
+        Some(warp) => trials.modes(&mut prepared.system, warp)?,
+        None => trials.classical(&mut prepared.system)?,
     };
     let mut seconds = watch.seconds;
     let points = plan.warp.as_ref().and_then(|w| w.points);
@@ -247,7 +245,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     }
     let calibration = Calibration {
         ranks: all.size(),
-        space_blocks: block_plan.layout.mesh.space.clone(),
+        space_blocks: prepared.plan.layout.mesh.space.clone(),
         whole,
         took: all.max(started.elapsed().as_secs_f64()),
         seconds_per_application: rate,
@@ -323,7 +321,7 @@ struct Trials<'a> {
 
 impl Trials<'_> {
     /// Seconds to solve, and for one application, by modes. Collective.
-    fn modes(&self, problem: &mut Problem, warp: &WarpPlan) -> Result<(f64, f64)> {
+    fn modes(&self, problem: &mut DiscreteSystem, warp: &WarpPlan) -> Result<(f64, f64)> {
         let Self {
             case,
             plan,
@@ -378,7 +376,7 @@ impl Trials<'_> {
                 KeptModes::new(matrix.rows(), modes.collect())
             });
             if let (Some(kept), Some(given)) = (&mut kept, &given) {
-                kept.passages_mut().fill(Passage::start(norm));
+                kept.progress_mut().fill(ModeProgress::start(norm));
                 let all = kept.values_mut().chunks_exact_mut(given.len().max(1));
                 all.for_each(|mode| mode.copy_from_slice(given));
             }
@@ -404,7 +402,7 @@ impl Trials<'_> {
                 &mut system,
                 &mut *propagator,
                 &mut Progress::silent(),
-                Besides {
+                RunHooks {
                     keeping: keeping.as_mut(),
                     checkpoints: None,
                 },
@@ -435,7 +433,7 @@ impl Trials<'_> {
     }
 
     /// As [`modes`](Self::modes), by the classical method. Collective.
-    fn classical(&self, problem: &mut Problem) -> Result<(f64, f64)> {
+    fn classical(&self, problem: &mut DiscreteSystem) -> Result<(f64, f64)> {
         let Self {
             case,
             plan,
@@ -459,15 +457,13 @@ impl Trials<'_> {
                     Classical::of(case, &problem.matrix, &problem.weights.pi).with_slopes(slopes);
                 let mut state = start.clone();
                 for (&time, &steps) in legs.iter().zip(&steps) {
-                    let (span, exchange) = ((plan.bounds.rate, time), &mut problem.exchange);
-                    integrate(
-                        &mut classical,
-                        exchange,
-                        case.integrator,
-                        span,
+                    let span = Integration {
+                        integrator: case.integrator,
+                        rate: plan.bounds.rate,
+                        time,
                         steps,
-                        &mut state,
-                    );
+                    };
+                    integrate(&mut classical, &mut problem.exchange, span, &mut state);
                 }
             }
             let seconds = world.max(started.elapsed().as_secs_f64());

@@ -5,12 +5,11 @@ use crate::base::machine;
 use crate::matrix::observables::Moments;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::plan::here::memory_per_rank;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Coefficients, Delta, Propagation, PropagatorMethod};
 use crate::results::dataset::ExactSolution;
 use crate::results::summary::Summary;
-use crate::run::{Computed, compute};
+use crate::run::{Solution, solve};
 use std::ops::Range;
 
 /// Steps of a run that only compare its result with others.
@@ -37,26 +36,22 @@ pub struct Trial {
 /// Runs `case` without writing files or console output. Collective.
 ///
 /// # Errors
-/// As [`crate::run::run`], but for files.
+/// As [`crate::run::solve`].
 pub fn trial(world: &World, case: &Case) -> Result<Trial> {
     machine::reset_peak_memory();
     let case = Case {
-        warped_field: false,
         // Comparisons need all of the grid.
         expand: true,
         ..case.clone()
     };
-    let Computed {
-        mut summary,
+    let Solution {
+        summary,
         plan,
         share,
-        fields,
+        results,
         exact,
-        moments,
-        watch,
         ..
-    } = compute(world, &case, None)?;
-    summary.finish(&world.group(), watch);
+    } = solve(world, &case)?;
     let compared: f64 = (COMPARISONS.iter())
         .filter_map(|step| summary.seconds.get(*step))
         .sum();
@@ -65,8 +60,8 @@ pub fn trial(world: &World, case: &Case) -> Result<Trial> {
         summary,
         plan,
         share,
-        fields,
-        moments,
+        fields: results.fields,
+        moments: results.moments,
         exact,
     })
 }
@@ -103,14 +98,6 @@ pub fn ranks(world: &World) -> Resources {
     Resources {
         ranks: world.group().size(),
         ..Resources::default()
-    }
-}
-
-/// The ranks of `world` with the memory that is free. Collective.
-pub fn ranks_and_memory(world: &World) -> Resources {
-    Resources {
-        memory_per_rank: Some(memory_per_rank(&world.group())),
-        ..ranks(world)
     }
 }
 

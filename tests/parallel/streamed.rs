@@ -12,7 +12,7 @@ use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::Case;
 use phasewarp::schrodingerization::warp_plan::WarpPlan;
 use phasewarp::solve::modes;
-use phasewarp::solve::modes::{Besides, Leg, Recovered, Task};
+use phasewarp::solve::modes::{Leg, Recovered, RunHooks, Task};
 use phasewarp::solve::sum::MomentsOf;
 use std::ops::Range;
 
@@ -87,7 +87,7 @@ impl<'a> StreamedRun<'a> {
             &mut parts.evolution,
             &mut *propagator,
             &mut Progress::silent(),
-            Besides::default(),
+            RunHooks::default(),
         );
         let recovered = recovered.expect("a unitary run");
         assert!(recovered.unitarity_defect.unwrap_or(0.0) <= 1.0);

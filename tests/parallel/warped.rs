@@ -20,7 +20,7 @@ use phasewarp::results::readback;
 use phasewarp::results::warped;
 use phasewarp::results::warped::{Given, Spread};
 use phasewarp::schrodingerization::profile::series::Series;
-use phasewarp::solve::kept::{KeptModes, Passage};
+use phasewarp::solve::kept::{KeptModes, ModeProgress};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -158,9 +158,9 @@ impl WarpedField<'_> {
             for (x, &cell) in values.zip(&self.rank.number) {
                 *x = mode_value(l, cell);
             }
-            kept.passages_mut()[k] = Passage {
+            kept.progress_mut()[k] = ModeProgress {
                 phase: phase(l),
-                ..Passage::start(1.0)
+                ..ModeProgress::start(1.0)
             };
         }
         let about = About {

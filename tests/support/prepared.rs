@@ -9,7 +9,7 @@ use phasewarp::problem::case::Case;
 use phasewarp::propagate::method::{Evolution, Initial, Propagator};
 use phasewarp::propagate::propagator;
 use phasewarp::propagate::time_dependent_inflow::Schedule;
-use phasewarp::solve::system::Problem;
+use phasewarp::solve::system::DiscreteSystem;
 
 /// Sweeps that better weights are worth.
 const WEIGHT_SWEEPS: usize = 100;
@@ -24,7 +24,7 @@ pub struct Prepared {
     /// Number of cells of the grid.
     pub cells: usize,
     pub communicator: Communicator,
-    pub problem: Problem,
+    pub problem: DiscreteSystem,
     pub bounds: Bounds,
 }
 
@@ -55,7 +55,7 @@ impl Prepared {
         let block = block_of(case, mesh, &communicator);
         let allowed = Bounds::new(case).expect("V is finite");
         let sizes = (2 * LANES, WEIGHT_SWEEPS);
-        let problem = Problem::new(case, &allowed, &communicator, block, sizes)
+        let problem = DiscreteSystem::new(case, &allowed, &communicator, block, sizes)
             .expect("weights and steps are found");
         let bounds = problem.bounds(case, &allowed);
         Self {

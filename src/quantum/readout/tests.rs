@@ -4,7 +4,7 @@ use super::*;
 use crate::quantum::probability::{Chain, Probabilities};
 use crate::quantum::readout::random::{Purpose, Stream};
 use crate::quantum::readout::reader::norm;
-use crate::solve::system::Norms;
+use crate::solve::system::StateNorms;
 use std::ops::Range;
 
 /// Two dimensions, 2 × 3 space cells and 3 × 2 velocities.
@@ -57,7 +57,7 @@ fn probabilities(f: &[f64], pi: &[f64]) -> Probabilities {
         points: 16,
         recovery,
         norm_of_state: Figure::exact(state),
-        norms: Norms {
+        norms: StateNorms {
             start: 12.0,
             weighted,
             field,

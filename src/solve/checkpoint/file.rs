@@ -13,7 +13,7 @@
 
 use crate::base::checksum::of_run;
 use crate::parallel::partition::common_runs;
-use crate::solve::kept::{KeptModes, Passage};
+use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::snapshot::{Fingerprint, Snapshot, State};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
@@ -52,7 +52,7 @@ pub struct Header {
     /// Auxiliary unknowns of the block.
     pub auxiliary: usize,
     /// The modes it keeps, and how far each is.
-    pub kept: Vec<(usize, Passage)>,
+    pub kept: Vec<(usize, ModeProgress)>,
     /// How far the rank's mode group is.
     pub state: State,
 }
@@ -293,8 +293,8 @@ impl RankFile {
         })?;
         let velocities = header.velocity_cells;
         let (from_cells, to_cells) = (block * velocities, points(to.block) * velocities);
-        for (k, &(mode, passage)) in header.kept.iter().enumerate() {
-            let Some(rows) = modes.replace(mode, passage) else {
+        for (k, &(mode, progress)) in header.kept.iter().enumerate() {
+            let Some(rows) = modes.replace(mode, progress) else {
                 continue;
             };
             let first = kept + k * 2 * header.rows();

@@ -197,7 +197,7 @@ impl Store {
         // Every space block of a mode group has the same.
         let once = |count: usize| usize::from(rank.is_multiple_of(mesh.blocks())) * count;
         let finished = world.sum_count(once(header.state.finished.len()));
-        let matvecs = world.sum_count(once(header.state.told.applications));
+        let matvecs = world.sum_count(once(header.state.statistics.applications));
         if rank > 0 {
             return world.agree(Ok(finished));
         }
@@ -234,13 +234,13 @@ impl Store {
             results: snapshot.results.iter().map(|r| r.width).collect(),
             auxiliary: kept.map_or(0, |k| k.auxiliary.len()),
             kept: kept.map_or(Vec::new(), |k| {
-                k.modes.iter().map(|m| (m.mode, m.passage)).collect()
+                k.modes.iter().map(|m| (m.mode, m.progress)).collect()
             }),
             state: snapshot.state.clone(),
         }
     }
 
-    /// The newest generation that is valid; none where there is none at all. `say` is told, on rank 0, what is wrong with
+    /// The newest generation that is valid; none where there is none at all. `say` is called, on rank 0, what is wrong with
     /// newer ones. Collective.
     ///
     /// # Errors

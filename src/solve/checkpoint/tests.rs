@@ -4,9 +4,9 @@ use super::*;
 use crate::parallel::partition::Mesh;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::solve::checkpoint::file::{self, Destination, Header, RankFile};
-use crate::solve::kept::{KeptModes, Passage};
+use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::snapshot::{Fingerprint, Kept, KeptMode, Numbers, Start, State};
-use crate::solve::told::Told;
+use crate::solve::statistics::BatchStatistics;
 use num_complex::Complex64;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -73,8 +73,8 @@ fn fingerprint() -> Fingerprint {
     }
 }
 
-fn passage(mode: usize) -> Passage {
-    Passage {
+fn progress(mode: usize) -> ModeProgress {
+    ModeProgress {
         legs: mode % 3 + 1,
         phase: Complex64::new(0.1 * mode as f64, 1.0 / 3.0),
         norm: std::f64::consts::PI,
@@ -153,7 +153,7 @@ impl<'a> Rank<'a> {
             kept: self
                 .modes
                 .iter()
-                .map(|&mode| (mode, passage(mode)))
+                .map(|&mode| (mode, progress(mode)))
                 .collect(),
             state: state.clone(),
             block: self.block.clone(),
@@ -184,7 +184,7 @@ impl<'a> Rank<'a> {
         let kept: Vec<Vec<Complex64>> = kept.collect();
         let modes = self.modes.iter().zip(&kept).map(|(&mode, rows)| KeptMode {
             mode,
-            passage: passage(mode),
+            progress: progress(mode),
             rows,
         });
         let snapshot = Snapshot {
@@ -241,7 +241,7 @@ impl<'a> Rank<'a> {
         for &mode in &self.modes {
             let expected = rows(self.space, &self.block, mode);
             assert_eq!(kept.mode(mode), Some(&expected[..]));
-            assert_eq!(kept.passage(mode), Some(passage(mode)));
+            assert_eq!(kept.progress_of(mode), Some(progress(mode)));
         }
         sums
     }
@@ -373,29 +373,29 @@ fn runs_that_differ_are_told_apart() {
 
 #[test]
 fn mode_groups_together() {
-    let told = |kept, defect, applications| Told {
+    let told = |kept, defect, applications| BatchStatistics {
         kept,
         defect,
         applications,
         solves: 2,
     };
-    let state = |finished: &[usize], told: Told| State {
+    let state = |finished: &[usize], told: BatchStatistics| State {
         finished: finished.to_vec(),
         beyond: vec![0.5],
-        told,
+        statistics: told,
         ..State::default()
     };
     let mut all = state(&[3, 4], told(Some(0.5), None, 7));
     all.add(state(&[1], told(Some(0.25), Some(0.1), 5)));
     all.add(state(&[], told(None, Some(0.3), 0)));
-    let expected = Told {
+    let expected = BatchStatistics {
         kept: Some(0.25),
         defect: Some(0.3),
         applications: 12,
         solves: 6,
     };
     assert_eq!(
-        (all.finished, all.beyond.len(), all.told),
+        (all.finished, all.beyond.len(), all.statistics),
         (vec![3, 4, 1], 3, expected)
     );
 }

@@ -7,16 +7,17 @@ use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
+use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Limiter, Reductions};
 use crate::problem::grid::PhaseSpace;
-use crate::run::assembled::Assembled;
 use crate::scheme::reduce::reduced;
+use crate::solve::prepared::Prepared;
 use crate::study::budget::Budget;
 use crate::study::chart::entry::{Entry, Status, time_text};
 use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::setup::{Setup, refused};
 use crate::study::cost::{CostModel, Seconds};
-use crate::study::trial::{Trial, ranks_and_memory, trial};
+use crate::study::trial::{Trial, trial};
 use std::time::Instant;
 
 /// Most of the budget that one trial may take, so that many methods are tried.
@@ -388,9 +389,8 @@ impl<'a> Attempts<'a> {
     /// Bounds of the case's matrix, measured where they must be. Collective.
     fn measured_bounds(&self, case: &Case) -> Result<Bounds> {
         refuse_hopeless_here(self.world, case)?;
-        let here = ranks_and_memory(self.world);
-        let found = Assembled::new(self.world, case, &Bounds::new(case)?, (&here, 1))?;
-        Ok(found.bounds)
+        let here = Resources::here(self.world);
+        Ok(Prepared::new(self.world, case, &here)?.bounds)
     }
 
     /// The finest grid, up to the case's own, on which comparing methods is affordable on rank 0, and

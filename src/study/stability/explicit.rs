@@ -10,8 +10,8 @@ use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Integrator, Method};
 use crate::propagate::classical::Classical;
-use crate::run::assembled::Assembled;
 use crate::scheme::rows::Scheme;
+use crate::solve::prepared::Prepared;
 use crate::study::budget::Budget;
 use crate::study::grids::coarsened;
 use crate::study::stability::scene::{assembled, border, note};
@@ -43,15 +43,15 @@ const LARGEST: f64 = 4.0;
 
 /// What is measured on.
 struct Steps<'a> {
-    found: &'a mut Assembled,
+    found: &'a mut Prepared,
     /// Initial values of ±1 that a step makes largest: signs that alternate against the motion, and one minus in four.
     patterns: [Vec<f64>; 2],
     rate: f64,
 }
 
 impl<'a> Steps<'a> {
-    fn new(case: &Case, found: &'a mut Assembled) -> Result<Self> {
-        let (space, matrix) = (&case.space, &found.problem.matrix);
+    fn new(case: &Case, found: &'a mut Prepared) -> Result<Self> {
+        let (space, matrix) = (&case.space, &found.system.matrix);
         let scheme = found
             .communicator
             .world
@@ -92,19 +92,19 @@ impl<'a> Steps<'a> {
         cfl: f64,
         (steps, patterns): (usize, usize),
     ) -> f64 {
-        let Assembled {
+        let Prepared {
             communicator,
-            problem,
+            system,
             ..
         } = &mut *self.found;
-        let rows = problem.matrix.rows();
-        let mut classical = Classical::new(&problem.matrix);
+        let rows = system.matrix.rows();
+        let mut classical = Classical::new(&system.matrix);
         let mut largest = 1.0f64;
         for pattern in &self.patterns[..patterns] {
             let mut state = pattern.clone();
             let mut mine = 0.0f64;
             for step in 1..=steps {
-                let exchange = &mut problem.exchange;
+                let exchange = &mut system.exchange;
                 classical.steps(exchange, &mut state, integrator, cfl / self.rate, 1);
                 mine = state[..rows].iter().fold(mine, |m, x| m.max(x.abs()));
                 if step % BETWEEN == 0 || step == steps {
@@ -120,8 +120,8 @@ impl<'a> Steps<'a> {
 }
 
 /// `max |A_ii|` over all ranks. Collective.
-fn largest_rate(found: &Assembled) -> f64 {
-    let matrix = &found.problem.matrix;
+fn largest_rate(found: &Prepared) -> f64 {
+    let matrix = &found.system.matrix;
     let diagonal = |i: usize| -> f64 {
         let own = matrix.row(i).filter(|&(j, ..)| j == i);
         own.map(|(_, s, _)| -s).sum()

@@ -123,7 +123,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             // The certificate is above λ⁺; conservative rows have S ≤ 0.
             let theory = match (interface, weights) {
                 (Interface::Conservative, _) => 0.0,
-                (Interface::Hat, true) => found.problem.weights.certificate,
+                (Interface::Hat, true) => found.system.weights.certificate,
                 (Interface::Hat, false) => expected_growth(&case)?.unwrap_or(f64::NAN),
             };
             curve.points.push(Point {

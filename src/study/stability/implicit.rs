@@ -6,7 +6,7 @@ use crate::plan::Plan;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, PropagatorMethod};
 use crate::propagate::descriptor;
-use crate::run;
+use crate::run::planning;
 use crate::study::budget::Budget;
 use crate::study::grids::coarsened;
 use crate::study::stability::scene::note;
@@ -95,7 +95,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
                 let solves = plan.warp.as_ref().map_or(0, |w| w.solves);
                 (solves * descriptor(method).applications_per_work() * case.space.cells()) as f64
             };
-            let planned = run::plan(world, &case, &here);
+            let planned = planning::plan(world, &case, &here);
             if planned
                 .as_ref()
                 .is_ok_and(|plan| !budget.holds(cost(plan), 1.0))

@@ -7,7 +7,7 @@
 use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Delta};
-use crate::run::assembled::Assembled;
+use crate::solve::prepared::Prepared;
 use crate::study::budget::Budget;
 use crate::study::grids::coarsened;
 use crate::study::stability::scene::{assembled, growth, note};
@@ -20,8 +20,8 @@ const PER_DECADE: i32 = 4;
 const DECADES: i32 = 3;
 
 /// Largest of `of` over the rows of inflow on all ranks. Collective.
-fn over_rows(found: &Assembled, of: impl Fn(&crate::matrix::inflow::Inflow) -> f64) -> f64 {
-    let rows = found.problem.matrix.inflow.iter();
+fn over_rows(found: &Prepared, of: impl Fn(&crate::matrix::inflow::Inflow) -> f64) -> f64 {
+    let rows = found.system.matrix.inflow.iter();
     found
         .communicator
         .world
@@ -53,9 +53,10 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     if largest == 0.0 {
         return Ok(Err("what enters is zero on this grid".to_owned()));
     }
-    let loss = |found: &mut Assembled| -> Result<[f64; 3]> {
+    let loss = |found: &mut Prepared| -> Result<[f64; 3]> {
+        let ratio = found.probe();
         let grows = growth(found)? * case.end;
-        let matrix = &found.problem.matrix;
+        let matrix = &found.system.matrix;
         let block = |aux: &crate::matrix::inflow::Inflow| {
             let row = aux.row as usize;
             let own: f64 = (matrix.row(row).filter(|&(j, ..)| j == row))
@@ -64,7 +65,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             0.5 * (own + own.hypot(aux.coupling))
         };
         let least = over_rows(found, block) * case.end;
-        Ok([grows, least, found.ratio])
+        Ok([grows, least, ratio])
     };
     let [grows, _, ratio] = loss(&mut assembled(world, &with(Delta::Planned))?)?;
     let chosen = grows.exp() * ratio;

@@ -1,13 +1,12 @@
 //! The case as sweeps take it: without what only output is made of, and on fewer cells.
 
 use crate::base::error::Result;
-use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Interface, Limiter, Method};
 use crate::problem::potential::overlooked;
-use crate::run::assembled::Assembled;
+use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
+use crate::study::trial::ranks;
 
 /// Most Lanczos steps.
 const LANCZOS: usize = 4000;
@@ -69,23 +68,18 @@ pub fn with_interface(case: &Case, interface: Interface, weights: bool) -> Case 
 /// `case` assembled on the ranks there are. Collective.
 ///
 /// # Errors
-/// As [`Assembled::new`].
-pub fn assembled(world: &World, case: &Case) -> Result<Assembled> {
-    let bounds = Bounds::new(case)?;
-    let here = Resources {
-        ranks: world.group().size(),
-        ..Resources::default()
-    };
-    Assembled::new(world, case, &bounds, (&here, 1))
+/// As [`Prepared::new`].
+pub fn assembled(world: &World, case: &Case) -> Result<Prepared> {
+    Prepared::new(world, case, &ranks(world))
 }
 
 /// `λ⁺` of an assembled case. Collective.
 ///
 /// # Errors
 /// As [`spectrum::of`].
-pub fn growth(found: &mut Assembled) -> Result<f64> {
+pub fn growth(found: &mut Prepared) -> Result<f64> {
     let space = &found.communicator.space;
-    let (extremes, _) = spectrum::of(&mut found.problem, space, LANCZOS)?;
+    let (extremes, _) = spectrum::of(&mut found.system, space, LANCZOS)?;
     Ok(extremes.highest.value)
 }
 

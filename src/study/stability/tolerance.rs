@@ -9,7 +9,7 @@ use crate::problem::case::{
     Case, Coefficients, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Delta, ProfileChoice,
     Propagation, PropagatorMethod,
 };
-use crate::run;
+use crate::run::planning;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::budget::Budget;
 use crate::study::grids::coarsened;
@@ -70,7 +70,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         case.warp.profile = profile;
         // What the plan says it can do.
         case.tolerance = NONE;
-        let smallest = match run::plan(world, &case, &here) {
+        let smallest = match planning::plan(world, &case, &here) {
             Err(Error::Tolerance { smallest, .. }) => Some(smallest),
             Ok(_) => Some(NONE),
             Err(error) => {
@@ -97,7 +97,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
                 costly = true;
                 break;
             }
-            let planned = run::plan(world, &case, &here);
+            let planned = planning::plan(world, &case, &here);
             let updates = |modes: usize| (modes * case.space.cells()) as f64;
             let applications = planned
                 .as_ref()

@@ -2,10 +2,8 @@
 
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
-use crate::matrix::lanes::Lanes;
 use crate::parallel::communicator::{Communicator, World};
 use crate::plan::Plan;
-use crate::plan::here::memory_per_rank;
 use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::problem::case::{
     Case, Coefficients, Method, ProfileChoice, Propagation, PropagatorMethod, RecoveryMethod,
@@ -13,12 +11,12 @@ use crate::problem::case::{
 };
 use crate::propagate::classical::{Classical, EXACT};
 use crate::results::summary::Summary;
-use crate::run::compare::Norms;
-use crate::run::solve::solve;
+use crate::run::compare::FieldNorms;
+use crate::run::fields;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
-use crate::solve::place::Place;
-use crate::solve::system::Problem;
+use crate::solve::prepared::Prepared;
+use crate::solve::system::DiscreteSystem;
 
 /// Relative error that a mode is allowed: small beside everything that is looked for.
 const MODE_TOLERANCE: f64 = 1e-16;
@@ -27,12 +25,8 @@ const TOLERANCE: f64 = 1e-6;
 
 /// The problem on this rank, with what its fields are at `T`.
 pub struct Yardstick {
-    case: Case,
-    plan: Plan,
+    prepared: Prepared,
     resources: Resources,
-    communicator: Communicator,
-    place: Place,
-    problem: Problem,
     /// `f(T)` of each field, on this rank's share.
     exact: Vec<Vec<f64>>,
     /// Largest `‖ũ(0)‖/‖f(T)‖` over the fields.
@@ -44,9 +38,9 @@ impl Yardstick {
     /// Collective.
     ///
     /// # Errors
-    /// As [`Plan::provisional`] and [`Problem::new`].
+    /// As [`Prepared::new`].
     pub fn new(world: &World, case: &Case) -> Result<Self> {
-        let all = world.group();
+        let _all = world.group();
         let case = Case {
             method: Method::Schrodingerized,
             tolerance: TOLERANCE,
@@ -71,45 +65,38 @@ impl Yardstick {
             start: None,
             ..case.clone()
         };
-        let mut resources = Resources {
-            ranks: all.size(),
-            ranks_x: None,
-            memory_per_rank: Some(memory_per_rank(&all)),
-        };
+        let resources = Resources::here(world);
         refuse_hopeless(&case, &resources)?;
-        let bounds = Bounds::new(&case)?;
-        let mut plan = Plan::provisional(&case, &bounds, &resources)?;
-        resources.ranks_x = Some(plan.layout.mesh.space.clone());
-        let communicator = Communicator::new(world, &plan.layout.mesh);
-        let place = Place::new(&case, &plan, &communicator);
-        let sizes = (size_of::<Lanes>() / 8, plan.max_weight_sweeps());
-        let block = place.block.clone();
-        let mut problem = Problem::new(&case, &bounds, &communicator, block, sizes)?;
-        plan.bounds = problem.bounds(&case, &bounds);
+        let mut prepared = Prepared::new(world, &case, &resources)?;
+        let resources = Resources {
+            ranks_x: Some(prepared.plan.layout.mesh.space.clone()),
+            ..resources
+        };
+        prepared.plan.bounds = prepared.bounds.clone();
+        let (system, communicator) = (&mut prepared.system, &prepared.communicator);
         let (mut exact, mut ratio) = (Vec::new(), 0.0f64);
-        for start in problem.states.clone() {
-            let before = problem.norm(&communicator, &start, false);
+        for start in system.states.clone() {
+            let before = system.norm(communicator, &start, false);
             let mut state = start;
-            let span = (plan.bounds.rate, case.end);
-            Classical::new(&problem.matrix).exponential(
-                &mut problem.exchange,
+            let span = (prepared.bounds.rate, case.end);
+            Classical::new(&system.matrix).exponential(
+                &mut system.exchange,
                 &mut state,
                 span,
                 EXACT,
             );
-            let after = problem.norm(&communicator, &state, true);
+            let after = system.norm(communicator, &state, true);
             if after > 0.0 {
                 ratio = ratio.max(before / after);
             }
-            exact.push(problem.unweighted(&place.mine, state[place.mine.clone()].to_vec()));
+            exact.push(system.unweighted(
+                &prepared.place.mine,
+                state[prepared.place.mine.clone()].to_vec(),
+            ));
         }
         Ok(Self {
-            case,
-            plan,
+            prepared,
             resources,
-            communicator,
-            place,
-            problem,
             exact,
             ratio,
         })
@@ -117,12 +104,12 @@ impl Yardstick {
 
     /// Bounds on the generator, with the growth that was found.
     pub fn bounds(&self) -> &Bounds {
-        &self.plan.bounds
+        &self.prepared.bounds
     }
 
     /// The problem, and the ranks as they share it.
-    pub fn parts(&mut self) -> (&mut Problem, &Communicator) {
-        (&mut self.problem, &self.communicator)
+    pub fn parts(&mut self) -> (&mut DiscreteSystem, &Communicator) {
+        (&mut self.prepared.system, &self.prepared.communicator)
     }
 
     /// Numbers that propagating `series` would update: applications times unknowns.
@@ -132,13 +119,13 @@ impl Yardstick {
     pub fn updates(&self, series: &Series) -> Result<f64> {
         let plan = self.with(series.clone(), Vec::new())?;
         let applications = plan.warp.map_or(0, |w| w.applications);
-        Ok(applications as f64 * self.case.space.cells() as f64)
+        Ok(applications as f64 * self.prepared.case.space.cells() as f64)
     }
 
     fn with(&self, series: Series, readings: Vec<Reading>) -> Result<Plan> {
         let read = (series, readings);
-        self.plan
-            .with_series(&self.case, read, MODE_TOLERANCE, &self.resources)
+        let Prepared { case, plan, .. } = &self.prepared;
+        plan.with_series(case, read, MODE_TOLERANCE, &self.resources)
     }
 
     /// Relative l2 distance to `f(T)` of what is read from `series` at each of the `points`, the largest over the fields. Collective.
@@ -151,26 +138,12 @@ impl Yardstick {
             point,
             width: 0.0,
         };
-        let plan = self.with(series.clone(), points.iter().map(at).collect())?;
-        let found = solve(
-            &self.case,
-            &plan,
-            &self.communicator,
-            &self.place,
-            &mut self.problem,
-            &mut Summary::default(),
-            None,
-        )?;
-        let velocities = self.case.space.velocity_cells();
+        self.prepared.plan = self.with(series.clone(), points.iter().map(at).collect())?;
+        let found = fields::solve(&mut self.prepared, None, &mut Summary::default())?;
         let mut worst = vec![0.0f64; points.len()];
         for (readings, exact) in found.fields.iter().zip(&self.exact) {
             for (worst, f) in worst.iter_mut().zip(readings) {
-                let norms = Norms {
-                    world: &self.communicator.world,
-                    velocities,
-                    f,
-                };
-                let error = norms.distance(exact);
+                let error = FieldNorms::new(&self.prepared, f).distance(exact);
                 if !error.is_nan() {
                     *worst = worst.max(error);
                 }

@@ -1,22 +1,20 @@
 //! `[readout]`: what a quantum computer would tell of the result.
 
-use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::quantum::figure::Figure;
 use crate::quantum::readout::reader::Source;
 use crate::quantum::readout::{Readout, refused};
 use crate::results::summary::Summary;
-use crate::solve::place::Place;
-use crate::solve::system::Problem;
+use crate::solve::prepared::Prepared;
 
-/// Reads from `field`, the first one, on this rank's share, with what the summary says of it so far. Collective.
+/// Reads from `field`, the first one of `case`, on this rank's share, with what the summary has of it so far. Collective.
 pub(crate) fn readout(
-    world: &Group,
+    prepared: &Prepared,
     case: &Case,
-    (problem, place): (&Problem, &Place),
     field: &[f64],
     summary: &Summary,
 ) -> Readout {
+    let place = &prepared.place;
     let probabilities = match (refused(case), &summary.probabilities) {
         (None, Some(probabilities)) => probabilities,
         (why, _) => {
@@ -32,10 +30,10 @@ pub(crate) fn readout(
     let source = Source {
         share: &place.share,
         field,
-        pi: &problem.weights.pi[place.mine.clone()],
+        pi: &prepared.system.weights.pi[place.mine.clone()],
         least: summary.minimum,
         probabilities,
         state_error,
     };
-    Readout::new(world, case, &source)
+    Readout::new(&prepared.communicator.world, case, &source)
 }

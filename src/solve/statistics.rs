@@ -1,11 +1,11 @@
-//! What batches tell besides the fields.
+//! Statistics of batches: norms kept, applications, solves.
 
 use crate::propagate::method::BatchReport;
 use serde::{Deserialize, Serialize};
 
-/// What the batches of a mode group told so far.
+/// Statistics of the batches of a mode group so far.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Told {
+pub struct BatchStatistics {
     /// Largest change of a norm, as a fraction of what is allowed; none where the method does not keep norms.
     pub defect: Option<f64>,
     /// Smallest `‖w_l(T)‖/‖w_l(0)‖`; none where no state was but zero.
@@ -16,7 +16,7 @@ pub struct Told {
     pub solves: usize,
 }
 
-impl Told {
+impl BatchStatistics {
     /// The smallest ratio of norms of a batch, infinite where there is none, and the largest defect.
     pub(crate) fn norms(&mut self, ratio: f64, defect: Option<f64>) {
         self.join(Some(ratio).filter(|r| r.is_finite()), defect);
@@ -28,7 +28,7 @@ impl Told {
         self.solves += report.solves;
     }
 
-    /// Adds what another group told.
+    /// Adds those of another group.
     pub fn add(&mut self, other: &Self) {
         self.join(other.kept, other.defect);
         self.applications += other.applications;

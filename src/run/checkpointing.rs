@@ -1,0 +1,98 @@
+//! The checkpoints of a run: where they are, and the one that it goes on from.
+
+use crate::base::error::Result;
+use crate::problem::case::Case;
+use crate::run::log::RunLog;
+use crate::run::options::Output;
+use crate::solve::checkpoint::store::{Generation, Store};
+use crate::solve::checkpoint::watch::Times;
+use crate::solve::prepared::Prepared;
+use crate::solve::snapshot::Fingerprint;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// How a run by modes makes checkpoints.
+pub(crate) struct Checkpointing {
+    /// Where they are.
+    pub store: Store,
+    /// The one to go on from, until it is read.
+    pub generation: Option<Generation>,
+    /// When they are made.
+    pub times: Times,
+}
+
+impl Checkpointing {
+    /// Opens `output`'s checkpoints; none for the classical method. `program_start` is when the wall time begins. Collective.
+    ///
+    /// # Errors
+    /// As [`Store::open`].
+    pub fn open(
+        prepared: &Prepared,
+        output: &Output<'_>,
+        program_start: Instant,
+        log: &mut RunLog,
+    ) -> Result<Option<Self>> {
+        let (case, options) = (&prepared.case, output.options);
+        let Some(warp) = &prepared.plan.warp else {
+            if options.resume || options.walltime.is_some() {
+                let what = "solver.method = \"classical\" makes no checkpoints";
+                log.warn(format!("--resume and --walltime have no effect: {what}"));
+            }
+            return Ok(None);
+        };
+        let folder = output.directory.join("checkpoint");
+        let mut store = Store::new(folder, Fingerprint::new(case, warp), case.space.clone());
+        let generation = if options.resume {
+            earlier(prepared, &mut store, log)?
+        } else {
+            if !store.is_empty() {
+                log.warn(format!(
+                    "{} holds the checkpoint of a run that was not finished; this one replaces it. \
+                     --resume would go on from it",
+                    store.directory().display()
+                ));
+            }
+            None
+        };
+        Ok(Some(Self {
+            store,
+            generation,
+            times: times(case, output, program_start),
+        }))
+    }
+
+    /// Deletes the checkpoints of a finished run. On rank 0.
+    pub fn remove(self, log: &RunLog) {
+        if let Err(error) = self.store.remove() {
+            let path = self.store.directory().display();
+            log.line(&format!("warning: {path} could not be removed: {error}"));
+        }
+    }
+}
+
+fn times(case: &Case, output: &Output<'_>, program_start: Instant) -> Times {
+    let wall = output.options.walltime;
+    Times {
+        every: case.checkpoint_every,
+        wall: wall.map(|wall| (program_start, wall)),
+        stop: Arc::clone(&output.options.stop),
+    }
+}
+
+/// The newest valid checkpoint of `store`, reported to the user. Collective.
+fn earlier(prepared: &Prepared, store: &mut Store, log: &mut RunLog) -> Result<Option<Generation>> {
+    let folder = store.directory().display().to_string();
+    let world = &prepared.communicator.world;
+    let found = store.open(world, |line| log.warn(line))?;
+    log.line(&match &found {
+        None => format!("--resume: no checkpoint in {folder}; the run starts from its beginning"),
+        Some(generation) => format!(
+            "going on from {}: {} of {} modes of stage {} are finished",
+            generation.path().display(),
+            generation.state.finished.len(),
+            prepared.plan.warp.as_ref().map_or(0, |warp| warp.modes),
+            generation.state.stage + 1,
+        ),
+    });
+    Ok(found)
+}

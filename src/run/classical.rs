@@ -1,0 +1,104 @@
+//! The run without modes: `f' = A f + b` by explicit steps or by the exponential.
+
+use crate::base::error::Result;
+use crate::base::progress::Progress;
+use crate::matrix::observables::VelocityFactors;
+use crate::parallel::communicator::GhostExchange;
+use crate::problem::case::Integrator;
+use crate::propagate::classical::{Classical, EXACT, classical_steps, duhamel_panels};
+use crate::propagate::limiter::Reconstruction;
+use crate::results::summary::Summary;
+use crate::run::fields::Found;
+use crate::solve::modes::Leg;
+use crate::solve::prepared::Prepared;
+
+/// How a state is integrated over a leg.
+#[derive(Clone, Copy)]
+pub(crate) struct Integration {
+    /// The method.
+    pub integrator: Integrator,
+    /// Bound on `max |A_ii|`.
+    pub rate: f64,
+    /// Length of the leg.
+    pub time: f64,
+    /// Steps, or terms of the exponential.
+    pub steps: usize,
+}
+
+/// `state ← state(time)` by the classical method. Collective over the space group.
+pub(crate) fn integrate(
+    classical: &mut Classical<'_>,
+    exchange: &mut GhostExchange,
+    span: Integration,
+    state: &mut [f64],
+) {
+    let (rate, time) = (span.rate, span.time);
+    match span.integrator {
+        Integrator::Exponential if classical.varies() => {
+            let panels = duhamel_panels(rate * time);
+            classical.duhamel(exchange, state, (rate, time), panels);
+        }
+        Integrator::Exponential => classical.exponential(exchange, state, (rate, time), EXACT),
+        integrator => classical.steps(exchange, state, integrator, time, span.steps),
+    }
+}
+
+/// Every field over all legs. Collective.
+pub(crate) fn classically(
+    prepared: &mut Prepared,
+    speaks: bool,
+    summary: &mut Summary,
+) -> Result<Found> {
+    let Prepared {
+        case,
+        plan,
+        communicator,
+        place,
+        system,
+        ..
+    } = prepared;
+    let world = &communicator.world;
+    let steps = classical_steps(case, &plan.bounds);
+    let factors = VelocityFactors::new(&case.space);
+    let (mut fields, mut early) = (Vec::new(), Vec::new());
+    for (k, start) in system.states.iter().enumerate() {
+        let slopes = world.agree(Reconstruction::new(case, &system.matrix, k))?;
+        let progress = Progress::new(speaks && world.rank() == 0, "steps", plan.classical_steps);
+        let mut classical = Classical::of(case, &system.matrix, &system.weights.pi)
+            .with_progress(progress)
+            .with_slopes(slopes);
+        let mut state = start.clone();
+        let mut before = Vec::new();
+        for (leg, &steps) in Leg::all(case).iter().zip(&steps) {
+            let span = Integration {
+                integrator: case.integrator,
+                rate: plan.bounds.rate,
+                time: leg.time,
+                steps,
+            };
+            integrate(&mut classical, &mut system.exchange, span, &mut state);
+            let mine = state[place.mine.clone()].to_vec();
+            before.push(if leg.moments_only {
+                let f = system.unweighted(&place.mine, mine);
+                factors.at_points(&f).flatten().collect()
+            } else {
+                mine
+            });
+        }
+        let end = before.pop().unwrap_or_default();
+        fields.push(vec![system.unweighted(&place.mine, end)]);
+        early.push(before);
+    }
+    let stages = match case.integrator {
+        Integrator::SspRk3 => 3,
+        _ => 1,
+    };
+    summary.matvecs = stages * plan.classical_steps * system.states.len();
+    summary.matvecs_here = summary.matvecs;
+    Ok(Found {
+        fields,
+        plateau: Vec::new(),
+        early,
+        warped_seconds: 0.0,
+    })
+}

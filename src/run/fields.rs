@@ -1,0 +1,116 @@
+//! From the semi-discrete system to the fields at `T` and what is wanted before: by modes, or classically.
+
+use crate::base::error::Result;
+use crate::matrix::observables::{MOMENTS, Moments, VelocityFactors, moments, totals};
+use crate::results::dataset::{Early, slices};
+use crate::results::summary::Summary;
+use crate::run::checkpointing::Checkpointing;
+use crate::run::{classical, modes};
+use crate::solve::modes::Leg;
+use crate::solve::prepared::Prepared;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What was solved for, on this rank's share.
+pub(crate) struct SolvedFields {
+    /// Every field at `T` by each reading: `[field][reading]`.
+    pub fields: Vec<Vec<Vec<f64>>>,
+    /// The first field by each reading of the plateau.
+    pub plateau: Vec<Vec<f64>>,
+    /// Moments and fields at the output times before the end.
+    pub early: Vec<Early>,
+    /// Seconds that went into the files of warped fields.
+    pub warped_seconds: f64,
+}
+
+/// What either method finds, on this rank's share.
+pub(crate) struct Found {
+    /// As in [`SolvedFields`].
+    pub fields: Vec<Vec<Vec<f64>>>,
+    /// As in [`SolvedFields`].
+    pub plateau: Vec<Vec<f64>>,
+    /// `ũ`, or sums for the moments, at the end of each leg but the last: `[field][leg]`.
+    pub early: Vec<Vec<Vec<f64>>>,
+    /// As in [`SolvedFields`].
+    pub warped_seconds: f64,
+}
+
+/// What a run writes while it solves.
+pub(crate) struct Files<'a> {
+    /// Where warped fields are written.
+    pub directory: &'a Path,
+    /// Seconds by step so far, for their attributes.
+    pub seconds: &'a BTreeMap<String, f64>,
+    /// Program, commit, libraries, for their attributes.
+    pub provenance: &'a [(&'static str, String)],
+    /// Checkpoints of a run by modes.
+    pub checkpointing: Option<&'a mut Checkpointing>,
+}
+
+/// Every field at `T`, and what is wanted before, by the plan of `prepared`; counts go into `summary`. Without console
+/// output where no `files` are written. Collective.
+///
+/// # Errors
+/// As [`crate::solve::modes::run`]; files that cannot be written or read.
+pub(crate) fn solve(
+    prepared: &mut Prepared,
+    files: Option<Files<'_>>,
+    summary: &mut Summary,
+) -> Result<SolvedFields> {
+    let found = match prepared.plan.warp {
+        Some(_) => modes::by_modes(prepared, files, summary),
+        None => classical::classically(prepared, files.is_some(), summary),
+    }?;
+    Ok(SolvedFields {
+        early: history(prepared, found.early),
+        fields: found.fields,
+        plateau: found.plateau,
+        warped_seconds: found.warped_seconds,
+    })
+}
+
+/// Moments and fields at the output times, from what was recovered there: `[field][leg]`. Collective.
+fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) -> Vec<Early> {
+    let case = &prepared.case;
+    let legs = Leg::all(case);
+    let at_leg = |leg: usize| {
+        let found = (recovered.iter_mut())
+            .map(|legs| std::mem::take(&mut legs[leg]))
+            .collect();
+        let time = &case.times[leg];
+        let (moments, fields) = match legs[leg].moments_only {
+            true => (moments_of_sums(prepared, found), Vec::new()),
+            false => moments_of_fields(prepared, found, time.fields),
+        };
+        Early {
+            time: time.time,
+            totals: totals(&prepared.communicator.world, &case.space, &moments),
+            moments,
+            fields,
+        }
+    };
+    (0..case.times.len()).map(at_leg).collect()
+}
+
+fn moments_of_sums(prepared: &Prepared, found: Vec<Vec<f64>>) -> Moments {
+    let space = &prepared.case.space;
+    let sums = found.concat();
+    let (sums, _) = sums.as_chunks::<MOMENTS>();
+    let factors = VelocityFactors::new(space);
+    let world = &prepared.communicator.world;
+    Moments::of_sums(world, space.dimension(), &factors, sums.iter().copied())
+}
+
+/// Moments of `found`, and the fields themselves where `keep` says so.
+fn moments_of_fields(
+    prepared: &Prepared,
+    found: Vec<Vec<f64>>,
+    keep: bool,
+) -> (Moments, Vec<Vec<f64>>) {
+    let fields: Vec<Vec<f64>> = (found.into_iter())
+        .map(|u| prepared.unweighted(u))
+        .collect();
+    let world = &prepared.communicator.world;
+    let moments = moments(world, &prepared.case, &slices(&fields));
+    (moments, if keep { fields } else { Vec::new() })
+}

@@ -1,0 +1,48 @@
+//! What a run reports while it goes: warnings, lines for the user, seconds by step.
+
+use crate::base::log::report;
+use crate::base::stopwatch::Stopwatch;
+use crate::parallel::communicator::World;
+
+/// Warnings and seconds of a run; lines are printed by rank 0 of runs that write files.
+pub(crate) struct RunLog {
+    /// Whether this rank prints.
+    pub speaks: bool,
+    /// Every warning so far.
+    pub warnings: Vec<String>,
+    /// How many of them were printed.
+    pub printed: usize,
+    /// Seconds by step.
+    pub watch: Stopwatch,
+}
+
+impl RunLog {
+    /// An empty log; nothing is printed unless `writes`.
+    pub fn new(world: &World, writes: bool) -> Self {
+        Self {
+            speaks: writes && world.group().rank() == 0,
+            warnings: Vec::new(),
+            printed: 0,
+            watch: Stopwatch::start(world.start_seconds),
+        }
+    }
+
+    /// Prints `line`.
+    pub fn line(&self, line: &str) {
+        if self.speaks {
+            report(line);
+        }
+    }
+
+    /// Records `warning` and prints it; before the solve only.
+    pub fn warn(&mut self, warning: String) {
+        self.line(&format!("warning: {warning}"));
+        self.warnings.push(warning);
+        self.printed = self.warnings.len();
+    }
+
+    /// Records `warning`, which is printed behind the progress of the solve.
+    pub fn warn_later(&mut self, warning: String) {
+        self.warnings.push(warning);
+    }
+}

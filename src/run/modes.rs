@@ -1,0 +1,325 @@
+//! The run by modes: what they start from, what is kept and written of them, and what is recovered.
+
+use crate::base::error::{Error, Result};
+use crate::base::progress::Progress;
+use crate::matrix::observables::VelocityFactors;
+use crate::parallel::communicator::Communicator;
+use crate::plan::Plan;
+use crate::plan::balance::cost;
+use crate::plan::memory::BUFFERS;
+use crate::problem::case::{Case, WarpedStart};
+use crate::propagate::method::{Evolution, Initial};
+use crate::propagate::propagator;
+use crate::results::dataset::About;
+use crate::results::summary::Summary;
+use crate::results::warped;
+use crate::results::warped::{Given, Spread};
+use crate::run::compare::FieldNorms;
+use crate::run::fields::{Files, Found};
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::checkpoint::store::Generation;
+use crate::solve::checkpoint::{Checkpoints, Resumed};
+use crate::solve::kept::{KeptModes, ModeProgress};
+use crate::solve::modes;
+use crate::solve::modes::{Keeping, Leg, Recovered, RunHooks, Task};
+use crate::solve::place::Place;
+use crate::solve::prepared::Prepared;
+use crate::solve::sum::MomentsOf;
+use crate::solve::system::DiscreteSystem;
+use num_complex::Complex64;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Instant;
+
+/// Every field by the modes of the plan. Collective.
+///
+/// # Errors
+/// As [`crate::solve::modes::run`]; files that cannot be written or read.
+///
+/// # Panics
+/// Where the plan has no modes.
+pub(crate) fn by_modes(
+    prepared: &mut Prepared,
+    files: Option<Files<'_>>,
+    summary: &mut Summary,
+) -> Result<Found> {
+    let Prepared {
+        case,
+        plan,
+        communicator,
+        place,
+        system,
+        ..
+    } = prepared;
+    let warp = plan.warp.as_ref().expect("a plan by modes");
+    let speaks = communicator.world.rank() == 0 && files.is_some();
+    let mut warped = (files.as_ref()).map(|files| WarpedFiles::new(case, plan, warp, files));
+    let mut checkpointing = files.and_then(|files| files.checkpointing);
+    let legs = Leg::all(case);
+    let stages = system.states.len() * warp.points.map_or(1, |_| legs.len());
+    let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
+    let resumed = generation.map(|found| resumed(found, plan, communicator, place));
+    let batches = &plan.layout.groups[communicator.modes.rank()];
+    // Stages before the one to go on with are finished, of that one some batches.
+    let left = resumed.as_ref().map_or(stages * cost(batches), |r| {
+        (stages - 1 - r.generation.state.stage) * cost(batches) + cost(&r.batches)
+    });
+    let mut progress = Progress::new(speaks, "modes", left * system.states.len() / stages);
+
+    // What the modes start from: the fields at time zero, or the modes of a file.
+    let modes: Vec<Vec<usize>> = plan.layout.modes();
+    let rows = system.matrix.rows();
+    let mut kept =
+        (warp.points).map(|_| KeptModes::new(rows, modes[communicator.modes.rank()].clone()));
+    let spread = Spread {
+        communicator,
+        space: &case.space,
+        block: &place.block,
+        modes: &modes,
+        pi: &system.weights.pi[..place.block.cells()],
+        buffers: BUFFERS,
+    };
+    let mut largest = None;
+    if let (Some(start), Some(kept)) = (&case.start, &mut kept) {
+        let read = begin(start, warp, &spread, system, kept)?;
+        largest = Some(read.largest_norm);
+        if let Some(checkpointing) = &mut checkpointing {
+            let generation = resumed.as_ref().map(|r| &r.generation);
+            (checkpointing.store).begins_with(read.checksum, generation)?;
+        }
+    }
+    let of_state = |state: &Vec<f64>| system.norm(communicator, state, false);
+    let initial: Vec<Initial<'_>> = (system.states.iter())
+        .map(|state| Initial::real(&state[..rows], largest.unwrap_or_else(|| of_state(state))))
+        .collect();
+
+    let setting = plan.propagator_setting(warp);
+    let made = propagator(&setting, system.schedule.as_ref(), &system.matrix);
+    let mut propagator = communicator.world.agree(made)?;
+    let factors = VelocityFactors::new(&case.space);
+    let moments = MomentsOf {
+        factors: &factors,
+        pi: spread.pi,
+    };
+    let task = Task {
+        communicator,
+        warp,
+        legs: &legs,
+        batches,
+        initial: &initial,
+        shares: &place.ranges,
+        moments: Some(&moments),
+    };
+    let mut evolution = Evolution {
+        matrix: &system.matrix,
+        exchange: &mut system.exchange,
+        space: &communicator.space,
+        rate: plan.bounds.rate,
+        growth: plan.bounds.growth,
+        time: case.end,
+        terms: system.terms,
+    };
+    let mut write = |field: usize, leg: usize, kept: &KeptModes| match &mut warped {
+        Some(warped) => warped.write(field, leg, &spread, kept),
+        None => Ok(()),
+    };
+    let mut keeping = kept.as_mut().map(|kept| Keeping {
+        kept,
+        begun: case.start.is_some(),
+        after: &mut write,
+    });
+    summary.resumed = resumed.is_some();
+    let size = (warp.modes, stages);
+    let mut checkpoints = checkpointing.map(|c| {
+        let ranks = (&*communicator, &plan.layout.mesh);
+        Checkpoints::new(ranks, &mut c.store, c.times.clone(), size, resumed)
+    });
+    let hooks = RunHooks {
+        keeping: keeping.as_mut(),
+        checkpoints: checkpoints.as_mut(),
+    };
+    let recovered = modes::run(
+        &task,
+        &mut evolution,
+        &mut *propagator,
+        &mut progress,
+        hooks,
+    )?;
+    progress.finish();
+    summary.checkpoints = checkpoints.map_or(0, |c| c.written);
+    count(summary, &recovered, communicator);
+    let warped_seconds = warped.map_or(0.0, |w| w.took);
+    drop((propagator, kept));
+    Ok(Found {
+        warped_seconds,
+        ..unweighted(prepared, recovered, summary)
+    })
+}
+
+/// What a run goes on from, with the batches that are left of it.
+fn resumed<'a>(
+    generation: Generation,
+    plan: &Plan,
+    communicator: &Communicator,
+    place: &'a Place,
+) -> Resumed<'a> {
+    let finished = generation.state.finished.iter().copied().collect();
+    Resumed {
+        batches: plan.batches_left(&finished, communicator.modes.rank()),
+        share: &place.share,
+        generation,
+    }
+}
+
+/// Counts of a run by modes, over all groups. Collective.
+fn count(summary: &mut Summary, recovered: &Recovered, communicator: &Communicator) {
+    let groups = &communicator.modes;
+    summary.unitarity_defect = recovered.unitarity_defect;
+    summary.norm_kept = recovered.norm_kept;
+    summary.matvecs = groups.sum_count(recovered.applications);
+    summary.matvecs_here = groups.sum_count(recovered.applications_here);
+    summary.solves = groups.sum_count(recovered.solves);
+    let (world, busy) = (&communicator.world, recovered.busy_seconds);
+    summary.group_seconds = Some([-world.max(-busy), world.max(busy)]);
+}
+
+/// The fields with their weights undone, and the error of the time step relative to them. Collective.
+fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) -> Found {
+    let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.into_iter())
+        .map(|readings| {
+            readings
+                .into_iter()
+                .map(|u| prepared.unweighted(u))
+                .collect()
+        })
+        .collect();
+    let norms: Vec<FieldNorms<'_>> = (fields.iter())
+        .map(|readings| FieldNorms::new(prepared, &readings[0]))
+        .collect();
+    summary.step_error = (norms.iter().zip(recovered.step_errors))
+        .map(|(norms, error)| {
+            let error = prepared.unweighted(error);
+            (norms.square(&error) / norms.square(norms.f)).sqrt()
+        })
+        .filter(|e| e.is_finite())
+        .reduce(f64::max);
+    summary.step_beyond = (norms.iter().zip(&recovered.step_beyond))
+        .map(|(norms, beyond)| beyond / norms.square(norms.f).sqrt())
+        .fold(0.0, f64::max);
+    Found {
+        fields,
+        plateau: (recovered.plateau.into_iter())
+            .map(|u| prepared.unweighted(u))
+            .collect(),
+        early: recovered.early,
+        warped_seconds: 0.0,
+    }
+}
+
+/// The files of the whole warped field, `DIR/warped….h5`.
+struct WarpedFiles<'a> {
+    case: &'a Case,
+    plan: &'a Plan,
+    warp: &'a WarpPlan,
+    directory: &'a Path,
+    seconds: &'a BTreeMap<String, f64>,
+    provenance: &'a [(&'static str, String)],
+    /// Seconds that writing took.
+    took: f64,
+}
+
+impl<'a> WarpedFiles<'a> {
+    fn new(case: &'a Case, plan: &'a Plan, warp: &'a WarpPlan, files: &Files<'a>) -> Self {
+        Self {
+            case,
+            plan,
+            warp,
+            directory: files.directory,
+            seconds: files.seconds,
+            provenance: files.provenance,
+            took: 0.0,
+        }
+    }
+
+    /// Writes the modes of a field at the end of a leg, where that is wanted. Collective.
+    fn write(
+        &mut self,
+        field: usize,
+        leg: usize,
+        spread: &Spread<'_>,
+        kept: &KeptModes,
+    ) -> Result<()> {
+        // Times before the end that are to show the fields are numbered.
+        let times = &self.case.times;
+        let wanted = |leg: &usize| times.get(*leg).is_none_or(|t| t.fields);
+        if !self.case.warped_field || !wanted(&leg) {
+            return Ok(());
+        }
+        let started = Instant::now();
+        let number = times.get(leg).map(|_| (0..=leg).filter(wanted).count());
+        let about = About {
+            case: self.case,
+            plan: self.plan,
+            time: times.get(leg).map_or(self.case.end, |t| t.time),
+            seconds: self.seconds,
+            provenance: self.provenance,
+        };
+        let name = warped::file_name(self.case.fields[field].name, number);
+        let series = (&self.warp.series, self.warp.interval[0]);
+        warped::write(self.directory, &name, &about, spread, series, kept)?;
+        self.took += started.elapsed().as_secs_f64();
+        Ok(())
+    }
+}
+
+/// What was read of a start from a file.
+struct Begun {
+    /// Largest norm of a mode.
+    largest_norm: f64,
+    /// Checksum of the file's `/w`.
+    checksum: u64,
+}
+
+/// Reads the modes that the run starts from. Collective.
+///
+/// # Errors
+/// As [`Given::read`]; [`Error::Magnitude`] for values whose squares overflow or vanish.
+fn begin(
+    start: &WarpedStart,
+    warp: &WarpPlan,
+    spread: &Spread<'_>,
+    system: &DiscreteSystem,
+    kept: &mut KeptModes,
+) -> Result<Begun> {
+    let given = Given {
+        path: start.path.clone(),
+        interval: warp.interval,
+        points: warp.points.unwrap_or_default(),
+    };
+    let (checksum, peak) = given.read(spread, &warp.series, kept)?;
+    let communicator = spread.communicator;
+    if peak != 0.0 && !(1e-100..=1e100).contains(&peak) {
+        return Err(Error::Magnitude {
+            key: start.place.clone(),
+            value: peak,
+        });
+    }
+    let mut part = vec![0.0; kept.rows()];
+    let mut largest = 0.0f64;
+    for k in 0..kept.modes().len() {
+        let values = &kept.values()[k * part.len()..(k + 1) * part.len()];
+        let norms = [|x: &Complex64| x.re, |x: &Complex64| x.im].map(|of| {
+            for (part, x) in part.iter_mut().zip(values) {
+                *part = of(x);
+            }
+            system.norm(communicator, &part, false)
+        });
+        let norm = norms[0].hypot(norms[1]);
+        kept.progress_mut()[k] = ModeProgress::start(norm);
+        largest = largest.max(norm);
+    }
+    Ok(Begun {
+        largest_norm: communicator.world.max(largest),
+        checksum,
+    })
+}

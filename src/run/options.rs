@@ -1,0 +1,28 @@
+//! What a run is asked for besides its case.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+/// Options of `phasewarp run`.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Blocks along each x-axis (`--ranks-x`).
+    pub ranks_x: Option<Vec<usize>>,
+    /// Whether to go on from a checkpoint (`--resume`).
+    pub resume: bool,
+    /// The wall time since the program began after which to stop with a checkpoint (`--walltime`).
+    pub walltime: Option<Duration>,
+    /// Raised when the run shall stop with a checkpoint.
+    pub stop: Arc<AtomicBool>,
+}
+
+/// Where a run writes, and its options.
+#[derive(Clone, Copy)]
+pub struct Output<'a> {
+    /// The result directory.
+    pub directory: &'a Path,
+    /// The options.
+    pub options: &'a Options,
+}

@@ -1,0 +1,55 @@
+//! The plan that a run would have.
+
+use crate::base::error::Result;
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::{Group, World};
+use crate::plan::here::refuse_hopeless_here;
+use crate::plan::layout::{Resources, refuse_hopeless};
+use crate::plan::{ASSUMED_RATIO, Plan};
+use crate::problem::case::{Case, Method};
+use crate::results::warped::Given;
+use crate::scheme::reduce::reduced;
+use crate::solve::prepared::Prepared;
+use std::borrow::Cow;
+
+/// Updates of cells that the probe may take for a plan.
+const CHEAP_UPDATES: f64 = 1e8;
+
+/// The plan that a run on `resources` would have, with growth and norms measured on `world`'s ranks where that takes a
+/// fraction of a second, or where no plan can be made without. Collective.
+///
+/// # Errors
+/// As [`Plan::new`] and [`Prepared::new`].
+pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
+    let all = world.group();
+    let case = &reduced(&all, &*with_start(&all, case)?)?;
+    refuse_hopeless(case, resources)?;
+    let bounds = Bounds::new(case)?;
+    let updates = case.space.cells() as f64 * (bounds.rate * case.end).max(1.0);
+    let must = bounds.growth.is_infinite();
+    if case.method == Method::Classical || (updates > CHEAP_UPDATES && !must) {
+        return Plan::with_bounds(case, bounds, resources, ASSUMED_RATIO);
+    }
+    refuse_hopeless_here(world, case)?;
+    let here = Resources {
+        ranks: all.size(),
+        ..Resources::default()
+    };
+    let mut prepared = Prepared::new(world, case, &here)?;
+    let ratio = prepared.probe();
+    Plan::with_bounds(case, prepared.bounds, resources, ratio)
+}
+
+/// The case with the points of the warped field that it starts from, if it does. Collective.
+///
+/// # Errors
+/// As [`Given::new`].
+pub fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
+    let Some(start) = &case.start else {
+        return Ok(Cow::Borrowed(case));
+    };
+    let given = Given::new(world, &start.path, case, &start.place)?;
+    let mut case = case.clone();
+    (case.warp.interval, case.warp.points) = (Some(given.interval), Some(given.points));
+    Ok(Cow::Owned(case))
+}

@@ -1,0 +1,65 @@
+//! What the user should know before a run.
+
+use crate::plan::Plan;
+use crate::problem::case::{Case, Delta, Method};
+use crate::problem::potential::{StrayEdge, overlooked};
+use crate::schrodingerization::warp_plan::WarpPlan;
+
+/// What the user should know of a case: edges of `V` that miss faces, regions without a cell, keys without effect.
+pub fn warnings(case: &Case) -> Vec<String> {
+    let found = overlooked(case);
+    let idle = (!case.enters() && case.warp.delta != Delta::Planned)
+        .then(|| "solver.warp.delta has no effect: nothing enters (inflow.value is 0)".to_owned());
+    let unread = (case.method == Method::Classical && case.plateau.is_some()).then(|| {
+        "output.plateau has no effect: with solver.method = \"classical\" nothing is read at any p"
+            .to_owned()
+    });
+    (found.edges.iter().map(stray_edge))
+        .chain(found.empty.iter().map(empty_region))
+        .chain(idle)
+        .chain(unread)
+        .collect()
+}
+
+fn stray_edge(edge: &StrayEdge) -> String {
+    format!(
+        "potential: a region's edge at {} = {:.6} misses the faces of the grid; \
+         it is moved to {:.6}, by {:.2e}",
+        ["x", "y", "z"][edge.axis],
+        edge.at + 0.0,
+        edge.face + 0.0,
+        (edge.at - edge.face).abs()
+    )
+}
+
+fn empty_region(region: &usize) -> String {
+    format!(
+        "potential.{region}: its where holds at no cell's centre; the region is not there on this grid"
+    )
+}
+
+/// The first line of a run: what is solved, at what cost, on which ranks.
+pub(crate) fn opening_line(plan: &Plan) -> String {
+    let mesh = &plan.layout.mesh;
+    let what = match &plan.warp {
+        Some(WarpPlan {
+            modes,
+            applications,
+            solves: 0,
+            ..
+        }) => format!("{modes} modes, {applications} applications"),
+        Some(WarpPlan { modes, solves, .. }) => format!("{modes} modes, {solves} solves"),
+        None => format!("{} classical steps", plan.classical_steps),
+    };
+    let title = match plan.title.as_str() {
+        "" => "phasewarp",
+        title => title,
+    };
+    format!(
+        "{title}: {} cells, {what}, {} ranks ({} space x {} modes)",
+        plan.cells,
+        mesh.ranks(),
+        mesh.blocks(),
+        mesh.groups
+    )
+}

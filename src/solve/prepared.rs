@@ -1,0 +1,109 @@
+//! A case made ready on the ranks of its mesh: the one preparation of runs, spectra and studies.
+
+use crate::base::error::{Error, Result};
+use crate::matrix::bounds::Bounds;
+use crate::matrix::lanes::Lanes;
+use crate::parallel::communicator::{Communicator, World};
+use crate::plan::Plan;
+use crate::plan::layout::Resources;
+use crate::problem::case::Case;
+use crate::solve::place::Place;
+use crate::solve::system::DiscreteSystem;
+
+/// A case, the ranks that share it, and its semi-discrete system on this rank.
+pub struct Prepared {
+    /// The case as it is solved, without what its scene does not need.
+    pub case: Case,
+    /// The process mesh.
+    pub communicator: Communicator,
+    /// This rank's part of the grid.
+    pub place: Place,
+    /// The semi-discrete system on this rank.
+    pub system: DiscreteSystem,
+    /// The plan: provisional until [`plan_modes`](Self::plan_modes).
+    pub plan: Plan,
+    /// Bounds of the generator, with the growth that was found.
+    pub bounds: Bounds,
+}
+
+impl Prepared {
+    /// Plans `case` provisionally on `resources` and assembles it. Collective.
+    ///
+    /// # Errors
+    /// As [`Plan::provisional`] and [`DiscreteSystem::new`].
+    pub fn new(world: &World, case: &Case, resources: &Resources) -> Result<Self> {
+        let bounds = Bounds::new(case)?;
+        let plan = Plan::provisional(case, &bounds, resources)?;
+        Self::with_plan(world, case, &bounds, plan)
+    }
+
+    /// Assembles `case` on the mesh of `plan`, whose weights may take its sweeps. Collective.
+    ///
+    /// # Errors
+    /// As [`DiscreteSystem::new`].
+    pub fn with_plan(world: &World, case: &Case, bounds: &Bounds, plan: Plan) -> Result<Self> {
+        let sweeps = plan.max_weight_sweeps();
+        Self::with_sweeps(world, case, bounds, plan, sweeps)
+    }
+
+    /// The same with at most `max_weight_sweeps` sweeps for the weights. Collective.
+    ///
+    /// # Errors
+    /// As [`DiscreteSystem::new`].
+    pub fn with_sweeps(
+        world: &World,
+        case: &Case,
+        bounds: &Bounds,
+        plan: Plan,
+        max_weight_sweeps: usize,
+    ) -> Result<Self> {
+        let communicator = Communicator::new(world, &plan.layout.mesh);
+        let place = Place::new(case, &plan, &communicator);
+        // Modes exchange ghosts a batch at a time, the classical method real vectors.
+        let width = plan.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
+        let sizes = (width, max_weight_sweeps);
+        let block = place.block.clone();
+        let system = DiscreteSystem::new(case, bounds, &communicator, block, sizes)?;
+        Ok(Self {
+            bounds: system.bounds(case, bounds),
+            case: case.clone(),
+            communicator,
+            place,
+            system,
+            plan,
+        })
+    }
+
+    /// Largest `‖ũ(0)‖/‖f(t)‖` over fields and output times, see [`DiscreteSystem::probe`]. Collective.
+    pub fn probe(&mut self) -> f64 {
+        let legs = self.case.legs();
+        (self.system).probe(&self.communicator, self.bounds.rate, &legs)
+    }
+
+    /// `ũ` on this rank's share to `f`: undoes the weights.
+    pub fn unweighted(&self, state: Vec<f64>) -> Vec<f64> {
+        self.system.unweighted(&self.place.mine, state)
+    }
+
+    /// The plan of the modes, for the `ratio` that the probe found, on the mesh that there is. Collective.
+    ///
+    /// # Errors
+    /// As [`Plan::new`]; [`Error::Ranks`] where ranks plan different series.
+    pub fn plan_modes(&mut self, resources: &Resources, ratio: f64) -> Result<()> {
+        let resources = Resources {
+            ranks_x: Some(self.plan.layout.mesh.space.clone()),
+            ..resources.clone()
+        };
+        self.plan = Plan::with_bounds(&self.case, self.bounds.clone(), &resources, ratio)?;
+        // Processors of different kinds might round differently, and ranks that count
+        // differently wait for each other for ever.
+        let world = &self.communicator.world;
+        let warp = self.plan.warp.as_ref();
+        if warp.is_none_or(|warp| world.same(warp.fingerprint())) {
+            return Ok(());
+        }
+        let why = "ranks planned different series, being on processors of different kinds; \
+                   start them on one kind";
+        Err(Error::Ranks(why.to_owned()))
+    }
+}
