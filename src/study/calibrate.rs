@@ -141,7 +141,7 @@ pub fn seconds_text(seconds: f64) -> String {
 /// The plan of a run on `resources`, and what it is expected to take, measured on the ranks of `world`. Collective.
 ///
 /// # Errors
-/// As [`crate::run::plan`]; [`crate::base::error::Error::Memory`] where a rank's block does not fit into this machine.
+/// As [`crate::run::planning::plan`]; [`crate::base::error::Error::Memory`] where a rank's block does not fit into this machine.
 pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(Plan, Calibration)> {
     let started = Instant::now();
     let all = world.group();
