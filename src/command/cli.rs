@@ -183,7 +183,7 @@ pub enum Command {
             value_enum,
             value_delimiter = ','
         )]
-        only: Vec<crate::study::stability::Name>,
+        only: Vec<crate::study::stability::panel::Name>,
         /// About how long it may take: 60s, 5m
         #[arg(long, value_name = "TIME", value_parser = parse_duration, default_value = "60s")]
         budget: Duration,

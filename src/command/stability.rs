@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::stability;
-use crate::study::stability::{Name, Stability};
+use crate::study::stability::panel::{Name, Stability};
 use std::path::Path;
 use std::time::Duration;
 

@@ -7,15 +7,14 @@
 //! value ever exceeds the largest at the start, and the one from which values grow by [`EXPLODED`].
 
 use crate::base::error::Result;
-use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Integrator, Method};
 use crate::propagate::classical::Classical;
 use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
-use crate::study::budget::Budget;
 use crate::study::grids::coarsened;
-use crate::study::stability::scene::{assembled, border, note};
-use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
+use crate::study::stability::panel::{Border, Curve, Found, Name, Panel, Point, Scale, Sweep};
+use crate::study::stability::scene::{assembled, notes};
+use crate::study::stability::search::{Located, Search};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
@@ -40,8 +39,30 @@ const ROUGH: usize = 14;
 const SLACK: f64 = 1e-3;
 /// The largest number that is tried.
 const LARGEST: f64 = 4.0;
+const METHODS: [(&str, Integrator); 2] = [
+    ("forward Euler", Integrator::ForwardEuler),
+    ("SSP-RK3", Integrator::SspRk3),
+];
 
-/// What is measured on.
+/// A number of steps from the first so many patterns.
+#[derive(Clone, Copy)]
+struct Test {
+    steps: usize,
+    patterns: usize,
+}
+
+/// Shows whether a maximum is exceeded.
+const SHORT: Test = Test {
+    steps: FEW,
+    patterns: 2,
+};
+/// Shows whether values explode.
+const LONG: Test = Test {
+    steps: STEPS,
+    patterns: 1,
+};
+
+/// The matrix that is stepped, and its initial values.
 struct Steps<'a> {
     found: &'a mut Prepared,
     /// Initial values of ±1 that a step makes largest: signs that alternate against the motion, and one minus in four.
@@ -84,14 +105,8 @@ impl<'a> Steps<'a> {
         })
     }
 
-    /// Largest value in `steps` steps with this number, from the first so many patterns, over the largest at the start; about [`FAR`] at
-    /// most. Collective.
-    fn growth(
-        &mut self,
-        integrator: Integrator,
-        cfl: f64,
-        (steps, patterns): (usize, usize),
-    ) -> f64 {
+    /// Largest value of a test over the largest at the start; about [`FAR`] at most. Collective.
+    fn growth(&mut self, integrator: Integrator, cfl: f64, test: Test) -> f64 {
         let Prepared {
             communicator,
             system,
@@ -100,14 +115,14 @@ impl<'a> Steps<'a> {
         let rows = system.matrix.rows();
         let mut classical = Classical::new(&system.matrix);
         let mut largest = 1.0f64;
-        for pattern in &self.patterns[..patterns] {
+        for pattern in &self.patterns[..test.patterns] {
             let mut state = pattern.clone();
             let mut mine = 0.0f64;
-            for step in 1..=steps {
+            for step in 1..=test.steps {
                 let exchange = &mut system.exchange;
                 classical.steps(exchange, &mut state, integrator, cfl / self.rate, 1);
                 mine = state[..rows].iter().fold(mine, |m, x| m.max(x.abs()));
-                if step % BETWEEN == 0 || step == steps {
+                if step % BETWEEN == 0 || step == test.steps {
                     largest = largest.max(communicator.world.max(mine));
                     if largest > FAR {
                         break;
@@ -144,11 +159,73 @@ pub fn von_neumann(integrator: Integrator, c: f64) -> f64 {
     (0..=ANGLES).map(growth).fold(0.0, f64::max)
 }
 
+/// A method and its borders.
+struct Limits {
+    name: &'static str,
+    integrator: Integrator,
+    /// The largest number at which the patterns' largest value is kept.
+    kept: Located,
+    /// The same for any data, by theory.
+    kept_by_theory: f64,
+    /// The largest number at which nothing explodes.
+    calm: Located,
+    /// A lower bound on it.
+    calm_bound: Located,
+}
+
+impl Limits {
+    fn verdict(&self) -> String {
+        let Self {
+            name,
+            kept,
+            kept_by_theory: limit,
+            calm,
+            calm_bound,
+            ..
+        } = self;
+        let mut verdict = format!(
+            "{name}: no value of the patterns tried exceeds the largest at the start up to cfl \
+             {kept} (theory, for any data: {limit:.3}); values grow a millionfold from {calm} on \
+             (bound: not below {calm_bound}). "
+        );
+        if kept.at().is_some_and(|kept| kept > (1.0 + SLACK) * limit) {
+            verdict += "The patterns are not the worst data of this grid: what any data keep ends \
+                        where theory says at the earliest, and may end before what was measured. ";
+        }
+        verdict
+    }
+
+    fn borders(&self) -> [Border; 2] {
+        let name = format!("{}: largest value kept", self.name);
+        let kept = Border::new(name, self.kept.at(), Some(self.kept_by_theory));
+        let kept = match self.integrator {
+            Integrator::ForwardEuler => kept.drawn("largest value kept"),
+            _ => kept,
+        };
+        let name = format!("{}: explodes in {STEPS} steps", self.name);
+        let calm = Border::new(name, self.calm.at(), self.calm_bound.at()).bounded();
+        [kept, calm]
+    }
+}
+
+/// A bound on the growth in [`STEPS`] steps where the largest rate is `reach` times its bound.
+fn growth_bound(integrator: Integrator, cfl: f64, reach: f64) -> f64 {
+    von_neumann(integrator, cfl * reach)
+        .max(1.0)
+        .powi(STEPS as i32)
+        .min(FAR)
+}
+
 /// The panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
+pub fn panel(sweep: &Sweep<'_>) -> Found {
+    let Sweep {
+        world,
+        case: whole,
+        budget,
+    } = *sweep;
     let case = Case {
         method: Method::Classical,
         ..coarsened(whole, CELLS).without_inflow()
@@ -157,93 +234,58 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     // The bound on the rate may not be reached.
     let reach = largest_rate(&found) / found.bounds.rate;
     if reach <= 0.0 {
-        return Ok(Err("nothing moves: no velocity cell but v = 0".to_owned()));
+        return Err("nothing moves: no velocity cell but v = 0".into());
     }
     let mut steps = Steps::new(&case, &mut found)?;
-    let (mut curves, mut borders, mut verdict) = (Vec::new(), Vec::new(), String::new());
-    let methods = [
-        ("forward Euler", Integrator::ForwardEuler),
-        ("SSP-RK3", Integrator::SspRk3),
-    ];
-    let most = |integrator: Integrator, c: f64| {
-        von_neumann(integrator, c * reach)
-            .max(1.0)
-            .powi(STEPS as i32)
-            .min(FAR)
+    let search = |halvings| Search {
+        low: 0.25,
+        high: LARGEST,
+        halvings,
     };
     // Borders first: curves may end early.
-    for (name, integrator) in methods {
-        let range = (0.25, LARGEST);
-        let over = || budget.is_over();
-        let kept = border(range, SHARP, over, |c| {
-            steps.growth(integrator, c, (FEW, 2)) <= 1.0 + ROUND_OFF
-        });
-        let calm = border(range, ROUGH, over, |c| {
-            steps.growth(integrator, c, (STEPS, 1)) < EXPLODED
-        });
-        // Takes no time to speak of.
-        let calm_bound = border(range, ROUGH, || false, |c| most(integrator, c) < EXPLODED);
-        let limit = 1.0 / reach;
-        verdict += &format!(
-            "{name}: no value of the patterns tried exceeds the largest at the start up to cfl {kept} (theory, for any data: {limit:.3}); \
-             values grow a millionfold from {calm} on (bound: not below {calm_bound}). "
-        );
-        if kept.at().is_some_and(|kept| kept > (1.0 + SLACK) * limit) {
-            verdict += "The patterns are not the worst data of this grid: what any data keep ends where theory says at the earliest, and may \
-                        end before what was measured. ";
+    let all = METHODS.map(|(name, integrator)| {
+        let is_over = || budget.is_over();
+        let mut growth = |cfl, test| steps.growth(integrator, cfl, test);
+        let bound = |cfl| growth_bound(integrator, cfl, reach);
+        Limits {
+            name,
+            integrator,
+            kept: search(SHARP).last(is_over, |cfl| growth(cfl, SHORT) <= 1.0 + ROUND_OFF),
+            kept_by_theory: 1.0 / reach,
+            calm: search(ROUGH).last(is_over, |cfl| growth(cfl, LONG) < EXPLODED),
+            // Takes no time to speak of.
+            calm_bound: search(ROUGH).last(|| false, |cfl| bound(cfl) < EXPLODED),
         }
-        let limit = Border::new(
-            format!("{name}: largest value kept"),
-            kept.at(),
-            Some(limit),
-        );
-        borders.push(match integrator {
-            Integrator::ForwardEuler => limit.drawn("largest value kept"),
-            _ => limit,
-        });
-        borders.push(
-            Border::new(
-                format!("{name}: explodes in {STEPS} steps"),
-                calm.at(),
-                calm_bound.at(),
-            )
-            .bounded(),
-        );
-    }
-    for (name, integrator) in methods {
+    });
+    let curves = METHODS.map(|(name, integrator)| {
         let points = (0..=30).map(|k| {
             let x = 0.6 + 0.04 * f64::from(k);
-            let measured = if budget.is_over() {
-                f64::NAN
-            } else {
-                steps.growth(integrator, x, (STEPS, 1))
+            let measured = match budget.is_over() {
+                true => f64::NAN,
+                false => steps.growth(integrator, x, LONG),
             };
             Point {
                 x,
                 measured,
-                theory: most(integrator, x),
+                theory: growth_bound(integrator, x, reach),
             }
         });
-        curves.push(Curve {
-            name: name.to_owned(),
-            points: points.collect(),
-            bound: true,
-        });
-    }
-    verdict += "Runs refuse solver.classical.cfl above 1.";
-    let mut notes = note(whole, &case);
+        Curve::bounded(name, points.collect())
+    });
+    let verdicts: String = all.iter().map(Limits::verdict).collect();
+    let mut notes = notes(whole, &case);
     if budget.is_over() {
         notes.push("curves end where the budget did".to_owned());
     }
-    Ok(Ok(Panel {
+    Ok(Panel {
         name: Name::Cfl,
         title: "Step of the explicit methods".to_owned(),
         shape: case.space.shape(),
         x: Scale::linear("cfl = step x largest rate"),
         y: Scale::log(format!("largest value in {STEPS} steps / at the start")),
-        curves,
-        borders,
-        verdict,
+        curves: curves.into(),
+        borders: all.iter().flat_map(Limits::borders).collect(),
+        verdict: verdicts + "Runs refuse solver.classical.cfl above 1.",
         notes,
-    }))
+    })
 }

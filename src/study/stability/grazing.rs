@@ -19,17 +19,15 @@
 
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
-use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::for_each_cell;
 use crate::problem::potential::Potential;
 use crate::scheme::interface::{sources, velocity};
-use crate::study::budget::Budget;
 use crate::study::grids::coarsened;
+use crate::study::stability::panel::{Border, Curve, Found, Name, Panel, Point, Scale, Sweep};
 use crate::study::stability::scene::{
-    assembled, growth, note, with_interface, with_potential_times,
+    assembled, growth, notes, with_interface, with_potential_times,
 };
-use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
 
 /// Cells that are enough.
 const CELLS: usize = 4096;
@@ -127,15 +125,19 @@ fn spread(count: usize) -> impl Iterator<Item = usize> {
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
+pub fn panel(sweep: &Sweep<'_>) -> Found {
+    let Sweep {
+        world,
+        case: whole,
+        budget,
+    } = *sweep;
     let coarse = coarsened(&whole.without_inflow(), CELLS);
     if !Bounds::new(&coarse)?.jumps {
-        let why = "V does not jump: no particle grazes a threshold";
-        return Ok(Err(why.to_owned()));
+        return Err("V does not jump: no particle grazes a threshold".into());
     }
     let case = with_interface(&coarse, Interface::Hat, false);
     let height = highest_jump(&case)?;
-    let mut notes = note(whole, &coarse);
+    let mut notes = notes(whole, &coarse);
     let mut points = Vec::new();
     let at = |factor: f64| -> Result<Point> {
         let scaled = with_potential_times(&case, factor);
@@ -181,26 +183,24 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
     ];
     let amplified = own.measured.exp();
     let verdict = format!(
-        "Without weights lambda+ T is {:.3} at this case's jump, an amplification of {amplified:.3e}, and up to {:.3} at a jump of {place:.4}: it \
-         spikes where a velocity cell almost rests beyond a threshold. Dissipative weights or a conservative interface take the spikes away.",
+        "Without weights lambda+ T is {:.3} at this case's jump, an amplification of \
+         {amplified:.3e}, and up to {:.3} at a jump of {place:.4}: it spikes where a velocity cell \
+         almost rests beyond a threshold. Dissipative weights or a conservative interface take the \
+         spikes away.",
         own.measured,
         measured.map_or(f64::NAN, |p| p.measured)
     );
-    Ok(Ok(Panel {
+    Ok(Panel {
         name: Name::Grazing,
         title: "Grazing: growth against the jump".to_owned(),
         shape: case.space.shape(),
         x: Scale::linear("largest jump of V"),
         y: Scale::linear("lambda+ T, hat, no weights"),
-        curves: vec![Curve {
-            name: "hat, no weights".to_owned(),
-            points,
-            bound: false,
-        }],
+        curves: vec![Curve::new("hat, no weights", points)],
         borders,
         verdict,
         notes,
-    }))
+    })
 }
 
 #[cfg(test)]

@@ -1,15 +1,12 @@
 //! The recovery's amplification `e^{λ⁺T}` against refinement, for each kind of interface row.
 
-use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
-use crate::parallel::communicator::World;
-use crate::problem::case::{Case, Interface};
-use crate::study::budget::Budget;
+use crate::problem::case::Interface;
 use crate::study::grids::coarsened;
 use crate::study::grids::refined;
 use crate::study::stability::grazing::expected_growth;
+use crate::study::stability::panel::{Border, Curve, Found, Name, Panel, Point, Scale, Sweep};
 use crate::study::stability::scene::{assembled, growth, with_interface};
-use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
 
 /// Cells that the sweep begins with.
 const FEWEST: usize = 256;
@@ -53,7 +50,7 @@ fn trend(points: &[Point]) -> &'static str {
     }
 }
 
-/// What a curve says: on its finest grid, which is that of the borders, and over all.
+/// The verdict on a curve: on its finest grid, which is that of the borders, and over all grids.
 fn sentence(curve: &Curve) -> String {
     /// No more than 1.
     const ROUND_OFF: f64 = 1e-9;
@@ -86,11 +83,16 @@ fn sentence(curve: &Curve) -> String {
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
+pub fn panel(sweep: &Sweep<'_>) -> Found {
+    let Sweep {
+        world,
+        case: whole,
+        budget,
+    } = *sweep;
     let start = coarsened(&whole.without_inflow(), FEWEST);
     if !Bounds::new(&start)?.jumps && !Bounds::new(whole)?.jumps {
         let why = "V does not jump: S has no positive eigenvalues on any grid, nor needs weights";
-        return Ok(Err(why.to_owned()));
+        return Err(why.into());
     }
     let kinds = [
         ("hat, no weights", Interface::Hat, false),
@@ -101,7 +103,7 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         .map(|(name, interface, weights)| Curve {
             name: name.to_owned(),
             points: Vec::new(),
-            // Only of hat rows as they are the growth itself is foretold.
+            // Theory has the growth itself only of unweighted hat rows.
             bound: weights || interface == Interface::Conservative,
         })
         .into();
@@ -144,14 +146,14 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         }
     }
     if curves.iter().all(|c| c.points.is_empty()) {
-        return Ok(Err("nothing could be tried within the budget".to_owned()));
+        return Err("nothing could be tried within the budget".into());
     }
     let sentences: Vec<String> = curves.iter().map(sentence).collect();
     let verdict = format!(
         "By how much reading f amplifies what is wrong with the modes. {}",
         sentences.join(" ")
     );
-    Ok(Ok(Panel {
+    Ok(Panel {
         name: Name::Growth,
         title: "Growth against refinement".to_owned(),
         shape: last,
@@ -161,5 +163,5 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         borders,
         verdict,
         notes,
-    }))
+    })
 }

@@ -1,17 +1,15 @@
 //! The step of the implicit methods: Crank–Nicolson is of second order, backward Euler of first.
 
-use crate::base::error::Result;
-use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::plan::layout::Resources;
-use crate::problem::case::{Case, PropagatorMethod};
-use crate::propagate::descriptor;
+use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
 use crate::run::planning;
-use crate::study::budget::Budget;
+use crate::study::cost::planned_work;
 use crate::study::grids::coarsened;
-use crate::study::stability::scene::note;
-use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
-use crate::study::trial::trial;
+use crate::study::stability::panel::{
+    Border, Curve, Found, Name, Panel, Point, Reason, Scale, Sweep,
+};
+use crate::study::stability::scene::notes;
+use crate::study::trial::{plan_series, propagation, ranks, trial};
 
 /// Cells that are enough: each mode and step solves a system.
 const CELLS: usize = 256;
@@ -21,6 +19,12 @@ const TOLERANCE: f64 = 1e-6;
 const FEWEST: u32 = 4;
 /// … to.
 const MOST: u32 = 12;
+/// The error at which measured and expected steps are compared: both can tell there.
+const COMPARED: f64 = 1e-3;
+const METHODS: [(&str, PropagatorMethod); 2] = [
+    ("Crank-Nicolson", PropagatorMethod::CrankNicolson),
+    ("backward Euler", PropagatorMethod::BackwardEuler),
+];
 
 /// The slope of `ln y` over `ln x` between the points with the two shortest steps whose error is that of the step, and those steps.
 fn slope(points: &[Point]) -> Option<(f64, [f64; 2])> {
@@ -51,122 +55,143 @@ fn crossing(points: &[Point], level: f64, of: fn(&Point) -> f64) -> Option<f64> 
     })
 }
 
-/// The panel. Collective.
-///
-/// # Errors
-/// None but those of the trials, which are left out.
-pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
-    if whole.varies() {
-        let why = "what enters depends on time: modes are stepped by a commutator-free scheme";
-        return Ok(Err(why.to_owned()));
-    }
-    let mut case = coarsened(whole, CELLS);
-    case.tolerance = TOLERANCE;
-    case.verify = true;
-    let warp = &mut case.warp;
-    (warp.recovery, warp.interval, warp.points) = (None, None, None);
-    (warp.weights, warp.coefficients) = (true, crate::problem::case::Coefficients::Analytic);
-    warp.profile = crate::problem::case::ProfileChoice::Planned;
-    warp.delta = crate::problem::case::Delta::Planned;
-    let mut notes = note(whole, &case);
-    let (mut curves, mut borders, mut verdict) = (Vec::new(), Vec::new(), String::new());
-    // Where both can tell.
-    let level = 1e-3;
-    let methods = [
-        ("Crank-Nicolson", PropagatorMethod::CrankNicolson),
-        ("backward Euler", PropagatorMethod::BackwardEuler),
-    ];
-    let mut refused = None;
-    for (name, method) in methods {
-        let mut points: Vec<Point> = Vec::new();
-        for power in FEWEST..=MOST {
-            case.propagator.method = method;
-            let step = case.end / f64::from(1u32 << power);
-            case.propagator.step = Some(step);
-            if budget.is_over() {
-                notes.push(format!("{name}: {} steps at most", 1u32 << (power - 1)));
-                break;
-            }
-            let here = Resources {
-                ranks: world.group().size(),
-                ..Resources::default()
+/// The trials of one method.
+struct Steps {
+    name: &'static str,
+    method: PropagatorMethod,
+    /// By rising step.
+    points: Vec<Point>,
+    /// Why it ended early.
+    refused: Option<String>,
+    /// The largest number of steps, where it ended for the budget.
+    fewer: Option<u32>,
+}
+
+impl Steps {
+    /// Tries `method` with ever shorter steps. Collective.
+    fn tried(sweep: &Sweep<'_>, case: &Case, name: &'static str, method: PropagatorMethod) -> Self {
+        let mut found = Self {
+            name,
+            method,
+            points: Vec::new(),
+            refused: None,
+            fewer: None,
+        };
+        for steps in (FEWEST..=MOST).map(|power| 1u32 << power) {
+            let mut case = case.clone();
+            case.propagator = propagation(&case, method, Some(steps as usize));
+            let planned = match sweep.budget.is_over() {
+                true => None,
+                false => Some(planning::plan(sweep.world, &case, &ranks(sweep.world))),
             };
-            let cost = |plan: &Plan| {
-                let solves = plan.warp.as_ref().map_or(0, |w| w.solves);
-                (solves * descriptor(method).applications_per_work() * case.space.cells()) as f64
-            };
-            let planned = planning::plan(world, &case, &here);
-            if planned
-                .as_ref()
-                .is_ok_and(|plan| !budget.holds(cost(plan), 1.0))
-            {
-                notes.push(format!("{name}: {} steps at most", 1u32 << (power - 1)));
+            let updates = |plan: &Plan| planned_work(&case, plan) * case.space.cells() as f64;
+            let holds = |plan: &Plan| sweep.budget.holds(updates(plan), 1.0);
+            let Some(planned) = planned.filter(|plan| plan.as_ref().map_or(true, holds)) else {
+                found.fewer = Some(steps / 2);
                 break;
-            }
-            match planned.and_then(|_| trial(world, &case)) {
-                Ok(found) => points.push(Point {
-                    x: step,
-                    measured: found.summary.error_semidiscrete.unwrap_or(f64::NAN),
-                    theory: found.summary.step_error.unwrap_or(f64::NAN),
+            };
+            match planned.and_then(|_| trial(sweep.world, &case)) {
+                Ok(trial) => found.points.push(Point {
+                    x: case.end / f64::from(steps),
+                    measured: trial.summary.error_semidiscrete.unwrap_or(f64::NAN),
+                    theory: trial.summary.step_error.unwrap_or(f64::NAN),
                 }),
                 Err(error) => {
-                    refused = Some(error.to_string());
+                    found.refused = Some(error.to_string());
                     break;
                 }
             }
         }
-        points.reverse();
-        let expected = method.order() as f64;
-        let stalled = stalled(&points);
-        // Beyond, what is seen is not the step's.
-        let found = slope(&points[stalled.unwrap_or(0)..]);
-        let enough = crossing(&points, level, |p| p.measured);
-        let theory = crossing(&points, level, |p| p.theory);
-        borders.push(Border::new(
-            format!("{name}: order"),
-            found.map(|f| f.0),
-            Some(expected),
-        ));
-        borders.push(Border::new(
-            format!("{name}: step of an error of {level:e}"),
-            enough,
-            theory,
-        ));
-        verdict += &match found {
-            Some((order, [short, long])) => format!(
-                "{name} converges with order {order:.2} (theory {expected}) between the steps {long:.2e} and {short:.2e}. "
+        found.points.reverse();
+        found
+    }
+
+    /// The order of convergence, and the steps that it is from. Beyond where the error stalls it is not the step's.
+    fn order(&self) -> Option<(f64, [f64; 2])> {
+        slope(&self.points[stalled(&self.points).unwrap_or(0)..])
+    }
+
+    fn borders(&self) -> [Border; 2] {
+        let Self { name, points, .. } = self;
+        let order = self.order().map(|(order, _)| order);
+        [
+            Border::new(
+                format!("{name}: order"),
+                order,
+                Some(self.method.order() as f64),
             ),
-            None => format!("{name}: no two steps whose error is that of the step show an order. "),
+            Border::new(
+                format!("{name}: step of an error of {COMPARED:e}"),
+                crossing(points, COMPARED, |p| p.measured),
+                crossing(points, COMPARED, |p| p.theory),
+            ),
+        ]
+    }
+
+    fn verdict(&self) -> String {
+        let Self { name, points, .. } = self;
+        let expected = self.method.order();
+        let mut verdict = match self.order() {
+            Some((order, [short, long])) => format!(
+                "{name} converges with order {order:.2} (theory {expected}) between the steps \
+                 {long:.2e} and {short:.2e}. "
+            ),
+            None => {
+                format!("{name}: no two steps whose error is that of the step show an order. ")
+            }
         };
-        if let Some((from, shortest)) = stalled.map(|k| points[k]).zip(points.first()) {
+        if let (Some(k), Some(shortest)) = (stalled(points), points.first()) {
+            let from = points[k];
             verdict += &format!(
-                "From a step of {:.2e} on its error no longer falls: {:.1e} there, {:.1e} at the shortest, {:.2e}. ",
+                "From a step of {:.2e} on its error no longer falls: {:.1e} there, {:.1e} at the \
+                 shortest, {:.2e}. ",
                 from.x, from.measured, shortest.measured, shortest.x
             );
         }
-        curves.push(Curve {
-            name: name.to_owned(),
-            points,
-            bound: false,
-        });
+        verdict
     }
-    if curves.iter().all(|c| c.points.is_empty()) {
-        let why = refused.unwrap_or_else(|| "no step could be tried within the budget".to_owned());
-        return Ok(Err(why));
+}
+
+/// The panel. Collective.
+///
+/// # Errors
+/// None but those of the trials, which are left out.
+pub fn panel(sweep: &Sweep<'_>) -> Found {
+    if sweep.case.varies() {
+        let why = "what enters depends on time: modes are stepped by a commutator-free scheme";
+        return Err(why.into());
     }
+    let mut case = coarsened(sweep.case, CELLS);
+    (case.tolerance, case.verify) = (TOLERANCE, true);
+    plan_series(&mut case);
+    (case.warp.weights, case.warp.profile) = (true, ProfileChoice::Planned);
+    let all = METHODS.map(|(name, method)| Steps::tried(sweep, &case, name, method));
+    let refused = all.iter().rev().find_map(|steps| steps.refused.clone());
+    if all.iter().all(|steps| steps.points.is_empty()) {
+        let none = || "no step could be tried within the budget".to_owned();
+        return Err(Reason(refused.unwrap_or_else(none)));
+    }
+    let mut notes = notes(sweep.case, &case);
+    notes.extend(all.iter().filter_map(|steps| {
+        let most = steps.fewer?;
+        Some(format!("{}: {most} steps at most", steps.name))
+    }));
     notes.extend(refused);
-    verdict += "Runs say when the step's error exceeds the tolerance, and which step would do.";
-    Ok(Ok(Panel {
+    let verdicts: String = all.iter().map(Steps::verdict).collect();
+    let last = "Runs say when the step's error exceeds the tolerance, and which step would do.";
+    Ok(Panel {
         name: Name::Step,
         title: "Step of the implicit methods".to_owned(),
         shape: case.space.shape(),
         x: Scale::log("step"),
         y: Scale::log("relative l2 error"),
-        curves,
-        borders,
-        verdict,
+        borders: all.iter().flat_map(Steps::borders).collect(),
+        curves: (all.into_iter())
+            .map(|steps| Curve::new(steps.name, steps.points))
+            .collect(),
+        verdict: verdicts + last,
         notes,
-    }))
+    })
 }
 
 #[cfg(test)]

@@ -5,13 +5,12 @@
 //! `‖f(T)‖/‖ũ(0)‖`. What is lost by both is `e^{λ⁺T} ‖ũ(0)‖/‖f(T)‖`: the factor by which round-off and everything left out appear in the field.
 
 use crate::base::error::Result;
-use crate::parallel::communicator::World;
-use crate::problem::case::{Case, Delta};
+use crate::matrix::inflow::Inflow;
+use crate::problem::case::Delta;
 use crate::solve::prepared::Prepared;
-use crate::study::budget::Budget;
 use crate::study::grids::coarsened;
-use crate::study::stability::scene::{assembled, growth, note};
-use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
+use crate::study::stability::panel::{Border, Curve, Found, Name, Panel, Point, Scale, Sweep};
+use crate::study::stability::scene::{assembled, growth, notes};
 
 /// Cells that are enough.
 const CELLS: usize = 4096;
@@ -20,7 +19,7 @@ const PER_DECADE: i32 = 4;
 const DECADES: i32 = 3;
 
 /// Largest of `of` over the rows of inflow on all ranks. Collective.
-fn over_rows(found: &Prepared, of: impl Fn(&crate::matrix::inflow::Inflow) -> f64) -> f64 {
+fn over_rows(found: &Prepared, of: impl Fn(&Inflow) -> f64) -> f64 {
     let rows = found.system.matrix.inflow.iter();
     found
         .communicator
@@ -28,17 +27,56 @@ fn over_rows(found: &Prepared, of: impl Fn(&crate::matrix::inflow::Inflow) -> f6
         .max(rows.map(of).fold(0.0, f64::max))
 }
 
+/// The two factors of the loss.
+struct Loss {
+    /// `λ⁺T`.
+    exponent: f64,
+    /// A lower bound on it, from one row and its unknown.
+    least_exponent: f64,
+    /// `‖ũ(0)‖/‖f(T)‖`.
+    ratio: f64,
+}
+
+impl Loss {
+    /// Of a matrix at time `end`. Collective.
+    fn of(found: &mut Prepared, end: f64) -> Result<Self> {
+        let ratio = found.probe();
+        let exponent = growth(found)? * end;
+        let matrix = &found.system.matrix;
+        let block = |aux: &Inflow| {
+            let row = aux.row as usize;
+            let own: f64 = (matrix.row(row).filter(|&(j, ..)| j == row))
+                .map(|(_, s, _)| s)
+                .sum();
+            0.5 * (own + own.hypot(aux.coupling))
+        };
+        Ok(Self {
+            exponent,
+            least_exponent: over_rows(found, block) * end,
+            ratio,
+        })
+    }
+
+    fn total(&self) -> f64 {
+        self.exponent.exp() * self.ratio
+    }
+}
+
 /// The panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
+pub fn panel(sweep: &Sweep<'_>) -> Found {
+    let Sweep {
+        world,
+        case: whole,
+        budget,
+    } = *sweep;
     if !whole.enters() {
-        return Ok(Err("nothing enters".to_owned()));
+        return Err("nothing enters".into());
     }
     if whole.varies() {
-        let why = "what enters depends on time: its couplings are planned step by step";
-        return Ok(Err(why.to_owned()));
+        return Err("what enters depends on time: its couplings are planned step by step".into());
     }
     let case = coarsened(whole, CELLS);
     let with = |delta: Delta| {
@@ -51,25 +89,10 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         aux.values.iter().fold(0.0, |m: f64, b| m.max(b.abs()))
     });
     if largest == 0.0 {
-        return Ok(Err("what enters is zero on this grid".to_owned()));
+        return Err("what enters is zero on this grid".into());
     }
-    let loss = |found: &mut Prepared| -> Result<[f64; 3]> {
-        let ratio = found.probe();
-        let grows = growth(found)? * case.end;
-        let matrix = &found.system.matrix;
-        let block = |aux: &crate::matrix::inflow::Inflow| {
-            let row = aux.row as usize;
-            let own: f64 = (matrix.row(row).filter(|&(j, ..)| j == row))
-                .map(|(_, s, _)| s)
-                .sum();
-            0.5 * (own + own.hypot(aux.coupling))
-        };
-        let least = over_rows(found, block) * case.end;
-        Ok([grows, least, ratio])
-    };
-    let [grows, _, ratio] = loss(&mut assembled(world, &with(Delta::Planned))?)?;
-    let chosen = grows.exp() * ratio;
-    let mut notes = note(whole, &case);
+    let chosen = Loss::of(&mut assembled(world, &with(Delta::Planned))?, case.end)?.total();
+    let mut notes = notes(whole, &case);
     let [mut total, mut growing, mut state] = [Vec::new(), Vec::new(), Vec::new()];
     for k in -PER_DECADE * DECADES..=PER_DECADE * DECADES {
         if budget.is_over() {
@@ -79,15 +102,15 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         let delta = largest * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));
         let mut found = assembled(world, &with(Delta::Given(delta)))?;
         let bound = found.bounds.growth * case.end;
-        let [grows, least, ratio] = loss(&mut found)?;
+        let loss = Loss::of(&mut found, case.end)?;
         let point = |measured: f64, theory: f64| Point {
             x: delta,
             measured,
             theory,
         };
-        growing.push(point(grows.exp(), least.exp()));
-        state.push(point(ratio, f64::NAN));
-        total.push(point(grows.exp() * ratio, bound.exp() * ratio));
+        growing.push(point(loss.exponent.exp(), loss.least_exponent.exp()));
+        state.push(point(loss.ratio, f64::NAN));
+        total.push(point(loss.total(), bound.exp() * loss.ratio));
     }
     let least = |of: fn(&Point) -> f64| {
         let finite = total.iter().filter(|p| of(p).is_finite());
@@ -108,28 +131,24 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         ),
     ];
     let verdict = format!(
-        "The least that a single delta loses is a factor {best:.3e}, at delta = {:.3e}; below it lambda+ T explodes, above it the auxiliary unknowns \
-         dwarf the field. The planned couplings lose {chosen:.3e}.",
+        "The least that a single delta loses is a factor {best:.3e}, at delta = {:.3e}; below it \
+         lambda+ T explodes, above it the auxiliary unknowns dwarf the field. The planned couplings \
+         lose {chosen:.3e}.",
         measured.map_or(f64::NAN, |p| p.x)
     );
-    let curve = |name: &str, points: Vec<Point>| Curve {
-        name: name.to_owned(),
-        points,
-        bound: true,
-    };
-    Ok(Ok(Panel {
+    Ok(Panel {
         name: Name::Delta,
         title: "Delta of the inflow".to_owned(),
         shape: case.space.shape(),
         x: Scale::log("delta"),
         y: Scale::log("factor"),
         curves: vec![
-            curve("loss: growth x state", total),
-            curve("growth exp(lambda+ T)", growing),
-            curve("state over field", state),
+            Curve::bounded("loss: growth x state", total),
+            Curve::bounded("growth exp(lambda+ T)", growing),
+            Curve::bounded("state over field", state),
         ],
         borders,
         verdict,
         notes,
-    }))
+    })
 }

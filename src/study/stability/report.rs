@@ -1,11 +1,12 @@
-//! What was found as a table, as CSV and as JSON.
+//! A stability map as a table, as CSV, as JSON and as a figure.
 
 use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::results::figure;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure};
-use crate::study::stability::{Border, Curve, Name, Panel, Point, Scale, Stability};
+use crate::study::grids::shape_text;
+use crate::study::stability::panel::{Border, Curve, Name, Panel, Point, Scale, Stability};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -23,15 +24,9 @@ fn number(x: Option<f64>) -> String {
     }
 }
 
-/// What theory's number is.
+/// Whether theory has the number itself or only a bound.
 fn kind(bound: bool) -> &'static str {
     if bound { "bound" } else { "theory" }
-}
-
-/// Cells along each axis.
-fn cells(shape: &[usize]) -> String {
-    let cells: Vec<String> = shape.iter().map(usize::to_string).collect();
-    cells.join(" x ")
 }
 
 /// `text` in lines of at most so many characters, each indented.
@@ -59,7 +54,7 @@ impl Stability {
         let mut text = format!(
             "{}: {} cells, T = {}\n",
             self.title,
-            cells(&self.shape),
+            shape_text(&self.shape),
             self.time
         );
         let width = (self.panels.iter().flat_map(|p| &p.borders))
@@ -77,7 +72,7 @@ impl Stability {
                 "{} ({}, {} cells)",
                 word(panel.name),
                 panel.title,
-                cells(&panel.shape)
+                shape_text(&panel.shape)
             );
             for Border {
                 name,
@@ -111,7 +106,8 @@ impl Stability {
         text
     }
 
-    /// A line a point: panel, series, x, measured, theory, and whether that is a `theory` or only a `bound`; an empty field where there is no number.
+    /// A line a point: panel, series, x, measured, theory, and whether that is a `theory` or only a
+    /// `bound`; an empty field where there is no number.
     pub fn csv(&self) -> String {
         let mut text = "panel,series,x,measured,theory,kind\n".to_owned();
         let field = |x: f64| {

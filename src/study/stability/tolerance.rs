@@ -1,166 +1,169 @@
-//! The tolerance that is asked against the error that is reached, by profile, down to round-off.
+//! The tolerance against the error that is reached, by profile, down to round-off.
 
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
-use crate::parallel::communicator::World;
-use crate::plan::ASSUMED_RATIO;
-use crate::plan::layout::Resources;
+use crate::plan::{ASSUMED_RATIO, Plan};
 use crate::problem::case::{
-    Case, Coefficients, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Delta, ProfileChoice,
-    Propagation, PropagatorMethod,
+    Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, ProfileChoice, PropagatorMethod,
 };
 use crate::run::planning;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::study::budget::Budget;
+use crate::study::cost::planned_work;
 use crate::study::grids::coarsened;
-use crate::study::stability::scene::note;
-use crate::study::stability::{Border, Curve, Found, Name, Panel, Point, Scale};
-use crate::study::trial::trial;
+use crate::study::stability::panel::{
+    Border, Curve, Found, Name, Panel, Point, Reason, Scale, Sweep,
+};
+use crate::study::stability::scene::notes;
+use crate::study::trial::{plan_series, propagation, ranks, trial};
 
 /// Cells that are enough.
 const CELLS: usize = 1024;
-/// What is asked, as powers of ten; from here on what no profile gives.
+/// Tolerances; the last ones are below what profiles give.
 const ASKED: [f64; 8] = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-13, 1e-14];
 /// More modes than this take long.
 const MOST_MODES: usize = 1 << 13;
-/// Below what any gives.
+/// Below every error.
 const NONE: f64 = 1e-16;
 
-/// The panel. Collective.
-///
-/// # Errors
-/// None but those of the trials, which are left out.
-pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
-    let mut case = coarsened(whole, CELLS);
-    case.verify = true;
-    let warp = &mut case.warp;
-    (warp.recovery, warp.interval, warp.points) = (None, None, None);
-    (warp.weights, warp.coefficients) = (true, Coefficients::Analytic);
-    warp.delta = Delta::Planned;
-    case.propagator = Propagation {
-        method: PropagatorMethod::Chebyshev,
-        step: None,
-    };
-    let profiles = [
-        ("designed", ProfileChoice::Designed),
-        ("gaussian", ProfileChoice::Gaussian),
-        (
-            "smooth",
-            ProfileChoice::Smooth {
-                order: DEFAULT_ORDER,
-            },
-        ),
-        ("low-somma", ProfileChoice::LowSomma { c: None }),
-        ("acl", ProfileChoice::Acl { beta: DEFAULT_BETA }),
-        (
-            "exponential",
-            ProfileChoice::Exponential {
-                alpha: DEFAULT_ALPHA,
-            },
-        ),
-    ];
-    let here = Resources {
-        ranks: world.group().size(),
-        ..Resources::default()
-    };
-    let (mut curves, mut borders, notes) = (Vec::new(), Vec::new(), note(whole, &case));
-    let mut refused = None;
-    let (mut kept, mut missed, mut ended) = (Vec::new(), Vec::new(), Vec::new());
-    for (name, profile) in profiles {
-        case.warp.profile = profile;
-        // What the plan says it can do.
+/// The profiles, with their names.
+const PROFILES: [(&str, ProfileChoice); 6] = [
+    ("designed", ProfileChoice::Designed),
+    ("gaussian", ProfileChoice::Gaussian),
+    (
+        "smooth",
+        ProfileChoice::Smooth {
+            order: DEFAULT_ORDER,
+        },
+    ),
+    ("low-somma", ProfileChoice::LowSomma { c: None }),
+    ("acl", ProfileChoice::Acl { beta: DEFAULT_BETA }),
+    (
+        "exponential",
+        ProfileChoice::Exponential {
+            alpha: DEFAULT_ALPHA,
+        },
+    ),
+];
+
+/// The trials of one profile.
+#[derive(Default)]
+struct Errors {
+    name: &'static str,
+    /// By falling tolerance.
+    points: Vec<Point>,
+    /// The smallest tolerance that a plan accepts, where it is known.
+    smallest: Option<f64>,
+    /// Whether smaller tolerances were left out for the budget.
+    too_long: bool,
+    /// Why a plan or a trial failed, the last time.
+    refused: Option<String>,
+}
+
+impl Errors {
+    /// Tries the profile of `case` at ever smaller tolerances. Collective.
+    fn tried(sweep: &Sweep<'_>, name: &'static str, mut case: Case) -> Result<Self> {
+        let mut found = Self {
+            name,
+            ..Self::default()
+        };
         case.tolerance = NONE;
-        let smallest = match planning::plan(world, &case, &here) {
+        found.smallest = match planning::plan(sweep.world, &case, &ranks(sweep.world)) {
             Err(Error::Tolerance { smallest, .. }) => Some(smallest),
             Ok(_) => Some(NONE),
             Err(error) => {
-                // Too many modes for the smallest: where it is is not known.
-                refused = Some(error.to_string());
+                // Too many modes for the smallest: it is not known.
+                found.refused = Some(error.to_string());
                 None
             }
         };
-        let mut points: Vec<Point> = Vec::new();
-        let mut costly = false;
-        let asked = ASKED
-            .into_iter()
-            .filter(|&a| smallest.is_none_or(|s| a > s));
-        let asked: Vec<f64> = asked.chain(smallest).collect();
-        for &asked in &asked {
-            case.tolerance = asked;
-            if budget.is_over() {
-                costly = true;
+        let larger = |&asked: &f64| found.smallest.is_none_or(|smallest| asked > smallest);
+        let asked: Vec<f64> = (ASKED.into_iter().filter(larger))
+            .chain(found.smallest)
+            .collect();
+        for tolerance in asked {
+            case.tolerance = tolerance;
+            let Some(planned) = affordable(sweep, &case)? else {
+                found.too_long = true;
                 break;
-            }
-            // Where there are so many, to plan what each of them takes is too much already.
-            let modes = WarpPlan::modes_of(&case, &Bounds::new(&case)?, ASSUMED_RATIO);
-            if modes.is_ok_and(|modes| modes > MOST_MODES) {
-                costly = true;
-                break;
-            }
-            let planned = planning::plan(world, &case, &here);
-            let updates = |modes: usize| (modes * case.space.cells()) as f64;
-            let applications = planned
-                .as_ref()
-                .map(|p| p.warp.as_ref().map_or(0, |w| w.applications));
-            match applications {
-                Ok(count) if !budget.holds(updates(count), 1.0) => costly = true,
-                Err(Error::Modes { .. }) => costly = true,
-                _ => {}
-            }
-            if costly {
-                break;
-            }
-            match planned.and_then(|_| trial(world, &case)) {
-                Ok(found) => points.push(Point {
-                    x: asked,
-                    measured: found.summary.error_semidiscrete.unwrap_or(f64::NAN),
-                    theory: asked,
+            };
+            match planned.and_then(|_| trial(sweep.world, &case)) {
+                Ok(trial) => found.points.push(Point {
+                    x: tolerance,
+                    measured: trial.summary.error_semidiscrete.unwrap_or(f64::NAN),
+                    theory: tolerance,
                 }),
-                Err(error) => refused = Some(error.to_string()),
+                Err(error) => found.refused = Some(error.to_string()),
             }
         }
-        let tried: Vec<Point> = (points.iter().copied())
-            .filter(|p| p.measured.is_finite())
-            .collect();
-        let misses = tried.iter().find(|p| p.measured > p.theory);
-        let last = tried.last().map(|p| p.x);
-        match (misses, last) {
+        Ok(found)
+    }
+
+    fn measured(&self) -> impl Iterator<Item = &Point> {
+        self.points.iter().filter(|p| p.measured.is_finite())
+    }
+
+    /// The smallest tolerance that was tried.
+    fn last(&self) -> Option<f64> {
+        self.measured().last().map(|p| p.x)
+    }
+
+    /// The first trial whose error exceeds its tolerance.
+    fn missed(&self) -> Option<&Point> {
+        self.measured().find(|p| p.measured > p.theory)
+    }
+
+    fn border(&self) -> Border {
+        // What ended for its cost has not come to the smallest.
+        let complete = !self.too_long && (self.missed().is_some() || self.last() == self.smallest);
+        let errors = self.measured().map(|p| p.measured);
+        let reached = errors.filter(|_| complete).reduce(f64::min);
+        let name = self.name;
+        let name = format!("{name}: smallest error, beside the smallest tolerance planned");
+        Border::new(name, reached, self.smallest).bounded()
+    }
+}
+
+/// The plan of `case`, or its error; none where the budget does not hold its trial. Collective.
+fn affordable(sweep: &Sweep<'_>, case: &Case) -> Result<Option<Result<Plan>>> {
+    if sweep.budget.is_over() {
+        return Ok(None);
+    }
+    // With very many modes even the plan takes too long.
+    let modes = WarpPlan::modes_of(case, &Bounds::new(case)?, ASSUMED_RATIO);
+    if modes.is_ok_and(|modes| modes > MOST_MODES) {
+        return Ok(None);
+    }
+    let planned = planning::plan(sweep.world, case, &ranks(sweep.world));
+    let affordable = match &planned {
+        Ok(plan) => {
+            let updates = planned_work(case, plan) * case.space.cells() as f64;
+            sweep.budget.holds(updates, 1.0)
+        }
+        Err(Error::Modes { .. }) => false,
+        Err(_) => true,
+    };
+    Ok(affordable.then_some(planned))
+}
+
+/// Which tolerances were reached, which were not, and which were not tried.
+fn verdict(all: &[Errors], borders: &[Border]) -> String {
+    let (mut reached, mut missed, mut ended) = (Vec::new(), Vec::new(), Vec::new());
+    for errors in all {
+        let (name, last) = (errors.name, errors.last());
+        match (errors.missed(), last) {
             (Some(p), _) => missed.push(format!("{name} at {:.1e} ({:.1e})", p.x, p.measured)),
-            (None, Some(last)) => kept.push(format!("{name} down to {last:.1e}")),
-            (None, None) if !costly => ended.push(format!("{name} (refused)")),
+            (None, Some(last)) => reached.push(format!("{name} down to {last:.1e}")),
+            (None, None) if !errors.too_long => ended.push(format!("{name} (refused)")),
             (None, None) => {}
         }
-        if costly {
-            ended.push(match last {
-                Some(last) => format!("{name} below {last:.0e} (takes too long here)"),
-                None => format!("{name} (takes too long here)"),
-            });
+        if errors.too_long {
+            let below = last.map_or(String::new(), |last| format!(" below {last:.0e}"));
+            ended.push(format!("{name}{below} (takes too long here)"));
         }
-        // What ended for its cost has not come to the smallest.
-        let complete = !costly && (misses.is_some() || last == smallest);
-        let reached = (tried.iter().map(|p| p.measured))
-            .filter(|_| complete)
-            .reduce(f64::min);
-        let name_of = format!("{name}: smallest error, beside the smallest tolerance planned");
-        borders.push(Border::new(name_of, reached, smallest).bounded());
-        points.reverse();
-        curves.push(Curve {
-            name: name.to_owned(),
-            points,
-            bound: true,
-        });
     }
-    curves.retain(|c| !c.points.is_empty());
-    if curves.is_empty() {
-        let why = refused.unwrap_or_else(|| "nothing could be tried within the budget".to_owned());
-        return Ok(Err(why));
-    }
-    let best = (borders.iter())
-        .filter_map(|b| Some((b.theory?, &b.name)))
-        .min_by(|a, b| a.0.total_cmp(&b.0));
     let mut verdict = String::new();
     for (what, list) in [
-        ("Every tolerance tried was kept by", kept),
+        ("Every tolerance tried was kept by", reached),
         ("Tolerances were missed by", missed),
         ("Not tried:", ended),
     ] {
@@ -168,13 +171,46 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
             verdict += &format!("{what} {}. ", list.join(", "));
         }
     }
-    if let Some((smallest, name)) = best {
+    let smallest = (borders.iter())
+        .filter_map(|b| Some((b.theory?, &b.name)))
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    if let Some((smallest, name)) = smallest {
         let name = name.split(':').next().unwrap_or_default();
         verdict += &format!(
             "The smallest that a plan accepts is {smallest:.1e} ({name}); runs refuse less."
         );
     }
-    Ok(Ok(Panel {
+    verdict
+}
+
+/// The panel. Collective.
+///
+/// # Errors
+/// As [`Bounds::new`]; errors of the trials are left out.
+pub fn panel(sweep: &Sweep<'_>) -> Found {
+    let mut case = coarsened(sweep.case, CELLS);
+    case.verify = true;
+    plan_series(&mut case);
+    case.warp.weights = true;
+    case.propagator = propagation(&case, PropagatorMethod::Chebyshev, None);
+    let mut all = Vec::new();
+    for (name, profile) in PROFILES {
+        let mut case = case.clone();
+        case.warp.profile = profile;
+        all.push(Errors::tried(sweep, name, case)?);
+    }
+    let borders: Vec<Border> = all.iter().map(Errors::border).collect();
+    let verdict = verdict(&all, &borders);
+    let refused = all.iter().rev().find_map(|errors| errors.refused.clone());
+    let curves: Vec<Curve> = (all.into_iter())
+        .filter(|errors| !errors.points.is_empty())
+        .map(|errors| Curve::bounded(errors.name, errors.points.into_iter().rev().collect()))
+        .collect();
+    if curves.is_empty() {
+        let none = || "nothing could be tried within the budget".to_owned();
+        return Err(Reason(refused.unwrap_or_else(none)));
+    }
+    Ok(Panel {
         name: Name::Tolerance,
         title: "Tolerance against round-off".to_owned(),
         shape: case.space.shape(),
@@ -183,6 +219,6 @@ pub fn panel(world: &World, whole: &Case, budget: &Budget) -> Result<Found> {
         curves,
         borders,
         verdict,
-        notes,
-    }))
+        notes: notes(sweep.case, &case),
+    })
 }

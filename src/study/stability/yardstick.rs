@@ -40,7 +40,6 @@ impl Yardstick {
     /// # Errors
     /// As [`Prepared::new`].
     pub fn new(world: &World, case: &Case) -> Result<Self> {
-        let _all = world.group();
         let case = Case {
             method: Method::Schrodingerized,
             tolerance: TOLERANCE,

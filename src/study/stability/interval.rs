@@ -1,0 +1,236 @@
+//! The interval: how long it must be in `p`.
+
+use crate::base::error::Result;
+use crate::problem::case::{Case, Coefficients, LARGEST_TOLERANCE, ProfileChoice};
+use crate::schrodingerization::profile::gaussian::Gaussian;
+use crate::schrodingerization::profile::series::Series;
+use crate::schrodingerization::profile::shape::Shape;
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::study::grids::coarsened;
+use crate::study::stability::panel::{Border, Curve, Found, Name, Panel, Point, Scale, Sweep};
+use crate::study::stability::reading::{
+    Extent, LEVEL, Switched, expected, plateau, refuse_varying,
+};
+use crate::study::stability::scene::notes;
+use crate::study::stability::yardstick::Yardstick;
+use crate::study::trial::trial;
+
+/// Cells that are enough: a series is propagated for every interval.
+const CELLS: usize = 1024;
+/// Intervals of each end, beside the first.
+const LENGTHS: u32 = 20;
+/// Halvings that find the shortest interval of a run.
+const HALVINGS: u32 = 12;
+
+/// Points of an interval of this length that resolve the profile.
+fn points(profile: &Gaussian, period: f64) -> usize {
+    2 * (0.5 * profile.cutoff * period / std::f64::consts::PI).ceil() as usize + 2
+}
+
+/// The problem, its profile, and the intervals that are tried.
+struct Intervals {
+    yardstick: Yardstick,
+    extent: Extent,
+    profile: Gaussian,
+    /// A right end that is far enough: `e^{−p}` is small there beside [`LEVEL`].
+    far: f64,
+    /// Length to the left that theory asks for.
+    needed: f64,
+}
+
+/// Errors by either end of the interval.
+#[derive(Default)]
+struct Errors {
+    left: Vec<Point>,
+    right: Vec<Point>,
+    /// Intervals that took too long.
+    skipped: usize,
+    /// Whether the budget ended before all were tried.
+    ended: bool,
+}
+
+/// The shortest interval that a run accepts.
+struct Shortest {
+    left_end: f64,
+    error: f64,
+}
+
+impl Intervals {
+    fn new(sweep: &Sweep<'_>, case: &Case) -> Result<Self> {
+        let mut yardstick = Yardstick::new(sweep.world, case)?;
+        let extent = Extent::measured(&mut yardstick, case.end)?;
+        let Switched { profile, room } = Switched::new();
+        Ok(Self {
+            yardstick,
+            extent,
+            profile,
+            far: -libm::log(1e-3 * LEVEL),
+            needed: extent.length() + room,
+        })
+    }
+
+    /// The error on the interval `ends`; none where it takes too long. Collective.
+    fn error(&mut self, sweep: &Sweep<'_>, ends: [f64; 2], x: f64) -> Result<Option<Point>> {
+        let Self {
+            yardstick,
+            extent,
+            profile,
+            ..
+        } = self;
+        let points = points(profile, ends[1] - ends[0]);
+        let series = Series::sampled(ends, points, |p| profile.value(p));
+        if !sweep.budget.holds(yardstick.updates(&series)?, 1.0) {
+            return Ok(None);
+        }
+        let errors = yardstick.errors(&series, &[0.0])?;
+        Ok(Some(Point {
+            x,
+            measured: errors.first().copied().unwrap_or(f64::NAN),
+            theory: expected(&series, 0.0, *extent, yardstick.ratio),
+        }))
+    }
+
+    /// Errors of all intervals, each end from one that is needed to one that is far too short. Collective.
+    fn errors(&mut self, sweep: &Sweep<'_>) -> Result<Errors> {
+        let mut errors = Errors::default();
+        let (far, longest) = (self.far, 1.25 * self.needed);
+        for k in 0..=LENGTHS {
+            if sweep.budget.is_over() {
+                errors.ended = true;
+                break;
+            }
+            let part = f64::from(k) / f64::from(LENGTHS);
+            let lower = -longest + part * (longest - 1.0);
+            let upper = 1.0 + part * (far - 1.0);
+            match self.error(sweep, [lower, far], lower)? {
+                Some(point) => errors.left.push(point),
+                None => errors.skipped += 1,
+            }
+            match self.error(sweep, [-longest, upper], upper)? {
+                Some(point) => errors.right.push(point),
+                None => errors.skipped += 1,
+            }
+        }
+        Ok(errors)
+    }
+
+    /// The shortest interval that a run of `case` accepts with the profile that it plans, and the
+    /// error there. Collective.
+    fn shortest(&self, sweep: &Sweep<'_>, mut case: Case) -> Result<Option<Shortest>> {
+        let (far, ratio, bounds) = (self.far, self.yardstick.ratio, self.yardstick.bounds());
+        let accepts = |case: &mut Case, length: f64| {
+            case.warp.interval = Some([far - length, far]);
+            WarpPlan::modes_of(case, bounds, ratio).is_ok()
+        };
+        let (mut short, mut enough) = (1.0, 4.0 * (self.needed + far));
+        if !accepts(&mut case, enough) || sweep.budget.is_over() {
+            return Ok(None);
+        }
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (short + enough);
+            match accepts(&mut case, middle) {
+                true => enough = middle,
+                false => short = middle,
+            }
+        }
+        case.warp.interval = Some([far - enough, far]);
+        let error = trial(sweep.world, &case)?.summary.error_semidiscrete;
+        let left_end = far - enough;
+        Ok(error.map(|error| Shortest { left_end, error }))
+    }
+}
+
+/// `case` with the series of a run to within [`LEVEL`], sampled on the interval.
+fn sampled(mut case: Case, ratio: f64) -> Case {
+    case.warp.profile = ProfileChoice::Gaussian;
+    case.warp.coefficients = Coefficients::Sampled;
+    (case.warp.recovery, case.warp.points) = (None, None);
+    case.tolerance = (LEVEL * ratio).min(LARGEST_TOLERANCE);
+    case.verify = true;
+    case
+}
+
+impl Errors {
+    /// Where the error begins to exceed `level` at either end, measured or by theory.
+    fn borders(&self, level: f64, of: fn(&Point) -> f64) -> [Option<f64>; 2] {
+        let [_, left] = plateau(&self.left, level, of);
+        let [right, _] = plateau(&self.right, level, of);
+        [left, right]
+    }
+
+    /// Of borders that were not found.
+    fn unknown(&self) -> &'static str {
+        match self.skipped == 0 && self.right.len() > LENGTHS as usize {
+            true => "(not located: the error does not cross it)",
+            false => "(not located within the budget)",
+        }
+    }
+}
+
+/// The panel. Collective.
+///
+/// # Errors
+/// As [`Yardstick::new`].
+pub fn panel(sweep: &Sweep<'_>) -> Found {
+    refuse_varying(sweep.case)?;
+    let mut case = coarsened(sweep.case, CELLS);
+    case.warp.weights = true;
+    let mut notes = notes(sweep.case, &case);
+    let mut intervals = Intervals::new(sweep, &case)?;
+    let errors = intervals.errors(sweep)?;
+    if errors.ended {
+        notes.push("curves end where the budget did".to_owned());
+    }
+    if errors.left.is_empty() && errors.right.is_empty() {
+        return Err("intervals that are long enough take too long here".into());
+    }
+    if errors.skipped > 0 {
+        let skipped = errors.skipped;
+        notes.push(format!(
+            "{skipped} intervals took too many modes to be tried"
+        ));
+    }
+    let ratio = intervals.yardstick.ratio;
+    // Twice what the profile itself leaves.
+    let level = 4.0 * LEVEL * ratio;
+    let [left, right] = errors.borders(level, |p| p.measured);
+    let [left_theory, right_theory] = errors.borders(level, |p| p.theory);
+    let run = sampled(case.clone(), ratio);
+    let tolerance = run.tolerance;
+    let shortest = intervals.shortest(sweep, run)?;
+    let number = |x: Option<f64>| x.map_or(errors.unknown().to_owned(), |x| format!("{x:.2}"));
+    let refused = match &shortest {
+        Some(Shortest { left_end, .. }) => format!(", here L above {left_end:.2}."),
+        None => "; from which L on was not located.".to_owned(),
+    };
+    let verdict = format!(
+        "The error is below {level:.1e} for L up to {} (bound {}), beyond which the field wraps \
+         around, and for R from {} on (bound {}), short of which e^(-p) is cut off. The bounds hold \
+         for any data; a case's may do with shorter intervals. Runs refuse what is too short for \
+         their own profile{refused}",
+        number(left),
+        number(left_theory),
+        number(right),
+        number(right_theory),
+    );
+    let accepted = "shortest that a run accepts: its error, beside its tolerance";
+    let borders = [
+        Border::new("left end L: the field wraps around", left, left_theory),
+        Border::new("right end R: exp(-p) is cut off", right, right_theory),
+        Border::new(accepted, shortest.map(|s| s.error), Some(tolerance)),
+    ];
+    Ok(Panel {
+        name: Name::Interval,
+        title: "Error against the interval".to_owned(),
+        shape: case.space.shape(),
+        x: Scale::linear("end of the interval in p"),
+        y: Scale::log("relative l2 error"),
+        curves: vec![
+            Curve::bounded("left end L", errors.left),
+            Curve::bounded("right end R", errors.right),
+        ],
+        borders: borders.map(Border::bounded).into(),
+        verdict,
+        notes,
+    })
+}

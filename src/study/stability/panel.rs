@@ -1,0 +1,235 @@
+//! The parts of a stability map: panels of curves and borders.
+
+use crate::base::error::Error;
+use crate::parallel::communicator::World;
+use crate::problem::case::Case;
+use crate::study::budget::Budget;
+use serde::Serialize;
+
+/// The arguments of a panel.
+pub struct Sweep<'a> {
+    /// All ranks.
+    pub world: &'a World,
+    /// The case on its own grid.
+    pub case: &'a Case,
+    /// The time there is.
+    pub budget: &'a Budget,
+}
+
+/// Why a case does not have a panel.
+#[derive(Debug)]
+pub struct Reason(pub String);
+
+impl From<&str> for Reason {
+    fn from(reason: &str) -> Self {
+        Self(reason.to_owned())
+    }
+}
+
+impl From<Error> for Reason {
+    fn from(error: Error) -> Self {
+        Self(error.to_string())
+    }
+}
+
+/// A panel, or why a case does not have it.
+pub type Found = std::result::Result<Panel, Reason>;
+
+/// A point of a curve; NaN where there is no number.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Point {
+    /// What is varied.
+    pub x: f64,
+    /// What was measured.
+    pub measured: f64,
+    /// What theory says.
+    pub theory: f64,
+}
+
+/// A series of points.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Curve {
+    /// Of what.
+    pub name: String,
+    /// By rising `x`.
+    pub points: Vec<Point>,
+    /// Whether theory only bounds what is measured.
+    pub bound: bool,
+}
+
+/// Where a method begins to fail.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Border {
+    /// Of what.
+    pub name: String,
+    /// Where it was found; none where it was not.
+    pub measured: Option<f64>,
+    /// Where theory has it.
+    pub theory: Option<f64>,
+    /// Measured over theory, where that is not about zero.
+    pub ratio: Option<f64>,
+    /// Whether theory only bounds what is measured.
+    pub bound: bool,
+    /// Label of a line across the figure at the theory's value.
+    #[serde(skip)]
+    pub line: Option<String>,
+}
+
+impl Curve {
+    /// With values by theory.
+    pub fn new(name: impl Into<String>, points: Vec<Point>) -> Self {
+        Self {
+            name: name.into(),
+            points,
+            bound: false,
+        }
+    }
+
+    /// With values that theory only bounds.
+    pub fn bounded(name: impl Into<String>, points: Vec<Point>) -> Self {
+        Self {
+            bound: true,
+            ..Self::new(name, points)
+        }
+    }
+}
+
+impl Border {
+    /// Where it was found, beside theory.
+    pub fn new(name: impl Into<String>, measured: Option<f64>, theory: Option<f64>) -> Self {
+        let [measured, theory] = [measured, theory].map(|x| x.filter(|x| x.is_finite()));
+        let both = measured.zip(theory).filter(|(_, theory)| *theory != 0.0);
+        Self {
+            name: name.into(),
+            measured,
+            theory,
+            ratio: both.map(|(measured, theory)| measured / theory),
+            bound: false,
+            line: None,
+        }
+    }
+
+    /// Of a place that may be about zero, so that its ratio to theory means nothing.
+    pub fn place(name: impl Into<String>, measured: Option<f64>, theory: Option<f64>) -> Self {
+        Self {
+            ratio: None,
+            ..Self::new(name, measured, theory)
+        }
+    }
+
+    /// Theory only bounds it.
+    pub fn bounded(self) -> Self {
+        Self {
+            bound: true,
+            ..self
+        }
+    }
+
+    /// Drawn at the theory's value.
+    pub fn drawn(self, label: impl Into<String>) -> Self {
+        Self {
+            line: Some(label.into()),
+            ..self
+        }
+    }
+}
+
+/// What a quantity is drawn on.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Scale {
+    /// What it is.
+    pub label: String,
+    /// Whether its axis is logarithmic.
+    pub logarithmic: bool,
+}
+
+impl Scale {
+    /// In proportion.
+    pub fn linear(label: impl Into<String>) -> Self {
+        Self {
+            label: label.into(),
+            logarithmic: false,
+        }
+    }
+
+    /// By logarithms.
+    pub fn log(label: impl Into<String>) -> Self {
+        Self {
+            label: label.into(),
+            logarithmic: true,
+        }
+    }
+}
+
+/// One thing varied.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Panel {
+    /// As `--only` calls it.
+    pub name: Name,
+    /// For people.
+    pub title: String,
+    /// Cells along each axis that it was measured on.
+    pub shape: Vec<usize>,
+    /// What is varied.
+    pub x: Scale,
+    /// What is measured.
+    pub y: Scale,
+    /// The curves.
+    pub curves: Vec<Curve>,
+    /// The borders.
+    pub borders: Vec<Border>,
+    /// Conclusions, in a sentence or two.
+    pub verdict: String,
+    /// What was left out or changed, and why.
+    pub notes: Vec<String>,
+}
+
+/// The panels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Name {
+    /// Step of the explicit methods.
+    Cfl,
+    /// Growth against refinement.
+    Growth,
+    /// The recovery point.
+    Recovery,
+    /// The interval in p.
+    Interval,
+    /// Delta of the inflow.
+    Delta,
+    /// Growth against the height of the jumps.
+    Grazing,
+    /// Step of the implicit methods.
+    Step,
+    /// Tolerance against round-off.
+    Tolerance,
+}
+
+/// A panel that a case does not have.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LeftOut {
+    /// Which.
+    pub name: Name,
+    /// Why.
+    pub reason: String,
+}
+
+/// All panels of a case.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Stability {
+    /// Title of the case, or its name.
+    pub title: String,
+    /// Its cells along each axis.
+    pub shape: Vec<usize>,
+    /// The final time.
+    pub time: f64,
+    /// Ranks that measured.
+    pub ranks: usize,
+    /// The panels.
+    pub panels: Vec<Panel>,
+    /// The panels that the case does not have.
+    pub left_out: Vec<LeftOut>,
+    /// Seconds it took.
+    pub seconds: f64,
+}

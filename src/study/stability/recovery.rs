@@ -1,0 +1,156 @@
+//! The recovery point: where `f` may be read from the warped field.
+
+use crate::matrix::bounds::Bounds;
+use crate::problem::case::{Case, Interface};
+use crate::schrodingerization::profile::series::Series;
+use crate::schrodingerization::profile::shape::Shape;
+use crate::study::grids::coarsened;
+use crate::study::stability::panel::{Border, Curve, Found, Name, Panel, Point, Scale, Sweep};
+use crate::study::stability::reading::{
+    Extent, LEVEL, Switched, expected, plateau, refuse_varying,
+};
+use crate::study::stability::scene::{notes, with_interface};
+use crate::study::stability::yardstick::Yardstick;
+
+/// Cells that are enough: the growth shows on finer grids.
+const CELLS: usize = 4096;
+/// Readings: the first, the last, and how far apart.
+const FROM: f64 = -4.0;
+const TO: f64 = 22.0;
+const APART: f64 = 0.5;
+
+/// Kinds of interface rows, with the case of each.
+fn kinds(case: &Case, jumps: bool) -> Vec<(&'static str, Case)> {
+    let hat = |weights| with_interface(case, Interface::Hat, weights);
+    match jumps {
+        true => vec![
+            ("hat, dissipative weights", hat(true)),
+            ("hat, no weights", hat(false)),
+        ],
+        false => vec![("no jump", case.clone())],
+    }
+}
+
+/// The readings of one kind.
+struct Readings {
+    name: &'static str,
+    points: Vec<Point>,
+    extent: Extent,
+    /// The bound of a run on `λ⁺T`.
+    growth_bound: f64,
+    /// The error on the plateau.
+    level: f64,
+}
+
+impl Readings {
+    /// Where the plateau begins and ends, measured and by theory.
+    fn ends(&self) -> [[Option<f64>; 2]; 2] {
+        [|p: &Point| p.measured, |p: &Point| p.theory]
+            .map(|of| plateau(&self.points, self.level, of))
+    }
+
+    fn verdict(&self) -> String {
+        let [[left, right], [left_theory, right_theory]] = self.ends();
+        let number = |x: Option<f64>| x.map_or("nowhere".to_owned(), |x| format!("{x:.2}"));
+        format!(
+            "{}: lambda+ T = {:.3}; the error is below {:.1e} from p = {} (bound {}) to p = {} \
+             (bound {}). ",
+            self.name,
+            self.extent.growth,
+            self.level,
+            number(left),
+            number(left_theory),
+            number(right),
+            number(right_theory)
+        )
+    }
+
+    fn borders(&self) -> [Border; 3] {
+        let [[left, right], [left_theory, right_theory]] = self.ends();
+        let name = self.name;
+        let growth = format!("{name}: lambda+ T, beside the bound of a run");
+        [
+            Border::place(growth, Some(self.extent.growth), Some(self.growth_bound)),
+            Border::place(format!("{name}: plateau begins"), left, left_theory),
+            Border::new(format!("{name}: round-off ends it"), right, right_theory),
+        ]
+        .map(Border::bounded)
+    }
+}
+
+/// Reads one kind at every point, or says why not. Collective.
+fn read(
+    sweep: &Sweep<'_>,
+    name: &'static str,
+    case: &Case,
+) -> crate::base::error::Result<std::result::Result<Readings, String>> {
+    let Switched { profile, room } = Switched::new();
+    let at: Vec<f64> = (0..)
+        .map(|k| FROM + APART * f64::from(k))
+        .take_while(|p| *p <= TO)
+        .collect();
+    let mut yardstick = Yardstick::new(sweep.world, case)?;
+    let extent = Extent::measured(&mut yardstick, case.end)?;
+    let period = extent.length() + TO + room;
+    let modes = (profile.cutoff * period / std::f64::consts::TAU).ceil() as usize + 1;
+    let series = Series::analytic(period, modes, |mu| profile.coefficient(mu));
+    if !sweep.budget.holds(yardstick.updates(&series)?, 1.0) {
+        return Ok(Err(format!("{name}: {modes} modes take too long here")));
+    }
+    let ratio = yardstick.ratio;
+    let errors = yardstick.errors(&series, &at)?;
+    let point = |(&x, &measured): (&f64, &f64)| Point {
+        x,
+        measured,
+        theory: expected(&series, x, extent, ratio),
+    };
+    Ok(Ok(Readings {
+        name,
+        points: at.iter().zip(&errors).map(point).collect(),
+        extent,
+        growth_bound: yardstick.bounds().growth * case.end,
+        // What the profile's own error becomes in the field.
+        level: LEVEL * ratio * extent.growth.max(0.0).exp() * 2.0,
+    }))
+}
+
+/// The panel. Collective.
+///
+/// # Errors
+/// As [`Yardstick::new`].
+pub fn panel(sweep: &Sweep<'_>) -> Found {
+    refuse_varying(sweep.case)?;
+    let coarse = coarsened(sweep.case, CELLS);
+    let jumps = Bounds::new(&coarse)?.jumps;
+    let mut notes = notes(sweep.case, &coarse);
+    let mut all: Vec<Readings> = Vec::new();
+    for (name, case) in kinds(&coarse, jumps) {
+        if sweep.budget.is_over() {
+            notes.push(format!("{name}: the budget is used up"));
+            break;
+        }
+        match read(sweep, name, &case)? {
+            Ok(readings) => all.push(readings),
+            Err(note) => notes.push(note),
+        }
+    }
+    if all.is_empty() {
+        return Err("nothing could be tried within the budget".into());
+    }
+    let verdicts: String = all.iter().map(Readings::verdict).collect();
+    Ok(Panel {
+        name: Name::Recovery,
+        title: "Error against the recovery point".to_owned(),
+        shape: coarse.space.shape(),
+        x: Scale::linear("recovery point p"),
+        y: Scale::log("relative l2 error"),
+        borders: all.iter().flat_map(Readings::borders).collect(),
+        curves: (all.into_iter())
+            .map(|readings| Curve::bounded(readings.name, readings.points))
+            .collect(),
+        verdict: verdicts
+            + "Runs refuse a recovery point at which round-off exceeds the tolerance, and warn \
+               below lambda+ T.",
+        notes,
+    })
+}
