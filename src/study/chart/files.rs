@@ -11,48 +11,15 @@ use std::fmt;
 use std::path::Path;
 
 /// Columns of `chart.csv`: all of an [`Entry`], in its order.
+#[rustfmt::skip]
 pub const COLUMNS: [&str; 41] = [
-    "status",
-    "reason",
-    "expected_seconds",
-    "expected_at_least",
-    "as_given",
-    "paper",
-    "method",
-    "grid",
-    "cells",
-    "interface",
-    "integrator",
-    "limiter",
-    "cfl",
-    "profile",
-    "coefficients",
-    "weights",
-    "no_jump",
-    "embedding",
-    "propagator",
-    "step",
-    "tolerance",
-    "points",
-    "modes",
-    "applications",
-    "solves",
-    "seconds",
-    "total_seconds",
-    "memory_bytes_per_rank",
-    "error_exact",
-    "error_exact_l2",
-    "error_semidiscrete",
-    "error_estimate",
-    "probability_window",
-    "probability_slice",
-    "until_measured",
-    "measured_by",
-    "front_exact",
-    "front_seconds",
-    "front_applications",
-    "front_until_measured",
-    "warnings",
+    "status", "reason", "expected_seconds", "expected_at_least", "as_given", "paper", "method",
+    "grid", "cells", "interface", "integrator", "limiter", "cfl", "profile", "coefficients",
+    "weights", "no_jump", "embedding", "propagator", "step", "tolerance", "points", "modes",
+    "applications", "solves", "seconds", "total_seconds", "memory_bytes_per_rank", "error_exact",
+    "error_exact_l2", "error_semidiscrete", "error_estimate", "probability_window",
+    "probability_slice", "until_measured", "measured_by", "front_exact", "front_seconds",
+    "front_applications", "front_until_measured", "warnings",
 ];
 
 /// A field of a CSV file (RFC 4180), on one line.
@@ -182,8 +149,10 @@ fn table(
     }
     writeln!(
         f,
-        "\nfronts: e exact error against seconds; to the semi-discrete solution of the grid: s against seconds, a against applications, m against \
-             applications until it is measured; classical methods and modes apart. P: probability of finding the field in the window of p, or in the slice at p◇\n"
+        "\nfronts: e exact error against seconds; to the semi-discrete solution of the grid: \
+         s against seconds, a against applications, m against applications until it is measured; \
+         classical methods and modes apart. P: probability of finding the field in the window of \
+         p, or in the slice at p◇\n"
     )?;
     Ok(())
 }

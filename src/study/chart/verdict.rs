@@ -50,116 +50,85 @@ pub fn winners<'a>(
     (found, None)
 }
 
-/// `within 0.1 …, 0.02 s; within 0.03 …; none came within 0.01 (closest …)`; `besides` tells of the closest what was left out.
-fn ladder(
-    entries: &[&Entry],
-    accuracies: &[f64],
-    point: impl Fn(&Entry) -> Option<[f64; 2]>,
-    [name, cost, besides]: [&dyn Fn(&Entry) -> String; 3],
-) -> Option<String> {
-    let error = |e: &Entry| point(e).map(|[_, error]| error).filter(|e| e.is_finite());
-    let closest = (entries.iter())
-        .filter_map(|e| Some((error(e)?, *e)))
-        .min_by(|(a, _), (b, _)| a.total_cmp(b));
-    let (closest_error, closest) = closest?;
-    let (winners, missed) = winners(entries, accuracies, &point);
-    let mut parts: Vec<String> = (winners.iter())
-        .map(|(within, e)| format!("within {} {}, {}", short(*within), name(e), cost(e)))
-        .collect();
-    if let Some(missed) = missed {
-        parts.push(format!(
-            "none came within {} (closest: {}, {}{})",
-            short(missed),
-            name(closest),
-            figures(closest_error),
-            besides(closest)
-        ));
-    }
-    Some(parts.join("; "))
+/// The cheapest entries by accuracy, as a sentence.
+struct Ladder<'a> {
+    entries: &'a [&'a Entry],
+    accuracies: &'a [f64],
+    /// Cost and error.
+    point: fn(&Entry) -> Option<[f64; 2]>,
+    name: fn(&Entry) -> String,
+    cost: fn(&Entry) -> String,
+    /// Entries left out that could be closer than the closest.
+    left_out: fn(&Chart, &Entry) -> String,
 }
+
+impl Ladder<'_> {
+    /// `within 0.1 …, 0.02 s; within 0.03 …; none came within 0.01 (closest …)`; none where no entry
+    /// has an error.
+    fn text(&self, chart: &Chart) -> Option<String> {
+        let error = |e: &Entry| {
+            (self.point)(e)
+                .map(|[_, error]| error)
+                .filter(|e| e.is_finite())
+        };
+        let closest = (self.entries.iter())
+            .filter_map(|e| Some((error(e)?, *e)))
+            .min_by(|(a, _), (b, _)| a.total_cmp(b));
+        let (closest_error, closest) = closest?;
+        let (winners, missed) = winners(self.entries, self.accuracies, self.point);
+        let mut parts: Vec<String> = (winners.iter())
+            .map(|(within, e)| {
+                let (name, cost) = ((self.name)(e), (self.cost)(e));
+                format!("within {} {name}, {cost}", short(*within))
+            })
+            .collect();
+        if let Some(missed) = missed {
+            parts.push(format!(
+                "none came within {} (closest: {}, {}{})",
+                short(missed),
+                (self.name)(closest),
+                figures(closest_error),
+                (self.left_out)(chart, closest)
+            ));
+        }
+        Some(parts.join("; "))
+    }
+}
+
+fn seconds_text(e: &Entry) -> String {
+    e.seconds.map_or(String::new(), time_text)
+}
+
+/// Kinds of methods that are compared apart.
+const KINDS: [(&str, Method); 2] = [
+    ("classically", Method::Classical),
+    ("by modes", Method::Schrodingerized),
+];
 
 /// All sentences about a chart.
 pub fn sentences(chart: &Chart) -> Vec<String> {
-    let done = |method| -> Vec<&Entry> {
-        let entries = chart.entries.iter();
-        (entries.filter(|e| e.status == Status::Done && e.method == method)).collect()
-    };
-    let kinds = [
-        ("classically", done(Method::Classical)),
-        ("by modes", done(Method::Schrodingerized)),
-    ];
-    let seconds = |e: &Entry| e.seconds.map_or(String::new(), time_text);
-    let here = |e: &Entry| e.name();
-    let anywhere = |e: &Entry| format!("{} on {}", e.name(), e.grid);
-    let mut found = Vec::new();
-    if let Some(exact) = &chart.exact {
-        let of = match exact.as_str() {
-            "f" => "the exact solution",
-            _ => "the exact density",
-        };
-        for (kind, entries) in &kinds {
-            let point = |e: &Entry| Some([e.seconds?, e.error_exact?]);
-            let besides = |closest: &Entry| unseen(chart, closest);
-            let ladder = ladder(entries, &EXACT, point, [&anywhere, &seconds, &besides]);
-            found.extend(ladder.map(|l| format!("Of {of} (relative L1), {kind}: {l}.")));
-        }
-    }
     let grid = &chart.compared_on;
-    for (kind, entries) in &kinds {
-        let entries: Vec<&Entry> = entries
-            .iter()
-            .filter(|e| e.grid == *grid)
-            .copied()
-            .collect();
-        let point = |e: &Entry| Some([e.seconds?, e.error_semidiscrete?]);
-        let besides = |closest: &Entry| unseen_there(chart, closest);
-        let ladder_ = ladder(&entries, &SEMIDISCRETE, point, [&here, &seconds, &besides]);
-        let reference = entries.iter().find(|e| e.is_reference());
-        let also = reference.map_or(String::new(), |e| {
-            format!(
-                " (the exponential is that solution to round-off: {})",
-                seconds(e)
-            )
-        });
-        found.extend(ladder_.map(|l| {
-            format!("Of the semi-discrete solution on {grid} (relative l2), {kind}{also}: {l}.")
-        }));
-    }
-    let entries: Vec<&Entry> = (kinds[1].1.iter())
-        .filter(|e| e.grid == *grid)
-        .copied()
-        .collect();
-    let point = |e: &Entry| Some([e.until_measured?, e.error_semidiscrete?]);
-    let until = |e: &Entry| {
-        let by = (e.measured_by.as_ref()).map_or(String::new(), |by| format!(" ({by})"));
-        e.until_measured
-            .map_or(String::new(), |n| format!("{n:.1e}{by}"))
+    let done = |method| {
+        (chart.entries.iter()).filter(move |e| e.status == Status::Done && e.method == method)
     };
-    let besides = |closest: &Entry| unseen_there(chart, closest);
-    let measured = ladder(&entries, &SEMIDISCRETE, point, [&here, &until, &besides]);
-    found.extend(measured.map(|l| {
-        format!(
-            "On a quantum computer, by applications over the probability of measuring the field: {l}."
-        )
-    }));
-    let mut without: Vec<String> = Vec::new();
-    for e in &entries {
-        if e.probability_window.is_none() && e.probability_slice.is_some() {
-            let profile = e.profile.clone().unwrap_or_default();
-            if !without.contains(&profile) {
-                without.push(profile);
-            }
-        }
+    let compared = KINDS.map(|(kind, method)| {
+        let there: Vec<&Entry> = done(method).filter(|e| e.grid == *grid).collect();
+        (kind, there)
+    });
+    let mut found = Vec::new();
+    for (kind, method) in KINDS {
+        found.extend(of_exact(chart, kind, &done(method).collect::<Vec<_>>()));
     }
-    if !without.is_empty() {
-        let names = without.join(", ");
-        found.push(format!(
-            "Trials by {names} have no window of p whose probability is known: theirs is that of the slice at p◇."
-        ));
+    for (kind, entries) in &compared {
+        found.extend(of_semidiscrete(chart, kind, entries));
     }
+    let [_, (_, by_modes)] = &compared;
+    found.extend(until_measured(chart, by_modes));
+    found.extend(without_window(by_modes));
     if found.is_empty() && chart.zero {
         found.push(
-            "The solution is zero: no error relative to its size is defined, and no method is better than another."
+            "The solution is zero: no error relative to its size is defined, and no method is \
+             better than another."
                 .to_owned(),
         );
     }
@@ -173,8 +142,86 @@ pub fn sentences(chart: &Chart) -> Vec<String> {
     found
 }
 
-/// What was left out that could have come closer to the exact solution than `closest`.
-fn unseen(chart: &Chart, closest: &Entry) -> String {
+/// By the error to the exact solution, over all grids.
+fn of_exact(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<String> {
+    let of = match chart.exact.as_deref()? {
+        "f" => "the exact solution",
+        _ => "the exact density",
+    };
+    let ladder = Ladder {
+        entries,
+        accuracies: &EXACT,
+        point: |e| Some([e.seconds?, e.error_exact?]),
+        name: |e| format!("{} on {}", e.name(), e.grid),
+        cost: seconds_text,
+        left_out: left_out_anywhere,
+    };
+    let text = ladder.text(chart)?;
+    Some(format!("Of {of} (relative L1), {kind}: {text}."))
+}
+
+/// By the error to the semi-discrete solution, on the grid where methods are compared.
+fn of_semidiscrete(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<String> {
+    let ladder = Ladder {
+        entries,
+        accuracies: &SEMIDISCRETE,
+        point: |e| Some([e.seconds?, e.error_semidiscrete?]),
+        name: Entry::name,
+        cost: seconds_text,
+        left_out: left_out_there,
+    };
+    let reference = entries.iter().find(|e| e.is_reference());
+    let also = reference.map_or(String::new(), |e| {
+        let seconds = seconds_text(e);
+        format!(" (the exponential is that solution to round-off: {seconds})")
+    });
+    let (text, grid) = (ladder.text(chart)?, &chart.compared_on);
+    Some(format!(
+        "Of the semi-discrete solution on {grid} (relative l2), {kind}{also}: {text}."
+    ))
+}
+
+/// By the cost until the field is measured.
+fn until_measured(chart: &Chart, entries: &[&Entry]) -> Option<String> {
+    let ladder = Ladder {
+        entries,
+        accuracies: &SEMIDISCRETE,
+        point: |e| Some([e.until_measured?, e.error_semidiscrete?]),
+        name: Entry::name,
+        cost: |e| {
+            let by = (e.measured_by.as_ref()).map_or(String::new(), |by| format!(" ({by})"));
+            (e.until_measured).map_or(String::new(), |n| format!("{n:.1e}{by}"))
+        },
+        left_out: left_out_there,
+    };
+    let text = ladder.text(chart)?;
+    Some(format!(
+        "On a quantum computer, by applications over the probability of measuring the field: \
+         {text}."
+    ))
+}
+
+/// The profiles without a probability in the window of `p`.
+fn without_window(entries: &[&Entry]) -> Option<String> {
+    let mut profiles: Vec<&str> = Vec::new();
+    let without = |e: &&&Entry| e.probability_window.is_none() && e.probability_slice.is_some();
+    for e in entries.iter().filter(without) {
+        let profile = e.profile.as_deref().unwrap_or_default();
+        if !profiles.contains(&profile) {
+            profiles.push(profile);
+        }
+    }
+    (!profiles.is_empty()).then(|| {
+        format!(
+            "Trials by {} have no window of p whose probability is known: theirs is that of the \
+             slice at p◇.",
+            profiles.join(", ")
+        )
+    })
+}
+
+/// Entries left out that could be closer to the exact solution than `closest`.
+fn left_out_anywhere(chart: &Chart, closest: &Entry) -> String {
     let out = (chart.entries.iter())
         .filter(|e| e.status == Status::LeftOut && e.method == closest.method);
     let slopes = |e: &Entry| e.limiter.as_ref().is_some_and(|l| l != "none");
@@ -190,7 +237,7 @@ fn unseen(chart: &Chart, closest: &Entry) -> String {
 }
 
 /// The same of the semi-discrete solution, on its grid.
-fn unseen_there(chart: &Chart, closest: &Entry) -> String {
+fn left_out_there(chart: &Chart, closest: &Entry) -> String {
     let out = (chart.entries.iter()).filter(|e| {
         e.status == Status::LeftOut && e.method == closest.method && e.grid == closest.grid
     });
