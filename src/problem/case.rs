@@ -1,12 +1,13 @@
 //! The case file: a problem, and how to solve it.
 //!
-//! [`Case::parse`] reads a case in three steps, without MPI: [`file`] reads TOML and `--set` into a tree that remembers where
-//! each value stands; serde makes a `Tables` of it, by [`reader`], which refuses unknown keys and wrong types; `Case::new`
-//! turns that into a [`Case`], a section after the other, and [`Case::validate`] refuses what does not go together.
+//! [`Case::parse`] reads a case in three steps, without MPI: `file` reads TOML and `--set` into a
+//! tree that remembers where each value stands; serde makes a `Tables` of it, by `reader`, which
+//! refuses unknown keys and wrong types; `Case::new` turns that into a [`Case`], a section after
+//! the other, and `Case::validate` refuses what does not go together.
 //!
-//! A key of the case file is a field of its section's table, with its default in the table's `Default` and its check in the
-//! table's `check`: [`axes`], [`data`], [`solver`], [`warp`], [`output`], [`readout`]. Limits are in
-//! [`limits`](crate::problem::limits).
+//! A key of the case file is a field of its section's table, with its default in the table's
+//! `Default` and its check in the table's `check`: `axes`, `data`, `solver`, `warp`,
+//! `output`, `readout`. Limits are in [`limits`](crate::problem::limits).
 
 pub(crate) mod axes;
 pub(crate) mod data;
@@ -81,7 +82,8 @@ pub struct Case {
     pub potential: Vec<Region>,
     /// What `initial` gives.
     pub data: Data,
-    /// The functions that obey the Liouville equation: `f`, or the density `φ` and the level sets `ψ_a`.
+    /// The functions that obey the Liouville equation: `f`, or the density `φ` and the level sets
+    /// `ψ_a`.
     pub fields: Vec<Field>,
     /// `initial.warped`; `f(0)` is not known then, and its formula stands for nothing.
     pub start: Option<WarpedStart>,
@@ -129,7 +131,8 @@ pub struct Case {
     pub delta_width: DeltaWidth,
     /// How the fields are stored.
     pub storage: Storage,
-    /// `checkpoint.minutes`: how often a checkpoint is made; never by the clock where there is none.
+    /// `checkpoint.minutes`: how often a checkpoint is made; never by the clock where there is
+    /// none.
     pub checkpoint_every: Option<Duration>,
     /// `[readout]`.
     pub readout: Option<Readout>,
@@ -228,7 +231,8 @@ impl Case {
         if summed && self.propagator.method != PropagatorMethod::Chebyshev {
             return file.refuse(
                 "solver.propagator.method",
-                "solver.warp.inflow = \"scalar\" couples one unknown to all rows, which only \"chebyshev\" applies: \
+                "solver.warp.inflow = \"scalar\" couples one unknown to all rows, which only \
+                 \"chebyshev\" applies: \
                  choose it, or \"boundary\" or \"full\"",
             );
         }
@@ -241,7 +245,8 @@ impl Case {
         if self.warped_field && self.method == Method::Classical {
             return file.refuse(
                 "output.warped_field",
-                "solver.method = \"classical\" has no modes; leave it out, or choose \"schrodingerized\"",
+                "solver.method = \"classical\" has no modes; leave it out, or choose \
+                 \"schrodingerized\"",
             );
         }
         Ok(())
@@ -253,15 +258,18 @@ impl Case {
             return Ok(());
         }
         let key = "scheme.limiter";
-        let wanted = "solver.method = \"classical\" with solver.classical.integrator = \"ssp-rk3\" or \"forward-euler\" takes one";
+        let wanted = "solver.method = \"classical\" with solver.classical.integrator = \
+                      \"ssp-rk3\" or \"forward-euler\" takes one";
         let conflict = if self.method == Method::Schrodingerized {
             "solver.method = \"schrodingerized\" evolves a linear system, and slopes are not linear"
         } else if self.integrator == Integrator::Exponential {
-            "solver.classical.integrator = \"exponential\" is that of a linear system, and slopes are not linear"
+            "solver.classical.integrator = \"exponential\" is that of a linear system, and slopes \
+             are not linear"
         } else if self.verify {
             return file.refuse(
                 key,
-                "solver.verify = true measures the distance to exp(A T) f0, which slopes leave; set one of them to its default",
+                "solver.verify = true measures the distance to exp(A T) f0, which slopes leave; \
+                 set one of them to its default",
             );
         } else {
             return Ok(());
@@ -295,7 +303,8 @@ impl Case {
         if modes && self.propagator.method != PropagatorMethod::Chebyshev {
             return file.refuse(
                 "solver.propagator.method",
-                "with t in inflow.value the generator depends on time; only \"chebyshev\" is stepped",
+                "with t in inflow.value the generator depends on time; only \"chebyshev\" is \
+                 stepped",
             );
         }
         Ok(())
@@ -309,7 +318,8 @@ impl Case {
         }
         if self.enters() {
             return refuse(
-                "nothing may enter, as the file has no auxiliary unknowns: leave inflow.value out or 0",
+                "nothing may enter, as the file has no auxiliary unknowns: leave inflow.value out \
+                 or 0",
             );
         }
         if matches!(self.exact, Some(Exact::Characteristics)) {
@@ -340,7 +350,8 @@ impl Case {
         }
     }
 
-    /// Refuses modes of both signs where they have no use; `reduce = false` does without them there.
+    /// Refuses modes of both signs where they have no use; `reduce = false` does without them
+    /// there.
     fn check_every_mode(&mut self, file: &CaseFile<'_>) -> Result<()> {
         let why = if self.warped_field || self.start.is_some() {
             "the warped field is kept by its modes l >= 0"
@@ -362,7 +373,8 @@ impl Case {
         self.fields.iter().any(Field::enters)
     }
 
-    /// Whether there are auxiliary unknowns: where anything may enter, or where they are wanted all the same.
+    /// Whether there are auxiliary unknowns: where anything may enter, or where they are wanted all
+    /// the same.
     pub fn embeds(&self) -> bool {
         self.enters() || self.reductions.idle_unknowns
     }

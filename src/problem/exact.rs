@@ -1,22 +1,27 @@
 //! The exact solution, by tracing particles back through `V`.
 //!
-//! The density is constant along the characteristics `x' = v`, `v' = −∇V(x)`, and across a jump of `V` when the
-//! normal velocity changes so that `v²/2 + V` is kept: `f(t, x⁺, v⁺) = f(t, x⁻, v⁻)` (paper, section 2). So
-//! `f(T, x, v)` is the initial value at the foot of the characteristic through `(x, v)`, or the inflow value at the
-//! point of the phase-space box through which it came in.
+//! The density is constant along the characteristics `x' = v`, `v' = −∇V(x)`, and across a jump of
+//! `V` when the normal velocity changes so that `v²/2 + V` is kept: `f(t, x⁺, v⁺) = f(t, x⁻, v⁻)`
+//! (paper, section 2). So `f(T, x, v)` is the initial value at the foot of the characteristic
+//! through `(x, v)`, or the inflow value at the point of the phase-space box through which it came
+//! in.
 //!
-//! Back in time, `(x, −v)` obeys Newton's equations again; that is the motion followed here, with `w = −v`, and forward
-//! in time, for measure-valued data ([`sheet`]), with `w = v`. `V` is the scheme's: linear in a cell, so that each axis moves on a parabola `x + w s − slope s²/2`; and with jumps at faces,
-//! where a particle meets the scheme's own rule (`scheme::interface`, whose `rise` is `V` here minus `V` there):
+//! Back in time, `(x, −v)` obeys Newton's equations again; that is the motion followed here, with
+//! `w = −v`, and forward in time, for measure-valued data ([`sheet`]), with `w = v`. `V` is the
+//! scheme's: linear in a cell, so that each axis moves on a parabola `x + w s − slope s²/2`; and
+//! with jumps at faces, where a particle meets the scheme's own rule (`scheme::interface`, whose
+//! `rise` is `V` here minus `V` there):
 //!
 //! ```text
 //! w² + 2 rise > 0    transmitted; the normal speed becomes √(w² + 2 rise)
 //! otherwise          reflected; the normal velocity becomes −w
 //! ```
 //!
-//! On sets of measure zero, where the solution may jump, the rules are: a point on a face belongs to the cell above it;
-//! a particle that comes from a face at time zero starts on the face, with the velocity it has on the side it leaves to,
-//! and the initial formula decides (at the end of a periodic axis, that at the end where it is); of several faces met at once (an edge or a corner of a cell) the one of the lowest axis is crossed first.
+//! On sets of measure zero, where the solution may jump, the rules are: a point on a face belongs
+//! to the cell above it; a particle that comes from a face at time zero starts on the face, with
+//! the velocity it has on the side it leaves to, and the initial formula decides (at the end of a
+//! periodic axis, that at the end where it is); of several faces met at once (an edge or a corner
+//! of a cell) the one of the lowest axis is crossed first.
 
 pub mod sheet;
 
@@ -25,13 +30,13 @@ use crate::problem::case::{Case, Inflow};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::problem::potential::Potential;
 
-/// Times closer than this, as a fraction of the time traced, are the same but for round-off: a face reached so close to
-/// time zero is not crossed.
+/// Times closer than this, as a fraction of the time traced, are the same but for round-off: a face
+/// reached so close to time zero is not crossed.
 const ROUND_OFF: f64 = 1e-13;
 /// Feet closer to a face than this fraction of a cell lie on it.
 const ON_FACE: f64 = 1e-11;
-/// A particle that cannot get further from a face than this fraction of a cell, on either side, rests on it: its
-/// velocity keeps an error of up to `√(8 · REST · Δx · slope)`.
+/// A particle that cannot get further from a face than this fraction of a cell, on either side,
+/// rests on it: its velocity keeps an error of up to `√(8 · REST · Δx · slope)`.
 const REST: f64 = 1e-12;
 
 /// Where a characteristic comes from.
@@ -39,7 +44,8 @@ const REST: f64 = 1e-12;
 pub struct Foot {
     /// The point of phase space, `[x, y, z, vx, vy, vz]`.
     pub point: [f64; 6],
-    /// Time at which the particle entered the phase-space box there; zero if it was in the box from the start.
+    /// Time at which the particle entered the phase-space box there; zero if it was in the box from
+    /// the start.
     pub entry: f64,
 }
 
@@ -50,19 +56,22 @@ pub struct Followed {
     pub point: [f64; 6],
     /// The part of the time that was left when it left the phase-space box; `None` if it did not.
     pub left: Option<f64>,
-    /// A number that is the same for particles that met the same jumps in the same order and did the same there. In
-    /// between, the point, and what it went around, depend continuously on where it was started.
+    /// A number that is the same for particles that met the same jumps in the same order and did
+    /// the same there. In between, the point, and what it went around, depend continuously on where
+    /// it was started.
     pub history: u64,
     /// How often it went around each periodic axis, upwards minus downwards.
     pub turns: [i32; MAX_DIMENSION],
 }
 
-/// The exact solution of a case's boundary-value problem, with `V` as the scheme sees it on the case's grid.
+/// The exact solution of a case's boundary-value problem, with `V` as the scheme sees it on the
+/// case's grid.
 ///
-/// Energy is conserved to round-off where every region's `V` is a sum of functions of one coordinate each and jumps are
-/// constant along faces. Elsewhere slopes and jumps are those at the centre of a cell and of a face, and a particle's
-/// energy is conserved up to the mesh width. Where `V` is curved, the solution in `V` itself is approached with the
-/// order Δx², with Δx^(3/2) by particles that turn around on the way.
+/// Energy is conserved to round-off where every region's `V` is a sum of functions of one
+/// coordinate each and jumps are constant along faces. Elsewhere slopes and jumps are those at the
+/// centre of a cell and of a face, and a particle's energy is conserved up to the mesh width. Where
+/// `V` is curved, the solution in `V` itself is approached with the order Δx², with Δx^(3/2) by
+/// particles that turn around on the way.
 #[derive(Clone, Debug)]
 pub struct Tracer<'a> {
     case: &'a Case,
@@ -71,8 +80,8 @@ pub struct Tracer<'a> {
     direction: f64,
     /// `faces[a][i]` is the lower face of cell `i` on space axis `a`.
     faces: Vec<Vec<f64>>,
-    /// By space cell: the layers of cells around it that are, like itself, free of slopes and jumps. The particle
-    /// crosses this block in one step.
+    /// By space cell: the layers of cells around it that are, like itself, free of slopes and
+    /// jumps. The particle crosses this block in one step.
     free: Vec<u32>,
     /// Bound on the number of faces a particle meets in unit time.
     face_rate: f64,
@@ -80,7 +89,8 @@ pub struct Tracer<'a> {
 
 /// A particle on its way.
 struct Particle {
-    /// The space cell it is in; what decides on which side of a face it is, whatever the round-off of `x`.
+    /// The space cell it is in; what decides on which side of a face it is, whatever the round-off
+    /// of `x`.
     cell: [usize; MAX_DIMENSION],
     /// Position, never outside the cell.
     x: [f64; MAX_DIMENSION],
@@ -107,16 +117,19 @@ struct Event {
     axis: usize,
     /// The new `w` on this axis.
     w: f64,
-    /// The face it arrives at and whether that is the cell's upper one; none if the velocity leaves its box.
+    /// The face it arrives at and whether that is the cell's upper one; none if the velocity leaves
+    /// its box.
     face: Option<(f64, bool)>,
 }
 
-/// First arrival of `x + w s + a s²/2` at an end of `[lower, upper]`, in which `x` lies: the time, the velocity then,
-/// and whether it is the upper end. The time is infinite for a particle that stands.
+/// First arrival of `x + w s + a s²/2` at an end of `[lower, upper]`, in which `x` lies: the time,
+/// the velocity then, and whether it is the upper end. The time is infinite for a particle that
+/// stands.
 ///
-/// With the distance `D` ahead and the acceleration `p` in the direction of motion, the speed at the end ahead is
-/// `r = √(w² + 2 p D)` and the time `2D/(|w| + r)`, free of cancellation. Without such an `r` the particle turns and
-/// arrives, from distance `D'`, at the end behind with `r' = √(w² + 2|p|D')` after the time `(|w| + r')/|p|`.
+/// With the distance `D` ahead and the acceleration `p` in the direction of motion, the speed at
+/// the end ahead is `r = √(w² + 2 p D)` and the time `2D/(|w| + r)`, free of cancellation. Without
+/// such an `r` the particle turns and arrives, from distance `D'`, at the end behind with `r' =
+/// √(w² + 2|p|D')` after the time `(|w| + r')/|p|`.
 fn arrival(x: f64, w: f64, a: f64, lower: f64, upper: f64) -> (f64, f64, bool) {
     let up = w > 0.0 || (w == 0.0 && a > 0.0);
     let sign = if up { 1.0 } else { -1.0 };
@@ -140,7 +153,8 @@ fn arrival(x: f64, w: f64, a: f64, lower: f64, upper: f64) -> (f64, f64, bool) {
     }
 }
 
-/// By space cell, row-major: the layers of cells around it that are, like itself, free of slopes and jumps.
+/// By space cell, row-major: the layers of cells around it that are, like itself, free of slopes
+/// and jumps.
 fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32> {
     let n = space.dimension();
     let ranges: Vec<_> = space.x.iter().map(|a| 0..a.cells).collect();
@@ -154,8 +168,9 @@ fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32> {
         cells.push(*i);
         distance.push(if free { u32::MAX } else { 0 });
     });
-    // Chebyshev distance to the nearest cell that is not free, by one sweep up and one down (Rosenfeld and Pfaltz
-    // 1966), over the neighbours that come before a cell in row-major order and over their mirror images.
+    // Chebyshev distance to the nearest cell that is not free, by one sweep up and one down
+    // (Rosenfeld and Pfaltz 1966), over the neighbours that come before a cell in row-major order
+    // and over their mirror images.
     let mut before = Vec::new();
     for_each_cell(&vec![0..3; n], |d| before.push(d.map(|d| d as i64 - 1)));
     before.truncate(before.len() / 2);
@@ -187,7 +202,8 @@ impl<'a> Tracer<'a> {
         let rate = |a: usize| {
             let (x, v) = (case.space.x[a].width(), &case.space.v[a]);
             let fastest = v.lower.abs().max(v.upper.abs());
-            // The shortest way back to a face without resting on it takes the time √(8 · REST · Δx / slope).
+            // The shortest way back to a face without resting on it takes the time √(8 · REST · Δx
+            // / slope).
             fastest / x + (potential.steepest(a) / (8.0 * REST * x)).sqrt()
         };
         let face_rate = (0..case.space.dimension()).map(rate).sum();
@@ -211,9 +227,11 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// The exact `f(time, x, v)` at `point = [x, y, z, vx, vy, vz]`, absent coordinates zero, `time ≥ 0`.
+    /// The exact `f(time, x, v)` at `point = [x, y, z, vx, vy, vz]`, absent coordinates zero, `time
+    /// ≥ 0`.
     ///
-    /// Outside the phase-space box it is the inflow value there. NaN where the formula it comes from is undefined.
+    /// Outside the phase-space box it is the inflow value there. NaN where the formula it comes
+    /// from is undefined.
     pub fn value(&self, point: &[f64; 6], time: f64) -> f64 {
         let foot = self.foot(point, time);
         let field = &self.case.fields[0];
@@ -235,11 +253,12 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// Where the particle at `point = [x, y, z, vx, vy, vz]` was a time `time ≥ 0` earlier; for a tracer that goes
-    /// [`forward`](Self::forward), where it will be.
+    /// Where the particle at `point = [x, y, z, vx, vy, vz]` was a time `time ≥ 0` earlier; for a
+    /// tracer that goes [`forward`](Self::forward), where it will be.
     ///
-    /// The work is bounded: a particle that met more faces than physics allows (in the cells around a corner, the
-    /// slopes of a `V` that is no sum over axes may drive one at rest in a circle) is left where it stands.
+    /// The work is bounded: a particle that met more faces than physics allows (in the cells around
+    /// a corner, the slopes of a `V` that is no sum over axes may drive one at rest in a circle) is
+    /// left where it stands.
     pub fn follow(&self, point: &[f64; 6], time: f64) -> Followed {
         let mut left = time.max(0.0);
         let round_off = ROUND_OFF * left;
@@ -251,7 +270,8 @@ impl<'a> Tracer<'a> {
                 turns: [0; MAX_DIMENSION],
             };
         };
-        // A particle sent on by one axis may meet two faces of each other axis before it rests there again.
+        // A particle sent on by one axis may meet two faces of each other axis before it rests
+        // there again.
         let most = 64.0 + 16.0 * self.face_rate * left;
         for _ in 0..most as u64 {
             let event = self.next_event(&particle, round_off);
@@ -377,8 +397,8 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// The first event on any axis that moves; of those at the same time but for `round_off`, that of the lowest axis,
-    /// and arrivals at a face before velocities that leave their box.
+    /// The first event on any axis that moves; of those at the same time but for `round_off`, that
+    /// of the lowest axis, and arrivals at a face before velocities that leave their box.
     fn next_event(&self, particle: &Particle, round_off: f64) -> Option<Event> {
         let mut first: Option<Event> = None;
         let mut take = |event: Event| {
@@ -423,8 +443,8 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// The particle has arrived at its block's upper or lower face along `a`: transmission, reflection or rest. False
-    /// if it thereby leaves the phase-space box.
+    /// The particle has arrived at its block's upper or lower face along `a`: transmission,
+    /// reflection or rest. False if it thereby leaves the phase-space box.
     fn cross(&self, particle: &mut Particle, a: usize, upper: bool) -> bool {
         particle.cell = self.cell_at_face(particle, a, upper);
         let i = particle.cell[a];
@@ -466,7 +486,8 @@ impl<'a> Tracer<'a> {
         self.speed_is_inside(particle, a)
     }
 
-    /// The cell of its block in which the particle is that has arrived at the block's upper or lower face along `a`.
+    /// The cell of its block in which the particle is that has arrived at the block's upper or
+    /// lower face along `a`.
     fn cell_at_face(&self, particle: &Particle, a: usize, upper: bool) -> [usize; MAX_DIMENSION] {
         let mut cell = particle.cell;
         for (b, i) in cell
@@ -486,8 +507,8 @@ impl<'a> Tracer<'a> {
         cell
     }
 
-    /// How far from a face the slope of its cell lets a particle get that is there: `w²/(2|slope|)`, infinite unless
-    /// the slope pushes it in the direction `to_face`.
+    /// How far from a face the slope of its cell lets a particle get that is there:
+    /// `w²/(2|slope|)`, infinite unless the slope pushes it in the direction `to_face`.
     fn reach(&self, particle: &Particle, a: usize, to_face: f64) -> f64 {
         let push = -self.potential.slope(&particle.cell, a) * to_face;
         if push > 0.0 {

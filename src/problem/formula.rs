@@ -1,14 +1,16 @@
 //! Formulas of the case file: `V`, `f0`, `where`, inflow and exact solutions.
 //!
-//! [`Expression::parse`] reads a formula by recursive descent; [`Expression::eval`] walks the tree. The conventions
-//! are those of mathematics: `-x^2` is `-(x^2)`, powers associate to the right, all else to the left. From the loosest
-//! binding to the tightest:
+//! [`Expression::parse`] reads a formula by recursive descent; [`Expression::eval`] walks the tree.
+//! The conventions are those of mathematics: `-x^2` is `-(x^2)`, powers associate to the right, all
+//! else to the left. From the loosest binding to the tightest:
 //!
 //! ```text
-//! a if c else b    a || b    a && b    a == b, a < b, …    a + b, a - b    a*b, a/b    -a, +a, !a    a^b, a**b
+//! a if c else b    a || b    a && b    a == b, a < b, …
+//! a + b, a - b    a*b, a/b    -a, +a, !a    a^b, a**b
 //! ```
 //!
-//! Numbers are `f64`; a comparison yields 1 or 0; `a if c else b` chooses. An operation on NaN yields NaN.
+//! Numbers are `f64`; a comparison yields 1 or 0; `a if c else b` chooses. An operation on NaN
+//! yields NaN.
 
 use crate::base::error::Error;
 use std::f64::consts::PI;
@@ -23,8 +25,8 @@ type Unary = fn(f64) -> f64;
 /// An operator between two numbers, or a function of two.
 type Binary = fn(f64, f64) -> f64;
 
-/// What `a if c` yields when `c` is false, until `else` replaces it: a NaN of its own kind, so that a NaN computed by
-/// the formula itself is never hidden.
+/// What `a if c` yields when `c` is false, until `else` replaces it: a NaN of its own kind, so that
+/// a NaN computed by the formula itself is never hidden.
 const NOTHING: u64 = 0x7ff8_0000_5eed_0000;
 
 /// The operators between operands with their names, a level of binding a row, the loosest first.
@@ -122,7 +124,8 @@ enum Node {
     /// The coordinate at this position.
     Coordinate(usize),
     Function(Unary, Box<Node>),
-    /// Operators that bind equally, from left to right. A chain, so that the depth of the tree is that of the text.
+    /// Operators that bind equally, from left to right. A chain, so that the depth of the tree is
+    /// that of the text.
     Chain(Box<Node>, Vec<(Binary, Node)>),
 }
 
@@ -222,7 +225,8 @@ impl Expression {
         }
     }
 
-    /// The formula's value; `coordinates` are in the order of the `names` it was read with. NaN where undefined.
+    /// The formula's value; `coordinates` are in the order of the `names` it was read with. NaN
+    /// where undefined.
     pub fn eval(&self, coordinates: &[f64]) -> f64 {
         self.tree.eval(coordinates)
     }

@@ -82,7 +82,8 @@ impl Axis {
         }
     }
 
-    /// Of a cell that stands for others the mean of the squares of their centres: that of its own says less.
+    /// Of a cell that stands for others the mean of the squares of their centres: that of its own
+    /// says less.
     pub fn mean_square(&self) -> Option<f64> {
         let Part::Merged { of } = self.part else {
             return None;
@@ -116,8 +117,9 @@ impl Axis {
         }
     }
 
-    /// A point `j/denominator` of the way along the axis, in units of cells; mirror images of an axis give exact
-    /// mirror images of its points. `twice` counts half cells: an odd number is a centre, an even one a face.
+    /// A point `j/denominator` of the way along the axis, in units of cells; mirror images of an
+    /// axis give exact mirror images of its points. `twice` counts half cells: an odd number is a
+    /// centre, an even one a face.
     fn point(&self, twice: f64) -> f64 {
         let (lower, upper, cells) = match self.part {
             Part::Window { ends, of, .. } => (ends[0], ends[1], of),
@@ -137,7 +139,8 @@ impl Axis {
         self.point(2.0 * j as f64)
     }
 
-    /// How many cells `point` lies above the lower end; the same for a window as for the whole axis but for the cells before.
+    /// How many cells `point` lies above the lower end; the same for a window as for the whole axis
+    /// but for the cells before.
     pub fn position(&self, point: f64) -> f64 {
         let lower = match self.part {
             Part::Window { ends, .. } => ends[0],
@@ -246,7 +249,8 @@ impl PhaseSpace {
         self.periodic[a]
     }
 
-    /// The cell at place `i` along space axis `a`: counted on around a periodic axis, `None` off the grid.
+    /// The cell at place `i` along space axis `a`: counted on around a periodic axis, `None` off
+    /// the grid.
     pub fn wrap(&self, a: usize, i: i64) -> Option<usize> {
         let cells = self.x[a].cells as i64;
         let i = if self.periodic[a] {
@@ -262,12 +266,14 @@ impl PhaseSpace {
         self.periodic[a] && self.x[a].cells == 1
     }
 
-    /// Most space blocks along space axis `a`. A periodic axis stays whole, so that the cell behind its end is on the same rank.
+    /// Most space blocks along space axis `a`. A periodic axis stays whole, so that the cell behind
+    /// its end is on the same rank.
     pub fn most_blocks(&self, a: usize) -> usize {
         if self.periodic[a] { 1 } else { self.x[a].cells }
     }
 
-    /// How far apart in the ordering two cells are that differ by one along axis `axis` (of the `2n`).
+    /// How far apart in the ordering two cells are that differ by one along axis `axis` (of the
+    /// `2n`).
     pub fn stride(&self, axis: usize) -> usize {
         self.axes().skip(axis + 1).map(|a| a.cells).product()
     }
@@ -298,6 +304,42 @@ pub fn describe_point(dimension: usize, point: &[f64]) -> String {
         .filter_map(|(name, slot)| point.get(slot).map(|p| format!("{name} = {p}")))
         .collect::<Vec<_>>()
         .join(", ")
+}
+
+/// Names of the axes in storage order.
+pub fn axis_names(dimension: usize) -> Vec<&'static str> {
+    let (x, v) = (["x", "y", "z"], ["vx", "vy", "vz"]);
+    x[..dimension]
+        .iter()
+        .chain(&v[..dimension])
+        .copied()
+        .collect()
+}
+
+/// Calls `visit` with every multi-index of a box, row-major.
+pub fn for_each_cell(ranges: &[Range<usize>], mut visit: impl FnMut(&[usize; MAX_DIMENSION])) {
+    if ranges.iter().any(Range::is_empty) {
+        return;
+    }
+    let mut i = [0; MAX_DIMENSION];
+    for (i, range) in i.iter_mut().zip(ranges) {
+        *i = range.start;
+    }
+    loop {
+        visit(&i);
+        let mut axis = ranges.len();
+        loop {
+            if axis == 0 {
+                return;
+            }
+            axis -= 1;
+            i[axis] += 1;
+            if i[axis] < ranges[axis].end {
+                break;
+            }
+            i[axis] = ranges[axis].start;
+        }
+    }
 }
 
 #[cfg(test)]
@@ -350,42 +392,6 @@ mod tests {
         assert!(!merged.leaves_out(0) && !axis.leaves_out(7));
         for part in [window, merged] {
             assert_eq!(part.whole(), axis);
-        }
-    }
-}
-
-/// Names of the axes in storage order.
-pub fn axis_names(dimension: usize) -> Vec<&'static str> {
-    let (x, v) = (["x", "y", "z"], ["vx", "vy", "vz"]);
-    x[..dimension]
-        .iter()
-        .chain(&v[..dimension])
-        .copied()
-        .collect()
-}
-
-/// Calls `visit` with every multi-index of a box, row-major.
-pub fn for_each_cell(ranges: &[Range<usize>], mut visit: impl FnMut(&[usize; MAX_DIMENSION])) {
-    if ranges.iter().any(Range::is_empty) {
-        return;
-    }
-    let mut i = [0; MAX_DIMENSION];
-    for (i, range) in i.iter_mut().zip(ranges) {
-        *i = range.start;
-    }
-    loop {
-        visit(&i);
-        let mut axis = ranges.len();
-        loop {
-            if axis == 0 {
-                return;
-            }
-            axis -= 1;
-            i[axis] += 1;
-            if i[axis] < ranges[axis].end {
-                break;
-            }
-            i[axis] = ranges[axis].start;
         }
     }
 }

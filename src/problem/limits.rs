@@ -21,7 +21,8 @@ pub const MOST_SHOTS: f64 = 1e15;
 /// Most evaluations of a run of amplitude estimation: the register has 40 qubits then.
 pub const MOST_EVALUATIONS: f64 = (1u64 << 40) as f64;
 
-/// Lengths, velocities and times lie between the inverse of this and this: their products stay finite.
+/// Lengths, velocities and times lie between the inverse of this and this: their products stay
+/// finite.
 pub const MOST: f64 = 1e100;
 
 /// Largest `solver.tolerance`.

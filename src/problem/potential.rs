@@ -1,10 +1,11 @@
 //! The potential on the grid: jumps at faces, slopes in cells.
 //!
-//! `V`'s one-sided limits at a face are the two neighbouring cells' own formulas, evaluated at the face's centre; a
-//! cell's formula is that of the first region whose `where` holds at the cell's centre. So jumps lie on faces by
-//! construction (paper, section 4.1: discontinuities at grid points), and in between `V` is piecewise linear.
+//! `V`'s one-sided limits at a face are the two neighbouring cells' own formulas, evaluated at the
+//! face's centre; a cell's formula is that of the first region whose `where` holds at the cell's
+//! centre. So jumps lie on faces by construction (paper, section 4.1: discontinuities at grid
+//! points), and in between `V` is piecewise linear.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Region};
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point, for_each_cell};
@@ -19,8 +20,9 @@ const KINK: f64 = 1e-13;
 pub struct Potential {
     /// Box of space cells covered, one range an axis.
     ranges: Vec<Range<usize>>,
-    /// `V⁺ − V⁻` at the lower face of each cell, by axis; zero at the ends of the box (the paper's assumption). At the lower end of
-    /// a periodic axis, `V` of the first cell minus that of the last.
+    /// `V⁺ − V⁻` at the lower face of each cell, by axis; zero at the ends of the box (the paper's
+    /// assumption). At the lower end of a periodic axis, `V` of the first cell minus that of the
+    /// last.
     jump: Vec<[f64; MAX_DIMENSION]>,
     /// `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`, by axis.
     slope: Vec<[f64; MAX_DIMENSION]>,
@@ -57,6 +59,72 @@ fn space_point(axes: &[Axis], i: &[usize]) -> [f64; 6] {
     point
 }
 
+/// Values of a case's potential, and the first that is not finite.
+struct Values<'c> {
+    case: &'c Case,
+    failure: Option<Error>,
+}
+
+impl Values<'_> {
+    /// The region a space cell belongs to, by its centre.
+    fn region(&mut self, centre: &[f64; 6]) -> usize {
+        region(&self.case.potential, centre).unwrap_or_else(|condition| {
+            let place = describe_space_point(self.case.space.dimension(), centre);
+            self.failure
+                .get_or_insert_with(|| condition.undefined(f64::NAN, place));
+            0
+        })
+    }
+
+    /// `V` of a region at a point.
+    fn value(&mut self, region: usize, point: &[f64; 6]) -> f64 {
+        let formula = &self.case.potential[region].value;
+        let value = formula.eval(point);
+        if !value.is_finite() {
+            let place = describe_space_point(self.case.space.dimension(), point);
+            self.failure
+                .get_or_insert_with(|| formula.undefined(value, place));
+        }
+        value
+    }
+
+    /// The jump at the lower face along axis `a` of space cell `i`, and the slope in it; `own` is
+    /// its region, `below` that of the cell below, if there is one.
+    fn jump_and_slope(
+        &mut self,
+        i: &[usize; MAX_DIMENSION],
+        a: usize,
+        own: usize,
+        below: Option<usize>,
+    ) -> [f64; 2] {
+        let axes = &self.case.space.x;
+        let axis = &axes[a];
+        let centre = space_point(axes, i);
+        let (mut lower, mut upper) = (centre, centre);
+        lower[a] = axis.face(i[a] as i64);
+        upper[a] = axis.face(i[a] as i64 + 1);
+        let at_lower = self.value(own, &lower);
+        let slope = (self.value(own, &upper) - at_lower) / axis.width();
+        // The face below the first cell of a periodic axis is that above the last one.
+        let turns = i[a] == 0;
+        if turns {
+            lower[a] = axis.face(axis.cells as i64);
+        }
+        let Some(below) = below.filter(|&r| r != own || turns) else {
+            return [0.0, slope];
+        };
+        let behind = self.value(below, &lower);
+        let jump = at_lower - behind;
+        // A kink, not a jump: the formulas meet here to round-off.
+        let drop = (slope * axis.width()).abs();
+        let scale = at_lower.abs().max(behind.abs()).max(drop);
+        match jump.abs() <= KINK * scale {
+            true => [0.0, slope],
+            false => [jump, slope],
+        }
+    }
+}
+
 impl Potential {
     /// Evaluates `case`'s potential on the space cells of `ranges`.
     ///
@@ -80,59 +148,27 @@ impl Potential {
                 a < n && case.space.is_periodic(a) && ranges[a] == (0..axes[a].cells)
             }),
         };
-        let mut failure = None;
+        let mut values = Values {
+            case,
+            failure: None,
+        };
         for_each_cell(ranges, |i| {
             let centre = space_point(axes, i);
-            let mut region_at = |point: &[f64; 6]| {
-                region(&case.potential, point).unwrap_or_else(|condition| {
-                    let place = describe_space_point(n, point);
-                    failure.get_or_insert_with(|| condition.undefined(f64::NAN, place));
-                    0
-                })
-            };
-            let own = region_at(&centre);
+            let own = values.region(&centre);
             // Regions of the cells below.
-            let neighbours: [Option<usize>; MAX_DIMENSION] = std::array::from_fn(|a| {
+            let below: [Option<usize>; MAX_DIMENSION] = std::array::from_fn(|a| {
                 let mut below = *i;
                 below[a] = (a < n).then(|| case.space.wrap(a, i[a] as i64 - 1))??;
-                Some(region_at(&space_point(axes, &below)))
+                Some(values.region(&space_point(axes, &below)))
             });
             let (mut jump, mut slope) = ([0.0; MAX_DIMENSION], [0.0; MAX_DIMENSION]);
-            let mut value = |region: usize, point: &[f64; 6]| {
-                let formula = &case.potential[region].value;
-                let v = formula.eval(point);
-                if !v.is_finite() {
-                    let place = describe_space_point(n, point);
-                    failure.get_or_insert_with(|| formula.undefined(v, place));
-                }
-                v
-            };
             for a in 0..n {
-                let (mut lower, mut upper) = (centre, centre);
-                lower[a] = axes[a].face(i[a] as i64);
-                upper[a] = axes[a].face(i[a] as i64 + 1);
-                let at_lower = value(own, &lower);
-                slope[a] = (value(own, &upper) - at_lower) / axes[a].width();
-                // The face below the first cell of a periodic axis is that above the last one.
-                let turns = i[a] == 0;
-                if turns {
-                    lower[a] = axes[a].face(axes[a].cells as i64);
-                }
-                if let Some(neighbour) = neighbours[a].filter(|&r| r != own || turns) {
-                    let behind = value(neighbour, &lower);
-                    jump[a] = at_lower - behind;
-                    // A kink, not a jump: the formulas meet here to round-off.
-                    let drop = (slope[a] * axes[a].width()).abs();
-                    let scale = at_lower.abs().max(behind.abs()).max(drop);
-                    if jump[a].abs() <= KINK * scale {
-                        jump[a] = 0.0;
-                    }
-                }
+                [jump[a], slope[a]] = values.jump_and_slope(i, a, own, below[a]);
             }
             this.jump.push(jump);
             this.slope.push(slope);
         });
-        match failure {
+        match values.failure {
             Some(error) => Err(error),
             None => Ok(this),
         }
@@ -155,13 +191,14 @@ impl Potential {
             .sum()
     }
 
-    /// `V⁺ − V⁻` at the lower face, along `axis`, of space cell `i`. Zero at the lower end of the box, unless the axis is periodic.
+    /// `V⁺ − V⁻` at the lower face, along `axis`, of space cell `i`. Zero at the lower end of the
+    /// box, unless the axis is periodic.
     pub fn jump_below(&self, i: &[usize], axis: usize) -> f64 {
         self.jump[self.position(i)][axis]
     }
 
-    /// `V⁺ − V⁻` at the upper face, along `axis`, of space cell `i`. Zero at the upper end of what is covered, unless that is all of
-    /// a periodic axis.
+    /// `V⁺ − V⁻` at the upper face, along `axis`, of space cell `i`. Zero at the upper end of what
+    /// is covered, unless that is all of a periodic axis.
     pub fn jump_above(&self, i: &[usize], axis: usize) -> f64 {
         let (position, stride) = (self.position(i), self.strides[axis]);
         if i[axis] + 1 < self.ranges[axis].end {
@@ -195,7 +232,8 @@ impl Potential {
         std::array::from_fn(|a| self.jump.iter().any(|jump| jump[a] != 0.0))
     }
 
-    /// Adds the kinds of cells that there are, by their slopes and the jumps at their lower faces, to `kinds`, up to so `many`.
+    /// Adds the kinds of cells that there are, by their slopes and the jumps at their lower faces,
+    /// to `kinds`, up to so `many`.
     pub fn collect_kinds(&self, kinds: &mut HashSet<[u64; 2 * MAX_DIMENSION]>, many: usize) {
         for (jump, slope) in self.jump.iter().zip(&self.slope) {
             if kinds.len() >= many {
@@ -243,15 +281,15 @@ pub struct StrayEdge {
 /// What the grid does not see of the regions.
 #[derive(Clone, Debug, Default)]
 pub struct Overlooked {
-    /// Edges inside cells, one a distinct place. The scheme treats them as lying on the nearest face, a change of the
-    /// problem by that distance.
+    /// Edges inside cells, one a distinct place. The scheme treats them as lying on the nearest
+    /// face, a change of the problem by that distance.
     pub edges: Vec<StrayEdge>,
     /// Regions, by index, that hold at no cell's centre.
     pub empty: Vec<usize>,
 }
 
-/// Where along each space axis the region changes between the centres of neighbouring cells; `None` for an axis along which it
-/// does so at more than some dozens of places, as a curved edge does.
+/// Where along each space axis the region changes between the centres of neighbouring cells; `None`
+/// for an axis along which it does so at more than some dozens of places, as a curved edge does.
 pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     const MOST: usize = 64;
     let axes = &case.space.x;

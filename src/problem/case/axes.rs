@@ -94,7 +94,8 @@ pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair]) -> Result<PhaseSpace> {
         if v.boundary.is_some() {
             return file.refuse(
                 &format!("{v_key}.boundary"),
-                "a velocity axis has none to choose; what enters there has the value of inflow.value",
+                "a velocity axis has none to choose; what enters there has the value of \
+                 inflow.value",
             );
         }
         space.periodic[a] = x.boundary == Some(Boundary::Periodic);
@@ -112,7 +113,8 @@ pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair]) -> Result<PhaseSpace> {
     let points: f64 = space.x.iter().map(|a| a.cells as f64).product();
     if points > MOST_SPACE_CELLS {
         let message = format!(
-            "{points:.3e} space cells; at most {MOST_SPACE_CELLS:e} are planned for (memory and time)"
+            "{points:.3e} space cells; at most {MOST_SPACE_CELLS:e} are planned for (memory and \
+             time)"
         );
         return file.refuse("axis", message);
     }

@@ -14,7 +14,8 @@ pub const MOST_FIELDS: usize = 1 + MAX_DIMENSION;
 /// Position of `t` among the coordinates `[x, y, z, vx, vy, vz, t]` of a formula.
 pub const TIME: usize = 6;
 
-/// One branch of the potential; the first whose condition holds at a cell's centre gives `V` in that cell.
+/// One branch of the potential; the first whose condition holds at a cell's centre gives `V` in
+/// that cell.
 #[derive(Clone, Debug)]
 pub struct Region {
     /// `where`; absent in the last region.
@@ -317,7 +318,8 @@ impl ExactTable {
         if self.f.is_some() && !matches!(data, Data::Density) {
             return file.refuse(
                 "exact.f",
-                "measure-valued data have no f; exact.kind = \"characteristics\" gives density and velocity",
+                "measure-valued data have no f; exact.kind = \"characteristics\" gives density \
+                 and velocity",
             );
         }
         match (

@@ -1,10 +1,10 @@
 //! The case file as TOML, so that every mistake is named with file, line, key, value and limit.
 //!
-//! `--set key=value` replaces values of the file's tree. Every value remembers where it stands by its span: a range of
-//! bytes of the file, or, beyond the file's end, the number of a `--set`.
+//! `--set key=value` replaces values of the file's tree. Every value remembers where it stands by
+//! its span: a range of bytes of the file, or, beyond the file's end, the number of a `--set`.
 
 use crate::base::error::{Error, Result};
-use crate::problem::case::reader::{Entry, Mistake, written};
+use crate::problem::case::reader::{Entry, Mistake, joined, written};
 use crate::problem::formula::Expression;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -28,7 +28,8 @@ pub struct CaseFile<'t> {
 struct Found<'f> {
     /// Its value, if it is given.
     value: Option<&'f DeValue<'f>>,
-    /// Where the value stands, or the heading of a table; of an absent key, that of the innermost table around it.
+    /// Where the value stands, or the heading of a table; of an absent key, that of the innermost
+    /// table around it.
     span: Option<Range<usize>>,
     /// Where the key itself stands.
     key: Option<Range<usize>>,
@@ -38,7 +39,8 @@ impl<'t> CaseFile<'t> {
     /// Parses `text` (the file `name`) and applies `--set` overrides in order.
     ///
     /// # Errors
-    /// [`Error::Input`] where the text is no TOML, or an override no `key=value` that fits the file.
+    /// [`Error::Input`] where the text is no TOML, or an override no `key=value` that fits the
+    /// file.
     pub fn parse(name: &'t str, text: &'t str, overrides: &'t [String]) -> Result<Self> {
         let mut file = CaseFile {
             name,
@@ -108,7 +110,8 @@ impl<'t> CaseFile<'t> {
                         None => {
                             let list = path();
                             let message = format!(
-                                "\"{part}\" is no index into {list}, which has {length} entries, counted from 0"
+                                "\"{part}\" is no index into {list}, which has {length} entries, \
+                                 counted from 0"
                             );
                             return fail(self, &message);
                         }
@@ -240,7 +243,8 @@ impl<'t> CaseFile<'t> {
         value.ok_or_else(|| self.error(key, &format!("missing; {expected} expected")))
     }
 
-    /// The formula `text` of `key`; `names[i]` lists the names under which coordinate `i` may appear.
+    /// The formula `text` of `key`; `names[i]` lists the names under which coordinate `i` may
+    /// appear.
     ///
     /// # Errors
     /// [`Error::Input`] that says what is wrong with it and at which character.
@@ -321,14 +325,6 @@ fn position(text: &str, offset: usize) -> Position<'_> {
 fn begins_with(rest: &str, key: &str) -> bool {
     let after = rest.strip_prefix(key);
     !key.is_empty() && after.is_some_and(|after| after.is_empty() || after.starts_with('.'))
-}
-
-/// The key `name` of the table `path`.
-pub fn joined(path: &str, name: &str) -> String {
-    match path {
-        "" => name.to_owned(),
-        _ => format!("{path}.{name}"),
-    }
 }
 
 /// `value`, it and all below it standing at `span`.

@@ -48,7 +48,8 @@ pub struct OutputTime {
 pub struct Storage {
     /// `output.compression`: level of deflate, 0 for none.
     pub compression: u8,
-    /// `output.chunks`: cells of a chunk along each axis, in storage order; planned where there is compression.
+    /// `output.chunks`: cells of a chunk along each axis, in storage order; planned where there is
+    /// compression.
     pub chunks: Option<Vec<usize>>,
     /// `output.xdmf`: whether to write `fields.xdmf`, and what it shows.
     pub xdmf: bool,
@@ -61,7 +62,8 @@ impl Storage {
             Some(chunks) => (chunks.iter().zip(space.axes()))
                 .map(|(c, axis)| axis.cells.div_ceil(*c))
                 .product(),
-            // Planned chunks are of CHUNK/2 cells at least, and not more than half of them at the ends of an axis.
+            // Planned chunks are of CHUNK/2 cells at least, and not more than half of them at the
+            // ends of an axis.
             None if self.compression > 0 => (1 + 4 * space.cells() / CHUNK).min(MOST_CHUNKS),
             None => 0,
         }
@@ -124,7 +126,8 @@ impl OutputTable {
         for (key, List(list), fields) in lists {
             if let Some(time) = list.iter().find(|time| !inside(**time)) {
                 let message = format!(
-                    "{time} given; times above 0 and below time.end = {end} expected, whose results are always written"
+                    "{time} given; times above 0 and below time.end = {end} expected, whose \
+                     results are always written"
                 );
                 return file.refuse(key, message);
             }
@@ -275,7 +278,8 @@ impl PlateauTable {
 fn compression_refused((major, minor, micro): (u8, u8, u8), deflate: bool) -> Option<String> {
     if (major, minor, micro) < (1, 10, 2) {
         return Some(format!(
-            "HDF5 {major}.{minor}.{micro} cannot compress what several ranks write; 1.10.2 and later can. Leave it out or 0"
+            "HDF5 {major}.{minor}.{micro} cannot compress what several ranks write; 1.10.2 and \
+             later can. Leave it out or 0"
         ));
     }
     (!deflate)

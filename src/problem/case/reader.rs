@@ -1,9 +1,9 @@
-//! Values of the case file for serde, so that types, unknown keys and choices are refused in the user's words.
+//! Values of the case file for serde, so that types, unknown keys and choices are refused in the
+//! user's words.
 //!
-//! The `toml` crate's own deserializer says "expected f64" and lists all the keys there are; this one names the key, says
-//! what is expected there, and the nearest of the known names.
+//! The `toml` crate's own deserializer says "expected f64" and lists all the keys there are; this
+//! one names the key, says what is expected there, and the nearest of the known names.
 
-use crate::problem::case::file::joined;
 use serde::de::value::{MapDeserializer, SeqDeserializer, StrDeserializer};
 use serde::de::{
     self, Deserialize, DeserializeOwned, Deserializer, Expected, IntoDeserializer, SeqAccess,
@@ -83,6 +83,14 @@ fn integer(number: &DeInteger<'_>) -> Option<i64> {
 /// A whole number in decimal digits, if it has 64 bits, or as it was given.
 pub fn written(number: &DeInteger<'_>) -> String {
     integer(number).map_or_else(|| number.as_str().to_owned(), |number| number.to_string())
+}
+
+/// The key `name` of the table `path`.
+pub fn joined(path: &str, name: &str) -> String {
+    match path {
+        "" => name.to_owned(),
+        _ => format!("{path}.{name}"),
+    }
 }
 
 /// A value with its key.
@@ -204,7 +212,8 @@ impl<'de> Deserializer<'de> for Entry<'de> {
         visitor.visit_newtype_struct(self.formula()?.into_deserializer())
     }
 
-    /// All keys are looked at before any value is read, so that a misspelt one is named before what it stands for is missed.
+    /// All keys are looked at before any value is read, so that a misspelt one is named before what
+    /// it stands for is missed.
     fn deserialize_struct<V: Visitor<'de>>(
         self,
         name: &'static str,

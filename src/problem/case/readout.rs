@@ -7,11 +7,12 @@ use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::limits::{MOST, MOST_EVALUATIONS, MOST_SHOTS};
 use serde::Deserialize;
 
-/// Most cells that are read: data of all cells are what a quantum computer is no good for, and each takes some 15 kB of
-/// `summary.json`.
+/// Most cells that are read: data of all cells are what a quantum computer is no good for, and each
+/// takes some 15 kB of `summary.json`.
 const MOST_READ: usize = 256;
 
-/// `[readout]`: what is measured of the result on a quantum computer (see [`crate::quantum::readout`]).
+/// `[readout]`: what is measured of the result on a quantum computer (see
+/// [`crate::quantum::readout`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Readout {
     /// Space cells, along each axis from 0.
@@ -123,7 +124,8 @@ impl ReadoutTable {
             (None, None) => {
                 return file.refuse(
                     "readout.cells",
-                    "missing; a list of space cells, counted from 0, or readout.points, a list of points",
+                    "missing; a list of space cells, counted from 0, or readout.points, a list of \
+                     points",
                 );
             }
         };

@@ -1,4 +1,5 @@
-//! `[time]`, `[scheme]`, `[solver]` but for its `warp`, and `[checkpoint]`: the method and its accuracy.
+//! `[time]`, `[scheme]`, `[solver]` but for its `warp`, and `[checkpoint]`: the method and its
+//! accuracy.
 
 use crate::base::error::Result;
 use crate::problem::case::file::CaseFile;
@@ -168,7 +169,8 @@ impl Propagation {
             ),
             Some(_) if self.method == PropagatorMethod::Chebyshev => file.refuse(
                 key,
-                "the Chebyshev series takes the whole time at once; leave it out, or choose another method",
+                "the Chebyshev series takes the whole time at once; leave it out, or choose \
+                 another method",
             ),
             Some(step) if !(end / step > 0.0 && end / step <= MOST_STEPS) => file.refuse(
                 key,

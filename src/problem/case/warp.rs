@@ -29,7 +29,8 @@ pub enum ProfileChoice {
         /// `α > 0`.
         alpha: f64,
     },
-    /// `e^{−|p|}` with the polynomial of degree `2r+1` between −1 and 0 that is smooth to `r` derivatives.
+    /// `e^{−|p|}` with the polynomial of degree `2r+1` between −1 and 0 that is smooth to `r`
+    /// derivatives.
     Smooth {
         /// `r`.
         order: usize,
@@ -142,8 +143,8 @@ pub struct Warp {
 }
 
 impl Warp {
-    /// The profile to be planned: `Planned` is the Gaussian where samples, an interval or points are given by hand, as a
-    /// designed one is no function on the line.
+    /// The profile to be planned: `Planned` is the Gaussian where samples, an interval or points
+    /// are given by hand, as a designed one is no function on the line.
     pub fn choice(&self) -> ProfileChoice {
         match (self.profile, self.by_hand()) {
             (ProfileChoice::Planned, Some(_)) => ProfileChoice::Gaussian,
@@ -170,7 +171,8 @@ impl Warp {
         if fields.len() > 1 && fields.iter().any(Field::varies) {
             return file.refuse(
                 key,
-                "what enters may depend on t where initial.f is given; the unknowns of measure-valued data have one value each",
+                "what enters may depend on t where initial.f is given; the unknowns of \
+                 measure-valued data have one value each",
             );
         }
         let entering = fields.iter().filter(|f| f.enters()).count();
@@ -178,7 +180,8 @@ impl Warp {
             return file.refuse(
                 key,
                 format!(
-                    "\"scalar\" has one unknown for all rows, and its couplings are one field's; {entering} fields have inflow here: \"boundary\" or \"full\""
+                    "\"scalar\" has one unknown for all rows, and its couplings are one field's; \
+                     {entering} fields have inflow here: \"boundary\" or \"full\""
                 ),
             );
         }
@@ -262,7 +265,8 @@ impl WarpTable {
         match warp.by_hand() {
             Some(key) if warp.profile == ProfileChoice::Designed => file.refuse(
                 &format!("solver.warp.{key}"),
-                "is of profiles that are functions on the line; solver.warp.profile = \"designed\" is a series, known on its domain only: \
+                "is of profiles that are functions on the line; solver.warp.profile = \
+                 \"designed\" is a series, known on its domain only: \
                  \"gaussian\", or another, or the key left out",
             ),
             _ => Ok(warp),
@@ -332,7 +336,8 @@ impl WarpTable {
         };
         if lower >= 0.0 || upper <= 0.0 {
             let message = format!(
-                "[{lower}, {upper}] given; L below and R above 0, where the profile changes, expected"
+                "[{lower}, {upper}] given; L below and R above 0, where the profile changes, \
+                 expected"
             );
             return file.refuse(key, message);
         }
@@ -385,7 +390,8 @@ impl WarpTable {
         let least = 1.0 / MOST;
         let message = || {
             format!(
-                "must be above 0, between {least:e} and {MOST:e}; or \"max\" for max |b|; leave it out to have it planned"
+                "must be above 0, between {least:e} and {MOST:e}; or \"max\" for max |b|; leave \
+                 it out to have it planned"
             )
         };
         match self.delta {
@@ -411,7 +417,8 @@ impl WarpTable {
         let growth = shift * end;
         file.within(key, growth, -LARGEST_SHIFT..=LARGEST_SHIFT, || {
             format!(
-                "times time.end is {growth:.1}; at most {LARGEST_SHIFT} either way, e^{{shift T}} leaves no digits beyond"
+                "times time.end is {growth:.1}; at most {LARGEST_SHIFT} either way, e^{{shift T}} \
+                 leaves no digits beyond"
             )
         })?;
         Ok(Shift::Given(shift))

@@ -1,19 +1,22 @@
-//! The exact density and mean velocity of measure-valued data, by following the initial surface forward in time.
+//! The exact density and mean velocity of measure-valued data, by following the initial surface
+//! forward in time.
 //!
-//! `f(0) = ρ0(x) Π_a δ(v_a − w_a(x))` lives on the surface `(x, w(x))`, an n-dimensional sheet in phase space; what enters
-//! through the end of the box on axis `a` makes further sheets, with the time of entry in place of `x_a`, on which the
-//! rate `ρ0 |w_a|` takes the place of `ρ0` (what enters is `φ`'s inflow value, at the velocity `w`). Particles carry the
-//! sheets on to the time `T`, through `V` as the scheme sees it (see [`super`]). Jumps of `V` tear them into branches; folds
-//! make the velocity multivalued.
+//! `f(0) = ρ0(x) Π_a δ(v_a − w_a(x))` lives on the surface `(x, w(x))`, an n-dimensional sheet in
+//! phase space; what enters through the end of the box on axis `a` makes further sheets, with the
+//! time of entry in place of `x_a`, on which the rate `ρ0 |w_a|` takes the place of `ρ0` (what
+//! enters is `φ`'s inflow value, at the velocity `w`). Particles carry the sheets on to the time
+//! `T`, through `V` as the scheme sees it (see [`super`]). Jumps of `V` tear them into branches;
+//! folds make the velocity multivalued.
 //!
-//! A sheet is cut into boxes in its parameters `q` (`x`, or the time and the others): `ρ0` at its centre times its volume is a
-//! box's mass, and the images of its centre and corners say where the mass is at `T`: evenly over the box that the differences
-//! of opposite sides span, axis by axis. So mass is kept, caustics are integrable, and the
-//! density comes as averages over cells. In one dimension the images of neighbouring boxes meet end to end; in more, a
-//! sheared image is a little wider than it should be, by less than its own size.
+//! A sheet is cut into boxes in its parameters `q` (`x`, or the time and the others): `ρ0` at its
+//! centre times its volume is a box's mass, and the images of its centre and corners say where the
+//! mass is at `T`: evenly over the box that the differences of opposite sides span, axis by axis.
+//! So mass is kept, caustics are integrable, and the density comes as averages over cells. In one
+//! dimension the images of neighbouring boxes meet end to end; in more, a sheared image is a little
+//! wider than it should be, by less than its own size.
 //!
-//! A box is halved along an axis whose ends have other histories (see [`Followed`]), and where its image bends or its density
-//! changes, until it is as small as `FINEST` says.
+//! A box is halved along an axis whose ends have other histories (see [`Followed`]), and where its
+//! image bends or its density changes, until it is as small as `FINEST` says.
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Data};
@@ -32,12 +35,14 @@ const BENDING: f64 = 0.01;
 const CHANGE: f64 = 0.01;
 /// In more than one dimension, a box whose image is wider than this fraction of a cell is halved.
 const WIDEST: f64 = 0.6;
-/// Corners lie inside the box by this fraction of its half-width: a side on a face belongs to one cell.
+/// Corners lie inside the box by this fraction of its half-width: a side on a face belongs to one
+/// cell.
 const INSIDE: f64 = 1e-9;
-/// Particles followed besides those of the first boxes: a bound on the work for data that jump everywhere.
+/// Particles followed besides those of the first boxes: a bound on the work for data that jump
+/// everywhere.
 const BUDGET: [usize; MAX_DIMENSION] = [1 << 21, 1 << 23, 1 << 24];
-/// Cells with less than this fraction of the largest mass are empty: particles within 1e-11 of a cell's face count for the
-/// cell above.
+/// Cells with less than this fraction of the largest mass are empty: particles within 1e-11 of a
+/// cell's face count for the cell above.
 const EMPTY: f64 = 1e-9;
 /// Points further apart than this fraction of a cell are not neighbours on a branch.
 const GAP: f64 = 1e-6;
@@ -71,8 +76,9 @@ pub struct ExactMoments {
 enum Sheet {
     /// `(x, w(x))` at time zero.
     Initial,
-    /// What enters at an end of axis `axis`: at time `q_axis` at the upper one, a time `q_axis` before the end at the lower one,
-    /// so that in one dimension the sheets join in the order of `x`.
+    /// What enters at an end of axis `axis`: at time `q_axis` at the upper one, a time `q_axis`
+    /// before the end at the lower one, so that in one dimension the sheets join in the order of
+    /// `x`.
     Entering { axis: usize, upper: bool },
 }
 
@@ -166,7 +172,8 @@ struct Sheets<'a> {
 /// The exact moments of a case with measure-valued data at its end time; `None` for other data.
 ///
 /// # Errors
-/// [`Error::Formula`](crate::base::error::Error::Formula) where `V`, `density` or `velocity` is not finite.
+/// [`Error::Formula`](crate::base::error::Error::Formula) where `V`, `density` or `velocity` is not
+/// finite.
 pub fn exact_moments(case: &Case) -> Result<Option<ExactMoments>> {
     let Data::Measure { velocity, .. } = &case.data else {
         return Ok(None);
@@ -213,8 +220,8 @@ impl ExactMoments {
     }
 }
 
-/// About how many points the curve of a case has: those of its first boxes, and half as many again. Zero in more than one
-/// dimension.
+/// About how many points the curve of a case has: those of its first boxes, and half as many again.
+/// Zero in more than one dimension.
 pub fn curve_points(case: &Case) -> usize {
     if case.space.dimension() > 1 {
         return 0;
@@ -269,7 +276,8 @@ impl Sheets<'_> {
                 piece.half[a] = 0.5 * width[a];
                 piece.centre[a] = match sheet {
                     Sheet::Entering { axis, .. } if axis == a => middle,
-                    // Counted from the cell's own face, so that sides on faces are there to round-off.
+                    // Counted from the cell's own face, so that sides on faces are there to
+                    // round-off.
                     _ => {
                         let (cell, part) = (k[a] / boxes, k[a] % boxes);
                         self.space().x[a].face(cell as i64) + (part as f64 + 0.5) * width[a]
@@ -293,8 +301,8 @@ impl Sheets<'_> {
         value
     }
 
-    /// Follows the particle with parameters `q`. What starts outside of the velocity box, or does not go inwards where it
-    /// should enter, is not there.
+    /// Follows the particle with parameters `q`. What starts outside of the velocity box, or does
+    /// not go inwards where it should enter, is not there.
     fn image(&mut self, sheet: Sheet, q: &[f64; MAX_DIMENSION]) -> Image {
         let n = self.space().dimension();
         let mut point = [0.0; 6];
@@ -361,29 +369,9 @@ impl Sheets<'_> {
         }
         let corners = &*corners;
         let whole = corners.iter().all(|c| c.same(&centre));
-        let edges = |a: usize| {
-            let lower = (0..1 << n).filter(move |c| c >> a & 1 == 0);
-            lower.map(move |c| (&corners[c], &corners[c | 1 << a]))
-        };
-        let torn = |a: usize| edges(a).any(|(lower, upper)| !lower.same(upper));
-        // Corners that agree with each other and not with the centre say nothing about the axis.
-        let astray = !whole && !(0..n).any(torn);
-        let image =
-            (whole && centre.followed.left.is_none()).then(|| Shape::new(n, &centre, corners));
-        let widths = || self.case.space.x.iter().map(Axis::width).enumerate();
-        let bent = |image: &Shape| widths().any(|(b, h)| image.bend[b].abs() > BENDING * h);
-        let rough = |a: usize| {
-            image.as_ref().is_some_and(|image| {
-                let wide = |(b, h): (usize, f64)| image.secants[a][b].abs() > WIDEST * h;
-                let change = image.change.abs() > CHANGE * centre.density.abs();
-                change || bent(image) || n > 1 && widths().any(wide)
-            })
-        };
-        let finest = FINEST[n - 1];
-        let halve = (0..n).find(|&a| {
-            let depth = piece.depth[a];
-            depth < finest && (torn(a) || astray || rough(a))
-        });
+        let stays = centre.followed.left.is_none();
+        let shape = (whole && stays).then(|| Shape::new(n, &centre, corners));
+        let halve = self.axis_to_halve(&piece, &centre, corners, shape.as_ref());
         if let Some(a) = halve.filter(|_| self.budget > 0) {
             self.budget = self.budget.saturating_sub(2 * (1 + corners.len()));
             for sign in [-1.0, 1.0] {
@@ -393,31 +381,72 @@ impl Sheets<'_> {
                 part.depth[a] += 1;
                 self.follow(sheet, part);
             }
-            return;
+        } else if stays {
+            // Where the piece is torn or bent in spite of its size, all of it goes where its centre
+            // goes.
+            let shape = shape.filter(|shape| !self.bent(shape));
+            self.add(&piece, &centre, corners, shape.as_ref());
         }
-        if centre.followed.left.is_some() {
-            return;
-        }
+    }
+
+    /// Whether an image bends by more than a part of a cell.
+    fn bent(&self, shape: &Shape) -> bool {
+        let mut axes = self.space().x.iter().zip(&shape.bend);
+        axes.any(|(axis, bend)| bend.abs() > BENDING * axis.width())
+    }
+
+    /// Along which axis a piece is to be halved: the first along which its corners went other ways,
+    /// or its image or its density is not linear.
+    fn axis_to_halve(
+        &self,
+        piece: &Piece,
+        centre: &Image,
+        corners: &[Image],
+        shape: Option<&Shape>,
+    ) -> Option<usize> {
+        let n = self.space().dimension();
+        let edges = |a: usize| {
+            let lower = (0..1 << n).filter(move |c| c >> a & 1 == 0);
+            lower.map(move |c| (&corners[c], &corners[c | 1 << a]))
+        };
+        let torn = |a: usize| edges(a).any(|(lower, upper)| !lower.same(upper));
+        // Corners that agree with each other and not with the centre say nothing about the axis.
+        let whole = corners.iter().all(|c| c.same(centre));
+        let astray = !whole && !(0..n).any(torn);
+        let rough = |a: usize| {
+            shape.is_some_and(|shape| {
+                let mut axes = self.space().x.iter().zip(&shape.secants[a]);
+                let change = shape.change.abs() > CHANGE * centre.density.abs();
+                let mut wide = || axes.any(|(axis, s)| s.abs() > WIDEST * axis.width());
+                change || self.bent(shape) || n > 1 && wide()
+            })
+        };
+        let finest = FINEST[n - 1];
+        (0..n).find(|&a| piece.depth[a] < finest && (torn(a) || astray || rough(a)))
+    }
+
+    /// Adds a piece to the mass, and in one dimension to the curve.
+    fn add(&mut self, piece: &Piece, centre: &Image, corners: &[Image], shape: Option<&Shape>) {
+        let n = self.space().dimension();
         let volume: f64 = (0..n).map(|a| 2.0 * piece.half[a]).product();
-        // Where the piece is torn or bent in spite of its size, all of it goes where its centre goes.
-        let image = image.filter(|image| !bent(image));
-        let point = centre.followed.point;
-        let (middle, half, mean) = image
-            .as_ref()
-            .map_or((point, [0.0; MAX_DIMENSION], centre.density), |image| {
-                (image.middle, image.half(), image.density)
-            });
-        self.deposit(mean * volume, &middle, &half);
-        if n == 1 && image.is_some() {
+        let Some(shape) = shape else {
+            let point = &centre.followed.point;
+            return self.deposit(centre.density * volume, point, &[0.0; MAX_DIMENSION]);
+        };
+        let half = shape.half();
+        let mass = shape.density * volume;
+        self.deposit(mass, &shape.middle, &half);
+        if n == 1 {
             let history = centre.followed.history;
             let ends = [corners[0].followed.point, corners[1].followed.point];
             for ends in self.rolled(&ends) {
-                self.draw(mean * volume / (2.0 * half[0]), history, &ends);
+                self.draw(mass / (2.0 * half[0]), history, &ends);
             }
         }
     }
 
-    /// The line between two points in one dimension, on a periodic axis cut where it goes on at the other end.
+    /// The line between two points in one dimension, on a periodic axis cut where it goes on at the
+    /// other end.
     fn rolled(&self, [first, last]: &[[f64; 6]; 2]) -> Vec<[[f64; 6]; 2]> {
         let axis = &self.space().x[0];
         if !self.space().is_periodic(0) {
@@ -528,8 +557,8 @@ impl Sheets<'_> {
     }
 }
 
-/// The cells of `axis` that `[lower, upper]` overlaps, each with its part of the interval; parts sum to 1. What sticks out of
-/// the axis counts for the cell at its end.
+/// The cells of `axis` that `[lower, upper]` overlaps, each with its part of the interval; parts
+/// sum to 1. What sticks out of the axis counts for the cell at its end.
 fn overlap(axis: &Axis, lower: f64, upper: f64) -> Vec<(usize, f64)> {
     let cell =
         |x: f64| (((x - axis.lower) / axis.width()).floor().max(0.0) as usize).min(axis.cells - 1);

@@ -75,9 +75,9 @@ fn distance(a: &[f64; 6], b: &[f64; 6]) -> f64 {
     a.iter().zip(b).fold(0.0, |d, (a, b)| d.max((a - b).abs()))
 }
 
-/// The paper's exact solution of example 1 at t = 1 (section 8), as printed. Checked by hand: every branch is the
-/// condition on the foot, and the formula has no slip but on v = √0.4, x ≥ 0, which no branch holds; equality
-/// there means reflection, f = 1.
+/// The paper's exact solution of example 1 at t = 1 (section 8), as printed. Checked by hand: every
+/// branch is the condition on the foot, and the formula has no slip but on v = √0.4, x ≥ 0, which
+/// no branch holds; equality there means reflection, f = 1.
 fn example_1(x: f64, v: f64) -> f64 {
     let arc = (2.0 - x * x).sqrt();
     let crossing = |over: f64, under: f64| (1.0 - over.sqrt() / under.sqrt()) * v;
@@ -95,8 +95,8 @@ fn example_1(x: f64, v: f64) -> f64 {
 
 #[test]
 fn example_1_of_the_paper_at_all_cell_centres() {
-    // On the squares, centres on the diagonal lie on the edge v = x of particles that start at x = 0, where the
-    // formula for f(0) says 1 and the paper's closed form 0.
+    // On the squares, centres on the diagonal lie on the edge v = x of particles that start at x =
+    // 0, where the formula for f(0) says 1 and the paper's closed form 0.
     for (x_cells, v_cells) in [(64, 64), (38, 41), (74, 41), (128, 128)] {
         let case = step_down(x_cells, v_cells);
         let tracer = tracer(&case);
@@ -262,8 +262,8 @@ fn linear_potential_gives_the_parabola() {
     assert!(turned > 100, "{turned}");
 }
 
-/// Errors against the rotation in `V = x²/2` for the points that `chosen` takes of their feet's velocities, averaged,
-/// and the orders of convergence they show.
+/// Errors against the rotation in `V = x²/2` for the points that `chosen` takes of their feet's
+/// velocities, averaged, and the orders of convergence they show.
 fn harmonic_orders(chosen: impl Fn(f64, f64) -> bool) -> Vec<f64> {
     let (sin, cos) = 1f64.sin_cos();
     let harmonic = [("", "x^2/2")];
@@ -288,7 +288,8 @@ fn harmonic_orders(chosen: impl Fn(f64, f64) -> bool) -> Vec<f64> {
 
 #[test]
 fn harmonic_potential_converges_to_the_rotation() {
-    // Second order; for particles that turn around in a cell, where the slope's error O(Δx) acts for O(√Δx), 3/2.
+    // Second order; for particles that turn around in a cell, where the slope's error O(Δx) acts
+    // for O(√Δx), 3/2.
     let fast = harmonic_orders(|v, from_v| v * from_v > 0.0 && v.abs().min(from_v.abs()) > 0.4);
     assert!(fast.iter().all(|o| (o - 2.0).abs() < 0.1), "{fast:?}");
     let turning = harmonic_orders(|v, from_v| v * from_v < 0.0);
@@ -348,7 +349,8 @@ fn blocks_are_crossed_as_cell_by_cell() {
     assert_eq!(tracer(&step_down(8, 8)).free, [2, 1, 0, 0, 0, 0, 1, 2]);
 }
 
-/// A case of one axis whose initial formula is 7 and whose inflow formula tells where a particle came in.
+/// A case of one axis whose initial formula is 7 and whose inflow formula tells where a particle
+/// came in.
 fn telltale(v: (f64, f64, usize), potential: &[(&str, &str)]) -> Case {
     case(1, (-1.5, 1.5, 30), v, potential, "7", "10*x + v")
 }
@@ -373,7 +375,8 @@ fn inflow_through_the_ends_of_the_box() {
             0.95,
             (0.0725, -1.5),
         ),
-        // The end of v, through a jump: by transmission, and by reflection in a box without the partner.
+        // The end of v, through a jump: by transmission, and by reflection in a box without the
+        // partner.
         (symmetric, &step, (-0.29, -1.45), 0.8, (0.0, transmitted)),
         ((0.3, 0.9, 8), &step, (0.2, 0.5), 0.6, (0.0, -0.5)),
         // Outside the box already.
@@ -420,7 +423,8 @@ fn a_face_belongs_to_the_cell_above_it() {
             assert_eq!(tracer.cell_at(0, case.space.x[0].centre(i as i64)), i);
         }
     }
-    // The end of this box and its first face differ by round-off; a particle pushed out there came in just now.
+    // The end of this box and its first face differ by round-off; a particle pushed out there came
+    // in just now.
     let case = case(1, (-0.7, 1.6, 3), (-1.0, 1.0, 2), &[("", "x")], "0", "0");
     assert!(case.space.x[0].face(0) > -0.7);
     let foot = tracer(&case).foot(&[-0.7, 0.0, 0.0, 0.0, 0.0, 0.0], 1.0);
@@ -499,7 +503,8 @@ fn faces_thresholds_and_corners() {
         let down = telltale((-2.0, 2.0, 8), &falling);
         near(foot_of(&down, (x, 0.0)), (0.5, -1.0));
     }
-    // Small oscillations at the kink, 833 and a third of them; on the wall, a bouncing ball, 833 and a third too.
+    // Small oscillations at the kink, 833 and a third of them; on the wall, a bouncing ball, 833
+    // and a third too.
     near(foot_of(&kink, (0.0, 3e-4)), (-4e-8, -1e-4));
     near(foot_of(&wall, (0.0, 6e-4)), (1.6e-7, -2e-4));
     // Oscillations without end in sight.
@@ -521,7 +526,8 @@ fn faces_thresholds_and_corners() {
         distance(&foot.point, &[-0.3, -0.2, 0.0, 0.6, 0.4, 0.0]) < 1e-12,
         "{foot:?}"
     );
-    // At rest at the bottom of a kink, until it moves along it to where there is none: half the time at x' = 1.
+    // At rest at the bottom of a kink, until it moves along it to where there is none: half the
+    // time at x' = 1.
     let gully = [("y < 0", "abs(x)"), ("", "-x")];
     let gully = case(2, axis, axis, &gully, "0", "0");
     let foot = tracer(&gully).foot(&[0.0, -0.25, 0.0, 0.0, -0.5, 0.0], 1.0);
@@ -538,8 +544,8 @@ fn faces_thresholds_and_corners() {
     assert!((foot.entry - 1.5).abs() < 1e-12, "{foot:?}");
 }
 
-/// A line that is periodic with period 2, or `copies` of it to both sides in a box with ends; the second axis, where there is one, has
-/// ends. `V` has a slope, a jump inside and one at the end.
+/// A line that is periodic with period 2, or `copies` of it to both sides in a box with ends; the
+/// second axis, where there is one, has ends. `V` has a slope, a jump inside and one at the end.
 fn periodic_or_unrolled(n: usize, copies: Option<i64>) -> Case {
     let most = copies.unwrap_or(0);
     let (length, cells) = (1 + 2 * most, 10 * (1 + 2 * most));
@@ -549,7 +555,8 @@ fn periodic_or_unrolled(n: usize, copies: Option<i64>) -> Case {
         "inflow"
     };
     let mut text = format!(
-        "[[axis]]\nx = {{ lower = -{length}, upper = {length}, cells = {cells}, boundary = '{boundary}' }}\n\
+        "[[axis]]\nx = {{ lower = -{length}, upper = {length}, cells = {cells}, boundary = \
+         '{boundary}' }}\n\
          v = {{ lower = -1.6, upper = 1.7, cells = 4 }}\n"
     );
     if n == 2 {

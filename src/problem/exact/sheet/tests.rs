@@ -37,7 +37,8 @@ fn exact(case: &Case) -> ExactMoments {
         .expect("measure-valued data")
 }
 
-/// Density and momentum of pieces `(from, to, density, velocity)`, averaged over the cells of `axis`.
+/// Density and momentum of pieces `(from, to, density, velocity)`, averaged over the cells of
+/// `axis`.
 fn averages(axis: &Axis, pieces: &[(f64, f64, f64, f64)]) -> Vec<(f64, f64)> {
     (0..axis.cells as i64)
         .map(|i| {
@@ -307,7 +308,8 @@ fn oblique_beam_over_a_step_in_space() {
             continue;
         }
         total += (rho - e).abs() / found.density.len() as f64;
-        // Torn boxes are sixteenths of a cell, counted whole or not: 1/32 for each of two surfaces that meet in a cell.
+        // Torn boxes are sixteenths of a cell, counted whole or not: 1/32 for each of two surfaces
+        // that meet in a cell.
         assert!((rho - e).abs() < 2.0 / 32.0 * e.max(1.0), "{k}: {rho} {e}");
         if e > 0.0 {
             let u: Vec<f64> = (0..3).map(|a| found.velocity[a][k]).collect();
@@ -393,8 +395,8 @@ fn wild_data_end() {
     );
 }
 
-/// The density and the branches on a periodic axis are those of the middle one of five copies in a row: with a jump inside and one at
-/// the end, where data change and particles pass.
+/// The density and the branches on a periodic axis are those of the middle one of five copies in a
+/// row: with a jump inside and one at the end, where data change and particles pass.
 #[test]
 fn periodic_axes_hold_what_copies_side_by_side_hold() {
     let build = |copies: i64| {
