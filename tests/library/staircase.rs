@@ -19,7 +19,7 @@ type Sources = BTreeMap<Module, String>;
 type Imports = BTreeMap<Module, BTreeSet<Module>>;
 
 /// Rooms whose files still import each other in a circle, mostly a parent and its children.
-const ROOMS_WITH_CIRCLES: [&str; 5] = ["plan", "problem", "quantum", "results", "study"];
+const ROOMS_WITH_CIRCLES: [&str; 5] = ["plan", "quantum", "results", "run", "study"];
 
 #[test]
 fn the_sources_are_a_staircase() {
@@ -89,10 +89,10 @@ fn sources() -> Sources {
     sources
 }
 
-/// The rooms of the map, the topmost first: rows `//! | [`room`] | … |`.
+/// The rooms of the map, the topmost first: rows ``//! | `room` | … |``.
 fn rooms(first_page: &str) -> Vec<String> {
     let name = |line: &str| {
-        let (name, _) = line.strip_prefix("//! | [`")?.split_once("`]")?;
+        let (name, _) = line.strip_prefix("//! | `")?.split_once('`')?;
         Some(name.to_owned())
     };
     first_page.lines().filter_map(name).collect()

@@ -3,32 +3,62 @@
 use super::*;
 
 /// A case with measure-valued data and the same axes in each of `n` dimensions.
-fn case(
+#[derive(Clone, Copy)]
+struct Scene<'a> {
     n: usize,
-    (lower, upper, cells): (f64, f64, usize),
-    potential: &[(&str, &str)],
-    (density, velocity): (&str, &[&str]),
-    inflow: &str,
+    lower: f64,
+    upper: f64,
+    cells: usize,
+    /// Where, and the value there.
+    potential: &'a [(&'a str, &'a str)],
+    density: &'a str,
+    velocity: &'a [&'a str],
+    inflow: &'a str,
     end: f64,
-) -> Case {
-    let mut text = String::new();
-    for _ in 0..n {
-        text += &format!(
+}
+
+/// A uniform beam at rest, in one dimension without forces.
+const BEAM: Scene<'static> = Scene {
+    n: 1,
+    lower: -1.0,
+    upper: 1.0,
+    cells: 8,
+    potential: &[("", "0")],
+    density: "1",
+    velocity: &["0"],
+    inflow: "initial",
+    end: 1.0,
+};
+
+impl Scene<'_> {
+    fn case(&self) -> Case {
+        let Self {
+            lower,
+            upper,
+            cells,
+            density,
+            velocity,
+            inflow,
+            end,
+            ..
+        } = self;
+        let axis = format!(
             "[[axis]]\nx = {{ lower = {lower:?}, upper = {upper:?}, cells = {cells} }}\n\
              v = {{ lower = -2.0, upper = 2.0, cells = 4 }}\n"
         );
-    }
-    for (condition, value) in potential {
-        text += &format!("[[potential]]\nvalue = \"{value}\"\n");
-        if !condition.is_empty() {
-            text += &format!("where = \"{condition}\"\n");
+        let mut text = axis.repeat(self.n);
+        for (condition, value) in self.potential {
+            text += &format!("[[potential]]\nvalue = \"{value}\"\n");
+            if !condition.is_empty() {
+                text += &format!("where = \"{condition}\"\n");
+            }
         }
+        text += &format!(
+            "[initial]\ndensity = \"{density}\"\nvelocity = {velocity:?}\n\
+             [inflow]\nvalue = \"{inflow}\"\n[time]\nend = {end:?}\n"
+        );
+        Case::parse("test", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"))
     }
-    text += &format!(
-        "[initial]\ndensity = \"{density}\"\nvelocity = {velocity:?}\n\
-         [inflow]\nvalue = \"{inflow}\"\n[time]\nend = {end:?}\n"
-    );
-    Case::parse("test", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"))
 }
 
 fn exact(case: &Case) -> ExactMoments {
@@ -37,119 +67,146 @@ fn exact(case: &Case) -> ExactMoments {
         .expect("measure-valued data")
 }
 
-/// Density and momentum of pieces `(from, to, density, velocity)`, averaged over the cells of
-/// `axis`.
-fn averages(axis: &Axis, pieces: &[(f64, f64, f64, f64)]) -> Vec<(f64, f64)> {
+/// A beam between two places.
+struct Piece {
+    from: f64,
+    to: f64,
+    density: f64,
+    velocity: f64,
+}
+
+const fn piece(from: f64, to: f64, density: f64, velocity: f64) -> Piece {
+    Piece {
+        from,
+        to,
+        density,
+        velocity,
+    }
+}
+
+/// Density and momentum of `pieces`, averaged over the cells of `axis`.
+fn averages(axis: &Axis, pieces: &[Piece]) -> Vec<(f64, f64)> {
     (0..axis.cells as i64)
         .map(|i| {
             let (lower, upper) = (axis.face(i), axis.face(i + 1));
-            pieces
-                .iter()
-                .fold((0.0, 0.0), |(rho, m), &(from, to, r, v)| {
-                    let part = (to.min(upper) - from.max(lower)).max(0.0) / (upper - lower);
-                    (rho + part * r, m + part * r * v)
-                })
+            pieces.iter().fold((0.0, 0.0), |(rho, m), piece| {
+                let inside = (piece.to.min(upper) - piece.from.max(lower)).max(0.0);
+                let density = inside / (upper - lower) * piece.density;
+                (rho + density, m + density * piece.velocity)
+            })
         })
         .collect()
 }
 
-/// Straight beams in one dimension: free, over steps, turned back, let in or not.
-#[test]
-fn beams_have_their_closed_form() {
-    const FREE: &[(&str, &str)] = &[("", "0")];
-    const DOWN: &[(&str, &str)] = &[("x < 0", "0.2"), ("", "0")];
-    const UP: &[(&str, &str)] = &[("x < 0", "0"), ("", "0.2")];
-    let (fast, slow) = (1.21f64.sqrt(), 0.41f64.sqrt());
-    let left = "1 if x < 0 else 0";
-    let time = 0.7;
-    type Row<'a> = (
-        &'a [(&'a str, &'a str)],
-        (&'a str, &'a str),
-        &'a str,
-        Vec<(f64, f64, f64, f64)>,
-    );
-    let rows: Vec<Row> = vec![
-        (FREE, ("1", "0.9"), "initial", vec![(-1.0, 1.0, 1.0, 0.9)]),
-        (
-            FREE,
-            ("1", "-0.9"),
-            "0",
-            vec![(-1.0, 1.0 - 0.9 * time, 1.0, -0.9)],
-        ),
-        (
-            FREE,
-            ("1", "0.9"),
-            "0.5",
-            vec![
-                (-1.0, -1.0 + 0.9 * time, 0.5, 0.9),
-                (-1.0 + 0.9 * time, 1.0, 1.0, 0.9),
-            ],
-        ),
-        (
-            DOWN,
-            (left, "0.9"),
-            "initial",
-            vec![(-1.0, 0.0, 1.0, 0.9), (0.0, fast * time, 0.9 / fast, fast)],
-        ),
-        (
-            UP,
-            (left, "0.9"),
-            "initial",
-            vec![(-1.0, 0.0, 1.0, 0.9), (0.0, slow * time, 0.9 / slow, slow)],
-        ),
-        (
-            UP,
-            (left, "0.5"),
-            "initial",
-            vec![(-1.0, 0.0, 1.0, 0.5), (-0.5 * time, 0.0, 1.0, -0.5)],
-        ),
-        // Velocities jump inside a cell.
-        (
-            FREE,
-            ("1", "0.3 if x < 0.0321 else 0.8"),
-            "initial",
-            vec![
-                (-1.0, 0.0321 + 0.3 * time, 1.0, 0.3),
-                (0.0321 + 0.8 * time, 1.0, 1.0, 0.8),
-            ],
-        ),
-        // At rest, and outside of the velocity box.
-        (FREE, ("1", "0"), "initial", vec![(-1.0, 1.0, 1.0, 0.0)]),
-        (FREE, ("1", "2.1"), "initial", vec![]),
-    ];
-    for (potential, (density, velocity), inflow, pieces) in rows {
-        let case = case(
-            1,
-            (-1.0, 1.0, 14),
-            potential,
-            (density, &[velocity]),
-            inflow,
-            time,
-        );
-        let found = exact(&case);
-        let expected = averages(&case.space.x[0], &pieces);
-        for (i, &(rho, m)) in expected.iter().enumerate() {
-            let what = format!("{density}, {velocity}, {inflow}, cell {i}");
-            let r = found.density[i];
-            assert!((r - rho).abs() < 1e-7, "{what}: {r} {rho}");
-            let u = found.velocity[0][i];
-            assert!(
-                if rho == 0.0 {
-                    u.is_nan()
-                } else {
-                    (u - m / rho).abs() < 1e-6
-                },
-                "{what}: {u}"
-            );
-        }
+/// Time at which the straight beams are looked at.
+const BEAM_TIME: f64 = 0.7;
+
+/// The exact moments of a straight beam are those of `pieces`.
+fn check_beam(scene: Scene<'_>, pieces: &[Piece]) {
+    let case = Scene {
+        cells: 14,
+        end: BEAM_TIME,
+        ..scene
     }
+    .case();
+    let found = exact(&case);
+    let expected = averages(&case.space.x[0], pieces);
+    for (i, &(rho, m)) in expected.iter().enumerate() {
+        let (r, u) = (found.density[i], found.velocity[0][i]);
+        let what = format!(
+            "{}, {:?}, {}, cell {i}",
+            scene.density, scene.velocity, scene.inflow
+        );
+        assert!((r - rho).abs() < 1e-7, "{what}: {r} {rho}");
+        let close = if rho == 0.0 {
+            u.is_nan()
+        } else {
+            (u - m / rho).abs() < 1e-6
+        };
+        assert!(close, "{what}: {u}");
+    }
+}
+
+/// Straight beams in one dimension without forces: what enters, or does not, is behind them.
+#[test]
+fn free_beams_have_their_closed_form() {
+    let moved = 0.9 * BEAM_TIME;
+    let fast = Scene {
+        velocity: &["0.9"],
+        ..BEAM
+    };
+    check_beam(fast, &[piece(-1.0, 1.0, 1.0, 0.9)]);
+    let half = Scene {
+        inflow: "0.5",
+        ..fast
+    };
+    let front = -1.0 + moved;
+    check_beam(
+        half,
+        &[piece(-1.0, front, 0.5, 0.9), piece(front, 1.0, 1.0, 0.9)],
+    );
+    let backwards = Scene {
+        velocity: &["-0.9"],
+        inflow: "0",
+        ..BEAM
+    };
+    check_beam(backwards, &[piece(-1.0, 1.0 - moved, 1.0, -0.9)]);
+    // Velocities jump inside a cell.
+    let two = Scene {
+        velocity: &["0.3 if x < 0.0321 else 0.8"],
+        ..BEAM
+    };
+    let [slow, fast] = [0.3, 0.8].map(|v| 0.0321 + v * BEAM_TIME);
+    check_beam(
+        two,
+        &[piece(-1.0, slow, 1.0, 0.3), piece(fast, 1.0, 1.0, 0.8)],
+    );
+    // At rest, and outside of the velocity box.
+    check_beam(BEAM, &[piece(-1.0, 1.0, 1.0, 0.0)]);
+    let outside = Scene {
+        velocity: &["2.1"],
+        ..BEAM
+    };
+    check_beam(outside, &[]);
+}
+
+/// Beams that come from the left over a step, down and up, or are turned back by it.
+#[test]
+fn beams_over_steps_have_their_closed_form() {
+    let left = Scene {
+        density: "1 if x < 0 else 0",
+        velocity: &["0.9"],
+        ..BEAM
+    };
+    let down = Scene {
+        potential: &[("x < 0", "0.2"), ("", "0")],
+        ..left
+    };
+    let up = Scene {
+        potential: &[("x < 0", "0"), ("", "0.2")],
+        ..left
+    };
+    for (scene, beyond) in [(down, 1.21f64.sqrt()), (up, 0.41f64.sqrt())] {
+        let transmitted = piece(0.0, beyond * BEAM_TIME, 0.9 / beyond, beyond);
+        check_beam(scene, &[piece(-1.0, 0.0, 1.0, 0.9), transmitted]);
+    }
+    let slow = Scene {
+        velocity: &["0.5"],
+        ..up
+    };
+    let reflected = piece(-0.5 * BEAM_TIME, 0.0, 1.0, -0.5);
+    check_beam(slow, &[piece(-1.0, 0.0, 1.0, 0.5), reflected]);
 }
 
 /// Linear velocities: `x = (1 + aT) x0`; for a below −1/T the beam has turned inside out.
 #[test]
 fn linear_velocities_have_their_closed_form() {
-    let (time, free) = (1.0, &[("", "0")][..]);
-    let wide = case(1, (-1.0, 1.0, 9), free, ("1", &["0.3*x"]), "initial", time);
+    let linear = |velocity| Scene {
+        cells: 9,
+        velocity,
+        ..BEAM
+    };
+    let wide = linear(&["0.3*x"]).case();
     let found = exact(&wide);
     let axis = wide.space.x[0].clone();
     for (i, x) in axis.centres().into_iter().enumerate() {
@@ -157,12 +214,11 @@ fn linear_velocities_have_their_closed_form() {
         assert!((found.velocity[0][i] - 0.3 * x / 1.3).abs() < 1e-4);
     }
     // x = −x0/2, and what enters at both ends with the velocity 1.5 inwards.
-    let inside_out = case(1, (-1.0, 1.0, 9), free, ("1", &["-1.5*x"]), "initial", time);
-    let found = exact(&inside_out);
+    let found = exact(&linear(&["-1.5*x"]).case());
     let pieces = [
-        (-0.5, 0.5, 2.0, 0.0),
-        (-1.0, 0.5, 1.0, 1.5),
-        (-0.5, 1.0, 1.0, -1.5),
+        piece(-0.5, 0.5, 2.0, 0.0),
+        piece(-1.0, 0.5, 1.0, 1.5),
+        piece(-0.5, 1.0, 1.0, -1.5),
     ];
     for (i, (rho, _)) in averages(&axis, &pieces).into_iter().enumerate() {
         assert!(
@@ -197,17 +253,15 @@ fn curve_velocity(curve: &Curve, x: f64, branch: f64) -> Vec<f64> {
 /// A constant force: all fall alike, nothing enters at rest.
 #[test]
 fn constant_force() {
-    let slope = case(
-        1,
-        (-1.0, 1.0, 10),
-        &[("", "0.5*x")],
-        ("1", &["0"]),
-        "initial",
-        1.0,
-    );
+    let slope = Scene {
+        cells: 10,
+        potential: &[("", "0.5*x")],
+        ..BEAM
+    }
+    .case();
     let found = exact(&slope);
     let axis = &slope.space.x[0];
-    let expected = averages(axis, &[(-1.0, 0.75, 1.0, -0.5)]);
+    let expected = averages(axis, &[piece(-1.0, 0.75, 1.0, -0.5)]);
     for (i, (rho, _)) in expected.into_iter().enumerate() {
         assert!((found.density[i] - rho).abs() < 1e-7, "{i}");
         assert!(rho == 0.0 || (found.velocity[0][i] + 0.5).abs() < 1e-7);
@@ -218,14 +272,17 @@ fn constant_force() {
 #[test]
 fn folds_hold_the_mass_that_is_counted() {
     let (time, cells) = (0.9, 24);
-    let folded = case(
-        1,
-        (-1.5, 1.5, cells),
-        &[("", "0")],
-        ("1 + 0.5*cos(x)", &["-0.8*sin(3*x)"]),
-        "0",
-        time,
-    );
+    let folded = Scene {
+        lower: -1.5,
+        upper: 1.5,
+        cells,
+        density: "1 + 0.5*cos(x)",
+        velocity: &["-0.8*sin(3*x)"],
+        inflow: "0",
+        end: time,
+        ..BEAM
+    }
+    .case();
     let found = exact(&folded);
     let mut counted = vec![0.0; cells];
     let particles = 10_000_000;
@@ -289,16 +346,20 @@ fn example_3_has_the_density_of_the_paper() {
 #[test]
 fn oblique_beam_over_a_step_in_space() {
     let time = 0.4;
-    let case = case(
-        3,
-        (-0.5, 0.5, 6),
-        &[("x < 0", "0"), ("", "0.1")],
-        ("1 if x < 0 else 0", &["0.6", "0.3", "-0.2"]),
-        "initial",
-        time,
-    );
+    let case = Scene {
+        n: 3,
+        lower: -0.5,
+        upper: 0.5,
+        cells: 6,
+        potential: &[("x < 0", "0"), ("", "0.1")],
+        density: "1 if x < 0 else 0",
+        velocity: &["0.6", "0.3", "-0.2"],
+        end: time,
+        ..BEAM
+    }
+    .case();
     let found = exact(&case);
-    let pieces = [(-0.5, 0.0, 1.0, 0.6), (0.0, 0.4 * time, 1.5, 0.4)];
+    let pieces = [piece(-0.5, 0.0, 1.0, 0.6), piece(0.0, 0.4 * time, 1.5, 0.4)];
     let expected = averages(&case.space.x[0], &pieces);
     let mut total = 0.0;
     for (k, &rho) in found.density.iter().enumerate() {
@@ -325,18 +386,18 @@ fn oblique_beam_over_a_step_in_space() {
 /// Forward and back again, over slopes and jumps, and histories that tell jumps apart.
 #[test]
 fn the_way_forward_is_the_way_back() {
-    let scene = case(
-        2,
-        (-1.0, 1.0, 10),
-        &[
+    let scene = Scene {
+        n: 2,
+        cells: 10,
+        potential: &[
             ("x < 0.2", "0.3*x + 0.1*y"),
             ("y > 0", "0.4"),
             ("", "0.1*x"),
         ],
-        ("1", &["0", "0"]),
-        "initial",
-        1.0,
-    );
+        velocity: &["0", "0"],
+        ..BEAM
+    }
+    .case();
     let back = Tracer::new(&scene).unwrap();
     let forward = back.clone().forward();
     let (mut stayed, mut histories) = (0, std::collections::BTreeSet::new());
@@ -371,22 +432,28 @@ fn the_way_forward_is_the_way_back() {
 /// Data that jump everywhere end within the budget; undefined formulas are named.
 #[test]
 fn wild_data_end() {
-    let free = &[("", "0")][..];
-    let wild = case(1, (-1.0, 1.0, 8), free, ("1", &["sin(1e9*x)"]), "0", 1.0);
-    let found = exact(&wild);
+    let closed = Scene {
+        inflow: "0",
+        ..BEAM
+    };
+    let wild = Scene {
+        velocity: &["sin(1e9*x)"],
+        ..closed
+    };
+    let found = exact(&wild.case());
     assert!(found.density.iter().all(|r| r.is_finite()));
-    let jumpy = case(
-        1,
-        (-1.0, 1.0, 8),
-        free,
-        ("step(sin(1e9*x))", &["0"]),
-        "0",
-        0.1,
-    );
-    let mass: f64 = exact(&jumpy).density.iter().sum::<f64>() * 0.25;
+    let jumpy = Scene {
+        density: "step(sin(1e9*x))",
+        end: 0.1,
+        ..closed
+    };
+    let mass: f64 = exact(&jumpy.case()).density.iter().sum::<f64>() * 0.25;
     assert!((mass - 1.0).abs() < 0.1, "{mass}");
-    let undefined = case(1, (-1.0, 1.0, 8), free, ("sqrt(x)", &["0"]), "0", 1.0);
-    let error = exact_moments(&undefined)
+    let undefined = Scene {
+        density: "sqrt(x)",
+        ..closed
+    };
+    let error = exact_moments(&undefined.case())
         .expect_err("undefined")
         .to_string();
     assert!(
@@ -399,49 +466,20 @@ fn wild_data_end() {
 /// row: with a jump inside and one at the end, where data change and particles pass.
 #[test]
 fn periodic_axes_hold_what_copies_side_by_side_hold() {
-    let build = |copies: i64| {
-        let length = 1 + 2 * copies;
-        let mut regions = Vec::new();
-        for k in -copies..=copies {
-            regions.push((format!("x < {}", 2 * k), "0"));
-            regions.push((format!("x < {}", 2 * k + 1), "0.1"));
-        }
-        regions.push((String::new(), "0"));
-        let regions: Vec<(&str, &str)> = regions.iter().map(|(c, v)| (c.as_str(), *v)).collect();
-        let mut scene = case(
-            1,
-            (-length as f64, length as f64, (12 * length) as usize),
-            &regions,
-            ("1 + 0.5*sin(pi*x)", &["0.7 + 0.4*cos(pi*x)"]),
-            "initial",
-            1.7,
-        );
-        scene.space.periodic[0] = copies == 0;
-        scene
-    };
-    let (closed, open) = (build(0), build(2));
-    let (found, all) = (exact(&closed), exact(&open));
+    let (closed, open) = (exact(&copies_in_a_row(0)), exact(&copies_in_a_row(2)));
     let middle = 24..36;
-    let mass: f64 = found.density.iter().sum::<f64>() / 6.0;
+    let mass: f64 = closed.density.iter().sum::<f64>() / 6.0;
     assert!((mass - 2.0).abs() < 1e-9, "{mass}");
     for (i, j) in middle.enumerate() {
-        let (a, b) = (found.density[i], all.density[j]);
+        let (a, b) = (closed.density[i], open.density[j]);
         assert!((a - b).abs() < 1e-7 * b.abs().max(1.0), "cell {i}: {a} {b}");
-        let (a, b) = (found.velocity[0][i], all.velocity[0][j]);
+        let (a, b) = (closed.velocity[0][i], open.velocity[0][j]);
         assert!((a - b).abs() < 1e-7, "cell {i}: velocity {a} {b}");
     }
-    let (line, lines) = (found.curve.unwrap(), all.curve.unwrap());
+    let (line, lines) = (closed.curve.unwrap(), open.curve.unwrap());
     assert!(line.x.iter().all(|x| (-1.0..=1.0).contains(x)));
     for x in [-0.93, -0.21, 0.333, 0.87] {
-        let at = |curve: &Curve| {
-            let branches = curve.branch.last().copied().unwrap_or(0.0) as usize;
-            let mut found: Vec<f64> = (0..=branches)
-                .flat_map(|b| curve_velocity(curve, x, b as f64))
-                .collect();
-            found.sort_by(f64::total_cmp);
-            found
-        };
-        let (a, b) = (at(&line), at(&lines));
+        let (a, b) = (all_velocities(&line, x), all_velocities(&lines, x));
         assert!(!a.is_empty() && a.len() == b.len(), "{x}: {a:?} {b:?}");
         for (a, b) in a.iter().zip(&b) {
             assert!((a - b).abs() < 1e-4, "{x}: {a:?} {b:?}");
@@ -449,4 +487,39 @@ fn periodic_axes_hold_what_copies_side_by_side_hold() {
     }
     // Particles did go around: the data are not where they were.
     assert!(line.branch.last().is_some_and(|b| *b >= 2.0));
+}
+
+/// A periodic axis, or so many copies of it to both sides of the middle one, in a box with ends.
+fn copies_in_a_row(copies: i64) -> Case {
+    let length = 1 + 2 * copies;
+    let steps = (-copies..=copies).flat_map(|k| {
+        [
+            (format!("x < {}", 2 * k), "0"),
+            (format!("x < {}", 2 * k + 1), "0.1"),
+        ]
+    });
+    let steps: Vec<(String, &str)> = steps.chain([(String::new(), "0")]).collect();
+    let steps: Vec<(&str, &str)> = steps.iter().map(|(c, v)| (c.as_str(), *v)).collect();
+    let mut case = Scene {
+        lower: -length as f64,
+        upper: length as f64,
+        cells: (12 * length) as usize,
+        potential: &steps,
+        density: "1 + 0.5*sin(pi*x)",
+        velocity: &["0.7 + 0.4*cos(pi*x)"],
+        end: 1.7,
+        ..BEAM
+    }
+    .case();
+    case.space.periodic[0] = copies == 0;
+    case
+}
+
+/// Velocities at which any branch passes `x`, ascending.
+fn all_velocities(curve: &Curve, x: f64) -> Vec<f64> {
+    let branches = curve.branch.last().copied().unwrap_or(0.0) as usize;
+    let of_branch = |b: usize| curve_velocity(curve, x, b as f64);
+    let mut found: Vec<f64> = (0..=branches).flat_map(of_branch).collect();
+    found.sort_by(f64::total_cmp);
+    found
 }
