@@ -1,6 +1,7 @@
 //! What a run leaves behind: `result.h5`, written by all ranks, `fields.xdmf` and `summary.json`.
 
 pub mod dataset;
+pub mod draw;
 pub mod figure;
 pub mod finished;
 pub mod history;

@@ -38,3 +38,51 @@ pub fn bytes_text(bytes: u64) -> String {
         format!("{value:.1} {}", UNITS[unit])
     }
 }
+
+/// Four digits, without trailing zeros.
+pub fn short(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    if (1e-3..1e5).contains(&value.abs()) {
+        let digits = 3 - value.abs().log10().floor().max(-4.0) as i32;
+        let text = format!("{value:.*}", digits.max(0) as usize);
+        if text.contains('.') {
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        } else {
+            text
+        }
+    } else {
+        let text = format!("{value:.3e}");
+        match text.split_once('e') {
+            Some((digits, exponent)) if digits.contains('.') => {
+                let digits = digits.trim_end_matches('0').trim_end_matches('.');
+                format!("{digits}e{exponent}")
+            }
+            _ => text,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn short_numbers() {
+        for (value, text) in [
+            (0.0, "0"),
+            (-0.0, "0"),
+            (1.0, "1"),
+            (0.1, "0.1"),
+            (-0.0125, "-0.0125"),
+            (126.9287, "126.9"),
+            (20.0, "20"),
+            (1e-6, "1e-6"),
+            (12345.0, "12345"),
+            (3.25e-9, "3.25e-9"),
+        ] {
+            assert_eq!(short(value), text);
+        }
+    }
+}

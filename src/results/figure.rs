@@ -1,8 +1,8 @@
-//! Figures as data, drawn to SVG and PNG.
+//! Figures as data, which [`crate::results::draw`] draws to SVG and PNG.
 //!
-//! A [`Figure`] is panels in a grid, with a sentence below; a [`Panel`] is axes and what is drawn between them. One way of drawing serves both
-//! formats (`draw`); fonts are in the program. Series differ in marker and dash as well as in colour, and heat maps grow lighter with the value: all can
-//! be read in grey and by the colour-blind ([`palette`]).
+//! A [`Figure`] is panels in a grid, with a caption below; a [`Panel`] is axes and the layers between them. Series
+//! differ in marker and dash as well as in colour, and heat maps grow lighter with the value: all can be read in grey
+//! and by the colour-blind ([`palette`]).
 //!
 //! ```
 //! use phasewarp::figure::{Axis, Figure, Panel, Style};
@@ -13,15 +13,9 @@
 //! assert!(figure.svg().unwrap().contains("gaussian"));
 //! ```
 
-pub mod canvas;
-pub mod draw;
 pub mod palette;
-pub mod ticks;
 
-use crate::base::disk::failure;
-use crate::base::error::Result;
 use crate::results::figure::palette::Style;
-use std::path::{Path, PathBuf};
 
 /// How values become lengths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -279,24 +273,5 @@ impl Figure {
     pub fn frame(mut self, width: f64, height: f64) -> Self {
         self.frame = [width, height];
         self
-    }
-
-    /// As an SVG document.
-    ///
-    /// # Errors
-    /// [`crate::base::error::Error::Output`], where it cannot be drawn.
-    pub fn svg(&self) -> Result<String> {
-        crate::results::figure::draw::svg(self).map_err(|e| failure(Path::new(&self.title), &e))
-    }
-
-    /// As `directory/name.svg` and `directory/name.png`, whose paths are given back.
-    ///
-    /// # Errors
-    /// [`crate::base::error::Error::Output`].
-    pub fn write(&self, directory: &Path, name: &str) -> Result<[PathBuf; 2]> {
-        let [svg, png] = ["svg", "png"].map(|end| directory.join(format!("{name}.{end}")));
-        std::fs::write(&svg, self.svg()?).map_err(|e| failure(&svg, &e))?;
-        crate::results::figure::draw::png(self, &png).map_err(|e| failure(&png, &e))?;
-        Ok([svg, png])
     }
 }

@@ -1,40 +1,40 @@
 //! Colours, markers and dashes that are told apart by the colour-blind and in grey.
 
-/// Red, green, blue.
-pub type Colour = [u8; 3];
+use plotters::style::RGBColor;
+use plotters::style::colors::colormaps::{ColorMap, DerivedColorMap};
 
 /// Text and frames.
-pub const INK: Colour = [34, 34, 34];
+pub const INK: RGBColor = RGBColor(34, 34, 34);
 /// What stands behind the data: theory, borders.
-pub const FAINT: Colour = [120, 120, 120];
+pub const FAINT: RGBColor = RGBColor(120, 120, 120);
 /// Grid lines.
-pub const GRID: Colour = [225, 225, 225];
+pub const GRID: RGBColor = RGBColor(225, 225, 225);
 /// The ground.
-pub const PAPER: Colour = [255, 255, 255];
+pub const PAPER: RGBColor = RGBColor(255, 255, 255);
 
 /// The qualitative palette of Okabe and Ito (2008) without its yellow, which is too light for lines; neighbours differ in lightness.
-const SERIES: [Colour; 7] = [
-    [0, 114, 178],
-    [230, 159, 0],
-    [0, 0, 0],
-    [0, 158, 115],
-    [86, 180, 233],
-    [213, 94, 0],
-    [204, 121, 167],
+const SERIES: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(230, 159, 0),
+    RGBColor(0, 0, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(86, 180, 233),
+    RGBColor(213, 94, 0),
+    RGBColor(204, 121, 167),
 ];
 
 /// Ends of a map from dark blue to light yellow and points between, lightness rising evenly.
-const SEQUENTIAL: [Colour; 5] = [
-    [0, 34, 78],
-    [63, 77, 107],
-    [124, 123, 120],
-    [186, 173, 103],
-    [254, 232, 56],
+const SEQUENTIAL: [RGBColor; 5] = [
+    RGBColor(0, 34, 78),
+    RGBColor(63, 77, 107),
+    RGBColor(124, 123, 120),
+    RGBColor(186, 173, 103),
+    RGBColor(254, 232, 56),
 ];
 
 /// Ends of a map of differences, blue below and vermilion above; zero is white.
-const BELOW: Colour = [0, 90, 160];
-const ABOVE: Colour = [200, 80, 0];
+const BELOW: RGBColor = RGBColor(0, 90, 160);
+const ABOVE: RGBColor = RGBColor(200, 80, 0);
 
 /// Shape of a marker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,14 +65,14 @@ const MARKERS: [Marker; 7] = [
     Marker::Plus,
 ];
 
-/// Lengths of dashes and gaps in points, in turn; none for a whole line.
-const DASHES: [&[f64]; 4] = [&[], &[7.0, 3.0], &[2.0, 2.5], &[8.0, 3.0, 2.0, 3.0]];
+/// Lengths of dashes and gaps in points; none for a whole line.
+const DASHES: [Option<[f64; 2]>; 4] = [None, Some([7.0, 3.0]), Some([2.0, 2.5]), Some([13.0, 4.0])];
 
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Style {
     /// Of lines and markers.
-    pub colour: Colour,
+    pub colour: RGBColor,
     /// Marker at each point, if any.
     pub marker: Option<Marker>,
     /// Whether markers are filled.
@@ -128,37 +128,28 @@ impl Style {
         }
     }
 
-    /// Dashes and gaps in points, in turn.
-    pub(crate) fn dashes(&self) -> &'static [f64] {
+    /// Lengths of dashes and gaps in points; none for a whole line.
+    pub(crate) fn dashes(&self) -> Option<[f64; 2]> {
         DASHES[self.dash % DASHES.len()]
     }
 }
 
-/// The colour of `fraction` in [0, 1] of the way along a heat map's bar; the ground for what is no number.
-pub fn sequential(fraction: f64) -> Colour {
-    if fraction.is_nan() {
-        return PAPER;
+/// The colour of `fraction` in [0, 1] of the way along a map's bar; [`PAPER`] for what is no number.
+fn along(colours: &[RGBColor], fraction: f64) -> RGBColor {
+    match fraction.is_nan() {
+        true => PAPER,
+        false => DerivedColorMap::new(colours).get_color(fraction),
     }
-    let place = fraction.clamp(0.0, 1.0) * (SEQUENTIAL.len() - 1) as f64;
-    let below = (place as usize).min(SEQUENTIAL.len() - 2);
-    let part = place - below as f64;
-    let (a, b) = (SEQUENTIAL[below], SEQUENTIAL[below + 1]);
-    std::array::from_fn(|c| {
-        (f64::from(a[c]) + part * (f64::from(b[c]) - f64::from(a[c]))).round() as u8
-    })
+}
+
+/// The colour of `fraction` in [0, 1] of the way along a heat map's bar; [`PAPER`] for what is no number.
+pub fn sequential(fraction: f64) -> RGBColor {
+    along(&SEQUENTIAL, fraction)
 }
 
 /// The same for differences: white halfway along, where zero is, and darker with the distance from it.
-pub fn diverging(fraction: f64) -> Colour {
-    if fraction.is_nan() {
-        return PAPER;
-    }
-    let apart = 2.0 * fraction.clamp(0.0, 1.0) - 1.0;
-    let end = if apart < 0.0 { BELOW } else { ABOVE };
-    std::array::from_fn(|c| {
-        let (white, end) = (f64::from(PAPER[c]), f64::from(end[c]));
-        (white + apart.abs() * (end - white)).round() as u8
-    })
+pub fn diverging(fraction: f64) -> RGBColor {
+    along(&[BELOW, PAPER, ABOVE], fraction)
 }
 
 #[cfg(test)]
@@ -166,8 +157,9 @@ mod tests {
     use super::*;
 
     /// Relative luminance after WCAG 2, near enough: what is left in grey.
-    fn lightness(colour: Colour) -> f64 {
-        let [r, g, b] = colour.map(|c| (f64::from(c) / 255.0).powf(2.2));
+    fn lightness(colour: RGBColor) -> f64 {
+        let RGBColor(r, g, b) = colour;
+        let [r, g, b] = [r, g, b].map(|c| (f64::from(c) / 255.0).powf(2.2));
         0.2126 * r + 0.7152 * g + 0.0722 * b
     }
 

@@ -1,10 +1,11 @@
 //! What changed with time, and what took the time of the run.
 
 use crate::base::checksum::Slab;
+use crate::base::text::short;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
+use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Read, Stored};
-use crate::results::pictures::{Runs, short};
 
 /// Most times whose densities are drawn.
 const TIMES: usize = 6;

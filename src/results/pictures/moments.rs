@@ -1,13 +1,15 @@
 //! Density, momentum and mean velocity.
 
 use crate::base::checksum::Slab;
+use crate::base::text::short;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
+use crate::results::pictures::cut::Cut;
+use crate::results::pictures::jumps::{borders, closing, jumps};
+use crate::results::pictures::maps::{apart, difference, largest, map, range};
 use crate::results::pictures::phase_space::branches;
+use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Plane, Read, Stored};
-use crate::results::pictures::{
-    Cut, Runs, apart, borders, closing, difference, jumps, largest, map, range, short,
-};
 
 /// Where a density as large as `largest` (where that is seen) is too small for a mean velocity: round-off, or within what it may be off.
 fn nothing(run: &Stored, largest: f64) -> f64 {

@@ -1,13 +1,15 @@
 //! Fields in phase space: all of it in one dimension, planes (x_a, v_a) in more.
 
 use crate::base::checksum::Slab;
+use crate::base::text::short;
 use crate::matrix::observables::level_sets::concentrate;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Panel};
+use crate::results::pictures::cut::Cut;
+use crate::results::pictures::jumps::{closing, jumps};
+use crate::results::pictures::maps::{apart, difference, largest, map, range};
+use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Plane, Read, Stored};
-use crate::results::pictures::{
-    Cut, Runs, apart, closing, difference, jumps, largest, map, range, short,
-};
 
 /// A row of maps for every plane: the exact field, the computed ones, and how they differ; of measure-valued data `φ δ(ψ)`, `φ` and the level sets.
 ///

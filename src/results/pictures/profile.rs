@@ -1,8 +1,8 @@
 //! The auxiliary variable: its profile, its modes, and readings at other points.
 
+use crate::base::text::short;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
-use crate::results::pictures::short;
 use crate::results::pictures::stored::{Read, Stored};
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;

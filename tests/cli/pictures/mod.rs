@@ -5,8 +5,9 @@ mod browser;
 use crate::support::{Job, case, cases, check_all, datasets, directory, distance, shrunk};
 use phasewarp::results::figure::{Figure, Layer, Map};
 use phasewarp::results::pictures;
+use phasewarp::results::pictures::Album;
+use phasewarp::results::pictures::cut::Cut;
 use phasewarp::results::pictures::stored::Stored;
-use phasewarp::results::pictures::{Album, Cut};
 use std::path::Path;
 
 /// Grids small enough to be solved and drawn in a moment, where [`shrunk`] says nothing.

@@ -1,6 +1,84 @@
-//! Where an axis has ticks, and what stands beside them.
+//! Axes as `plotters` draws them: how values become lengths, where ticks are, and their labels.
+//!
+//! `plotters` has ticks of its own. These are used instead, since its logarithmic axes have no tick below 2e-16 and none
+//! between two powers of ten, and its linear axes no round ones on a length below 2e-16.
 
-use crate::results::figure::Scale;
+use crate::results::figure::{Axis, Scale};
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
+use std::ops::Range;
+
+/// Points of an axis for each labelled tick.
+const SPACING: f64 = 62.0;
+
+/// An axis between two ends, with its ticks.
+#[derive(Clone)]
+pub struct Ruler {
+    ends: [f64; 2],
+    scale: Scale,
+    ticks: Vec<Tick>,
+}
+
+impl Ruler {
+    /// The axis from `ends[0]` to `ends[1]`, drawn `length` points long.
+    pub fn new(axis: &Axis, ends: [f64; 2], length: f64) -> Self {
+        let wanted = (length / SPACING).round().max(2.0) as usize;
+        let ticks = match axis.scale {
+            _ if !axis.names.is_empty() => named(&axis.names),
+            Scale::Linear if axis.whole => whole(ends, wanted),
+            scale => ticks(ends, scale, wanted),
+        };
+        Self {
+            ends,
+            scale: axis.scale,
+            ticks,
+        }
+    }
+
+    /// Fraction of the axis below `value`; NaN where a logarithmic axis has no place for it.
+    pub fn fraction(&self, value: f64) -> f64 {
+        let [lower, upper] = self.ends;
+        match self.scale {
+            Scale::Linear => (value - lower) / (upper - lower),
+            Scale::Log if value > 0.0 => (value / lower).ln() / (upper / lower).ln(),
+            Scale::Log => f64::NAN,
+        }
+    }
+
+    /// Labels of the ticks.
+    pub fn labels(&self) -> impl Iterator<Item = &str> {
+        self.ticks.iter().filter_map(|tick| tick.label.as_deref())
+    }
+}
+
+impl Ranged for Ruler {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        limit.0 + (self.fraction(*value) * f64::from(limit.1 - limit.0)).round() as i32
+    }
+
+    /// Ticks with a label as bold points, all as light ones.
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        let light = hint.weight().allow_light_points();
+        let shown = self
+            .ticks
+            .iter()
+            .filter(|tick| light || tick.label.is_some());
+        shown.map(|tick| tick.at).collect()
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.ends[0]..self.ends[1]
+    }
+}
+
+impl ValueFormatter<f64> for Ruler {
+    fn format_ext(&self, value: &f64) -> String {
+        let tick = self.ticks.iter().find(|tick| tick.at == *value);
+        tick.and_then(|tick| tick.label.clone()).unwrap_or_default()
+    }
+}
 
 /// A tick; without a label where there is no room for one.
 #[derive(Clone, Debug, PartialEq)]
@@ -9,6 +87,23 @@ pub struct Tick {
     pub at: f64,
     /// What stands beside it.
     pub label: Option<String>,
+}
+
+/// Names at 0, 1, … .
+fn named(names: &[String]) -> Vec<Tick> {
+    let tick = |(k, name): (usize, &String)| Tick {
+        at: k as f64,
+        label: Some(name.clone()),
+    };
+    names.iter().enumerate().map(tick).collect()
+}
+
+/// About `wanted` ticks of a linear axis, at whole numbers only.
+fn whole(ends: [f64; 2], wanted: usize) -> Vec<Tick> {
+    let most = (ends[1] - ends[0]).clamp(1.0, 100.0) as usize;
+    let mut all = linear(ends, wanted.min(most));
+    all.retain(|tick| tick.at.fract() == 0.0);
+    all
 }
 
 /// Ticks of an axis from `lower` to `upper`, about `wanted` of them labelled.
@@ -156,6 +251,19 @@ mod tests {
         }
         // An axis without length has no ticks, and does not go on for ever.
         assert!(ticks([1.0, 1.0], Scale::Linear, 5).len() <= 1);
+    }
+
+    #[test]
+    fn axes_of_whole_numbers() {
+        let axis = Axis::linear("applications").whole();
+        for ends in [[27.9, 29.1], [0.0, 3.0], [0.0, 250.0], [-1.0, 1.0]] {
+            let ruler = Ruler::new(&axis, ends, 280.0);
+            assert!(!ruler.ticks.is_empty());
+            for tick in ruler.ticks {
+                let label = tick.label.unwrap_or_default();
+                assert!(label.parse::<i64>().is_ok(), "{label}");
+            }
+        }
     }
 
     #[test]

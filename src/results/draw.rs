@@ -1,0 +1,248 @@
+//! Figures drawn with `plotters`, to SVG and PNG.
+//!
+//! | file | what it does |
+//! |---|---|
+//! | `draw` | the sheet: panels in a grid, title, caption |
+//! | `panel` | a panel as a chart of `plotters`, with its layers, notes, colour bar and legend |
+//! | `extent` | ends of axes, from the data |
+//! | `ticks` | axes for `plotters`, with their ticks |
+//! | `shape`, `text` | lines, markers and texts in pixels |
+//!
+//! `plotters` draws axes, grids, labels, dashes, intervals and colours. Ours are: ticks (see `ticks`), markers (it has
+//! three), lines that end at the frame (it bends them), and legends beside the frame (its own hide data).
+
+pub mod extent;
+pub mod panel;
+pub mod shape;
+pub mod text;
+pub mod ticks;
+
+use crate::base::disk::failure;
+use crate::base::error::Result;
+use crate::results::draw::panel::{ABOVE, BELOW, Frame};
+use crate::results::draw::shape::{Area, Drawn, PIXELS, Place, pixels};
+use crate::results::figure::Figure;
+use crate::results::figure::palette::{INK, PAPER};
+use plotters::prelude::*;
+use std::path::{Path, PathBuf};
+
+/// Sizes of texts in points.
+const TITLE: f64 = 14.0;
+const CAPTION: f64 = 10.5;
+/// Around all.
+const MARGIN: f64 = 12.0;
+/// A line of the caption.
+const LINE: f64 = 15.0;
+
+impl Figure {
+    /// As an SVG document.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`], where it cannot be drawn.
+    pub fn svg(&self) -> Result<String> {
+        svg(self).map_err(|e| failure(Path::new(&self.title), &e))
+    }
+
+    /// As `directory/name.svg` and `directory/name.png`, whose paths are given back.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`].
+    pub fn write(&self, directory: &Path, name: &str) -> Result<[PathBuf; 2]> {
+        let [svg, png] = ["svg", "png"].map(|end| directory.join(format!("{name}.{end}")));
+        std::fs::write(&svg, self.svg()?).map_err(|e| failure(&svg, &e))?;
+        self::png(self, &png).map_err(|e| failure(&png, &e))?;
+        Ok([svg, png])
+    }
+}
+
+/// The document.
+fn svg(figure: &Figure) -> std::result::Result<String, String> {
+    let sheet = Sheet::new(figure);
+    let mut text = String::new();
+    let [width, height] = sheet.pixels();
+    sheet.draw(&SVGBackend::with_string(&mut text, (width, height)).into_drawing_area())?;
+    // Drawn at twice its size, for half points; and pictures by their right name.
+    let from = format!("width=\"{width}\" height=\"{height}\"");
+    let to = format!("width=\"{}\" height=\"{}\"", width / 2, height / 2);
+    Ok(text
+        .replacen(&from, &to, 1)
+        .replace("data:png;base64", "data:image/png;base64"))
+}
+
+/// The picture in a file.
+fn png(figure: &Figure, path: &Path) -> Drawn {
+    let sheet = Sheet::new(figure);
+    let [width, height] = sheet.pixels();
+    sheet.draw(&BitMapBackend::new(path, (width, height)).into_drawing_area())
+}
+
+/// Where everything of a figure stands, in points.
+struct Sheet<'a> {
+    figure: &'a Figure,
+    frames: Vec<Frame<'a>>,
+    caption: Vec<String>,
+    /// Width of each column.
+    columns: Vec<f64>,
+    /// Room left of the frames, by column.
+    left: Vec<f64>,
+    size: Place,
+    top: f64,
+}
+
+impl<'a> Sheet<'a> {
+    fn new(figure: &'a Figure) -> Self {
+        let frames: Vec<Frame> = (figure.panels.iter())
+            .map(|panel| Frame::new(panel, figure.frame))
+            .collect();
+        let count = figure.columns.max(1).min(frames.len().max(1));
+        let rows = frames.len().div_ceil(count).max(1);
+        let widest = |of: fn(&Frame<'_>) -> f64| -> Vec<f64> {
+            let column = |c| frames.iter().skip(c).step_by(count);
+            (0..count)
+                .map(|c| column(c).map(of).fold(0.0, f64::max))
+                .collect()
+        };
+        let left = widest(|frame| frame.room_left());
+        let columns: Vec<f64> = (left.iter().zip(widest(|frame| frame.room_right())))
+            .map(|(left, right)| left + figure.frame[0] + right)
+            .collect();
+        let titled = 1.1 * text::width(&figure.title, TITLE);
+        let width = columns.iter().sum::<f64>().max(titled) + 2.0 * MARGIN;
+        let caption = text::wrapped(&figure.caption, CAPTION, width - 2.0 * MARGIN);
+        let top = match figure.title.is_empty() {
+            true => MARGIN,
+            false => MARGIN + 22.0,
+        };
+        let below = match caption.is_empty() {
+            true => 0.0,
+            false => 8.0 + LINE * caption.len() as f64,
+        };
+        let height = top + rows as f64 * (ABOVE + figure.frame[1] + BELOW) + below + MARGIN;
+        Self {
+            figure,
+            frames,
+            caption,
+            columns,
+            left,
+            size: [width.ceil(), height.ceil()],
+            top,
+        }
+    }
+
+    fn pixels(&self) -> [u32; 2] {
+        self.size.map(|length| (length * PIXELS) as u32)
+    }
+
+    /// Draws all of it.
+    fn draw<DB: DrawingBackend>(&self, root: &Area<DB>) -> Drawn {
+        root.fill(&PAPER).map_err(|e| e.to_string())?;
+        let write =
+            |line: &str, at: Place, style| text::draw(root, line, at.map(|c| c * PIXELS), &style);
+        if !self.figure.title.is_empty() {
+            let style = text::bold(TITLE, INK);
+            write(&self.figure.title, [MARGIN, MARGIN + 8.0], style)?;
+        }
+        let height = ABOVE + self.figure.frame[1] + BELOW;
+        for (k, frame) in self.frames.iter().enumerate() {
+            let (row, column) = (k / self.columns.len(), k % self.columns.len());
+            let x = MARGIN + self.columns[..column].iter().sum::<f64>() + self.left[column]
+                - frame.room_left();
+            let y = self.top + row as f64 * height;
+            let size = (pixels(self.columns[column]), pixels(height));
+            frame.draw(&root.clone().shrink((pixels(x), pixels(y)), size))?;
+        }
+        let first = self.size[1] - MARGIN - LINE * (self.caption.len() as f64 - 0.5);
+        for (k, line) in self.caption.iter().enumerate() {
+            let at = [MARGIN, first + LINE * k as f64];
+            write(line, at, text::style(CAPTION, INK))?;
+        }
+        root.present().map_err(|e| e.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::figure::palette::Style;
+    use crate::results::figure::{Axis, Layer, Map, Panel};
+
+    fn example() -> Figure {
+        let map = Map {
+            x: [-1.0, 1.0],
+            y: [0.0, 2.0],
+            shape: [3, 5],
+            values: (0..15).map(f64::from).collect(),
+            range: None,
+            differences: false,
+            label: "f".into(),
+        };
+        let lines = Panel::new(
+            "errors & <costs>",
+            Axis::log("applications"),
+            Axis::log("error"),
+        )
+        .line(
+            "a",
+            Style::of(0),
+            vec![[1e2, 1e-2], [1e3, 1e-5], [-1.0, 3.0]],
+        )
+        .points(
+            "b",
+            Style::of(1).hollow(),
+            vec![[2e2, 1e-3], [f64::NAN, 1.0]],
+        )
+        .vertical("here", 300.0)
+        .horizontal("there", 1e-4);
+        let bars = Panel::new(
+            "",
+            Axis::linear("s"),
+            Axis::named("", vec!["one".into(), "two".into()]),
+        )
+        .with(Layer::Bars {
+            style: Style::of(2),
+            bars: vec![([0.0, 1.0], "1 s".into()), ([1.0, 3.0], String::new())],
+        });
+        let empty = Panel::new("nothing", Axis::log("x"), Axis::linear("y")).line(
+            "none",
+            Style::theory(),
+            Vec::new(),
+        );
+        let phase = Panel::new("f", Axis::linear("x"), Axis::linear("v")).map(map);
+        Figure::new("All kinds", vec![lines, bars, empty, phase])
+            .caption("A sentence that is long enough to be broken somewhere. ".repeat(6))
+    }
+
+    #[test]
+    fn every_kind_of_layer_is_drawn() {
+        let svg = example().svg().unwrap();
+        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
+        for text in [
+            "errors &amp; &lt;costs&gt;",
+            "applications",
+            "10⁻⁴",
+            "here",
+            "there",
+            "data:image/png",
+            "two",
+        ] {
+            assert!(svg.contains(text), "{text}");
+        }
+        assert!(!svg.contains("NaN") && !svg.contains("inf"));
+        let (open, close) = (svg.matches("<text").count(), svg.matches("</text>").count());
+        assert_eq!(open, close);
+        assert_eq!(svg, example().svg().unwrap());
+    }
+
+    #[test]
+    fn a_png_has_the_size_of_the_sheet_and_is_not_blank() {
+        let directory = tempfile::tempdir().unwrap();
+        let [svg, png] = example().write(directory.path(), "all").unwrap();
+        assert!(svg.exists());
+        let bytes = std::fs::read(png).unwrap();
+        assert_eq!(&bytes[1..4], b"PNG");
+        let number = |at: usize| u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap());
+        let size = Sheet::new(&example()).pixels();
+        assert_eq!([number(16), number(20)], size);
+        assert!(bytes.len() > 20_000);
+    }
+}

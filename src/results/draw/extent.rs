@@ -1,0 +1,104 @@
+//! Ends of axes.
+
+use crate::results::figure::{Layer, Map, Panel, Scale};
+
+/// Values that differ by less, relative to the largest, are one.
+const ROUND_OFF: f64 = 1e-12;
+
+/// Ends of both axes: as given, or of the data with a margin.
+pub fn ends(panel: &Panel) -> [[f64; 2]; 2] {
+    let places: Vec<[f64; 2]> = panel.layers.iter().flat_map(places).collect();
+    let tight = (panel.layers.iter()).any(|layer| matches!(layer, Layer::Map(_)));
+    [&panel.x, &panel.y]
+        .into_iter()
+        .enumerate()
+        .map(|(k, axis)| {
+            let usable = |v: &f64| v.is_finite() && (axis.scale == Scale::Linear || *v > 0.0);
+            let values = places.iter().map(|place| place[k]).filter(usable);
+            let found = smallest_and_largest(values);
+            axis.range
+                .unwrap_or_else(|| match found[0] < found[1] && tight {
+                    true => found,
+                    false => with_margin(found, axis.scale),
+                })
+        })
+        .collect::<Vec<_>>()
+        .try_into()
+        .unwrap_or_default()
+}
+
+/// Places of a layer that the axes must hold; NaN along an axis where they have none.
+fn places(layer: &Layer) -> Vec<[f64; 2]> {
+    match layer {
+        Layer::Line { points, .. } | Layer::Points { points, .. } => points.clone(),
+        Layer::Intervals { points, .. } => (points.iter())
+            .flat_map(|(p, ends)| [*p, [p[0], ends[0]], [p[0], ends[1]]])
+            .collect(),
+        Layer::Bars { bars, .. } => (bars.iter())
+            .flat_map(|(ends, _)| ends.map(|x| [x, f64::NAN]))
+            .collect(),
+        Layer::Map(map) => vec![[map.x[0], map.y[0]], [map.x[1], map.y[1]]],
+        Layer::Vertical { at, .. } => vec![[*at, f64::NAN]],
+        Layer::Horizontal { at, .. } => vec![[f64::NAN, *at]],
+        Layer::Band { .. } => Vec::new(),
+    }
+}
+
+fn smallest_and_largest(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let none = [f64::INFINITY, f64::NEG_INFINITY];
+    values.fold(none, |[l, u], v| [l.min(v), u.max(v)])
+}
+
+/// The ends of an axis that shows values from `lower` to `upper`; of none, where `lower > upper`.
+fn with_margin([lower, upper]: [f64; 2], scale: Scale) -> [f64; 2] {
+    match scale {
+        Scale::Linear if lower > upper => [0.0, 1.0],
+        Scale::Log if lower > upper => [0.1, 10.0],
+        Scale::Log => {
+            let part = (upper / lower).powf(0.06).max(1.3);
+            [lower / part, upper * part]
+        }
+        Scale::Linear => {
+            let largest = upper.abs().max(lower.abs());
+            let part = match upper - lower > ROUND_OFF * largest {
+                true => 0.05 * (upper - lower),
+                false if largest > 0.0 => 0.5 * largest,
+                false => 1.0,
+            };
+            [lower - part, upper + part]
+        }
+    }
+}
+
+/// Values at the ends of a map's colours; not the same, so that all of a constant map has a colour.
+pub fn map_range(map: &Map) -> [f64; 2] {
+    let finite = map.values.iter().copied().filter(|v| v.is_finite());
+    let [lower, upper] = map.range.unwrap_or_else(|| smallest_and_largest(finite));
+    let half = 0.5 * lower.abs().max(1.0);
+    match upper > lower {
+        true => [lower, upper],
+        false if lower.is_finite() => [lower - half, lower + half],
+        false => [0.0, 1.0],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::figure::Axis;
+    use crate::results::figure::palette::Style;
+
+    #[test]
+    fn axes_of_a_single_value() {
+        for (values, expected) in [
+            ([0.0, 0.0], [-1.0, 1.0]),
+            ([2.0, 2.0], [1.0, 3.0]),
+            ([2.0, 2.0 + 1e-15], [1.0, 3.0]),
+        ] {
+            let points = vec![[0.0, values[0]], [1.0, values[1]]];
+            let panel = Panel::new("", Axis::linear("x"), Axis::linear("y"));
+            let found = ends(&panel.line("", Style::of(0), points))[1];
+            assert!((0..2).all(|k| (found[k] - expected[k]).abs() < 1e-12));
+        }
+    }
+}

@@ -1,0 +1,424 @@
+//! A panel as a chart of `plotters`.
+
+use crate::results::draw::extent::{ends, map_range};
+use crate::results::draw::shape::{
+    Area, Drawn, PIXELS, Place, clipped, interval, line, marker, picture, pixels, put, rectangle,
+};
+use crate::results::draw::text;
+use crate::results::draw::ticks::Ruler;
+use crate::results::figure::palette::{FAINT, GRID, INK, Style, diverging, sequential};
+use crate::results::figure::{Axis, Layer, Map, Panel};
+use plotters::coord::cartesian::Cartesian2d;
+use plotters::prelude::*;
+
+/// Room above a frame in points, for its title.
+pub const ABOVE: f64 = 26.0;
+/// Room below it, for its axis.
+pub const BELOW: f64 = 44.0;
+/// Between the axis and what is below.
+const GAP: f64 = 8.0;
+
+/// Sizes of texts in points.
+const HEADING: f64 = 11.5;
+const LABEL: f64 = 10.5;
+const SMALL: f64 = 9.5;
+/// Bold letters are wider by this factor.
+const BOLD: f64 = 1.12;
+/// Between entries of a legend.
+const LINE: f64 = 15.0;
+/// A legend's sample.
+const SAMPLE: f64 = 26.0;
+/// A heat map's colour bar; the bar with its gap and numbers.
+const BAR: f64 = 12.0;
+const BAR_ROOM: f64 = BAR + 62.0;
+/// Ticks, outwards.
+const TICK: f64 = 3.5;
+/// Grid lines without a label.
+const LIGHT: RGBColor = RGBColor(240, 240, 240);
+/// The ground of a band.
+const BAND: RGBColor = RGBColor(238, 238, 238);
+
+/// A panel with its axes as they are drawn.
+pub struct Frame<'a> {
+    panel: &'a Panel,
+    /// Width and height in points.
+    size: [f64; 2],
+    x: Ruler,
+    y: Ruler,
+}
+
+/// An entry of the legend.
+struct Entry<'a> {
+    label: &'a str,
+    style: &'a Style,
+    /// Whether a line joins the points.
+    joined: bool,
+}
+
+fn entry(layer: &Layer) -> Option<Entry<'_>> {
+    let (label, style, joined) = match layer {
+        Layer::Line { label, style, .. } => (label, style, true),
+        Layer::Points { label, style, .. } | Layer::Intervals { label, style, .. } => {
+            (label, style, false)
+        }
+        _ => return None,
+    };
+    (!label.is_empty()).then_some(Entry {
+        label,
+        style,
+        joined,
+    })
+}
+
+impl<'a> Frame<'a> {
+    /// The panel in a frame of `size` points.
+    pub fn new(panel: &'a Panel, size: [f64; 2]) -> Self {
+        let [x, y] = ends(panel);
+        Self {
+            panel,
+            size,
+            x: Ruler::new(&panel.x, x, size[0]),
+            y: Ruler::new(&panel.y, y, size[1]),
+        }
+    }
+
+    /// Room left of the frame in points.
+    pub fn room_left(&self) -> f64 {
+        let labels = self.y.labels().map(|label| text::width(label, SMALL));
+        let described = match self.panel.y.label.is_empty() {
+            true => 4.0,
+            false => 20.0,
+        };
+        labels.fold(0.0, f64::max) + described + 10.0
+    }
+
+    /// Room right of the frame in points.
+    pub fn room_right(&self) -> f64 {
+        let entries = self.panel.layers.iter().filter_map(entry);
+        let legend = entries
+            .map(|entry| text::width(entry.label, SMALL))
+            .reduce(f64::max)
+            .map_or(14.0, |widest| widest + SAMPLE + 20.0);
+        let bar = self.maps().next().map_or(0.0, |_| BAR_ROOM);
+        legend + bar
+    }
+
+    fn maps(&self) -> impl Iterator<Item = &'a Map> {
+        self.panel.layers.iter().filter_map(|layer| match layer {
+            Layer::Map(map) => Some(map),
+            _ => None,
+        })
+    }
+
+    /// Draws the panel with what stands around it; the area begins at the room left of the frame.
+    pub fn draw<DB: DrawingBackend>(&self, area: &Area<DB>) -> Drawn {
+        let left = self.room_left();
+        self.heading(area, left)?;
+        let framed = (
+            pixels(left + self.size[0]),
+            pixels(ABOVE + self.size[1] + BELOW),
+        );
+        let chart = area.clone().shrink((0, 0), framed);
+        let chart = ChartBuilder::on(&chart)
+            .margin_top(pixels(ABOVE))
+            .margin_bottom(pixels(GAP))
+            .x_label_area_size(pixels(BELOW - GAP))
+            .y_label_area_size(pixels(left))
+            .build_cartesian_2d(self.x.clone(), self.y.clone());
+        let mut chart = chart.map_err(|e| e.to_string())?;
+        self.mesh(&mut chart)?;
+        let plot = Plot::new(self, chart.plotting_area().strip_coord_spec());
+        plot.draw()?;
+        let mut beside = left + self.size[0] + 8.0;
+        for map in self.maps() {
+            let corner = (pixels(beside + 2.0), 0);
+            colour_bar(
+                map,
+                &area.clone().shrink(corner, (pixels(BAR_ROOM), framed.1)),
+            )?;
+            beside += BAR_ROOM;
+        }
+        self.legend(area, beside)
+    }
+
+    /// The title; a long one goes on in a second, smaller line.
+    fn heading<DB: DrawingBackend>(&self, area: &Area<DB>, left: f64) -> Drawn {
+        let title = &self.panel.title;
+        let lines = match text::width(title, HEADING) * BOLD <= self.size[0] {
+            true => vec![title.clone()],
+            false => text::wrapped(title, SMALL, self.size[0] / BOLD),
+        };
+        let (size, above) = match lines.len() {
+            ..=1 => (HEADING, vec![12.0]),
+            _ => (SMALL, vec![23.0, 10.0]),
+        };
+        for (line, above) in lines.iter().zip(above) {
+            let at = [left, ABOVE - above].map(|c| c * PIXELS);
+            text::draw(area, line, at, &text::bold(size, INK))?;
+        }
+        Ok(())
+    }
+
+    /// Grid, axes, ticks and their labels.
+    fn mesh<DB: DrawingBackend>(
+        &self,
+        chart: &mut ChartContext<'_, DB, Cartesian2d<Ruler, Ruler>>,
+    ) -> Drawn {
+        let mut mesh = chart.configure_mesh();
+        mesh.bold_line_style(GRID)
+            .light_line_style(LIGHT)
+            .axis_style(INK.stroke_width(2))
+            .label_style(text::style(SMALL, INK))
+            .axis_desc_style(text::style(LABEL, INK))
+            .set_all_tick_mark_size(pixels(TICK));
+        if !self.panel.x.label.is_empty() {
+            mesh.x_desc(&*self.panel.x.label);
+        }
+        if !self.panel.y.label.is_empty() {
+            mesh.y_desc(&*self.panel.y.label);
+        }
+        mesh.draw().map_err(|e| e.to_string())
+    }
+
+    /// Names of the series from `left` points on.
+    fn legend<DB: DrawingBackend>(&self, area: &Area<DB>, left: f64) -> Drawn {
+        let entries = self.panel.layers.iter().filter_map(entry);
+        for (k, entry) in entries.enumerate() {
+            let y = ABOVE + 8.0 + LINE * k as f64;
+            let at = |x: f64| [(left + x) * PIXELS, y * PIXELS];
+            if entry.joined {
+                line(area, &[at(0.0), at(SAMPLE)], entry.style)?;
+            }
+            marker(area, at(0.5 * SAMPLE), entry.style)?;
+            text::draw(
+                area,
+                entry.label,
+                at(SAMPLE + 5.0),
+                &text::style(SMALL, INK),
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// The colours of a map.
+fn colours(map: &Map) -> fn(f64) -> RGBColor {
+    match map.differences {
+        true => diverging,
+        false => sequential,
+    }
+}
+
+/// What the colours of a map stand for: a chart of its own, as high as the map's.
+fn colour_bar<DB: DrawingBackend>(map: &Map, area: &Area<DB>) -> Drawn {
+    let height = area.dim_in_pixel().1 as i32 - pixels(ABOVE + BELOW);
+    let values = Ruler::new(
+        &Axis::linear(""),
+        map_range(map),
+        f64::from(height) / PIXELS,
+    );
+    let mut chart = ChartBuilder::on(area)
+        .margin_top(pixels(ABOVE))
+        .margin_bottom(pixels(BELOW))
+        .right_y_label_area_size(pixels(BAR_ROOM - BAR))
+        .build_cartesian_2d(0.0..1.0, values)
+        .map_err(|e| e.to_string())?;
+    let bar = chart.plotting_area().strip_coord_spec();
+    let (width, height) = bar.dim_in_pixel();
+    let shade = colours(map);
+    picture(&bar, [0.0; 2], [width, height], |_, row| {
+        shade(1.0 - (f64::from(row) + 0.5) / f64::from(height))
+    })?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .disable_x_axis()
+        .axis_style(INK.stroke_width(2))
+        .label_style(text::style(SMALL, INK))
+        .set_all_tick_mark_size(pixels(TICK))
+        .draw()
+        .map_err(|e| e.to_string())?;
+    let at = [0.0, (ABOVE - 10.0) * PIXELS];
+    text::draw(area, &map.label, at, &text::style(SMALL, FAINT))
+}
+
+/// The inside of a frame.
+struct Plot<'a, DB: DrawingBackend> {
+    frame: &'a Frame<'a>,
+    area: Area<DB>,
+    /// The lower right pixel.
+    end: Place,
+}
+
+impl<'a, DB: DrawingBackend> Plot<'a, DB> {
+    fn new(frame: &'a Frame<'a>, area: Area<DB>) -> Self {
+        let (width, height) = area.dim_in_pixel();
+        let end = [width, height].map(|length| f64::from(length) - 1.0);
+        Self { frame, area, end }
+    }
+
+    /// Draws the layers: bands below all else, notes above.
+    fn draw(&self) -> Drawn {
+        let layers = &self.frame.panel.layers;
+        let is_band = |layer: &&Layer| matches!(layer, Layer::Band { .. });
+        let (bands, others): (Vec<_>, Vec<_>) = layers.iter().partition(is_band);
+        bands
+            .into_iter()
+            .chain(others)
+            .try_for_each(|layer| self.layer(layer))?;
+        self.notes()?;
+        // The other two sides of the frame are the axes.
+        let [right, bottom] = self.end.map(|c| c as i32);
+        let sides = vec![(0, 0), (right, 0), (right, bottom)];
+        put(&self.area, &PathElement::new(sides, INK.stroke_width(2)))
+    }
+
+    fn x(&self, value: f64) -> f64 {
+        self.frame.x.fraction(value) * self.end[0]
+    }
+
+    fn y(&self, value: f64) -> f64 {
+        (1.0 - self.frame.y.fraction(value)) * self.end[1]
+    }
+
+    fn place(&self, point: [f64; 2]) -> Place {
+        [self.x(point[0]), self.y(point[1])]
+    }
+
+    /// Whether a place is in the frame, but for the width of a line.
+    fn holds(&self, place: Place) -> bool {
+        (0..2).all(|c| (-1.0..=self.end[c] + 1.0).contains(&place[c]))
+    }
+
+    fn markers<'b>(&self, points: impl Iterator<Item = &'b [f64; 2]>, style: &Style) -> Drawn {
+        points
+            .map(|point| self.place(*point))
+            .filter(|place| self.holds(*place))
+            .try_for_each(|place| marker(&self.area, place, style))
+    }
+
+    fn line(&self, points: &[[f64; 2]], style: &Style) -> Drawn {
+        let places: Vec<Place> = points.iter().map(|p| self.place(*p)).collect();
+        clipped(&places, [[0.0; 2], self.end])
+            .iter()
+            .try_for_each(|piece| line(&self.area, piece, style))
+    }
+
+    fn layer(&self, layer: &Layer) -> Drawn {
+        let [right, bottom] = self.end;
+        let across = |ends: [Place; 2]| {
+            let seen = self.holds(ends[0]);
+            let style = Style::theory().dashed(2);
+            seen.then(|| line(&self.area, &ends, &style))
+                .unwrap_or(Ok(()))
+        };
+        match layer {
+            Layer::Line { style, points, .. } => {
+                self.line(points, style)?;
+                self.markers(points.iter(), style)
+            }
+            Layer::Points { style, points, .. } => self.markers(points.iter(), style),
+            Layer::Intervals { style, points, .. } => {
+                for (point, ends) in points {
+                    let ends = ends.map(|y| self.y(y).clamp(0.0, bottom));
+                    interval(&self.area, self.place(*point), ends, style)?;
+                }
+                self.markers(points.iter().map(|(point, _)| point), style)
+            }
+            Layer::Bars { style, bars } => {
+                (bars.iter().enumerate()).try_for_each(|(k, (bar, _))| {
+                    rectangle(&self.area, self.bar(k, *bar), style.colour)
+                })
+            }
+            Layer::Map(map) => self.map(map),
+            Layer::Vertical { at, .. } => {
+                let x = self.x(*at);
+                across([[x, 0.0], [x, bottom]])
+            }
+            Layer::Horizontal { at, .. } => {
+                let y = self.y(*at);
+                across([[0.0, y], [right, y]])
+            }
+            Layer::Band { from, .. } => match self.band(*from) {
+                [a, b] if b > a => rectangle(&self.area, [[a, 0.0], [b, bottom]], BAND),
+                _ => Ok(()),
+            },
+        }
+    }
+
+    /// The ends of a band within the frame.
+    fn band(&self, from: [f64; 2]) -> [f64; 2] {
+        from.map(|x| self.x(x).clamp(0.0, self.end[0]))
+    }
+
+    /// The corners of bar `k`, within the frame and not too thin to be seen.
+    fn bar(&self, k: usize, ends: [f64; 2]) -> [Place; 2] {
+        // What is no number is at the left end.
+        let [from, to] = ends.map(|x| self.x(x).max(0.0).min(self.end[0]));
+        let [high, low] = [0.36, -0.36].map(|half| self.y(k as f64 + half));
+        [[from, high], [to.max(from + 1.0), low]]
+    }
+
+    /// Labels of lines, bands and bars. Those of vertical lines stand one below the other.
+    fn notes(&self) -> Drawn {
+        let [right, bottom] = self.end;
+        let points = |length: f64| length * PIXELS;
+        let note = |label: &str, x: f64, y: f64| match self.holds([x, y]) {
+            true => text::note(&self.area, label, [x, y], right),
+            false => Ok(()),
+        };
+        let mut row = 0;
+        for layer in &self.frame.panel.layers {
+            match layer {
+                Layer::Vertical { label, at } if !label.is_empty() => {
+                    let x = self.x(*at);
+                    note(label, x, points(9.0 + 13.0 * f64::from(row)))?;
+                    row += i32::from(self.holds([x, 0.0]));
+                }
+                Layer::Horizontal { label, at } => {
+                    let y = self.y(*at);
+                    let above = match y > points(14.0) {
+                        true => y - points(8.0),
+                        false => y + points(8.0),
+                    };
+                    note(label, 0.0, above)?;
+                }
+                Layer::Band { label, from } => {
+                    let [a, b] = self.band(*from);
+                    let label = if b > a { label } else { "" };
+                    note(label, a, bottom - points(9.0))?;
+                }
+                Layer::Bars { bars, .. } => {
+                    for (k, (bar, label)) in bars.iter().enumerate() {
+                        let [high, low] = self.bar(k, *bar);
+                        note(label, low[0], 0.5 * (high[1] + low[1]))?;
+                    }
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// The cells of a map as one picture, cut off at the frame.
+    fn map(&self, map: &Map) -> Drawn {
+        let [a, b] = [[map.x[0], map.y[1]], [map.x[1], map.y[0]]].map(|p| self.place(p));
+        let [lower, upper] = map_range(map);
+        let corner = [0, 1].map(|c| a[c].max(0.0));
+        let end = [0, 1].map(|c| b[c].min(self.end[c]));
+        let size = [0, 1].map(|c| (end[c] - corner[c]).round().max(0.0) as u32);
+        if size.contains(&0) || map.values.len() != map.shape[0] * map.shape[1] {
+            return Ok(());
+        }
+        // The cell below pixel `k`.
+        let cell = |c: usize, k: u32| {
+            let along = (corner[c] + f64::from(k) + 0.5 - a[c]) / (b[c] - a[c]);
+            ((along * map.shape[c] as f64) as usize).min(map.shape[c] - 1)
+        };
+        let shade = colours(map);
+        picture(&self.area, corner, size, |column, row| {
+            let (i, j) = (cell(0, column), map.shape[1] - 1 - cell(1, row));
+            shade((map.values[i * map.shape[1] + j] - lower) / (upper - lower))
+        })
+    }
+}

@@ -1,0 +1,120 @@
+//! Texts: fonts that are in the program, widths, line breaks.
+
+use crate::results::draw::shape::{Area, Drawn, PIXELS, Place, rectangle, rounded};
+use crate::results::figure::palette::{FAINT, PAPER};
+use plotters::prelude::*;
+use plotters::style::register_font;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use std::sync::Once;
+
+/// What a viewer of an SVG looks for; for the rest the font is in the program.
+const FAMILY: &str = "DejaVu Sans, Verdana, sans-serif";
+
+fn register() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        // The fonts are part of the program: they are fonts.
+        let _ = register_font(FAMILY, FontStyle::Normal, dejavu::sans::regular());
+        let _ = register_font(FAMILY, FontStyle::Bold, dejavu::sans::bold());
+    });
+}
+
+/// A font of `size` points; `plotters` makes letters `1/1.24` of the size it is given.
+fn font(size: f64, weight: FontStyle) -> FontDesc<'static> {
+    register();
+    FontDesc::new(FontFamily::Name(FAMILY), 1.24 * PIXELS * size, weight)
+}
+
+fn anchored(font: FontDesc<'static>, colour: RGBColor) -> TextStyle<'static> {
+    TextStyle {
+        font,
+        color: colour.to_backend_color(),
+        pos: Pos::new(HPos::Left, VPos::Center),
+    }
+}
+
+/// Letters of `size` points that begin at their place, centred on it vertically.
+pub fn style(size: f64, colour: RGBColor) -> TextStyle<'static> {
+    anchored(font(size, FontStyle::Normal), colour)
+}
+
+/// The same in bold letters.
+pub fn bold(size: f64, colour: RGBColor) -> TextStyle<'static> {
+    anchored(font(size, FontStyle::Bold), colour)
+}
+
+/// A text in one line.
+pub fn draw<DB: DrawingBackend>(
+    area: &Area<DB>,
+    text: &str,
+    place: Place,
+    style: &TextStyle<'_>,
+) -> Drawn {
+    area.draw_text(text, style, rounded(place))
+        .map_err(|e| e.to_string())
+}
+
+/// A small text beside `place` on a ground that keeps it legible; further left where it would leave
+/// `right`.
+pub fn note<DB: DrawingBackend>(area: &Area<DB>, text: &str, place: Place, right: f64) -> Drawn {
+    const SIZE: f64 = 8.5;
+    if text.is_empty() {
+        return Ok(());
+    }
+    let wide = PIXELS * width(text, SIZE);
+    let left = (place[0] + 3.0 * PIXELS).min(right - wide - 2.0 * PIXELS);
+    let (beside, half) = (PIXELS, 6.0 * PIXELS);
+    let ground = [
+        [left - beside, place[1] - half],
+        [left + wide + beside, place[1] + half],
+    ];
+    rectangle(area, ground, PAPER)?;
+    draw(area, text, [left, place[1]], &style(SIZE, FAINT))
+}
+
+/// Length of `text` in points.
+pub fn width(text: &str, size: f64) -> f64 {
+    let found = font(size, FontStyle::Normal).box_size(text);
+    found.map_or(0.6 * size * text.chars().count() as f64, |(w, _)| {
+        f64::from(w) / PIXELS
+    })
+}
+
+/// `text` in lines of at most `most` points, broken at spaces.
+pub fn wrapped(text: &str, size: f64, most: f64) -> Vec<String> {
+    let mut lines = Vec::new();
+    for paragraph in text.lines() {
+        let mut line = String::new();
+        for word in paragraph.split_whitespace() {
+            let longer = if line.is_empty() {
+                word.to_owned()
+            } else {
+                format!("{line} {word}")
+            };
+            if !line.is_empty() && width(&longer, size) > most {
+                lines.push(std::mem::replace(&mut line, word.to_owned()));
+            } else {
+                line = longer;
+            }
+        }
+        lines.push(line);
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_broken_where_they_must_be() {
+        let text = "one two three four five six seven";
+        let lines = wrapped(text, 10.0, 80.0);
+        assert!(lines.len() > 2);
+        assert_eq!(lines.join(" "), text);
+        assert!(lines.iter().all(|l| width(l, 10.0) <= 80.0));
+        // A word that is too long stands alone, and nothing is lost.
+        assert_eq!(wrapped("a incomprehensibilities b", 10.0, 20.0).len(), 3);
+        assert_eq!(wrapped("a\nb", 10.0, 500.0), ["a", "b"]);
+    }
+}

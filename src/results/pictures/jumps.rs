@@ -1,0 +1,95 @@
+//! Where `V` jumps, in a picture.
+
+use crate::problem::potential::Potential;
+use crate::results::pictures::cut::Cut;
+use crate::results::pictures::stored::Stored;
+
+/// Faces at which `V` jumps along space axis `a`, on the line through the cut; none where the case is not understood. The closing face of a periodic
+/// axis is there twice, at both ends.
+pub fn jumps(run: &Stored, a: usize, cut: &Cut) -> Vec<f64> {
+    let Ok(case) = &run.case else {
+        return Vec::new();
+    };
+    let n = run.dimension();
+    let mut ranges: Vec<_> = (0..n).map(|b| cut.0[b]..cut.0[b] + 1).collect();
+    ranges[a] = 0..run.axis(a).cells;
+    let Ok(potential) = Potential::new(case, &ranges) else {
+        return Vec::new();
+    };
+    let mut cell = cut.0[..n].to_vec();
+    let jump = |i: usize| {
+        cell[a] = i;
+        potential.jump_below(&cell, a) != 0.0
+    };
+    let places = ranges[a].clone();
+    // Below the first cell there is a jump only where the axis closes.
+    let mut found: Vec<usize> = places
+        .filter({
+            let mut jump = jump;
+            move |&i| jump(i)
+        })
+        .collect();
+    if found.first() == Some(&0) {
+        found.push(run.axis(a).cells);
+    }
+    found
+        .into_iter()
+        .map(|i| run.axis(a).face(i as i64))
+        .collect()
+}
+
+/// Of faces where `V` jumps along axis `a`: the sentence for those at the frame, which hides their lines.
+pub fn closing(run: &Stored, a: usize, jumps: &[f64]) -> String {
+    match jumps.contains(&run.axis(a).lower) {
+        true => format!(" V jumps too where {} closes, at its ends.", run.names()[a]),
+        false => String::new(),
+    }
+}
+
+/// Borders in a plane of two space axes along which `V` jumps, as pieces of lines with NaN between.
+pub fn borders(run: &Stored, plane: [usize; 2], cut: &Cut) -> Vec<[f64; 2]> {
+    /// Beyond so many cells borders are a matter of seconds.
+    const MOST: usize = 1 << 22;
+    let lengths = plane.map(|a| run.axis(a).cells);
+    let Ok(case) = &run.case else {
+        return Vec::new();
+    };
+    if lengths[0] * lengths[1] > MOST {
+        return Vec::new();
+    }
+    let n = run.dimension();
+    let mut ranges: Vec<_> = (0..n).map(|b| cut.0[b]..cut.0[b] + 1).collect();
+    for a in plane {
+        ranges[a] = 0..run.axis(a).cells;
+    }
+    let Ok(potential) = Potential::new(case, &ranges) else {
+        return Vec::new();
+    };
+    let mut points = Vec::new();
+    let mut cell = cut.0[..n].to_vec();
+    for i in 0..lengths[0] {
+        for j in 0..lengths[1] {
+            (cell[plane[0]], cell[plane[1]]) = (i, j);
+            let corner = |di: usize, dj: usize| {
+                let face = |a: usize, k: usize| run.axis(a).face(k as i64);
+                [face(plane[0], i + di), face(plane[1], j + dj)]
+            };
+            // Below the first cell there is a jump only where the axis closes: at both ends.
+            if potential.jump_below(&cell, plane[0]) != 0.0 {
+                points.extend([corner(0, 0), corner(0, 1), [f64::NAN; 2]]);
+                if i == 0 {
+                    let end = lengths[0];
+                    points.extend([corner(end, 0), corner(end, 1), [f64::NAN; 2]]);
+                }
+            }
+            if potential.jump_below(&cell, plane[1]) != 0.0 {
+                points.extend([corner(0, 0), corner(1, 0), [f64::NAN; 2]]);
+                if j == 0 {
+                    let end = lengths[1];
+                    points.extend([corner(0, end), corner(1, end), [f64::NAN; 2]]);
+                }
+            }
+        }
+    }
+    points
+}

@@ -1,0 +1,101 @@
+//! Planes of a run as maps.
+
+use crate::results::figure::{Axis, Layer, Map, Panel};
+use crate::results::pictures::stored::{Plane, Stored};
+
+/// A panel with a plane of a run over its axes number `axes`.
+pub fn map(
+    run: &Stored,
+    axes: [usize; 2],
+    title: String,
+    plane: Plane,
+    range: Option<[f64; 2]>,
+) -> Panel {
+    let names = run.names();
+    let ends = axes.map(|a| [run.axis(a).lower, run.axis(a).upper]);
+    Panel::new(
+        title,
+        Axis::linear(names[axes[0]]),
+        Axis::linear(names[axes[1]]),
+    )
+    .map(Map {
+        x: ends[0],
+        y: ends[1],
+        shape: plane.shape,
+        values: plane.values,
+        range,
+        differences: false,
+        label: String::new(),
+    })
+}
+
+/// The same with a difference of values as large as `scale`: zero is in the middle, and round-off looks like zero.
+pub fn apart(run: &Stored, axes: [usize; 2], title: String, plane: Plane, scale: f64) -> Panel {
+    let most = largest([&plane]).max(ROUND_OFF * scale);
+    let range = (most > 0.0).then_some([-most, most]);
+    let mut panel = map(run, axes, title, plane, range);
+    for layer in &mut panel.layers {
+        if let Layer::Map(map) = layer {
+            map.differences = true;
+        }
+    }
+    panel
+}
+
+/// Largest finite value, without signs.
+pub fn largest<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> f64 {
+    let all = planes.into_iter().flat_map(|p| &p.values);
+    all.filter(|v| v.is_finite())
+        .fold(0.0, |most, v| v.abs().max(most))
+}
+
+/// Part of what a quantity may be that is round-off.
+const ROUND_OFF: f64 = 1e-12;
+
+/// The difference of two planes, `a − b`.
+pub fn difference(a: &Plane, b: &Plane) -> Plane {
+    Plane {
+        shape: a.shape,
+        values: a.values.iter().zip(&b.values).map(|(a, b)| a - b).collect(),
+    }
+}
+
+/// Smallest and largest finite value of all; wider where they differ by round-off of `scale` or a tolerance only, so that what is constant looks so.
+pub fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>, scale: f64) -> Option<[f64; 2]> {
+    /// Part of the values that must differ to be told apart.
+    const SEEN: f64 = 1e-3;
+    let all = planes.into_iter().flat_map(|p| &p.values);
+    let finite = all.filter(|v| v.is_finite());
+    let [lower, upper] = finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, u], &v| {
+        [l.min(v), u.max(v)]
+    });
+    if lower > upper {
+        return None;
+    }
+    let least = (SEEN * lower.abs().max(upper.abs())).max(ROUND_OFF * scale);
+    if upper - lower < least {
+        let middle = 0.5 * (lower + upper);
+        return Some([middle - least, middle + least]);
+    }
+    (lower < upper).then_some([lower, upper])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn round_off_is_no_structure() {
+        let plane = |values: &[f64]| Plane {
+            shape: [1, values.len()],
+            values: values.to_vec(),
+        };
+        let noise = plane(&[5e-18, -5e-18, f64::NAN]);
+        let [lower, upper] = range([&noise], 2.0).unwrap();
+        assert!(lower < -1e-12 && upper > 1e-12);
+        assert_eq!(range([&noise], 0.0), Some([-5e-18, 5e-18]));
+        assert_eq!(range([&plane(&[0.0, 2.0])], 2.0), Some([0.0, 2.0]));
+        assert_eq!(range([&plane(&[f64::NAN])], 2.0), None);
+        assert_eq!(largest([&plane(&[1.0, -3.0, f64::NAN])]), 3.0);
+    }
+}

@@ -1,0 +1,41 @@
+//! The runs of a picture: one, or two beside each other.
+
+use crate::results::pictures::stored::Stored;
+
+/// A run, the one beside it, and what they are called.
+pub struct Runs<'a> {
+    /// The run.
+    pub run: &'a Stored,
+    /// The one beside it.
+    pub beside: Option<&'a Stored>,
+    /// What they are called.
+    pub names: [String; 2],
+}
+
+impl<'a> Runs<'a> {
+    /// A run, and the one beside it, by their methods or, where those are the same, by their directories.
+    pub fn new(run: &'a Stored, beside: Option<&'a Stored>) -> Self {
+        let method = |run: &Stored| match run.plan["method"].as_str() {
+            Some("schrodingerized") => "Schrödingerized".to_owned(),
+            Some(other) => other.to_owned(),
+            None => "computed".to_owned(),
+        };
+        let mut names = [method(run), beside.map_or(String::new(), method)];
+        if let Some(beside) = beside
+            && names[0] == names[1]
+        {
+            let folder = |run: &Stored| {
+                let name = run.directory.file_name().unwrap_or_default();
+                name.to_string_lossy().into_owned()
+            };
+            names = [folder(run), folder(beside)];
+        }
+        Self { run, beside, names }
+    }
+
+    /// The run, then the one beside it, each with what it is called.
+    pub fn each(&self) -> impl Iterator<Item = (&'a Stored, &str)> {
+        let both = [Some(self.run), self.beside];
+        (both.into_iter().zip(&self.names)).filter_map(|(run, name)| Some((run?, name.as_str())))
+    }
+}

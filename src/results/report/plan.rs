@@ -1,0 +1,122 @@
+//! The numbers of a plan that matter to a reader, with words and units, out of `/plan` of `result.h5`.
+
+use crate::base::text::short;
+use crate::results::report::html::Rows;
+use maud::Markup;
+use serde_json::Value;
+
+/// What is so in the scene, by the keys of `bounds`.
+const SCENE: [(&str, &str); 3] = [
+    ("jumps", "V jumps"),
+    ("inflow", "something may enter"),
+    ("weighted", "dissipative weights"),
+];
+
+/// The plan as a table.
+pub fn table(plan: &Value) -> Markup {
+    let mut rows = Rows::default();
+    problem(&mut rows, plan);
+    match plan["warp"].is_null() {
+        true => {
+            rows.text("steps", number(&plan["classical_steps"]));
+            let limiter = word(&plan["limiter"]).filter(|l| l != "none");
+            rows.text("limiter of the slopes", limiter);
+        }
+        false => {
+            auxiliary_variable(&mut rows, plan);
+            work(&mut rows, plan);
+        }
+    }
+    rows.table()
+}
+
+fn number(value: &Value) -> Option<String> {
+    value.as_f64().map(short)
+}
+
+fn word(value: &Value) -> Option<String> {
+    value.as_str().map(str::to_owned)
+}
+
+/// Grid, fields, scheme and time.
+fn problem(rows: &mut Rows, plan: &Value) {
+    let shape = plan["shape"].as_array().map(|shape| {
+        let cells: Vec<String> = shape.iter().map(Value::to_string).collect();
+        cells.join(" × ")
+    });
+    let grid = shape.zip(number(&plan["cells"]));
+    rows.text(
+        "grid that is computed on",
+        grid.map(|(shape, cells)| format!("{shape} = {cells} cells")),
+    );
+    rows.text("fields", number(&plan["fields"]));
+    rows.text("method", word(&plan["method"]));
+    rows.text("rows at jumps of V", word(&plan["interface"]));
+    rows.text("final time T", number(&plan["time"]));
+    let holds = |key: &str| plan["bounds"][key].as_bool() == Some(true);
+    let scene = SCENE.into_iter().filter(|(key, _)| holds(key));
+    let scene: Vec<&str> = scene.map(|(_, text)| text).collect();
+    rows.text("scene", Some(scene.join(", ")));
+}
+
+/// Tolerance, spectrum, profile, readings and modes.
+fn auxiliary_variable(rows: &mut Rows, plan: &Value) {
+    let (bounds, warp) = (&plan["bounds"], &plan["warp"]);
+    rows.text("tolerance, relative", number(&plan["tolerance"]));
+    let spectrum = number(&bounds["decay"]).zip(number(&bounds["growth"]));
+    rows.text(
+        "spectrum of the symmetric part S",
+        spectrum
+            .map(|(decay, growth)| format!("within [−{decay}, {growth}] in 1/time, guaranteed")),
+    );
+    let kind = word(&warp["profile"]["kind"]);
+    let kind = kind.unwrap_or_else(|| "that of initial.warped".to_owned());
+    rows.text("profile g(p)", Some(kind));
+    rows.text("period in p", number(&warp["series"]["period"]));
+    let readings = warp["readings"].as_array();
+    for (k, reading) in readings.into_iter().flatten().enumerate() {
+        let label = match k {
+            0 => "read at p◇",
+            _ => "second reading, for the error estimate, at",
+        };
+        let by = word(&reading["method"]).filter(|method| method != "point");
+        let by = by.map_or(String::new(), |method| format!(", by {}", spaced(&method)));
+        rows.text(label, number(&reading["point"]).map(|p| p + &by));
+    }
+    rows.text("modes", number(&warp["modes"]));
+    rows.text("points of w in p, all kept", number(&warp["points"]));
+}
+
+/// Propagator and its cost.
+fn work(rows: &mut Rows, plan: &Value) {
+    let warp = &plan["warp"];
+    let step = number(&plan["propagation"]["step"]);
+    let step = step.map_or(String::new(), |step| format!(", steps of {step}"));
+    let method = word(&plan["propagation"]["method"]);
+    rows.text("propagator", method.map(|method| spaced(&method) + &step));
+    let solves = warp["solves"].as_f64().filter(|s| *s > 0.0);
+    let unit = match solves {
+        Some(_) => "solves",
+        None => "applications of the matrix",
+    };
+    let each = warp["work"].as_array().into_iter().flatten();
+    let each: Vec<f64> = each.filter_map(Value::as_f64).collect();
+    let least = each.iter().copied().reduce(f64::min);
+    let most = each.iter().copied().reduce(f64::max);
+    let range = least.zip(most);
+    rows.text(
+        "a mode takes",
+        range.map(|(least, most)| format!("{least} to {most} {unit}")),
+    );
+    let all = solves.or_else(|| warp["applications"].as_f64());
+    rows.text("all modes take", all.map(|n| format!("{n} {unit}")));
+    rows.text(
+        "round-off is amplified by at most",
+        number(&warp["amplification"]),
+    );
+}
+
+/// `crank-nicolson` as `crank nicolson`.
+fn spaced(name: &str) -> String {
+    name.replace('-', " ")
+}
