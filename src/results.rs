@@ -2,6 +2,7 @@
 
 pub mod dataset;
 pub mod draw;
+pub mod fields;
 pub mod figure;
 pub mod finished;
 pub mod history;
@@ -10,6 +11,7 @@ pub mod provenance;
 pub mod readback;
 pub mod report;
 pub mod result_file;
+pub mod room;
 pub mod shown;
 pub mod summary;
 pub mod views;
@@ -21,9 +23,11 @@ use crate::base::disk::{make, refused};
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
+use crate::results::writer::by_first;
 use std::path::Path;
 
-/// Makes the output directory and makes sure that it can be written and has room, before anything is computed. Collective.
+/// Makes the output directory and makes sure that it can be written and has room, before anything
+/// is computed. Collective.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Directory`].
@@ -45,12 +49,9 @@ pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<()> {
         }
         Ok(())
     };
-    let result = if world.rank() == 0 {
-        make(directory)
-            .and_then(|()| attempt().map_err(|e| refused(directory, &e)))
-            .and_then(|()| crate::results::result_file::enough_room(directory, case))
-    } else {
-        Ok(())
-    };
-    world.agree(result)
+    by_first(world, || {
+        make(directory)?;
+        attempt().map_err(|e| refused(directory, &e))?;
+        crate::results::result_file::enough_room(directory, case)
+    })
 }

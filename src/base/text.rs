@@ -23,20 +23,9 @@ pub(crate) fn word(choice: &impl serde::Serialize) -> String {
         .unwrap_or_default()
 }
 
-/// Bytes for people.
+/// Bytes for people: `1.5 GiB`.
 pub fn bytes_text(bytes: u64) -> String {
-    const UNITS: [&str; 5] = ["B", "KiB", "MiB", "GiB", "TiB"];
-    let mut value = bytes as f64;
-    let mut unit = 0;
-    while value >= 1024.0 && unit + 1 < UNITS.len() {
-        value /= 1024.0;
-        unit += 1;
-    }
-    if unit == 0 {
-        format!("{bytes} B")
-    } else {
-        format!("{value:.1} {}", UNITS[unit])
-    }
+    bytesize::ByteSize(bytes).display().iec().to_string()
 }
 
 /// Four digits, without trailing zeros.
@@ -67,6 +56,20 @@ pub fn short(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sizes() {
+        let gib = 1 << 30;
+        for (bytes, text) in [
+            (0, "0 B"),
+            (1023, "1023 B"),
+            (1024, "1.0 KiB"),
+            (10 * gib + gib / 4, "10.2 GiB"),
+            (1 << 40, "1.0 TiB"),
+        ] {
+            assert_eq!(bytes_text(bytes), text);
+        }
+    }
 
     #[test]
     fn short_numbers() {

@@ -3,7 +3,7 @@
 use crate::matrix::observables::Moments;
 use crate::plan::Plan;
 use crate::problem::case::Case;
-use crate::problem::exact::sheet::ExactMoments;
+use crate::problem::exact::sheet::{Curve, ExactMoments};
 use crate::quantum::readout::Readout;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -66,6 +66,14 @@ impl<'a> Results<'a> {
             time: self.case.end,
             seconds: self.seconds,
             provenance: self.provenance,
+        }
+    }
+
+    /// The branches of the exact velocity, where they are known.
+    pub(crate) fn curve(&self) -> Option<&'a Curve> {
+        match self.exact {
+            Some(ExactSolution::Moments(exact)) => exact.curve.as_ref(),
+            _ => None,
         }
     }
 }

@@ -8,8 +8,9 @@
 //! | `ticks` | axes for `plotters`, with their ticks |
 //! | `shape`, `text` | lines, markers and texts in pixels |
 //!
-//! `plotters` draws axes, grids, labels, dashes, intervals and colours. Ours are: ticks (see `ticks`), markers (it has
-//! three), lines that end at the frame (it bends them), and legends beside the frame (its own hide data).
+//! `plotters` draws axes, grids, labels, dashes, intervals and colours. Ours are: ticks (see
+//! `ticks`), markers (it has three), lines that end at the frame (it bends them), and legends
+//! beside the frame (its own hide data).
 
 pub mod extent;
 pub mod panel;

@@ -1,8 +1,8 @@
 //! Figures as data, which [`crate::results::draw`] draws to SVG and PNG.
 //!
-//! A [`Figure`] is panels in a grid, with a caption below; a [`Panel`] is axes and the layers between them. Series
-//! differ in marker and dash as well as in colour, and heat maps grow lighter with the value: all can be read in grey
-//! and by the colour-blind ([`palette`]).
+//! A [`Figure`] is panels in a grid, with a caption below; a [`Panel`] is axes and the layers
+//! between them. Series differ in marker and dash as well as in colour, and heat maps grow lighter
+//! with the value: all can be read in grey and by the colour-blind ([`palette`]).
 //!
 //! ```
 //! use phasewarp::figure::{Axis, Figure, Panel, Style};
@@ -96,7 +96,8 @@ pub struct Map {
     pub values: Vec<f64>,
     /// Values at the ends of the colours; those of the data where there are none.
     pub range: Option<[f64; 2]>,
-    /// Whether they are differences, with zero in the middle of the range: other colours, and white for zero.
+    /// Whether they are differences, with zero in the middle of the range: other colours, and white
+    /// for zero.
     pub differences: bool,
     /// What the values are.
     pub label: String,

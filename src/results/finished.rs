@@ -3,16 +3,16 @@
 use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
-use crate::results::readback::read_text;
+use crate::results::readback::{read_text, text_attribute};
 use crate::results::warped;
 use crate::results::writer::Outcome;
 use hdf5::File;
-use hdf5::types::VarLenUnicode;
 use std::path::Path;
 use std::time::SystemTime;
 
-/// Whether `directory` holds the results of `case` as this program makes them, written after the file that it starts from; how often it makes
-/// checkpoints does not matter. Collective over `world`.
+/// Whether `directory` holds the results of `case` as this program makes them, written after the
+/// file that it starts from; how often it makes checkpoints does not matter. Collective over
+/// `world`.
 pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> bool {
     // One rank looks, as any program would.
     let same =
@@ -42,15 +42,12 @@ fn modified(path: &Path) -> Option<SystemTime> {
 /// Whether `result.h5` says that it is of this case, by this program.
 fn is_same(directory: &Path, case: &Case) -> Outcome<bool> {
     let file = File::open(directory.join("result.h5"))?;
-    let said = |at: &hdf5::Location, name: &str| -> Outcome<String> {
-        Ok(at.attr(name)?.read_scalar::<VarLenUnicode>()?.to_string())
-    };
     let program = format!("phasewarp {}", env!("CARGO_PKG_VERSION"));
-    if said(&file, "program")? != program || said(&file, "git")? != GIT {
+    if text_attribute(&file, "program")? != program || text_attribute(&file, "git")? != GIT {
         return Ok(false);
     }
     let dataset = file.dataset("case")?;
-    let overrides = said(&dataset, "overrides")?;
+    let overrides = text_attribute(&dataset, "overrides")?;
     let overrides: Vec<String> = overrides.lines().map(str::to_owned).collect();
     let found = Case::parse(&case.name, &read_text(&dataset)?, &overrides);
     let settings = |case: &Case| {

@@ -11,11 +11,10 @@
 
 use crate::base::checksum::Slab;
 use crate::base::error::Result;
-use crate::matrix::observables::Moments;
-use crate::problem::case::{Case, Data};
-use crate::results::dataset::{Early, Results, slices};
+use crate::problem::case::Case;
+use crate::results::dataset::{Early, Results};
+use crate::results::fields::{self, Field, Layout};
 use crate::results::writer::{Outcome, Writer};
-use std::ops::Range;
 
 /// Names of the axes of output times.
 pub const TIME: &str = "time";
@@ -42,56 +41,45 @@ pub fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Outcome<()> {
     Ok(())
 }
 
-/// Writes the group. `totals` are mass and kinetic energy at the end, `names` those of the axes of phase space, `component` that of
-/// the axis of vector components. Collective.
-pub fn write(
-    writer: &Writer<'_>,
-    results: &Results<'_>,
-    totals: [f64; 2],
-    (names, component): (&[&str], &str),
-) -> Result<()> {
+/// Writes the group. Collective.
+pub fn write(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Result<()> {
     if results.early.is_empty() {
         return Ok(());
     }
-    writer.agree(writer.file().create_group("history").map(drop))?;
-    let space = &results.case.space;
-    let (n, early) = (space.dimension(), results.early);
-    let each = || early.iter().map(|e| &e.moments).chain([results.moments]);
-    // All times at once: moments are small.
-    let together = |name: &str,
-                    components: Option<usize>,
-                    pick: &dyn Fn(&Moments) -> Vec<&[f64]>,
-                    what: &str| {
-        let values: Vec<f64> = each().flat_map(|m| pick(m).concat()).collect();
-        let (mut axes, mut ranges) = (vec![TIME], Vec::new());
-        ranges.push(0..early.len() + 1);
-        if let Some(count) = components {
-            axes.push(component);
-            ranges.push(0..count);
-        }
-        axes.extend(&names[..n]);
-        ranges.extend(results.share.iter().cloned());
-        let name = format!("history/{name}");
-        writer.field(&name, &axes, &[(Slab::of(&ranges), &values)], what)
-    };
-    together(
-        "density",
-        None,
-        &|m| vec![&m.density],
-        "integral of f over v",
-    )?;
-    together(
-        "momentum",
-        Some(n),
-        &|m| slices(&m.momentum),
-        "integral of v f over v",
-    )?;
-    together(
-        "velocity",
-        Some(n),
-        &|m| slices(&m.velocity),
-        "momentum / density",
-    )?;
+    writer.group("history")?;
+    moments(writer, results, layout)?;
+    totals(writer, results)?;
+    fields(writer, results, layout)
+}
+
+/// Density, momentum and mean velocity, all times at once: moments are small.
+fn moments(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Result<()> {
+    let early = results.early.iter().map(|e| &e.moments);
+    let times: Vec<_> = (early.chain([results.moments]))
+        .map(fields::moments)
+        .collect();
+    for (k, field) in times[0].iter().enumerate() {
+        let kind = field.kind;
+        let values: Vec<f64> = (times.iter())
+            .flat_map(|moments| moments[k].components.concat())
+            .collect();
+        let mut ranges = vec![0..times.len()];
+        ranges.extend(layout.ranges(kind, 0..field.components.len()));
+        let axes = with_time(TIME, layout.axes(kind));
+        let name = format!("history/{}", kind.name);
+        writer.field(&name, &axes, &[(Slab::of(&ranges), &values)], kind.what)?;
+    }
+    Ok(())
+}
+
+fn with_time(time: &'static str, axes: Vec<&'static str>) -> Vec<&'static str> {
+    [time].into_iter().chain(axes).collect()
+}
+
+/// Mass and kinetic energy in all of space.
+fn totals(writer: &Writer<'_>, results: &Results<'_>) -> Result<()> {
+    let early = results.early.iter().map(|e| e.totals);
+    let totals: Vec<[f64; 2]> = early.chain([results.totals]).collect();
     for (k, (name, what)) in [
         ("mass", "integral of f"),
         ("kinetic_energy", "integral of |v|^2 f / 2"),
@@ -99,55 +87,37 @@ pub fn write(
     .into_iter()
     .enumerate()
     {
-        let values: Vec<f64> = early
-            .iter()
-            .map(|e| e.totals[k])
-            .chain([totals[k]])
-            .collect();
-        let all = if writer.first() { values.len() } else { 0 };
-        let slab = Slab::of(std::slice::from_ref(&(0..all)));
-        let name = format!("history/{name}");
-        writer.field(&name, &[TIME], &[(slab, &values[..all])], what)?;
+        let values: Vec<f64> = totals.iter().map(|totals| totals[k]).collect();
+        writer.same(&format!("history/{name}"), TIME, &values, what)?;
     }
+    Ok(())
+}
 
-    // Fields one time after the other.
-    if with_fields(results).next().is_none() {
-        return Ok(());
-    }
-    let velocities = space.v.iter().map(|a| 0..a.cells);
-    let phase: Vec<Range<usize>> = results.share.iter().cloned().chain(velocities).collect();
-    let at = |place: usize, component: Option<usize>| {
-        let one = |k: usize| k..k + 1;
-        let first = [one(place)].into_iter().chain(component.map(one));
-        Slab::of(&first.chain(phase.iter().cloned()).collect::<Vec<_>>())
-    };
-    let first: Vec<(Slab, &[f64])> = (with_fields(results).enumerate())
-        .map(|(place, e)| (at(place, None), &e.fields[0][..]))
+/// The fields, one time after the other.
+fn fields(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Result<()> {
+    let times: Vec<Vec<Field<'_>>> = with_fields(results)
+        .map(|e| fields::fields(&results.case.data, e.fields.iter().map(Vec::as_slice)))
         .collect();
-    let axes: Vec<&str> = [FIELD_TIME].iter().chain(names).copied().collect();
-    match results.case.data {
-        Data::Density => {
-            let what = "cell average of the phase-space density";
-            writer.field("history/f", &axes, &first, what)
-        }
-        Data::Measure { .. } => {
-            let what = "density phi of f = phi delta(psi)";
-            writer.field("history/phi", &axes, &first, what)?;
-            let others: Vec<(Slab, &[f64])> = (with_fields(results).enumerate())
-                .flat_map(|(place, e)| {
-                    let sets = e.fields[1..].iter().enumerate();
-                    sets.map(move |(a, psi)| (at(place, Some(a)), &psi[..]))
-                })
-                .collect();
-            let axes: Vec<&str> = [FIELD_TIME, component]
-                .iter()
-                .chain(names)
-                .copied()
-                .collect();
-            let what = "level sets psi of f = phi delta(psi), one a velocity axis";
-            writer.field("history/psi", &axes, &others, what)
-        }
+    let Some(first) = times.first() else {
+        return Ok(());
+    };
+    for (k, field) in first.iter().enumerate() {
+        let kind = field.kind;
+        let at = |time: usize, component: usize| {
+            let mut ranges = vec![time..time + 1];
+            ranges.extend(layout.ranges(kind, component..component + 1));
+            Slab::of(&ranges)
+        };
+        let slabs: Vec<(Slab, &[f64])> = (times.iter().enumerate())
+            .flat_map(|(time, fields)| {
+                let components = fields[k].components.iter().enumerate();
+                components.map(move |(component, values)| (at(time, component), *values))
+            })
+            .collect();
+        let axes = with_time(FIELD_TIME, layout.axes(kind));
+        writer.field(&format!("history/{}", kind.name), &axes, &slabs, kind.what)?;
     }
+    Ok(())
 }
 
 /// Datasets over phase space, and over space, that the history adds to a file.

@@ -10,8 +10,8 @@
 //! | `plateau`, `readout` | readings at other `p`; what a quantum computer would tell | `profile`, `readout` |
 //! | `time` | seconds by step | `history` |
 //!
-//! What a run has none of (a classical one of profiles) has no picture. What its files lack is left out, and said. A second run on the
-//! same grid can be drawn beside the first.
+//! What a run has none of (a classical one of profiles) has no picture. What its files lack is left
+//! out, and said. A second run on the same grid can be drawn beside the first.
 
 pub mod cut;
 pub mod history;
@@ -47,7 +47,8 @@ pub struct Album {
     pub left_out: Vec<(String, String)>,
 }
 
-/// Draws all pictures there are of `run`, with `beside` beside it: phase space through each of `cuts`, moments through the first.
+/// Draws all pictures there are of `run`, with `beside` beside it: phase space through each of
+/// `cuts`, moments through the first.
 ///
 /// # Errors
 /// [`Error::Input`] where the two runs are not on the same grid.

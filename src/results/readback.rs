@@ -1,4 +1,5 @@
-//! Whether a file holds what was written: every dataset is read and its checksum compared with the one it carries.
+//! Whether a file holds what was written: every dataset is read and its checksum compared with the
+//! one it carries.
 
 use crate::base::checksum;
 use crate::base::checksum::Slab;
@@ -6,8 +7,8 @@ use crate::base::disk::failure;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
 use crate::results::writer::{CHECKSUM, Outcome};
-use hdf5::types::TypeDescriptor;
-use hdf5::{Dataset, File, Hyperslab, SliceOrIndex};
+use hdf5::types::{TypeDescriptor, VarLenUnicode};
+use hdf5::{Dataset, File, Hyperslab, Location, SliceOrIndex};
 use ndarray::IxDyn;
 use std::collections::BTreeMap;
 use std::mem::ManuallyDrop;
@@ -16,17 +17,14 @@ use std::path::{Path, PathBuf};
 /// Numbers read at a time: 4 MiB.
 const PIECE: usize = 1 << 19;
 
-/// Reads every dataset of the file, each piece on one rank, mostly another one than wrote it; gives their number.
-/// Collective over `world`.
+/// Reads every dataset of the file, each piece on one rank, mostly another one than wrote it; gives
+/// their number. Collective over `world`.
 ///
 /// # Errors
 /// [`Error::Output`], naming the first dataset that is not as written.
 pub fn check(world: &Group, path: &Path) -> Result<usize> {
     let fail = |e: &dyn std::fmt::Display| failure(path, e);
-    let opened = File::with_options()
-        .with_fapl(|p| p.mpio(world.raw(), None))
-        .open(path)
-        .map_err(|e| fail(&e));
+    let opened = open(world, path).map_err(|e| fail(&e));
     // Not closed after an error: closing waits for all ranks.
     let file = ManuallyDrop::new(world.agree(opened)?);
     let mut sums = BTreeMap::new();
@@ -46,7 +44,15 @@ pub fn check(world: &Group, path: &Path) -> Result<usize> {
     Ok(sums.len())
 }
 
-/// By name, this rank's part of the checksum of each dataset in the group and below, and the one the dataset carries.
+/// Opens a file on all ranks of `world`. Collective, as closing it.
+pub(crate) fn open(world: &Group, path: &Path) -> Outcome<File> {
+    File::with_options()
+        .with_fapl(|p| p.mpio(world.raw(), None))
+        .open(path)
+}
+
+/// By name, this rank's part of the checksum of each dataset in the group and below, and the one
+/// the dataset carries.
 fn sums_of(
     world: &Group,
     group: &hdf5::Group,
@@ -100,7 +106,14 @@ pub(crate) fn read_slab(dataset: &Dataset, slab: &Slab) -> Outcome<Vec<f64>> {
     Ok(values.into_raw_vec_and_offset().0)
 }
 
-/// The text of a dataset that [`crate::results::writer::Writer::text`] wrote; an empty one is one zero byte.
+/// An attribute that [`crate::results::writer::text`] made.
+pub(crate) fn text_attribute(at: &Location, name: &str) -> Outcome<String> {
+    let text: VarLenUnicode = at.attr(name)?.read_scalar()?;
+    Ok(text.to_string())
+}
+
+/// The text of a dataset that [`crate::results::writer::Writer::text`] wrote; an empty one is one
+/// zero byte.
 pub(crate) fn read_text(dataset: &Dataset) -> Outcome<String> {
     let bytes = read_bytes(dataset, dataset.dtype()?.size())?;
     let text = String::from_utf8(bytes).map_err(|e| hdf5::Error::from(e.to_string()))?;
@@ -114,7 +127,8 @@ fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
         return Err(hdf5::Error::from("a text could not be read"));
     }
     let mut bytes = vec![0u8; length];
-    // SAFETY: the dataset is scalar and of the type `kind`, which takes `length` bytes, and the handles are alive.
+    // SAFETY: the dataset is scalar and of the type `kind`, which takes `length` bytes, and the
+    // handles are alive.
     let status = unsafe {
         hdf5_sys::h5d::H5Dread(
             dataset.id(),
@@ -132,7 +146,8 @@ fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
     }
 }
 
-/// As [`check`], of `directory/result.h5` and the warped fields beside it; gives the number of datasets of each file.
+/// As [`check`], of `directory/result.h5` and the warped fields beside it; gives the number of
+/// datasets of each file.
 ///
 /// # Errors
 /// As [`check`]; [`Error::Input`] where there is no `result.h5`.

@@ -1,8 +1,9 @@
-//! A finished run as one HTML page that stands on its own: no script, nothing from elsewhere, readable by who did not
-//! run it.
+//! A finished run as one HTML page that stands on its own: no script, nothing from elsewhere,
+//! readable by who did not run it.
 //!
-//! Everything that comes from a file is escaped. The pictures are those of [`crate::results::pictures`], inside of the
-//! page as SVG. Tables are rows of a label and a value; what is not known has no row.
+//! Everything that comes from a file is escaped. The pictures are those of
+//! [`crate::results::pictures`], inside of the page as SVG. Tables are rows of a label and a value;
+//! what is not known has no row.
 
 pub mod html;
 pub mod plan;
@@ -16,22 +17,8 @@ use crate::results::report::html::{Rows, Text, shown};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::Value;
 
-/// How it looks: one column, light or dark as the reader's screen is; pictures on white.
-const STYLE: &str = "\
-:root{color-scheme:light dark;--ink:#222;--paper:#fff;--faint:#666;--line:#ccc;--ground:#f5f5f3;--link:#0072b2}\
-@media(prefers-color-scheme:dark){:root{--ink:#ddd;--paper:#16181b;--faint:#999;--line:#444;--ground:#212429;--link:#56b4e9}}\
-body{font:16px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:68rem;margin:0 auto;padding:1rem 1.2rem 4rem}\
-h1{font-size:1.7rem;margin:.6rem 0 0}h2{font-size:1.25rem;margin:2.2rem 0 .6rem;border-bottom:1px solid var(--line)}\
-p{max-width:46rem}.faint{color:var(--faint)}\
-table{border-collapse:collapse;margin:.6rem 0;display:block;max-width:100%;overflow-x:auto}\
-th,td{text-align:left;padding:.15rem 1rem .15rem 0;vertical-align:top;border-bottom:1px solid var(--line);overflow-wrap:break-word}\
-th{font-weight:600}td.number{font-variant-numeric:tabular-nums}\
-pre{background:var(--ground);padding:.8rem;overflow-x:auto;font-size:.85rem;white-space:pre-wrap;overflow-wrap:anywhere}\
-figure{margin:1rem 0;background:#fff;border:1px solid var(--line);border-radius:4px;padding:.4rem;overflow-x:auto}\
-figure svg{display:block;max-width:100%;height:auto;margin:0 auto}\
-nav a{margin-right:1rem}a{color:var(--link)}\
-.warning{border-left:4px solid #d55e00;padding:.2rem .8rem;background:var(--ground);margin:.4rem 0}\
-@media print{figure{break-inside:avoid}nav{display:none}}";
+/// How the page looks.
+const STYLE: &str = include_str!("report/style.css");
 
 /// What the page may load: nothing but its own styles and pictures.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
@@ -212,7 +199,9 @@ impl Report<'_> {
                     h1 { (Text(&title)) }
                     (self.summary_in_words())
                     (self.lacking())
-                    nav { @for part in &sections { a href={ "#" (part.id) } { (part.heading) } " " } }
+                    nav {
+                        @for part in &sections { a href={ "#" (part.id) } { (part.heading) } " " }
+                    }
                     @for part in &sections {
                         "\n"
                         section id=(part.id) { h2 { (part.heading) } (part.body) }
@@ -276,14 +265,14 @@ impl Report<'_> {
         let shape: Vec<String> = run.space.axes().map(|a| a.cells.to_string()).collect();
         let method = match run.plan["method"].as_str() {
             Some("schrodingerized") => {
-                "by Schrödingerization, as a quantum computer would: the equation is lifted by one variable p, \
-                 evolved unitarily mode by mode, and read at p◇"
+                "by Schrödingerization, as a quantum computer would: the equation is lifted by one \
+                 variable p, evolved unitarily mode by mode, and read at p◇"
             }
             _ => "by the classical scheme itself",
         };
         format!(
-            "The Liouville equation f_t + v·∇_x f − ∇V·∇_v f = 0 in {} space dimension{}, on {} cells, solved from \
-             t = 0 to {} {method}.",
+            "The Liouville equation f_t + v·∇_x f − ∇V·∇_v f = 0 in {} space dimension{}, on {} cells, \
+             solved from t = 0 to {} {method}.",
             run.dimension(),
             if run.dimension() == 1 { "" } else { "s" },
             shape.join(" × "),
@@ -299,8 +288,8 @@ impl Report<'_> {
                 _ => ", which is not reliable here",
             };
             format!(
-                "The estimated distance to the exact solution of the scheme's equations is {}{trust}; {} was asked \
-                 for.",
+                "The estimated distance to the exact solution of the scheme's equations is {}{trust}; \
+                 {} was asked for.",
                 short(estimate),
                 short(tolerance)
             )
@@ -308,7 +297,9 @@ impl Report<'_> {
         let exact = self.number("error_l1").zip(self.number("exact_l1"));
         let exact = exact.map(|(error, exact)| {
             let part = short(error / exact);
-            format!("The distance to the exact solution, which is that of the grid, is {part} of it (L1).")
+            format!(
+                "The distance to the exact solution, which is that of the grid, is {part} of it (L1)."
+            )
         });
         let both: Vec<String> = estimate.into_iter().chain(exact).collect();
         (!both.is_empty()).then(|| both.join(" "))
@@ -360,7 +351,9 @@ impl Report<'_> {
                 table {
                     tr { @for (_, label) in OF_A_FIELD { th { (label) } } }
                     @for field in fields {
-                        tr { @for (key, _) in OF_A_FIELD { td class="number" { (shown(&field[key])) } } }
+                        tr {
+                            @for (key, _) in OF_A_FIELD { td class="number" { (shown(&field[key])) } }
+                        }
                     }
                 }
             }

@@ -17,13 +17,11 @@
 //! | `/history/…` | a time first | moments and fields at earlier times, see [`crate::results::history`] |
 //! | `/xdmf/…` | axes reversed | what `fields.xdmf` shows, see [`crate::results::views`] |
 //!
-//! Every dataset has its [`crate::base::checksum`] as an attribute; the file is read back before it gets its name.
+//! Every dataset has its [`crate::base::checksum`] as an attribute; the file is read back before it
+//! gets its name.
 
-use crate::base::checksum::Slab;
 use crate::base::disk::failure;
-use crate::base::error::{Error, Result};
-use crate::base::machine;
-use crate::base::text::bytes_text;
+use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Data, Exact};
@@ -32,24 +30,22 @@ use crate::problem::grid::axis_names;
 use crate::problem::limits::CHUNK;
 use crate::quantum::readout::Readout;
 use crate::quantum::readout::files::numbers as readout_numbers;
-use crate::results::dataset::{About, ExactSolution, PlateauPoint, Results, slices};
+use crate::results::dataset::{About, PlateauPoint, Results};
+use crate::results::fields::{self, COMPONENT, DIRECTION, Layout, POINT};
+use crate::results::room::require_room;
 use crate::results::views::Grid;
-use crate::results::writer::{Outcome, Writer, attribute, text};
+use crate::results::writer::{Outcome, Writer, attribute, by_first, text};
 use crate::results::{history, readback, views};
-use std::ops::Range;
 use std::path::Path;
 
-/// Writes `directory/result.h5`; gives what `fields.xdmf` is to show of it. Collective over `world`.
+/// Writes `directory/result.h5`; gives what `fields.xdmf` is to show of it. Collective over
+/// `world`.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`], the same on all ranks.
 pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<Vec<Grid>> {
     let path = directory.join("result.h5");
-    world.agree(if world.rank() == 0 {
-        enough_room(directory, results.case)
-    } else {
-        Ok(())
-    })?;
+    by_first(world, || enough_room(directory, results.case))?;
     put_in_place(world, &path, |partial| {
         let grids = write_all(world, partial, results)?;
         readback::check(world, partial)?;
@@ -57,8 +53,8 @@ pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<V
     })
 }
 
-/// Makes the file `path` by `write`, under another name until it is complete: an older file stays whole, and no half a file is taken for a
-/// result. Collective over `world`.
+/// Makes the file `path` by `write`, under another name until it is complete: an older file stays
+/// whole, and no half a file is taken for a result. Collective over `world`.
 ///
 /// # Errors
 /// As `write`; [`crate::base::error::Error::Output`] where it cannot be renamed.
@@ -67,8 +63,8 @@ pub fn put_in_place<T>(
     path: &Path,
     write: impl FnOnce(&Path) -> Result<T>,
 ) -> Result<T> {
-    // Files that are given up after an error stay open to the end; the library must not close them then.
-    // SAFETY: a plain call before the library is used.
+    // Files that are given up after an error stay open to the end; the library must not close them
+    // then. SAFETY: a plain call before the library is used.
     unsafe { hdf5_sys::h5::H5dont_atexit() };
     let partial = path.with_extension("h5.partial");
     let written = write(&partial);
@@ -93,75 +89,22 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Gr
     writer.agree(attributes(&writer, world.size(), &results.about(), &plan))?;
     let outcome = axes(&mut writer, results);
     writer.agree(outcome)?;
-    let space = &results.case.space;
-    let names = axis_names(space.dimension());
-    let (in_space, all) = (&names[..space.dimension()], &names[..]);
-    let velocities: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.cells).collect();
-    let share = results.share;
-    let phase: Vec<Range<usize>> = share.iter().cloned().chain(velocities).collect();
-    let scalar = |name: &str, axes, share: &[Range<usize>], values, what| {
-        writer.field(name, axes, &[(Slab::of(share), values)], what)
-    };
-    let vector = |name: &str, axes: &[&str], share: &[Range<usize>], values: &[&[f64]], what| {
-        let axes: Vec<&str> = [COMPONENT].iter().chain(axes).copied().collect();
-        let slabs: Vec<(Slab, &[f64])> = (values.iter().enumerate())
-            .map(|(component, &values)| {
-                let component = component..component + 1;
-                let ranges: Vec<Range<usize>> = [component]
-                    .into_iter()
-                    .chain(share.iter().cloned())
-                    .collect();
-                (Slab::of(&ranges), values)
-            })
-            .collect();
-        writer.field(name, &axes, &slabs, what)
-    };
-    let (first, others) = (results.fields[0], &results.fields[1..]);
-    match results.case.data {
-        Data::Density => {
-            let what = "cell average of the phase-space density";
-            scalar("f", all, &phase, first, what)?;
-        }
-        Data::Measure { .. } => {
-            let what = "density phi of f = phi delta(psi)";
-            scalar("phi", all, &phase, first, what)?;
-            let what = "level sets psi of f = phi delta(psi), one a velocity axis";
-            vector("psi", all, &phase, others, what)?;
-        }
+    let layout = Layout::new(&results.case.space, results.share);
+    for field in fields::at_the_end(results) {
+        let (kind, slabs) = (field.kind, layout.slabs(&field));
+        writer.field(kind.name, &layout.axes(kind), &slabs, kind.what)?;
     }
-    match results.exact {
-        None => {}
-        Some(ExactSolution::Field(exact)) => {
-            let what = "exact solution at cell centres";
-            scalar("exact", all, &phase, exact, what)?;
-        }
-        Some(ExactSolution::Moments(exact)) => {
-            let (density, velocity) = (&exact.density, slices(&exact.velocity));
-            let what = "exact density, average over the cell";
-            scalar("density_exact", in_space, share, density, what)?;
-            let what = "exact mean velocity of the cell";
-            vector("velocity_exact", in_space, share, &velocity, what)?;
-            if let Some(curve) = &exact.curve {
-                multivalued(&writer, world.rank() == 0, curve)?;
-            }
-        }
+    if let Some(curve) = results.curve() {
+        multivalued(&writer, curve)?;
     }
-    let moments = results.moments;
-    let what = "integral of f over v";
-    scalar("density", in_space, share, &moments.density, what)?;
-    let (momentum, velocity) = (slices(&moments.momentum), slices(&moments.velocity));
-    let what = "integral of v f over v";
-    vector("momentum", in_space, share, &momentum, what)?;
-    vector("velocity", in_space, share, &velocity, "momentum / density")?;
-    history::write(&writer, results, results.totals, (all, COMPONENT))?;
+    history::write(&writer, results, &layout)?;
     writer.agree(plateau(&writer, results.plateau))?;
     if let Some(readout) = results.readout {
         writer.agree(measured(&writer, readout))?;
     }
-    let grids = if results.case.storage.xdmf {
-        views::write(&writer, results)?
-    } else {
-        Vec::new()
+    let grids = match results.case.storage.xdmf {
+        true => views::write(&writer, results)?,
+        false => Vec::new(),
     };
     writer.close()?;
     Ok(grids)
@@ -170,20 +113,10 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Gr
 /// Refuses to start what the disk cannot hold.
 ///
 /// # Errors
-/// [`Error::Directory`].
+/// [`crate::base::error::Error::Directory`].
 pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
-    let needed = most_bytes(case);
-    let room = machine::room_for_file(directory);
-    if needed <= room {
-        return Ok(());
-    }
-    Err(Error::Directory {
-        path: directory.to_owned(),
-        reason: format!(
-            "the results take {}, there is room for {}",
-            bytes_text(needed),
-            bytes_text(room)
-        ),
+    require_room(directory, most_bytes(case), |bytes| {
+        format!("the results take {bytes}")
     })
 }
 
@@ -222,7 +155,8 @@ pub fn most_bytes(case: &Case) -> u64 {
         let each = || cells.iter().zip(given);
         chunks = all(&each().map(|(n, c)| n.div_ceil(*c)).collect::<Vec<_>>());
         if storage.compression == 0 {
-            // Chunks at the upper ends of the axes are stored whole; compressed, what they lack takes nothing.
+            // Chunks at the upper ends of the axes are stored whole; compressed, what they lack
+            // takes nothing.
             numbers = all(&each()
                 .map(|(&n, &c)| n.next_multiple_of(c.min(n)))
                 .collect::<Vec<_>>());
@@ -237,14 +171,7 @@ pub fn most_bytes(case: &Case) -> u64 {
         + 2 * case.text.len()) as u64
 }
 
-/// Name of the axis of vector components.
-const COMPONENT: &str = "component";
-/// Name of the axis of the points of a curve.
-const POINT: &str = "point";
-/// Name of the axis of vector components in `/xdmf`, of which there are always three.
-pub const DIRECTION: &str = "direction";
-
-/// What is said about the file as a whole. To be agreed on.
+/// Attributes of the file, `/case`, `/plan` and `/timings`. To be agreed on.
 pub(crate) fn attributes(
     writer: &Writer<'_>,
     ranks: usize,
@@ -294,9 +221,7 @@ fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Outcome<()> {
     if results.case.storage.xdmf && n > 1 {
         writer.scale(DIRECTION, &numbers(3), None)?;
     }
-    if let Some(ExactSolution::Moments(exact)) = results.exact
-        && let Some(curve) = &exact.curve
-    {
+    if let Some(curve) = results.curve() {
         writer.scale(POINT, &numbers(curve.x.len()), None)?;
     }
     history::axes(writer, results)
@@ -307,13 +232,20 @@ fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Outcome<()> {
     if points.is_empty() {
         return Ok(());
     }
-    let column = |of: fn(&PlateauPoint) -> f64| points.iter().map(of).collect::<Vec<_>>();
     writer.file().create_group("plateau")?;
-    let (p, distance, norm) = (column(|k| k.p), column(|k| k.distance), column(|k| k.norm));
-    writer.list("plateau/p", &p, Some("recovery point"))?;
-    let what = "relative l2 distance of f read at p to f";
-    writer.list("plateau/distance", &distance, Some(what))?;
-    writer.list("plateau/norm", &norm, Some("l2 norm of f read at p"))?;
+    let columns: [(&str, fn(&PlateauPoint) -> f64, &str); 3] = [
+        ("p", |k| k.p, "recovery point"),
+        (
+            "distance",
+            |k| k.distance,
+            "relative l2 distance of f read at p to f",
+        ),
+        ("norm", |k| k.norm, "l2 norm of f read at p"),
+    ];
+    for (name, of, what) in columns {
+        let values: Vec<f64> = points.iter().map(of).collect();
+        writer.list(&format!("plateau/{name}"), &values, Some(what))?;
+    }
     Ok(())
 }
 
@@ -337,11 +269,9 @@ fn measured(writer: &Writer<'_>, readout: &Readout) -> Outcome<()> {
     Ok(())
 }
 
-/// The multivalued velocity, the same on all ranks and written by the first.
-fn multivalued(writer: &Writer<'_>, first: bool, curve: &Curve) -> Result<()> {
-    writer.agree(writer.file().create_group("multivalued").map(drop))?;
-    let count = if first { curve.x.len() } else { 0 };
-    let slab = Slab::of(std::slice::from_ref(&(0..count)));
+/// The multivalued velocity, the same on all ranks. Collective.
+fn multivalued(writer: &Writer<'_>, curve: &Curve) -> Result<()> {
+    writer.group("multivalued")?;
     for (name, values, what) in [
         ("x", &curve.x, "position on a branch"),
         ("v", &curve.v, "velocity on a branch"),
@@ -352,8 +282,7 @@ fn multivalued(writer: &Writer<'_>, first: bool, curve: &Curve) -> Result<()> {
         ),
         ("branch", &curve.branch, "number of the branch"),
     ] {
-        let name = format!("multivalued/{name}");
-        writer.field(&name, &[POINT], &[(slab.clone(), &values[..count])], what)?;
+        writer.same(&format!("multivalued/{name}"), POINT, values, what)?;
     }
     Ok(())
 }

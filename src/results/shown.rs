@@ -1,6 +1,7 @@
 //! Results on a reduced grid, put onto the grid on which they are shown.
 //!
-//! Velocities are never split among ranks, and an axis of one cell is not either: each rank does so with what it has.
+//! Velocities are never split among ranks, and an axis of one cell is not either: each rank does so
+//! with what it has.
 
 use crate::matrix::observables::Moments;
 use crate::parallel::communicator::Communicator;
@@ -13,7 +14,8 @@ use crate::scheme::reduce::grid;
 use crate::solve::place::Place;
 use std::ops::Range;
 
-/// A case on the grid on which its results are shown: the case's velocities; with `output.expand` all of its cells.
+/// A case on the grid on which its results are shown: the case's velocities; with `output.expand`
+/// all of its cells.
 pub struct Shown {
     /// The case on that grid.
     pub case: Case,
@@ -60,8 +62,8 @@ impl Shown {
             .collect()
     }
 
-    /// A field on the reduced grid's `share`, put onto [`share`](Self::share): repeated where cells were merged, zero at velocities
-    /// that were left out.
+    /// A field on the reduced grid's `share`, put onto [`share`](Self::share): repeated where cells
+    /// were merged, zero at velocities that were left out.
     pub fn field(&self, share: &[Range<usize>], values: Vec<f64>) -> Vec<f64> {
         let velocities = self.from.v.iter().map(|v| 0..v.cells);
         let ranges: Vec<Range<usize>> = share.iter().cloned().chain(velocities).collect();
@@ -75,7 +77,8 @@ impl Shown {
         put(&axes, share, values)
     }
 
-    /// What was found at an earlier time on the reduced grid's `share`, put onto [`share`](Self::share).
+    /// What was found at an earlier time on the reduced grid's `share`, put onto
+    /// [`share`](Self::share).
     pub fn early(&self, share: &[Range<usize>], early: Early) -> Early {
         let points = |values| self.points(share, values);
         let Moments {
@@ -99,12 +102,14 @@ impl Shown {
     }
 }
 
-/// `values` over the cells `ranges` of the first of each pair of axes, row-major, put onto the second.
+/// `values` over the cells `ranges` of the first of each pair of axes, row-major, put onto the
+/// second.
 fn put(axes: &[(&Axis, &Axis)], ranges: &[Range<usize>], values: Vec<f64>) -> Vec<f64> {
     if axes.iter().all(|(from, to)| from == to) || values.is_empty() {
         return values;
     }
-    // By axis, for each cell there how far its value is from that of the first; none where it has none.
+    // By axis, for each cell there how far its value is from that of the first; none where it has
+    // none.
     let mut stride = 1;
     let mut maps: Vec<Vec<Option<usize>>> = (axes.iter().zip(ranges).rev())
         .map(|((from, to), range)| {

@@ -41,8 +41,9 @@ pub struct Summary {
     pub wall_seconds: f64,
     /// Seconds of propagation and recovery.
     pub solve_seconds: f64,
-    /// Seconds by step of the run: `start` (of MPI, before the program's work), `plan`, `assemble`, `weights`, `exact`, `probe`,
-    /// `design` (of the profile), `solve`, `verify`, `observables` (the error estimate included), `readout`, `write`.
+    /// Seconds by step of the run: `start` (of MPI, before the program's work), `plan`, `assemble`,
+    /// `weights`, `exact`, `probe`, `design` (of the profile), `solve`, `verify`, `observables`
+    /// (the error estimate included), `readout`, `write`.
     pub seconds: BTreeMap<String, f64>,
     /// Number of ranks.
     pub ranks: usize,
@@ -52,7 +53,8 @@ pub struct Summary {
     pub mode_groups: usize,
     /// Largest and mean modelled cost of a mode group, as a ratio.
     pub imbalance: Option<f64>,
-    /// Seconds that the ranks took for their modes, the fewest and the most: how even the groups were.
+    /// Seconds that the ranks took for their modes, the fewest and the most: how even the groups
+    /// were.
     pub group_seconds: Option<[f64; 2]>,
     /// Instruction set of the inner loop.
     pub instruction_set: String,
@@ -60,7 +62,8 @@ pub struct Summary {
     pub cells: usize,
     /// What was left out of the case, a line each.
     pub reductions: Vec<String>,
-    /// Rows of the matrix that are stored, over the ranks that split space: those that repeat once a rank.
+    /// Rows of the matrix that are stored, over the ranks that split space: those that repeat once
+    /// a rank.
     pub distinct_rows: usize,
     /// Auxiliary unknowns of the inflow.
     pub inflow_unknowns: usize,
@@ -68,9 +71,11 @@ pub struct Summary {
     pub modes: usize,
     /// Points in `p` of the warped field, where all modes are kept.
     pub points: Option<usize>,
-    /// Applications of `(−iμS + K)`, over all modes, each with those of its own series; for the classical method, of `A`.
+    /// Applications of `(−iμS + K)`, over all modes, each with those of its own series; for the
+    /// classical method, of `A`.
     pub matvecs: usize,
-    /// Those that this process did: all, but for what was finished in the checkpoint that it went on from.
+    /// Those that this process did: all, but for what was finished in the checkpoint that it went
+    /// on from.
     pub matvecs_here: usize,
     /// Whether the run went on from a checkpoint.
     pub resumed: bool,
@@ -94,24 +99,28 @@ pub struct Summary {
     pub norm_ratio: Option<f64>,
     /// Relative l2 distance of the fields read at two recovery points, the largest over the fields.
     pub error_estimate: Option<f64>,
-    /// Leading term of the error that an implicit propagator's step leaves in the field, relative l2; part of the estimate.
+    /// Leading term of the error that an implicit propagator's step leaves in the field, relative
+    /// l2; part of the estimate.
     pub step_error: Option<f64>,
-    /// What modes may add to the field whose step is too long for the leading term of its error, beside the field.
+    /// What modes may add to the field whose step is too long for the leading term of its error,
+    /// beside the field.
     #[serde(skip)]
     pub step_beyond: f64,
     /// Why the estimate is not reliable.
     #[serde(skip)]
     pub doubt: Option<String>,
-    /// Whether the estimate can tell: false where round-off hides the difference, where there is one point only, or where a
-    /// step is too long for its error to be told.
+    /// Whether the estimate can tell: false where round-off hides the difference, where there is
+    /// one point only, or where a step is too long for its error to be told.
     pub error_estimate_reliable: bool,
-    /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`), the largest over the fields.
+    /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`), the
+    /// largest over the fields.
     pub error_semidiscrete: Option<f64>,
     /// The same by field, and each field's range.
     pub fields: Vec<FieldSummary>,
     /// Largest over modes of the change of the norm, as a fraction of what is allowed.
     pub unitarity_defect: Option<f64>,
-    /// Smallest over modes of ‖w(T)‖/‖w(0)‖: 1 but for round-off and cut series, less where the method damps.
+    /// Smallest over modes of ‖w(T)‖/‖w(0)‖: 1 but for round-off and cut series, less where the
+    /// method damps.
     pub norm_kept: Option<f64>,
     /// Bound on λ⁺ of the matrix as used.
     pub growth_bound: f64,
@@ -123,7 +132,8 @@ pub struct Summary {
     pub weight_spread: f64,
     /// Jacobi sweeps for the weights.
     pub weight_sweeps: usize,
-    /// ∫ f dx dv at T; for measure-valued data ∫ ρ dx, as all moments by the discrete delta function.
+    /// ∫ f dx dv at T; for measure-valued data ∫ ρ dx, as all moments by the discrete delta
+    /// function.
     pub mass: f64,
     /// ∫ f dx dv at 0.
     pub mass_initial: Option<f64>,

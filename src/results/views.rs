@@ -1,15 +1,17 @@
-//! What `fields.xdmf` shows: moments over space, and fields on the planes (x_a, v_a) through the middle of the other axes.
+//! What `fields.xdmf` shows: moments over space, and fields on the planes (x_a, v_a) through the
+//! middle of the other axes.
 //!
-//! XDMF takes the first index of a dataset for the last direction, and nothing turns that round: a dataset over (x, y) is
-//! shown with y across. So what is shown is stored once more with its axes reversed, vectors with their three components
-//! last: `/xdmf/space/NAME` (N_xn, …, N_x1[, 3]) and `/xdmf/plane_x/NAME` (N_vx, N_x). In one dimension the plane is the whole
-//! of phase space, and moments need no second copy.
+//! XDMF takes the first index of a dataset for the last direction, and nothing turns that round: a
+//! dataset over (x, y) is shown with y across. So what is shown is stored once more with its axes
+//! reversed, vectors with their three components last: `/xdmf/space/NAME` (N_xn, …, N_x1[, 3]) and
+//! `/xdmf/plane_x/NAME` (N_vx, N_x). In one dimension the plane is the whole of phase space, and
+//! moments need no second copy.
 
 use crate::base::checksum::Slab;
 use crate::base::error::Result;
 use crate::problem::grid::{Axis, axis_names};
-use crate::results::dataset::{ExactSolution, Results, slices};
-use crate::results::result_file::DIRECTION;
+use crate::results::dataset::{ExactSolution, Results};
+use crate::results::fields::{self, DIRECTION, Field, Over};
 use crate::results::writer::Writer;
 use std::ops::Range;
 
@@ -40,7 +42,8 @@ pub struct View {
 }
 
 impl Grid {
-    /// Over one to three axes; those that are missing get one cell about zero, as wide as one of the first axis.
+    /// Over one to three axes; those that are missing get one cell about zero, as wide as one of
+    /// the first axis.
     fn new(name: &str, axes: &[&Axis]) -> Self {
         let width = axes[0].width();
         let mut grid = Self {
@@ -71,7 +74,7 @@ impl Grid {
 /// # Errors
 /// [`crate::base::error::Error::Output`].
 pub fn write(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
-    writer.agree(writer.file().create_group("xdmf").map(drop))?;
+    writer.group("xdmf")?;
     let mut grids = planes(writer, results)?;
     grids.push(space(writer, results)?);
     Ok(grids)
@@ -96,52 +99,53 @@ fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
     let space = &results.case.space;
     let n = space.dimension();
     let mut grid = Grid::new("space", &space.x.iter().collect::<Vec<_>>());
-    let moments = results.moments;
-    let (momentum, velocity) = (slices(&moments.momentum), slices(&moments.velocity));
-    let mut scalars = vec![("density", &moments.density)];
-    let mut vectors = vec![("momentum", momentum), ("velocity", velocity)];
-    if let Some(ExactSolution::Moments(exact)) = results.exact {
-        scalars.push(("density_exact", &exact.density));
-        vectors.push(("velocity_exact", slices(&exact.velocity)));
-    }
+    // Scalars first.
+    let mut fields = Vec::from(fields::moments(results.moments));
+    fields.extend(fields::exact(results.exact));
+    fields.retain(|field| field.kind.over == Over::Space);
+    fields.sort_by_key(|field| field.kind.vector);
     if n == 1 {
         // A strip along the velocity axis, so that it fills the frame of the plane (x, v).
         let v = &space.v[0];
         (grid.origin[1], grid.spacing[1]) = (v.lower, v.upper - v.lower);
-        for name in (scalars.iter().map(|s| s.0)).chain(vectors.iter().map(|v| v.0)) {
-            grid.show(name, format!("/{name}"), false);
+        for Field { kind, .. } in fields {
+            grid.show(kind.name, format!("/{}", kind.name), false);
         }
         return Ok(grid);
     }
-    writer.agree(writer.file().create_group("xdmf/space").map(drop))?;
-    let mut axes: Vec<&str> = axis_names(n)[..n].iter().rev().copied().collect();
-    let mut ranges: Vec<Range<usize>> = results.share.iter().rev().cloned().collect();
-    let lengths: Vec<usize> = results.share.iter().map(|r| r.len()).collect();
-    for (name, values) in scalars {
-        let path = format!("/xdmf/space/{name}");
-        let slab = (Slab::of(&ranges), &reversed(values, &lengths)[..]);
-        let what = format!("copy of /{name}, axes reversed");
-        writer.field(&path, &axes, &[slab], &what)?;
-        grid.show(name, path, false);
-    }
-    axes.push(DIRECTION);
-    ranges.push(0..3);
-    for (name, components) in vectors {
-        let path = format!("/xdmf/space/{name}");
-        let mut values = vec![0.0; 3 * components[0].len()];
-        for (a, component) in components.iter().enumerate() {
-            for (i, value) in reversed(component, &lengths).into_iter().enumerate() {
-                values[3 * i + a] = value;
-            }
-        }
-        let what = format!("copy of /{name}, axes reversed");
-        writer.field(&path, &axes, &[(Slab::of(&ranges), &values)], &what)?;
-        grid.show(name, path, true);
+    writer.group("xdmf/space")?;
+    for field in fields {
+        let path = format!("/xdmf/space/{}", field.kind.name);
+        copy(writer, results, &field, &path)?;
+        grid.show(field.kind.name, path, field.kind.vector);
     }
     Ok(grid)
 }
 
-/// The fields on the planes (x_a, v_a) through the middle cells of the other axes, of an even number the upper one.
+/// A dataset over space once more at `path`, its axes reversed, three components of a vector last.
+fn copy(writer: &Writer<'_>, results: &Results<'_>, field: &Field<'_>, path: &str) -> Result<()> {
+    let names = axis_names(results.share.len());
+    let mut axes: Vec<&str> = names[..results.share.len()].iter().rev().copied().collect();
+    let mut ranges: Vec<Range<usize>> = results.share.iter().rev().cloned().collect();
+    let lengths: Vec<usize> = results.share.iter().map(|r| r.len()).collect();
+    let mut stride = 1;
+    if field.kind.vector {
+        stride = 3;
+        axes.push(DIRECTION);
+        ranges.push(0..3);
+    }
+    let mut values = vec![0.0; stride * field.components[0].len()];
+    for (a, component) in field.components.iter().enumerate() {
+        for (i, value) in reversed(component, &lengths).into_iter().enumerate() {
+            values[stride * i + a] = value;
+        }
+    }
+    let what = format!("copy of /{}, axes reversed", field.kind.name);
+    writer.field(path, &axes, &[(Slab::of(&ranges), &values)], &what)
+}
+
+/// The fields on the planes (x_a, v_a) through the middle cells of the other axes, of an even
+/// number the upper one.
 fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
     let (case, space) = (results.case, &results.case.space);
     let n = space.dimension();
@@ -156,41 +160,11 @@ fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
     let mut grids = Vec::new();
     for a in 0..n {
         let mut grid = Grid::new(&format!("plane_{}", names[a]), &[&space.x[a], &space.v[a]]);
-        writer.agree(
-            writer
-                .file()
-                .create_group(&format!("xdmf/{}", grid.name))
-                .map(drop),
-        )?;
-        // The part of the plane that this rank holds: all of its velocities, or none.
-        let crossed = (0..n).all(|b| b == a || results.share[b].contains(&middle[b]));
-        let mine = if crossed {
-            results.share[a].clone()
-        } else {
-            0..0
-        };
-        let ranges = [0..space.v[a].cells, mine.clone()];
-        // Of the fields as this rank has them: where the plane begins, and how far apart its points are along x_a and v_a.
-        let share = results.share.iter().map(|r| (r.start, r.len()));
-        let lengths: Vec<(usize, usize)> =
-            share.chain(space.v.iter().map(|v| (0, v.cells))).collect();
-        let (mut base, mut stride, mut steps) = (0, 1, vec![0; 2 * n]);
-        for b in (0..2 * n).rev() {
-            let (start, length) = lengths[b];
-            if b == a || b == n + a {
-                steps[b] = stride;
-            } else if crossed {
-                base += (middle[b] - start) * stride;
-            }
-            stride *= length;
-        }
-        let mut values = vec![0.0; ranges[0].len() * mine.len()];
+        writer.group(&format!("xdmf/{}", grid.name))?;
+        let part = PlanePart::new(results, a, &middle);
+        let ranges = [0..space.v[a].cells, part.cells.clone()];
         for &(name, field) in &fields {
-            for i in 0..mine.len() {
-                for j in 0..ranges[0].len() {
-                    values[j * mine.len() + i] = field[base + i * steps[a] + j * steps[n + a]];
-                }
-            }
+            let values = part.values(field, ranges[0].len());
             let path = format!("/xdmf/{}/{name}", grid.name);
             let what = format!("{name} on this plane through the middle of the other axes");
             let axes = [names[n + a], names[a]];
@@ -200,6 +174,53 @@ fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
         grids.push(grid);
     }
     Ok(grids)
+}
+
+/// The part of a plane (x_a, v_a) that a rank holds: all of its velocities, or none.
+struct PlanePart {
+    /// Its cells along x_a.
+    cells: Range<usize>,
+    /// Where it begins in the rank's fields.
+    base: usize,
+    /// How far its points are apart there, along x_a and v_a.
+    strides: [usize; 2],
+}
+
+impl PlanePart {
+    /// The plane through the cells `middle` of the other axes.
+    fn new(results: &Results<'_>, a: usize, middle: &[usize]) -> Self {
+        let n = results.share.len();
+        let crossed = (0..n).all(|b| b == a || results.share[b].contains(&middle[b]));
+        let share = results.share.iter().map(|r| (r.start, r.len()));
+        let velocities = results.case.space.v.iter().map(|v| (0, v.cells));
+        let lengths: Vec<(usize, usize)> = share.chain(velocities).collect();
+        let (mut base, mut stride, mut strides) = (0, 1, [0; 2]);
+        for b in (0..2 * n).rev() {
+            let (start, length) = lengths[b];
+            if b % n == a {
+                strides[b / n] = stride;
+            } else if crossed {
+                base += (middle[b] - start) * stride;
+            }
+            stride *= length;
+        }
+        Self {
+            cells: match crossed {
+                true => results.share[a].clone(),
+                false => 0..0,
+            },
+            base,
+            strides,
+        }
+    }
+
+    /// Values of a field, x_a fastest.
+    fn values(&self, field: &[f64], velocities: usize) -> Vec<f64> {
+        let at = |i: usize, j: usize| self.base + i * self.strides[0] + j * self.strides[1];
+        (0..velocities)
+            .flat_map(|j| (0..self.cells.len()).map(move |i| field[at(i, j)]))
+            .collect()
+    }
 }
 
 #[cfg(test)]

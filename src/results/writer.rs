@@ -1,8 +1,10 @@
-//! A file that all ranks write through MPI-IO: datasets over named axes, each rank the slab it holds.
+//! A file that all ranks write through MPI-IO: datasets over named axes, each rank the slab it
+//! holds.
 //!
-//! Metadata are written by all ranks together; after each dataset the ranks agree whether it worked, so that none waits for
-//! one that failed. Plain datasets are written by each rank on its own; chunked ones take all ranks together, also those with
-//! nothing to write, as HDF5 hands the pieces of a chunk to the one rank that compresses it.
+//! Metadata are written by all ranks together; after each dataset the ranks agree whether it
+//! worked, so that none waits for one that failed. Plain datasets are written by each rank on its
+//! own; chunked ones take all ranks together, also those with nothing to write, as HDF5 hands the
+//! pieces of a chunk to the one rank that compresses it.
 
 use crate::base::checksum::Slab;
 use crate::base::disk::failure;
@@ -22,6 +24,17 @@ use std::path::Path;
 /// What HDF5 says.
 pub type Outcome<T> = std::result::Result<T, hdf5::Error>;
 
+/// What the first rank does alone; all agree on how it went. Collective.
+///
+/// # Errors
+/// As `work`, the same on all ranks.
+pub fn by_first(world: &Group, work: impl FnOnce() -> Result<()>) -> Result<()> {
+    world.agree(match world.rank() {
+        0 => work(),
+        _ => Ok(()),
+    })
+}
+
 /// A dimension scale.
 struct Scale {
     /// Its length.
@@ -37,7 +50,8 @@ pub struct Writer<'a> {
     storage: &'a Storage,
     /// Not closed when an error is on the way: closing waits for all ranks, and one may never come.
     file: ManuallyDrop<File>,
-    /// The first failure of what rank 0 writes alone, while the others go on to the next step of all.
+    /// The first failure of what rank 0 writes alone, while the others go on to the next step of
+    /// all.
     trouble: RefCell<Option<hdf5::Error>>,
     scales: BTreeMap<&'static str, Scale>,
 }
@@ -62,8 +76,9 @@ pub const CHECKSUM: &str = "checksum";
 impl<'a> Writer<'a> {
     /// Creates the file, of at most so many bytes. Collective over `world`, as all that follows.
     ///
-    /// Space is reserved before anything is written, where the file system can: a disk that is full is told by one call on one
-    /// rank, not in the middle of what ranks do together, where HDF5 leaves the others waiting.
+    /// Space is reserved before anything is written, where the file system can: a disk that is full
+    /// is told by one call on one rank, not in the middle of what ranks do together, where HDF5
+    /// leaves the others waiting.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Output`] here and in all that follows, the same on all ranks.
@@ -82,12 +97,9 @@ impl<'a> Writer<'a> {
             .create(path)
             .map_err(|e| failure(path, &e));
         let file = ManuallyDrop::new(world.agree(file)?);
-        let reserved = if world.rank() == 0 {
+        by_first(world, || {
             machine::reserve(path, bytes).map_err(|e| failure(path, &e))
-        } else {
-            Ok(())
-        };
-        world.agree(reserved)?;
+        })?;
         Ok(Self {
             world,
             path,
@@ -103,9 +115,9 @@ impl<'a> Writer<'a> {
         &self.file
     }
 
-    /// Whether this rank is the first.
-    pub fn first(&self) -> bool {
-        self.world.rank() == 0
+    /// A new group. Collective.
+    pub fn group(&self, name: &str) -> Result<()> {
+        self.agree(self.file.create_group(name).map(drop))
     }
 
     /// Agrees on the outcome of operations that all ranks did, and of those rank 0 did alone.
@@ -127,7 +139,8 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// A scalar text dataset, of fixed length: parallel HDF5 does not write texts of variable length. To be agreed on.
+    /// A scalar text dataset, of fixed length: parallel HDF5 does not write texts of variable
+    /// length. To be agreed on.
     pub fn text(&self, name: &str, value: &str) -> Outcome<Dataset> {
         let bytes = value.as_bytes();
         let dataset = self
@@ -162,7 +175,8 @@ impl<'a> Writer<'a> {
         Ok(dataset)
     }
 
-    /// A dimension scale, in the root, where netCDF readers look for it, and linked from `/axis`. To be agreed on.
+    /// A dimension scale, in the root, where netCDF readers look for it, and linked from `/axis`.
+    /// To be agreed on.
     ///
     /// `chunk`: cells of a chunk along it, where the user says.
     pub fn scale(
@@ -197,7 +211,8 @@ impl<'a> Writer<'a> {
         let dataset = builder.create(name)?;
         attribute(&dataset, "long_name", &text(what))?;
         attribute(&dataset, "units", &text("1"))?;
-        // Dimension scales, as the HDF5 specification lays them down: one list of references a dimension.
+        // Dimension scales, as the HDF5 specification lays them down: one list of references a
+        // dimension.
         let scale = |axis: &&str| {
             let path = format!("/{axis}");
             let reference = self.file.reference::<ObjectReference1>(&path)?;
@@ -212,7 +227,8 @@ impl<'a> Writer<'a> {
         Ok(dataset)
     }
 
-    /// A dataset over `axes` of which each rank has `slabs`, as many on every rank, some of them empty.
+    /// A dataset over `axes` of which each rank has `slabs`, as many on every rank, some of them
+    /// empty.
     pub fn field(
         &self,
         name: &str,
@@ -226,6 +242,16 @@ impl<'a> Writer<'a> {
             field.write(slab, values)?;
         }
         field.finish()
+    }
+
+    /// A dataset over one axis that is the same on all ranks; the first writes it.
+    pub fn same(&self, name: &str, axis: &str, values: &[f64], what: &str) -> Result<()> {
+        let count = match self.world.rank() {
+            0 => values.len(),
+            _ => 0,
+        };
+        let slab = Slab::of(std::slice::from_ref(&(0..count)));
+        self.field(name, &[axis], &[(slab, &values[..count])], what)
     }
 
     /// A dataset over `axes` that is to be written slab after slab.
@@ -249,12 +275,9 @@ impl<'a> Writer<'a> {
         let closed = ManuallyDrop::into_inner(self.file).close();
         let closed = closed.map_err(|e| failure(self.path, &e));
         self.world.agree(closed)?;
-        let given_back = if self.world.rank() == 0 {
+        by_first(self.world, || {
             machine::give_back(self.path).map_err(|e| failure(self.path, &e))
-        } else {
-            Ok(())
-        };
-        self.world.agree(given_back)
+        })
     }
 }
 
@@ -271,7 +294,8 @@ pub struct Slabs<'a> {
 }
 
 impl Slabs<'_> {
-    /// Writes this rank's next slab; every rank writes as many, some of them empty, and none of any rank overlap.
+    /// Writes this rank's next slab; every rank writes as many, some of them empty, and none of any
+    /// rank overlap.
     pub fn write(&mut self, slab: &Slab, values: &[f64]) -> Result<()> {
         let part = checksum::of_slab(&self.shape, slab, values);
         self.sum = self.sum.wrapping_add(part);
@@ -289,8 +313,9 @@ impl Slabs<'_> {
     }
 }
 
-/// Chunks of a dataset over `scales`, if it is to have any: along each axis what the user says; where that is nothing,
-/// whole axes from the last on, as many as make up [`CHUNK`], or more where that were too many chunks.
+/// Chunks of a dataset over `scales`, if it is to have any: along each axis what the user says;
+/// where that is nothing, whole axes from the last on, as many as make up [`CHUNK`], or more where
+/// that were too many chunks.
 fn chunks(scales: &[&Scale], storage: &Storage) -> Option<Vec<usize>> {
     if storage.compression == 0 && storage.chunks.is_none() {
         return None;
@@ -309,8 +334,8 @@ fn chunks(scales: &[&Scale], storage: &Storage) -> Option<Vec<usize>> {
     Some(chunk)
 }
 
-/// An attribute that is a zero-terminated text, the only kind that the dimension-scale interface of HDF5 takes and one
-/// that the safe interface does not make.
+/// An attribute that is a zero-terminated text, the only kind that the dimension-scale interface of
+/// HDF5 takes and one that the safe interface does not make.
 fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Outcome<()> {
     use hdf5_sys::{h5a, h5p::H5P_DEFAULT, h5s, h5t};
     let name = CString::new(name).unwrap_or_default();
@@ -346,7 +371,8 @@ fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Outcome<()> {
 /// Writes a text whose length is known at run time only, which the safe interface has no type for.
 fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Outcome<()> {
     let kind = dataset.dtype()?;
-    // SAFETY: the dataset is scalar and of the type `kind`, a string of `bytes.len()` bytes, and the handles are alive.
+    // SAFETY: the dataset is scalar and of the type `kind`, a string of `bytes.len()` bytes, and
+    // the handles are alive.
     let status = unsafe {
         hdf5_sys::h5d::H5Dwrite(
             dataset.id(),
@@ -373,15 +399,16 @@ fn write_slab(dataset: &Dataset, slab: &Slab, values: &[f64], together: bool) ->
     let numbers = |list: &[usize]| -> Vec<u64> { list.iter().map(|&n| n as u64).collect() };
     let (start, count) = (numbers(&slab.start), numbers(&slab.count));
     let (one, size) = (vec![1; start.len()], values.len() as u64);
-    // SAFETY: plain calls on handles that are alive; the memory space has as many elements as `values`; each handle made here
-    // is closed here.
+    // SAFETY: plain calls on handles that are alive; the memory space has as many elements as
+    // `values`; each handle made here is closed here.
     unsafe {
         let transfer = h5p::H5Pcreate(*h5p::H5P_CLS_DATASET_XFER);
         let mut status = 0;
         if together {
             status = [
                 h5p::H5Pset_dxpl_mpio(transfer, h5p::H5FD_mpio_xfer_t::H5FD_MPIO_COLLECTIVE),
-                // All chunks in one go, written last: in between, one rank's failure would keep the others waiting.
+                // All chunks in one go, written last: in between, one rank's failure would keep the
+                // others waiting.
                 h5p::H5Pset_dxpl_mpio_chunk_opt(
                     transfer,
                     h5p::H5FD_mpio_chunk_opt_t::H5FD_MPIO_CHUNK_ONE_IO,

@@ -9,7 +9,8 @@ use std::path::Path;
 /// Name of the file.
 pub const NAME: &str = "fields.xdmf";
 
-/// Writes `directory/fields.xdmf` for the state at `time`; without grids there is none, and an older one goes. By one rank.
+/// Writes `directory/fields.xdmf` for the state at `time`; without grids there is none, and an
+/// older one goes. By one rank.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].
@@ -28,7 +29,8 @@ pub fn write(directory: &Path, time: f64, grids: &[Grid]) -> Result<()> {
     outcome.map_err(|e| failure(&path, &e))
 }
 
-/// The file's text: each grid three-dimensional, flat ones one cell thick, which all readers place alike.
+/// The file's text: each grid three-dimensional, flat ones one cell thick, which all readers place
+/// alike.
 fn document(time: f64, grids: &[Grid]) -> String {
     let mut text = String::from("<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n<Domain>\n");
     for grid in grids {

@@ -7,7 +7,7 @@ use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::plan::{ASSUMED_RATIO, Plan};
 use crate::problem::case::{Case, Method};
-use crate::results::warped::Given;
+use crate::results::warped::given::Given;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
 use std::borrow::Cow;

@@ -48,7 +48,8 @@ pub fn rectangle<DB: DrawingBackend>(
 
 /// A line through `places`, in the dashes of `style`.
 ///
-/// It is cut where it turns back on itself: a corner of a bitmap would stick out as far as it is sharp.
+/// It is cut where it turns back on itself: a corner of a bitmap would stick out as far as it is
+/// sharp.
 pub fn line<DB: DrawingBackend>(area: &Area<DB>, places: &[Place], style: &Style) -> Drawn {
     let mut places: Vec<_> = places.iter().copied().map(rounded).collect();
     places.dedup();
@@ -156,7 +157,8 @@ fn pieces(places: &[(i32, i32)]) -> Vec<Vec<(i32, i32)>> {
     pieces
 }
 
-/// The pieces of a line in a rectangle, by Liang and Barsky's parameters; broken where a place is not finite.
+/// The pieces of a line in a rectangle, by Liang and Barsky's parameters; broken where a place is
+/// not finite.
 ///
 /// `plotters` would move places outside to the rectangle's edge, which bends the line.
 pub fn clipped(places: &[Place], corners: [Place; 2]) -> Vec<Vec<Place>> {

@@ -1,7 +1,8 @@
 //! Axes as `plotters` draws them: how values become lengths, where ticks are, and their labels.
 //!
-//! `plotters` has ticks of its own. These are used instead, since its logarithmic axes have no tick below 2e-16 and none
-//! between two powers of ten, and its linear axes no round ones on a length below 2e-16.
+//! `plotters` has ticks of its own. These are used instead, since its logarithmic axes have no tick
+//! below 2e-16 and none between two powers of ten, and its linear axes no round ones on a length
+//! below 2e-16.
 
 use crate::results::figure::{Axis, Scale};
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
@@ -142,8 +143,8 @@ fn linear([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
         .collect()
 }
 
-/// Powers of ten, every so many with a label; where there are less than two, 2 and 5 times them too; where that is one label or none, as on
-/// a linear axis.
+/// Powers of ten, every so many with a label; where there are less than two, 2 and 5 times them
+/// too; where that is one label or none, as on a linear axis.
 fn logarithmic([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
     let (first, last) = (
         (lower.log10() - 1e-9).floor() as i32,

@@ -12,7 +12,8 @@ pub const GRID: RGBColor = RGBColor(225, 225, 225);
 /// The ground.
 pub const PAPER: RGBColor = RGBColor(255, 255, 255);
 
-/// The qualitative palette of Okabe and Ito (2008) without its yellow, which is too light for lines; neighbours differ in lightness.
+/// The qualitative palette of Okabe and Ito (2008) without its yellow, which is too light for
+/// lines; neighbours differ in lightness.
 const SERIES: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(230, 159, 0),
@@ -134,7 +135,8 @@ impl Style {
     }
 }
 
-/// The colour of `fraction` in [0, 1] of the way along a map's bar; [`PAPER`] for what is no number.
+/// The colour of `fraction` in [0, 1] of the way along a map's bar; [`PAPER`] for what is no
+/// number.
 fn along(colours: &[RGBColor], fraction: f64) -> RGBColor {
     match fraction.is_nan() {
         true => PAPER,
@@ -142,12 +144,14 @@ fn along(colours: &[RGBColor], fraction: f64) -> RGBColor {
     }
 }
 
-/// The colour of `fraction` in [0, 1] of the way along a heat map's bar; [`PAPER`] for what is no number.
+/// The colour of `fraction` in [0, 1] of the way along a heat map's bar; [`PAPER`] for what is no
+/// number.
 pub fn sequential(fraction: f64) -> RGBColor {
     along(&SEQUENTIAL, fraction)
 }
 
-/// The same for differences: white halfway along, where zero is, and darker with the distance from it.
+/// The same for differences: white halfway along, where zero is, and darker with the distance from
+/// it.
 pub fn diverging(fraction: f64) -> RGBColor {
     along(&[BELOW, PAPER, ABOVE], fraction)
 }

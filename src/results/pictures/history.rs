@@ -10,7 +10,8 @@ use crate::results::pictures::stored::{Read, Stored};
 /// Most times whose densities are drawn.
 const TIMES: usize = 6;
 
-/// Mass and kinetic energy over time and, in one dimension, the density at some of the times; nothing where there were no output times.
+/// Mass and kinetic energy over time and, in one dimension, the density at some of the times;
+/// nothing where there were no output times.
 ///
 /// # Errors
 /// What the files lack.
@@ -84,7 +85,8 @@ const STEPS: [&str; 12] = [
     "write",
 ];
 
-/// The steps with their seconds, in the order of the run; those that are not known by name last, those that took none left out.
+/// The steps with their seconds, in the order of the run; those that are not known by name last,
+/// those that took none left out.
 pub fn steps(run: &Stored) -> Vec<(&str, f64)> {
     let known = STEPS.iter().filter_map(|s| run.seconds.get_key_value(*s));
     let others = run

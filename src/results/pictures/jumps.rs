@@ -4,8 +4,8 @@ use crate::problem::potential::Potential;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::stored::Stored;
 
-/// Faces at which `V` jumps along space axis `a`, on the line through the cut; none where the case is not understood. The closing face of a periodic
-/// axis is there twice, at both ends.
+/// Faces at which `V` jumps along space axis `a`, on the line through the cut; none where the case
+/// is not understood. The closing face of a periodic axis is there twice, at both ends.
 pub fn jumps(run: &Stored, a: usize, cut: &Cut) -> Vec<f64> {
     let Ok(case) = &run.case else {
         return Vec::new();
@@ -38,7 +38,8 @@ pub fn jumps(run: &Stored, a: usize, cut: &Cut) -> Vec<f64> {
         .collect()
 }
 
-/// Of faces where `V` jumps along axis `a`: the sentence for those at the frame, which hides their lines.
+/// Of faces where `V` jumps along axis `a`: the sentence for those at the frame, which hides their
+/// lines.
 pub fn closing(run: &Stored, a: usize, jumps: &[f64]) -> String {
     match jumps.contains(&run.axis(a).lower) {
         true => format!(" V jumps too where {} closes, at its ends.", run.names()[a]),

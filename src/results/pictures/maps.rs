@@ -29,7 +29,8 @@ pub fn map(
     })
 }
 
-/// The same with a difference of values as large as `scale`: zero is in the middle, and round-off looks like zero.
+/// The same with a difference of values as large as `scale`: zero is in the middle, and round-off
+/// looks like zero.
 pub fn apart(run: &Stored, axes: [usize; 2], title: String, plane: Plane, scale: f64) -> Panel {
     let most = largest([&plane]).max(ROUND_OFF * scale);
     let range = (most > 0.0).then_some([-most, most]);
@@ -60,7 +61,8 @@ pub fn difference(a: &Plane, b: &Plane) -> Plane {
     }
 }
 
-/// Smallest and largest finite value of all; wider where they differ by round-off of `scale` or a tolerance only, so that what is constant looks so.
+/// Smallest and largest finite value of all; wider where they differ by round-off of `scale` or a
+/// tolerance only, so that what is constant looks so.
 pub fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>, scale: f64) -> Option<[f64; 2]> {
     /// Part of the values that must differ to be told apart.
     const SEEN: f64 = 1e-3;

@@ -11,7 +11,8 @@ use crate::results::pictures::phase_space::branches;
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Plane, Read, Stored};
 
-/// Where a density as large as `largest` (where that is seen) is too small for a mean velocity: round-off, or within what it may be off.
+/// Where a density as large as `largest` (where that is seen) is too small for a mean velocity:
+/// round-off, or within what it may be off.
 fn nothing(run: &Stored, largest: f64) -> f64 {
     /// Part of the largest that is round-off.
     const ROUND_OFF: f64 = 1e-10;
@@ -51,7 +52,8 @@ fn over_space(run: &Stored, values: &[f64]) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// Exact density, momentum and mean velocity in one dimension, where the file has what they follow from.
+/// Exact density, momentum and mean velocity in one dimension, where the file has what they follow
+/// from.
 fn exact(run: &Stored) -> Read<Option<[Vec<f64>; 3]>> {
     let (density, momentum) = if run.has("density_exact") {
         let (density, velocity) = (run.list("density_exact")?, run.list("velocity_exact")?);
@@ -82,7 +84,8 @@ fn exact(run: &Stored) -> Read<Option<[Vec<f64>; 3]>> {
     Ok(Some([density, momentum, velocity]))
 }
 
-/// In one dimension: each as lines over `x`, with the exact ones and the branches of a velocity that has several.
+/// In one dimension: each as lines over `x`, with the exact ones and the branches of a velocity
+/// that has several.
 ///
 /// # Errors
 /// What the files lack.

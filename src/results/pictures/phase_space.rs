@@ -11,7 +11,8 @@ use crate::results::pictures::maps::{apart, difference, largest, map, range};
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Plane, Read, Stored};
 
-/// A row of maps for every plane: the exact field, the computed ones, and how they differ; of measure-valued data `φ δ(ψ)`, `φ` and the level sets.
+/// A row of maps for every plane: the exact field, the computed ones, and how they differ; of
+/// measure-valued data `φ δ(ψ)`, `φ` and the level sets.
 ///
 /// # Errors
 /// What the files lack.
@@ -106,7 +107,8 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
     Ok(panels)
 }
 
-/// In one dimension the exact velocity and `φ δ(ψ)`; then `φ` and every `ψ`, and how they differ from those of the run beside.
+/// In one dimension the exact velocity and `φ δ(ψ)`; then `φ` and every `ψ`, and how they differ
+/// from those of the run beside.
 fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
     let run = runs.run;
     let n = run.dimension();

@@ -66,7 +66,8 @@ impl Modes {
         self.series.factor(l) * reading.of_wave(self.series.wavenumber(l))
     }
 
-    /// What `reading` makes of the part of the state at `s` in the spectrum of `−ST`, where it should be `e^{−s}`.
+    /// What `reading` makes of the part of the state at `s` in the spectrum of `−ST`, where it
+    /// should be `e^{−s}`.
     fn read(&self, reading: &Reading, places: &[f64]) -> Vec<f64> {
         let weights: Vec<Complex64> = (0..self.series.modes())
             .map(|l| self.weight(reading, l))
@@ -101,7 +102,8 @@ fn places([from, to]: [f64; 2]) -> Vec<f64> {
     (0..POINTS).map(|k| from + part(k) * (to - from)).collect()
 }
 
-/// `g(p)` over its interval, and how it is told from `e^{−p}` where the field is read; nothing for runs without modes.
+/// `g(p)` over its interval, and how it is told from `e^{−p}` where the field is read; nothing for
+/// runs without modes.
 ///
 /// # Errors
 /// What the files lack.
@@ -174,9 +176,10 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
     }
     close = close.horizontal("tolerance of the state", modes.tolerance);
     let caption = format!(
-        "The {kind} profile as the sum of its {} modes l ≥ 0, read at p◇ = {}. Left: the field is read right where g is e^−p on the domain of \
-         dependence, from p◇ − λ⁺T = {} to p◇ + λ⁻T = {}; elsewhere g may be anything. Right: what is read of a part of the state that decays by \
-         e^−s, less e^−s, at p = p◇ + s.",
+        "The {kind} profile as the sum of its {} modes l ≥ 0, read at p◇ = {}. Left: the field is \
+         read right where g is e^−p on the domain of dependence, from p◇ − λ⁺T = {} to p◇ + λ⁻T = {}; \
+         elsewhere g may be anything. Right: what is read of a part of the state that decays by e^−s, \
+         less e^−s, at p = p◇ + s.",
         modes.series.modes(),
         short(point),
         short(domain[0]),

@@ -6,7 +6,8 @@ use crate::results::figure::{Axis, Figure, Layer, Panel};
 use crate::results::pictures::stored::{Read, Stored};
 use std::collections::BTreeSet;
 
-/// Estimates and their bounds beside the recovered values, by observable; nothing where nothing was read out.
+/// Estimates and their bounds beside the recovered values, by observable; nothing where nothing was
+/// read out.
 ///
 /// # Errors
 /// What the files lack.
@@ -22,7 +23,8 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
     let whole = |list: &[f64]| list.iter().map(|c| *c as u64).collect::<BTreeSet<_>>();
     let cells: Vec<u64> = whole(&cell).into_iter().collect();
     let place = |row: usize| cells.iter().position(|c| *c == cell[row] as u64);
-    // What may be off by more than so many times the largest value tells nothing, and would hide the rest.
+    // What may be off by more than so many times the largest value tells nothing, and would hide
+    // the rest.
     const TELLING: f64 = 10.0;
     let mut hidden = 0;
     let densest = (value.iter().zip(&observable))
@@ -102,10 +104,12 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
     let left_out = match hidden {
         0 => String::new(),
         hidden => format!(
-            " Left out: {hidden} estimates that may be off by more than {TELLING} times the largest value (where all are zero, that there could be)."
+            " Left out: {hidden} estimates that may be off by more than {TELLING} times the largest \
+             value (where all are zero, that there could be)."
         ),
     };
-    let caption = "What a quantum computer would tell, with bounds that hold with probability 0.95 (mean velocities: 0.90).";
+    let caption = "What a quantum computer would tell, with bounds that hold with probability 0.95 \
+                   (mean velocities: 0.90).";
     Ok(Some(
         Figure::new("Readout", panels)
             .columns(3)

@@ -13,7 +13,8 @@ pub struct Runs<'a> {
 }
 
 impl<'a> Runs<'a> {
-    /// A run, and the one beside it, by their methods or, where those are the same, by their directories.
+    /// A run, and the one beside it, by their methods or, where those are the same, by their
+    /// directories.
     pub fn new(run: &'a Stored, beside: Option<&'a Stored>) -> Self {
         let method = |run: &Stored| match run.plan["method"].as_str() {
             Some("schrodingerized") => "Schrödingerized".to_owned(),

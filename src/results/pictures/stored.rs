@@ -4,8 +4,7 @@ use crate::base::checksum::Slab;
 use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
-use crate::results::readback::{read_slab, read_text};
-use hdf5::types::VarLenUnicode;
+use crate::results::readback::{read_slab, read_text, text_attribute};
 use hdf5::{Dataset, File, Location};
 use serde::Deserialize;
 use serde_json::Value;
@@ -185,8 +184,9 @@ impl Stored {
         read_slab(&self.dataset(name)?, slab).map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
-    /// A dataset over the axes from `first` on, on the plane of axes `plane` (the lower first) through the cells `at` of the others; `component` is its
-    /// first index, where it has one more. Only that plane is read, some rows at a time. What is no number has no part in averages.
+    /// A dataset over the axes from `first` on, on the plane of axes `plane` (the lower first)
+    /// through the cells `at` of the others; `component` is its first index, where it has one more.
+    /// Only that plane is read, some rows at a time. What is no number has no part in averages.
     pub fn plane(
         &self,
         name: &str,
@@ -246,7 +246,8 @@ fn average(values: impl Iterator<Item = f64>) -> f64 {
     sum / count as f64
 }
 
-/// The grid of a case as a result has it that has these cells: an axis along which nothing varies may have one.
+/// The grid of a case as a result has it that has these cells: an axis along which nothing varies
+/// may have one.
 fn as_stored(whole: &PhaseSpace, found: &PhaseSpace) -> Option<PhaseSpace> {
     let axes = |whole: &[Axis], found: &[Axis]| -> Option<Vec<Axis>> {
         let same = |(whole, found): (&Axis, &Axis)| match found.cells {
@@ -325,9 +326,7 @@ fn timings(file: &File) -> hdf5::Result<BTreeMap<String, f64>> {
 
 /// An attribute as text, whether it is one or a number.
 fn attribute(at: &Location, name: &str) -> hdf5::Result<String> {
-    let attribute = at.attr(name)?;
-    let text = attribute.read_scalar::<VarLenUnicode>();
-    (text.map(|t| t.to_string())).or_else(|_| attribute.read_scalar::<f64>().map(|x| x.to_string()))
+    text_attribute(at, name).or_else(|_| number(at, name).map(|x| x.to_string()))
 }
 
 fn number(at: &Location, name: &str) -> hdf5::Result<f64> {

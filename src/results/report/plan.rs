@@ -1,4 +1,5 @@
-//! The numbers of a plan that matter to a reader, with words and units, out of `/plan` of `result.h5`.
+//! The numbers of a plan that matter to a reader, with words and units, out of `/plan` of
+//! `result.h5`.
 
 use crate::base::text::short;
 use crate::results::report::html::Rows;

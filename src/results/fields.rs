@@ -1,0 +1,188 @@
+//! The datasets over space and phase space, as a table: name, what it is, axes. They stand in
+//! `result.h5` and, a time first, in its `/history`.
+
+use crate::base::checksum::Slab;
+use crate::matrix::observables::Moments;
+use crate::problem::case::Data;
+use crate::problem::grid::{PhaseSpace, axis_names};
+use crate::results::dataset::{ExactSolution, Results, slices};
+use std::ops::Range;
+
+/// Name of the axis of vector components.
+pub const COMPONENT: &str = "component";
+/// Name of the axis of vector components in `/xdmf`, of which there are always three.
+pub const DIRECTION: &str = "direction";
+/// Name of the axis of the points of a curve.
+pub const POINT: &str = "point";
+
+/// What a dataset runs over, after its components.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Over {
+    /// Cells of space.
+    Space,
+    /// Cells of phase space.
+    PhaseSpace,
+}
+
+/// A kind of dataset.
+#[derive(Clone, Copy, Debug)]
+pub struct Kind {
+    /// Its name.
+    pub name: &'static str,
+    /// What it runs over.
+    pub over: Over,
+    /// Whether it has components, one a space axis, as its first index.
+    pub vector: bool,
+    /// What it is.
+    pub what: &'static str,
+}
+
+const fn scalar(name: &'static str, over: Over, what: &'static str) -> Kind {
+    Kind {
+        name,
+        over,
+        vector: false,
+        what,
+    }
+}
+
+const fn vector(name: &'static str, over: Over, what: &'static str) -> Kind {
+    Kind {
+        name,
+        over,
+        vector: true,
+        what,
+    }
+}
+
+const F: Kind = scalar(
+    "f",
+    Over::PhaseSpace,
+    "cell average of the phase-space density",
+);
+const PHI: Kind = scalar("phi", Over::PhaseSpace, "density phi of f = phi delta(psi)");
+const PSI: Kind = vector(
+    "psi",
+    Over::PhaseSpace,
+    "level sets psi of f = phi delta(psi), one a velocity axis",
+);
+const EXACT: Kind = scalar("exact", Over::PhaseSpace, "exact solution at cell centres");
+const DENSITY_EXACT: Kind = scalar(
+    "density_exact",
+    Over::Space,
+    "exact density, average over the cell",
+);
+const VELOCITY_EXACT: Kind = vector(
+    "velocity_exact",
+    Over::Space,
+    "exact mean velocity of the cell",
+);
+const DENSITY: Kind = scalar("density", Over::Space, "integral of f over v");
+const MOMENTUM: Kind = vector("momentum", Over::Space, "integral of v f over v");
+const VELOCITY: Kind = vector("velocity", Over::Space, "momentum / density");
+
+/// A dataset's values on a rank's share: one list, or one a component.
+pub struct Field<'a> {
+    /// What they are.
+    pub kind: Kind,
+    /// The values, row-major.
+    pub components: Vec<&'a [f64]>,
+}
+
+/// The fields of a case, in its order.
+pub fn fields<'a>(data: &Data, values: impl Iterator<Item = &'a [f64]>) -> Vec<Field<'a>> {
+    let mut values: Vec<&[f64]> = values.collect();
+    match data {
+        Data::Density => vec![Field {
+            kind: F,
+            components: values,
+        }],
+        Data::Measure { .. } => {
+            let level_sets = values.split_off(1);
+            [(PHI, values), (PSI, level_sets)]
+                .map(|(kind, components)| Field { kind, components })
+                .into()
+        }
+    }
+}
+
+/// Density, momentum and mean velocity.
+pub fn moments(moments: &Moments) -> [Field<'_>; 3] {
+    [
+        (DENSITY, vec![&moments.density[..]]),
+        (MOMENTUM, slices(&moments.momentum)),
+        (VELOCITY, slices(&moments.velocity)),
+    ]
+    .map(|(kind, components)| Field { kind, components })
+}
+
+/// The exact solution, where there is one.
+pub fn exact(solution: Option<&ExactSolution>) -> Vec<Field<'_>> {
+    let all = match solution {
+        None => Vec::new(),
+        Some(ExactSolution::Field(values)) => vec![(EXACT, vec![&values[..]])],
+        Some(ExactSolution::Moments(exact)) => vec![
+            (DENSITY_EXACT, vec![&exact.density[..]]),
+            (VELOCITY_EXACT, slices(&exact.velocity)),
+        ],
+    };
+    all.into_iter()
+        .map(|(kind, components)| Field { kind, components })
+        .collect()
+}
+
+/// All that a result holds over space and phase space at the final time.
+pub fn at_the_end<'a>(results: &'a Results<'_>) -> Vec<Field<'a>> {
+    let mut all = fields(&results.case.data, results.fields.iter().copied());
+    all.extend(exact(results.exact));
+    all.extend(moments(results.moments));
+    all
+}
+
+/// Where a rank's share of datasets lies.
+pub struct Layout {
+    names: Vec<&'static str>,
+    dimension: usize,
+    /// The rank's cells along every axis of phase space.
+    cells: Vec<Range<usize>>,
+}
+
+impl Layout {
+    /// Of `share`, one range a space axis, and all velocities of `space`.
+    pub fn new(space: &PhaseSpace, share: &[Range<usize>]) -> Self {
+        let velocities = space.v.iter().map(|axis| 0..axis.cells);
+        Self {
+            names: axis_names(space.dimension()),
+            dimension: space.dimension(),
+            cells: share.iter().cloned().chain(velocities).collect(),
+        }
+    }
+
+    fn axes_over(&self, over: Over) -> usize {
+        match over {
+            Over::Space => self.dimension,
+            Over::PhaseSpace => 2 * self.dimension,
+        }
+    }
+
+    /// Names of the axes of a dataset.
+    pub fn axes(&self, kind: Kind) -> Vec<&'static str> {
+        let component = kind.vector.then_some(COMPONENT);
+        let others = self.names[..self.axes_over(kind.over)].iter().copied();
+        component.into_iter().chain(others).collect()
+    }
+
+    /// The rank's part of a dataset: these components, where it has any, on its share.
+    pub fn ranges(&self, kind: Kind, components: Range<usize>) -> Vec<Range<usize>> {
+        let components = kind.vector.then_some(components);
+        let others = self.cells[..self.axes_over(kind.over)].iter().cloned();
+        components.into_iter().chain(others).collect()
+    }
+
+    /// The rank's values of a dataset, by where they lie.
+    pub fn slabs<'a>(&self, field: &Field<'a>) -> Vec<(Slab, &'a [f64])> {
+        (field.components.iter().enumerate())
+            .map(|(k, values)| (Slab::of(&self.ranges(field.kind, k..k + 1)), *values))
+            .collect()
+    }
+}

@@ -1,0 +1,252 @@
+//! A warped field in a file to start from.
+
+use crate::base::checksum;
+use crate::base::error::{Error, Result};
+use crate::parallel::communicator::Group;
+use crate::problem::case::Case;
+use crate::problem::grid::{Axis, PhaseSpace, axis_names};
+use crate::results::readback;
+use crate::results::readback::read_slab;
+use crate::results::warped::spread::{POINTS, Spread, with_points};
+use crate::results::writer::CHECKSUM;
+use crate::schrodingerization::profile::series::Series;
+use crate::schrodingerization::transform::Transform;
+use crate::solve::kept::KeptModes;
+use hdf5::types::TypeDescriptor;
+use hdf5::{Dataset, File};
+use std::mem::ManuallyDrop;
+use std::path::{Path, PathBuf};
+
+/// By how much points of a file's axes may differ from those of the case, as a part of the axis:
+/// those of other programs may be in single precision. No more than [`OF_A_STEP`] at any rate.
+const SAME: f64 = 1e-6;
+/// The same as a part of a step.
+const OF_A_STEP: f64 = 0.05;
+
+/// A file to start from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Given {
+    /// Where it is.
+    pub path: PathBuf,
+    /// `[L, R]`: the first point, and one period further.
+    pub interval: [f64; 2],
+    /// `N_p`.
+    pub points: usize,
+}
+
+impl Given {
+    /// Looks at the file: whether `/w` is a warped field on the grid of `case`, and on which
+    /// points. `key` is the file, line and key that names it. Collective over `world`.
+    ///
+    /// # Errors
+    /// [`Error::Input`], saying what is wrong with it.
+    pub fn new(world: &Group, path: &Path, case: &Case, key: &str) -> Result<Self> {
+        let wrong = |what: &dyn std::fmt::Display| {
+            Error::Input(format!("{key} = \"{}\": {what}", path.display()))
+        };
+        // One rank looks at it as any program would.
+        let found = if world.rank() == 0 {
+            look(path, &case.space).map_err(|e| wrong(&e))
+        } else {
+            Ok(([f64::NEG_INFINITY; 2], 0))
+        };
+        let (mut interval, points) = world.agree(found)?;
+        world.max_into(&mut interval);
+        Ok(Self {
+            path: path.to_owned(),
+            interval,
+            points: world.max_count(points),
+        })
+    }
+
+    /// Reads the field into the modes `kept` for the factors of `series`; gives the checksum of
+    /// `/w` and the largest magnitude in it. Collective over the world.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where the file cannot be read, is not as it was written, or holds NaN or
+    /// infinity.
+    pub fn read(
+        &self,
+        spread: &Spread<'_>,
+        series: &Series,
+        kept: &mut KeptModes,
+    ) -> Result<(u64, f64)> {
+        let world = &spread.communicator.world;
+        let wrong =
+            |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
+        // A file that only some ranks can open stays open to the end; the library must not close it
+        // then. SAFETY: a plain call.
+        unsafe { hdf5_sys::h5::H5dont_atexit() };
+        let opened = readback::open(world, &self.path);
+        let file = ManuallyDrop::new(world.agree(opened.map_err(|e| wrong(&e)))?);
+        let read = self.read_from(&file, spread, series, kept);
+        // All ranks have the same outcome, so that all close it, as must be.
+        let closed = ManuallyDrop::into_inner(file).close();
+        world.agree(closed.map_err(|e| wrong(&e)))?;
+        read
+    }
+
+    fn read_from(
+        &self,
+        file: &File,
+        spread: &Spread<'_>,
+        series: &Series,
+        kept: &mut KeptModes,
+    ) -> Result<(u64, f64)> {
+        let world = &spread.communicator.world;
+        let wrong =
+            |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
+        let dataset = world.agree(file.dataset("w").map_err(|e| wrong(&e)))?;
+        let shape = dataset.shape();
+        let mut transform = Transform::new(series, self.interval[0]);
+        spread.fits(kept, &transform);
+        assert_eq!(shape.last(), Some(&transform.points()), "the file's points");
+        let (mut transpose, mut all, _) = spread.buffers(&transform);
+        let (modes, points, rows) = (transform.modes(), transform.points(), kept.rows());
+        let (mut sum, mut largest) = (0u64, 0.0f64);
+        spread.rounds(spread.cells_at_once(points), |cells, slab| {
+            let own = cells[transpose.rank()].clone();
+            let slab = with_points(slab, points);
+            let values = if own.is_empty() {
+                Ok(Vec::new())
+            } else {
+                read_slab(&dataset, &slab).map_err(|e| wrong(&e))
+            };
+            let values = world.agree(values.and_then(|values| {
+                match values.iter().position(|w| !w.is_finite()) {
+                    Some(place) => {
+                        let (cell, j) = (place / points, place % points);
+                        let at = format!("the {cell}-th cell from {:?} and point {j}", slab.start);
+                        Err(wrong(&format!("/w is {} at {at}", values[place])))
+                    }
+                    None => Ok(values),
+                }
+            }))?;
+            sum = sum.wrapping_add(checksum::of_slab(&shape, &slab, &values));
+            largest = values.iter().fold(largest, |most, w| most.max(w.abs()));
+            let lines = all.chunks_exact_mut(modes).zip(values.chunks_exact(points));
+            for (cell, (modes, values)) in own.zip(lines) {
+                transform.to_modes(values, spread.pi[cell].sqrt(), modes);
+            }
+            transpose.to_modes(&all, cells, kept.values_mut(), rows);
+            Ok(())
+        })?;
+        // Files of other programs carry none.
+        let expected = dataset.attr(CHECKSUM).and_then(|a| a.read_scalar::<u64>());
+        let sum = world.sum_modulo(sum);
+        world.agree(match expected {
+            Ok(expected) if expected != sum => {
+                Err(wrong(&"/w is not as it was written (its checksum differs)"))
+            }
+            _ => Ok((sum, world.max(largest))),
+        })
+    }
+}
+
+/// What a file holds, or what is wrong with it.
+type Found<T> = std::result::Result<T, String>;
+
+/// How far a point of an axis of so many steps may be off.
+fn allowed(step: f64, count: usize) -> f64 {
+    step * (SAME * count as f64).min(OF_A_STEP)
+}
+
+/// The largest distance of two numbers, infinite where one is none, and which two they are.
+fn furthest(found: &[f64], expected: &[f64]) -> (f64, usize) {
+    let off = |(a, b): (&f64, &f64)| match (a - b).abs() {
+        off if off.is_nan() => f64::INFINITY,
+        off => off,
+    };
+    let all = found.iter().zip(expected).map(off).zip(0..);
+    all.fold((0.0, 0), |a, b| if b.0 > a.0 { b } else { a })
+}
+
+/// `[L, R]` and `N_p` of a file that holds a warped field on `space`.
+fn look(path: &Path, space: &PhaseSpace) -> Found<([f64; 2], usize)> {
+    let found = std::fs::metadata(path).map_err(|e| e.to_string())?;
+    if !found.is_file() {
+        return Err("is no file".to_owned());
+    }
+    std::fs::File::open(path).map_err(|e| e.to_string())?;
+    // HDF5 tells every function that it passed through.
+    let file = File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?")?;
+    let w = file.dataset("w").map_err(|_| missing("w"))?;
+    let kind = w.dtype().and_then(|kind| kind.to_descriptor());
+    if !matches!(
+        kind,
+        Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_))
+    ) {
+        return Err("/w holds other than real numbers, which are expected".to_owned());
+    }
+    let shape = w.shape();
+    let expected = space.shape();
+    if shape.len() != expected.len() + 1 || shape[..expected.len()] != expected[..] {
+        return Err(format!(
+            "/w has the shape {shape:?}; {expected:?} and the points in p are expected"
+        ));
+    }
+    for (name, expected) in axis_names(space.dimension()).iter().zip(space.axes()) {
+        same_centres(name, &axis(&file, name)?, expected)?;
+    }
+    period(&axis(&file, POINTS)?, shape[expected.len()])
+}
+
+fn missing(name: &str) -> String {
+    format!("holds no dataset /{name}")
+}
+
+/// The points of an axis.
+fn axis(file: &File, name: &str) -> Found<Vec<f64>> {
+    let name = format!("axis/{name}");
+    let dataset: Dataset = file.dataset(&name).map_err(|_| missing(&name))?;
+    dataset.read_raw().map_err(|e| format!("/{name}: {e}"))
+}
+
+/// Whether the points `found` of an axis are the cell centres of `expected`.
+fn same_centres(name: &str, found: &[f64], expected: &Axis) -> Found<()> {
+    let centres = expected.centres();
+    let other = || {
+        let (lower, upper) = (expected.lower, expected.upper);
+        let cells = expected.cells;
+        format!(
+            "/axis/{name} holds other cell centres than the case's {cells} from {lower} to {upper}"
+        )
+    };
+    if found.len() != centres.len() {
+        return Err(format!("{}: {} numbers", other(), found.len()));
+    }
+    let (off, i) = furthest(found, &centres);
+    let most = allowed(expected.width(), centres.len());
+    match off > most {
+        true => Err(format!(
+            "{}: number {i} is off by {off:.1e}, at most {most:.1e} is allowed",
+            other()
+        )),
+        false => Ok(()),
+    }
+}
+
+/// `[L, R]` and `N_p` of the points `p` of a field of so many.
+fn period(p: &[f64], points: usize) -> Found<([f64; 2], usize)> {
+    if p.len() != points {
+        return Err(format!("/axis/p holds {} points, /w {points}", p.len()));
+    }
+    if points < 2 || !points.is_multiple_of(2) {
+        return Err(format!(
+            "/w has {points} points in p; an even number expected"
+        ));
+    }
+    let step = (p[points - 1] - p[0]) / (points - 1) as f64;
+    let uneven = "/axis/p is not ascending in equal steps";
+    if !(step > 0.0 && step.is_finite()) {
+        return Err(format!("{uneven}: from {} to {}", p[0], p[points - 1]));
+    }
+    let even: Vec<f64> = (0..points).map(|j| p[0] + step * j as f64).collect();
+    let ((off, j), most) = (furthest(p, &even), allowed(step, points));
+    if off > most {
+        return Err(format!(
+            "{uneven}: point {j} is off by {off:.1e}, at most {most:.1e} is allowed"
+        ));
+    }
+    Ok(([p[0], p[0] + step * points as f64], points))
+}

@@ -1,0 +1,128 @@
+//! Modes of a field spread over the ranks, and the rounds in which ranks get all modes of some
+//! cells.
+
+use crate::base::checksum::Slab;
+use crate::base::error::Result;
+use crate::parallel::communicator::Communicator;
+use crate::parallel::communicator::transpose::Transpose;
+use crate::parallel::partition::Block;
+use crate::plan::memory::{cell_bytes, cells_at_once};
+use crate::problem::grid::PhaseSpace;
+use crate::schrodingerization::transform::Transform;
+use crate::solve::kept::KeptModes;
+use num_complex::Complex64;
+use std::ops::Range;
+
+/// Name of the axis in `p`.
+pub const POINTS: &str = "p";
+
+/// Where the modes of a field are.
+pub struct Spread<'a> {
+    /// The process mesh.
+    pub communicator: &'a Communicator,
+    /// The grid.
+    pub space: &'a PhaseSpace,
+    /// This rank's block.
+    pub block: &'a Block,
+    /// `modes[g]`: the modes that rank `g` of the mode groups keeps, ascending.
+    pub modes: &'a [Vec<usize>],
+    /// `π` of the block's cells: kept are the modes of `√π w`.
+    pub pi: &'a [f64],
+    /// Bytes of a rank's buffers, if those of one cell are not more:
+    /// [`crate::plan::memory::BUFFERS`].
+    pub buffers: u64,
+}
+
+impl Spread<'_> {
+    /// Cells of a rank in a round.
+    pub fn cells_at_once(&self, points: usize) -> usize {
+        let all = self.modes.iter().map(|modes| modes.len() as u64);
+        let (count, most) = (all.clone().sum(), all.max().unwrap_or(0));
+        let groups = self.modes.len() as u64;
+        let bytes = cell_bytes(count, points as u64, most, groups);
+        cells_at_once(self.buffers, bytes, self.block.cells() as u64, groups) as usize
+    }
+
+    /// Calls `visit` with the cells that each rank of the mode groups has in a round and this
+    /// rank's slab of them in the grid, round after round, until all ranks of the world are
+    /// through; those that are through before have no cells. Collective if `visit` is.
+    pub fn rounds(
+        &self,
+        most: usize,
+        mut visit: impl FnMut(&[Range<usize>], &Slab) -> Result<()>,
+    ) -> Result<()> {
+        let (rank, ranks) = (
+            self.communicator.modes.rank(),
+            self.communicator.modes.size(),
+        );
+        let shape: Vec<usize> = (self.block.ranges.iter().map(Range::len))
+            .chain(self.space.v.iter().map(|axis| axis.cells))
+            .collect();
+        let count = Slab::pieces(&shape, most).count().div_ceil(ranks);
+        let rounds = self.communicator.world.max_count(count);
+        // Pieces follow each other in the order of the cells.
+        let mut pieces = Slab::pieces(&shape, most);
+        let mut next = 0;
+        for _ in 0..rounds {
+            let mut mine = Slab::of(&vec![0..0; shape.len()]);
+            let cells: Vec<Range<usize>> = (0..ranks)
+                .map(|r| {
+                    let first = next;
+                    if let Some(piece) = pieces.next() {
+                        next += piece.size();
+                        if r == rank {
+                            mine = piece;
+                        }
+                    }
+                    first..next
+                })
+                .collect();
+            for (start, range) in mine.start.iter_mut().zip(&self.block.ranges) {
+                *start += range.start;
+            }
+            visit(&cells, &mine)?;
+        }
+        Ok(())
+    }
+
+    /// The buffers of this rank: all modes of some cells, and their values.
+    pub fn buffers(&self, transform: &Transform) -> (Transpose<'_>, Vec<Complex64>, Vec<f64>) {
+        let most = self.cells_at_once(transform.points());
+        (
+            Transpose::new(&self.communicator.modes, self.modes.to_vec(), most),
+            vec![Complex64::ZERO; most * transform.modes()],
+            vec![0.0; most * transform.points()],
+        )
+    }
+
+    /// The phases of all modes. Collective over the mode groups.
+    pub fn phases(&self, kept: &KeptModes) -> Vec<Complex64> {
+        let count: usize = self.modes.iter().map(Vec::len).sum();
+        let mut parts = vec![f64::NEG_INFINITY; 2 * count];
+        for (&l, progress) in kept.modes().iter().zip(kept.progress()) {
+            (parts[2 * l], parts[2 * l + 1]) = (progress.phase.re, progress.phase.im);
+        }
+        self.communicator.modes.max_into(&mut parts);
+        let (pairs, _) = parts.as_chunks();
+        pairs
+            .iter()
+            .map(|&[re, im]| Complex64::new(re, im))
+            .collect()
+    }
+
+    /// Checks that these are the modes of `kept` and of `transform`.
+    pub fn fits(&self, kept: &KeptModes, transform: &Transform) {
+        let mine = &self.modes[self.communicator.modes.rank()];
+        assert_eq!(kept.modes(), &mine[..], "the modes of this rank");
+        let all: usize = self.modes.iter().map(Vec::len).sum();
+        assert_eq!(all, transform.modes(), "the modes of the series");
+    }
+}
+
+/// A slab of cells with all points.
+pub fn with_points(slab: &Slab, points: usize) -> Slab {
+    let mut slab = slab.clone();
+    slab.start.push(0);
+    slab.count.push(points);
+    slab
+}
