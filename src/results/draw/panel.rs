@@ -320,8 +320,11 @@ impl<'a, DB: DrawingBackend> Plot<'a, DB> {
             Layer::Points { style, points, .. } => self.markers(points.iter(), style),
             Layer::Intervals { style, points, .. } => {
                 for (point, ends) in points {
-                    let ends = ends.map(|y| self.y(y).clamp(0.0, bottom));
-                    interval(&self.area, self.place(*point), ends, style)?;
+                    let (place, ends) = (self.place(*point), ends.map(|y| self.y(y)));
+                    if ends.iter().all(|y| y.is_finite()) && self.holds([place[0], 0.0]) {
+                        let ends = ends.map(|y| y.clamp(0.0, bottom));
+                        interval(&self.area, place, ends, style)?;
+                    }
                 }
                 self.markers(points.iter().map(|(point, _)| point), style)
             }
