@@ -16,13 +16,6 @@ use crate::schrodingerization::warp_plan::WarpPlan;
 use serde::Serialize;
 use std::collections::BTreeSet;
 
-/// Resident memory of the program and its libraries, HDF5's buffers included: measured 25 MiB on one rank, 30 on four, which share
-/// more buffers of MPI.
-pub(crate) const PROGRAM_BYTES: u64 = 30 << 20;
-
-/// What HDF5 takes for each chunk of a dataset while it is written, whatever is in it.
-pub(crate) const CHUNK_BYTES: u64 = 5 << 10;
-
 /// The most points `N_p` that are planned for.
 pub(crate) const LARGEST_POINTS: usize = 2 * MOST_MODES - 2;
 

@@ -8,7 +8,7 @@ use crate::problem::case::Integrator;
 use crate::propagate::classical::{Classical, EXACT, classical_steps, duhamel_panels};
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
-use crate::run::fields::Found;
+use crate::run::files::Found;
 use crate::solve::modes::Leg;
 use crate::solve::prepared::Prepared;
 

@@ -4,12 +4,10 @@ use crate::base::error::Result;
 use crate::matrix::observables::{MOMENTS, Moments, VelocityFactors, moments, totals};
 use crate::results::dataset::{Early, slices};
 use crate::results::summary::Summary;
-use crate::run::checkpointing::Checkpointing;
+use crate::run::files::Files;
 use crate::run::{classical, modes};
 use crate::solve::modes::Leg;
 use crate::solve::prepared::Prepared;
-use std::collections::BTreeMap;
-use std::path::Path;
 
 /// What was solved for, on this rank's share.
 pub(crate) struct SolvedFields {
@@ -21,30 +19,6 @@ pub(crate) struct SolvedFields {
     pub early: Vec<Early>,
     /// Seconds that went into the files of warped fields.
     pub warped_seconds: f64,
-}
-
-/// What either method finds, on this rank's share.
-pub(crate) struct Found {
-    /// As in [`SolvedFields`].
-    pub fields: Vec<Vec<Vec<f64>>>,
-    /// As in [`SolvedFields`].
-    pub plateau: Vec<Vec<f64>>,
-    /// `ũ`, or sums for the moments, at the end of each leg but the last: `[field][leg]`.
-    pub early: Vec<Vec<Vec<f64>>>,
-    /// As in [`SolvedFields`].
-    pub warped_seconds: f64,
-}
-
-/// What a run writes while it solves.
-pub(crate) struct Files<'a> {
-    /// Where warped fields are written.
-    pub directory: &'a Path,
-    /// Seconds by step so far, for their attributes.
-    pub seconds: &'a BTreeMap<String, f64>,
-    /// Program, commit, libraries, for their attributes.
-    pub provenance: &'a [(&'static str, String)],
-    /// Checkpoints of a run by modes.
-    pub checkpointing: Option<&'a mut Checkpointing>,
 }
 
 /// Every field at `T`, and what is wanted before, by the plan of `prepared`; counts go into `summary`. Without console

@@ -16,7 +16,7 @@ use crate::results::warped;
 use crate::results::warped::given::Given;
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
-use crate::run::fields::{Files, Found};
+use crate::run::files::{Files, Found};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
 use crate::solve::checkpoint::{Checkpoints, Resumed};
