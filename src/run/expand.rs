@@ -5,7 +5,7 @@ use crate::results::dataset::{Early, ExactSolution, slices};
 use crate::results::shown::Shown;
 use crate::results::summary::Summary;
 use crate::run::compare::{FieldNorms, moment_errors};
-use crate::run::fields::SolvedFields;
+use crate::run::files::SolvedFields;
 use crate::solve::prepared::Prepared;
 
 /// Fields and moments on this rank's share of the user's grid.

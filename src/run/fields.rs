@@ -4,22 +4,10 @@ use crate::base::error::Result;
 use crate::matrix::observables::{MOMENTS, Moments, VelocityFactors, moments, totals};
 use crate::results::dataset::{Early, slices};
 use crate::results::summary::Summary;
-use crate::run::files::Files;
+use crate::run::files::{Files, SolvedFields};
 use crate::run::{classical, modes};
 use crate::solve::modes::Leg;
 use crate::solve::prepared::Prepared;
-
-/// What was solved for, on this rank's share.
-pub(crate) struct SolvedFields {
-    /// Every field at `T` by each reading: `[field][reading]`.
-    pub fields: Vec<Vec<Vec<f64>>>,
-    /// The first field by each reading of the plateau.
-    pub plateau: Vec<Vec<f64>>,
-    /// Moments and fields at the output times before the end.
-    pub early: Vec<Early>,
-    /// Seconds that went into the files of warped fields.
-    pub warped_seconds: f64,
-}
 
 /// Every field at `T`, and what is wanted before, by the plan of `prepared`; counts go into `summary`. Without console
 /// output where no `files` are written. Collective.
