@@ -334,6 +334,25 @@ impl<'a> Classical<'a> {
     }
 }
 
+/// Steps of the classical method, leg by leg.
+pub fn classical_steps(case: &Case, bounds: &Bounds) -> Vec<usize> {
+    let steps = |&time: &f64| classical_steps_of(case, bounds.rate * time);
+    case.legs().iter().map(steps).collect()
+}
+
+pub(crate) fn classical_steps_of(case: &Case, courant: f64) -> usize {
+    match case.integrator {
+        Integrator::Exponential if case.varies() => {
+            duhamel_applications(courant, duhamel_panels(courant))
+        }
+        Integrator::Exponential => poisson_window(courant, EXACT).end,
+        Integrator::ForwardEuler | Integrator::SspRk3 => (courant
+            / (case.cfl * longest_step(case.limiter)))
+        .ceil()
+        .max(1.0) as usize,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -351,24 +370,5 @@ mod tests {
             assert!((sum - 1.0).abs() < 1e-14);
             assert!((mean / lambda - 1.0).abs() < 1e-12, "{lambda}: {mean}");
         }
-    }
-}
-
-/// Steps of the classical method, leg by leg.
-pub fn classical_steps(case: &Case, bounds: &Bounds) -> Vec<usize> {
-    let steps = |&time: &f64| classical_steps_of(case, bounds.rate * time);
-    case.legs().iter().map(steps).collect()
-}
-
-pub(crate) fn classical_steps_of(case: &Case, courant: f64) -> usize {
-    match case.integrator {
-        Integrator::Exponential if case.varies() => {
-            duhamel_applications(courant, duhamel_panels(courant))
-        }
-        Integrator::Exponential => poisson_window(courant, EXACT).end,
-        Integrator::ForwardEuler | Integrator::SspRk3 => (courant
-            / (case.cfl * longest_step(case.limiter)))
-        .ceil()
-        .max(1.0) as usize,
     }
 }

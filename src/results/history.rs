@@ -15,6 +15,7 @@ use crate::problem::case::Case;
 use crate::results::dataset::{Early, Results};
 use crate::results::fields::{self, Field, Layout};
 use crate::results::writer::{Outcome, Writer};
+use std::ops::Range;
 
 /// Names of the axes of output times.
 pub const TIME: &str = "time";
@@ -63,7 +64,7 @@ fn moments(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Resul
         let values: Vec<f64> = (times.iter())
             .flat_map(|moments| moments[k].components.concat())
             .collect();
-        let mut ranges = vec![0..times.len()];
+        let mut ranges: Vec<Range<usize>> = std::iter::once(0..times.len()).collect();
         ranges.extend(layout.ranges(kind, 0..field.components.len()));
         let axes = with_time(TIME, layout.axes(kind));
         let name = format!("history/{}", kind.name);
@@ -104,7 +105,7 @@ fn fields(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Result
     for (k, field) in first.iter().enumerate() {
         let kind = field.kind;
         let at = |time: usize, component: usize| {
-            let mut ranges = vec![time..time + 1];
+            let mut ranges: Vec<Range<usize>> = std::iter::once(time..time + 1).collect();
             ranges.extend(layout.ranges(kind, component..component + 1));
             Slab::of(&ranges)
         };

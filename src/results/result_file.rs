@@ -233,7 +233,8 @@ fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Outcome<()> {
         return Ok(());
     }
     writer.file().create_group("plateau")?;
-    let columns: [(&str, fn(&PlateauPoint) -> f64, &str); 3] = [
+    type Column = (&'static str, fn(&PlateauPoint) -> f64, &'static str);
+    let columns: [Column; 3] = [
         ("p", |k| k.p, "recovery point"),
         (
             "distance",

@@ -28,6 +28,7 @@ use crate::run::planning;
 use crate::study::advise::entry::{Advised, Entry, Given, Parts};
 use crate::study::advise::reach::{DISCRETISATION, Known, Reach, look, reach};
 use crate::study::advise::trials::{Scheme, Trials, distance, updates_of};
+use crate::study::grids::shape_text;
 
 /// Most of the accuracy that Schrödingerization may take.
 const SCHRODINGERIZATION: f64 = 0.1;
@@ -390,13 +391,13 @@ impl Study<'_> {
                 format!(
                     "the error is {:.1e} on {}, and no finer grid was found that reaches it within --budget",
                     entry.error,
-                    crate::study::advise::report::shape(&entry.shape)
+                    shape_text(&entry.shape)
                 )
             } else {
                 format!(
                     "the error does not fall with the grid: {:.1e} on {}",
                     entry.error,
-                    crate::study::advise::report::shape(&entry.shape)
+                    shape_text(&entry.shape)
                 )
             });
         }
@@ -532,10 +533,7 @@ impl Study<'_> {
         let (resources, left_out) = (self.resources(), &mut self.left_out);
         let mut leave_out = |error: Error| {
             let what = name(Method::Schrodingerized, scheme, jumps);
-            left_out.push(format!(
-                "{what} on {}: {error}",
-                crate::study::advise::report::shape(&coarse)
-            ));
+            left_out.push(format!("{what} on {}: {error}", shape_text(&coarse)));
         };
         for _ in 0..4 {
             tolerance = rounded(tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE));
@@ -602,7 +600,7 @@ impl Study<'_> {
                 entry.refused = Some(format!(
                     "the error is {:.2e} on {}",
                     entry.error,
-                    crate::study::advise::report::shape(&entry.shape)
+                    shape_text(&entry.shape)
                 ));
             }
         }

@@ -4,7 +4,8 @@ use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::quantum::figure::Figure;
-use crate::quantum::readout::{Estimator, Readout, quoted};
+use crate::quantum::readout::Readout;
+use crate::quantum::readout::row::{Estimator, quoted};
 use std::fmt::Write;
 use std::path::Path;
 

@@ -8,9 +8,10 @@ use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::limits::{MOST_EVALUATIONS, MOST_SHOTS};
 use crate::quantum::figure::Figure;
 use crate::quantum::probability::Probabilities;
+use crate::quantum::readout::measurement;
 use crate::quantum::readout::measurement::Estimate;
 use crate::quantum::readout::random::{Purpose, Stream};
-use crate::quantum::readout::{Estimator, Measured, Observable, Row, measurement, quoted};
+use crate::quantum::readout::row::{Estimator, Measured, Observable, Row, quoted};
 use std::ops::Range;
 
 /// The recovered field on a rank's share, and the states that hold it.

@@ -4,6 +4,7 @@ use super::*;
 use crate::quantum::probability::{Chain, Probabilities};
 use crate::quantum::readout::random::{Purpose, Stream};
 use crate::quantum::readout::reader::norm;
+use crate::quantum::readout::row::Estimator;
 use crate::solve::system::StateNorms;
 use std::ops::Range;
 

@@ -309,8 +309,11 @@ impl<'a, DB: DrawingBackend> Plot<'a, DB> {
         let across = |ends: [Place; 2]| {
             let seen = self.holds(ends[0]);
             let style = Style::theory().dashed(2);
-            seen.then(|| line(&self.area, &ends, &style))
-                .unwrap_or(Ok(()))
+            if seen {
+                line(&self.area, &ends, &style)
+            } else {
+                Ok(())
+            }
         };
         match layer {
             Layer::Line { style, points, .. } => {

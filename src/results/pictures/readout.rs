@@ -1,6 +1,6 @@
 //! What a quantum computer would tell, with how far it may be off.
 
-use crate::quantum::readout::Estimator;
+use crate::quantum::readout::row::Estimator;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
 use crate::results::pictures::stored::{Read, Stored};

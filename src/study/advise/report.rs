@@ -6,13 +6,8 @@ use crate::study::advise::entry::{Advised, Entry, Parts};
 use crate::study::advise::order::Order;
 use crate::study::advise::reach::Known;
 use crate::study::calibrate::seconds_text;
+use crate::study::grids::shape_text;
 use std::fmt;
-
-/// `128 x 128`.
-pub fn shape(shape: &[usize]) -> String {
-    let cells: Vec<String> = shape.iter().map(usize::to_string).collect();
-    cells.join(" x ")
-}
 
 /// Grids of more cells are not spelled out.
 pub const MOST_SHOWN: f64 = 1e15;
@@ -23,7 +18,7 @@ pub fn grid(cells: &[usize]) -> String {
     if all > MOST_SHOWN {
         return "more than 1e15 cells".to_owned();
     }
-    format!("{} = {all:.3e} cells", shape(cells))
+    format!("{} = {all:.3e} cells", shape_text(cells))
 }
 
 /// Orders by pairs of grids, coarsest first.
@@ -133,7 +128,7 @@ impl fmt::Display for Advised {
             }
         )?;
         if let Some(given) = &self.given {
-            writeln!(f, "\nThe case as it stands: {}", shape(&given.shape))?;
+            writeln!(f, "\nThe case as it stands: {}", shape_text(&given.shape))?;
             writeln!(
                 f,
                 "  error   {:.2e}, {}: {}",

@@ -10,6 +10,7 @@ use crate::problem::exact::sheet::exact_moments;
 use crate::problem::grid::{Axis, Part, PhaseSpace, for_each_cell};
 use crate::propagate::classical::classical_steps;
 use crate::scheme::reduce::reduced;
+use crate::study::grids::shape_text;
 use crate::study::grids::{Grids, averaged};
 use crate::study::trial::{Trial, trial};
 use serde::Serialize;
@@ -321,7 +322,7 @@ fn refuse_nothing(density: &[f64], space: &PhaseSpace) -> Result<()> {
     let what = if size == 0.0 { "zero" } else { "not finite" };
     Err(Error::Input(format!(
         "the density is {what}: a relative error has no meaning (at the end, on {} cells)",
-        crate::study::advise::report::shape(&space.shape())
+        shape_text(&space.shape())
     )))
 }
 

@@ -63,7 +63,7 @@ pub struct Switched {
 
 impl Switched {
     /// With [`LEVEL`] and [`SIGMA`].
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let offset = -normal_quantile(LEVEL) * SIGMA;
         // Beyond this wavenumber only round-off is left.
         let digits = -libm::log(LEVEL * f64::EPSILON);

@@ -17,7 +17,7 @@ pub struct Circle {
 
 impl Circle {
     /// The tables.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let point = |k: i64| {
             let (sin, cos) = libm::sincos(TAU * (k as f64 / TURN as f64));
             Complex64::new(cos, sin)

@@ -1,0 +1,192 @@
+//! A row of the readout: an observable at a cell, and what each estimator gives of it.
+
+use crate::problem::case::Case;
+use crate::problem::grid::MAX_DIMENSION;
+use crate::quantum::figure::Figure;
+use serde::Serialize;
+
+/// Which number is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Observable {
+    /// `ρ`.
+    Density,
+    /// `m_a`, by axis.
+    Momentum(usize),
+    /// `u_a = m_a/ρ`, by axis.
+    Velocity(usize),
+}
+
+impl Observable {
+    /// Those of `n` dimensions: the density, then momenta, then velocities.
+    pub fn all(n: usize) -> Vec<Self> {
+        std::iter::once(Self::Density)
+            .chain((0..n).map(Self::Momentum))
+            .chain((0..n).map(Self::Velocity))
+            .collect()
+    }
+
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Density => "density",
+            Self::Momentum(a) => ["momentum_x", "momentum_y", "momentum_z"][a],
+            Self::Velocity(a) => ["velocity_x", "velocity_y", "velocity_z"][a],
+        }
+    }
+
+    /// Number in files and streams: 0, then from 1 and from 4 on.
+    pub fn number(self) -> u32 {
+        match self {
+            Self::Density => 0,
+            Self::Momentum(a) => 1 + a as u32,
+            Self::Velocity(a) => 1 + (MAX_DIMENSION + a) as u32,
+        }
+    }
+}
+
+/// How an overlap is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Estimator {
+    /// Hadamard test with the postselected state.
+    Hadamard,
+    /// Amplitude estimation of that.
+    AmplitudeEstimation,
+    /// How often the inverse preparation of `χ` gives zeros: `|⟨χ|F⟩|²`, where `f ≥ 0`.
+    AllZero,
+    /// Hadamard test with the enlarged state.
+    EnlargedHadamard,
+    /// Amplitude estimation of that.
+    EnlargedAmplitudeEstimation,
+}
+
+impl Estimator {
+    /// All, in the order of files.
+    pub const ALL: [Self; 5] = [
+        Self::Hadamard,
+        Self::AmplitudeEstimation,
+        Self::AllZero,
+        Self::EnlargedHadamard,
+        Self::EnlargedAmplitudeEstimation,
+    ];
+
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Hadamard => "hadamard",
+            Self::AmplitudeEstimation => "amplitude-estimation",
+            Self::AllZero => "all-zero",
+            Self::EnlargedHadamard => "enlarged-hadamard",
+            Self::EnlargedAmplitudeEstimation => "enlarged-amplitude-estimation",
+        }
+    }
+
+    pub(crate) fn enlarged(self) -> bool {
+        matches!(
+            self,
+            Self::EnlargedHadamard | Self::EnlargedAmplitudeEstimation
+        )
+    }
+
+    pub(crate) fn coherent(self) -> bool {
+        matches!(
+            self,
+            Self::AmplitudeEstimation | Self::EnlargedAmplitudeEstimation
+        )
+    }
+}
+
+/// What one estimator says of an observable.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Measured {
+    /// Which.
+    pub estimator: Estimator,
+    /// The overlap as it is; of a mean velocity, which is none, unavailable.
+    pub overlap: Figure,
+    /// Shots: of an overlap, or of amplitude estimation the runs whose median is taken.
+    pub shots: Figure,
+    /// Values of the register of amplitude estimation.
+    pub evaluations: Figure,
+    /// What was measured.
+    pub estimate: Figure,
+    /// Its standard error, told from the counts; of amplitude estimation, which has none in closed form, unavailable.
+    pub standard_error: Figure,
+    /// Bound on its distance to the moment of the exact semi-discrete solution.
+    pub bound: Figure,
+    /// Evolutions where postselection is repeated until it succeeds, on average.
+    pub evolutions_repeated: Figure,
+    /// Evolutions and their inverses where everything is coherent.
+    pub evolutions_coherent: Figure,
+}
+
+/// An observable at a cell.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// The space cell, along each axis from 0.
+    pub cell: Vec<usize>,
+    /// Its number over the whole grid, the last axis fastest.
+    pub number: usize,
+    /// Its centre.
+    pub point: Vec<f64>,
+    /// Which.
+    pub observable: Observable,
+    /// Of the recovered field: what is measured but for statistics.
+    pub value: Figure,
+    /// What each estimator says.
+    pub measured: Vec<Measured>,
+}
+
+/// Why a figure is unavailable, as it stands between quotes.
+pub(crate) fn quoted(figure: &Figure) -> String {
+    match figure {
+        Figure::Unavailable { because } => because.replace('"', "'"),
+        _ => String::new(),
+    }
+}
+
+impl Measured {
+    /// The figures, in the order of the columns of files.
+    pub fn figures(&self) -> [&Figure; 8] {
+        [
+            &self.overlap,
+            &self.shots,
+            &self.evaluations,
+            &self.estimate,
+            &self.standard_error,
+            &self.bound,
+            &self.evolutions_repeated,
+            &self.evolutions_coherent,
+        ]
+    }
+
+    pub(crate) fn unavailable(estimator: Estimator, why: &str) -> Self {
+        let none = || Figure::unavailable(why);
+        Self {
+            estimator,
+            overlap: none(),
+            shots: none(),
+            evaluations: none(),
+            estimate: none(),
+            standard_error: none(),
+            bound: none(),
+            evolutions_repeated: none(),
+            evolutions_coherent: none(),
+        }
+    }
+}
+
+impl Row {
+    /// A row with nothing in it.
+    pub(crate) fn at(case: &Case, cell: &[usize], observable: Observable) -> Self {
+        let axes = || case.space.x.iter().zip(cell);
+        Self {
+            cell: cell.to_vec(),
+            number: axes().fold(0, |number, (axis, i)| number * axis.cells + i),
+            point: axes().map(|(axis, &i)| axis.centre(i as i64)).collect(),
+            observable,
+            value: Figure::unavailable("not read"),
+            measured: Vec::new(),
+        }
+    }
+}
