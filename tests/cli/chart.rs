@@ -117,7 +117,7 @@ fn every_case_has_a_chart_within_its_budget() {
         .collect();
     let both = AtomicUsize::new(0);
     check_all(&all, |(k, name)| {
-        const BUDGET: f64 = 4.0;
+        const BUDGET: f64 = 2.5;
         let place = directory();
         let found = chart(name, shrunk(name), (1 + k % 4, BUDGET), place.path())?;
         entries(&found)

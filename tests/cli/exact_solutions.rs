@@ -139,7 +139,7 @@ fn slopes_are_of_second_order() {
                 );
                 std::fs::write(&file, text).map_err(|e| e.to_string())?;
                 let job = Job::new(["run".to_owned(), file.display().to_string()]);
-                job.on(2).solve(place.path())?.number("error_l1")
+                job.solve(place.path())?.number("error_l1")
             };
             let (coarse, fine) = (error(4)?, error(8)?);
             let what = format!("order, {name}, {limiter} (errors {coarse:e}, {fine:e})");

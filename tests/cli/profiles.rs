@@ -327,8 +327,8 @@ fn the_papers_own_set_ups() {
         (
             "paper/example1.toml",
             &[
-                "axis.0.x.cells=32",
-                "axis.0.v.cells=32",
+                "axis.0.x.cells=24",
+                "axis.0.v.cells=24",
                 "solver.warp.points=1024",
             ],
             &["solver.warp.points"],
@@ -346,7 +346,12 @@ fn the_papers_own_set_ups() {
         ),
         (
             "paper/example3.toml",
-            &["solver.warp.points=128"],
+            &[
+                "axis.0.x.cells=6",
+                "axis.0.v.cells=6",
+                "axis.1.v.cells=6",
+                "solver.warp.points=128",
+            ],
             &["solver.warp.points", "solver.warp.interval"],
             1e-1,
         ),

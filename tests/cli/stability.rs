@@ -280,7 +280,7 @@ fn accepted_tolerances_are_kept() {
 /// The same numbers on any ranks.
 #[test]
 fn the_same_numbers_on_any_ranks() {
-    let grid = ["axis.0.x.cells=18", "axis.0.v.cells=14"];
+    let grid = ["axis.0.x.cells=10", "axis.0.v.cells=8"];
     let only = "cfl,growth,recovery,grazing";
     let csv = |ranks: usize| -> Result<String, String> {
         let place = directory();

@@ -261,7 +261,7 @@ fn a_checkpoint_that_cannot_be_written_stops_no_run_but_one_that_was_to_stop() {
         run()
             .on(2)
             .set(&["output.plateau.points=80", OFTEN])
-            .files_up_to(700)
+            .files_up_to(300)
     };
     let directory = directory();
     let finished = wide().into(directory.path()).succeed().expect("a run");
@@ -276,7 +276,8 @@ fn a_checkpoint_that_cannot_be_written_stops_no_run_but_one_that_was_to_stop() {
 
     let directory = self::directory();
     let path = directory.path();
-    let job = wide().set(&["checkpoint.minutes=0"]).into(path);
+    let longer = ["checkpoint.minutes=0", "solver.warp.points=8192"];
+    let job = wide().set(&longer).into(path);
     let finished = struck(&job, Blow::Signal, |since| {
         since > Duration::from_millis(700)
     })

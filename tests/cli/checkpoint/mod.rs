@@ -13,13 +13,13 @@ use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// About a second and a half on two ranks: 129 batches of modes.
+/// More than half a second on two ranks: 129 batches of modes.
 const LONG: [&str; 5] = [
     "solver.tolerance=1e-3",
     "solver.warp.profile=exponential",
     "solver.warp.points=2048",
-    "axis.0.x.cells=40",
-    "axis.0.v.cells=26",
+    "axis.0.x.cells=24",
+    "axis.0.v.cells=18",
 ];
 
 /// A checkpoint after nearly every batch.

@@ -33,7 +33,7 @@ fn runs_killed_at_any_moment_end_with_the_same_bits() {
                     .set(&[OFTEN])
                     .into(path)
                     .with(["--resume", "--ranks-x", blocks]);
-            let after = Duration::from_secs_f64(0.3 + 1.2 * random(seed));
+            let after = Duration::from_secs_f64(0.25 + 0.6 * random(seed));
             let finished = struck(&job, blow, |since| since > after)?;
             if finished.code == Some(0) {
                 break;
@@ -152,7 +152,7 @@ fn stages_that_are_finished_are_not_computed_again() {
         "axis.0.x.cells=32",
         "axis.0.v.cells=24",
         "solver.tolerance=1e-2",
-        "solver.propagator={method='crank-nicolson',step=0.01}",
+        "solver.propagator={method='crank-nicolson',step=0.05}",
         "solver.warp.profile=exponential",
         "solver.warp.points=512",
         "output.moments_every=0.5",

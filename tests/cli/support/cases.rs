@@ -20,6 +20,8 @@ pub fn cases() -> Vec<String> {
 pub fn shrunk(name: &str) -> &'static [&'static str] {
     match name {
         "barriers.toml" => &["axis.0.x.cells=60", "axis.0.v.cells=41", "time.end=1.2"],
+        "example1.toml" => &["axis.0.x.cells=64", "axis.0.v.cells=64"],
+        "example2.toml" => &["axis.0.x.cells=48", "axis.0.v.cells=40"],
         "harmonic_step.toml" => &["axis.0.x.cells=48", "axis.0.v.cells=43"],
         "lens2d.toml" => &[
             "axis.0.x.cells=18",
@@ -34,6 +36,7 @@ pub fn shrunk(name: &str) -> &'static [&'static str] {
             "axis.1.x.cells=5",
             "axis.1.v.cells=5",
         ],
+        "pulsed_inflow.toml" => &["axis.0.x.cells=24", "axis.0.v.cells=26"],
         "quantum_dot2d.toml" => &[
             "axis.0.x.cells=12",
             "axis.0.v.cells=8",

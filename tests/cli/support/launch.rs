@@ -198,6 +198,10 @@ impl Job {
             .env("OMPI_MCA_odls_base_sigkill_timeout", "0")
             .env("RUST_BACKTRACE", "0")
             .env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe");
+        if self.ranks.is_none() {
+            // A process alone needs no daemon of Open MPI's, which takes as long to start as the program.
+            command.env("OMPI_MCA_ess_singleton_isolated", "1");
+        }
         if let Some(directory) = &self.directory {
             command.current_dir(directory);
         }
