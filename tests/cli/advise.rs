@@ -1,4 +1,5 @@
-//! `phasewarp advise` from outside: what it advises is run, and reaches the accuracy; half of it does not.
+//! `phasewarp advise` from outside: what it advises is run, and reaches the accuracy; half of it
+//! does not.
 
 use crate::support::datasets;
 use crate::support::{Job, case, check_all, directory};
@@ -7,11 +8,13 @@ use std::path::Path;
 
 /// A Gaussian that moves freely: smooth, its exact solution a formula. Cells that nothing divides.
 const SMOOTH: &str = r#"
-axis = [{ x = { lower = -2, upper = 2.6, cells = 90 }, v = { lower = -0.6, upper = 1.4, cells = 37 } }]
 potential = [{ value = "0" }]
 initial.f = "exp(-6*(x + 0.6)^2 - 20*(v - 0.4)^2)"
 time.end = 1
 exact.f = "exp(-6*(x - v*t + 0.6)^2 - 20*(v - 0.4)^2)"
+[[axis]]
+x = { lower = -2, upper = 2.6, cells = 90 }
+v = { lower = -0.6, upper = 1.4, cells = 37 }
 "#;
 
 fn advise(path: &str, accuracy: &str) -> Job {
@@ -64,8 +67,8 @@ fn written(place: &Path, text: &str) -> Result<String, String> {
     Ok(path.display().to_string())
 }
 
-/// What is advised runs as it is printed and reaches the accuracy; on half the cells it does not; with and without an exact solution
-/// it is about the same.
+/// What is advised runs as it is printed and reaches the accuracy; on half the cells it does not;
+/// with and without an exact solution it is about the same.
 #[test]
 fn advice_on_a_smooth_problem_is_right() {
     check_all(&["1e-1", "4e-2"], |accuracy| {
@@ -129,7 +132,8 @@ fn advice_on_a_smooth_problem_is_right() {
     });
 }
 
-/// At a step: discontinuous data show an order well below 1, slopes take fewer cells, the step stays on a face.
+/// At a step: discontinuous data show an order well below 1, slopes take fewer cells, the step
+/// stays on a face.
 #[test]
 fn advice_at_a_step_knows_its_order_and_keeps_the_step_on_a_face() {
     let rows = [(127, 2e-2), (128, 3e-2)];
@@ -207,13 +211,15 @@ fn a_zero_density_is_refused_and_merged_axes_are_kept() {
     check_all(&rows, |(f, answered)| {
         let text = format!(
             r#"
-            axis = [
-                {{ x = {{ lower = -1, upper = 1, cells = 12 }}, v = {{ lower = -1, upper = 1, cells = 8 }} }},
-                {{ x = {{ lower = 0, upper = 1, cells = 6, boundary = "periodic" }}, v = {{ lower = -1, upper = 1, cells = 4 }} }},
-            ]
             potential = [{{ value = "x^2/4" }}]
             initial.f = "{f}"
             time.end = 0.2
+            [[axis]]
+            x = {{ lower = -1, upper = 1, cells = 12 }}
+            v = {{ lower = -1, upper = 1, cells = 8 }}
+            [[axis]]
+            x = {{ lower = 0, upper = 1, cells = 6, boundary = "periodic" }}
+            v = {{ lower = -1, upper = 1, cells = 4 }}
             "#
         );
         let place = directory();
@@ -230,7 +236,8 @@ fn a_zero_density_is_refused_and_merged_axes_are_kept() {
     });
 }
 
-/// What no grid that fits reaches is refused, with the grid that would; so is what advice cannot be given on.
+/// What no grid that fits reaches is refused, with the grid that would; so is what advice cannot be
+/// given on.
 #[test]
 fn what_is_out_of_reach_is_refused() {
     let rows = [

@@ -1,11 +1,13 @@
-//! `phasewarp chart` from outside: every case, alone and under mpirun, within its budget; what the files hold.
+//! `phasewarp chart` from outside: every case, alone and under mpirun, within its budget; what the
+//! files hold.
 
 use crate::support::{Job, case, cases, check_all, directory, shrunk};
 use serde_json::Value;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// What ends a chart late on a machine that others use: a trial that was begun in time, and starting and stopping under mpirun.
+/// What ends a chart late on a machine that others use: a trial that was begun in time, and
+/// starting and stopping under mpirun.
 const LATE: f64 = 10.0;
 
 fn read(path: &Path) -> Result<String, String> {
@@ -231,7 +233,8 @@ fn errors_fall_as_they_should() {
         else {
             continue;
         };
-        // What was asked for, whatever the profile and the treatment; without weights the growth is measured.
+        // What was asked for, whatever the profile and the treatment; without weights the growth is
+        // measured.
         assert!(error <= 1.5 * tolerance, "{e}");
         checked += 1;
     }

@@ -123,7 +123,8 @@ fn mistakes_on_the_command_line_are_refused() {
     }
 }
 
-/// Every rank comes to its own end, with exit code 2, also where only one of them found the mistake.
+/// Every rank comes to its own end, with exit code 2, also where only one of them found the
+/// mistake.
 #[test]
 fn every_rank_ends_with_the_code() {
     let (example, place) = (case("example1.toml"), directory());

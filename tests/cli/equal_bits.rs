@@ -1,8 +1,6 @@
 //! The same bits on every number of ranks and every process mesh.
 
-use crate::support::{case, check_all, datasets, differences, directory, run};
-use phasewarp::problem::case::Case;
-use std::path::Path;
+use crate::support::{check_all, datasets, differences, directory, parsed, run};
 
 /// Every way to split `ranks` into blocks along `axes` x-axes and mode groups: `--ranks-x`.
 fn meshes(axes: usize, ranks: usize) -> Vec<Vec<usize>> {
@@ -120,8 +118,8 @@ const MEASURE_PLANE: &[&str] = &[
     "/velocity_exact",
 ];
 
-/// Compares a scene's results on every mesh of 1 to 4 ranks, and of 7 where `--ranks-x` is left to the program, with
-/// those of one rank.
+/// Compares a scene's results on every mesh of 1 to 4 ranks, and of 7 where `--ranks-x` is left to
+/// the program, with those of one rank.
 fn same_bits_everywhere(scene: &Scene) {
     let reference = directory();
     let job = || run(scene.name).set(scene.settings);
@@ -136,10 +134,7 @@ fn same_bits_everywhere(scene: &Scene) {
     }
 
     let mut rows: Vec<(usize, Option<Vec<usize>>)> = Vec::new();
-    let settings: Vec<String> = scene.settings.iter().map(|s| s.to_string()).collect();
-    let space = Case::load(Path::new(&case(scene.name)), &settings)
-        .unwrap()
-        .space;
+    let space = parsed(scene.name, scene.settings).unwrap().space;
     let whole =
         |m: &Vec<usize>| (m.iter().enumerate()).all(|(a, m)| *m == 1 || !space.is_periodic(a));
     for ranks in 1..=4 {

@@ -37,8 +37,9 @@ fn error_of_example_1_against_the_exact_solution() {
     });
 }
 
-/// The gain of slopes on example 1: the L1 error at two sizes. The figures of the hat interface are those of a separate
-/// implementation of the formulas; the conservative interface is next to it, as without slopes.
+/// The gain of slopes on example 1: the L1 error at two sizes. The figures of the hat interface are
+/// those of a separate implementation of the formulas; the conservative interface is next to it, as
+/// without slopes.
 #[test]
 fn slopes_gain_on_example_1() {
     let rows = [
@@ -63,7 +64,8 @@ fn slopes_gain_on_example_1() {
     });
 }
 
-/// Monotone data, so without extrema: order 2 with slopes, order 1 without; transport alone, with a force, in the plane.
+/// Monotone data, so without extrema: order 2 with slopes, order 1 without; transport alone, with a
+/// force, in the plane.
 #[test]
 fn slopes_are_of_second_order() {
     // S rises from 0 to 1; what enters is 0, from the lower ends in x and the upper end in v.
@@ -95,21 +97,25 @@ fn slopes_are_of_second_order() {
     );
     let axes_line = |n: usize| {
         format!(
-            "[[axis]]\nx = {{ lower = -4, upper = 5, cells = {} }}\nv = {{ lower = 0.5, upper = 4.5, cells = 6 }}\n",
+            "[[axis]]\nx = {{ lower = -4, upper = 5, cells = {} }}\n\
+             v = {{ lower = 0.5, upper = 4.5, cells = 6 }}\n",
             72 * n
         )
     };
     let axes_force = |n: usize| {
         format!(
-            "[[axis]]\nx = {{ lower = -4, upper = 5, cells = {} }}\nv = {{ lower = 0.5, upper = 4.9, cells = {} }}\n",
+            "[[axis]]\nx = {{ lower = -4, upper = 5, cells = {} }}\n\
+             v = {{ lower = 0.5, upper = 4.9, cells = {} }}\n",
             36 * n,
             22 * n
         )
     };
     let axes_plane = |n: usize| {
         format!(
-            "[[axis]]\nx = {{ lower = -3.5, upper = 3.5, cells = {} }}\nv = {{ lower = 0.4, upper = 1.2, cells = 3 }}\n\
-             [[axis]]\nx = {{ lower = -4, upper = 4, cells = {} }}\nv = {{ lower = 0.3, upper = 0.9, cells = 2 }}\n",
+            "[[axis]]\nx = {{ lower = -3.5, upper = 3.5, cells = {} }}\n\
+             v = {{ lower = 0.4, upper = 1.2, cells = 3 }}\n\
+             [[axis]]\nx = {{ lower = -4, upper = 4, cells = {} }}\n\
+             v = {{ lower = 0.3, upper = 0.9, cells = 2 }}\n",
             24 * n,
             26 * n
         )
@@ -132,7 +138,8 @@ fn slopes_are_of_second_order() {
                 let place = directory();
                 let file = place.path().join("smooth.toml");
                 let text = format!(
-                    "{}[[potential]]\nvalue = \"{potential}\"\n[initial]\nf = \"{initial}\"\n[time]\nend = {end}\n\
+                    "{}[[potential]]\nvalue = \"{potential}\"\n[initial]\nf = \"{initial}\"\n\
+                 [time]\nend = {end}\n\
                  [scheme]\nlimiter = \"{limiter}\"\n[solver]\nmethod = \"classical\"\n\
                  [solver.classical]\nintegrator = \"ssp-rk3\"\n[exact]\nf = \"{exact}\"\n",
                     axes(n)
@@ -148,7 +155,8 @@ fn slopes_are_of_second_order() {
     );
 }
 
-/// With slopes and the longest step, nothing rises above the data and what enters, and nothing falls below.
+/// With slopes and the longest step, nothing rises above the data and what enters, and nothing
+/// falls below.
 #[test]
 fn slopes_keep_the_bounds() {
     let mut rows = Vec::new();
@@ -200,7 +208,8 @@ fn the_lens_refracts_its_beam() {
     let (density, momentum) = (stored["/density"].numbers(), stored["/momentum"].numbers());
     let points = density.len();
     assert_eq!(points, cells[0] * cells[1]);
-    // Fluxes through the strip of cells x from..to: Σ v_y f / Σ v_x f is the tangent of the beam's angle.
+    // Fluxes through the strip of cells x from..to: Σ v_y f / Σ v_x f is the tangent of the beam's
+    // angle.
     let tangent = |columns: std::ops::Range<usize>| {
         let sum = |axis: usize| -> f64 {
             columns

@@ -1,5 +1,5 @@
-//! The program from outside: started as a user starts it, alone and under mpirun, on the cases of `cases/`, changed by
-//! `--set`.
+//! The program from outside: started as a user starts it, alone and under mpirun, on the cases of
+//! `cases/`, changed by `--set`.
 
 mod advise;
 mod chart;

@@ -5,13 +5,15 @@ use crate::support::{
     run,
 };
 
-/// The fields `phi`, `psi_x` of one run, with one matrix and one pass over the modes, are those of runs of their own with
-/// plain data: the same bits by the classical method, within the tolerance by the other, whose plan follows the field.
+/// The fields `phi`, `psi_x` of one run, with one matrix and one pass over the modes, are those of
+/// runs of their own with plain data: the same bits by the classical method, within the tolerance
+/// by the other, whose plan follows the field.
 #[test]
 fn fields_of_one_run_are_those_of_runs_of_their_own() {
     let size = ["axis.0.x.cells=38", "axis.0.v.cells=30", "time.end=0.9"];
     let measure: String = std::fs::read_to_string(case("example2.toml")).unwrap();
-    let w = "0.9 if x <= -2 else 0.9 - 0.225*(x + 2)^2 if x <= 0 else -0.9 + 0.225*(x - 2)^2 if x < 2 else -0.9";
+    let w = "0.9 if x <= -2 else 0.9 - 0.225*(x + 2)^2 if x <= 0 \
+             else -0.9 + 0.225*(x - 2)^2 if x < 2 else -0.9";
     let (before, after) = (
         measure.find("[initial]").unwrap(),
         measure.find("[time]").unwrap(),
@@ -53,8 +55,8 @@ fn fields_of_one_run_are_those_of_runs_of_their_own() {
     }
 }
 
-/// Example 2: errors of density and mean velocity fall with the cells, and the mass with them towards the exact one,
-/// 4 + 2 · 0.9 · 1.8.
+/// Example 2: errors of density and mean velocity fall with the cells, and the mass with them
+/// towards the exact one, 4 + 2 · 0.9 · 1.8.
 #[test]
 fn error_of_example_2_against_the_exact_moments() {
     for interface in INTERFACES {
@@ -83,7 +85,8 @@ fn error_of_example_2_against_the_exact_moments() {
     }
 }
 
-/// Moments in the file are those of its `phi` and `psi` by the paper's formula, recomputed here in two dimensions.
+/// Moments in the file are those of its `phi` and `psi` by the paper's formula, recomputed here in
+/// two dimensions.
 #[test]
 fn moments_of_example_3_are_those_of_its_level_sets() {
     let place = directory();

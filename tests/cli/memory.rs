@@ -74,12 +74,16 @@ fn memory_is_what_was_planned() {
         // The arrays alone.
         let arrays = (planned - base) / (peak - base);
         summary.require((0.75..=3.0).contains(&arrays), || {
-            format!("planned {planned_text}, peak {peak_text}, program {base_text}: arrays by a factor {arrays:.2}")
+            format!(
+                "planned {planned_text}, peak {peak_text}, program {base_text}: \
+                 arrays by a factor {arrays:.2}"
+            )
         })
     });
 }
 
-/// The room for sparse factors is an estimate: not less than they take, and at most several times as much.
+/// The room for sparse factors is an estimate: not less than they take, and at most several times
+/// as much.
 #[test]
 fn factors_take_no_more_memory_than_planned() {
     let place = directory();
@@ -116,7 +120,10 @@ fn factors_take_no_more_memory_than_planned() {
         let planned = summary.number("memory_planned_bytes_per_rank")?;
         let arrays = (planned - base) / (peak - base);
         summary.require((0.75..=6.0).contains(&arrays), || {
-            format!("planned {planned:e}, peak {peak:e}, program {base:e}: arrays by a factor {arrays:.2}")
+            format!(
+                "planned {planned:e}, peak {peak:e}, program {base:e}: \
+                 arrays by a factor {arrays:.2}"
+            )
         })
     });
 }

@@ -2,8 +2,8 @@
 
 use crate::support::{at_most, check_all, datasets, directory, distance, near, run};
 
-/// What is written before the end is what runs that end there find, fields and moments, by modes and classically; with the same
-/// sums of moments whether the fields are kept or not.
+/// What is written before the end is what runs that end there find, fields and moments, by modes
+/// and classically; with the same sums of moments whether the fields are kept or not.
 #[test]
 fn results_before_the_end_are_those_of_shorter_runs() {
     let grid = ["axis.0.x.cells=40", "axis.0.v.cells=33"];
@@ -73,8 +73,8 @@ fn results_before_the_end_are_those_of_shorter_runs() {
     });
 }
 
-/// Moments alone, and those of fields that are written at the same times, are the same but for round-off; the field at the end is
-/// the same to the last bit.
+/// Moments alone, and those of fields that are written at the same times, are the same but for
+/// round-off; the field at the end is the same to the last bit.
 #[test]
 fn moments_alone_are_those_of_the_field() {
     let (alone, with) = (directory(), directory());

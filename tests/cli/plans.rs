@@ -1,11 +1,11 @@
 //! `phasewarp plan` and `check`: what a run will do, made without solving, is what it does.
 
 use crate::support::{
-    Finished, Job, case, cases, check, check_all, directory, near, plan, require, run, shrunk,
+    Finished, Job, case, cases, check, check_all, directory, near, parsed, plan, require, run,
+    shrunk,
 };
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
-use phasewarp::problem::case::Case;
 use std::path::Path;
 
 #[test]
@@ -34,13 +34,12 @@ fn check_prints_what_was_understood() {
     });
 }
 
-/// A plan has a mesh of all ranks, for every case and number of them; the program's own, for few ranks and many, says
-/// the same in words.
+/// A plan has a mesh of all ranks, for every case and number of them; the program's own, for few
+/// ranks and many, says the same in words.
 #[test]
 fn plan_works_for_every_case_and_number_of_ranks() {
     check_all(&cases(), |name| {
-        let settings: Vec<String> = shrunk(name).iter().map(|s| (*s).to_owned()).collect();
-        let read = Case::load(Path::new(&case(name)), &settings).map_err(|e| e.to_string())?;
+        let read = parsed(name, shrunk(name))?;
         for ranks in [1, 2, 3, 4, 5, 6, 7, 64] {
             let resources = Resources {
                 ranks,
@@ -136,8 +135,9 @@ fn plans_are_kept() {
     });
 }
 
-/// `plan --calibrate` makes the plan of the run that it is started like, by every method, and tells its seconds, of which the steps make up the
-/// whole. How near they are is measured by `make calibration`; timings decide no test.
+/// `plan --calibrate` makes the plan of the run that it is started like, by every method, and tells
+/// its seconds, of which the steps make up the whole. How near they are is measured by `make
+/// calibration`; timings decide no test.
 #[test]
 fn calibrated_plans_are_those_of_the_run() {
     let rows = [
@@ -199,7 +199,8 @@ fn calibrated_plans_are_those_of_the_run() {
     });
 }
 
-/// Fewer ranks than the run will have measure for it; nodes are counted and their memory is kept to.
+/// Fewer ranks than the run will have measure for it; nodes are counted and their memory is kept
+/// to.
 #[test]
 fn plans_for_nodes() {
     let nodes = [
@@ -245,8 +246,7 @@ fn every_case_is_in_the_readme() {
             .find(|l| l.starts_with(&format!("| `{name}` |")));
         let row = row.ok_or_else(|| format!("cases/README.md has no row for {name}"))?;
         // The row's number of cells is the file's.
-        let read = Case::load(Path::new(&case(name)), &[]).map_err(|e| e.to_string())?;
-        let cells = format!("= {} |", read.space.cells());
+        let cells = format!("= {} |", parsed(name, &[])?.space.cells());
         match row.contains(&cells) {
             true => Ok(()),
             false => Err(format!(

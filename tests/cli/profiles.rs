@@ -1,11 +1,13 @@
-//! Profiles g(p) and readings: orders, intervals and points by hand, the plateau, the paper's set-ups.
+//! Profiles g(p) and readings: orders, intervals and points by hand, the plateau, the paper's
+//! set-ups.
 
 use crate::support::{
     at_most, check_all, datasets, directory, meets_its_tolerance_within, near, plan, refused,
     require, run,
 };
 
-/// Every profile by every reading, on cases that differ: steps, trapped particles, inflow, two dimensions.
+/// Every profile by every reading, on cases that differ: steps, trapped particles, inflow, two
+/// dimensions.
 #[test]
 fn every_profile_and_reading_meets_its_tolerance() {
     const PROFILES: [(&str, &[&str]); 7] = [
@@ -67,10 +69,11 @@ fn every_profile_and_reading_meets_its_tolerance() {
     );
 }
 
-/// The orders in `N_p` through the whole recovery: `r + 1` where what is read reaches the corner (`r = 0` for the exponential: the
-/// first order that the paper states), one more away from it. The corner is a third of a cell off the grid, as samples
-/// are exact on it; in a short time all of the spectrum of `S` stays at the corner, and in a long one only a part
-/// of it does, so that the order there is higher.
+/// The orders in `N_p` through the whole recovery: `r + 1` where what is read reaches the corner
+/// (`r = 0` for the exponential: the first order that the paper states), one more away from it. The
+/// corner is a third of a cell off the grid, as samples are exact on it; in a short time all of the
+/// spectrum of `S` stays at the corner, and in a long one only a part of it does, so that the order
+/// there is higher.
 #[test]
 fn points_given_by_hand_converge_with_the_order_of_the_profile() {
     const SHORT: &str = "1e-4";
@@ -163,7 +166,8 @@ fn intervals_too_short_are_refused_with_what_is_needed() {
     });
 }
 
-/// A set-up by hand in the manner of the paper runs, and what it lacks is said before and in the summary.
+/// A set-up by hand in the manner of the paper runs, and what it lacks is said before and in the
+/// summary.
 #[test]
 fn what_is_given_by_hand_and_not_enough_is_warned_of() {
     let place = directory();
@@ -216,7 +220,8 @@ fn the_plateau_is_flat_where_the_field_can_be_read() {
     assert!(distance[4] < 1e-12, "{distance:?}");
 }
 
-/// The plan tells the whole profile: its coefficients sum up to e^{-p} where the spectrum of ST lies, to within the tolerance.
+/// The plan tells the whole profile: its coefficients sum up to e^{-p} where the spectrum of ST
+/// lies, to within the tolerance.
 #[test]
 fn the_plan_holds_the_profile() {
     let rows = [
@@ -257,8 +262,8 @@ fn the_plan_holds_the_profile() {
     });
 }
 
-/// Every profile with every propagator, and with shifts up and down: the tolerance is met, or, where the step's error is
-/// above it, that is said.
+/// Every profile with every propagator, and with shifts up and down: the tolerance is met, or,
+/// where the step's error is above it, that is said.
 #[test]
 fn profiles_with_propagators_and_shifts() {
     let profiles = [
@@ -319,8 +324,9 @@ fn profiles_with_propagators_and_shifts() {
     });
 }
 
-/// The paper's own set-ups, on smaller grids and with fewer points: interval, recovery point, step and embedding are
-/// taken as given, what they do not guarantee is said, and the first and the third come out within their tolerance.
+/// The paper's own set-ups, on smaller grids and with fewer points: interval, recovery point, step
+/// and embedding are taken as given, what they do not guarantee is said, and the first and the
+/// third come out within their tolerance.
 #[test]
 fn the_papers_own_set_ups() {
     let rows: [(&str, &[&str], &[&str], f64); 3] = [

@@ -1,12 +1,12 @@
 //! Cases put together at random, and fields of any size: solved to the tolerance, or refused.
 
 use crate::support::{
-    INTERFACES, Job, at_most, check_all, datasets, differences, directory, refused, run,
-    solved_or_refused,
+    INTERFACES, Job, check_all, datasets, differences, directory, estimate_is_right_or_silent,
+    refused, run, solved_or_refused, tolerance_is_met,
 };
 
-/// Scenes put together at random, the same ones every time: solved to the tolerance, with the same bits on more ranks, or
-/// refused; whatever the estimate says is of the right size.
+/// Scenes put together at random, the same ones every time: solved to the tolerance, with the same
+/// bits on more ranks, or refused; whatever the estimate says is of the right size.
 #[test]
 fn random_scenes_are_solved_or_refused() {
     let seeds: Vec<u64> = (0..60).collect();
@@ -41,21 +41,8 @@ fn random_scenes_are_solved_or_refused() {
                 .map_err(told);
         }
         solved.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-        let error = summary.number("error_semidiscrete")?;
-        summary
-            .holds(at_most(
-                "error_semidiscrete",
-                error,
-                summary.number("tolerance")?,
-            ))
-            .map_err(told)?;
-        let ratio = summary.number("error_estimate")? / error;
-        let silent = !summary.boolean("error_estimate_reliable")?;
-        summary
-            .require(silent || (1.0 / 6.0..=6.0).contains(&ratio), || {
-                format!("the estimate is {ratio:.3} times the true error, and called reliable")
-            })
-            .map_err(told)
+        tolerance_is_met(&summary).map_err(told)?;
+        estimate_is_right_or_silent(&summary, 6.0).map_err(told)
     });
     // Most scenes hold something that can be solved.
     let solved = solved.into_inner();
@@ -79,8 +66,8 @@ impl Choices {
     }
 }
 
-/// A case in one or two dimensions: standing, grazing, trapped and escaping particles, edges off the faces, forces,
-/// inflow, boxes on one side of zero, single cells.
+/// A case in one or two dimensions: standing, grazing, trapped and escaping particles, edges off
+/// the faces, forces, inflow, boxes on one side of zero, single cells.
 fn scene(choices: &mut Choices) -> String {
     let dimension = choices.of(&[1, 1, 2]);
     let mut text = String::new();
@@ -99,7 +86,8 @@ fn scene(choices: &mut Choices) -> String {
             choices.of(&[0.4, 1.0, 2.0, 3.0]),
         );
         text += &format!(
-            "[[axis]]\nx = {{ lower = {x}, upper = {}, cells = {} }}\nv = {{ lower = {v}, upper = {}, cells = {} }}\n",
+            "[[axis]]\nx = {{ lower = {x}, upper = {}, cells = {} }}\n\
+             v = {{ lower = {v}, upper = {}, cells = {} }}\n",
             x + width,
             choices.of(&cells),
             v + speeds,
@@ -153,7 +141,8 @@ fn scene(choices: &mut Choices) -> String {
     text + &format!("[solver.warp]\nweights = \"{weights}\"\n")
 }
 
-/// Units are the user's: a field of any size is solved to the tolerance, or refused; never a zero instead.
+/// Units are the user's: a field of any size is solved to the tolerance, or refused; never a zero
+/// instead.
 #[test]
 fn fields_of_any_size_are_solved_or_refused() {
     let rows = ["1e-300", "1e-200", "1e-100", "1e100", "1e200", "1e300"];
@@ -172,7 +161,8 @@ fn fields_of_any_size_are_solved_or_refused() {
     });
 }
 
-/// When (almost) nothing is left of the field, an error relative to it cannot be promised: met or refused.
+/// When (almost) nothing is left of the field, an error relative to it cannot be promised: met or
+/// refused.
 #[test]
 fn what_is_left_of_a_field_is_solved_or_refused() {
     let rows = ["14", "30", "46", "54", "62"];

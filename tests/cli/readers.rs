@@ -1,7 +1,8 @@
 //! Results as other programs see them: h5py, xarray and VTK's XDMF reader, by `tests/readers.py`.
 //!
-//! Skipped, and said so, where there is no Python with these packages; `make readers` installs them. A failure where
-//! `PHASEWARP_READERS=required`, as `.ci/run` sets it once they are installed.
+//! Skipped, and said so, where there is no Python with these packages; `make readers` installs
+//! them. A failure where `PHASEWARP_READERS=required`, as `.ci/run` sets it once they are
+//! installed.
 
 use crate::support::{Job, case, check_all, directory, python};
 use std::io::Write;

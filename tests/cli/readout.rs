@@ -38,7 +38,8 @@ fn the_same_bits_on_any_ranks_and_beside_any_cells() {
         }
         Err(format!("{ranks} ranks, {blocks} blocks: {differ:?}"))
     });
-    // Another seed draws others, and nothing else is another; a cell alone is drawn as before, by index or by place.
+    // Another seed draws others, and nothing else is another; a cell alone is drawn as before, by
+    // index or by place.
     let place = directory();
     run(&[SMALL, &["readout={cells=[[3],[11],[22]],seed=8}"]])
         .solve(place.path())
@@ -142,7 +143,8 @@ fn values_are_the_moments_and_estimates_within_their_bounds() {
     }
     // 40 bounds or so, each missed once in twenty times at most.
     assert!(missed <= 6, "{missed}");
-    // The norm of the field, and the probability that the amplitudes give: e^{−2p◇} C_f² … is that of the slice.
+    // The norm of the field, and the probability that the amplitudes give: e^{−2p◇} C_f² … is that
+    // of the slice.
     let f = stored["/f"].numbers();
     let norm = f.iter().map(|f| f * f).sum::<f64>().sqrt();
     let readout = &summary.value["readout"];

@@ -141,7 +141,8 @@ fn answers_are_those_of_the_whole_grid() {
     });
 }
 
-/// Of measure-valued data the exact mass and the errors of the moments are those of the whole grid too.
+/// Of measure-valued data the exact mass and the errors of the moments are those of the whole grid
+/// too.
 #[test]
 fn moments_of_level_sets_are_those_of_the_whole_grid() {
     let settings: &[&str] = &[
@@ -200,7 +201,8 @@ fn check(name: &str, settings: &[&str]) -> Result<Finished, String> {
     Job::new(["check", &case(name)]).set(settings).succeed()
 }
 
-/// What varies, or what a boundary lets in, keeps an axis; and the reason is said where it looks as if it could go.
+/// What varies, or what a boundary lets in, keeps an axis; and the reason is said where it looks as
+/// if it could go.
 #[test]
 fn what_differs_is_kept() {
     type Kept = (&'static [&'static str], Option<&'static str>);
@@ -243,7 +245,8 @@ fn what_differs_is_kept() {
     assert!(finished.output.contains(line), "{}", finished.report(line));
 }
 
-/// By default cropped velocities come back as zeros, and an axis along which nothing varies has one cell.
+/// By default cropped velocities come back as zeros, and an axis along which nothing varies has one
+/// cell.
 #[test]
 fn results_have_the_velocities_of_the_case() {
     let here = directory();

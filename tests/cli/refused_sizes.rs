@@ -4,7 +4,8 @@ use crate::support::{
     Job, SECONDS_TO_REFUSE, case, check_all, directory, plan, refused, solved_or_refused,
 };
 
-/// More cells than there is memory for: refused before anything is allocated, whatever is to be done with them.
+/// More cells than there is memory for: refused before anything is allocated, whatever is to be
+/// done with them.
 #[test]
 fn grids_beyond_the_memory_are_refused() {
     let rows: &[(&str, [&str; 2], &[&str])] = &[
@@ -85,7 +86,8 @@ fn plan_and_check_of_absurd_grids_do_not_hang() {
     });
 }
 
-/// Numbers that are finite and yet absurd: too long, too fast, too fine. Solved, or refused naming a key.
+/// Numbers that are finite and yet absurd: too long, too fast, too fine. Solved, or refused naming
+/// a key.
 #[test]
 fn absurd_scales_are_refused() {
     let rows: &[(&str, &[&str])] = &[

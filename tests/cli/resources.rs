@@ -1,8 +1,10 @@
-//! `phasewarp resources` and the probabilities of a run: counts, and measurements of the whole warped field.
+//! `phasewarp resources` and the probabilities of a run: counts, and measurements of the whole
+//! warped field.
 
 use crate::support::{Job, case, check_all, datasets_of, directory, field, require, run};
 
-/// Sparsity, queries and qubits of every kind of scene, on any ranks; in every form; what is not known is said and not zero.
+/// Sparsity, queries and qubits of every kind of scene, on any ranks; in every form; what is not
+/// known is said and not zero.
 #[test]
 fn resources_are_counted() {
     let rows = [
@@ -86,7 +88,8 @@ fn resources_are_counted() {
     }
 }
 
-/// The probability of the slice and of the window, and the norm of the field that follows, against the whole warped field of a full run.
+/// The probability of the slice and of the window, and the norm of the field that follows, against
+/// the whole warped field of a full run.
 #[test]
 fn probabilities_are_those_of_the_warped_field() {
     // Neither weights nor inflow: the file holds the state.

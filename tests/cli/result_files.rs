@@ -1,4 +1,5 @@
-//! Files of results: older ones stay when a run is refused, storage, attributes, checksums, where they go.
+//! Files of results: older ones stay when a run is refused, storage, attributes, checksums, where
+//! they go.
 
 use crate::support::{Job, case, check_all, datasets, differences, directory, refused, run};
 use std::collections::BTreeMap;
@@ -57,7 +58,8 @@ fn refused_runs_leave_older_results() {
     );
 }
 
-/// However the fields are stored, they are the same, on any ranks; also where a rank has none of them.
+/// However the fields are stored, they are the same, on any ranks; also where a rank has none of
+/// them.
 #[test]
 fn same_bits_compressed_and_in_chunks() {
     const ODD: [&str; 2] = ["axis.0.x.cells=23", "axis.0.v.cells=17"];

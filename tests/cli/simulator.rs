@@ -1,7 +1,7 @@
 //! `phasewarp export-quantum`: what it writes, by itself and in Qiskit, by `tests/simulator.py`.
 //!
-//! Qiskit's part is skipped, and said so, where there is no Python with it; `make qiskit` installs it. A failure where
-//! `PHASEWARP_QISKIT=required`, as `.ci/run` sets it once it is installed.
+//! Qiskit's part is skipped, and said so, where there is no Python with it; `make qiskit` installs
+//! it. A failure where `PHASEWARP_QISKIT=required`, as `.ci/run` sets it once it is installed.
 
 use crate::support::{Job, case, check_all, directory, python};
 use std::io::Write;
@@ -140,7 +140,8 @@ fn what_is_read_from_the_exported_state_is_the_field() {
         let (exported, solved) = (directory(), directory());
         let settings = settings.concat();
         export(name, &settings, exported.path()).succeed()?;
-        // To the tolerance, and so the distance of one to the other: both are that far from the exact one.
+        // To the tolerance, and so the distance of one to the other: both are that far from the
+        // exact one.
         let job = Job::new(["run", &case(name)]).set(&settings);
         let summary = job.solve(solved.path())?;
         let field = vector(&exported.path().join("field.npy"))?;
@@ -150,7 +151,8 @@ fn what_is_read_from_the_exported_state_is_the_field() {
         summary.require(apart <= 2.0 * tolerance, || {
             format!("{apart:e} from the field of a run")
         })?;
-        // The probability of the slice is that of the run, but for the number of points and where exactly the slice is.
+        // The probability of the slice is that of the run, but for the number of points and where
+        // exactly the slice is.
         let text = std::fs::read_to_string(exported.path().join("description.json"));
         let about: serde_json::Value = text
             .ok()

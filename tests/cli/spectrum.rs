@@ -1,8 +1,10 @@
-//! `phasewarp spectrum`: the extreme eigenvalues of the symmetric part, by refinement, with inflow, inside their bounds.
+//! `phasewarp spectrum`: the extreme eigenvalues of the symmetric part, by refinement, with inflow,
+//! inside their bounds.
 
 use crate::support::{Finished, Job, at_most, case, cases, check_all, near, require, shrunk};
 
-/// Numbers of a line of `phasewarp spectrum`: the line that starts with `label`, the word after `key`.
+/// Numbers of a line of `phasewarp spectrum`: the line that starts with `label`, the word after
+/// `key`.
 fn spectrum_number(finished: &Finished, label: &str, key: &str) -> Result<f64, String> {
     let line = finished.output.lines().find(|l| l.starts_with(label));
     let mut words = line.unwrap_or_default().split_whitespace();
@@ -47,7 +49,8 @@ fn spectrum_of_example_1() {
     });
 }
 
-/// λ± of example 1 by refinement, both ends with their residuals; the known figures, as a table and as JSON.
+/// λ± of example 1 by refinement, both ends with their residuals; the known figures, as a table and
+/// as JSON.
 #[test]
 fn spectrum_by_refinement() {
     // λ⁺ and λ⁻ at 32², 64², 128².
@@ -148,7 +151,8 @@ fn spectrum_by_refinement() {
     );
 }
 
-/// Wells, slopes, inflow, two and three dimensions: every case has a spectrum, its ends inside the bounds.
+/// Wells, slopes, inflow, two and three dimensions: every case has a spectrum, its ends inside the
+/// bounds.
 #[test]
 fn spectrum_of_every_case() {
     check_all(&cases(), |name| {
@@ -180,7 +184,8 @@ fn spectrum_of_every_case() {
     });
 }
 
-/// λ± of the enlarged system and of `A` alone: the paper's δ adds nothing, δ = 1 a quarter of the largest rate where 1 enters.
+/// λ± of the enlarged system and of `A` alone: the paper's δ adds nothing, δ = 1 a quarter of the
+/// largest rate where 1 enters.
 #[test]
 fn spectrum_with_inflow() {
     let set = |delta: &'static str| {
@@ -197,12 +202,14 @@ fn spectrum_with_inflow() {
     assert!((alone - 2.0707).abs() < 1e-4 && (enlarged - alone).abs() < 1e-5);
     let one = set("solver.warp.delta=1").unwrap();
     let enlarged = number(&one, "no weights, with inflow", "lambda+");
-    // The end of a chain with diagonal −d and neighbours d/2, coupled by d/2 to an unknown of its own: λ = d/4.
+    // The end of a chain with diagonal −d and neighbours d/2, coupled by d/2 to an unknown of its
+    // own: λ = d/4.
     let fastest = (1.5 - 1.5 / 128.0) / (3.0 / 128.0);
     assert!((enlarged - fastest / 4.0).abs() < 1e-4, "{enlarged}");
 }
 
-/// As above, for `spectrum`, which needs the matrix; a refinement too many is found before the first grid is computed.
+/// As above, for `spectrum`, which needs the matrix; a refinement too many is found before the
+/// first grid is computed.
 #[test]
 fn spectrum_of_a_grid_beyond_the_memory_is_refused() {
     let more: &[(&str, &str, &[&str])] = &[

@@ -48,7 +48,8 @@ fn expect(holds: bool, what: impl Fn() -> String) -> Result<(), String> {
     if holds { Ok(()) } else { Err(what()) }
 }
 
-/// A step of forward Euler keeps the largest value exactly up to cfl 1, one of SSP-RK3 too; neither explodes below von Neumann's limit.
+/// A step of forward Euler keeps the largest value exactly up to cfl 1, one of SSP-RK3 too; neither
+/// explodes below von Neumann's limit.
 #[test]
 fn explicit_steps_fail_where_theory_says() {
     let small =
@@ -65,7 +66,8 @@ fn explicit_steps_fail_where_theory_says() {
         let all = found(&stability(name, "cfl").set(&set).on(*ranks))?;
         for method in ["forward Euler", "SSP-RK3"] {
             let [kept, theory] = border(&all, "cfl", &format!("{method}: largest"))?;
-            // Beside a force the neighbours' numbers differ, and the signs that are tried are not the worst.
+            // Beside a force the neighbours' numbers differ, and the signs that are tried are not
+            // the worst.
             let worst = if *name == "slope_jump.toml" {
                 1.3
             } else {
@@ -88,7 +90,8 @@ fn explicit_steps_fail_where_theory_says() {
     });
 }
 
-/// Example 1: λ⁺ of hat rows, and of conservative ones, by refinement; with weights never above the certificate.
+/// Example 1: λ⁺ of hat rows, and of conservative ones, by refinement; with weights never above the
+/// certificate.
 #[test]
 fn growth_of_example_1_by_refinement() {
     let all = found(&stability("example1.toml", "growth").on(2)).unwrap();
@@ -176,7 +179,8 @@ fn the_plateau_begins_and_ends_where_theory_says() {
     );
 }
 
-/// Both ends of the interval: no error that theory has not, and a run keeps its tolerance on the shortest that it accepts.
+/// Both ends of the interval: no error that theory has not, and a run keeps its tolerance on the
+/// shortest that it accepts.
 #[test]
 fn intervals_fail_where_theory_says() {
     let grid = ["axis.0.x.cells=20", "axis.0.v.cells=15"];
@@ -197,7 +201,8 @@ fn intervals_fail_where_theory_says() {
     });
 }
 
-/// What enters: a `δ` of least loss, and planned couplings that lose no more than three times as much.
+/// What enters: a `δ` of least loss, and planned couplings that lose no more than three times as
+/// much.
 #[test]
 fn delta_has_a_best_value() {
     let grid = ["axis.0.x.cells=24", "axis.0.v.cells=20"];

@@ -1,14 +1,16 @@
-//! Tolerances: what is asked for is met, the estimate of the error is right or says that it cannot tell.
+//! Tolerances: what is asked for is met, the estimate of the error is right or says that it cannot
+//! tell.
 
 use crate::support::{
-    INTERFACES, at_most, case, cases, check_all, datasets, directory, distance, field,
-    meets_its_tolerance, near, plan, refused, require, run, shrunk,
+    INTERFACES, at_most, cases, check_all, datasets, directory, distance,
+    estimate_is_right_or_silent, field, meets_its_tolerance, near, parsed, plan, refused, require,
+    run, shrunk, tolerance_is_met,
 };
 
 const TOLERANCES: [&str; 4] = ["1e-3", "1e-6", "1e-9", "1e-11"];
 
-/// Every case, both interfaces: the tolerance is met, the estimate is right or says that it cannot tell, every mode is
-/// unitary. Measured by the program itself (`solver.verify`).
+/// Every case, both interfaces: the tolerance is met, the estimate is right or says that it cannot
+/// tell, every mode is unitary. Measured by the program itself (`solver.verify`).
 #[test]
 fn tolerances_are_met_in_every_case() {
     let mut rows = Vec::new();
@@ -35,8 +37,8 @@ fn tolerances_are_met_in_every_case() {
     });
 }
 
-/// Every case by every other propagator: Krylov meets the tolerance; the implicit methods are as far from the exact solution as
-/// the error that they report, say so, and run with split space too.
+/// Every case by every other propagator: Krylov meets the tolerance; the implicit methods are as
+/// far from the exact solution as the error that they report, say so, and run with split space too.
 #[test]
 fn every_propagator_runs_in_every_case() {
     let mut rows = Vec::new();
@@ -64,23 +66,10 @@ fn every_propagator_runs_in_every_case() {
         let Some(steps) = steps else {
             return meets_its_tolerance(&job.solve(place.path())?);
         };
-        let text = std::fs::read_to_string(case(name)).map_err(|e| e.to_string())?;
-        let sooner = shrunk(name).iter();
-        let end: f64 = (sooner.filter_map(|s| s.strip_prefix("time.end=")))
-            .chain(text.lines().filter_map(|l| l.trim().strip_prefix("end = ")))
-            .find_map(|l| l.split_whitespace().next()?.parse().ok())
-            .ok_or("no end in the file")?;
+        let end = parsed(name, shrunk(name))?.end;
         let step = format!("solver.propagator.step={}", end / steps);
         let summary = job.set(&[&step]).solve(place.path())?;
-        let (error, estimate) = (
-            summary.number("error_semidiscrete")?,
-            summary.number("error_estimate")?,
-        );
-        let told = summary.boolean("error_estimate_reliable")?;
-        let ratio = estimate / error;
-        summary.require(!told || (1.0 / 3.0..=3.0).contains(&ratio), || {
-            format!("error_estimate {estimate:e}, error {error:e}")
-        })?;
+        estimate_is_right_or_silent(&summary, 3.0)?;
         let leading = summary.number("step_error")?;
         let warned = summary.warnings().contains("solver.propagator.step");
         summary.require(warned == (leading > summary.number("tolerance")?), || {
@@ -104,7 +93,8 @@ fn every_propagator_runs_in_every_case() {
     });
 }
 
-/// The distance taken here, between the files of two runs, not by the program; on different numbers of ranks.
+/// The distance taken here, between the files of two runs, not by the program; on different numbers
+/// of ranks.
 #[test]
 fn distance_between_files_is_what_was_asked_for() {
     let rows = [
@@ -179,8 +169,8 @@ fn classical_integrators_converge_to_the_exponential() {
     });
 }
 
-/// Applications of example 1 stay below those of the prototypes: of the designed profile, which is what is planned, and, at most 15 % above
-/// them, of the Gaussian.
+/// Applications of example 1 stay below those of the prototypes: of the designed profile, which is
+/// what is planned, and, at most 15 % above them, of the Gaussian.
 #[test]
 fn applications_stay_near_the_prototype() {
     let rows = [
@@ -224,8 +214,8 @@ fn applications_stay_near_the_prototype() {
     });
 }
 
-/// However short the time and however small the tolerance: met, with an estimate that is right or says that it cannot
-/// tell.
+/// However short the time and however small the tolerance: met, with an estimate that is right or
+/// says that it cannot tell.
 #[test]
 fn estimate_is_right_or_silent_at_the_edges() {
     let small = ["axis.0.x.cells=32", "axis.0.v.cells=32"];
@@ -247,20 +237,8 @@ fn estimate_is_right_or_silent_at_the_edges() {
             .set(settings)
             .set(&["solver.verify=true"]);
         let summary = job.solve(place.path())?;
-        let (error, estimate) = (
-            summary.number("error_semidiscrete")?,
-            summary.number("error_estimate")?,
-        );
-        summary.holds(at_most(
-            "error_semidiscrete",
-            error,
-            summary.number("tolerance")?,
-        ))?;
-        let reliable = summary.boolean("error_estimate_reliable")?;
-        let ratio = estimate / error;
-        summary.require(!reliable || (1.0 / 3.0..=3.0).contains(&ratio), || {
-            format!("error_estimate {estimate:e} is {ratio:.3} times the true error {error:e}, and called reliable")
-        })
+        tolerance_is_met(&summary)?;
+        estimate_is_right_or_silent(&summary, 3.0)
     });
 }
 
@@ -355,12 +333,7 @@ fn any_number_of_cells_is_solved() {
             let largest = summary.number("maximum")?;
             return summary.require(largest == 0.0, || format!("maximum {largest} of nothing"));
         }
-        let error = summary.number("error_semidiscrete")?;
-        summary.holds(at_most(
-            "error_semidiscrete",
-            error,
-            summary.number("tolerance")?,
-        ))
+        tolerance_is_met(&summary)
     });
 }
 

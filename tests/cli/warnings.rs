@@ -2,7 +2,8 @@
 
 use crate::support::{Summary, check, check_all, directory, require, run};
 
-/// An edge inside a cell is moved to a face: said, with the distance, by `check`, by `run` and in `summary.json`.
+/// An edge inside a cell is moved to a face: said, with the distance, by `check`, by `run` and in
+/// `summary.json`.
 #[test]
 fn region_edges_off_the_faces_give_a_warning() {
     // Cells of 3/128 = 0.0234375; the nearest centre decides.

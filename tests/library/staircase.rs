@@ -1,9 +1,9 @@
-//! The staircase: no file of `src/` imports a room above its own, and no files import each other in a
-//! circle. The order of the rooms is that of the map in `src/lib.rs`.
+//! The staircase: no file of `src/` imports a room above its own, and no files import each other in
+//! a circle. The order of the rooms is that of the map in `src/lib.rs`.
 //!
-//! An import is a path that begins with `crate`, `self`, `super` or a child module, in a `use` line or
-//! in the code; comments, texts and unit tests do not count. It leads to the file of the deepest module
-//! that the path names.
+//! An import is a path that begins with `crate`, `self`, `super` or a child module, in a `use` line
+//! or in the code; comments, texts and unit tests do not count. It leads to the file of the deepest
+//! module that the path names.
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use std::collections::{BTreeMap, BTreeSet};
@@ -114,8 +114,8 @@ fn imports(sources: &Sources) -> Imports {
     sources.iter().map(of_file).collect()
 }
 
-/// The module that a path in the file of `module` leads to; none where it leaves the crate, or names a
-/// parent only on the way to another place.
+/// The module that a path in the file of `module` leads to; none where it leaves the crate, or
+/// names a parent only on the way to another place.
 fn target(sources: &Sources, module: &Module, path: Vec<String>) -> Option<Module> {
     let mut names = path.into_iter().peekable();
     let mut target = match names.peek()?.as_str() {
@@ -183,8 +183,8 @@ fn item_length(tokens: &[TokenTree]) -> usize {
         .map_or(tokens.len(), |at| at + 1)
 }
 
-/// Adds the path, or the tree of paths, that begins at the first token below `prefix`; the number of
-/// its tokens.
+/// Adds the path, or the tree of paths, that begins at the first token below `prefix`; the number
+/// of its tokens.
 fn path_at(tokens: &[TokenTree], prefix: &[String], paths: &mut Vec<Vec<String>>) -> usize {
     let mut path = prefix.to_vec();
     let mut k = 0;

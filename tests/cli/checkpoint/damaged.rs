@@ -9,7 +9,8 @@ use std::path::Path;
 use std::sync::LazyLock;
 use std::time::Duration;
 
-/// Something that happened to the newest generation of a checkpoint by two ranks, and what is said about it.
+/// Something that happened to the newest generation of a checkpoint by two ranks, and what is said
+/// about it.
 type Damage = (
     &'static str,
     fn(&Path, &Path) -> std::io::Result<()>,

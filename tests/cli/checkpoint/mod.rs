@@ -1,4 +1,5 @@
-//! Runs that are stopped and go on: whatever happened, the end has the bits of a run that nothing happened to.
+//! Runs that are stopped and go on: whatever happened, the end has the bits of a run that nothing
+//! happened to.
 
 mod damaged;
 mod stopped;
@@ -51,8 +52,8 @@ pub fn io<T>(result: std::io::Result<T>) -> Result<T> {
     result.map_err(|e| e.to_string())
 }
 
-/// Goes on from what is in `directory`, to the end, and compares with the whole run, bit for bit; every application that the
-/// checkpoint holds is done once.
+/// Goes on from what is in `directory`, to the end, and compares with the whole run, bit for bit;
+/// every application that the checkpoint holds is done once.
 pub fn ends_well(job: Job, directory: &Path) -> Result<Summary> {
     let done = match newest(directory) {
         Some(newest) => manifest(&newest)?["matvecs"].as_u64().unwrap_or(0) as usize,
@@ -144,7 +145,8 @@ pub enum Blow {
     Signal,
 }
 
-/// Runs a job and deals it a blow at the first moment that `now` finds right; all its ranks have ended when this returns.
+/// Runs a job and deals it a blow at the first moment that `now` finds right; all its ranks have
+/// ended when this returns.
 pub fn struck(job: &Job, blow: Blow, mut now: impl FnMut(Duration) -> bool) -> Result<Finished> {
     let (mut ranks, mut struck) = (Vec::new(), false);
     let finished = job.clone().closely().run_while(|mpirun, since| {

@@ -101,8 +101,8 @@ fn told_to_stop_a_run_leaves_a_checkpoint_for_any_ranks() {
     });
 }
 
-/// Stops a run in stage number `stage`, goes on with it on other ranks, and compares everything with a run that nothing
-/// happened to.
+/// Stops a run in stage number `stage`, goes on with it on other ranks, and compares everything
+/// with a run that nothing happened to.
 fn goes_on_in_stage(
     job: &Job,
     stage: u64,
@@ -147,7 +147,8 @@ fn goes_on_in_stage(
 
 #[test]
 fn stages_that_are_finished_are_not_computed_again() {
-    // Density and level set one after the other, with moments before the end, an implicit method and a plateau.
+    // Density and level set one after the other, with moments before the end, an implicit method
+    // and a plateau.
     let fields = Job::new(["run", &case("example2.toml")]).set(&[
         "axis.0.x.cells=32",
         "axis.0.v.cells=24",
@@ -204,7 +205,8 @@ fn runs_stop_before_their_time_is_over_and_go_on() {
     LazyLock::force(&WHOLE);
     let directory = directory();
     let path = directory.path();
-    // How long the start and the rest take depends on what else the machine does: neither too little nor enough for all.
+    // How long the start and the rest take depends on what else the machine does: neither too
+    // little nor enough for all.
     let (mut pieces, mut seconds) = (0, 0.5_f64);
     for attempt in 1.. {
         let time = format!("{seconds}s");

@@ -1,4 +1,5 @@
-//! The warped field in its file: what streamed runs read, the sum over the modes, memory as planned.
+//! The warped field in its file: what streamed runs read, the sum over the modes, memory as
+//! planned.
 
 use super::{ALL, POINTS, read_at, small, warped};
 use crate::dense::{self, System, evolve};
@@ -8,8 +9,9 @@ use crate::support::{
 use num_complex::Complex64;
 use std::collections::BTreeMap;
 
-/// A full run recovers the bits of the streamed one, on any ranks and mesh, with several fields, inflow, output times, and modes that see
-/// their company; and its files have the same bits on any ranks.
+/// A full run recovers the bits of the streamed one, on any ranks and mesh, with several fields,
+/// inflow, output times, and modes that see their company; and its files have the same bits on any
+/// ranks.
 #[test]
 fn full_runs_recover_what_streamed_ones_do() {
     let line: &[&str] = &["axis.0.x.cells=15", "axis.0.v.cells=14"];
@@ -117,7 +119,8 @@ fn full_runs_recover_what_streamed_ones_do() {
     });
 }
 
-/// The field that is read at p◇, and the plateau, are `e^p w` at the points of the file; the one at an earlier time likewise.
+/// The field that is read at p◇, and the plateau, are `e^p w` at the points of the file; the one at
+/// an earlier time likewise.
 #[test]
 fn what_is_read_at_a_point_is_in_the_file() {
     let place = directory();
@@ -231,7 +234,8 @@ fn the_warped_field_is_that_of_the_dense_exponential() {
     }
 }
 
-/// Beside results no warped field of another run is left, but the one that the run started from and what is none of the program's.
+/// Beside results no warped field of another run is left, but the one that the run started from and
+/// what is none of the program's.
 #[test]
 fn older_warped_fields_go() {
     let place = directory();

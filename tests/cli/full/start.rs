@@ -5,8 +5,8 @@ use crate::dense::{self};
 use crate::support::{Job, Summary, case, check_all, directory, distance, field};
 use std::path::Path;
 
-/// A run to T and one from its file to T are one to 2T: in the field, and in the whole of w; on other ranks; streamed, full, and with a time
-/// between.
+/// A run to T and one from its file to T are one to 2T: in the field, and in the whole of w; on
+/// other ranks; streamed, full, and with a time between.
 #[test]
 fn runs_go_on_from_a_warped_field() {
     let tolerances = ["1e-5", "1e-9"];
@@ -14,8 +14,8 @@ fn runs_go_on_from_a_warped_field() {
         let asked: f64 = tolerance.parse().map_err(|_| "a tolerance")?;
         let tolerance = format!("solver.tolerance={tolerance}");
         let places = [directory(), directory(), directory(), directory()];
-        // Neither weights nor a profile that depend on the time, and next to nothing in the last mode, of which the points see the real
-        // part only.
+        // Neither weights nor a profile that depend on the time, and next to nothing in the last
+        // mode, of which the points see the real part only.
         let same = ["scheme.interface=conservative", "exact={f='0'}"];
         let run = |end: f64| small(&[&tolerance, &format!("time.end={end}")]).set(&same);
         let full = ["--mode", "full"];
@@ -108,8 +108,8 @@ fn plans_of_runs_from_a_file_have_its_points() {
     });
 }
 
-/// A field that no profile makes: not separable, every point and cell a value of its own. Its norm stays, and what is left after no time is what
-/// was in the file.
+/// A field that no profile makes: not separable, every point and cell a value of its own. Its norm
+/// stays, and what is left after no time is what was in the file.
 #[test]
 fn any_field_may_be_the_start() {
     let place = directory();
@@ -133,7 +133,8 @@ fn any_field_may_be_the_start() {
         let w = file.new_dataset::<f64>().shape([cells, velocities, points]);
         w.create("w").unwrap().write_raw(&values).unwrap();
     }
-    // HDF5's lock lasts as long as any program that another test starts meanwhile and that inherits the open file.
+    // HDF5's lock lasts as long as any program that another test starts meanwhile and that inherits
+    // the open file.
     std::fs::copy(&written, &path).unwrap();
     let run = |end: f64, to: &Path| {
         let from = format!("initial={{warped='{}'}}", path.display());

@@ -1,7 +1,7 @@
 //! A browser opens the report.
 //!
-//! Skipped, and said so, where there is none; `make browser` installs one. A failure where `PHASEWARP_BROWSER=required`,
-//! as `.ci/run` sets it once it is installed.
+//! Skipped, and said so, where there is none; `make browser` installs one. A failure where
+//! `PHASEWARP_BROWSER=required`, as `.ci/run` sets it once it is installed.
 
 use super::{album, look_at};
 use crate::support::{Job, case, directory};
@@ -59,7 +59,8 @@ fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<Stri
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// What pages, not the browser itself, asked for beyond this machine's files, by a log of the browser's network.
+/// What pages, not the browser itself, asked for beyond this machine's files, by a log of the
+/// browser's network.
 fn requests(log: &Path) -> Vec<String> {
     let text = std::fs::read_to_string(log).unwrap();
     let beyond = |line: &&str| {
@@ -125,13 +126,15 @@ fn a_browser_opens_the_report() {
     .unwrap();
     assert!(requests(&log).iter().any(|url| url.contains("127.0.0.1:9")));
 
-    // Every picture has its place, nothing sticks out sideways; asked of the page by a script, which it does not allow itself.
+    // Every picture has its place, nothing sticks out sideways; asked of the page by a script,
+    // which it does not allow itself.
     let text = std::fs::read_to_string(&page).unwrap();
     let policy = text
         .lines()
         .find(|l| l.contains("Content-Security-Policy"))
         .unwrap();
-    let script = "<script>const wide=e=>e.getBoundingClientRect().width>250;document.body.innerHTML=\
+    let script = "<script>const wide=e=>e.getBoundingClientRect().width>250;\
+        document.body.innerHTML=\
         'pictures='+[...document.querySelectorAll('figure svg')].filter(wide).length+\
         ' marked='+document.querySelectorAll('img:not(svg *)').length+\
         ' over='+(document.documentElement.scrollWidth-document.documentElement.clientWidth)</script></body>";

@@ -1,4 +1,5 @@
-//! `phasewarp plot` and `phasewarp report`: every case in pictures, the numbers drawn are the file's.
+//! `phasewarp plot` and `phasewarp report`: every case in pictures, the numbers drawn are the
+//! file's.
 
 mod browser;
 

@@ -1,6 +1,7 @@
 //! The case files, what makes them small, and directories for results.
 
 use super::launch::Job;
+use phasewarp::problem::case::Case;
 use std::path::Path;
 
 /// The case files, sorted by name.
@@ -16,7 +17,8 @@ pub fn cases() -> Vec<String> {
     names
 }
 
-/// What makes a case small enough for tests that go through all of them, faces still on the jumps; nothing for most.
+/// What makes a case small enough for tests that go through all of them, faces still on the jumps;
+/// nothing for most.
 pub fn shrunk(name: &str) -> &'static [&'static str] {
     match name {
         "barriers.toml" => &["axis.0.x.cells=60", "axis.0.v.cells=41", "time.end=1.2"],
@@ -61,6 +63,12 @@ pub fn case(name: &str) -> String {
         .join("cases")
         .join(name);
     path.display().to_string()
+}
+
+/// A case of `cases/` with these settings, as the reader understands it.
+pub fn parsed(name: &str, settings: &[&str]) -> Result<Case, String> {
+    let settings: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();
+    Case::load(Path::new(&case(name)), &settings).map_err(|e| e.to_string())
 }
 
 /// A directory of its own below `target/`, deleted when the test is over.

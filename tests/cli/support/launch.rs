@@ -1,5 +1,5 @@
-//! Starts the program, alone or under mpirun: with a time limit that ends the job, a cap on its memory, and no more
-//! ranks at work at a time, over all tests, than the machine bears.
+//! Starts the program, alone or under mpirun: with a time limit that ends the job, a cap on its
+//! memory, and no more ranks at work at a time, over all tests, than the machine bears.
 
 use super::outcome::{Finished, Summary, untag};
 use std::io::{Read, Seek};
@@ -8,7 +8,8 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Ranks at work at a time. Starting and stopping a job is mostly waiting: more than the two cores of a small machine.
+/// Ranks at work at a time. Starting and stopping a job is mostly waiting: more than the two cores
+/// of a small machine.
 pub const SLOTS: usize = 6;
 
 /// Address space of mpirun and of each rank where a job is capped.
@@ -107,7 +108,8 @@ impl Job {
         self
     }
 
-    /// Each rank prints a line "ended with <exit code>" when its program is over, and mpirun sees success.
+    /// Each rank prints a line "ended with <exit code>" when its program is over, and mpirun sees
+    /// success.
     pub fn telling_codes(mut self) -> Self {
         self.tells_codes = true;
         self
@@ -154,7 +156,8 @@ impl Job {
         self.run_while(|_, _| {})
     }
 
-    /// As [`run`](Self::run); meanwhile, every few milliseconds, `meanwhile` gets the process and the time since its start.
+    /// As [`run`](Self::run); meanwhile, every few milliseconds, `meanwhile` gets the process and
+    /// the time since its start.
     pub fn run_while(
         &self,
         mut meanwhile: impl FnMut(&mut Child, Duration),
@@ -194,18 +197,21 @@ impl Job {
             .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
             .env("OMPI_MCA_rmaps_base_oversubscribe", "1")
             .env("OMPI_MCA_mpi_yield_when_idle", "1")
-            // Seconds that mpirun grants the ranks when one failed: they have left MPI together by then.
+            // Seconds that mpirun grants the ranks when one failed: they have left MPI together by
+            // then.
             .env("OMPI_MCA_odls_base_sigkill_timeout", "0")
             .env("RUST_BACKTRACE", "0")
             .env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe");
         if self.ranks.is_none() {
-            // A process alone needs no daemon of Open MPI's, which takes as long to start as the program.
+            // A process alone needs no daemon of Open MPI's, which takes as long to start as the
+            // program.
             command.env("OMPI_MCA_ess_singleton_isolated", "1");
         }
         if let Some(directory) = &self.directory {
             command.current_dir(directory);
         }
-        // Files, not pipes: nothing to be read while the job runs, nothing that a rank left behind could keep open.
+        // Files, not pipes: nothing to be read while the job runs, nothing that a rank left behind
+        // could keep open.
         let fail =
             |what: &str, e: &dyn std::fmt::Display| format!("{}: {what}: {e}", self.command());
         let mut output = tempfile::tempfile().map_err(|e| fail("temporary file", &e))?;
@@ -256,7 +262,8 @@ impl Job {
         }
     }
 
-    /// As [`run`](Self::run), for a run that must end with exit code 0 and nothing said by ranks other than 0.
+    /// As [`run`](Self::run), for a run that must end with exit code 0 and nothing said by ranks
+    /// other than 0.
     pub fn succeed(&self) -> Result<Finished, String> {
         let finished = self.run()?;
         if finished.code != Some(0) {

@@ -1,4 +1,5 @@
-//! What the tests of the command line share: cases, starting the program, checks, and reading results.
+//! What the tests of the command line share: cases, starting the program, checks, and reading
+//! results.
 
 pub mod python;
 

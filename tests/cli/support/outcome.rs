@@ -3,8 +3,8 @@
 use serde_json::Value;
 use std::path::Path;
 
-/// What rank 0, the other ranks and mpirun itself said. mpirun marks every piece it gets from a rank, also in the middle
-/// of a line, with `[job,rank]<stdout>:`.
+/// What rank 0, the other ranks and mpirun itself said. mpirun marks every piece it gets from a
+/// rank, also in the middle of a line, with `[job,rank]<stdout>:`.
 pub fn untag(text: &str) -> [String; 3] {
     let mut said = [const { String::new() }; 3];
     for line in text.split_inclusive('\n') {
@@ -59,7 +59,8 @@ impl Finished {
         serde_json::from_str(&self.output).map_err(|e| self.report(&format!("no JSON: {e}")))
     }
 
-    /// An error with all that was said, unless it ended with this exit code and an error message that holds each of `words`.
+    /// An error with all that was said, unless it ended with this exit code and an error message
+    /// that holds each of `words`.
     pub fn ended(&self, code: i32, words: &[&str]) -> Result<(), String> {
         if self.code != Some(code) {
             return Err(self.report(&format!("exit code {code} expected")));

@@ -1,4 +1,5 @@
-//! What is refused: by the program, and, many mistakes at a time, by the reader of case files in this process.
+//! What is refused: by the program, and, many mistakes at a time, by the reader of case files in
+//! this process.
 
 use super::cases::{case, directory};
 use super::checks::{check_all, require};
@@ -8,7 +9,8 @@ use phasewarp::problem::case::Case;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Slower than this is no answer to bad input; mpirun itself takes one to two seconds to end a job that failed.
+/// Slower than this is no answer to bad input; mpirun itself takes one to two seconds to end a job
+/// that failed.
 pub const SECONDS_TO_REFUSE: f64 = 10.0;
 
 /// Stack of the program's main thread, on which it reads case files.
@@ -21,7 +23,8 @@ impl Job {
     }
 }
 
-/// Refused as a mistake of the user: exit code 2, soon, with one message, from rank 0, that says all of `says`.
+/// Refused as a mistake of the user: exit code 2, soon, with one message, from rank 0, that says
+/// all of `says`.
 pub fn refused(finished: &Finished, says: &[&str]) -> Result<(), String> {
     require(finished.code == Some(2), finished, || {
         "exit code 2 expected".into()
@@ -80,8 +83,8 @@ impl Mistake {
         }
     }
 
-    /// Refused by the reader, in this process: what [`refused`] asks for, of the error that the program would print and
-    /// end with.
+    /// Refused by the reader, in this process: what [`refused`] asks for, of the error that the
+    /// program would print and end with.
     pub fn refused_by_reader(&self) -> Result<(), String> {
         let read = || {
             let outcome = Case::load(Path::new(&self.path), &self.settings);
@@ -123,8 +126,8 @@ impl Mistake {
     }
 }
 
-/// Every row's mistake is refused by the reader; that of the first, the middle and the last row by the program, too.
-/// Files may be written into the directory that `mistake` gets.
+/// Every row's mistake is refused by the reader; that of the first, the middle and the last row by
+/// the program, too. Files may be written into the directory that `mistake` gets.
 pub fn all_refused<T: Sync>(rows: &[T], mistake: impl Fn(&T, &Path) -> Mistake + Sync) {
     let by_program = [0, rows.len() / 2, rows.len() - 1];
     let rows: Vec<(usize, &T)> = rows.iter().enumerate().collect();
@@ -138,7 +141,8 @@ pub fn all_refused<T: Sync>(rows: &[T], mistake: impl Fn(&T, &Path) -> Mistake +
     });
 }
 
-/// `cases/example1.toml` with the one occurrence of `old` replaced, written into `place`; the file and the line of it.
+/// `cases/example1.toml` with the one occurrence of `old` replaced, written into `place`; the file
+/// and the line of it.
 pub fn edited(place: &Path, old: &str, new: &str) -> (PathBuf, usize) {
     let text = std::fs::read_to_string(case("example1.toml")).unwrap();
     let found: Vec<usize> = text.match_indices(old).map(|(at, _)| at).collect();

@@ -48,7 +48,8 @@ fn collect(group: &hdf5::Group, found: &mut BTreeMap<String, Stored>) -> hdf5::R
 fn stored(dataset: &hdf5::Dataset) -> hdf5::Result<Stored> {
     let kind = dataset.dtype()?;
     let mut bytes = vec![0u8; kind.size() * dataset.size()];
-    // SAFETY: all elements, in the type they have in the file, of a fixed size: as many bytes as there is room for.
+    // SAFETY: all elements, in the type they have in the file, of a fixed size: as many bytes as
+    // there is room for.
     let status = hdf5::sync::sync(|| unsafe {
         assert!(hdf5_sys::h5t::H5Tdetect_class(kind.id(), hdf5_sys::h5t::H5T_VLEN) == 0);
         assert!(hdf5_sys::h5t::H5Tis_variable_str(kind.id()) == 0);

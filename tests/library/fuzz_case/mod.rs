@@ -1,7 +1,8 @@
-//! Random case files: whatever is in them, reading ends soon, with a sound case or with a message, and never with a panic.
+//! Random case files: whatever is in them, reading ends soon, with a sound case or with a message,
+//! and never with a panic.
 //!
-//! The same mutations every time, about ten seconds of them; `PHASEWARP_FUZZ=1000000 cargo test --release --test
-//! library fuzz_case` tries that many others, new ones each time.
+//! The same mutations every time, about ten seconds of them; `PHASEWARP_FUZZ=1000000 cargo test
+//! --release --test library fuzz_case` tries that many others, new ones each time.
 
 mod mutate;
 
@@ -129,8 +130,9 @@ fn sound(text: &str, overrides: &[String]) -> Result<bool, String> {
     Ok(true)
 }
 
-/// Runs `test` on values of `strategy` on a thread of its own, as large as the program's, and fails if a value takes too
-/// long. Every value is announced to the channel before it is tried. Returns how many of them `test` found true.
+/// Runs `test` on values of `strategy` on a thread of its own, as large as the program's, and fails
+/// if a value takes too long. Every value is announced to the channel before it is tried. Returns
+/// how many of them `test` found true.
 fn fuzz<S>(count: u32, strategy: fn() -> S, test: fn(&S::Value) -> Result<bool, String>)
 where
     S: Strategy + 'static,

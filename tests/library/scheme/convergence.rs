@@ -57,7 +57,8 @@ fn first_order_convergence_without_a_jump() {
     }
 }
 
-/// One potential covers both sides of the scheme's `rise`: a face is seen the same way from its two cells.
+/// One potential covers both sides of the scheme's `rise`: a face is seen the same way from its two
+/// cells.
 #[test]
 fn the_potential_on_the_grid() {
     for scene in scenes() {
@@ -109,13 +110,15 @@ fn the_potential_on_the_grid() {
     }
 }
 
-/// Without a potential each velocity has the circulant of upwind transport: `−c` on the diagonal, `c` from the cell behind, around the
-/// end too. Written down for one axis, and for another that it stands beside.
+/// Without a potential each velocity has the circulant of upwind transport: `−c` on the diagonal,
+/// `c` from the cell behind, around the end too. Written down for one axis, and for another that it
+/// stands beside.
 #[test]
 fn transport_around_a_periodic_axis_is_a_circulant() {
     for cells in [1, 2, 3, 7] {
         let text = format!(
-            "[[axis]]\nx = {{ lower = -0.4, upper = 1.0, cells = {cells}, boundary = 'periodic' }}\n\
+            "[[axis]]\n\
+             x = {{ lower = -0.4, upper = 1.0, cells = {cells}, boundary = 'periodic' }}\n\
              v = {{ lower = -1.0, upper = 1.5, cells = 5 }}\n[[potential]]\nvalue = '0.3'\n\
              [initial]\nf = '0'\n[inflow]\nvalue = '1'\n[time]\nend = 1.0\n"
         );
@@ -141,7 +144,8 @@ fn transport_around_a_periodic_axis_is_a_circulant() {
     }
 }
 
-/// Where nothing depends on a periodic axis, `A` does not change when everything is moved on along it: to the last bit.
+/// Where nothing depends on a periodic axis, `A` does not change when everything is moved on along
+/// it: to the last bit.
 #[test]
 fn rows_move_on_along_a_periodic_axis() {
     for interface in ["hat", "conservative"] {
@@ -171,7 +175,8 @@ fn rows_move_on_along_a_periodic_axis() {
     }
 }
 
-/// With the conservative interface and all around periodic, columns sum to zero wherever no velocity leaves its box.
+/// With the conservative interface and all around periodic, columns sum to zero wherever no
+/// velocity leaves its box.
 #[test]
 fn a_conservative_interface_around_a_periodic_axis_keeps_the_mass() {
     let step = "example1.toml";
@@ -185,7 +190,8 @@ fn a_conservative_interface_around_a_periodic_axis_keeps_the_mass() {
     let mut kept = 0;
     for j in 0..found.size {
         let sum: f64 = (0..found.size).map(|i| found.at(i, j)).sum();
-        // The fastest 6 of 24 velocities at both ends may gain more than the box holds; √(0.75² + 0.4) is far inside.
+        // The fastest 6 of 24 velocities at both ends may gain more than the box holds; √(0.75² +
+        // 0.4) is far inside.
         if (6..18).contains(&(j % 24)) {
             assert!(sum.abs() < ROUND_OFF * scale, "column {j}: {sum}");
             kept += 1;
@@ -199,7 +205,8 @@ fn a_conservative_interface_around_a_periodic_axis_keeps_the_mass() {
     assert!((0..open.size).any(|j| (6..18).contains(&(j % 24)) && lost(j) < -0.1 * scale));
 }
 
-/// A bump that goes around the end, over a smooth potential: first-order convergence to the exact solution.
+/// A bump that goes around the end, over a smooth potential: first-order convergence to the exact
+/// solution.
 #[test]
 fn first_order_convergence_around_a_periodic_axis() {
     const TIME: f64 = 0.8;
@@ -207,10 +214,12 @@ fn first_order_convergence_around_a_periodic_axis() {
         .into_iter()
         .map(|cells| {
             let text = format!(
-                "[[axis]]\nx = {{ lower = -0.5, upper = 0.5, cells = {cells}, boundary = 'periodic' }}\n\
+                "[[axis]]\n\
+                 x = {{ lower = -0.5, upper = 0.5, cells = {cells}, boundary = 'periodic' }}\n\
                  v = {{ lower = 0.2, upper = 1.8, cells = {} }}\n\
                  [[potential]]\nvalue = '0.03*cos(2*pi*x)'\n\
-                 [initial]\nf = 'exp(cos(2*pi*(x - 0.2)) - ((v - 1)/0.25)^2)'\n[time]\nend = {TIME}\n",
+                 [initial]\nf = 'exp(cos(2*pi*(x - 0.2)) - ((v - 1)/0.25)^2)'\n\
+                 [time]\nend = {TIME}\n",
                 cells / 2
             );
             let case = Case::parse("bump", &text, &[]).expect("a good case");
@@ -233,7 +242,8 @@ fn first_order_convergence_around_a_periodic_axis() {
     }
 }
 
-/// `exp(A time) f` by the classical Runge–Kutta method for linear systems, in steps far below what the error in space needs.
+/// `exp(A time) f` by the classical Runge–Kutta method for linear systems, in steps far below what
+/// the error in space needs.
 fn evolved(case: &Case, matrix: &[Vec<(usize, f64)>], mut f: Vec<f64>, time: f64) -> Vec<f64> {
     let steps = (Bounds::new(case).expect("V is finite").rate * time).ceil();
     let dt = time / steps;

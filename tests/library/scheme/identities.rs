@@ -12,8 +12,9 @@ use phasewarp::scheme::interface::{sources, velocity};
 use phasewarp::scheme::rows::{Row, Scheme};
 use proptest::prelude::*;
 
-/// What holds for every case: signs, row sums and what they leave to the inflow, order of the entries, the bound on the
-/// rates; column sums where the interface keeps them. `inflow` is the constant that enters, if it is one.
+/// What holds for every case: signs, row sums and what they leave to the inflow, order of the
+/// entries, the bound on the rates; column sums where the interface keeps them. `inflow` is the
+/// constant that enters, if it is one.
 fn identities(name: &str, case: &Case, inflow: Option<f64>) {
     let scheme = Scheme::whole(case).expect("V is finite");
     let rate = Bounds::new(case).expect("V is finite").rate;
@@ -74,7 +75,8 @@ fn identities_of_the_scenes() {
     }
 }
 
-/// The control of the last: the hat interface does make columns that grow, and the check would see it.
+/// The control of the last: the hat interface does make columns that grow, and the check would see
+/// it.
 #[test]
 fn some_columns_of_the_hat_interface_sum_above_zero() {
     let scene = scenes().swap_remove(0);
@@ -83,7 +85,8 @@ fn some_columns_of_the_hat_interface_sum_above_zero() {
     assert!(highest > 0.1 * a.largest(), "{highest}");
 }
 
-/// Walls far above every kinetic energy of the grid, as users build boxes of: rows at their feet keep their sums.
+/// Walls far above every kinetic energy of the grid, as users build boxes of: rows at their feet
+/// keep their sums.
 #[test]
 fn identities_at_hard_walls() {
     for interface in ["hat", "conservative"] {
@@ -103,8 +106,8 @@ fn identities_at_hard_walls() {
     }
 }
 
-/// What would have to come from the foot of such a wall is faster than anything: the inflow is asked at such a velocity,
-/// of the right sign, however high the wall.
+/// What would have to come from the foot of such a wall is faster than anything: the inflow is
+/// asked at such a velocity, of the right sign, however high the wall.
 #[test]
 fn inflow_from_the_foot_of_a_hard_wall() {
     for interface in ["hat", "conservative"] {
@@ -144,7 +147,8 @@ fn a_kink_is_not_a_jump() {
     }
 }
 
-/// A part of the grid gives the rows that the whole grid gives, and a reused row is as good as a new one.
+/// A part of the grid gives the rows that the whole grid gives, and a reused row is as good as a
+/// new one.
 #[test]
 fn rows_of_a_part_are_rows_of_the_whole() {
     for scene in scenes() {
@@ -269,7 +273,8 @@ fn any_axis(most_cells: usize) -> impl Strategy<Value = String> {
     )
 }
 
-/// A region of the potential: where it holds, as a fraction of the first axis's cells, and a formula.
+/// A region of the potential: where it holds, as a fraction of the first axis's cells, and a
+/// formula.
 fn any_region() -> impl Strategy<Value = (f64, [f64; 4])> {
     let coefficient = || prop_oneof![Just(0.0), -0.5..0.5f64];
     let numbers = [coefficient(), coefficient(), coefficient(), coefficient()];
@@ -317,7 +322,11 @@ fn identities_of_text(text: &str) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..Default::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 400,
+        failure_persistence: None,
+        ..Default::default()
+    })]
 
     #[test]
     fn identities_in_one_dimension(text in any_case(1, 9)) {

@@ -1,4 +1,5 @@
-//! The matrix against the paper's blocks in one dimension, its sums in any, and the overlap of energies.
+//! The matrix against the paper's blocks in one dimension, its sums in any, and the overlap of
+//! energies.
 
 use super::{Lattice, ROUND_OFF, Scene, conservative, periodic, scenes, symmetric};
 use crate::dense::{Dense, System, assert_close, assert_same};
@@ -13,10 +14,12 @@ fn g_reflection(z: f64) -> f64 {
     1.0 - g_transmission(z)
 }
 
-/// The paper's section 4.2: `A = −A_1 − A_2`, `b = −b_1 − b_2` from the blocks `B_i^u`, `B_i^l`, `C_i`, `D_i`.
+/// The paper's section 4.2: `A = −A_1 − A_2`, `b = −b_1 − b_2` from the blocks `B_i^u`, `B_i^l`,
+/// `C_i`, `D_i`.
 ///
-/// Its halves `j ≤ N_ξ/2` and `j > N_ξ/2` are the signs of `ξ_j`; its partner `j'` is the hat function at `−ξ_j`, which
-/// is the same on boxes symmetric about zero; sums over `k` run on beyond the box and meet the inflow there.
+/// Its halves `j ≤ N_ξ/2` and `j > N_ξ/2` are the signs of `ξ_j`; its partner `j'` is the hat
+/// function at `−ξ_j`, which is the same on boxes symmetric about zero; sums over `k` run on beyond
+/// the box and meet the inflow there.
 fn paper_in_one_dimension(scene: &Scene) -> System {
     let space = &scene.case.space;
     let (x, xi) = (Lattice::new(&space.x[0]), Lattice::new(&space.v[0]));
@@ -26,7 +29,8 @@ fn paper_in_one_dimension(scene: &Scene) -> System {
     };
     let inflow = |i: i64, k: i64| (scene.inflow)([x.centre(i), 0.0, 0.0], [xi.centre(k), 0.0, 0.0]);
 
-    // ξ_j² + 2 (V of the cell particles go to − V of the cell they come from) at face q, between cells q − 1 and q.
+    // ξ_j² + 2 (V of the cell particles go to − V of the cell they come from) at face q, between
+    // cells q − 1 and q.
     let energy = |q: i64, j: i64| {
         let square = xi.centre(j).powi(2);
         if q == 0 || q == x.cells {
@@ -50,7 +54,8 @@ fn paper_in_one_dimension(scene: &Scene) -> System {
         for j in 0..nv as i64 {
             let row = i as usize * nv + j as usize;
             let rate = xi.centre(j).abs() / x.width;
-            // The face particles come through, and the cell behind it: B^l for ξ_j > 0, B^u for ξ_j < 0.
+            // The face particles come through, and the cell behind it: B^l for ξ_j > 0, B^u for ξ_j
+            // < 0.
             let (q, behind) = if xi.centre(j) > 0.0 {
                 (i, i - 1)
             } else {
@@ -123,9 +128,9 @@ fn sources_of_the_paper(lattice: Lattice, j: i64, rise: f64) -> Vec<Share> {
     lattice.widely().map(share).collect()
 }
 
-/// By overlap, on boxes symmetric about zero: cell `k` holds the kinetic energies between those of its two faces. Those
-/// of cell `j`, raised by `rise`, are given to the cells of its sign; what lies below the slowest moving cell is
-/// reflected.
+/// By overlap, on boxes symmetric about zero: cell `k` holds the kinetic energies between those of
+/// its two faces. Those of cell `j`, raised by `rise`, are given to the cells of its sign; what
+/// lies below the slowest moving cell is reflected.
 fn sources_by_overlap(lattice: Lattice, j: i64, rise: f64) -> Vec<Share> {
     let half = 0.5 * lattice.width;
     let energies = |k: i64| {
@@ -220,7 +225,8 @@ fn cell_by_cell(scene: &Scene, sources: Sources) -> System {
             }
         };
         for a in 0..n {
-            // x_a-transport: through the lower face where v_a > 0, through the upper one where v_a < 0.
+            // x_a-transport: through the lower face where v_a > 0, through the upper one where v_a
+            // < 0.
             let (i, j) = (own[a], own[n + a]);
             let speed = v[a].centre(j);
             let moves = speed.abs() > 1e-9 * v[a].width;
