@@ -3,116 +3,115 @@
 use crate::support::{Job, case, check_all, directory, plan, refused, require, run};
 use std::path::{Path, PathBuf};
 
+/// What words of a command line stand for.
+struct Places {
+    folder: String,
+    out: String,
+}
+
+impl Places {
+    /// A word of a command line or of a message, where capitals stand for paths and `~` for a space.
+    fn word(&self, word: &str) -> String {
+        match word {
+            "EXAMPLE" => case("example1.toml"),
+            "PLANE" => case("barrier2d.toml"),
+            "NOWHERE" => format!("{}/nowhere.toml", self.folder),
+            "FOLDER" => self.folder.clone(),
+            "OUT" => self.out.clone(),
+            "EMPTY" => String::new(),
+            other => other.replace('~', " "),
+        }
+    }
+
+    /// The job of a command line.
+    fn job(&self, line: &str) -> Job {
+        Job::new(line.split(' ').map(|word| self.word(word)))
+    }
+}
+
+/// A command line and what its refusal says.
+const MISTAKES: &[(&str, &[&str])] = &[
+    ("chekc EXAMPLE", &["'chekc'", "'check'"]),
+    ("check EXAMPLE --frobnicate", &["'--frobnicate'"]),
+    ("run EXAMPLE --ouput x", &["'--ouput'", "'--output'"]),
+    ("check", &["<CASE>"]),
+    ("check NOWHERE", &["nowhere.toml", "No such file"]),
+    ("run NOWHERE", &["nowhere.toml", "No such file"]),
+    ("check FOLDER", &["FOLDER", "directory"]),
+    ("plan EXAMPLE --ranks 0", &["'0'", "--ranks", "1..="]),
+    ("plan EXAMPLE --ranks -1", &["-1"]),
+    ("plan EXAMPLE --ranks two", &["'two'", "--ranks"]),
+    (
+        "plan EXAMPLE --memory-per-rank 4~parsecs",
+        &["4 parsecs", "--memory-per-rank", "GiB"],
+    ),
+    (
+        "plan EXAMPLE --ranks 6 --ranks-x 4",
+        &["--ranks-x", "4", "6", "1, 2, 3, 6"],
+    ),
+    (
+        "run EXAMPLE -o OUT --ranks-x 3",
+        &["--ranks-x", "3 blocks", "2 ranks", "1, 2"],
+    ),
+    (
+        "run EXAMPLE -o OUT --ranks-x 0",
+        &["--ranks-x", "0", "1 to 128"],
+    ),
+    (
+        "run EXAMPLE -o OUT --ranks-x 129",
+        &["--ranks-x", "129", "128 cells"],
+    ),
+    (
+        "run EXAMPLE -o OUT --ranks-x 1,2",
+        &["--ranks-x", "2 numbers", "1 x-axes"],
+    ),
+    (
+        "run PLANE -o OUT --ranks-x 2,2",
+        &["--ranks-x", "4 blocks", "2 ranks"],
+    ),
+    (
+        "run PLANE -o OUT --ranks-x 1,99999999999999999999",
+        &["--ranks-x"],
+    ),
+    (
+        "run PLANE -o OUT --ranks-x 4294967296,4294967296",
+        &["--ranks-x", "4294967296"],
+    ),
+    ("run EXAMPLE -o OUT --ranks-x one", &["--ranks-x", "'one'"]),
+    (
+        "run EXAMPLE -o OUT --mode fast",
+        &["--mode", "'fast'", "streamed"],
+    ),
+    ("run EXAMPLE -o EMPTY", &["--output"]),
+    ("spectrum EXAMPLE --steps 1", &["--steps", "'1'"]),
+    (
+        "spectrum EXAMPLE --refine 1,0",
+        &["--refine", "'0'", "1 to 64"],
+    ),
+    (
+        "spectrum EXAMPLE --refine 65",
+        &["--refine", "'65'", "1 to 64"],
+    ),
+    (
+        "spectrum EXAMPLE --refine 1,two",
+        &["--refine", "'two'", "1 to 64"],
+    ),
+];
+
 #[test]
 fn mistakes_on_the_command_line_are_refused() {
     let place = directory();
-    let out = place.path().join("out").display().to_string();
-    let (example, plane) = (case("example1.toml"), case("barrier2d.toml"));
-    let folder = place.path().display().to_string();
-    let says_folder = [folder.as_str(), "directory"];
-    let nowhere = place.path().join("nowhere.toml").display().to_string();
-    let rows: Vec<(Vec<&str>, &[&str])> = vec![
-        (vec!["chekc", &example], &["'chekc'", "'check'"]),
-        (vec!["check", &example, "--frobnicate"], &["'--frobnicate'"]),
-        (
-            vec!["run", &example, "--ouput", "x"],
-            &["'--ouput'", "'--output'"],
-        ),
-        (vec!["check"], &["<CASE>"]),
-        (vec!["check", &nowhere], &["nowhere.toml", "No such file"]),
-        (vec!["run", &nowhere], &["nowhere.toml", "No such file"]),
-        (vec!["check", &folder], &says_folder),
-        (
-            vec!["plan", &example, "--ranks", "0"],
-            &["'0'", "--ranks", "1..="],
-        ),
-        (vec!["plan", &example, "--ranks", "-1"], &["-1"]),
-        (
-            vec!["plan", &example, "--ranks", "two"],
-            &["'two'", "--ranks"],
-        ),
-        (
-            vec!["plan", &example, "--memory-per-rank", "4 parsecs"],
-            &["4 parsecs", "--memory-per-rank", "GiB"],
-        ),
-        (
-            vec!["plan", &example, "--ranks", "6", "--ranks-x", "4"],
-            &["--ranks-x", "4", "6", "1, 2, 3, 6"],
-        ),
-        (
-            vec!["run", &example, "-o", &out, "--ranks-x", "3"],
-            &["--ranks-x", "3 blocks", "2 ranks", "1, 2"],
-        ),
-        (
-            vec!["run", &example, "-o", &out, "--ranks-x", "0"],
-            &["--ranks-x", "0", "1 to 128"],
-        ),
-        (
-            vec!["run", &example, "-o", &out, "--ranks-x", "129"],
-            &["--ranks-x", "129", "128 cells"],
-        ),
-        (
-            vec!["run", &example, "-o", &out, "--ranks-x", "1,2"],
-            &["--ranks-x", "2 numbers", "1 x-axes"],
-        ),
-        (
-            vec!["run", &plane, "-o", &out, "--ranks-x", "2,2"],
-            &["--ranks-x", "4 blocks", "2 ranks"],
-        ),
-        (
-            vec![
-                "run",
-                &plane,
-                "-o",
-                &out,
-                "--ranks-x",
-                "1,99999999999999999999",
-            ],
-            &["--ranks-x"],
-        ),
-        (
-            vec![
-                "run",
-                &plane,
-                "-o",
-                &out,
-                "--ranks-x",
-                "4294967296,4294967296",
-            ],
-            &["--ranks-x", "4294967296"],
-        ),
-        (
-            vec!["run", &example, "-o", &out, "--ranks-x", "one"],
-            &["--ranks-x", "'one'"],
-        ),
-        (
-            vec!["run", &example, "-o", &out, "--mode", "fast"],
-            &["--mode", "'fast'", "streamed"],
-        ),
-        (vec!["run", &example, "-o", ""], &["--output"]),
-        (
-            vec!["spectrum", &example, "--steps", "1"],
-            &["--steps", "'1'"],
-        ),
-        (
-            vec!["spectrum", &example, "--refine", "1,0"],
-            &["--refine", "'0'", "1 to 64"],
-        ),
-        (
-            vec!["spectrum", &example, "--refine", "65"],
-            &["--refine", "'65'", "1 to 64"],
-        ),
-        (
-            vec!["spectrum", &example, "--refine", "1,two"],
-            &["--refine", "'two'", "1 to 64"],
-        ),
-    ];
-    check_all(&rows, |(arguments, says)| {
-        let job = Job::new(arguments.iter().copied());
-        job.on(2).within(20).is_refused(says)
+    let places = Places {
+        folder: place.path().display().to_string(),
+        out: place.path().join("out").display().to_string(),
+    };
+    check_all(MISTAKES, |(line, says)| {
+        let says: Vec<String> = says.iter().map(|word| places.word(word)).collect();
+        let says: Vec<&str> = says.iter().map(String::as_str).collect();
+        places.job(line).on(2).within(20).is_refused(&says)
     });
     assert!(
-        !Path::new(&out).exists(),
+        !Path::new(&places.out).exists(),
         "a refused run made its output directory"
     );
     // More ranks than x-cells and modes: 3 blocks at most, and 128 ranks planned.
@@ -127,52 +126,24 @@ fn mistakes_on_the_command_line_are_refused() {
 /// mistake.
 #[test]
 fn every_rank_ends_with_the_code() {
-    let (example, place) = (case("example1.toml"), directory());
-    let out = place.path().display().to_string();
-    let rows: [&[&str]; 8] = [
-        &["chekc"],
-        &["check", "nowhere.toml"],
-        &["check", &example, "--set", "solver.tolerance=0"],
-        &[
-            "run",
-            &example,
-            "-o",
-            &out,
-            "--set",
-            "solver.tolerance=1e-15",
-        ],
-        &["run", &example, "-o", &out, "--ranks-x", "2"],
-        &[
-            "run",
-            &example,
-            "-o",
-            &out,
-            "--set",
-            "axis.0.x.cells=10000000",
-        ],
-        &[
-            "run",
-            &example,
-            "-o",
-            &out,
-            "--ranks-x",
-            "3",
-            "--set",
-            "initial.f=sqrt(1.4 - x)",
-        ],
-        &[
-            "run",
-            &example,
-            "-o",
-            &out,
-            "--ranks-x",
-            "3",
-            "--set",
-            "initial.f=sqrt(x + 1.4)",
-        ],
+    let place = directory();
+    let folder = place.path().display().to_string();
+    let places = Places {
+        out: folder.clone(),
+        folder,
+    };
+    let rows = [
+        "chekc",
+        "check nowhere.toml",
+        "check EXAMPLE --set solver.tolerance=0",
+        "run EXAMPLE -o OUT --set solver.tolerance=1e-15",
+        "run EXAMPLE -o OUT --ranks-x 2",
+        "run EXAMPLE -o OUT --set axis.0.x.cells=10000000",
+        "run EXAMPLE -o OUT --ranks-x 3 --set initial.f=sqrt(1.4~-~x)",
+        "run EXAMPLE -o OUT --ranks-x 3 --set initial.f=sqrt(x~+~1.4)",
     ];
-    check_all(&rows, |arguments| {
-        let job = Job::new(arguments.iter().copied()).on(3).within(20);
+    check_all(&rows, |line| {
+        let job = places.job(line).on(3).within(20);
         let finished = job.telling_codes().run()?;
         let said = finished.output.clone() + &finished.others;
         let codes = said.matches("ended with 2").count();
