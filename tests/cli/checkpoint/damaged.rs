@@ -151,7 +151,7 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     );
     // Of the same case, said in another way, and stored in another.
     let differently = [
-        "axis.0.v.cells=26",
+        "axis.0.v.cells=18",
         "output.compression=1",
         "output.xdmf=true",
         "checkpoint.minutes=7",

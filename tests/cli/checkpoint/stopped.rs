@@ -238,7 +238,8 @@ fn a_time_too_short_for_anything_is_an_error() {
             .on(ranks)
             .into(directory.path())
             .with(["--walltime", "0.01"]);
-        job.is_refused(&["--walltime 0.01"]).unwrap();
+        let finished = job.run().expect("a run");
+        finished.ended(2, &["--walltime 0.01"]).unwrap();
     }
     assert!(!directory.path().join("checkpoint").exists());
 }

@@ -308,8 +308,8 @@ fn damage_to_a_warped_field_is_noticed() {
     finished.ended(1, &["/w", "warped_f_0001.h5"]).unwrap();
     // Nor is it a start.
     let from = format!("initial={{warped='{}'}}", path.display());
-    let job = small(&[&from]).into(place.path()).on(2);
-    job.is_refused(&["checksum"]).unwrap();
+    let finished = small(&[&from]).into(place.path()).on(2).run().unwrap();
+    finished.ended(2, &["checksum"]).unwrap();
 }
 
 /// Memory is planned for, and refused where there is not enough; classical runs keep no modes.
