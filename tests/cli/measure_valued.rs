@@ -147,7 +147,7 @@ fn mistakes_in_measure_valued_data_are_refused() {
         ),
         (
             "initial.velocity=[true]",
-            &["initial.velocity", "a list of formulas"],
+            &["initial.velocity.0", "true", "a formula in quotes"],
         ),
         (
             "initial.velocity=[\"v\"]",

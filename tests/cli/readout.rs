@@ -215,7 +215,10 @@ fn mistakes_are_refused() {
     let table: &[(&str, &[&str])] = &[
         ("{}", &["readout.cells", "missing", "readout.points"]),
         ("{cells=[]}", &["readout.cells", "0 given", "1 to 256"]),
-        ("{cells=[3]}", &["readout.cells", "lists of 1 number each"]),
+        (
+            "{cells=[3]}",
+            &["readout.cells.0", "3", "a list of numbers"],
+        ),
         (
             "{cells=[[3,4]]}",
             &["readout.cells", "lists of 1 number each"],

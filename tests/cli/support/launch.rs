@@ -190,6 +190,8 @@ impl Job {
                 ["sh", "-c", script, "sh", &kibibytes].map(str::to_owned),
             );
         }
+        let fail =
+            |what: &str, e: &dyn std::fmt::Display| format!("{}: {what}: {e}", self.command());
         let mut command = Command::new(&words[0]);
         command
             .args(&words[1..])
@@ -202,18 +204,19 @@ impl Job {
             .env("OMPI_MCA_odls_base_sigkill_timeout", "0")
             .env("RUST_BACKTRACE", "0")
             .env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe");
+        // A process alone needs no daemon of Open MPI's, which takes as long to start as the program;
+        // without one, each needs a directory of its own for what Open MPI keeps in files.
+        let session = tempfile::tempdir().map_err(|e| fail("temporary directory", &e))?;
         if self.ranks.is_none() {
-            // A process alone needs no daemon of Open MPI's, which takes as long to start as the
-            // program.
-            command.env("OMPI_MCA_ess_singleton_isolated", "1");
+            command
+                .env("OMPI_MCA_ess_singleton_isolated", "1")
+                .env("OMPI_MCA_orte_tmpdir_base", session.path());
         }
         if let Some(directory) = &self.directory {
             command.current_dir(directory);
         }
         // Files, not pipes: nothing to be read while the job runs, nothing that a rank left behind
         // could keep open.
-        let fail =
-            |what: &str, e: &dyn std::fmt::Display| format!("{}: {what}: {e}", self.command());
         let mut output = tempfile::tempfile().map_err(|e| fail("temporary file", &e))?;
         let mut errors = tempfile::tempfile().map_err(|e| fail("temporary file", &e))?;
         let copy = |file: &std::fs::File| file.try_clone().map_err(|e| fail("temporary file", &e));
