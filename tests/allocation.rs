@@ -20,7 +20,7 @@ use phasewarp::solve::modes::{self, Leg, RunHooks, Task};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use support::dense::case;
-use support::prepared::{Parts, Prepared};
+use support::prepared::{Parts, Prepared, parts, prepare};
 
 struct Counting;
 
@@ -74,7 +74,7 @@ fn prepared(world: &World, case: &Case) -> Prepared {
         space: vec![1],
         groups: 1,
     };
-    Prepared::new(world, case, &mesh)
+    prepare(world, case, &mesh)
 }
 
 /// The control: an allocation is counted.
@@ -100,7 +100,7 @@ fn of_a_batch(parts: &mut Parts<'_>, propagator: &mut dyn Propagator, work: usiz
 fn series_and_lanczos(world: &World) {
     let case = small("example1.toml", &[]);
     let mut prepared = prepared(world, &case);
-    let mut parts = prepared.parts(case.end);
+    let mut parts = parts(&mut prepared, case.end);
     let mut chebyshev = Chebyshev::new(parts.evolution.matrix, 100);
     for degree in [3, 40, 100] {
         let count = of_a_batch(&mut parts, &mut chebyshev, degree);
@@ -115,7 +115,7 @@ fn series_and_lanczos(world: &World) {
 fn implicit_steps(world: &World) {
     let case = small("example1.toml", &[]);
     let mut prepared = prepared(world, &case);
-    let mut parts = prepared.parts(case.end);
+    let mut parts = parts(&mut prepared, case.end);
     for order in [1, 2] {
         let few = [1, 2, 50].map(|steps| {
             let implicit = Implicit::new(parts.evolution.matrix, order, false);
@@ -136,12 +136,12 @@ fn classical_steps(world: &World) {
         "solver.classical.integrator=ssp-rk3",
     ];
     let case = small("slope_jump.toml", &set);
-    let problem = &mut prepared(world, &case).problem;
-    let slopes = Reconstruction::new(&case, &problem.matrix, 0).expect("formulas are finite");
+    let system = &mut prepared(world, &case).system;
+    let slopes = Reconstruction::new(&case, &system.matrix, 0).expect("formulas are finite");
     assert!(slopes.is_some());
-    let mut classical = Classical::new(&problem.matrix).with_slopes(slopes);
+    let mut classical = Classical::new(&system.matrix).with_slopes(slopes);
     for integrator in [Integrator::ForwardEuler, Integrator::SspRk3] {
-        let (exchange, state) = (&mut problem.exchange, &mut problem.states[0]);
+        let (exchange, state) = (&mut system.exchange, &mut system.states[0]);
         let count = allocations(|| classical.steps(exchange, state, integrator, 0.1, 10));
         assert_eq!(count, 0, "allocations of {integrator:?}");
     }
@@ -166,7 +166,7 @@ fn allocations_of_a_run(world: &World, case: &Case, name: &str) {
     };
     let plan = Plan::with_bounds(case, prepared.bounds.clone(), &resources, 2.0).expect("a plan");
     let warp = plan.warp.as_ref().expect("a schrodingerized run");
-    let mut parts = prepared.parts(case.end);
+    let mut parts = parts(&mut prepared, case.end);
     let mut propagator = parts.propagator(&plan);
     for work in [3, warp.largest_work() / 2, warp.largest_work()] {
         let count = of_a_batch(&mut parts, &mut *propagator, work);

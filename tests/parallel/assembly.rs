@@ -41,16 +41,13 @@ pub fn matrix_entry_for_entry(world: &World) {
 fn weighted_entry_for_entry(world: &World, twin: &Twin, mesh: &Mesh) {
     let name = format!("{}, {mesh:?}", twin.name);
     let weighted = Weighted::new(world, twin, mesh);
-    let problem = weighted.prepared.problem;
-    for (i, u) in problem.states[0][..problem.matrix.rows()]
-        .iter()
-        .enumerate()
-    {
+    let system = weighted.prepared.system;
+    for (i, u) in system.states[0][..system.matrix.rows()].iter().enumerate() {
         let expected = weighted.state[weighted.number[i]];
         let close = (u - expected).abs() <= 1e-14 * expected.abs();
         assert!(close, "{name}: {u} {expected}");
     }
-    let piece = Piece::new(twin, Communicator::new(world, mesh), problem.matrix);
+    let piece = Piece::new(twin, Communicator::new(world, mesh), system.matrix);
     let (s, k) = piece.gather_matrix(world, twin);
     let tolerance = 1e-14 * weighted.generator.largest();
     assert_same(&name, &s, &weighted.generator.symmetric(), tolerance);

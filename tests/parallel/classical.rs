@@ -26,11 +26,11 @@ pub fn classical_exponential(world: &World) {
                 ..
             } = Weighted::new(world, &twin, &mesh);
             let rate = prepared.bounds.rate;
-            let problem = &mut prepared.problem;
-            let mut state = problem.states[0].clone();
-            let exchange = &mut problem.exchange;
-            Classical::new(&problem.matrix).exponential(exchange, &mut state, (rate, time), EXACT);
-            let rows = 0..problem.matrix.counted_rows();
+            let system = &mut prepared.system;
+            let mut state = system.states[0].clone();
+            let exchange = &mut system.exchange;
+            Classical::new(&system.matrix).exponential(exchange, &mut state, (rate, time), EXACT);
+            let rows = 0..system.matrix.counted_rows();
             let entries = rows.map(|i| (number[i], state[i] / pi[number[i]].sqrt()));
             let found = gather(&prepared.communicator.space, twin.size(), entries);
             let error = distance(&found, &expected);

@@ -1,16 +1,15 @@
-//! What a rank holds of a twin: a block of its matrix, its problem as a run prepares it, and whole
+//! What a rank holds of a twin: a block of its matrix, its system as a run prepares it, and whole
 //! vectors gathered from all.
 
 use crate::dense_twins::Twin;
 use crate::support::dense::Dense;
-use crate::support::prepared::{Prepared, block_of};
+use crate::support::prepared::{Prepared, block_of, prepare};
 use phasewarp::matrix::block_matrix::{BlockMatrix, Operator};
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::matrix::lanes::{LANES, Lanes};
 use phasewarp::parallel::communicator::{Communicator, GhostExchange, Group, World};
-use phasewarp::parallel::partition::{Block, Mesh, split};
+use phasewarp::parallel::partition::{Block, Mesh};
 use phasewarp::problem::case::{Case, Embedding};
-use std::ops::Range;
 
 /// Every mesh of the ranks of `world` that the grid of `case` admits, those with the fewest blocks
 /// first.
@@ -201,55 +200,33 @@ impl Piece {
     }
 }
 
-impl Prepared {
-    /// The largest `‖u(0)‖/‖f(t)‖` at the ends of `legs`, as a run estimates it.
-    pub fn probe(&mut self, legs: &[f64]) -> f64 {
-        self.problem
-            .probe(&self.communicator, self.bounds.rate, legs)
-    }
-
-    /// The block's cells that rank `group` of the mode groups keeps of what is recovered: a piece
-    /// of the first axis.
-    pub fn share(&self, group: usize) -> Range<usize> {
-        let block = &self.problem.matrix.block;
-        let leading = block.ranges[0].len();
-        let layer = block.cells() / leading;
-        let piece = split(&(0..leading), self.communicator.modes.size(), group);
-        piece.start * layer..piece.end * layer
-    }
-
-    /// The whole field, on every rank, from a state of each rank.
-    pub fn gather_cells(&self, state: &[f64]) -> Vec<f64> {
-        let number = cell_numbers(&self.problem.matrix.block);
-        let entries = number.into_iter().zip(state.iter().copied());
-        gather(&self.communicator.space, self.cells, entries)
-    }
-
-    /// Number in the grid of each point of space of this rank's share.
-    pub fn point_numbers(&self) -> Vec<usize> {
-        let block = &self.problem.matrix.block;
-        let number = cell_numbers(block);
-        let share = self.share(self.communicator.modes.rank());
-        share
-            .step_by(block.velocity_cells)
-            .map(|i| number[i] / block.velocity_cells)
-            .collect()
-    }
-
-    /// The whole field, on every rank, from what each rank recovered on its share of its block; the
-    /// weights undone.
-    pub fn gather_field(&self, world: &World, share: &[f64]) -> Vec<f64> {
-        let block = &self.problem.matrix.block;
-        let number = cell_numbers(block);
-        let mine = self.share(self.communicator.modes.rank());
-        assert_eq!(share.len(), mine.len());
-        let pi = &self.problem.weights.pi;
-        let entries = mine.zip(share).map(|(i, u)| (number[i], u / pi[i].sqrt()));
-        gather(&world.group(), self.cells, entries)
-    }
+/// Number in the grid of each point of space of this rank's share of the results.
+pub fn point_numbers(prepared: &Prepared) -> Vec<usize> {
+    let block = &prepared.place.block;
+    let number = cell_numbers(block);
+    let firsts = prepared.place.mine.clone().step_by(block.velocity_cells);
+    firsts.map(|i| number[i] / block.velocity_cells).collect()
 }
 
-/// A prepared problem with weights, and its dense twin in the same unknowns.
+/// The whole field, on every rank, from a state of each rank.
+pub fn gather_cells(prepared: &Prepared, state: &[f64]) -> Vec<f64> {
+    let number = cell_numbers(&prepared.place.block);
+    let entries = number.into_iter().zip(state.iter().copied());
+    let cells = prepared.case.space.cells();
+    gather(&prepared.communicator.space, cells, entries)
+}
+
+/// The whole field, on every rank, from what each recovered on its share; the weights undone.
+pub fn gather_field(world: &World, prepared: &Prepared, share: &[f64]) -> Vec<f64> {
+    let mine = &prepared.place.mine;
+    assert_eq!(share.len(), mine.len());
+    let number = cell_numbers(&prepared.place.block);
+    let field = prepared.unweighted(share.to_vec());
+    let entries = number[mine.clone()].iter().copied().zip(field);
+    gather(&world.group(), prepared.case.space.cells(), entries)
+}
+
+/// A prepared system with weights, and its dense twin in the same unknowns.
 pub struct Weighted {
     pub prepared: Prepared,
     /// Number in the twin of each local row, then of each ghost.
@@ -264,16 +241,16 @@ pub struct Weighted {
 
 impl Weighted {
     pub fn new(world: &World, twin: &Twin, mesh: &Mesh) -> Self {
-        let prepared = Prepared::new(world, &twin.case, mesh);
+        let prepared = prepare(world, &twin.case, mesh);
         let allowed = Bounds::new(&twin.case).expect("V is finite");
         // Without weights, the hat interface may grow at any rate.
         let round_off = 1e-14 * prepared.bounds.rate;
         let unlimited = !twin.case.warp.weights;
         assert!(prepared.bounds.growth <= allowed.growth + round_off || unlimited);
-        let problem = &prepared.problem;
-        let number = row_numbers(twin, &problem.matrix);
-        let rows = problem.matrix.counted_rows();
-        let entries = (0..rows).map(|i| (number[i], problem.weights.pi[i]));
+        let system = &prepared.system;
+        let number = row_numbers(twin, &system.matrix);
+        let rows = system.matrix.counted_rows();
+        let entries = (0..rows).map(|i| (number[i], system.weights.pi[i]));
         let pi = gather(&prepared.communicator.space, twin.size(), entries);
         let weighted = |(u, pi): (&f64, &f64)| u * pi.sqrt();
         Self {

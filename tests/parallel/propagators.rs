@@ -4,6 +4,7 @@ use crate::bits::report_bits;
 use crate::dense_twins::Twin;
 use crate::pieces::{Weighted, gather, meshes};
 use crate::support::dense::{evolve, norm};
+use crate::support::prepared::parts;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use num_complex::Complex64;
@@ -91,7 +92,7 @@ fn propagate(
     batch: &BatchSpec,
     time: f64,
 ) -> Propagated {
-    let mut parts = weighted.prepared.parts(time);
+    let mut parts = parts(&mut weighted.prepared, time);
     let report = propagator.propagate(&mut parts.evolution, batch, &parts.initial[0]);
     let report = report.expect("it converges");
     let rows = parts.evolution.matrix.counted_rows();
@@ -167,7 +168,7 @@ fn chebyshev_series(
         tolerances: [tolerance; LANES],
         work,
     };
-    let matrix = &weighted.prepared.problem.matrix;
+    let matrix = &weighted.prepared.system.matrix;
     let shape = BlockingShape {
         depth: 5,
         width: 2,
@@ -238,7 +239,7 @@ fn krylov_steps(
         tolerances: [tolerance; LANES],
         work: [0; LANES],
     };
-    let mut krylov = Krylov::new(&weighted.prepared.problem.matrix, step);
+    let mut krylov = Krylov::new(&weighted.prepared.system.matrix, step);
     let found = propagate(weighted, &mut krylov, &batch, time);
     let report = &found.report;
     assert!(found.step_errors.is_empty() && report.solves == 0 && report.unitary);
@@ -304,7 +305,7 @@ fn implicit_steps(weighted: &mut Weighted, mesh: &Mesh, order: usize, steps: usi
 }
 
 fn implicit(weighted: &Weighted, mesh: &Mesh, order: usize) -> Implicit {
-    let matrix = &weighted.prepared.problem.matrix;
+    let matrix = &weighted.prepared.system.matrix;
     Implicit::new(matrix, order, mesh.blocks() > 1).expect("the pattern is analysed")
 }
 

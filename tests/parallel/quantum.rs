@@ -29,7 +29,7 @@ pub fn oracles(world: &World) {
     for twin in Twin::all() {
         let mesh = one_block(world, &twin.case);
         let weighted = Weighted::new(world, &twin, &mesh);
-        let access = SparseAccess::new(&twin.case, &weighted.prepared.problem, (POINTS, PERIOD));
+        let access = SparseAccess::new(&twin.case, &weighted.prepared.system, (POINTS, PERIOD));
         let access = access.expect("V is finite");
         assert_eq!(access.unknowns(), twin.size(), "{}", twin.name);
         assert_eq!(access.order(), POINTS * twin.size());
@@ -158,7 +158,7 @@ pub fn sparsity(world: &World) {
             let name = format!("{}, {mesh:?}", twin.name);
             let prepared = &weighted.prepared;
             let space = &prepared.communicator.space;
-            let found = measure(&twin.case, &prepared.problem.matrix, space);
+            let found = measure(&twin.case, &prepared.system.matrix, space);
             let found = found.expect("V is finite");
             check_counts(&twin, &weighted, &found, &name);
             // The bounds that are stated are kept, and stated where they are made for the case.

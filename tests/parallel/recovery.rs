@@ -3,10 +3,10 @@
 
 use crate::bits::report_bits;
 use crate::dense_twins::{Twin, cells_of_axes};
-use crate::pieces::{Weighted, gather, meshes};
+use crate::pieces::{Weighted, gather, gather_field, meshes, point_numbers};
 use crate::streamed::{Streamed, StreamedRun, mixed};
 use crate::support::dense::{case, distance, evolve, exponential, norm};
-use crate::support::prepared::Prepared;
+use crate::support::prepared::{Prepared, prepare};
 use crate::time_dependent::Varying;
 use phasewarp::matrix::observables::{MOMENTS, VelocityFactors};
 use phasewarp::parallel::communicator::World;
@@ -171,7 +171,7 @@ pub fn recovered_field(world: &World) {
         for mesh in meshes(world, &twin.case) {
             let mut weighted = Weighted::new(world, &twin, &mesh);
             let size = norm(&weighted.state);
-            let ratio = weighted.prepared.probe(&[twin.case.end]);
+            let ratio = weighted.prepared.probe();
             let exact = Exact {
                 size,
                 field: &expected,
@@ -239,7 +239,7 @@ impl Exact<'_> {
     fn compare(&self, world: &World, run: &StreamedRun<'_>, on: &mut Prepared) -> RecoveredField {
         let run = run.run(world, on);
         let fields = run.fields(world, on);
-        let relative = |share: &Vec<f64>| norm(&on.gather_field(world, share)) / norm(self.field);
+        let relative = |share: &Vec<f64>| norm(&gather_field(world, on, share)) / norm(self.field);
         RecoveredField {
             error: distance(&fields[0], self.field),
             step_error: run.recovered.step_errors.first().map(relative),
@@ -301,7 +301,7 @@ pub fn results_before_the_end(world: &World) {
         let exact: Vec<Vec<f64>> = times.map(|time| twin.field(&at(time)).to_vec()).collect();
         for mesh in meshes(world, &twin.case) {
             let mut weighted = Weighted::new(world, &twin, &mesh);
-            let ratio = weighted.prepared.probe(&twin.case.legs());
+            let ratio = weighted.prepared.probe();
             let ratios = exact.iter().map(|f| norm(&weighted.state) / norm(f));
             let at = format!("{}, {mesh:?}", twin.name);
             check_probe(ratio, ratios.fold(1.0, f64::max), &at);
@@ -343,7 +343,7 @@ fn results_of_a_run(
         (&early[2], &exact[2]),
         (&run.recovered.fields[0][0], &exact[3]),
     ] {
-        let found = prepared.gather_field(world, found);
+        let found = gather_field(world, prepared, found);
         let error = distance(&found, exact);
         assert!(error <= tolerance, "{name}: {error:e}");
         // The tolerance is not met by standing still.
@@ -368,7 +368,7 @@ fn check_moments(
     name: &str,
 ) -> Vec<f64> {
     let factors = VelocityFactors::new(&twin.case.space);
-    let points = prepared.point_numbers();
+    let points = point_numbers(prepared);
     let (sums, _) = share.as_chunks::<MOMENTS>();
     assert_eq!(sums.len(), points.len(), "{name}");
     let size = norm(exact);
@@ -407,7 +407,7 @@ pub fn modes_in_any_batch(world: &World) {
     let mut alike = [true; 3];
     for mut twin in Twin::unshared() {
         for mesh in meshes(world, &twin.case) {
-            let mut prepared = Prepared::new(world, &twin.case, &mesh);
+            let mut prepared = prepare(world, &twin.case, &mesh);
             for (k, (method, steps)) in methods.into_iter().enumerate() {
                 let step = steps.map(|n| twin.case.end / n);
                 twin.case.propagator = Propagation { method, step };
@@ -427,7 +427,7 @@ pub fn modes_in_any_batch(world: &World) {
     for mut scene in Varying::all() {
         scene.case.tolerance = 1e-4;
         for mesh in meshes(world, &scene.case) {
-            let mut prepared = Prepared::new(world, &scene.case, &mesh);
+            let mut prepared = prepare(world, &scene.case, &mesh);
             let same = alike_in_any_batch(world, &mut prepared, &mut scene.case, &mesh);
             assert!(same, "{}, {mesh:?}", scene.name);
         }
@@ -468,7 +468,7 @@ pub fn fields_in_one_pass(world: &World) {
     let case = case("example3.toml", &settings);
     assert_eq!(case.fields.len(), 3);
     for mesh in meshes(world, &case) {
-        let mut prepared = Prepared::new(world, &case, &mesh);
+        let mut prepared = prepare(world, &case, &mesh);
         let pass = StreamedRun::new(&case, &mesh, 2.0);
         let together = pass.run(world, &mut prepared).recovered;
         assert_eq!(together.fields.len(), 3);

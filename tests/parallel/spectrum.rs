@@ -82,7 +82,7 @@ pub fn extreme_eigenvalues(world: &World) {
             let mut weighted = Weighted::new(world, &twin, &mesh);
             let mut piece = Piece::assemble(world, &twin, &mesh);
             let prepared = &mut weighted.prepared;
-            let terms = prepared.problem.terms;
+            let terms = prepared.system.terms;
             let mut systems = vec![DistributedMatrix {
                 matrix: &piece.matrix,
                 exchange: &mut piece.exchange,
@@ -90,8 +90,8 @@ pub fn extreme_eigenvalues(world: &World) {
             }];
             if prepared.bounds.weighted {
                 systems.push(DistributedMatrix {
-                    matrix: &prepared.problem.matrix,
-                    exchange: &mut prepared.problem.exchange,
+                    matrix: &prepared.system.matrix,
+                    exchange: &mut prepared.system.exchange,
                     s: weighted.generator.symmetric(),
                 });
             }

@@ -1,6 +1,7 @@
 //! Streamed runs: modes are propagated on all ranks, and fields are recovered from them.
 
-use crate::support::prepared::Prepared;
+use crate::pieces::gather_field;
+use crate::support::prepared::{Prepared, parts, resources};
 use phasewarp::base::progress::Progress;
 use phasewarp::matrix::lanes::LANES;
 use phasewarp::matrix::observables::VelocityFactors;
@@ -8,7 +9,6 @@ use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::Mesh;
 use phasewarp::plan::Plan;
 use phasewarp::plan::balance::Batch;
-use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::Case;
 use phasewarp::schrodingerization::warp_plan::WarpPlan;
 use phasewarp::solve::modes;
@@ -62,13 +62,12 @@ impl<'a> StreamedRun<'a> {
             .expect("a plan");
         assert_eq!(plan.layout.mesh, *self.mesh);
         let warp = plan.warp.as_ref().expect("a schrodingerized run");
-        let groups = 0..self.mesh.groups;
-        let shares: Vec<Range<usize>> = groups.map(|group| prepared.share(group)).collect();
+        let shares = prepared.place.ranges.clone();
         let batches = (self.batches)(&plan, prepared.communicator.modes.rank());
         let modes = batches.iter().flat_map(|batch| &batch.modes);
         let planned = modes.map(|&l| warp.work[l]).sum();
         let factors = VelocityFactors::new(&self.case.space);
-        let mut parts = prepared.parts(self.case.end);
+        let mut parts = parts(prepared, self.case.end);
         let mut propagator = parts.propagator(&plan);
         let moments = MomentsOf {
             factors: &factors,
@@ -112,17 +111,8 @@ impl Streamed {
     pub fn fields(&self, world: &World, prepared: &Prepared) -> Vec<Vec<f64>> {
         let shares = self.recovered.fields[0].iter();
         shares
-            .map(|share| prepared.gather_field(world, share))
+            .map(|share| gather_field(world, prepared, share))
             .collect()
-    }
-}
-
-/// As many ranks as there are, in the space mesh of `mesh`.
-pub fn resources(world: &World, mesh: &Mesh) -> Resources {
-    Resources {
-        ranks: world.group().size(),
-        ranks_x: Some(mesh.space.clone()),
-        memory_per_rank: None,
     }
 }
 

@@ -3,10 +3,10 @@
 
 use crate::bits::report_bits;
 use crate::dense_twins::cells_of_axes;
-use crate::pieces::meshes;
+use crate::pieces::{gather_cells, meshes};
 use crate::streamed::StreamedRun;
 use crate::support::dense::{Dense, System, case, distance, exponential};
-use crate::support::prepared::{Prepared, block_of};
+use crate::support::prepared::{Prepared, block_of, prepare};
 use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::parallel::communicator::{GhostExchange, World};
 use phasewarp::problem::case::{Case, Integrator, Method};
@@ -102,8 +102,8 @@ pub fn varying_inflow_directly(world: &World) {
         };
         for mesh in meshes(world, &scene.case) {
             let name = format!("{}, {mesh:?}", scene.name);
-            let mut prepared = Prepared::new(world, &direct, &mesh);
-            assert!(prepared.problem.schedule.is_none());
+            let mut prepared = prepare(world, &direct, &mesh);
+            assert!(prepared.system.schedule.is_none());
             let rate = prepared.bounds.rate;
             let found = solve(&mut prepared, &direct, |classical, exchange, state| {
                 classical.duhamel(exchange, state, (rate, time), duhamel_panels(rate * time));
@@ -149,12 +149,12 @@ fn solve(
     case: &Case,
     work: impl FnOnce(&mut Classical<'_>, &mut GhostExchange, &mut [f64]),
 ) -> Vec<f64> {
-    let problem = &mut prepared.problem;
-    let mut state = problem.states[0].clone();
+    let system = &mut prepared.system;
+    let mut state = system.states[0].clone();
     let mut classical =
-        Classical::new(&problem.matrix).with_source(&case.fields[0], &problem.weights.pi);
-    work(&mut classical, &mut problem.exchange, &mut state);
-    prepared.gather_cells(&state)
+        Classical::new(&system.matrix).with_source(&case.fields[0], &system.weights.pi);
+    work(&mut classical, &mut system.exchange, &mut state);
+    gather_cells(prepared, &state)
 }
 
 /// Two stages a step, each with an inflow that is held.
@@ -185,14 +185,14 @@ pub fn varying_inflow_by_modes(world: &World) {
             scene.case.tolerance = tolerance;
             for mesh in meshes(world, &scene.case) {
                 let name = format!("{}, {mesh:?}, {tolerance:e}", scene.name);
-                let mut prepared = Prepared::new(world, &scene.case, &mesh);
-                let schedule = prepared.problem.schedule.as_ref().expect("steps");
+                let mut prepared = prepare(world, &scene.case, &mesh);
+                let schedule = prepared.system.schedule.as_ref().expect("steps");
                 assert!(
                     schedule.error <= time_dependent_inflow::TIME_SHARE * tolerance,
                     "{name}"
                 );
                 assert_eq!(prepared.bounds.stages, 2 * schedule.steps);
-                let ratio = prepared.probe(&[scene.case.end]);
+                let ratio = prepared.probe();
                 let run = StreamedRun::new(&scene.case, &mesh, ratio);
                 let run = run.run_as_planned(world, &mut prepared);
                 let fields = run.fields(world, &prepared);

@@ -49,7 +49,7 @@ pub fn dissipative_weights(world: &World) {
 
 /// The certificate and the spread are those of the weights.
 fn claims_hold(twin: &Twin, weighted: &Weighted, name: &str) {
-    let weights = &weighted.prepared.problem.weights;
+    let weights = &weighted.prepared.system.weights;
     let (claimed, found) = (weights.certificate, certificate(twin, &weighted.pi));
     let close = (claimed - found).abs() <= 1e-13 * twin.generator.largest();
     assert!(close, "{name}: {claimed} {found}");
@@ -82,7 +82,7 @@ fn weights_of_auxiliary_unknowns(twin: &Twin, weighted: &Weighted, name: &str) {
 
 /// No eigenvalue of `S` is above the certificate, inflow couplings aside.
 fn certified_growth(twin: &Twin, weighted: &Weighted, highest: f64, name: &str) {
-    let claimed = weighted.prepared.problem.weights.certificate;
+    let claimed = weighted.prepared.system.weights.certificate;
     let allowed = weighted.prepared.bounds.growth;
     if twin.coupled.is_empty() {
         assert_eq!(allowed, claimed, "{name}");
@@ -108,7 +108,7 @@ fn compared_with_none(world: &World, twin: &Twin, mesh: &Mesh, weighted: &Weight
     let close = (none.certificate - expected).abs() <= 1e-14 * twin.generator.largest();
     assert!(close, "{name}");
     assert!(none.pi.iter().all(|&pi| pi == 1.0));
-    let weights = &weighted.prepared.problem.weights;
+    let weights = &weighted.prepared.system.weights;
     let most = weighted.pi.iter().copied().fold(0.0, f64::max);
     if weighted.prepared.bounds.weighted {
         assert!(weights.sweeps > 0 && most > 1.0, "{name}");

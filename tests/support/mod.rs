@@ -1,4 +1,4 @@
-//! What test crates share: dense twins of what the program does, and a problem as a run prepares
+//! What test crates share: dense twins of what the program does, and a case as a run prepares
 //! it.
 #![allow(dead_code)] // each test crate uses its own part
 

@@ -1,15 +1,15 @@
-//! The problem of a case on a rank, prepared as a run prepares it.
+//! A case made ready on a mesh as a run makes it ready, and its parts for a propagator.
 
 use phasewarp::matrix::bounds::Bounds;
-use phasewarp::matrix::lanes::LANES;
 use phasewarp::parallel::communicator::{Communicator, World};
 use phasewarp::parallel::partition::{Block, Mesh};
 use phasewarp::plan::Plan;
+use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::Case;
 use phasewarp::propagate::method::{Evolution, Initial, Propagator};
 use phasewarp::propagate::propagator;
 use phasewarp::propagate::time_dependent_inflow::Schedule;
-use phasewarp::solve::system::DiscreteSystem;
+pub use phasewarp::solve::prepared::Prepared;
 
 /// Sweeps that better weights are worth.
 const WEIGHT_SWEEPS: usize = 100;
@@ -17,15 +17,6 @@ const WEIGHT_SWEEPS: usize = 100;
 /// The block of this rank on `mesh`.
 pub fn block_of(case: &Case, mesh: &Mesh, communicator: &Communicator) -> Block {
     Block::new(&case.space, mesh, communicator.space.rank())
-}
-
-/// The problem of a case on a rank as a run prepares it, with weights where the run takes them.
-pub struct Prepared {
-    /// Number of cells of the grid.
-    pub cells: usize,
-    pub communicator: Communicator,
-    pub problem: DiscreteSystem,
-    pub bounds: Bounds,
 }
 
 /// What a propagator works on.
@@ -49,51 +40,54 @@ impl<'a> Parts<'a> {
     }
 }
 
-impl Prepared {
-    pub fn new(world: &World, case: &Case, mesh: &Mesh) -> Self {
-        let communicator = Communicator::new(world, mesh);
-        let block = block_of(case, mesh, &communicator);
-        let allowed = Bounds::new(case).expect("V is finite");
-        let sizes = (2 * LANES, WEIGHT_SWEEPS);
-        let problem = DiscreteSystem::new(case, &allowed, &communicator, block, sizes)
-            .expect("weights and steps are found");
-        let bounds = problem.bounds(case, &allowed);
-        Self {
-            cells: case.space.cells(),
-            communicator,
-            problem,
-            bounds,
-        }
+/// As many ranks as there are, in the blocks of `mesh`.
+pub fn resources(world: &World, mesh: &Mesh) -> Resources {
+    Resources {
+        ranks: world.group().size(),
+        ranks_x: Some(mesh.space.clone()),
+        memory_per_rank: None,
     }
+}
 
-    /// For a propagation over `time`.
-    pub fn parts(&mut self, time: f64) -> Parts<'_> {
-        let Self {
-            communicator,
-            problem,
-            bounds,
-            ..
-        } = self;
-        let norm = |state: &Vec<f64>| problem.norm(communicator, state, false);
-        let norms: Vec<f64> = problem.states.iter().map(norm).collect();
-        let rows = problem.matrix.rows();
-        let initial = problem.states.iter().zip(norms);
-        Parts {
-            initial: initial
-                .map(|(state, norm)| Initial::real(&state[..rows], norm))
-                .collect(),
-            pi: &problem.weights.pi[..problem.matrix.block.cells()],
-            communicator,
-            schedule: problem.schedule.as_ref(),
-            evolution: Evolution {
-                matrix: &problem.matrix,
-                exchange: &mut problem.exchange,
-                space: &communicator.space,
-                rate: bounds.rate,
-                growth: bounds.growth,
-                time,
-                terms: problem.terms,
-            },
-        }
+/// A case made ready on `mesh`.
+pub fn prepare(world: &World, case: &Case, mesh: &Mesh) -> Prepared {
+    let bounds = Bounds::new(case).expect("V is finite");
+    let plan = Plan::provisional(case, &bounds, &resources(world, mesh)).expect("a plan");
+    assert_eq!(plan.layout.mesh, *mesh);
+    Prepared::with_sweeps(world, case, &bounds, plan, WEIGHT_SWEEPS)
+        .expect("weights and steps are found")
+}
+
+/// For a propagation over `time`.
+pub fn parts(prepared: &mut Prepared, time: f64) -> Parts<'_> {
+    let Prepared {
+        communicator,
+        system,
+        bounds,
+        ..
+    } = prepared;
+    let norms = system
+        .states
+        .iter()
+        .map(|state| system.norm(communicator, state, false));
+    let norms: Vec<f64> = norms.collect();
+    let rows = system.matrix.rows();
+    let initial = system.states.iter().zip(norms);
+    Parts {
+        initial: initial
+            .map(|(state, norm)| Initial::real(&state[..rows], norm))
+            .collect(),
+        pi: &system.weights.pi[..system.matrix.block.cells()],
+        communicator,
+        schedule: system.schedule.as_ref(),
+        evolution: Evolution {
+            matrix: &system.matrix,
+            exchange: &mut system.exchange,
+            space: &communicator.space,
+            rate: bounds.rate,
+            growth: bounds.growth,
+            time,
+            terms: system.terms,
+        },
     }
 }
