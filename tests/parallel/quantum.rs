@@ -40,9 +40,9 @@ pub fn oracles(world: &World) {
             s: weighted.generator.symmetric(),
             k: weighted.generator.skew(),
         };
-        // Every row of small twins; of larger ones some, others on other numbers of ranks. Dealt
-        // out to the ranks.
-        let stride = 1 + access.order() / 600;
+        // Every row of small twins; of larger ones a quarter, another one on each number of ranks.
+        // Dealt out to the ranks.
+        let stride = if access.order() < 600 { 1 } else { 4 };
         let rows = ((group.size() - 1) % stride..access.order()).step_by(stride);
         let mut scratch = Scratch::default();
         let (mut largest, mut fullest) = (0.0f64, 0);
