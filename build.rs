@@ -28,11 +28,8 @@ fn commit() -> Option<String> {
         return None;
     }
     let hash = output(git().args(["rev-parse", "--short=12", "HEAD"]))?;
-    let changes = output(
-        git()
-            .args(["status", "--porcelain", "--untracked-files=no", "--"])
-            .args(SOURCES),
-    )?;
+    let changes =
+        output(git().args(["status", "--porcelain", "--untracked-files=no", "--"]).args(SOURCES))?;
     let dirty = if changes.is_empty() { "" } else { "-dirty" };
     Some(hash + dirty)
 }
@@ -40,9 +37,7 @@ fn commit() -> Option<String> {
 /// git, about the repository that this directory is in, leaving its index alone.
 fn git() -> Command {
     let mut git = Command::new("git");
-    git.env_remove("GIT_DIR")
-        .env_remove("GIT_WORK_TREE")
-        .arg("--no-optional-locks");
+    git.env_remove("GIT_DIR").env_remove("GIT_WORK_TREE").arg("--no-optional-locks");
     git
 }
 

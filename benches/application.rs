@@ -76,10 +76,7 @@ struct Steps {
 impl Steps {
     fn new(world: &World, case: &str, set: &[String]) -> Self {
         let case = load(case, set);
-        let mesh = Mesh {
-            space: vec![1; case.space.dimension()],
-            groups: 1,
-        };
+        let mesh = Mesh { space: vec![1; case.space.dimension()], groups: 1 };
         let communicator = Communicator::new(world, &mesh);
         let block = Block::new(&case.space, &mesh, 0);
         let matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
@@ -98,10 +95,7 @@ impl Steps {
         let levels = vec![self.constants.clone(); blocking.map_or(1, Blocking::depth)];
         let [y, x] = &mut self.vectors;
         for _ in 0..trips {
-            let steps = phasewarp::matrix::blocking::Steps {
-                levels: &levels,
-                couplings: None,
-            };
+            let steps = phasewarp::matrix::blocking::Steps { levels: &levels, couplings: None };
             (self.matrix).steps(&mut self.exchange, blocking, &steps, y, x, &self.start);
         }
     }
@@ -167,10 +161,7 @@ fn main() {
                 1e6 * seconds / LANES as f64,
                 MODEL_BYTES / each / memory,
                 1e-9 * FORWARD_BYTES / each,
-                before.map_or(String::new(), |b: f64| format!(
-                    "; {:.2} times as fast",
-                    b / each
-                ))
+                before.map_or(String::new(), |b: f64| format!("; {:.2} times as fast", b / each))
             );
             before = Some(each);
             let mut group = criterion.benchmark_group("step");

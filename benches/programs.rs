@@ -46,14 +46,7 @@ enum Measure {
 
 impl Row {
     fn new(table: &'static str, case: &'static str, measure: Measure) -> Self {
-        Self {
-            table,
-            case,
-            set: Vec::new(),
-            ranks: RANKS,
-            labels: Map::new(),
-            measure,
-        }
+        Self { table, case, set: Vec::new(), ranks: RANKS, labels: Map::new(), measure }
     }
 
     fn set(mut self, key: &str, value: &str) -> Self {
@@ -73,8 +66,7 @@ impl Row {
 
     fn tolerance(self, tolerance: &str) -> Self {
         let value: f64 = tolerance.parse().unwrap_or(f64::NAN);
-        self.set("solver.tolerance", tolerance)
-            .label("tolerance", value)
+        self.set("solver.tolerance", tolerance).label("tolerance", value)
     }
 
     /// `n` cells on every axis.
@@ -103,10 +95,7 @@ impl Row {
         let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
         let mut text = match self.measure {
             Measure::Plan => format!("phasewarp plan cases/{}.toml", self.case),
-            _ => format!(
-                "mpirun -np {} phasewarp run cases/{}.toml",
-                self.ranks, self.case
-            ),
+            _ => format!("mpirun -np {} phasewarp run cases/{}.toml", self.ranks, self.case),
         };
         for setting in &self.set {
             text += &if setting.chars().all(plain) {
@@ -120,9 +109,7 @@ impl Row {
 
     fn plan(&self) -> Outcome<Value> {
         let words = self.arguments("plan", &["--json".into(), "--ranks".into(), "2".into()]);
-        let finished = Command::new(env!("CARGO_BIN_EXE_phasewarp"))
-            .args(&words)
-            .output()?;
+        let finished = Command::new(env!("CARGO_BIN_EXE_phasewarp")).args(&words).output()?;
         if !finished.status.success() {
             return Err(self.failure(&finished.stderr));
         }
@@ -151,12 +138,7 @@ impl Row {
     }
 
     fn failure(&self, errors: &[u8]) -> Box<dyn std::error::Error> {
-        format!(
-            "{}\n  failed: {}",
-            self.command(),
-            String::from_utf8_lossy(errors).trim()
-        )
-        .into()
+        format!("{}\n  failed: {}", self.command(), String::from_utf8_lossy(errors).trim()).into()
     }
 
     /// Timed runs: more where it is the seconds that are looked at, not how they grow.
@@ -197,11 +179,7 @@ impl Row {
             triads.push(triad());
             let (seconds, summary) = self.run(directory, &[])?;
             wall.push(seconds);
-            solve.push(
-                summary["solve_seconds"]
-                    .as_f64()
-                    .ok_or("no solve_seconds")?,
-            );
+            solve.push(summary["solve_seconds"].as_f64().ok_or("no solve_seconds")?);
             summaries.push(summary);
         }
         found["wall_seconds"] = json!(wall);
@@ -240,21 +218,14 @@ fn rows(quick: bool) -> Vec<Row> {
     use Measure::{Plan, Time, TimeAndError};
     let mut rows = Vec::new();
     let pick = |all: &[usize], few: usize| -> Vec<usize> {
-        all.iter()
-            .copied()
-            .take(if quick { few } else { all.len() })
-            .collect()
+        all.iter().copied().take(if quick { few } else { all.len() }).collect()
     };
 
     // Examples at several tolerances.
     for case in ["example1", "example2", "example3"] {
         for tolerance in TOLERANCES.into_iter().take(if quick { 2 } else { 4 }) {
             let row = Row::new("tolerance", case, TimeAndError).tolerance(tolerance);
-            rows.push(if quick && case == "example2" {
-                row.cells(64)
-            } else {
-                row
-            });
+            rows.push(if quick && case == "example2" { row.cells(64) } else { row });
         }
     }
     // One rank and two.
@@ -270,35 +241,21 @@ fn rows(quick: bool) -> Vec<Row> {
     for n in pick(&[6, 8, 12, 16], 3) {
         rows.push(Row::new("cells4", "example3", Time).cells(n));
     }
-    for end in ["0.25", "0.5", "1", "2", "4"]
-        .into_iter()
-        .take(if quick { 3 } else { 5 })
-    {
+    for end in ["0.25", "0.5", "1", "2", "4"].into_iter().take(if quick { 3 } else { 5 }) {
         let value: f64 = end.parse().unwrap_or(f64::NAN);
-        rows.push(
-            Row::new("time", "example1", Time)
-                .set("time.end", end)
-                .label("time", value),
-        );
+        rows.push(Row::new("time", "example1", Time).set("time.end", end).label("time", value));
     }
     for points in pick(&[64, 128, 256, 512, 1024], 3) {
         let row = Row::new("points", "example1", TimeAndError)
             .cells(32)
             .set("solver.warp.profile", "exponential");
-        rows.push(
-            row.set("solver.warp.points", &points.to_string())
-                .label("points", points),
-        );
+        rows.push(row.set("solver.warp.points", &points.to_string()).label("points", points));
     }
     // Applications as planned, over Λ and over the tolerance.
     let spans: &[usize] = &[8, 16, 32, 64, 128, 256, 512, 1024, 2048];
     for tolerance in ["1e-3", "1e-6", "1e-9"] {
         for n in pick(spans, 5) {
-            rows.push(
-                Row::new("span", "example1", Plan)
-                    .tolerance(tolerance)
-                    .cells(n),
-            );
+            rows.push(Row::new("span", "example1", Plan).tolerance(tolerance).cells(n));
         }
     }
     for exponent in 2..=12 {
@@ -309,10 +266,8 @@ fn rows(quick: bool) -> Vec<Row> {
 
 /// First words of a command's output, or "unknown".
 fn said(program: &str, arguments: &[&str]) -> String {
-    let output = Command::new(program)
-        .args(arguments)
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .output();
+    let output =
+        Command::new(program).args(arguments).current_dir(env!("CARGO_MANIFEST_DIR")).output();
     match output {
         Ok(o) if o.status.success() => String::from_utf8_lossy(&o.stdout).trim().to_owned(),
         _ => "unknown".to_owned(),
@@ -347,9 +302,7 @@ fn machine() -> Value {
 /// Processes at work in the last minute, this one not counted: what else the machine does.
 fn load() -> f64 {
     let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
-    (text.split_whitespace().next())
-        .and_then(|word| word.parse().ok())
-        .unwrap_or(-1.0)
+    (text.split_whitespace().next()).and_then(|word| word.parse().ok()).unwrap_or(-1.0)
 }
 
 fn all(quick: bool, counts: bool, output: &Path) -> Outcome<()> {

@@ -16,22 +16,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let solution = solve(&world, &case)?;
     if first {
         let applications = planned.warp.as_ref().map_or(0, |warp| warp.applications);
-        println!(
-            "applications: {applications} planned, {} done",
-            solution.summary.matvecs
-        );
+        println!("applications: {applications} planned, {} done", solution.summary.matvecs);
         println!("error estimate: {:?}", solution.summary.error_estimate);
     }
     // Each rank has its share of the space cells.
     let axis = &solution.case.space.x[0];
-    for (cell, density) in solution.share[0]
-        .clone()
-        .zip(&solution.results.moments.density)
-    {
-        println!(
-            "x = {:8.4}  density = {density:.6}",
-            axis.centre(cell as i64)
-        );
+    for (cell, density) in solution.share[0].clone().zip(&solution.results.moments.density) {
+        println!("x = {:8.4}  density = {density:.6}", axis.centre(cell as i64));
     }
     Ok(())
 }

@@ -41,17 +41,9 @@ use std::path::{Path, PathBuf};
 pub fn execute(world: &World, cli: &Cli) -> Result<()> {
     let speaks = world.group().rank() == 0;
     match &cli.command {
-        Command::Run {
-            case,
-            output,
-            ranks_x,
-            resume,
-            walltime,
-        } => {
+        Command::Run { case, output, ranks_x, resume, walltime } => {
             let case = load(world, case)?;
-            let directory = output
-                .clone()
-                .unwrap_or_else(|| default_directory(&case.name));
+            let directory = output.clone().unwrap_or_else(|| default_directory(&case.name));
             if *resume && is_finished(&world.group(), &directory, &case) {
                 if speaks {
                     say(&format!(
@@ -90,10 +82,8 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             let case = reduced(&all, &*planning::with_start(&all, &case)?)?;
             let started = if *calibrate { world.group().size() } else { 1 };
             let ranks = ranks.map_or(started, |n| n as usize);
-            let node = memory_per_node.map(|memory| Node {
-                memory,
-                ranks: ranks_per_node.map_or(ranks, |n| n as usize),
-            });
+            let node = memory_per_node
+                .map(|memory| Node { memory, ranks: ranks_per_node.map_or(ranks, |n| n as usize) });
             // A node that is not full has more for each rank.
             let share = node.map(|node| node.memory / node.ranks.min(ranks) as u64);
             let resources = Resources {
@@ -112,11 +102,8 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             let here = here * world.group().size() as f64 / ranks as f64;
             let advice = Advice::new(&case, &plan, &resources, node, here as u64);
             if speaks && *json {
-                let planned = Planned {
-                    plan: &plan,
-                    advice: &advice,
-                    calibration: calibration.as_ref(),
-                };
+                let planned =
+                    Planned { plan: &plan, advice: &advice, calibration: calibration.as_ref() };
                 say(&serde_json::to_string_pretty(&planned).unwrap_or_default());
             } else if speaks {
                 say(plan.to_string().trim_end());
@@ -132,10 +119,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
             let case = reduced(&all, &*planning::with_start(&all, &case)?)?;
             refuse_hopeless_here(world, &case)?;
             let bounds = Bounds::new(&case)?;
-            let resources = Resources {
-                ranks: world.group().size(),
-                ..Resources::default()
-            };
+            let resources = Resources { ranks: world.group().size(), ..Resources::default() };
             // Finds formulas that are not finite and a tolerance that cannot be met, where the grid is small enough.
             let plan = planning::plan(world, &case, &resources)?;
             if speaks {
@@ -148,10 +132,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         Command::CheckResult { directory } => {
             let files = readback::check_result(&world.group(), directory)?;
             for (path, datasets) in files.iter().filter(|_| speaks) {
-                say(&format!(
-                    "{}: {datasets} datasets as written",
-                    path.display()
-                ));
+                say(&format!("{}: {datasets} datasets as written", path.display()));
             }
         }
         Command::Plot { drawn } => {
@@ -166,15 +147,9 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 drawn.tell();
             }
         }
-        Command::Chart {
-            case,
-            output,
-            budget,
-        } => {
+        Command::Chart { case, output, budget } => {
             let case = load(world, case)?;
-            let directory = output
-                .clone()
-                .unwrap_or_else(|| beside(&case.name, "chart"));
+            let directory = output.clone().unwrap_or_else(|| beside(&case.name, "chart"));
             let chart = crate::command::chart::chart(world, &case, *budget, &directory)?;
             if speaks {
                 say(chart.to_string().trim_end());
@@ -183,9 +158,8 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         }
         Command::ExportQuantum { case, output } => {
             let case = load(world, case)?;
-            let directory = output
-                .clone()
-                .unwrap_or_else(|| default_directory(&case.name).join("quantum"));
+            let directory =
+                output.clone().unwrap_or_else(|| default_directory(&case.name).join("quantum"));
             let description = crate::command::export::export(world, &case, &directory)?;
             if speaks {
                 if let Some(why) = &description.preparation {
@@ -201,17 +175,9 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 ));
             }
         }
-        Command::Advise {
-            case,
-            accuracy,
-            budget,
-            json,
-        } => {
+        Command::Advise { case, accuracy, budget, json } => {
             let case = load(world, case)?;
-            let wanted = Wanted {
-                accuracy: *accuracy,
-                budget: budget.as_secs_f64(),
-            };
+            let wanted = Wanted { accuracy: *accuracy, budget: budget.as_secs_f64() };
             let advised = advise(world, &case, wanted)?;
             if speaks && *json {
                 say(&serde_json::to_string_pretty(&advised).unwrap_or_default());
@@ -219,11 +185,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 say(advised.to_string().trim_end());
             }
         }
-        Command::Resources {
-            case,
-            format,
-            optimise,
-        } => {
+        Command::Resources { case, format, optimise } => {
             let case = load(world, case)?;
             if *optimise && matches!(format, RecordFormat::Azure | RecordFormat::Qref) {
                 let what = "--optimise compares many choices: --format text and json show them, azure and qref hold one";
@@ -253,16 +215,9 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 }
             }
         }
-        Command::Stability {
-            case,
-            output,
-            only,
-            budget,
-        } => {
+        Command::Stability { case, output, only, budget } => {
             let case = load(world, case)?;
-            let directory = output
-                .clone()
-                .unwrap_or_else(|| beside(&case.name, "stability"));
+            let directory = output.clone().unwrap_or_else(|| beside(&case.name, "stability"));
             let found =
                 crate::command::stability::stability(world, &case, &directory, (only, *budget))?;
             if speaks {
@@ -270,12 +225,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
                 say(&format!("files in {}", directory.display()));
             }
         }
-        Command::Spectrum {
-            case,
-            steps,
-            refine,
-            json,
-        } => {
+        Command::Spectrum { case, steps, refine, json } => {
             let case = load(world, case)?;
             let found = crate::command::spectrum::measure(world, &case, refine, *steps as usize)?;
             if speaks && *json {
@@ -301,11 +251,7 @@ struct Planned<'a> {
 /// Reads the case file on rank 0 and parses it on all. Collective.
 fn load(world: &World, args: &CaseArgs) -> Result<Case> {
     let group = world.group();
-    let text = if group.rank() == 0 {
-        case::read_text(&args.case)
-    } else {
-        Ok(String::new())
-    };
+    let text = if group.rank() == 0 { case::read_text(&args.case) } else { Ok(String::new()) };
     let text = group.broadcast_text(&group.agree(text)?);
     let mode = (args.mode).map(|mode| format!("output.warped_field={}", mode == Mode::Full));
     let set: Vec<String> = args.set.iter().cloned().chain(mode).collect();
@@ -328,10 +274,7 @@ fn closing_line(summary: &Summary, directory: &Path) -> String {
     let mut line = format!("done in {:.2} s", summary.wall_seconds);
     if let Some(estimate) = summary.error_estimate {
         line += &if summary.error_estimate_reliable {
-            format!(
-                ", error estimate {estimate:.1e} (tolerance {:e})",
-                summary.tolerance
-            )
+            format!(", error estimate {estimate:.1e} (tolerance {:e})", summary.tolerance)
         } else {
             let doubt = summary.doubt.as_deref();
             format!(

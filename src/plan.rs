@@ -115,9 +115,8 @@ impl Plan {
             }
             Method::Classical => None,
         };
-        let steps: Vec<usize> = (case.legs().iter())
-            .map(|&leg| propagate::steps(&case.propagator, leg))
-            .collect();
+        let steps: Vec<usize> =
+            (case.legs().iter()).map(|&leg| propagate::steps(&case.propagator, leg)).collect();
         let longest = (case.legs().iter().zip(&steps))
             .map(|(leg, &steps)| leg / steps as f64)
             .fold(0.0, f64::max);
@@ -142,10 +141,7 @@ impl Plan {
             interface: case.interface,
             propagation: match steps {
                 0 => case.propagator,
-                _ => Propagation {
-                    step: Some(longest),
-                    ..case.propagator
-                },
+                _ => Propagation { step: Some(longest), ..case.propagator },
             },
             steps,
             limiter: case.limiter,
@@ -208,10 +204,7 @@ impl Plan {
         let mut scratch = Vec::new();
         let mut of_mode = |l| {
             let (mu, bounds) = (series.wavenumber(l), &self.bounds);
-            let span = Span {
-                time: case.end,
-                tolerance,
-            };
+            let span = Span { time: case.end, tolerance };
             propagate::work(&case.propagator, bounds, mu, span, &mut scratch)
         };
         let work: Vec<usize> = (0..modes).map(&mut of_mode).collect();
@@ -273,12 +266,7 @@ impl Plan {
 impl fmt::Display for Plan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
-        writeln!(
-            f,
-            "grid            {} = {} cells",
-            shape.join(" x "),
-            self.cells
-        )?;
+        writeln!(f, "grid            {} = {} cells", shape.join(" x "), self.cells)?;
         for line in &self.reductions {
             writeln!(f, "reduced         {line}")?;
         }
@@ -290,11 +278,7 @@ impl fmt::Display for Plan {
         }
         writeln!(f, "scene           {}", scene.join(", "))?;
         if b.stages > 0 {
-            writeln!(
-                f,
-                "time            {} steps of two exponentials",
-                b.stages / 2
-            )?;
+            writeln!(f, "time            {} steps of two exponentials", b.stages / 2)?;
         }
         if let Some(w) = &self.warp {
             writeln!(
@@ -302,11 +286,7 @@ impl fmt::Display for Plan {
                 "spectrum of S   [-{:.4}, {:.4}] guaranteed, time {:e}",
                 b.decay, b.growth, self.time
             )?;
-            writeln!(
-                f,
-                "tolerance       {:e} (state {:.2e})",
-                self.tolerance, w.state_tolerance
-            )?;
+            writeln!(f, "tolerance       {:e} (state {:.2e})", self.tolerance, w.state_tolerance)?;
             let file = || "that of initial.warped".to_owned();
             let profile = w.profile.as_ref().map_or_else(file, Profile::to_string);
             writeln!(
@@ -321,18 +301,11 @@ impl fmt::Display for Plan {
                 f,
                 "modes           {} ({}) in {} batches of at most {LANES}",
                 w.modes,
-                if w.modes > w.series.modes() {
-                    "l of both signs"
-                } else {
-                    "l >= 0"
-                },
+                if w.modes > w.series.modes() { "l of both signs" } else { "l >= 0" },
                 self.layout.groups.iter().map(Vec::len).sum::<usize>()
             )?;
             if let Some(points) = w.points {
-                writeln!(
-                    f,
-                    "kept            all of them: w(T, x, v, p) at {points} points in p"
-                )?;
+                writeln!(f, "kept            all of them: w(T, x, v, p) at {points} points in p")?;
             }
             writeln!(f, "propagator      {}", self.propagator_text(w))?;
             match w.solves {
@@ -366,10 +339,7 @@ impl fmt::Display for Plan {
             l.imbalance
         )?;
         if l.mesh.blocks() == 1 && l.mesh.groups > 1 && self.warp.is_some() {
-            writeln!(
-                f,
-                "reduced         space is not split: there are modes for all ranks"
-            )?;
+            writeln!(f, "reduced         space is not split: there are modes for all ranks")?;
         }
         let idle = l.groups.iter().filter(|g| g.is_empty()).count();
         if idle > 0 && (self.warp.is_some() || idle < l.groups.len()) {

@@ -34,17 +34,10 @@ use std::path::Path;
 pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<()> {
     let attempt = || -> std::io::Result<()> {
         let warped = crate::results::warped::names(case);
-        let names = [
-            "result.h5",
-            crate::results::xdmf::NAME,
-            "summary.json",
-            "readout.csv",
-        ];
+        let names = ["result.h5", crate::results::xdmf::NAME, "summary.json", "readout.csv"];
         for name in names.into_iter().chain(warped.iter().map(String::as_str)) {
             if directory.join(name).is_dir() {
-                return Err(std::io::Error::other(format!(
-                    "{name} in it is a directory"
-                )));
+                return Err(std::io::Error::other(format!("{name} in it is a directory")));
             }
         }
         Ok(())

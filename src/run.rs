@@ -142,12 +142,8 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let results = expand::expand(&prepared, solution, &shown, exact.as_ref(), &mut summary);
     log.watch.lap("observables");
     if shown.case.readout.is_some() {
-        summary.readout = Some(readout::readout(
-            &prepared,
-            &shown.case,
-            &results.fields[0],
-            &summary,
-        ));
+        summary.readout =
+            Some(readout::readout(&prepared, &shown.case, &results.fields[0], &summary));
         log.watch.lap("readout");
     }
     summary.fill(&prepared, &log);
@@ -233,9 +229,8 @@ fn initial_mass(prepared: &mut Prepared) -> Option<f64> {
     }
     let initial = std::mem::take(&mut prepared.system.initial);
     let (world, case) = (&prepared.communicator.world, &prepared.case);
-    let mine: Vec<&[f64]> = (initial.iter())
-        .map(|field| &field[prepared.place.mine.clone()])
-        .collect();
+    let mine: Vec<&[f64]> =
+        (initial.iter()).map(|field| &field[prepared.place.mine.clone()]).collect();
     let density = moments(world, case, &mine).density;
     Some(integral(world, &case.space, &density))
 }
@@ -252,12 +247,7 @@ impl Solution {
 
     /// As [`write`](Self::write), into a directory that is known to take it; deletes the checkpoints. Collective.
     fn write_prepared(self, world: &World, directory: &Path) -> Result<Summary> {
-        let Self {
-            mut summary,
-            mut log,
-            results,
-            ..
-        } = self;
+        let Self { mut summary, mut log, results, .. } = self;
         let (all, case) = (world.group(), &self.case);
         let grids = result_file::write(
             &all,

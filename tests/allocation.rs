@@ -49,13 +49,7 @@ fn allocations(work: impl FnOnce()) -> usize {
 fn main() {
     // MPI starts once in a process.
     let world = World::start().expect("MPI starts");
-    let checks = [
-        the_counter_counts,
-        series_and_lanczos,
-        implicit_steps,
-        classical_steps,
-        runs,
-    ];
+    let checks = [the_counter_counts, series_and_lanczos, implicit_steps, classical_steps, runs];
     for check in checks {
         check(&world);
     }
@@ -70,10 +64,7 @@ fn small(file: &str, set: &[&str]) -> Case {
 
 /// A case prepared on one rank.
 fn prepared(world: &World, case: &Case) -> Prepared {
-    let mesh = Mesh {
-        space: vec![1],
-        groups: 1,
-    };
+    let mesh = Mesh { space: vec![1], groups: 1 };
     prepare(world, case, &mesh)
 }
 
@@ -160,10 +151,7 @@ fn runs(world: &World) {
 
 fn allocations_of_a_run(world: &World, case: &Case, name: &str) {
     let mut prepared = prepared(world, case);
-    let resources = Resources {
-        ranks: 1,
-        ..Resources::default()
-    };
+    let resources = Resources { ranks: 1, ..Resources::default() };
     let plan = Plan::with_bounds(case, prepared.bounds.clone(), &resources, 2.0).expect("a plan");
     let warp = plan.warp.as_ref().expect("a schrodingerized run");
     let mut parts = parts(&mut prepared, case.end);
@@ -181,28 +169,17 @@ fn allocations_of_a_run(world: &World, case: &Case, name: &str) {
             let task = Task {
                 communicator: parts.communicator,
                 warp,
-                legs: &[Leg {
-                    time: case.end,
-                    moments_only: false,
-                }],
+                legs: &[Leg { time: case.end, moments_only: false }],
                 batches: &batches[..count],
                 initial: &parts.initial,
                 shares: std::slice::from_ref(&cells),
                 moments: None,
             };
             let (system, progress) = (&mut parts.evolution, &mut Progress::silent());
-            let recovered = modes::run(
-                &task,
-                system,
-                &mut *propagator,
-                progress,
-                RunHooks::default(),
-            );
+            let recovered =
+                modes::run(&task, system, &mut *propagator, progress, RunHooks::default());
             drop(recovered.expect("a unitary run"));
         })
     });
-    assert_eq!(
-        few[0], few[1],
-        "{name}: allocations of one batch and of all"
-    );
+    assert_eq!(few[0], few[1], "{name}: allocations of one batch and of all");
 }

@@ -5,9 +5,7 @@ use phasewarp::problem::case::Case;
 
 /// A case of the repository, with settings.
 pub fn load(case: &str, set: &[String]) -> Case {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("cases")
-        .join(case);
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("cases").join(case);
     Case::load(&path, set).expect("a case of the repository")
 }
 

@@ -20,9 +20,7 @@ fn term(index: u64, bits: u64) -> u64 {
 
 /// The sum over elements that follow each other from `first` on.
 pub fn of_run(first: u64, elements: impl Iterator<Item = u64>) -> u64 {
-    (first..)
-        .zip(elements)
-        .fold(0, |sum, (index, bits)| sum.wrapping_add(term(index, bits)))
+    (first..).zip(elements).fold(0, |sum, (index, bits)| sum.wrapping_add(term(index, bits)))
 }
 
 /// The checksum of a text.
@@ -91,10 +89,7 @@ impl Slab {
         let shape = shape.to_vec();
         (0..before * parts).map(move |piece| {
             let (mut rest, part) = (piece / parts, piece % parts);
-            let mut slab = Self {
-                start: vec![0; shape.len()],
-                count: shape.clone(),
-            };
+            let mut slab = Self { start: vec![0; shape.len()], count: shape.clone() };
             for a in (0..axis).rev() {
                 (slab.start[a], slab.count[a]) = (rest % shape[a], 1);
                 rest /= shape[a];
@@ -156,10 +151,7 @@ mod tests {
                     assert!(part.len() <= most, "{shape:?} {slab:?}");
                     sum = sum.wrapping_add(of_slab(shape, &slab, &part));
                 }
-                assert!(
-                    seen.iter().all(|&n| n == 1),
-                    "{shape:?} by {most}: {seen:?}"
-                );
+                assert!(seen.iter().all(|&n| n == 1), "{shape:?} by {most}: {seen:?}");
                 assert_eq!(sum, expected, "{shape:?} by {most}");
             }
         }

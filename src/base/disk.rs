@@ -16,16 +16,10 @@ pub fn make(directory: &Path) -> Result<()> {
 }
 
 pub(crate) fn refused(directory: &Path, why: &std::io::Error) -> Error {
-    Error::Directory {
-        path: directory.to_owned(),
-        reason: why.to_string(),
-    }
+    Error::Directory { path: directory.to_owned(), reason: why.to_string() }
 }
 
 /// An [`Error::Output`] about `path`.
 pub(crate) fn failure(path: &Path, reason: &dyn std::fmt::Display) -> Error {
-    Error::Output {
-        path: path.to_owned(),
-        reason: reason.to_string(),
-    }
+    Error::Output { path: path.to_owned(), reason: reason.to_string() }
 }

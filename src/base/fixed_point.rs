@@ -28,11 +28,7 @@ impl FixedPoint {
     pub fn new(bound: f64, count: usize) -> Self {
         let room = (count.max(1) as f64).log2().ceil() as i32 + 1;
         let bits = BITS.min(61 - room);
-        let exponent = if bound > 0.0 {
-            bound.log2().ceil() as i32
-        } else {
-            0
-        };
+        let exponent = if bound > 0.0 { bound.log2().ceil() as i32 } else { 0 };
         // Kept within the exponents of normal numbers, so that scaling is exact.
         Self {
             coarse: power_of_two((bits - exponent).clamp(-1000, 1000)),

@@ -34,13 +34,7 @@ pub fn reset_peak_memory() {
 /// Memory that processes on this machine may still take, in bytes: what is free, within the control group's limit.
 pub fn available_memory() -> u64 {
     let free = kilobytes("/proc/meminfo", "MemAvailable:").unwrap_or(u64::MAX);
-    let read = |path: &str| {
-        std::fs::read_to_string(path)
-            .ok()?
-            .trim()
-            .parse::<u64>()
-            .ok()
-    };
+    let read = |path: &str| std::fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
     let limits = [
         ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
         (
@@ -109,12 +103,7 @@ pub fn reserve(path: &Path, bytes: u64) -> std::io::Result<()> {
     let file = std::fs::File::options().write(true).open(path)?;
     // SAFETY: a plain call on an open file.
     let status = unsafe {
-        libc::fallocate(
-            file.as_raw_fd(),
-            libc::FALLOC_FL_KEEP_SIZE,
-            0,
-            bytes as libc::off_t,
-        )
+        libc::fallocate(file.as_raw_fd(), libc::FALLOC_FL_KEEP_SIZE, 0, bytes as libc::off_t)
     };
     let error = std::io::Error::last_os_error();
     match error.raw_os_error() {

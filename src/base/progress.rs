@@ -27,15 +27,7 @@ impl Progress {
                 .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
                 .with_message(name)
         });
-        Self {
-            bar,
-            speaks,
-            name,
-            done: 0,
-            total,
-            started: Instant::now(),
-            last: Instant::now(),
-        }
+        Self { bar, speaks, name, done: 0, total, started: Instant::now(), last: Instant::now() }
     }
 
     /// Says nothing.

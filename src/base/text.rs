@@ -17,10 +17,7 @@ pub(crate) fn word(choice: &impl serde::Serialize) -> String {
             other => Some(other.to_string()),
         }
     }
-    serde_json::to_value(choice)
-        .ok()
-        .and_then(|value| text(&value))
-        .unwrap_or_default()
+    serde_json::to_value(choice).ok().and_then(|value| text(&value)).unwrap_or_default()
 }
 
 /// Bytes for people: `1.5 GiB`.

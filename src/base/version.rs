@@ -5,9 +5,4 @@
 pub const GIT: &str = env!("PHASEWARP_GIT");
 
 /// Version and commit.
-pub const VERSION: &str = concat!(
-    env!("CARGO_PKG_VERSION"),
-    " (git ",
-    env!("PHASEWARP_GIT"),
-    ")"
-);
+pub const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (git ", env!("PHASEWARP_GIT"), ")");

@@ -37,11 +37,7 @@ pub struct DrawnArgs {
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
     /// In more than one dimension: where planes cut the other axes, x=0.1,vy=0; repeat it for more pictures
-    #[arg(
-        long = "slice",
-        value_name = "NAME=POSITION[,...]",
-        allow_hyphen_values = true
-    )]
+    #[arg(long = "slice", value_name = "NAME=POSITION[,...]", allow_hyphen_values = true)]
     pub slices: Vec<String>,
     /// Results of another run on the same grid, drawn beside
     #[arg(long, value_name = "DIR")]
@@ -177,12 +173,7 @@ pub enum Command {
         #[arg(short, long, value_name = "DIR")]
         output: Option<PathBuf>,
         /// Only these panels
-        #[arg(
-            long,
-            value_name = "PANEL[,PANEL...]",
-            value_enum,
-            value_delimiter = ','
-        )]
+        #[arg(long, value_name = "PANEL[,PANEL...]", value_enum, value_delimiter = ',')]
         only: Vec<crate::study::stability::panel::Name>,
         /// About how long it may take: 60s, 5m
         #[arg(long, value_name = "TIME", value_parser = parse_duration, default_value = "60s")]
@@ -283,9 +274,7 @@ fn parse_duration(text: &str) -> Result<Duration, String> {
 /// `4GiB`, `500MB`, `1e9`.
 fn parse_bytes(text: &str) -> Result<u64, String> {
     let text = text.trim();
-    let split = text
-        .find(|c: char| c.is_ascii_alphabetic() && c != 'e')
-        .unwrap_or(text.len());
+    let split = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e').unwrap_or(text.len());
     let (number, unit) = text.split_at(split);
     let factor = match unit.trim().to_ascii_lowercase().as_str() {
         "" | "b" => 1.0,
@@ -298,15 +287,10 @@ fn parse_bytes(text: &str) -> Result<u64, String> {
         "g" | "gib" => 1024f64.powi(3),
         "t" | "tib" => 1024f64.powi(4),
         other => {
-            return Err(format!(
-                "unknown unit \"{other}\"; KiB, MiB, GiB, TiB, kB, MB, GB, TB do"
-            ));
+            return Err(format!("unknown unit \"{other}\"; KiB, MiB, GiB, TiB, kB, MB, GB, TB do"));
         }
     };
-    let value: f64 = number
-        .trim()
-        .parse()
-        .map_err(|_| format!("\"{number}\" is not a number"))?;
+    let value: f64 = number.trim().parse().map_err(|_| format!("\"{number}\" is not a number"))?;
     if !(value.is_finite() && value > 0.0) {
         return Err("must be above 0".into());
     }
@@ -342,12 +326,9 @@ mod tests {
 
     #[test]
     fn sizes() {
-        for (text, bytes) in [
-            ("4GiB", 4 << 30),
-            ("500 MB", 500_000_000),
-            ("1e9", 1_000_000_000),
-            ("12k", 12_288),
-        ] {
+        for (text, bytes) in
+            [("4GiB", 4 << 30), ("500 MB", 500_000_000), ("1e9", 1_000_000_000), ("12k", 12_288)]
+        {
             assert_eq!(parse_bytes(text), Ok(bytes));
         }
         for text in ["", "GiB", "4 parsecs", "-1GB", "nan"] {

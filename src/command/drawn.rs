@@ -48,10 +48,7 @@ pub fn plot(world: &World, args: &DrawnArgs) -> Result<Drawn> {
         let directory = args.output.clone();
         let directory = directory.unwrap_or_else(|| args.directory.join("plots"));
         let files = album.write(&directory)?;
-        Ok(Drawn {
-            files,
-            left_out: album.left_out,
-        })
+        Ok(Drawn { files, left_out: album.left_out })
     })
 }
 
@@ -91,10 +88,7 @@ pub fn report(world: &World, args: &DrawnArgs) -> Result<Drawn> {
         if let Err(why) = said {
             left_out.push(("what was understood".to_owned(), why));
         }
-        Ok(Drawn {
-            files: vec![path],
-            left_out,
-        })
+        Ok(Drawn { files: vec![path], left_out })
     })
 }
 
@@ -124,20 +118,13 @@ fn said(world: &World, run: Option<&Stored>) -> std::result::Result<String, Stri
 
 /// Of ranks that write nothing.
 fn nothing() -> Drawn {
-    Drawn {
-        files: Vec::new(),
-        left_out: Vec::new(),
-    }
+    Drawn { files: Vec::new(), left_out: Vec::new() }
 }
 
 /// What the first rank does; the others learn how it went. Collective.
 fn alone(world: &World, work: impl FnOnce() -> Result<Drawn>) -> Result<Drawn> {
     let group = world.group();
-    group.agree(if group.rank() == 0 {
-        work()
-    } else {
-        Ok(nothing())
-    })
+    group.agree(if group.rank() == 0 { work() } else { Ok(nothing()) })
 }
 
 /// The run and its pictures.

@@ -17,10 +17,8 @@ pub fn export(world: &World, case: &Case, directory: &Path) -> Result<Descriptio
     refuse(case)?;
     refuse_hopeless_here(world, case)?;
     let all = world.group();
-    let here = Resources {
-        ranks_x: Some(vec![1; case.space.dimension()]),
-        ..Resources::here(world)
-    };
+    let here =
+        Resources { ranks_x: Some(vec![1; case.space.dimension()]), ..Resources::here(world) };
     let mut prepared = Prepared::new(world, case, &here)?;
     let ratio = prepared.probe();
     prepared.plan_modes(&here, ratio)?;
@@ -31,11 +29,7 @@ pub fn export(world: &World, case: &Case, directory: &Path) -> Result<Descriptio
     let planned = (&prepared.bounds, warp);
     let exported = Export::new(case, planned, &mut prepared.system, &prepared.communicator);
     let exported = all.agree(exported)?;
-    let written = if all.rank() == 0 {
-        exported.write(directory)
-    } else {
-        Ok(())
-    };
+    let written = if all.rank() == 0 { exported.write(directory) } else { Ok(()) };
     all.agree(written)?;
     Ok(exported.description().clone())
 }

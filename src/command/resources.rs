@@ -22,10 +22,7 @@ pub fn count(world: &World, case: &Case) -> Result<Record> {
     prepared.plan_modes(&Resources::here(world), ratio)?;
     let norms = norms(&mut prepared);
     let Some(warp) = &prepared.plan.warp else {
-        return Err(Error::Input(format!(
-            "{}: nothing is planned by modes",
-            case.name
-        )));
+        return Err(Error::Input(format!("{}: nothing is planned by modes", case.name)));
     };
     Record::new(
         case,
@@ -44,9 +41,7 @@ pub fn optimise(world: &World, case: &Case) -> Result<Ranking> {
     let mut all = Vec::new();
     let own = prepare(world, case)?;
     let inflow = own.system.matrix.inflow.iter();
-    let largest = inflow
-        .flat_map(|aux| aux.values)
-        .fold(0.0, |m: f64, b| m.max(b.abs()));
+    let largest = inflow.flat_map(|aux| aux.values).fold(0.0, |m: f64, b| m.max(b.abs()));
     let largest = own.communicator.space.max(largest);
     drop(own);
     for delta in deltas(case, largest) {

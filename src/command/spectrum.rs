@@ -63,9 +63,7 @@ pub struct Found {
 /// # Errors
 /// [`Error::Memory`] before anything is computed if one of the grids does not fit; as [`Prepared::new`].
 pub fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result<Vec<Found>> {
-    let grids: Vec<Case> = (refine.iter())
-        .map(|&factor| refined(case, factor))
-        .collect();
+    let grids: Vec<Case> = (refine.iter()).map(|&factor| refined(case, factor)).collect();
     let mut plans = Vec::new();
     for case in &grids {
         plans.push(plan(world, case)?);
@@ -77,19 +75,15 @@ pub fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Re
             (false, _) => vec![(System::Closed, case.clone())],
             // Couplings that change with time have no one spectrum.
             (true, true) => vec![(System::Alone, case.without_inflow())],
-            (true, false) => vec![
-                (System::Alone, case.without_inflow()),
-                (System::Enlarged, case.clone()),
-            ],
+            (true, false) => {
+                vec![(System::Alone, case.without_inflow()), (System::Enlarged, case.clone())]
+            }
         };
         for weighted in [false, true] {
             if weighted && !(bounds.jumps && grows) {
                 continue;
             }
-            let bounds = Bounds {
-                weighted,
-                ..bounds.clone()
-            };
+            let bounds = Bounds { weighted, ..bounds.clone() };
             for (system, case) in &systems {
                 found.push(Found {
                     refinement,
@@ -162,11 +156,7 @@ fn on_grid(
 
 /// A number with six digits behind the point, or four that count where these are few.
 fn number(x: f64) -> String {
-    if x == 0.0 || x.abs() >= 0.01 {
-        format!("{x:.6}")
-    } else {
-        format!("{x:.3e}")
-    }
+    if x == 0.0 || x.abs() >= 0.01 { format!("{x:.6}") } else { format!("{x:.3e}") }
 }
 
 /// What was found, for people: a line a grid and a line a matrix.
@@ -190,24 +180,13 @@ pub fn table(list: &[Found]) -> String {
 
 impl Found {
     fn line(&self) -> String {
-        let Extremes {
-            highest,
-            lowest,
-            steps,
-        } = self.lanczos;
+        let Extremes { highest, lowest, steps } = self.lanczos;
         let within = |end: &End| {
             let residual = format!("+- {:.1e}", end.residual);
-            if end.converged {
-                residual
-            } else {
-                residual + " (not converged: more --steps)"
-            }
+            if end.converged { residual } else { residual + " (not converged: more --steps)" }
         };
-        let mut label = if self.weighted {
-            "dissipative weights".to_owned()
-        } else {
-            "no weights".to_owned()
-        };
+        let mut label =
+            if self.weighted { "dissipative weights".to_owned() } else { "no weights".to_owned() };
         label += match self.system {
             System::Closed => "",
             System::Alone => ", A alone",

@@ -6,14 +6,7 @@ use crate::problem::case;
 use crate::problem::case::{Case, Data, Method};
 
 pub(crate) fn understood(case: &Case, bounds: &Bounds) -> String {
-    let mut text = format!(
-        "{}\n",
-        if case.title.is_empty() {
-            &case.name
-        } else {
-            &case.title
-        }
-    );
+    let mut text = format!("{}\n", if case.title.is_empty() { &case.name } else { &case.title });
     let names = crate::problem::grid::axis_names(case.space.dimension());
     let periodic = case.space.periodic.iter().take(case.space.dimension());
     let closed = periodic.copied().chain(std::iter::repeat(false));
@@ -107,11 +100,7 @@ pub(crate) fn understood(case: &Case, bounds: &Bounds) -> String {
         "{} cells; largest rate {:.4}; growth of S {growth}{}\n",
         case.space.cells(),
         bounds.rate,
-        if bounds.weighted {
-            " with dissipative weights"
-        } else {
-            ""
-        }
+        if bounds.weighted { " with dissipative weights" } else { "" }
     );
     text
 }

@@ -49,11 +49,7 @@ impl Sorter {
         rows: usize,
         mut take: impl FnMut(&mut Vec<Entry>),
     ) {
-        let Self {
-            ends,
-            sorted,
-            entries,
-        } = self;
+        let Self { ends, sorted, entries } = self;
         ends.clear();
         ends.resize(rows + 1, 0);
         for part in &*layer {
@@ -187,10 +183,7 @@ impl Layers {
     fn unknowns(&self, cells: &[Numbers]) -> impl Iterator<Item = Numbers> {
         let velocities = self.velocities;
         (cells.iter()).flat_map(move |&Numbers { global, local }| {
-            (0..velocities).map(move |v| Numbers {
-                global: global + v,
-                local: local + v,
-            })
+            (0..velocities).map(move |v| Numbers { global: global + v, local: local + v })
         })
     }
 }

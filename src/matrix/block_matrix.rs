@@ -57,11 +57,7 @@ pub struct BlockMatrix {
 impl BlockMatrix {
     /// The matrix of `rows`, and what enters.
     pub(crate) fn new(block: Block, rows: Rows, inflow: InflowRows) -> Self {
-        let InflowRows {
-            list,
-            entering,
-            shared,
-        } = inflow;
+        let InflowRows { list, entering, shared } = inflow;
         let mut this = Self {
             counts_shared: block.ranges.iter().all(|r| r.start == 0),
             block,
@@ -85,11 +81,7 @@ impl BlockMatrix {
         let touches = |i: usize| self.rows.row(i).any(|(column, ..)| column >= rows);
         let (mut interior, mut border): (Vec<Range<usize>>, Vec<Range<usize>>) = Default::default();
         for i in 0..rows {
-            let list = if touches(i) {
-                &mut border
-            } else {
-                &mut interior
-            };
+            let list = if touches(i) { &mut border } else { &mut interior };
             match list.last_mut() {
                 Some(last) if last.end == i => last.end = i + 1,
                 _ => list.push(i..i + 1),
@@ -111,13 +103,9 @@ impl BlockMatrix {
         }
         let nv = self.block.velocity_cells;
         let mut firsts = vec![0; self.block.space_cells()];
-        self.block
-            .for_each_own(|global, local| firsts[local / nv] = global);
+        self.block.for_each_own(|global, local| firsts[local / nv] = global);
         let cell = |row: usize| (firsts[row / nv] + row % nv) as u64;
-        self.inflow
-            .iter()
-            .map(|aux| cell(aux.row as usize))
-            .collect()
+        self.inflow.iter().map(|aux| cell(aux.row as usize)).collect()
     }
 
     /// Unknowns of this rank: cells and auxiliary ones.
@@ -165,11 +153,7 @@ impl BlockMatrix {
     /// The entries of local row `i`: `(local column, s, k)`, in the order of global columns; of a
     /// common auxiliary unknown's row, those to this rank's cells.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        let common = if self.shared && i == self.block.cells() {
-            &self.inflow[..]
-        } else {
-            &[]
-        };
+        let common = if self.shared && i == self.block.cells() { &self.inflow[..] } else { &[] };
         let half = |aux: &Inflow| (aux.row as usize, 0.5 * aux.coupling, -0.5 * aux.coupling);
         self.rows.row(i).chain(common.iter().map(half))
     }
@@ -237,11 +221,7 @@ impl BlockMatrix {
             let share = |aux: &Inflow| [aux.coupling * x[aux.row as usize]];
             let [sum] =
                 (exchange.group()).sum_lanes(self.inflow_rows, self.inflow.iter().map(share));
-            y[self.block.cells()] = if operator == Operator::Transpose {
-                sum
-            } else {
-                0.5 * sum
-            };
+            y[self.block.cells()] = if operator == Operator::Transpose { sum } else { 0.5 * sum };
         }
     }
 

@@ -153,9 +153,7 @@ impl Blocking {
             for level in 0..shape.depth {
                 this.exchanges.push(this.order.len());
                 let ghosts = level as u32 + 1;
-                sequence
-                    .iter()
-                    .for_each(|t| open(*t, ghosts, &mut this.order));
+                sequence.iter().for_each(|t| open(*t, ghosts, &mut this.order));
             }
         }
         assert!(levels.iter().all(|l| *l as usize == shape.depth));
@@ -211,11 +209,7 @@ impl BlockingShape {
                 let traffic = edges / depth as f64 + waiting;
                 let fits = tile * section * (depth + 2) as f64 <= cache;
                 if fits && best.is_none_or(|(least, _)| traffic < least) {
-                    let shape = Self {
-                        depth,
-                        width,
-                        parts,
-                    };
+                    let shape = Self { depth, width, parts };
                     best = Some((traffic, shape));
                 }
             }
@@ -274,17 +268,10 @@ impl Tiling {
                 {
                     next += 1;
                 }
-                tiles.push(Tile {
-                    rows,
-                    auxiliaries: first..next,
-                });
+                tiles.push(Tile { rows, auxiliaries: first..next });
             }
         }
-        Self {
-            parts,
-            velocities,
-            tiles,
-        }
+        Self { parts, velocities, tiles }
     }
 
     /// The tile of a row of cells.
@@ -354,11 +341,7 @@ impl BlockMatrix {
         if 8 * (0..count).filter(coupled).count() > count {
             return 1;
         }
-        let line = if self.block.ranges.len() == 1 {
-            1
-        } else {
-            self.block.velocity_line
-        };
+        let line = if self.block.ranges.len() == 1 { 1 } else { self.block.velocity_line };
         (nv / (line * FEWEST_ROWS.div_ceil(line))).max(1)
     }
 
@@ -425,11 +408,7 @@ impl BlockMatrix {
             let Some(constants) = steps.levels.get(level as usize) else {
                 continue;
             };
-            let (y, x) = if level % 2 == 0 {
-                (&mut **odd, &**even)
-            } else {
-                (&mut **even, &**odd)
-            };
+            let (y, x) = if level % 2 == 0 { (&mut **odd, &**even) } else { (&mut **even, &**odd) };
             let Tile { rows, auxiliaries } = &tiles[tile as usize];
             let rows = rows.start as usize..rows.end as usize;
             step(&self.rows, rows, constants, y, x, start);

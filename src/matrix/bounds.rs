@@ -108,11 +108,7 @@ impl Bounds {
     /// These bounds with a finite growth, for planning who does what before the growth is measured.
     pub fn expected(&self) -> Self {
         Self {
-            growth: if self.growth.is_finite() {
-                self.growth
-            } else {
-                0.0
-            },
+            growth: if self.growth.is_finite() { self.growth } else { 0.0 },
             decay: 2.0 * self.rate,
             ..self.clone()
         }

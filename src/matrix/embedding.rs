@@ -49,11 +49,7 @@ impl BlockMatrix {
             Delta::Largest => Some(largest),
             Delta::Given(delta) => Some(delta),
         };
-        self.uncoupled = if largest > 0.0 {
-            given.unwrap_or(0.0)
-        } else {
-            0.0
-        };
+        self.uncoupled = if largest > 0.0 { given.unwrap_or(0.0) } else { 0.0 };
         if case.varies() || largest == 0.0 {
             self.weigh(pi, 1.0);
             return;
@@ -99,30 +95,20 @@ impl BlockMatrix {
         let least = gamma.max(0.0);
         let couplings: Vec<f64> = couplings.collect();
         let rows = || {
-            let coupled = self
-                .inflow
-                .iter()
-                .zip(&couplings)
-                .filter(|(_, k)| **k != 0.0);
+            let coupled = self.inflow.iter().zip(&couplings).filter(|(_, k)| **k != 0.0);
             coupled.map(|(aux, k)| (gamma - 0.5 * aux.draw, k * k))
         };
         if !self.shared {
             // ½ (c + √(c² + κ²)), without cancellation.
             let own = |(c, square): (f64, f64)| {
                 let root = (c * c + square).sqrt();
-                if c > 0.0 {
-                    0.5 * (c + root)
-                } else {
-                    0.5 * square / (root - c)
-                }
+                if c > 0.0 { 0.5 * (c + root) } else { 0.5 * square / (root - c) }
             };
             return space.max(rows().map(own).fold(least, f64::max));
         }
         // λ ≥ ¼ Σ κ²/(λ − c) holds at the upper end of the interval, which bisection keeps.
-        let [theta] = space.sum_lanes(
-            self.inflow_rows,
-            rows().map(|(c, square)| [square / (4.0 * (gamma - c))]),
-        );
+        let [theta] = space
+            .sum_lanes(self.inflow_rows, rows().map(|(c, square)| [square / (4.0 * (gamma - c))]));
         let (mut low, mut high) = (least, least.max(theta));
         for _ in 0..50 {
             let middle = 0.5 * (low + high);
@@ -170,11 +156,7 @@ impl BlockMatrix {
     pub fn auxiliary(&self, k: usize, enters: bool) -> impl Iterator<Item = f64> + '_ {
         let uncoupled = if enters { self.uncoupled } else { 0.0 };
         let own = move |aux: &Inflow| {
-            if aux.coupling == 0.0 {
-                uncoupled
-            } else {
-                aux.values[k] / aux.coupling
-            }
+            if aux.coupling == 0.0 { uncoupled } else { aux.values[k] / aux.coupling }
         };
         let common = self.shared.then_some(uncoupled);
         let list = if self.shared { &[] } else { &self.inflow[..] };

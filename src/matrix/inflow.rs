@@ -76,8 +76,6 @@ impl Entering {
         let value =
             |&(_, point): &(f64, [f64; 6])| (field.entering().at_point(&point, time), point);
         let mut values = self.ghosts[start..self.ends[m]].iter().map(value);
-        values
-            .find(|(value, _)| !value.is_finite())
-            .unwrap_or((f64::NAN, [0.0; 6]))
+        values.find(|(value, _)| !value.is_finite()).unwrap_or((f64::NAN, [0.0; 6]))
     }
 }

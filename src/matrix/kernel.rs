@@ -65,11 +65,7 @@ fn step_rows<const FMA: bool, R: StartRow>(
         }
         let mut new = *out;
         for l in 0..LANES {
-            let (a, c, mu) = (
-                constants.scale[l],
-                constants.shift[l],
-                constants.wavenumber[l],
-            );
+            let (a, c, mu) = (constants.scale[l], constants.shift[l], constants.wavenumber[l]);
             // (−iμ S + K + ic)(re + i im) = (μ S im + K re − c im) + i(−μ S re + K im + c re)
             let re = multiply_add::<FMA>(mu, sx[LANES + l], kx[l]);
             let im = multiply_add::<FMA>(-mu, sx[l], kx[LANES + l]);
@@ -129,9 +125,7 @@ impl InstructionSet {
 
     /// All that this processor has, the best first.
     pub fn all() -> impl Iterator<Item = Self> {
-        [Self::Avx512, Self::Avx2, Self::Generic]
-            .into_iter()
-            .filter(|set| set.is_here())
+        [Self::Avx512, Self::Avx2, Self::Generic].into_iter().filter(|set| set.is_here())
     }
 
     fn is_here(self) -> bool {

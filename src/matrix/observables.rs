@@ -50,10 +50,7 @@ impl VelocityFactors {
             let energy = 0.5 * square;
             each.push([1.0, v[0], v[1], v[2], energy]);
         });
-        Self {
-            each,
-            volume: space.velocity_volume(),
-        }
+        Self { each, volume: space.velocity_volume() }
     }
 
     /// Number of velocity cells.
@@ -169,11 +166,7 @@ pub fn power_sum(
     term: impl Fn(usize) -> f64,
 ) -> f64 {
     let terms: Vec<f64> = (0..count / velocities)
-        .map(|c| {
-            (c * velocities..(c + 1) * velocities)
-                .map(|i| term(i).abs().powi(power))
-                .sum()
-        })
+        .map(|c| (c * velocities..(c + 1) * velocities).map(|i| term(i).abs().powi(power)).sum())
         .collect();
     world.sum_terms(&terms)
 }

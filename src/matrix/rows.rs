@@ -144,15 +144,10 @@ impl Builder {
             let product = u128::from(hash ^ word ^ 0x9e37_79b9_7f4a_7c15) * 0xd1b5_4a32_d192_ed03;
             (product as u64) ^ (product >> 64) as u64
         };
-        let hash = entries
-            .iter()
-            .flat_map(words)
-            .fold(entries.len() as u64, mix);
+        let hash = entries.iter().flat_map(words).fold(entries.len() as u64, mix);
         let same = |t: u32| {
             let range = rows.offsets[t as usize]..rows.offsets[t as usize + 1];
-            let known = rows.distances[range.clone()]
-                .iter()
-                .zip(&rows.values[range.clone()]);
+            let known = rows.distances[range.clone()].iter().zip(&rows.values[range.clone()]);
             range.len() == entries.len()
                 && known
                     .zip(entries)

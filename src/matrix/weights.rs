@@ -27,13 +27,12 @@ const NEGLIGIBLE: f64 = 1e-6;
 
 /// Largest of the values; NaN if one is.
 fn largest(values: impl Iterator<Item = f64>) -> f64 {
-    values.fold(f64::NEG_INFINITY, |m, x| {
-        if x.is_nan() || m.is_nan() {
-            f64::NAN
-        } else {
-            m.max(x)
-        }
-    })
+    values.fold(
+        f64::NEG_INFINITY,
+        |m, x| {
+            if x.is_nan() || m.is_nan() { f64::NAN } else { m.max(x) }
+        },
+    )
 }
 
 /// The bound on `λ⁺` takes off-diagonal entries `(row, column, A_ij)` that are not negative.
@@ -76,12 +75,7 @@ impl Weights {
     pub fn none(matrix: &BlockMatrix, exchange: &mut GhostExchange, space: &Group) -> Self {
         let mut state = State::new(matrix);
         let certificate = state.certificate(matrix, exchange, space);
-        Self {
-            pi: vec![1.0; matrix.length()],
-            certificate,
-            sweeps: 0,
-            spread: 1.0,
-        }
+        Self { pi: vec![1.0; matrix.length()], certificate, sweeps: 0, spread: 1.0 }
     }
 
     /// Weights that reach `goal`, better where it costs little. Collective over the space group.
@@ -95,11 +89,7 @@ impl Weights {
         space: &Group,
         goal: WeightGoal,
     ) -> Result<Self> {
-        let WeightGoal {
-            shift,
-            limit,
-            max_weight_sweeps,
-        } = goal;
+        let WeightGoal { shift, limit, max_weight_sweeps } = goal;
         let cells = matrix.block.cells();
         let entries = (0..cells).flat_map(|i| matrix.row(i).map(move |(j, s, k)| (i, j, s + k)));
         space.agree(not_negative(entries))?;
@@ -114,11 +104,7 @@ impl Weights {
                 break certificate;
             }
             if sweeps == most_sweeps || certificate.is_nan() {
-                return Err(Error::Weights {
-                    certificate,
-                    limit,
-                    sweeps,
-                });
+                return Err(Error::Weights { certificate, limit, sweeps });
             }
             state.sweep(shift, unshifted);
             sweeps += 1;
@@ -130,12 +116,7 @@ impl Weights {
         let own = &pi[..cells];
         let most = space.max(largest(own.iter().copied()));
         let least = -space.max(largest(own.iter().map(|p| -p)));
-        Ok(Self {
-            pi,
-            certificate,
-            sweeps,
-            spread: (most / least).sqrt(),
-        })
+        Ok(Self { pi, certificate, sweeps, spread: (most / least).sqrt() })
     }
 }
 
@@ -156,13 +137,7 @@ impl State {
     fn new(matrix: &BlockMatrix) -> Self {
         let (cells, length) = (matrix.block.cells(), matrix.length());
         let diagonal = (0..cells)
-            .map(|i| {
-                matrix
-                    .row(i)
-                    .filter(|&(j, ..)| j == i)
-                    .map(|(_, s, _)| -s)
-                    .sum()
-            })
+            .map(|i| matrix.row(i).filter(|&(j, ..)| j == i).map(|(_, s, _)| -s).sum())
             .collect();
         Self {
             extra: vec![0.0; length],
@@ -187,10 +162,7 @@ impl State {
         matrix.apply(exchange, Operator::Transpose, &mut self.image, &mut self.pi);
         if self.offset.is_empty() {
             // First call: π = 1, the image is the column sums.
-            self.offset = self.image[..self.cells]
-                .iter()
-                .map(|&c| c.max(0.0) - c)
-                .collect();
+            self.offset = self.image[..self.cells].iter().map(|&c| c.max(0.0) - c).collect();
         }
         let quotients = self.image[..self.cells].iter().zip(&self.pi);
         0.5 * space.max(largest(quotients.map(|(image, pi)| image / pi)))

@@ -46,18 +46,12 @@ impl World {
                 world.abort(1);
             }
         }));
-        Some(Self {
-            universe,
-            start_seconds,
-            started,
-        })
+        Some(Self { universe, start_seconds, started })
     }
 
     /// All ranks, as one group.
     pub fn group(&self) -> Group {
-        Group {
-            communicator: self.universe.world(),
-        }
+        Group { communicator: self.universe.world() }
     }
 
     /// Name and version of the MPI library.
@@ -102,11 +96,8 @@ impl Group {
         let root = self.communicator.process_at_rank(0);
         let mut length = text.len() as u64;
         root.broadcast_into(&mut length);
-        let mut bytes = if self.rank() == 0 {
-            text.as_bytes().to_vec()
-        } else {
-            vec![0; length as usize]
-        };
+        let mut bytes =
+            if self.rank() == 0 { text.as_bytes().to_vec() } else { vec![0; length as usize] };
         for piece in bytes.chunks_mut(MOST_AT_ONCE) {
             root.broadcast_into(piece);
         }
@@ -124,8 +115,7 @@ impl Group {
             for (key, &value) in keys.iter_mut().zip(&*piece) {
                 *key = ordered_key(value);
             }
-            self.communicator
-                .all_reduce_into(&*keys, result, SystemOperation::max());
+            self.communicator.all_reduce_into(&*keys, result, SystemOperation::max());
             for (value, &key) in piece.iter_mut().zip(&*result) {
                 *value = from_ordered_key(key);
             }
@@ -165,8 +155,7 @@ impl Group {
         let mut result = [0i64; 32];
         for piece in values.chunks_mut(result.len()) {
             let result = &mut result[..piece.len()];
-            self.communicator
-                .all_reduce_into(&*piece, result, SystemOperation::sum());
+            self.communicator.all_reduce_into(&*piece, result, SystemOperation::sum());
             piece.copy_from_slice(result);
         }
     }
@@ -184,11 +173,7 @@ impl Group {
         }
         let process = self.communicator.process_at_rank(root as i32);
         let mine = self.rank() == root;
-        let length = if mine {
-            values.len().min(MOST_AT_ONCE)
-        } else {
-            0
-        };
+        let length = if mine { values.len().min(MOST_AT_ONCE) } else { 0 };
         let mut result = vec![0i64; length];
         for piece in values.chunks_mut(MOST_AT_ONCE) {
             if mine {
@@ -258,23 +243,17 @@ impl Group {
             }
         }
         self.sum_integers(totals.as_flattened_mut());
-        std::array::from_fn(|l| {
-            if bounds[l].is_finite() {
-                fixed[l].join(totals[l])
-            } else {
-                f64::NAN
-            }
-        })
+        std::array::from_fn(
+            |l| {
+                if bounds[l].is_finite() { fixed[l].join(totals[l]) } else { f64::NAN }
+            },
+        )
     }
 
     /// Sum over the ranks of terms whose bound is not known beforehand: the largest is found first.
     pub fn sum_terms(&self, terms: &[f64]) -> f64 {
         let largest = terms.iter().fold(0.0, |m: f64, t| m.max(t.abs()));
-        let bound = self.max(if terms.iter().any(|t| t.is_nan()) {
-            f64::NAN
-        } else {
-            largest
-        });
+        let bound = self.max(if terms.iter().any(|t| t.is_nan()) { f64::NAN } else { largest });
         let count = self.sum_count(terms.len());
         if !bound.is_finite() {
             return f64::NAN;
@@ -341,11 +320,7 @@ fn ordered_key(value: f64) -> u64 {
         return u64::MAX;
     }
     let bits = (value + 0.0).to_bits();
-    if bits >> 63 == 0 {
-        bits | 1 << 63
-    } else {
-        !bits
-    }
+    if bits >> 63 == 0 { bits | 1 << 63 } else { !bits }
 }
 
 fn from_ordered_key(key: u64) -> f64 {
@@ -448,9 +423,7 @@ impl GhostExchange {
             .map(|n| n.send.len().div_ceil(MOST_AT_ONCE) + n.receive.len().div_ceil(MOST_AT_ONCE))
             .sum();
         Self {
-            group: Group {
-                communicator: space.communicator.duplicate(),
-            },
+            group: Group { communicator: space.communicator.duplicate() },
             neighbours,
             requests: Vec::with_capacity(pieces),
         }
@@ -487,9 +460,8 @@ impl GhostExchange {
         }
         for neighbour in &mut self.neighbours {
             let length = neighbour.rows.len() * R::WIDTH;
-            for (out, &row) in neighbour.send[..length]
-                .chunks_exact_mut(R::WIDTH)
-                .zip(&neighbour.rows)
+            for (out, &row) in
+                neighbour.send[..length].chunks_exact_mut(R::WIDTH).zip(&neighbour.rows)
             {
                 out.copy_from_slice(vector[row as usize].numbers());
             }
@@ -528,10 +500,7 @@ impl GhostExchange {
         self.requests.clear();
         for neighbour in &self.neighbours {
             let rows = &mut ghosts[neighbour.ghosts.clone()];
-            for (row, piece) in rows
-                .iter_mut()
-                .zip(neighbour.receive.chunks_exact(R::WIDTH))
-            {
+            for (row, piece) in rows.iter_mut().zip(neighbour.receive.chunks_exact(R::WIDTH)) {
                 row.numbers_mut().copy_from_slice(piece);
             }
         }
@@ -550,16 +519,7 @@ mod tests {
 
     #[test]
     fn keys_keep_the_order() {
-        let list = [
-            f64::NEG_INFINITY,
-            -1e300,
-            -1.0,
-            -1e-300,
-            0.0,
-            1e-300,
-            2.0,
-            f64::INFINITY,
-        ];
+        let list = [f64::NEG_INFINITY, -1e300, -1.0, -1e-300, 0.0, 1e-300, 2.0, f64::INFINITY];
         for pair in list.windows(2) {
             assert!(ordered_key(pair[0]) < ordered_key(pair[1]));
         }

@@ -122,8 +122,7 @@ fn volume(ranges: &[Range<usize>]) -> usize {
 /// Row-major position of `i` in `ranges`, if it is inside.
 fn position_in(ranges: &[Range<usize>], i: &[usize; MAX_DIMENSION]) -> Option<usize> {
     ranges.iter().enumerate().try_fold(0, |position, (a, r)| {
-        r.contains(&i[a])
-            .then(|| position * r.len() + i[a] - r.start)
+        r.contains(&i[a]).then(|| position * r.len() + i[a] - r.start)
     })
 }
 
@@ -141,9 +140,8 @@ pub struct CommonRun {
 /// The space cells that the boxes `from` and `to` share, line by line along the last axis.
 pub fn common_runs(from: &[Range<usize>], to: &[Range<usize>]) -> Vec<CommonRun> {
     let both = from.iter().zip(to);
-    let mut common: Vec<Range<usize>> = both
-        .map(|(a, b)| a.start.max(b.start)..a.end.min(b.end))
-        .collect();
+    let mut common: Vec<Range<usize>> =
+        both.map(|(a, b)| a.start.max(b.start)..a.end.min(b.end)).collect();
     let Some(last) = common.last_mut() else {
         return Vec::new();
     };
@@ -199,12 +197,7 @@ impl Block {
                     layer[a] = i..i + 1;
                     layer
                 };
-                let slab = Slab {
-                    neighbour,
-                    ghost: layer(ghost),
-                    edge: layer(edge),
-                    start,
-                };
+                let slab = Slab { neighbour, ghost: layer(ghost), edge: layer(edge), start };
                 start += volume(&slab.ghost) * velocity_cells;
                 slabs.push(slab);
             }
@@ -231,10 +224,7 @@ impl Block {
 
     /// Number of ghost unknowns.
     pub fn ghosts(&self) -> usize {
-        self.slabs
-            .iter()
-            .map(|s| volume(&s.ghost) * self.velocity_cells)
-            .sum()
+        self.slabs.iter().map(|s| volume(&s.ghost) * self.velocity_cells).sum()
     }
 
     /// The block's space cells widened to its ghosts, for evaluating rows there.
@@ -265,10 +255,7 @@ impl Block {
     }
 
     fn space_index(&self, i: &[usize; MAX_DIMENSION]) -> usize {
-        self.shape
-            .iter()
-            .zip(i)
-            .fold(0, |index, (&cells, &i)| index * cells + i)
+        self.shape.iter().zip(i).fold(0, |index, (&cells, &i)| index * cells + i)
     }
 
     /// Where global unknown `index` is kept; `None` if it is neither in the block nor a ghost of
@@ -285,9 +272,7 @@ impl Block {
         }
         self.slabs.iter().find_map(|slab| {
             let position = position_in(&slab.ghost, &i)?;
-            Some(LocalIndex::Ghost(
-                slab.start + position * self.velocity_cells + v,
-            ))
+            Some(LocalIndex::Ghost(slab.start + position * self.velocity_cells + v))
         })
     }
 
@@ -359,13 +344,9 @@ mod tests {
             (vec![3, 4, 5], vec![2, 1, 2], vec![3, 2, 2]),
         ] {
             let space = space(&x, &v);
-            let mesh = Mesh {
-                space: blocks,
-                groups: 2,
-            };
-            let all: Vec<Block> = (0..mesh.blocks())
-                .map(|b| Block::new(&space, &mesh, b))
-                .collect();
+            let mesh = Mesh { space: blocks, groups: 2 };
+            let all: Vec<Block> =
+                (0..mesh.blocks()).map(|b| Block::new(&space, &mesh, b)).collect();
             let mut owner = vec![usize::MAX; space.cells()];
             for (b, block) in all.iter().enumerate() {
                 let nv = block.velocity_cells;

@@ -98,10 +98,7 @@ impl Advice {
         let nodes = node.map(|node| ranks.div_ceil(node.ranks));
         let full = node.map(|node| node.ranks.min(ranks) as u64 * plan.memory());
         let memory = limit.unwrap_or(here);
-        let known = Resources {
-            memory_per_rank: Some(memory),
-            ..resources.clone()
-        };
+        let known = Resources { memory_per_rank: Some(memory), ..resources.clone() };
         let largest = warp.and_then(|warp| Layout::largest_points(case, bounds, warp, &known));
         let (largest_points, largest_points_mesh) =
             largest.map(|(n, mesh)| (n, mesh.space)).unzip();
@@ -165,11 +162,7 @@ impl fmt::Display for Advice {
                 mesh.imbalance,
                 100.0 * mesh.split,
                 bytes_text(mesh.memory),
-                if mesh.fits {
-                    ""
-                } else {
-                    ", more than it may take"
-                }
+                if mesh.fits { "" } else { ", more than it may take" }
             )?;
         }
         Ok(())
@@ -199,29 +192,17 @@ mod tests {
                 format!("solver.propagator={method}"),
             ]
         };
-        for method in [
-            "{method='chebyshev'}",
-            "{method='crank-nicolson',step=0.05}",
-        ] {
+        for method in ["{method='chebyshev'}", "{method='crank-nicolson',step=0.05}"] {
             for (ranks, limit) in [(1, 100 << 20), (3, 64 << 20), (8, 80 << 20)] {
-                let resources = Resources {
-                    ranks,
-                    ..Resources::default()
-                };
+                let resources = Resources { ranks, ..Resources::default() };
                 let plan = |points: usize, space: Option<Vec<usize>>| {
                     let case = Case::load(&path, &sets(points, method)).expect("a case");
-                    let resources = Resources {
-                        ranks_x: space,
-                        ..resources.clone()
-                    };
+                    let resources = Resources { ranks_x: space, ..resources.clone() };
                     let plan = Plan::new(&case, &resources, 1.5).expect("a plan");
                     (case, plan)
                 };
                 let (case, first) = plan(64, None);
-                let limited = Resources {
-                    memory_per_rank: Some(limit),
-                    ..resources.clone()
-                };
+                let limited = Resources { memory_per_rank: Some(limit), ..resources.clone() };
                 let advice = Advice::new(&case, &first, &limited, None, 0);
                 let points = advice.largest_points.expect("some fit");
                 // As a plan for so many points says itself; groups differ by a batch or two.
@@ -238,11 +219,9 @@ mod tests {
                 assert_eq!(again.largest_points, Some(points));
                 let case = Case::load(&path, &sets(more, method)).expect("a case");
                 let refused = Plan::new(&case, &limited, 1.5).expect_err("too many");
-                for words in [
-                    "--mode streamed",
-                    "solver.warp.points",
-                    &format!("at most {points} fit"),
-                ] {
+                for words in
+                    ["--mode streamed", "solver.warp.points", &format!("at most {points} fit")]
+                {
                     assert!(refused.to_string().contains(words), "{refused}");
                 }
             }

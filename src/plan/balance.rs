@@ -52,9 +52,9 @@ pub fn share_out(
     let pieces: Vec<&[usize]> = match coupling {
         BatchCoupling::Independent => falling.chunks(LANES).collect(),
         // From the top, so that the block that is not full is the cheapest.
-        BatchCoupling::Coupled => (neighbours.rchunks(LANES))
-            .filter(|piece| !finished.contains(&piece[0]))
-            .collect(),
+        BatchCoupling::Coupled => {
+            (neighbours.rchunks(LANES)).filter(|piece| !finished.contains(&piece[0])).collect()
+        }
         BatchCoupling::Sequential => falling.chunks(1).collect(),
     };
     let batch = |modes: &[usize]| Batch::new(modes.to_vec(), work, coupling);
@@ -70,9 +70,7 @@ pub fn share_out(
             _ => share.push(batch(piece)),
         }
     }
-    shares
-        .iter_mut()
-        .for_each(|share| share.sort_by_key(|b| Reverse(b.cost)));
+    shares.iter_mut().for_each(|share| share.sort_by_key(|b| Reverse(b.cost)));
     shares
 }
 
@@ -100,10 +98,7 @@ fn deal(costs: &[usize], groups: usize) -> Vec<usize> {
         search.place(&mut Vec::new(), &mut vec![0; groups]);
     }
     let mut dealt = vec![0; costs.len()];
-    order
-        .iter()
-        .zip(search.best)
-        .for_each(|(&k, group)| dealt[k] = group);
+    order.iter().zip(search.best).for_each(|(&k, group)| dealt[k] = group);
     dealt
 }
 
@@ -185,16 +180,9 @@ mod tests {
             let found = imbalance(&shares);
             assert!(found <= most, "{modes} modes on {groups} groups: {found}");
             // Modes one by one are even wherever there are enough of them.
-            let found = imbalance(&share_out(
-                &work,
-                &BTreeSet::new(),
-                BatchCoupling::Sequential,
-                groups,
-            ));
-            assert!(
-                found <= 1.2,
-                "{modes} modes on {groups} groups one by one: {found}"
-            );
+            let found =
+                imbalance(&share_out(&work, &BTreeSet::new(), BatchCoupling::Sequential, groups));
+            assert!(found <= 1.2, "{modes} modes on {groups} groups one by one: {found}");
         }
     }
 

@@ -16,11 +16,7 @@ impl Resources {
     /// All ranks of `world` and the memory that they have here. Collective.
     pub fn here(world: &World) -> Self {
         let all = world.group();
-        Self {
-            ranks: all.size(),
-            ranks_x: None,
-            memory_per_rank: Some(memory_per_rank(&all)),
-        }
+        Self { ranks: all.size(), ranks_x: None, memory_per_rank: Some(memory_per_rank(&all)) }
     }
 }
 

@@ -54,16 +54,9 @@ pub struct Resources {
 /// # Errors
 /// [`Error::Memory`].
 pub fn refuse_hopeless(case: &Case, resources: &Resources) -> Result<()> {
-    let (ranks, limit) = (
-        resources.ranks,
-        resources.memory_per_rank.unwrap_or(u64::MAX),
-    );
+    let (ranks, limit) = (resources.ranks, resources.memory_per_rank.unwrap_or(u64::MAX));
     // The tracer keeps V and distances for all of space on every rank.
-    let tracer = if matches!(case.exact, Some(Exact::Characteristics)) {
-        80.0
-    } else {
-        0.0
-    };
+    let tracer = if matches!(case.exact, Some(Exact::Characteristics)) { 80.0 } else { 0.0 };
     // Less than any layout takes: two batch vectors, a state and the sums of a reading; four real vectors and the field.
     let bytes_per_cell = match case.method {
         Method::Schrodingerized => 2.0 * size_of::<Lanes>() as f64 + 32.0,
@@ -99,11 +92,7 @@ impl Layout {
         let mut best: Option<(bool, f64, Self)> = None;
         for layout in Self::every(case, bounds, warp, ranks) {
             let fits = layout.memory() <= limit;
-            let cost = if fits {
-                layout.cost(case, warp)
-            } else {
-                layout.memory() as f64
-            };
+            let cost = if fits { layout.cost(case, warp) } else { layout.memory() as f64 };
             let better = match &best {
                 None => true,
                 Some((other, least, _)) => (fits && !other) || (fits == *other && cost < *least),
@@ -134,20 +123,11 @@ impl Layout {
         let groups = balance::share_out(work, &BTreeSet::new(), coupling, mesh.groups);
         let costs = groups.iter().map(|group| balance::cost(group));
         let (most, sum) = (costs.clone().max().unwrap_or(0), costs.sum::<usize>());
-        let imbalance = if sum == 0 {
-            1.0
-        } else {
-            most as f64 * mesh.groups as f64 / sum as f64
-        };
+        let imbalance = if sum == 0 { 1.0 } else { most as f64 * mesh.groups as f64 / sum as f64 };
         let kept = |group: &Vec<Batch>| group.iter().map(|b| b.modes.len()).sum::<usize>();
         let most = groups.iter().map(kept).max().unwrap_or(0);
         let arrays = arrays(case, bounds, warp, (&mesh, most));
-        Self {
-            mesh,
-            groups,
-            imbalance,
-            arrays,
-        }
+        Self { mesh, groups, imbalance, arrays }
     }
 
     /// The most points `N_p` of which a run on `resources` can keep all modes, and the mesh that it takes; none where no memory is given
@@ -202,9 +182,8 @@ impl Layout {
         if self.mesh.blocks() == 1 {
             return (rows, 0.0);
         }
-        let splitting = warp.map_or(1.0, |_| {
-            descriptor(case.propagator.method).cost_of_splitting()
-        });
+        let splitting =
+            warp.map_or(1.0, |_| descriptor(case.propagator.method).cost_of_splitting());
         let exchange = ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts() as f64;
         (rows, splitting * (rows + exchange) - rows)
     }
@@ -229,12 +208,7 @@ impl Layout {
         if self.memory() <= limit {
             return Ok(self);
         }
-        let (name, bytes) = self
-            .arrays
-            .iter()
-            .max_by_key(|a| a.1)
-            .cloned()
-            .unwrap_or_default();
+        let (name, bytes) = self.arrays.iter().max_by_key(|a| a.1).cloned().unwrap_or_default();
         Err(Error::Memory {
             needed: bytes_text(self.memory()),
             available: bytes_text(limit),
@@ -251,10 +225,7 @@ impl Layout {
 fn meshes(case: &Case, ranks: usize) -> impl Iterator<Item = Mesh> {
     let blocks = (1..=ranks).filter(move |b| ranks.is_multiple_of(*b));
     blocks.filter_map(move |blocks| {
-        Some(Mesh {
-            space: split_axes(case, blocks)?,
-            groups: ranks / blocks,
-        })
+        Some(Mesh { space: split_axes(case, blocks)?, groups: ranks / blocks })
     })
 }
 
@@ -312,19 +283,14 @@ fn mesh_of(case: &Case, space: &[usize], ranks: usize) -> Result<Mesh> {
     mesh.validate(&case.space)?;
     let blocks = mesh.blocks();
     if !ranks.is_multiple_of(blocks) {
-        let divisors: Vec<String> = (1..=ranks)
-            .filter(|d| ranks.is_multiple_of(*d))
-            .map(|d| d.to_string())
-            .collect();
+        let divisors: Vec<String> =
+            (1..=ranks).filter(|d| ranks.is_multiple_of(*d)).map(|d| d.to_string()).collect();
         return Err(Error::Ranks(format!(
             "--ranks-x: {blocks} blocks do not divide {ranks} ranks; products of {} do",
             divisors.join(", ")
         )));
     }
-    Ok(Mesh {
-        groups: ranks / blocks,
-        ..mesh
-    })
+    Ok(Mesh { groups: ranks / blocks, ..mesh })
 }
 
 /// `blocks` split over the x-axes with the fewest ghosts; `None` if no axis has that many cells.
@@ -340,11 +306,8 @@ fn split_axes(case: &Case, blocks: usize) -> Option<Vec<usize>> {
         if axis == axes.len() {
             if left == 1 {
                 // Ghost cells of an inner block.
-                let size: Vec<usize> = axes
-                    .iter()
-                    .zip(&*parts)
-                    .map(|(a, p)| a.cells.div_ceil(*p))
-                    .collect();
+                let size: Vec<usize> =
+                    axes.iter().zip(&*parts).map(|(a, p)| a.cells.div_ceil(*p)).collect();
                 let volume: usize = size.iter().product();
                 let ghosts = size
                     .iter()
@@ -378,20 +341,14 @@ mod tests {
     fn ranks_are_kept_busy_whatever_the_number_of_modes() {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("cases/example1.toml");
         let case = Case::load(&path, &[]).expect("a case of the repository");
-        let one = Resources {
-            ranks: 1,
-            ..Resources::default()
-        };
+        let one = Resources { ranks: 1, ..Resources::default() };
         let plan = Plan::new(&case, &one, 1.15).expect("a plan");
         let planned = plan.warp.as_ref().expect("a schrodingerized run");
         for modes in [13, 17, 19, 28, 43, 47, 60, 77] {
             let mut warp = planned.clone();
             warp.work.truncate(modes);
             let layout = |ranks: usize| {
-                let resources = Resources {
-                    ranks,
-                    ..Resources::default()
-                };
+                let resources = Resources { ranks, ..Resources::default() };
                 let layout = Layout::new(&case, &plan.bounds, Some(&warp), &resources);
                 layout.expect("a layout")
             };

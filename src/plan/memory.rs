@@ -45,11 +45,7 @@ pub(crate) fn memory_of_points(
         BatchCoupling::Sequential => 1,
     };
     let most = modes.min(piece * modes.div_ceil(piece).div_ceil(mesh.groups));
-    let warp = WarpPlan {
-        points: Some(points),
-        modes,
-        ..warp.clone()
-    };
+    let warp = WarpPlan { points: Some(points), modes, ..warp.clone() };
     let list = arrays(case, bounds, Some(&warp), (mesh, most));
     list.iter().map(|a| a.1).sum()
 }
@@ -62,13 +58,8 @@ pub(crate) fn arrays(
     (mesh, most): (&Mesh, usize),
 ) -> Vec<(String, u64)> {
     let n = case.space.dimension() as u64;
-    let space_block: u64 = case
-        .space
-        .x
-        .iter()
-        .zip(&mesh.space)
-        .map(|(a, p)| a.cells.div_ceil(*p) as u64)
-        .product();
+    let space_block: u64 =
+        case.space.x.iter().zip(&mesh.space).map(|(a, p)| a.cells.div_ceil(*p) as u64).product();
     let velocities = case.space.velocity_cells() as u64;
     let cells = space_block * velocities;
     let ghosts: u64 = (case.space.x.iter().zip(&mesh.space))
@@ -106,10 +97,7 @@ pub(crate) fn arrays(
             "matrix (S, K)".to_owned(),
             4 * rows + (20 * entries + 8 * rows) / rows * distinct + 16 * space_block,
         ),
-        (
-            "states, weights".to_owned(),
-            8 * (1 + case.fields.len() as u64) * length,
-        ),
+        ("states, weights".to_owned(), 8 * (1 + case.fields.len() as u64) * length),
     ];
     let chunks = case.storage.most_chunks(&case.space) as u64;
     if chunks > 0 {
@@ -117,20 +105,10 @@ pub(crate) fn arrays(
     }
     if listed > 0 {
         let each = size_of::<Inflow>() as u64;
-        list.push((
-            "inflow".to_owned(),
-            listed * (each + 8 * bounds.stages as u64),
-        ));
+        list.push(("inflow".to_owned(), listed * (each + 8 * bounds.stages as u64)));
     }
     if let Some(warp) = warp {
-        let share = MatrixShare {
-            case,
-            bounds,
-            mesh,
-            rows,
-            length,
-            entries,
-        };
+        let share = MatrixShare { case, bounds, mesh, rows, length, entries };
         list.extend(descriptor(case.propagator.method).arrays(&share));
         if let Some(points) = warp.points {
             let most = most as u64;
@@ -150,18 +128,12 @@ pub(crate) fn arrays(
         let sums = 16 * (readings + plateau + steps) * cells;
         list.push(("recovery sums".to_owned(), sums));
         if case.start.is_some() && case.times.is_empty() {
-            list.push((
-                "start of a batch".to_owned(),
-                size_of::<Lanes>() as u64 * rows,
-            ));
+            list.push(("start of a batch".to_owned(), size_of::<Lanes>() as u64 * rows));
         }
         if !case.times.is_empty() {
             // Where a batch stands between two legs; sums and results at the output times.
             list.push(("between legs".to_owned(), size_of::<Lanes>() as u64 * rows));
-            list.push((
-                "output times".to_owned(),
-                early_bytes(case, space_block, share),
-            ));
+            list.push(("output times".to_owned(), early_bytes(case, space_block, share)));
         }
         let recovered = 8 * ((readings + steps) * fields + plateau) * share;
         list.push(("recovered fields".to_owned(), recovered));
@@ -176,12 +148,7 @@ pub(crate) fn arrays(
         }
         if case.limiter != Limiter::None {
             // One slope an unknown, two neighbours a space cell and axis; faces at the box's ends and at about as many jumps.
-            let ends: u64 = case
-                .space
-                .x
-                .iter()
-                .map(|a| 4 * cells / a.cells as u64)
-                .sum();
+            let ends: u64 = case.space.x.iter().map(|a| 4 * cells / a.cells as u64).sum();
             let lines = force * u64::from(bounds.inflow) * cells / case.space.v[0].cells as u64;
             let slopes = 8 * length + 16 * n * space_block + 72 * ends + 8 * n * lines;
             list.push(("slopes".to_owned(), slopes));

@@ -274,19 +274,12 @@ impl Case {
         } else {
             return Ok(());
         };
-        file.refuse(
-            key,
-            format!("{conflict}; {wanted}, or leave limiter = \"none\""),
-        )
+        file.refuse(key, format!("{conflict}; {wanted}, or leave limiter = \"none\""))
     }
 
     /// Refuses methods that do not know of an inflow that depends on time.
     fn check_varying_inflow(&self, file: &CaseFile<'_>) -> Result<()> {
-        let timed = [
-            "output.moments_every",
-            "output.moment_times",
-            "output.field_times",
-        ];
+        let timed = ["output.moments_every", "output.moment_times", "output.field_times"];
         if let Some(key) = timed.into_iter().find(|key| file.has(key)) {
             return file.refuse(
                 key,
@@ -328,10 +321,8 @@ impl Case {
             );
         }
         if self.verify {
-            return file.refuse(
-                "solver.verify",
-                "needs initial.f; with initial.warped leave it out",
-            );
+            return file
+                .refuse("solver.verify", "needs initial.f; with initial.warped leave it out");
         }
         let warp = &self.warp;
         let given = [
@@ -392,8 +383,7 @@ impl Case {
     pub fn legs(&self) -> Vec<f64> {
         let ends = (self.times.iter().map(|t| t.time)).chain([self.end]);
         let mut now = 0.0;
-        ends.map(|end| end - std::mem::replace(&mut now, end))
-            .collect()
+        ends.map(|end| end - std::mem::replace(&mut now, end)).collect()
     }
 
     /// Whether what enters depends on time, of any field.
@@ -413,9 +403,7 @@ pub fn read_text(path: &Path) -> Result<String> {
         .and_then(|file| file.take(LONGEST_FILE + 1).read_to_string(&mut text))
         .map_err(|e| fail(&e))?;
     if text.len() as u64 > LONGEST_FILE {
-        return Err(fail(&format!(
-            "a case file has at most {LONGEST_FILE} bytes"
-        )));
+        return Err(fail(&format!("a case file has at most {LONGEST_FILE} bytes")));
     }
     // A byte order mark is no part of the text.
     Ok(text.trim_start_matches('\u{feff}').to_owned())

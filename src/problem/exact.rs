@@ -133,11 +133,7 @@ struct Event {
 fn arrival(x: f64, w: f64, a: f64, lower: f64, upper: f64) -> (f64, f64, bool) {
     let up = w > 0.0 || (w == 0.0 && a > 0.0);
     let sign = if up { 1.0 } else { -1.0 };
-    let (ahead, behind) = if up {
-        (upper - x, x - lower)
-    } else {
-        (x - lower, upper - x)
-    };
+    let (ahead, behind) = if up { (upper - x, x - lower) } else { (x - lower, upper - x) };
     let (speed, push) = (w.abs(), sign * a);
     let square = w * w + 2.0 * push * ahead;
     if speed == 0.0 && push == 0.0 {
@@ -221,10 +217,7 @@ impl<'a> Tracer<'a> {
 
     /// The same, but [`follow`](Self::follow) goes forward in time.
     pub fn forward(self) -> Self {
-        Self {
-            direction: 1.0,
-            ..self
-        }
+        Self { direction: 1.0, ..self }
     }
 
     /// The exact `f(time, x, v)` at `point = [x, y, z, vx, vy, vz]`, absent coordinates zero, `time
@@ -247,10 +240,7 @@ impl<'a> Tracer<'a> {
     /// Where the particle comes from that is at `point = [x, y, z, vx, vy, vz]` at `time ≥ 0`.
     pub fn foot(&self, point: &[f64; 6], time: f64) -> Foot {
         let followed = self.follow(point, time);
-        Foot {
-            point: followed.point,
-            entry: followed.left.unwrap_or(0.0),
-        }
+        Foot { point: followed.point, entry: followed.left.unwrap_or(0.0) }
     }
 
     /// Where the particle at `point = [x, y, z, vx, vy, vz]` was a time `time ≥ 0` earlier; for a
@@ -340,12 +330,7 @@ impl<'a> Tracer<'a> {
             // Zero added, so that −0 does not come out for a particle at rest.
             point[3 + a] = 0.0 + self.direction * particle.w[a];
         }
-        Followed {
-            point,
-            left,
-            history: particle.history,
-            turns: particle.turns,
-        }
+        Followed { point, left, history: particle.history, turns: particle.turns }
     }
 
     fn speed_is_inside(&self, particle: &Particle, a: usize) -> bool {
@@ -374,10 +359,7 @@ impl<'a> Tracer<'a> {
         let flat = |k: usize, (axis, i): (&Axis, &usize)| k * axis.cells + i;
         let free = self.free[axes.iter().zip(&particle.cell).fold(0, flat)] as usize;
         let i = particle.cell[a];
-        (
-            i.saturating_sub(free),
-            i.saturating_add(free).min(axes[a].cells - 1),
-        )
+        (i.saturating_sub(free), i.saturating_add(free).min(axes[a].cells - 1))
     }
 
     /// Lower and upper face of that block along axis `a`.
@@ -389,12 +371,7 @@ impl<'a> Tracer<'a> {
     fn face_event(&self, particle: &Particle, a: usize, slope: f64) -> Event {
         let (lower, upper) = self.faces(particle, a);
         let (time, w, up) = arrival(particle.x[a], particle.w[a], -slope, lower, upper);
-        Event {
-            time,
-            axis: a,
-            w,
-            face: Some((if up { upper } else { lower }, up)),
-        }
+        Event { time, axis: a, w, face: Some((if up { upper } else { lower }, up)) }
     }
 
     /// The first event on any axis that moves; of those at the same time but for `round_off`, that
@@ -415,17 +392,8 @@ impl<'a> Tracer<'a> {
             let (v, slope) = (&self.case.space.v[a], slopes[a]);
             // w falls where V rises.
             let ends = [v.lower, v.upper].map(|v| self.direction * v);
-            let end = if slope > 0.0 {
-                ends[0].min(ends[1])
-            } else {
-                ends[0].max(ends[1])
-            };
-            take(Event {
-                time: (particle.w[a] - end) / slope,
-                axis: a,
-                w: end,
-                face: None,
-            });
+            let end = if slope > 0.0 { ends[0].min(ends[1]) } else { ends[0].max(ends[1]) };
+            take(Event { time: (particle.w[a] - end) / slope, axis: a, w: end, face: None });
         }
         first
     }
@@ -490,11 +458,7 @@ impl<'a> Tracer<'a> {
     /// lower face along `a`.
     fn cell_at_face(&self, particle: &Particle, a: usize, upper: bool) -> [usize; MAX_DIMENSION] {
         let mut cell = particle.cell;
-        for (b, i) in cell
-            .iter_mut()
-            .enumerate()
-            .take(self.case.space.dimension())
-        {
+        for (b, i) in cell.iter_mut().enumerate().take(self.case.space.dimension()) {
             let (first, last) = self.block(particle, b);
             *i = if b != a {
                 self.cell_at(b, particle.x[b]).clamp(first, last)
@@ -511,11 +475,7 @@ impl<'a> Tracer<'a> {
     /// `w²/(2|slope|)`, infinite unless the slope pushes it in the direction `to_face`.
     fn reach(&self, particle: &Particle, a: usize, to_face: f64) -> f64 {
         let push = -self.potential.slope(&particle.cell, a) * to_face;
-        if push > 0.0 {
-            particle.w[a] * particle.w[a] / (2.0 * push)
-        } else {
-            f64::INFINITY
-        }
+        if push > 0.0 { particle.w[a] * particle.w[a] / (2.0 * push) } else { f64::INFINITY }
     }
 }
 

@@ -69,9 +69,7 @@ const FUNCTIONS_OF_ONE: [(&str, Unary); 20] = [
     ("floor", f64::floor),
     ("ceil", f64::ceil),
     ("step", |a| compare(a, 0.0, |a, b| a > b)),
-    ("sign", |a| {
-        compare(a, 0.0, |a, b| a > b) - compare(a, 0.0, |a, b| a < b)
-    }),
+    ("sign", |a| compare(a, 0.0, |a, b| a > b) - compare(a, 0.0, |a, b| a < b)),
 ];
 const FUNCTIONS_OF_TWO: [(&str, Binary); 3] = [
     ("min", |a, b| choose(a, b, f64::min)),
@@ -190,30 +188,17 @@ impl Expression {
                 text.len()
             ));
         }
-        let mut parser = Parser {
-            tokens: tokenize(text)?,
-            position: 0,
-            depth: 0,
-            names,
-        };
+        let mut parser = Parser { tokens: tokenize(text)?, position: 0, depth: 0, names };
         let tree = parser.expression()?;
         if let Some(Token { text, at }) = parser.peek() {
             return Err(format!("unexpected \"{text}\" at character {at}"));
         }
-        Ok(Self {
-            text: text.to_owned(),
-            tree,
-            place: String::new(),
-        })
+        Ok(Self { text: text.to_owned(), tree, place: String::new() })
     }
 
     /// This formula with the constant value zero.
     pub fn vanishing(&self) -> Self {
-        Self {
-            text: "0".to_owned(),
-            tree: Node::Number(0.0),
-            place: self.place.clone(),
-        }
+        Self { text: "0".to_owned(), tree: Node::Number(0.0), place: self.place.clone() }
     }
 
     /// This formula times `factor`.
@@ -311,9 +296,7 @@ fn tokenize(text: &str) -> Result<Vec<Token<'_>>, String> {
         };
         let (token, after) = rest.split_at(length);
         if number > 0 && !token.parse::<f64>().is_ok_and(f64::is_finite) {
-            return Err(format!(
-                "\"{token}\" at character {at} is not a finite number"
-            ));
+            return Err(format!("\"{token}\" at character {at} is not a finite number"));
         }
         if !c.is_whitespace() {
             tokens.push(Token { text: token, at });
@@ -483,9 +466,7 @@ impl<'a> Parser<'a> {
         if text.starts_with(is_of_word) && text != "if" && text != "else" {
             return Err(self.unknown(text, at));
         }
-        Err(format!(
-            "\"{text}\" at character {at} where a number, a name or \"(\" is expected"
-        ))
+        Err(format!("\"{text}\" at character {at} where a number, a name or \"(\" is expected"))
     }
 
     /// That `name` is none, and which there are.
@@ -532,10 +513,7 @@ mod tests {
             ("x>3 || !(v>2)", 0.0),
             ("1 if x<0 else 5 if v<0 else 7", 7.0),
             ("1 + 1 if x > 0 else 0", 2.0),
-            (
-                "(x <= 0 && v > 0 || x >= 0 && v < 4) && x^2 + v^2 < 14",
-                1.0,
-            ),
+            ("(x <= 0 && v > 0 || x >= 0 && v < 4) && x^2 + v^2 < 14", 1.0),
             ("exp(-x^2)", (-4f64).exp()),
             ("--x", 2.0),
             ("3 - -x", 5.0),
@@ -566,14 +544,9 @@ mod tests {
             let message = Expression::parse(text, &[&["x"]]).expect_err(text);
             assert!(message.contains(expected), "{text}: {message}");
         }
-        for deep in [
-            "(".repeat(4000) + "x" + &")".repeat(4000),
-            "-".repeat(9000) + "x",
-        ] {
+        for deep in ["(".repeat(4000) + "x" + &")".repeat(4000), "-".repeat(9000) + "x"] {
             assert!(
-                Expression::parse(&deep, &[&["x"]])
-                    .expect_err("deep")
-                    .contains("nested deeper")
+                Expression::parse(&deep, &[&["x"]]).expect_err("deep").contains("nested deeper")
             );
         }
     }

@@ -42,12 +42,7 @@ pub enum Part {
 impl Axis {
     /// The whole axis `[lower, upper]`.
     pub fn new(lower: f64, upper: f64, cells: usize) -> Self {
-        Self {
-            lower,
-            upper,
-            cells,
-            part: Part::Whole,
-        }
+        Self { lower, upper, cells, part: Part::Whole }
     }
 
     /// The axis that the case gives.
@@ -75,11 +70,7 @@ impl Axis {
 
     /// One cell in the place of all of a whole axis.
     pub fn merged(&self) -> Self {
-        Self {
-            cells: 1,
-            part: Part::Merged { of: self.cells },
-            ..self.clone()
-        }
+        Self { cells: 1, part: Part::Merged { of: self.cells }, ..self.clone() }
     }
 
     /// Of a cell that stands for others the mean of the squares of their centres: that of its own
@@ -239,9 +230,7 @@ impl PhaseSpace {
 
     /// Global index of the unknown at `cell`.
     pub fn index(&self, cell: &Cell) -> usize {
-        self.axes()
-            .zip(cell)
-            .fold(0, |index, (axis, &j)| index * axis.cells + j)
+        self.axes().zip(cell).fold(0, |index, (axis, &j)| index * axis.cells + j)
     }
 
     /// Whether space axis `a` closes on itself.
@@ -253,11 +242,7 @@ impl PhaseSpace {
     /// the grid.
     pub fn wrap(&self, a: usize, i: i64) -> Option<usize> {
         let cells = self.x[a].cells as i64;
-        let i = if self.periodic[a] {
-            i.rem_euclid(cells)
-        } else {
-            i
-        };
+        let i = if self.periodic[a] { i.rem_euclid(cells) } else { i };
         (0..cells).contains(&i).then_some(i as usize)
     }
 
@@ -309,11 +294,7 @@ pub fn describe_point(dimension: usize, point: &[f64]) -> String {
 /// Names of the axes in storage order.
 pub fn axis_names(dimension: usize) -> Vec<&'static str> {
     let (x, v) = (["x", "y", "z"], ["vx", "vy", "vz"]);
-    x[..dimension]
-        .iter()
-        .chain(&v[..dimension])
-        .copied()
-        .collect()
+    x[..dimension].iter().chain(&v[..dimension]).copied().collect()
 }
 
 /// Calls `visit` with every multi-index of a box, row-major.

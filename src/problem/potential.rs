@@ -70,8 +70,7 @@ impl Values<'_> {
     fn region(&mut self, centre: &[f64; 6]) -> usize {
         region(&self.case.potential, centre).unwrap_or_else(|condition| {
             let place = describe_space_point(self.case.space.dimension(), centre);
-            self.failure
-                .get_or_insert_with(|| condition.undefined(f64::NAN, place));
+            self.failure.get_or_insert_with(|| condition.undefined(f64::NAN, place));
             0
         })
     }
@@ -82,8 +81,7 @@ impl Values<'_> {
         let value = formula.eval(point);
         if !value.is_finite() {
             let place = describe_space_point(self.case.space.dimension(), point);
-            self.failure
-                .get_or_insert_with(|| formula.undefined(value, place));
+            self.failure.get_or_insert_with(|| formula.undefined(value, place));
         }
         value
     }
@@ -148,10 +146,7 @@ impl Potential {
                 a < n && case.space.is_periodic(a) && ranges[a] == (0..axes[a].cells)
             }),
         };
-        let mut values = Values {
-            case,
-            failure: None,
-        };
+        let mut values = Values { case, failure: None };
         for_each_cell(ranges, |i| {
             let centre = space_point(axes, i);
             let own = values.region(&centre);
@@ -184,11 +179,7 @@ impl Potential {
     }
 
     fn position(&self, i: &[usize]) -> usize {
-        self.ranges
-            .iter()
-            .enumerate()
-            .map(|(a, r)| (i[a] - r.start) * self.strides[a])
-            .sum()
+        self.ranges.iter().enumerate().map(|(a, r)| (i[a] - r.start) * self.strides[a]).sum()
     }
 
     /// `V⁺ − V⁻` at the lower face, along `axis`, of space cell `i`. Zero at the lower end of the
@@ -222,9 +213,7 @@ impl Potential {
 
     /// Largest `|slope|` along `axis`.
     pub fn steepest(&self, axis: usize) -> f64 {
-        self.slope
-            .iter()
-            .fold(0.0, |most, s| most.max(s[axis].abs()))
+        self.slope.iter().fold(0.0, |most, s| most.max(s[axis].abs()))
     }
 
     /// Whether `V` jumps anywhere, by axis.
@@ -240,9 +229,7 @@ impl Potential {
                 return;
             }
             let mut values = jump.iter().chain(slope);
-            kinds.insert(std::array::from_fn(|_| {
-                values.next().map_or(0, |v| v.to_bits())
-            }));
+            kinds.insert(std::array::from_fn(|_| values.next().map_or(0, |v| v.to_bits())));
         }
     }
 
@@ -250,14 +237,7 @@ impl Potential {
     pub fn force_rate(&self, space: &PhaseSpace) -> f64 {
         self.slope
             .iter()
-            .map(|slope| {
-                space
-                    .v
-                    .iter()
-                    .zip(slope)
-                    .map(|(v, s)| s.abs() / v.width())
-                    .sum::<f64>()
-            })
+            .map(|slope| space.v.iter().zip(slope).map(|(v, s)| s.abs() / v.width()).sum::<f64>())
             .fold(0.0, f64::max)
     }
 }
@@ -377,8 +357,5 @@ pub fn overlooked(case: &Case) -> Overlooked {
             }
         }
     });
-    Overlooked {
-        edges: found,
-        empty: (0..used.len()).filter(|&r| !used[r]).collect(),
-    }
+    Overlooked { edges: found, empty: (0..used.len()).filter(|&r| !used[r]).collect() }
 }

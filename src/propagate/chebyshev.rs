@@ -60,18 +60,12 @@ impl Interval {
     pub fn new(mu: f64, rate: f64, growth: f64) -> Self {
         if mu < 0.0 {
             let mirrored = Self::new(-mu, rate, growth);
-            return Self {
-                centre: -mirrored.centre,
-                ..mirrored
-            };
+            return Self { centre: -mirrored.centre, ..mirrored };
         }
         let root = (1.0 + mu * mu).sqrt();
         let lower = -mu * rate - root * (rate + growth);
         let upper = rate / (root + mu) + root * growth;
-        Self {
-            centre: 0.5 * (lower + upper),
-            half_width: 0.5 * (upper - lower),
-        }
+        Self { centre: 0.5 * (lower + upper), half_width: 0.5 * (upper - lower) }
     }
 }
 
@@ -218,11 +212,7 @@ impl Chebyshev {
             let interval = Interval::new(batch.wavenumbers[l], system.rate, system.growth);
             // Where nothing moves the spectrum is one point, and the series its first term.
             let still = interval.half_width == 0.0;
-            constants.scale[l] = if still {
-                0.0
-            } else {
-                1.0 / interval.half_width
-            };
+            constants.scale[l] = if still { 0.0 } else { 1.0 / interval.half_width };
             constants.shift[l] = interval.centre;
             report.phases[l] = Complex64::new(0.0, -interval.centre * time).exp();
             let rest = bessel_series(&mut self.series, interval.half_width * time, 0.0);
@@ -270,12 +260,8 @@ impl Chebyshev {
         while left > 0 {
             self.levels.clear();
             let levels = left.min(most);
-            self.levels
-                .extend((left - levels..left).rev().map(constants));
-            let steps = Steps {
-                levels: &self.levels,
-                couplings,
-            };
+            self.levels.extend((left - levels..left).rev().map(constants));
+            let steps = Steps { levels: &self.levels, couplings };
             let (y, x) = (&mut self.previous, &mut self.current);
             matrix.steps(exchange, self.blocking.as_ref(), &steps, y, x, start);
             left -= levels;
@@ -328,10 +314,7 @@ impl Descriptor for Method {
         let order = Blocking::bytes_per_row(share.case.space.velocity_cells());
         vec![
             (format!("batch of {LANES} modes"), batch),
-            (
-                "order of the blocking".to_owned(),
-                (order * share.rows as f64) as u64,
-            ),
+            ("order of the blocking".to_owned(), (order * share.rows as f64) as u64),
         ]
     }
 
@@ -357,11 +340,7 @@ mod tests {
             for k in [0usize, 1, 2, 7] {
                 if k < j.len() {
                     let exact = libm::jn(k as i32, tau);
-                    assert!(
-                        (j[k] - exact).abs() < 1e-12,
-                        "J_{k}({tau}) = {} {exact}",
-                        j[k]
-                    );
+                    assert!((j[k] - exact).abs() < 1e-12, "J_{k}({tau}) = {} {exact}", j[k]);
                 }
             }
             // Parseval: J_0² + 2 Σ J_k² = 1.

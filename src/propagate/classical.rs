@@ -96,10 +96,8 @@ pub fn gauss(count: usize) -> Vec<(f64, f64)> {
                 let (mut value, mut before) = (1.0, 0.0);
                 for j in 0..count {
                     let j = j as f64;
-                    (value, before) = (
-                        ((2.0 * j + 1.0) * x * value - j * before) / (j + 1.0),
-                        value,
-                    );
+                    (value, before) =
+                        (((2.0 * j + 1.0) * x * value - j * before) / (j + 1.0), value);
                 }
                 slope = n * (x * value - before) / (x * x - 1.0);
                 let change = value / slope;
@@ -147,11 +145,7 @@ impl<'a> Classical<'a> {
     /// Of a case: with what enters, where that varies with time; `pi` are the weights.
     pub fn of(case: &'a Case, matrix: &'a BlockMatrix, pi: &[f64]) -> Self {
         let this = Self::new(matrix);
-        if case.varies() {
-            this.with_source(&case.fields[0], pi)
-        } else {
-            this
-        }
+        if case.varies() { this.with_source(&case.fields[0], pi) } else { this }
     }
 
     /// Whether what enters varies with time.
@@ -163,10 +157,7 @@ impl<'a> Classical<'a> {
     pub fn with_source(self, field: &'a Field, pi: &[f64]) -> Self {
         let root = |aux: &crate::matrix::inflow::Inflow| pi[aux.row as usize].sqrt();
         let roots = self.matrix.inflow.iter().map(root).collect();
-        Self {
-            source: Some((field, roots)),
-            ..self
-        }
+        Self { source: Some((field, roots)), ..self }
     }
 
     /// From now on `b` has these values, row by row of the matrix's `inflow`, in weighted unknowns.
@@ -180,8 +171,7 @@ impl<'a> Classical<'a> {
         if let Some((field, roots)) = &self.source {
             let values = self.matrix.entering.values(field, time);
             self.held.clear();
-            self.held
-                .extend(values.zip(roots).map(|(b, root)| b * root));
+            self.held.extend(values.zip(roots).map(|(b, root)| b * root));
         }
     }
 
@@ -230,10 +220,7 @@ impl<'a> Classical<'a> {
 
     /// With slopes in the steps; the exponential is that of `A` and takes none.
     pub fn with_slopes(self, reconstruction: Option<Reconstruction>) -> Self {
-        Self {
-            reconstruction,
-            ..self
-        }
+        Self { reconstruction, ..self }
     }
 
     /// `state ← exp(A time) state`, with `rate ≥ max |A_ii|`: `exp(At) = Σ_k e^{−λ} λ^k/k! Q^k`,
@@ -261,8 +248,7 @@ impl<'a> Classical<'a> {
                     *sum += w * x;
                 }
             }
-            self.matrix
-                .apply(exchange, Operator::Generator, &mut self.image, state);
+            self.matrix.apply(exchange, Operator::Generator, &mut self.image, state);
             // A constant inflow is an unknown 1 that stays 1.
             self.add_held();
             for (x, a) in state[..rows].iter_mut().zip(&self.image) {
@@ -298,11 +284,7 @@ impl<'a> Classical<'a> {
                     // at t, t + dt, t + dt/2.
                     let mut stage = std::mem::take(&mut self.stage);
                     stage[..rows].copy_from_slice(&state[..rows]);
-                    let stages = [
-                        (0.0, 1.0, 0.0),
-                        (0.75, 0.25, 1.0),
-                        (1.0 / 3.0, 2.0 / 3.0, 0.5),
-                    ];
+                    let stages = [(0.0, 1.0, 0.0), (0.75, 0.25, 1.0), (1.0 / 3.0, 2.0 / 3.0, 0.5)];
                     for (keep, add, later) in stages {
                         self.euler(exchange, &mut stage, now + later * dt, dt);
                         for (s, u) in stage[..rows].iter_mut().zip(&*state) {
@@ -321,8 +303,7 @@ impl<'a> Classical<'a> {
     /// `state ← state + dt (A state + b(now))`, with slopes where there are some.
     fn euler(&mut self, exchange: &mut GhostExchange, state: &mut [f64], now: f64, dt: f64) {
         let rows = self.matrix.rows();
-        self.matrix
-            .apply(exchange, Operator::Generator, &mut self.image, state);
+        self.matrix.apply(exchange, Operator::Generator, &mut self.image, state);
         self.hold_source(now);
         self.add_held();
         if let Some(reconstruction) = &mut self.reconstruction {
@@ -346,10 +327,9 @@ pub(crate) fn classical_steps_of(case: &Case, courant: f64) -> usize {
             duhamel_applications(courant, duhamel_panels(courant))
         }
         Integrator::Exponential => poisson_window(courant, EXACT).end,
-        Integrator::ForwardEuler | Integrator::SspRk3 => (courant
-            / (case.cfl * longest_step(case.limiter)))
-        .ceil()
-        .max(1.0) as usize,
+        Integrator::ForwardEuler | Integrator::SspRk3 => {
+            (courant / (case.cfl * longest_step(case.limiter))).ceil().max(1.0) as usize
+        }
     }
 }
 
@@ -362,11 +342,7 @@ mod tests {
         for lambda in [1e-3, 0.7, 13.0, 127.0, 5000.0] {
             let (start, weights) = poisson_weights(lambda, EXACT);
             let sum: f64 = weights.iter().sum();
-            let mean: f64 = weights
-                .iter()
-                .enumerate()
-                .map(|(k, w)| (start + k) as f64 * w)
-                .sum();
+            let mean: f64 = weights.iter().enumerate().map(|(k, w)| (start + k) as f64 * w).sum();
             assert!((sum - 1.0).abs() < 1e-14);
             assert!((mean / lambda - 1.0).abs() < 1e-12, "{lambda}: {mean}");
         }

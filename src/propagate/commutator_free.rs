@@ -76,8 +76,7 @@ impl Propagator for CommutatorFree<'_> {
             }
             let (couplings, start) = (Some(self.schedule.stage(k)), &self.start);
             let (matrix, exchange) = (system.matrix, &mut *system.exchange);
-            self.chebyshev
-                .series(matrix, exchange, &constants, longest, couplings, start);
+            self.chebyshev.series(matrix, exchange, &constants, longest, couplings, start);
         }
         report.applications *= stages;
         for l in 0..LANES {

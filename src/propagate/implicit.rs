@@ -111,9 +111,7 @@ impl Propagator for Implicit {
             for _ in 0..steps {
                 // No step makes the norm larger, round-off aside.
                 let norm = 1.001 * initial.norms[l];
-                let found = self
-                    .system
-                    .solve(system, &mut self.solved, &self.mode, norm)?;
+                let found = self.system.solve(system, &mut self.solved, &self.mode, norm)?;
                 for (w, z) in self.mode[..rows].iter_mut().zip(&self.solved) {
                     *w = match self.order {
                         2 => 2.0 * z - *w,
@@ -165,16 +163,10 @@ pub struct Method {
 }
 
 /// Crank–Nicolson.
-pub static CRANK_NICOLSON: Method = Method {
-    name: "crank-nicolson",
-    order: 2,
-};
+pub static CRANK_NICOLSON: Method = Method { name: "crank-nicolson", order: 2 };
 
 /// Backward Euler.
-pub static BACKWARD_EULER: Method = Method {
-    name: "backward-euler",
-    order: 1,
-};
+pub static BACKWARD_EULER: Method = Method { name: "backward-euler", order: 1 };
 
 impl Descriptor for Method {
     fn batch_coupling(&self) -> BatchCoupling {
@@ -195,12 +187,7 @@ impl Descriptor for Method {
     }
 
     fn arrays(&self, share: &MatrixShare<'_>) -> Vec<(String, u64)> {
-        let &MatrixShare {
-            rows,
-            length,
-            entries,
-            ..
-        } = share;
+        let &MatrixShare { rows, length, entries, .. } = share;
         let vectors = vectors(share.mesh.blocks() > 1) as u64;
         let batch = 2 * size_of::<Lanes>() as u64 * rows;
         let factors = 60 * entries + (factor_bytes(share) * rows as f64) as u64;

@@ -75,12 +75,7 @@ fn dimension(scratch: &mut Vec<f64>, x: f64, allowed: f64) -> usize {
 
 /// Applications that a mode takes at most: those of the steps that are guaranteed beforehand.
 fn applications(scratch: &mut Vec<f64>, demand: &ModeDemand) -> usize {
-    let &ModeDemand {
-        half_width,
-        time,
-        tolerance,
-        step,
-    } = demand;
+    let &ModeDemand { half_width, time, tolerance, step } = demand;
     if half_width == 0.0 {
         return 1;
     }
@@ -89,11 +84,8 @@ fn applications(scratch: &mut Vec<f64>, demand: &ModeDemand) -> usize {
     let step = longest(scratch, DIMENSION, tolerance / span, most);
     let whole = (span / step).floor();
     let left = (span - whole * step).max(0.0);
-    let last = if left > 1e-12 * span {
-        dimension(scratch, left, tolerance * left / span)
-    } else {
-        0
-    };
+    let last =
+        if left > 1e-12 * span { dimension(scratch, left, tolerance * left / span) } else { 0 };
     let each = dimension(scratch, step, tolerance * step / span);
     whole as usize * each + last
 }
@@ -384,13 +376,7 @@ impl Propagator for Krylov {
             coefficient: [0.0; LANES],
         };
         // ‖H − c‖, where nothing moves too.
-        let sizes = intervals.map(|i| {
-            if i.half_width > 0.0 {
-                i.half_width
-            } else {
-                1.0
-            }
-        });
+        let sizes = intervals.map(|i| if i.half_width > 0.0 { i.half_width } else { 1.0 });
         for (i, w) in self.state.iter_mut().enumerate() {
             *w = initial.state.row(i);
         }
@@ -430,10 +416,7 @@ impl Propagator for Krylov {
                 report.tails[l] += error + f64::EPSILON;
                 left[l] -= tau;
                 let mut power = Complex64::from(norms[l]);
-                for (c, y) in coefficients
-                    .iter_mut()
-                    .zip(self.projected.exponential(m, tau))
-                {
+                for (c, y) in coefficients.iter_mut().zip(self.projected.exponential(m, tau)) {
                     let value = power * y;
                     (c[l], c[LANES + l]) = (value.re, value.im);
                     // v_j = i^j u_j.
@@ -490,12 +473,7 @@ mod tests {
     use super::*;
 
     fn all(scratch: &mut Vec<f64>, half_width: f64, longest_step: f64, tolerance: f64) -> usize {
-        let demand = ModeDemand {
-            half_width,
-            time: 1.0,
-            tolerance,
-            step: Some(longest_step),
-        };
+        let demand = ModeDemand { half_width, time: 1.0, tolerance, step: Some(longest_step) };
         applications(scratch, &demand)
     }
 
@@ -532,11 +510,7 @@ mod tests {
                 for k in 0..m {
                     for j in 0..m {
                         let (alpha, beta) = entry(j);
-                        let left = if j > 0 {
-                            entry(j - 1).1 * q[k][j - 1]
-                        } else {
-                            0.0
-                        };
+                        let left = if j > 0 { entry(j - 1).1 * q[k][j - 1] } else { 0.0 };
                         let right = if j + 1 < m { beta * q[k][j + 1] } else { 0.0 };
                         let residual = left + alpha * q[k][j] + right - d[k] * q[k][j];
                         assert!(residual.abs() < 1e-13, "{m} {k} {j}: {residual:e}");
@@ -559,10 +533,7 @@ mod tests {
             // much.
             bessel_series(&mut scratch, span, tolerance);
             let degree = scratch.len() - 1;
-            assert!(
-                whole >= degree && whole <= 6 * degree + DIMENSION,
-                "{span}: {whole} {degree}"
-            );
+            assert!(whole >= degree && whole <= 6 * degree + DIMENSION, "{span}: {whole} {degree}");
             // Shorter steps cost more.
             let short = all(&mut scratch, span, 0.01, tolerance);
             assert!(short > whole, "{short} {whole}");

@@ -213,14 +213,13 @@ impl Transport {
                     // What leaves the grid through this face is not what enters there.
                     let leaves = (speed > 0.0) == above;
                     let start = this.shares.len();
-                    this.shares
-                        .extend(row.entries.iter().filter_map(|&(column, weight)| {
-                            Some(Share {
-                                column: local(column)?,
-                                same: column / nv == first / nv,
-                                weight,
-                            })
-                        }));
+                    this.shares.extend(row.entries.iter().filter_map(|&(column, weight)| {
+                        Some(Share {
+                            column: local(column)?,
+                            same: column / nv == first / nv,
+                            weight,
+                        })
+                    }));
                     this.faces.push(Face {
                         first: start as u32,
                         count: (this.shares.len() - start) as u32,
@@ -246,8 +245,7 @@ impl Transport {
             Beyond::Faces(first) => {
                 let face = &self.faces[first as usize + v];
                 let sum = |sum, s: &Share| sum + s.weight * state[s.column as usize];
-                face.known
-                    .then(|| self.shares(face).iter().fold(face.entering, sum))
+                face.known.then(|| self.shares(face).iter().fold(face.entering, sum))
             }
         }
     }
@@ -357,11 +355,7 @@ impl Force {
                 let entering = self.entering.get(number).copied();
                 number += 1;
                 if d != 0.0 {
-                    visit(
-                        d,
-                        c * velocity_cells + line,
-                        entering.unwrap_or(self.constant),
-                    );
+                    visit(d, c * velocity_cells + line, entering.unwrap_or(self.constant));
                 }
             }
         }
@@ -376,11 +370,8 @@ impl Force {
                     0 => (d > 0.0).then_some(entering),
                     _ => Some(value(j - 1)),
                 };
-                let upper = if j < last {
-                    Some(value(j + 1))
-                } else {
-                    (d < 0.0).then_some(entering)
-                };
+                let upper =
+                    if j < last { Some(value(j + 1)) } else { (d < 0.0).then_some(entering) };
                 let f = value(j);
                 half[line + j * stride] = match (lower, upper) {
                     (Some(lower), Some(upper)) => half_difference(limiter, f - lower, upper - f),

@@ -106,10 +106,7 @@ pub struct Initial<'a> {
 impl<'a> Initial<'a> {
     /// The real vector `state` of norm `norm` in every mode.
     pub fn real(state: &'a [f64], norm: f64) -> Self {
-        Self {
-            state: Start::Real(state),
-            norms: [norm; LANES],
-        }
+        Self { state: Start::Real(state), norms: [norm; LANES] }
     }
 }
 
@@ -155,13 +152,7 @@ pub struct BatchReport {
 impl BatchReport {
     /// Of a method that keeps the norm, with nothing counted yet.
     pub(super) fn unitary(phases: [Complex64; LANES]) -> Self {
-        Self {
-            phases,
-            tails: [0.0; LANES],
-            unitary: true,
-            applications: 0,
-            solves: 0,
-        }
+        Self { phases, tails: [0.0; LANES], unitary: true, applications: 0, solves: 0 }
     }
 }
 

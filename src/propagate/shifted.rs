@@ -41,15 +41,8 @@ const MOST_ITERATIONS: usize = 3000;
 /// force moves particles along them. Chains fill little, two axes like `log` of the grid, more like
 /// its largest separator.
 pub fn factor_bytes(share: &MatrixShare<'_>) -> f64 {
-    let MatrixShare {
-        case, bounds, mesh, ..
-    } = share;
-    let x = case
-        .space
-        .x
-        .iter()
-        .zip(&mesh.space)
-        .map(|(a, p)| a.cells.div_ceil(*p));
+    let MatrixShare { case, bounds, mesh, .. } = share;
+    let x = case.space.x.iter().zip(&mesh.space).map(|(a, p)| a.cells.div_ceil(*p));
     let mut lengths: Vec<f64> = x.map(|cells| cells as f64).collect();
     if bounds.rate > transport_rate(&case.space) {
         lengths.extend(case.space.v.iter().map(|a| a.cells as f64));
@@ -62,11 +55,7 @@ pub fn factor_bytes(share: &MatrixShare<'_>) -> f64 {
         _ => 56.0 * points / longest,
     };
     // Jumps couple velocities along a face.
-    let jumps = if bounds.jumps && case.space.dimension() > 1 {
-        1500.0
-    } else {
-        0.0
-    };
+    let jumps = if bounds.jumps && case.space.dimension() > 1 { 1500.0 } else { 0.0 };
     500.0 + jumps + fill
 }
 
@@ -200,9 +189,7 @@ impl Local {
 
     /// `y ← Mx`. Collective over the space group.
     fn apply(&self, system: &mut Evolution<'_>, y: &mut [Complex64], x: &mut [Complex64]) {
-        system
-            .matrix
-            .apply_mode(system.exchange, self.wavenumber, y, x);
+        system.matrix.apply_mode(system.exchange, self.wavenumber, y, x);
         for (y, x) in y.iter_mut().zip(&x[..self.count()]) {
             *y = x - self.shift * *y;
         }
@@ -262,10 +249,7 @@ impl Shifted {
             let found = length(system, &gmres.residual);
             let stays = found > 0.5 * before;
             if found <= aim * norm || (stays && found <= limit * norm) {
-                return Ok(Solved {
-                    residual: found / norm + round_off,
-                    applications,
-                });
+                return Ok(Solved { residual: found / norm + round_off, applications });
             }
             if applications >= MOST_ITERATIONS || !found.is_finite() {
                 return Err(Error::Solver {

@@ -114,9 +114,7 @@ pub fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
             if !value.is_finite() {
                 let (value, point) = matrix.entering.worst(field, m, time);
                 let place = describe_point(case.space.dimension(), &point);
-                return Err(field
-                    .entering()
-                    .undefined(value, format!("{place}, t = {time}")));
+                return Err(field.entering().undefined(value, format!("{place}, t = {time}")));
             }
             largest = largest.max(value.abs());
         }
@@ -243,16 +241,8 @@ pub fn schedule(
             growth: 0.0,
         });
     }
-    let roots = (matrix.inflow.iter())
-        .map(|aux| start.weights[aux.row as usize].sqrt())
-        .collect();
-    let search = Search {
-        case,
-        matrix,
-        communicator,
-        start,
-        roots,
-    };
+    let roots = (matrix.inflow.iter()).map(|aux| start.weights[aux.row as usize].sqrt()).collect();
+    let search = Search { case, matrix, communicator, start, roots };
     let goal = TIME_SHARE * case.tolerance;
     // The run of half as many steps, and the distance of the last two.
     let (mut coarse, mut last) = (search.run(exchange, STEPS.0)?, f64::NAN);
@@ -264,11 +254,8 @@ pub fn schedule(
             0.0 => 0.0,
             distance => distance / norm,
         };
-        let ratio = if last.is_nan() || distance == 0.0 {
-            4.0
-        } else {
-            (last / distance).clamp(1.5, 16.0)
-        };
+        let ratio =
+            if last.is_nan() || distance == 0.0 { 4.0 } else { (last / distance).clamp(1.5, 16.0) };
         last = distance;
         let error = distance / (ratio - 1.0);
         if error * ratio <= goal && search.sees(&coarse, largest) {
@@ -287,12 +274,7 @@ pub fn schedule(
         }
         (coarse, steps) = (fine, 2 * steps);
     };
-    let mut schedule = Schedule {
-        steps,
-        error,
-        norm,
-        ..Schedule::default()
-    };
+    let mut schedule = Schedule { steps, error, norm, ..Schedule::default() };
     schedule.couple(&search, run.values, largest);
     Ok(schedule)
 }
@@ -351,8 +333,6 @@ impl Schedule {
         for stage in self.couplings.chunks_mut(rows.max(1)) {
             (stage.iter_mut().enumerate()).for_each(|(m, k)| *k = coupling(m, *k));
         }
-        self.envelope = (most.iter().enumerate())
-            .map(|(m, &b)| coupling(m, b))
-            .collect();
+        self.envelope = (most.iter().enumerate()).map(|(m, &b)| coupling(m, b)).collect();
     }
 }

@@ -68,18 +68,12 @@ impl<'a> SparseAccess<'a> {
     ) -> Result<Self> {
         let matrix = &problem.matrix;
         let shared = matrix.shared_row().is_some();
-        let rows = matrix
-            .inflow
-            .iter()
-            .map(|aux| (aux.row as usize, aux.coupling));
+        let rows = matrix.inflow.iter().map(|aux| (aux.row as usize, aux.coupling));
         let mut this = Self {
             scheme: Scheme::whole(case)?,
             space: &case.space,
             pi: &problem.weights.pi[..case.space.cells()],
-            inflow: Couplings {
-                rows: rows.collect(),
-                shared,
-            },
+            inflow: Couplings { rows: rows.collect(), shared },
             points,
             period,
             largest: 0.0,
@@ -173,11 +167,7 @@ impl<'a> SparseAccess<'a> {
 
     /// Row `i` of `(S, K)` into `scratch.entries`.
     pub fn row(&self, scratch: &mut Scratch, i: usize) {
-        let Scratch {
-            row,
-            candidates,
-            entries,
-        } = scratch;
+        let Scratch { row, candidates, entries } = scratch;
         entries.clear();
         let cells = self.space.cells();
         if i >= cells {
@@ -186,10 +176,7 @@ impl<'a> SparseAccess<'a> {
                 true => &self.inflow.rows[..],
                 false => std::slice::from_ref(&self.inflow.rows[i - cells]),
             };
-            entries.extend(
-                own.iter()
-                    .map(|&(row, kappa)| (row, 0.5 * kappa, -0.5 * kappa)),
-            );
+            entries.extend(own.iter().map(|&(row, kappa)| (row, 0.5 * kappa, -0.5 * kappa)));
             return;
         }
         self.scheme.row(row, i);
@@ -221,11 +208,7 @@ impl<'a> SparseAccess<'a> {
         });
         if let Ok(place) = self.inflow.rows.binary_search_by_key(&i, |e| e.0) {
             let kappa = self.inflow.rows[place].1;
-            let column = if self.inflow.shared {
-                cells
-            } else {
-                cells + place
-            };
+            let column = if self.inflow.shared { cells } else { cells + place };
             entries.push((column, 0.5 * kappa, 0.5 * kappa));
         }
     }

@@ -185,11 +185,7 @@ impl Export {
     ) -> Result<Self> {
         let wrong = |what: String| Err(Error::Input(format!("{}: {what}", case.name)));
         let series = &warp.series;
-        let given = if series.alone {
-            points(series)
-        } else {
-            2 * series.modes()
-        };
+        let given = if series.alone { points(series) } else { 2 * series.modes() };
         let points = given.next_power_of_two();
         if series.alone && given != points {
             return wrong(format!(
@@ -222,10 +218,7 @@ impl Export {
 
         let start = amplitudes(series, points, lower);
         let mut initial = vec![Complex64::ZERO; unknowns * points];
-        for (line, u) in initial
-            .chunks_exact_mut(points)
-            .zip(&problem.states[0][..rows])
-        {
+        for (line, u) in initial.chunks_exact_mut(points).zip(&problem.states[0][..rows]) {
             for (w, a) in line.iter_mut().zip(&start) {
                 *w = a * u;
             }
@@ -248,25 +241,13 @@ impl Export {
         });
 
         // What is read at p◇, and the probabilities of that.
-        let slice: Vec<Complex64> = states[1]
-            .iter()
-            .skip(index)
-            .step_by(points)
-            .copied()
-            .collect();
+        let slice: Vec<Complex64> = states[1].iter().skip(index).step_by(points).copied().collect();
         let square = |x: &[Complex64]| norm(x).powi(2);
         let (in_slice, in_block) = (square(&slice), square(&slice[..cells]));
-        let weights: Vec<f64> = problem.weights.pi[..cells]
-            .iter()
-            .map(|pi| pi.sqrt())
-            .collect();
+        let weights: Vec<f64> = problem.weights.pi[..cells].iter().map(|pi| pi.sqrt()).collect();
         let (block, _) = real(&slice[..cells]);
         let scale = point.exp() * c_w;
-        let field: Vec<f64> = block
-            .iter()
-            .zip(&weights)
-            .map(|(v, d)| scale * v / d)
-            .collect();
+        let field: Vec<f64> = block.iter().zip(&weights).map(|(v, d)| scale * v / d).collect();
 
         let profile: Vec<Complex64> = transformed(&start).collect();
         let size = norm(&profile);
@@ -274,13 +255,7 @@ impl Export {
         let (preparation, reason) = if imaginary <= 1e-13 * size {
             let mut system = problem.states[0][..rows].to_vec();
             system.resize(unknowns, 0.0);
-            (
-                Some(crate::quantum::export::circuit::preparation(
-                    &amplitudes,
-                    &system,
-                )),
-                None,
-            )
+            (Some(crate::quantum::export::circuit::preparation(&amplitudes, &system)), None)
         } else {
             let why = format!(
                 "the amplitudes in p are complex (imaginary parts up to {:.1e}): the coefficient of the mode -N_p/2 has no partner. \
@@ -334,30 +309,12 @@ impl Export {
             let path = directory.join(name);
             std::fs::write(&path, bytes).map_err(|e| failure(&path, &e))
         };
-        write(
-            "initial_modes.npy",
-            &crate::quantum::export::numpy::complex(&self.modes[0]),
-        )?;
-        write(
-            "final_modes.npy",
-            &crate::quantum::export::numpy::complex(&self.modes[1]),
-        )?;
-        write(
-            "initial.npy",
-            &crate::quantum::export::numpy::complex(&self.states[0]),
-        )?;
-        write(
-            "final.npy",
-            &crate::quantum::export::numpy::complex(&self.states[1]),
-        )?;
-        write(
-            "field.npy",
-            &crate::quantum::export::numpy::real(&self.field),
-        )?;
-        write(
-            "weights.npy",
-            &crate::quantum::export::numpy::real(&self.weights),
-        )?;
+        write("initial_modes.npy", &crate::quantum::export::numpy::complex(&self.modes[0]))?;
+        write("final_modes.npy", &crate::quantum::export::numpy::complex(&self.modes[1]))?;
+        write("initial.npy", &crate::quantum::export::numpy::complex(&self.states[0]))?;
+        write("final.npy", &crate::quantum::export::numpy::complex(&self.states[1]))?;
+        write("field.npy", &crate::quantum::export::numpy::real(&self.field))?;
+        write("weights.npy", &crate::quantum::export::numpy::real(&self.weights))?;
         write("hamiltonian.mtx", self.hamiltonian.as_bytes())?;
         write("transform.qasm", self.transform.as_bytes())?;
         if let Some(preparation) = &self.preparation {
@@ -441,9 +398,7 @@ fn overlaps(
 ) -> Vec<Vec<f64>> {
     let velocities = factors.cells();
     let of = |k: usize| {
-        let cells = block
-            .chunks_exact(velocities)
-            .zip(weights.chunks_exact(velocities));
+        let cells = block.chunks_exact(velocities).zip(weights.chunks_exact(velocities));
         let overlap = |(v, d): (&[f64], &[f64])| {
             let (mut product, mut square) = (0.0, 0.0);
             for ((v, d), q) in v.iter().zip(d).zip(factors.each()) {

@@ -44,17 +44,12 @@ impl Figure {
 
     /// An estimate.
     pub fn estimate(value: f64, because: &str) -> Self {
-        Self::Estimate {
-            value,
-            because: because.to_owned(),
-        }
+        Self::Estimate { value, because: because.to_owned() }
     }
 
     /// No number.
     pub fn unavailable(because: &str) -> Self {
-        Self::Unavailable {
-            because: because.to_owned(),
-        }
+        Self::Unavailable { because: because.to_owned() }
     }
 
     /// Another number with this one's label.

@@ -34,12 +34,7 @@ pub fn deltas(case: &Case, largest: f64) -> Vec<Delta> {
     if !case.enters() {
         return vec![case.warp.delta];
     }
-    vec![
-        Delta::Planned,
-        Delta::Largest,
-        Delta::Given(2.0 * largest),
-        Delta::Given(8.0 * largest),
-    ]
+    vec![Delta::Planned, Delta::Largest, Delta::Given(2.0 * largest), Delta::Given(8.0 * largest)]
 }
 
 /// A choice and its cost.
@@ -103,18 +98,13 @@ pub fn choices(system: &System<'_>) -> Vec<Choice> {
             let modes = WarpPlan::modes_of(case, system.bounds, system.ratio)?;
             match modes <= MOST_MODES {
                 true => WarpPlan::new(case, system.bounds, system.ratio).map(Ok),
-                false => Ok(Err(format!(
-                    "{modes} modes; up to {MOST_MODES} are compared"
-                ))),
+                false => Ok(Err(format!("{modes} modes; up to {MOST_MODES} are compared"))),
             }
         };
         // Where g = e^{−p} begins is up to these two: another recovery point is the same thing moved.
         let moves = matches!(profile, ProfileChoice::Designed | ProfileChoice::Gaussian);
         let mut first = None;
-        for further in FURTHER
-            .into_iter()
-            .take(if moves { 1 } else { FURTHER.len() })
-        {
+        for further in FURTHER.into_iter().take(if moves { 1 } else { FURTHER.len() }) {
             case.warp.recovery = first.map(|point: f64| point + further);
             match plan(&case).unwrap_or_else(|error| Err(error.to_string())) {
                 Ok(plan) => {
@@ -197,11 +187,8 @@ impl fmt::Display for Ranking {
             "naive",
             "amplified"
         )?;
-        let number = |figure: &Figure| {
-            figure
-                .value()
-                .map_or("-".to_owned(), |x| format!("{x:.2e}"))
-        };
+        let number =
+            |figure: &Figure| figure.value().map_or("-".to_owned(), |x| format!("{x:.2e}"));
         for choice in &self.0 {
             let delta = match choice.delta {
                 None => "-".to_owned(),

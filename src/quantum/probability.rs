@@ -98,9 +98,7 @@ pub fn window_end(
     for (l, value) in values.iter_mut().take(series.modes()).enumerate() {
         *value = series.factor(l) * Complex64::new(0.0, series.wavenumber(l) * lower).exp();
     }
-    FftPlanner::new()
-        .plan_fft_inverse(samples)
-        .process(&mut values);
+    FftPlanner::new().plan_fft_inverse(samples).process(&mut values);
     // The first place, going up, where g is not good enough for the lowest p whose field it is part of.
     let good = |(k, value): (usize, &Complex64)| {
         let q = lower + k as f64 * step;

@@ -79,13 +79,11 @@ impl Readout {
         let none = || Figure::unavailable(why);
         let cells = case.readout.as_ref().map_or(&[][..], |r| &r.cells);
         let rows = cells.iter().flat_map(|cell| {
-            Observable::all(case.space.dimension())
-                .into_iter()
-                .map(move |observable| Row {
-                    value: none(),
-                    measured: Vec::new(),
-                    ..Row::at(case, cell, observable)
-                })
+            Observable::all(case.space.dimension()).into_iter().map(move |observable| Row {
+                value: none(),
+                measured: Vec::new(),
+                ..Row::at(case, cell, observable)
+            })
         });
         Self {
             confidence: CONFIDENCE,
@@ -109,12 +107,7 @@ impl Readout {
         }
         let chain = &source.probabilities.at_slice;
         let factors = VelocityFactors::new(&case.space);
-        let reader = Reader {
-            case,
-            source,
-            readout,
-            factors: &factors,
-        };
+        let reader = Reader { case, source, readout, factors: &factors };
         let (mut rows, mut basis) = (Vec::new(), Vec::new());
         for cell in &readout.cells {
             let sums = reader.sums(world, cell);

@@ -124,11 +124,7 @@ fn qubits(count: usize) -> usize {
 /// `log(1/ε)/log log(1/ε)`; natural logarithms, at least 1.
 fn logarithms(tolerance: f64) -> f64 {
     let log = (1.0 / tolerance).ln();
-    if log > std::f64::consts::E {
-        log / log.ln()
-    } else {
-        1.0
-    }
+    if log > std::f64::consts::E { log / log.ln() } else { 1.0 }
 }
 
 /// `n + m log₂(m)²`, `m = log₂(1/ε)` bits.
@@ -153,11 +149,7 @@ pub fn walk(tau: f64, tolerance: f64) -> (Figure, Figure) {
     /// Up to here the series is summed, beyond it is bounded (see [`degree`]).
     const SUMMED: f64 = 1e4;
     let order = degree(&mut Vec::new(), tau, tolerance) as f64;
-    let label = if tau <= SUMMED {
-        Figure::exact
-    } else {
-        Figure::bound
-    };
+    let label = if tau <= SUMMED { Figure::exact } else { Figure::bound };
     (label(order), label(2.0 * order))
 }
 
@@ -167,12 +159,7 @@ impl Regime {
         const WHY: &str = "the theorem's form with constants 1";
         let (n, time, tolerance) = (case.space.dimension(), case.end, case.tolerance);
         let jump = sparsity.jumps.iter().fold(0.0, |m: f64, j| m.max(*j));
-        let extent = case
-            .space
-            .v
-            .iter()
-            .map(|v| v.upper - v.lower)
-            .fold(0.0, f64::max);
+        let extent = case.space.v.iter().map(|v| v.upper - v.lower).fold(0.0, f64::max);
         let of = |n: usize, tolerance: f64| asymptotic(n, tolerance, order, time, (jump, extent));
         let [queries, operations] = of(n, tolerance);
         let bits = (1.0 / tolerance).log2();
@@ -184,20 +171,15 @@ impl Regime {
             queries < operations
         };
         // From large tolerances down, a twentieth of a decade at a time.
-        let crossover = (0..=240)
-            .map(|k| 10f64.powf(-f64::from(k) / 20.0))
-            .find(|&t| t < 0.5 && wins(t));
+        let crossover =
+            (0..=240).map(|k| 10f64.powf(-f64::from(k) / 20.0)).find(|&t| t < 0.5 && wins(t));
         let dimension = (1..=12).find(|&n| {
             let [queries, operations] = of(n, tolerance);
             queries < operations
         });
         Self {
-            discontinuities: if order == 1.0 {
-                "at interfaces only"
-            } else {
-                "anywhere"
-            }
-            .to_owned(),
+            discontinuities: if order == 1.0 { "at interfaces only" } else { "anywhere" }
+                .to_owned(),
             cells_per_axis: estimate(tolerance.powf(-1.0 / order)),
             queries: estimate(queries),
             gates_factor: estimate(gates_factor(each + bits, tolerance)),
@@ -300,9 +282,7 @@ impl Record {
             },
             classical_operations: Figure::exact(entries * (bounds.rate * time).ceil().max(1.0)),
             probabilities,
-            regimes: [1.0, 0.5]
-                .map(|order| Regime::new(case, &sparsity, order))
-                .to_vec(),
+            regimes: [1.0, 0.5].map(|order| Regime::new(case, &sparsity, order)).to_vec(),
             sparsity,
         })
     }
@@ -356,17 +336,13 @@ impl Record {
                 "resources": half.as_ref().and_then(|x| resource("gates_estimate", x)).into_iter().collect::<Vec<_>>(),
             })
         };
-        let resources: Vec<_> = [
-            resource("walk_steps", &self.walk_steps),
-            resource("queries_estimate", &self.queries),
-        ]
-        .into_iter()
-        .flatten()
-        .collect();
-        let ports: Vec<_> = both("system", system)
-            .into_iter()
-            .chain(both("p", self.qubits.p))
-            .collect();
+        let resources: Vec<_> =
+            [resource("walk_steps", &self.walk_steps), resource("queries_estimate", &self.queries)]
+                .into_iter()
+                .flatten()
+                .collect();
+        let ports: Vec<_> =
+            both("system", system).into_iter().chain(both("p", self.qubits.p)).collect();
         serde_json::json!({
             "version": "v1",
             "program": {
@@ -398,11 +374,7 @@ impl Record {
 impl fmt::Display for Record {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |numbers: &[usize], between: &str| {
-            numbers
-                .iter()
-                .map(usize::to_string)
-                .collect::<Vec<_>>()
-                .join(between)
+            numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(between)
         };
         writeln!(
             f,
@@ -413,18 +385,10 @@ impl fmt::Display for Record {
             self.points,
             self.period
         )?;
-        let weights = if self.weighted {
-            ", with dissipative weights"
-        } else {
-            ""
-        };
+        let weights = if self.weighted { ", with dissipative weights" } else { "" };
         let q = list(&self.sparsity.q, ", ");
         writeln!(f, "interface {:?}{weights}; Q = {q}", self.interface)?;
-        writeln!(
-            f,
-            "\n{:<6}{:>6}{:>8}{:>8}{:>8}",
-            "", "s_r", "bound", "s_c", "bound"
-        )?;
+        writeln!(f, "\n{:<6}{:>6}{:>8}{:>8}{:>8}", "", "s_r", "bound", "s_c", "bound")?;
         let bound = |c: &sparsity::Count| c.bound.map_or("-".to_owned(), |b| b.to_string());
         for c in &self.sparsity.counts {
             writeln!(
@@ -496,14 +460,10 @@ impl fmt::Display for Record {
             Ok(())
         };
         let found = &self.probabilities;
-        chain(
-            f,
-            &format!("the slice at p = {:.4}", found.recovery),
-            &found.at_slice,
-        )?;
-        let window = found.window.map_or("the window".to_owned(), |[a, b]| {
-            format!("the window [{a:.4}, {b:.4})")
-        });
+        chain(f, &format!("the slice at p = {:.4}", found.recovery), &found.at_slice)?;
+        let window = found
+            .window
+            .map_or("the window".to_owned(), |[a, b]| format!("the window [{a:.4}, {b:.4})"));
         chain(f, &window, &found.in_window)?;
         for regime in &self.regimes {
             writeln!(
@@ -551,18 +511,13 @@ mod tests {
             for (order, power) in [(1.0, 2.0), (0.5, 3.0)] {
                 let of = |x: f64| asymptotic(n, 1.0 / x, order, 1.0, (0.2, 3.0));
                 let q_of = |x: f64| q(3.0 / x.powf(1.0 / order), 0.2) as f64;
-                let queries: Vec<(f64, f64)> = inverse
-                    .iter()
-                    .map(|&x| (x, of(x)[0] / (q_of(x) + 1.0)))
-                    .collect();
+                let queries: Vec<(f64, f64)> =
+                    inverse.iter().map(|&x| (x, of(x)[0] / (q_of(x) + 1.0))).collect();
                 let found = exponent(&queries);
                 assert!((found - power).abs() < 1e-3, "{n} {order}: {found}");
                 let cells: Vec<(f64, f64)> = inverse.iter().map(|&x| (x, q_of(x))).collect();
                 let found = exponent(&cells);
-                assert!(
-                    (found - 0.5 / order).abs() < 0.03,
-                    "Q, order {order}: {found}"
-                );
+                assert!((found - 0.5 / order).abs() < 0.03, "Q, order {order}: {found}");
                 let operations: Vec<(f64, f64)> = inverse.iter().map(|&x| (x, of(x)[1])).collect();
                 let found = exponent(&operations);
                 let expected = (2.0 * n as f64 + 1.0) / order;

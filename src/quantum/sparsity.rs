@@ -103,13 +103,8 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
     let block = &matrix.block;
     let scheme = space.agree(Scheme::new(case, &block.wide_ranges()))?;
     let jumps = largest_jumps(case, block, space)?;
-    let q: Vec<usize> = case
-        .space
-        .v
-        .iter()
-        .zip(&jumps)
-        .map(|(v, &jump)| q(v.width(), jump))
-        .collect();
+    let q: Vec<usize> =
+        case.space.v.iter().zip(&jumps).map(|(v, &jump)| q(v.width(), jump)).collect();
     let symmetric = (case.space.v.iter())
         .all(|v| (v.lower + v.upper).abs() < 1e-9 * v.width() && v.cells % 2 == 0);
     let bounded = symmetric && case.interface == Interface::Hat;
@@ -226,19 +221,9 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
             fullest.see(space.sum_count(number(shared)), 2 * all);
         }
         let found = count(fullest, bound);
-        counts.push(Counts {
-            matrix: matrix_name.to_owned(),
-            rows: found.clone(),
-            columns: found,
-        });
+        counts.push(Counts { matrix: matrix_name.to_owned(), rows: found.clone(), columns: found });
     }
-    Ok(Sparsity {
-        q,
-        jumps,
-        bounded,
-        entries: space.sum_count(entries),
-        counts,
-    })
+    Ok(Sparsity { q, jumps, bounded, entries: space.sum_count(entries), counts })
 }
 
 /// The largest jump of `V` over the faces normal to each axis. Collective over `space`.

@@ -65,9 +65,7 @@ fn svg(figure: &Figure) -> std::result::Result<String, String> {
     // Drawn at twice its size, for half points; and pictures by their right name.
     let from = format!("width=\"{width}\" height=\"{height}\"");
     let to = format!("width=\"{}\" height=\"{}\"", width / 2, height / 2);
-    Ok(text
-        .replacen(&from, &to, 1)
-        .replace("data:png;base64", "data:image/png;base64"))
+    Ok(text.replacen(&from, &to, 1).replace("data:png;base64", "data:image/png;base64"))
 }
 
 /// The picture in a file.
@@ -92,16 +90,13 @@ struct Sheet<'a> {
 
 impl<'a> Sheet<'a> {
     fn new(figure: &'a Figure) -> Self {
-        let frames: Vec<Frame> = (figure.panels.iter())
-            .map(|panel| Frame::new(panel, figure.frame))
-            .collect();
+        let frames: Vec<Frame> =
+            (figure.panels.iter()).map(|panel| Frame::new(panel, figure.frame)).collect();
         let count = figure.columns.max(1).min(frames.len().max(1));
         let rows = frames.len().div_ceil(count).max(1);
         let widest = |of: fn(&Frame<'_>) -> f64| -> Vec<f64> {
             let column = |c| frames.iter().skip(c).step_by(count);
-            (0..count)
-                .map(|c| column(c).map(of).fold(0.0, f64::max))
-                .collect()
+            (0..count).map(|c| column(c).map(of).fold(0.0, f64::max)).collect()
         };
         let left = widest(|frame| frame.room_left());
         let columns: Vec<f64> = (left.iter().zip(widest(|frame| frame.room_right())))
@@ -119,15 +114,7 @@ impl<'a> Sheet<'a> {
             false => 8.0 + LINE * caption.len() as f64,
         };
         let height = top + rows as f64 * (ABOVE + figure.frame[1] + BELOW) + below + MARGIN;
-        Self {
-            figure,
-            frames,
-            caption,
-            columns,
-            left,
-            size: [width.ceil(), height.ceil()],
-            top,
-        }
+        Self { figure, frames, caption, columns, left, size: [width.ceil(), height.ceil()], top }
     }
 
     fn pixels(&self) -> [u32; 2] {
@@ -177,32 +164,17 @@ mod tests {
             differences: false,
             label: "f".into(),
         };
-        let lines = Panel::new(
-            "errors & <costs>",
-            Axis::log("applications"),
-            Axis::log("error"),
-        )
-        .line(
-            "a",
-            Style::of(0),
-            vec![[1e2, 1e-2], [1e3, 1e-5], [-1.0, 3.0]],
-        )
-        .points(
-            "b",
-            Style::of(1).hollow(),
-            vec![[2e2, 1e-3], [f64::NAN, 1.0]],
-        )
-        .vertical("here", 300.0)
-        .horizontal("there", 1e-4);
-        let bars = Panel::new(
-            "",
-            Axis::linear("s"),
-            Axis::named("", vec!["one".into(), "two".into()]),
-        )
-        .with(Layer::Bars {
-            style: Style::of(2),
-            bars: vec![([0.0, 1.0], "1 s".into()), ([1.0, 3.0], String::new())],
-        });
+        let lines = Panel::new("errors & <costs>", Axis::log("applications"), Axis::log("error"))
+            .line("a", Style::of(0), vec![[1e2, 1e-2], [1e3, 1e-5], [-1.0, 3.0]])
+            .points("b", Style::of(1).hollow(), vec![[2e2, 1e-3], [f64::NAN, 1.0]])
+            .vertical("here", 300.0)
+            .horizontal("there", 1e-4);
+        let bars =
+            Panel::new("", Axis::linear("s"), Axis::named("", vec!["one".into(), "two".into()]))
+                .with(Layer::Bars {
+                    style: Style::of(2),
+                    bars: vec![([0.0, 1.0], "1 s".into()), ([1.0, 3.0], String::new())],
+                });
         let empty = Panel::new("nothing", Axis::log("x"), Axis::linear("y")).line(
             "none",
             Style::theory(),

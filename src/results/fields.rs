@@ -38,45 +38,22 @@ pub struct Kind {
 }
 
 const fn scalar(name: &'static str, over: Over, what: &'static str) -> Kind {
-    Kind {
-        name,
-        over,
-        vector: false,
-        what,
-    }
+    Kind { name, over, vector: false, what }
 }
 
 const fn vector(name: &'static str, over: Over, what: &'static str) -> Kind {
-    Kind {
-        name,
-        over,
-        vector: true,
-        what,
-    }
+    Kind { name, over, vector: true, what }
 }
 
-const F: Kind = scalar(
-    "f",
-    Over::PhaseSpace,
-    "cell average of the phase-space density",
-);
+const F: Kind = scalar("f", Over::PhaseSpace, "cell average of the phase-space density");
 const PHI: Kind = scalar("phi", Over::PhaseSpace, "density phi of f = phi delta(psi)");
-const PSI: Kind = vector(
-    "psi",
-    Over::PhaseSpace,
-    "level sets psi of f = phi delta(psi), one a velocity axis",
-);
+const PSI: Kind =
+    vector("psi", Over::PhaseSpace, "level sets psi of f = phi delta(psi), one a velocity axis");
 const EXACT: Kind = scalar("exact", Over::PhaseSpace, "exact solution at cell centres");
-const DENSITY_EXACT: Kind = scalar(
-    "density_exact",
-    Over::Space,
-    "exact density, average over the cell",
-);
-const VELOCITY_EXACT: Kind = vector(
-    "velocity_exact",
-    Over::Space,
-    "exact mean velocity of the cell",
-);
+const DENSITY_EXACT: Kind =
+    scalar("density_exact", Over::Space, "exact density, average over the cell");
+const VELOCITY_EXACT: Kind =
+    vector("velocity_exact", Over::Space, "exact mean velocity of the cell");
 const DENSITY: Kind = scalar("density", Over::Space, "integral of f over v");
 const MOMENTUM: Kind = vector("momentum", Over::Space, "integral of v f over v");
 const VELOCITY: Kind = vector("velocity", Over::Space, "momentum / density");
@@ -93,10 +70,7 @@ pub struct Field<'a> {
 pub fn fields<'a>(data: &Data, values: impl Iterator<Item = &'a [f64]>) -> Vec<Field<'a>> {
     let mut values: Vec<&[f64]> = values.collect();
     match data {
-        Data::Density => vec![Field {
-            kind: F,
-            components: values,
-        }],
+        Data::Density => vec![Field { kind: F, components: values }],
         Data::Measure { .. } => {
             let level_sets = values.split_off(1);
             [(PHI, values), (PSI, level_sets)]
@@ -126,9 +100,7 @@ pub fn exact(solution: Option<&ExactSolution>) -> Vec<Field<'_>> {
             (VELOCITY_EXACT, slices(&exact.velocity)),
         ],
     };
-    all.into_iter()
-        .map(|(kind, components)| Field { kind, components })
-        .collect()
+    all.into_iter().map(|(kind, components)| Field { kind, components }).collect()
 }
 
 /// All that a result holds over space and phase space at the final time.

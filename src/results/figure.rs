@@ -55,19 +55,12 @@ impl Axis {
 
     /// By logarithms.
     pub fn log(label: impl Into<String>) -> Self {
-        Self {
-            scale: Scale::Log,
-            ..Self::linear(label)
-        }
+        Self { scale: Scale::Log, ..Self::linear(label) }
     }
 
     /// With names at 0, 1, … .
     pub fn named(label: impl Into<String>, names: Vec<String>) -> Self {
-        Self {
-            range: Some([-0.6, names.len() as f64 - 0.4]),
-            names,
-            ..Self::linear(label)
-        }
+        Self { range: Some([-0.6, names.len() as f64 - 0.4]), names, ..Self::linear(label) }
     }
 
     /// Of whole numbers.
@@ -181,12 +174,7 @@ pub struct Panel {
 impl Panel {
     /// Axes without anything between them.
     pub fn new(title: impl Into<String>, x: Axis, y: Axis) -> Self {
-        Self {
-            title: title.into(),
-            x,
-            y,
-            layers: Vec::new(),
-        }
+        Self { title: title.into(), x, y, layers: Vec::new() }
     }
 
     /// With one layer more.
@@ -197,20 +185,12 @@ impl Panel {
 
     /// With a line.
     pub fn line(self, label: impl Into<String>, style: Style, points: Vec<[f64; 2]>) -> Self {
-        self.with(Layer::Line {
-            label: label.into(),
-            style,
-            points,
-        })
+        self.with(Layer::Line { label: label.into(), style, points })
     }
 
     /// With points that nothing joins.
     pub fn points(self, label: impl Into<String>, style: Style, points: Vec<[f64; 2]>) -> Self {
-        self.with(Layer::Points {
-            label: label.into(),
-            style,
-            points,
-        })
+        self.with(Layer::Points { label: label.into(), style, points })
     }
 
     /// With a heat map.

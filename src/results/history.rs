@@ -56,14 +56,11 @@ pub fn write(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Res
 /// Density, momentum and mean velocity, all times at once: moments are small.
 fn moments(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Result<()> {
     let early = results.early.iter().map(|e| &e.moments);
-    let times: Vec<_> = (early.chain([results.moments]))
-        .map(fields::moments)
-        .collect();
+    let times: Vec<_> = (early.chain([results.moments])).map(fields::moments).collect();
     for (k, field) in times[0].iter().enumerate() {
         let kind = field.kind;
-        let values: Vec<f64> = (times.iter())
-            .flat_map(|moments| moments[k].components.concat())
-            .collect();
+        let values: Vec<f64> =
+            (times.iter()).flat_map(|moments| moments[k].components.concat()).collect();
         let mut ranges: Vec<Range<usize>> = std::iter::once(0..times.len()).collect();
         ranges.extend(layout.ranges(kind, 0..field.components.len()));
         let axes = with_time(TIME, layout.axes(kind));
@@ -81,12 +78,10 @@ fn with_time(time: &'static str, axes: Vec<&'static str>) -> Vec<&'static str> {
 fn totals(writer: &Writer<'_>, results: &Results<'_>) -> Result<()> {
     let early = results.early.iter().map(|e| e.totals);
     let totals: Vec<[f64; 2]> = early.chain([results.totals]).collect();
-    for (k, (name, what)) in [
-        ("mass", "integral of f"),
-        ("kinetic_energy", "integral of |v|^2 f / 2"),
-    ]
-    .into_iter()
-    .enumerate()
+    for (k, (name, what)) in
+        [("mass", "integral of f"), ("kinetic_energy", "integral of |v|^2 f / 2")]
+            .into_iter()
+            .enumerate()
     {
         let values: Vec<f64> = totals.iter().map(|totals| totals[k]).collect();
         writer.same(&format!("history/{name}"), TIME, &values, what)?;

@@ -64,15 +64,8 @@ pub fn draw(run: &Stored, beside: Option<&Stored>, cuts: &[Cut]) -> Result<Album
     }
     let runs = Runs::new(run, beside);
     let middle = Cut::middle(run);
-    let cuts = if cuts.is_empty() {
-        std::slice::from_ref(&middle)
-    } else {
-        cuts
-    };
-    let mut album = Album {
-        pictures: Vec::new(),
-        left_out: Vec::new(),
-    };
+    let cuts = if cuts.is_empty() { std::slice::from_ref(&middle) } else { cuts };
+    let mut album = Album { pictures: Vec::new(), left_out: Vec::new() };
     for (k, cut) in cuts.iter().enumerate() {
         let name = match k {
             0 => "phase_space".to_owned(),
@@ -98,10 +91,7 @@ pub fn draw(run: &Stored, beside: Option<&Stored>, cuts: &[Cut]) -> Result<Album
 impl Album {
     fn add(&mut self, name: &str, drawn: Read<Option<Figure>>) {
         match drawn {
-            Ok(Some(figure)) => self.pictures.push(Picture {
-                name: name.to_owned(),
-                figure,
-            }),
+            Ok(Some(figure)) => self.pictures.push(Picture { name: name.to_owned(), figure }),
             Ok(None) => {}
             Err(why) => self.left_out.push((name.to_owned(), why)),
         }

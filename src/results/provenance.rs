@@ -12,10 +12,7 @@ pub fn provenance(world: &World, case: &Case) -> Vec<(&'static str, String)> {
     let now = humantime::format_rfc3339_seconds(SystemTime::now());
     let date = world.group().broadcast_text(&now.to_string());
     vec![
-        (
-            "program",
-            format!("phasewarp {}", env!("CARGO_PKG_VERSION")),
-        ),
+        ("program", format!("phasewarp {}", env!("CARGO_PKG_VERSION"))),
         ("git", GIT.to_owned()),
         ("rustc", env!("PHASEWARP_RUSTC").to_owned()),
         ("mpi", world.library()),

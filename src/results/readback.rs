@@ -46,9 +46,7 @@ pub fn check(world: &Group, path: &Path) -> Result<usize> {
 
 /// Opens a file on all ranks of `world`. Collective, as closing it.
 pub(crate) fn open(world: &Group, path: &Path) -> Outcome<File> {
-    File::with_options()
-        .with_fapl(|p| p.mpio(world.raw(), None))
-        .open(path)
+    File::with_options().with_fapl(|p| p.mpio(world.raw(), None)).open(path)
 }
 
 /// By name, this rank's part of the checksum of each dataset in the group and below, and the one
@@ -139,11 +137,7 @@ fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
             bytes.as_mut_ptr().cast(),
         )
     };
-    if status >= 0 {
-        Ok(bytes)
-    } else {
-        Err(hdf5::Error::from("a text could not be read"))
-    }
+    if status >= 0 { Ok(bytes) } else { Err(hdf5::Error::from("a text could not be read")) }
 }
 
 /// As [`check`], of `directory/result.h5` and the warped fields beside it; gives the number of

@@ -25,18 +25,9 @@ const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src dat
 
 /// Numbers of `summary.json` and their labels: errors to the semi-discrete solution.
 const TO_SEMIDISCRETE: [(&str, &str); 6] = [
-    (
-        "tolerance",
-        "asked for: relative l2 distance to the exact semi-discrete solution",
-    ),
-    (
-        "error_estimate",
-        "estimate of that distance, by a second reading",
-    ),
-    (
-        "error_estimate_reliable",
-        "whether the estimate can be relied on",
-    ),
+    ("tolerance", "asked for: relative l2 distance to the exact semi-discrete solution"),
+    ("error_estimate", "estimate of that distance, by a second reading"),
+    ("error_estimate_reliable", "whether the estimate can be relied on"),
     ("error_semidiscrete", "that distance, measured"),
     ("step_error", "part of an implicit step"),
     ("time_error", "part of the steps of an inflow in time"),
@@ -46,16 +37,8 @@ const TO_SEMIDISCRETE: [(&str, &str); 6] = [
 const TO_EXACT: [(&str, &str, &str); 4] = [
     ("error_l1", "exact_l1", "distance to the exact solution, L1"),
     ("error_l2", "exact_l2", "distance to the exact solution, l2"),
-    (
-        "error_density_l1",
-        "mass_exact",
-        "distance to the exact density, L1",
-    ),
-    (
-        "error_velocity_l1",
-        "",
-        "distance to the exact mean velocity, L1",
-    ),
+    ("error_density_l1", "mass_exact", "distance to the exact density, L1"),
+    ("error_velocity_l1", "", "distance to the exact mean velocity, L1"),
 ];
 
 /// What is conserved.
@@ -64,10 +47,7 @@ const CONSERVED: [(&str, &str); 5] = [
     ("mass_initial", "mass at the start"),
     ("mass_exact", "exact mass"),
     ("kinetic_energy", "kinetic energy at the end"),
-    (
-        "unitarity_defect",
-        "largest change of a mode's norm, of what is allowed",
-    ),
+    ("unitarity_defect", "largest change of a mode's norm, of what is allowed"),
 ];
 
 /// Numbers of one field.
@@ -105,17 +85,11 @@ const MEMORY: [(&str, &str); 2] = [
 /// The chain of what is postselected.
 const PROBABILITIES: [(&str, &str); 7] = [
     ("in_p", "p is found there"),
-    (
-        "field_given_p",
-        "and not the auxiliary unknowns of the inflow",
-    ),
+    ("field_given_p", "and not the auxiliary unknowns of the inflow"),
     ("weights_given_field", "and the weights are undone"),
     ("all", "all of it"),
     ("repetitions", "repetitions until it succeeds"),
-    (
-        "amplification_rounds",
-        "or rounds of amplitude amplification",
-    ),
+    ("amplification_rounds", "or rounds of amplitude amplification"),
     ("amplified_evolutions", "with so many evolutions"),
 ];
 
@@ -135,32 +109,14 @@ pub struct Report<'a> {
 pub fn missing(summary: &Value) -> Vec<(String, String)> {
     let mut all = Vec::new();
     for (section, keys) in [
-        (
-            "errors",
-            &[
-                "tolerance",
-                "error_estimate",
-                "mass",
-                "mass_initial",
-                "fields",
-            ][..],
-        ),
-        (
-            "cost",
-            &[
-                "wall_seconds",
-                "ranks",
-                "cells",
-                "memory_planned_bytes_per_rank",
-            ],
-        ),
+        ("errors", &["tolerance", "error_estimate", "mass", "mass_initial", "fields"][..]),
+        ("cost", &["wall_seconds", "ranks", "cells", "memory_planned_bytes_per_rank"]),
         ("probabilities", &["probabilities"]),
         ("warnings", &["warnings"]),
     ] {
         // What is null is known not to be there.
-        let lacks: Vec<&str> = (keys.iter().copied())
-            .filter(|key| summary.get(key).is_none())
-            .collect();
+        let lacks: Vec<&str> =
+            (keys.iter().copied()).filter(|key| summary.get(key).is_none()).collect();
         if !lacks.is_empty() {
             let why = format!("there is no {} in summary.json", lacks.join(", no "));
             all.push((section.to_owned(), why));
@@ -216,29 +172,18 @@ impl Report<'_> {
     fn sections(&self) -> Result<Vec<Section>> {
         let all = [
             ("warnings", "Warnings", self.warnings()),
-            (
-                "reductions",
-                "What was left out of the computation",
-                self.reductions(),
-            ),
+            ("reductions", "What was left out of the computation", self.reductions()),
             ("errors", "Errors", self.errors()),
             ("pictures", "Pictures", self.pictures()?),
             ("cost", "Cost", self.cost()),
-            (
-                "probabilities",
-                "Probabilities on a quantum computer",
-                self.probabilities(),
-            ),
+            ("probabilities", "Probabilities on a quantum computer", self.probabilities()),
             ("understood", "What was understood", self.understood()),
             ("plan", "Plan", plan::table(&self.run.plan)),
             ("case", "Case", self.case()),
             ("provenance", "Provenance", self.provenance()),
         ];
         let all = all.map(|(id, heading, body)| Section { id, heading, body });
-        Ok(all
-            .into_iter()
-            .filter(|part| !part.body.0.is_empty())
-            .collect())
+        Ok(all.into_iter().filter(|part| !part.body.0.is_empty()).collect())
     }
 
     fn number(&self, key: &str) -> Option<f64> {
@@ -247,11 +192,7 @@ impl Report<'_> {
 
     /// What was done and what came out, for who sees it for the first time.
     fn summary_in_words(&self) -> Markup {
-        let reference = self
-            .run
-            .provenance
-            .get("reference")
-            .map_or("", String::as_str);
+        let reference = self.run.provenance.get("reference").map_or("", String::as_str);
         let sentences = [Some(self.problem()), self.distances(), self.effort()];
         let sentences: Vec<String> = sentences.into_iter().flatten().collect();
         html! {
@@ -308,10 +249,7 @@ impl Report<'_> {
     fn effort(&self) -> Option<String> {
         let (seconds, ranks) = self.number("wall_seconds").zip(self.number("ranks"))?;
         let many = if ranks == 1.0 { "" } else { "s" };
-        Some(format!(
-            "It took {} s on {ranks} rank{many}.",
-            short(seconds)
-        ))
+        Some(format!("It took {} s on {ranks} rank{many}.", short(seconds)))
     }
 
     fn warnings(&self) -> Markup {
@@ -324,9 +262,7 @@ impl Report<'_> {
     fn reductions(&self) -> Markup {
         let found = [&self.summary["reductions"], &self.run.plan["reductions"]];
         let list = found.into_iter().find_map(Value::as_array);
-        let list: Vec<&str> = (list.into_iter().flatten())
-            .filter_map(Value::as_str)
-            .collect();
+        let list: Vec<&str> = (list.into_iter().flatten()).filter_map(Value::as_str).collect();
         html! { @if !list.is_empty() { ul { @for line in list { li { (Text(line)) } } } } }
     }
 
@@ -404,10 +340,7 @@ impl Report<'_> {
     fn probabilities(&self) -> Markup {
         let found = &self.summary["probabilities"];
         let mut rows = Rows::default();
-        rows.values(
-            &[("points", "points N_p"), ("window", "window in p")],
-            found,
-        );
+        rows.values(&[("points", "points N_p"), ("window", "window in p")], found);
         html! {
             @if !found.is_null() {
                 p { "With what probability a measurement would give the field." }

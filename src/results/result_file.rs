@@ -69,9 +69,9 @@ pub fn put_in_place<T>(
     let partial = path.with_extension("h5.partial");
     let written = write(&partial);
     let renamed = match written {
-        Ok(found) if world.rank() == 0 => std::fs::rename(&partial, path)
-            .map(|()| found)
-            .map_err(|e| failure(path, &e)),
+        Ok(found) if world.rank() == 0 => {
+            std::fs::rename(&partial, path).map(|()| found).map_err(|e| failure(path, &e))
+        }
         Err(_) if world.rank() == 0 => {
             let _ = std::fs::remove_file(&partial);
             written
@@ -115,9 +115,7 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Gr
 /// # Errors
 /// [`crate::base::error::Error::Directory`].
 pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
-    require_room(directory, most_bytes(case), |bytes| {
-        format!("the results take {bytes}")
-    })
+    require_room(directory, most_bytes(case), |bytes| format!("the results take {bytes}"))
 }
 
 /// The most bytes that the results may take.
@@ -157,9 +155,7 @@ pub fn most_bytes(case: &Case) -> u64 {
         if storage.compression == 0 {
             // Chunks at the upper ends of the axes are stored whole; compressed, what they lack
             // takes nothing.
-            numbers = all(&each()
-                .map(|(&n, &c)| n.next_multiple_of(c.min(n)))
-                .collect::<Vec<_>>());
+            numbers = all(&each().map(|(&n, &c)| n.next_multiple_of(c.min(n))).collect::<Vec<_>>());
         }
     } else if storage.compression > 0 {
         // As in `Storage::most_chunks`.
@@ -236,11 +232,7 @@ fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Outcome<()> {
     type Column = (&'static str, fn(&PlateauPoint) -> f64, &'static str);
     let columns: [Column; 3] = [
         ("p", |k| k.p, "recovery point"),
-        (
-            "distance",
-            |k| k.distance,
-            "relative l2 distance of f read at p to f",
-        ),
+        ("distance", |k| k.distance, "relative l2 distance of f read at p to f"),
         ("norm", |k| k.norm, "l2 norm of f read at p"),
     ];
     for (name, of, what) in columns {
@@ -276,11 +268,7 @@ fn multivalued(writer: &Writer<'_>, curve: &Curve) -> Result<()> {
     for (name, values, what) in [
         ("x", &curve.x, "position on a branch"),
         ("v", &curve.v, "velocity on a branch"),
-        (
-            "density",
-            &curve.density,
-            "the branch's part of the density",
-        ),
+        ("density", &curve.density, "the branch's part of the density"),
         ("branch", &curve.branch, "number of the branch"),
     ] {
         writer.same(&format!("multivalued/{name}"), POINT, values, what)?;

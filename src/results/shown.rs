@@ -31,24 +31,13 @@ impl Shown {
         let leading = &block.ranges[0];
         let layer = block.cells() / leading.len();
         let from = |i: usize| (i.max(leading.start) - leading.start) * layer;
-        Place {
-            mine: from(share[0].start)..from(share[0].end),
-            ranges: Vec::new(),
-            share,
-            block,
-        }
+        Place { mine: from(share[0].start)..from(share[0].end), ranges: Vec::new(), share, block }
     }
 
     /// Where the results of `case`, which may have been reduced, are shown.
     pub fn new(case: &Case) -> Self {
         let space = grid(case);
-        Self {
-            case: Case {
-                space,
-                ..case.clone()
-            },
-            from: case.space.clone(),
-        }
+        Self { case: Case { space, ..case.clone() }, from: case.space.clone() }
     }
 
     /// The space cells to which a rank's `share` of the reduced grid belongs, one range an x-axis.
@@ -81,12 +70,7 @@ impl Shown {
     /// [`share`](Self::share).
     pub fn early(&self, share: &[Range<usize>], early: Early) -> Early {
         let points = |values| self.points(share, values);
-        let Moments {
-            density,
-            momentum,
-            velocity,
-            kinetic,
-        } = early.moments;
+        let Moments { density, momentum, velocity, kinetic } = early.moments;
         Early {
             moments: Moments {
                 density: points(density),
@@ -94,9 +78,7 @@ impl Shown {
                 velocity: velocity.into_iter().map(points).collect(),
                 kinetic: points(kinetic),
             },
-            fields: (early.fields.into_iter())
-                .map(|f| self.field(share, f))
-                .collect(),
+            fields: (early.fields.into_iter()).map(|f| self.field(share, f)).collect(),
             ..early
         }
     }
@@ -119,11 +101,7 @@ fn put(axes: &[(&Axis, &Axis)], ranges: &[Range<usize>], values: Vec<f64>) -> Ve
             match from.part {
                 _ if from == to => (0..range.len()).map(value).collect(),
                 Part::Window { first, .. } => (0..to.cells)
-                    .map(|j| {
-                        j.checked_sub(first)
-                            .filter(|j| *j < from.cells)
-                            .and_then(value)
-                    })
+                    .map(|j| j.checked_sub(first).filter(|j| *j < from.cells).and_then(value))
                     .collect(),
                 _ => vec![Some(0); to.cells],
             }
@@ -162,19 +140,12 @@ mod tests {
         let out = put(&axes, &[1..4, 0..1, 0..2], values.clone());
         for (k, value) in out.iter().enumerate() {
             let (i, j) = (k / 18, k % 6);
-            let expected = if (2..4).contains(&j) {
-                values[2 * i + j - 2]
-            } else {
-                0.0
-            };
+            let expected = if (2..4).contains(&j) { values[2 * i + j - 2] } else { 0.0 };
             assert_eq!(*value, expected, "{k}");
         }
         assert_eq!(out.len(), 54);
         // Nothing is here, and nothing is put.
         assert!(put(&axes, &[1..1, 0..1, 0..2], Vec::new()).is_empty());
-        assert_eq!(
-            put(&axes[..1], std::slice::from_ref(&(1..4)), vec![1.0; 3]),
-            [1.0; 3]
-        );
+        assert_eq!(put(&axes[..1], std::slice::from_ref(&(1..4)), vec![1.0; 3]), [1.0; 3]);
     }
 }

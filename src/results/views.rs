@@ -61,11 +61,7 @@ impl Grid {
     }
 
     fn show(&mut self, name: &str, dataset: String, vector: bool) {
-        self.fields.push(View {
-            name: name.to_owned(),
-            dataset,
-            vector,
-        });
+        self.fields.push(View { name: name.to_owned(), dataset, vector });
     }
 }
 
@@ -217,9 +213,7 @@ impl PlanePart {
     /// Values of a field, x_a fastest.
     fn values(&self, field: &[f64], velocities: usize) -> Vec<f64> {
         let at = |i: usize, j: usize| self.base + i * self.strides[0] + j * self.strides[1];
-        (0..velocities)
-            .flat_map(|j| (0..self.cells.len()).map(move |i| field[at(i, j)]))
-            .collect()
+        (0..velocities).flat_map(|j| (0..self.cells.len()).map(move |i| field[at(i, j)])).collect()
     }
 }
 

@@ -43,26 +43,18 @@ pub fn file_name(field: &str, early: Option<usize>) -> String {
 /// Names of the files that a run writes.
 pub fn names(case: &Case) -> Vec<String> {
     let times = case.times.iter().filter(|t| t.fields).count();
-    let of = |field: &'static str| {
-        (1..=times)
-            .map(Some)
-            .chain([None])
-            .map(move |t| file_name(field, t))
-    };
+    let of =
+        |field: &'static str| (1..=times).map(Some).chain([None]).map(move |t| file_name(field, t));
     let fields = case.fields.iter().filter(|_| case.warped_field);
     fields.flat_map(|field| of(field.name)).collect()
 }
 
 /// Whether a run may have written a file of this name.
 fn is_ours(name: &str) -> bool {
-    let stem = name
-        .strip_prefix("warped_")
-        .and_then(|n| n.strip_suffix(".h5"));
+    let stem = name.strip_prefix("warped_").and_then(|n| n.strip_suffix(".h5"));
     stem.is_some_and(|stem| {
         let number = |n: &str| n.len() >= 4 && n.bytes().all(|b| b.is_ascii_digit());
-        let (field, _) = (stem.rsplit_once('_'))
-            .filter(|(_, n)| number(n))
-            .unwrap_or((stem, ""));
+        let (field, _) = (stem.rsplit_once('_')).filter(|(_, n)| number(n)).unwrap_or((stem, ""));
         ["f", "phi", "psi_x", "psi_y", "psi_z"].contains(&field)
     })
 }
@@ -79,9 +71,8 @@ pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
     let start = start.and_then(|start| std::fs::canonicalize(&start.path).ok());
     for entry in std::fs::read_dir(directory).map_err(failed)? {
         let name = entry.map_err(failed)?.file_name();
-        let older = name
-            .to_str()
-            .is_some_and(|name| is_ours(name) && written.iter().all(|w| w != name));
+        let older =
+            name.to_str().is_some_and(|name| is_ours(name) && written.iter().all(|w| w != name));
         let path = directory.join(&name);
         if older
             && !path.is_dir()
@@ -153,11 +144,7 @@ fn write_all(
     let most = bytes(about.case, points) + plan.len() as u64;
     // Not in chunks: ranks write what they have at hand, and each chunk is written by one rank at
     // once.
-    let storage = Storage {
-        compression: 0,
-        chunks: None,
-        xdmf: false,
-    };
+    let storage = Storage { compression: 0, chunks: None, xdmf: false };
     let mut writer = Writer::create(world, path, most, &storage)?;
     writer.agree(attributes(&writer, world.size(), about, &plan))?;
     let axes = phase_axes(&mut writer, about.case).and_then(|()| {

@@ -90,16 +90,12 @@ impl<'a> Writer<'a> {
     ) -> Result<Self> {
         let file = File::with_options()
             .with_fapl(|p| {
-                p.mpio(world.raw(), None)
-                    .all_coll_metadata_ops(true)
-                    .coll_metadata_write(true)
+                p.mpio(world.raw(), None).all_coll_metadata_ops(true).coll_metadata_write(true)
             })
             .create(path)
             .map_err(|e| failure(path, &e));
         let file = ManuallyDrop::new(world.agree(file)?);
-        by_first(world, || {
-            machine::reserve(path, bytes).map_err(|e| failure(path, &e))
-        })?;
+        by_first(world, || machine::reserve(path, bytes).map_err(|e| failure(path, &e)))?;
         Ok(Self {
             world,
             path,
@@ -126,8 +122,7 @@ impl<'a> Writer<'a> {
             Some(trouble) => Err(trouble),
             None => outcome,
         };
-        self.world
-            .agree(outcome.map_err(|e| failure(self.path, &e)))
+        self.world.agree(outcome.map_err(|e| failure(self.path, &e)))
     }
 
     /// Something that rank 0 writes alone.
@@ -146,9 +141,7 @@ impl<'a> Writer<'a> {
         let dataset = self
             .file
             .new_dataset_builder()
-            .empty_as(hdf5::types::TypeDescriptor::FixedUnicode(
-                bytes.len().max(1),
-            ))
+            .empty_as(hdf5::types::TypeDescriptor::FixedUnicode(bytes.len().max(1)))
             .create(name)?;
         // An empty text is stored as one zero byte.
         let stored = if bytes.is_empty() { &[0] } else { bytes };
@@ -159,11 +152,7 @@ impl<'a> Writer<'a> {
 
     /// A list of numbers that all ranks know, written by rank 0. To be agreed on.
     pub fn list(&self, name: &str, values: &[f64], what: Option<&str>) -> Outcome<Dataset> {
-        let dataset = self
-            .file
-            .new_dataset::<f64>()
-            .shape(values.len())
-            .create(name)?;
+        let dataset = self.file.new_dataset::<f64>().shape(values.len()).create(name)?;
         if let Some(what) = what {
             attribute(&dataset, "long_name", &text(what))?;
         }
@@ -188,8 +177,7 @@ impl<'a> Writer<'a> {
         let dataset = self.list(name, values, None)?;
         terminated_text(&dataset, "CLASS", c"DIMENSION_SCALE")?;
         terminated_text(&dataset, "NAME", &CString::new(name).unwrap_or_default())?;
-        self.file
-            .link_hard(&format!("/{name}"), &format!("/axis/{name}"))?;
+        self.file.link_hard(&format!("/{name}"), &format!("/axis/{name}"))?;
         let length = values.len();
         self.scales.insert(name, Scale { length, chunk });
         Ok(())
@@ -201,9 +189,7 @@ impl<'a> Writer<'a> {
         let mut builder = self.file.new_dataset::<f64>().shape(&shape[..]);
         if let Some(chunk) = chunks(&scales, self.storage) {
             // What all ranks write together need not be filled before.
-            builder = builder
-                .chunk(chunk)
-                .fill_time(hdf5::plist::dataset_create::FillTime::Never);
+            builder = builder.chunk(chunk).fill_time(hdf5::plist::dataset_create::FillTime::Never);
             if self.storage.compression > 0 {
                 builder = builder.shuffle().deflate(self.storage.compression);
             }
@@ -275,9 +261,7 @@ impl<'a> Writer<'a> {
         let closed = ManuallyDrop::into_inner(self.file).close();
         let closed = closed.map_err(|e| failure(self.path, &e));
         self.world.agree(closed)?;
-        by_first(self.world, || {
-            machine::give_back(self.path).map_err(|e| failure(self.path, &e))
-        })
+        by_first(self.world, || machine::give_back(self.path).map_err(|e| failure(self.path, &e)))
     }
 }
 
@@ -299,15 +283,13 @@ impl Slabs<'_> {
     pub fn write(&mut self, slab: &Slab, values: &[f64]) -> Result<()> {
         let part = checksum::of_slab(&self.shape, slab, values);
         self.sum = self.sum.wrapping_add(part);
-        self.writer
-            .agree(write_slab(&self.dataset, slab, values, self.together))
+        self.writer.agree(write_slab(&self.dataset, slab, values, self.together))
     }
 
     /// The dataset is whole: it gets its checksum.
     pub fn finish(self) -> Result<()> {
         let sum = self.writer.world.sum_modulo(self.sum);
-        self.writer
-            .agree(attribute(&self.dataset, CHECKSUM, &sum))?;
+        self.writer.agree(attribute(&self.dataset, CHECKSUM, &sum))?;
         drop(ManuallyDrop::into_inner(self.dataset));
         Ok(())
     }
@@ -344,23 +326,11 @@ fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Outcome<()> {
         let kind = h5t::H5Tcopy(*h5t::H5T_C_S1);
         let sized = h5t::H5Tset_size(kind, value.to_bytes_with_nul().len());
         let scalar = h5s::H5Screate(h5s::H5S_class_t::H5S_SCALAR);
-        let attribute = h5a::H5Acreate2(
-            at.id(),
-            name.as_ptr(),
-            kind,
-            scalar,
-            H5P_DEFAULT,
-            H5P_DEFAULT,
-        );
+        let attribute =
+            h5a::H5Acreate2(at.id(), name.as_ptr(), kind, scalar, H5P_DEFAULT, H5P_DEFAULT);
         let written = h5a::H5Awrite(attribute, kind, value.as_ptr().cast());
-        let closed = [
-            h5a::H5Aclose(attribute),
-            h5s::H5Sclose(scalar),
-            h5t::H5Tclose(kind),
-        ];
-        sized
-            .min(written)
-            .min(closed.into_iter().min().unwrap_or(0))
+        let closed = [h5a::H5Aclose(attribute), h5s::H5Sclose(scalar), h5t::H5Tclose(kind)];
+        sized.min(written).min(closed.into_iter().min().unwrap_or(0))
     };
     if written < 0 {
         return Err(hdf5::Error::from("an attribute could not be written"));
@@ -461,24 +431,17 @@ mod tests {
     #[test]
     fn planned_chunks() {
         let of = |lengths: &[(usize, Option<usize>)], compression| {
-            let scales: Vec<Scale> = (lengths.iter())
-                .map(|&(length, chunk)| Scale { length, chunk })
-                .collect();
-            let storage = Storage {
-                compression,
-                chunks: lengths[0].1.map(|_| Vec::new()),
-                xdmf: false,
-            };
+            let scales: Vec<Scale> =
+                (lengths.iter()).map(|&(length, chunk)| Scale { length, chunk }).collect();
+            let storage =
+                Storage { compression, chunks: lengths[0].1.map(|_| Vec::new()), xdmf: false };
             chunks(&scales.iter().collect::<Vec<_>>(), &storage)
         };
         assert_eq!(of(&[(9, None), (9, None)], 0), None);
         assert_eq!(of(&[(9, None), (11, None)], 1), Some(vec![9, 11]));
         assert_eq!(of(&[(1 << 20, None)], 1), Some(vec![1 << 15]));
         assert_eq!(of(&[(500, None), (1000, None)], 9), Some(vec![32, 1000]));
-        assert_eq!(
-            of(&[(500, None), (1 << 16, None)], 9),
-            Some(vec![1, 1 << 15])
-        );
+        assert_eq!(of(&[(500, None), (1 << 16, None)], 9), Some(vec![1, 1 << 15]));
         // Not more than can be written.
         let many = of(&[(1 << 20, None), (1 << 12, None)], 9);
         assert_eq!(many, Some(vec![1 << 8, 1 << 12]));

@@ -51,25 +51,12 @@ fn document(time: f64, grids: &[Grid]) -> String {
             item("3", "XML", &numbers(grid.origin)),
             item("3", "XML", &numbers(grid.spacing)),
         );
-        for View {
-            name,
-            dataset,
-            vector,
-        } in &grid.fields
-        {
-            let (kind, components) = if *vector {
-                ("Vector", " 3")
-            } else {
-                ("Scalar", "")
-            };
+        for View { name, dataset, vector } in &grid.fields {
+            let (kind, components) = if *vector { ("Vector", " 3") } else { ("Scalar", "") };
             let _ = write!(
                 text,
                 "<Attribute Name=\"{name}\" AttributeType=\"{kind}\" Center=\"Cell\">\n{}</Attribute>\n",
-                item(
-                    &(counts(0) + components),
-                    "HDF",
-                    &format!("result.h5:{dataset}")
-                ),
+                item(&(counts(0) + components), "HDF", &format!("result.h5:{dataset}")),
             );
         }
         text += "</Grid>\n";

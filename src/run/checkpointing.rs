@@ -54,11 +54,7 @@ impl Checkpointing {
             }
             None
         };
-        Ok(Some(Self {
-            store,
-            generation,
-            times: times(case, output, program_start),
-        }))
+        Ok(Some(Self { store, generation, times: times(case, output, program_start) }))
     }
 
     /// Deletes the checkpoints of a finished run. On rank 0.

@@ -49,14 +49,7 @@ pub(crate) fn classically(
     speaks: bool,
     summary: &mut Summary,
 ) -> Result<Found> {
-    let Prepared {
-        case,
-        plan,
-        communicator,
-        place,
-        system,
-        ..
-    } = prepared;
+    let Prepared { case, plan, communicator, place, system, .. } = prepared;
     let world = &communicator.world;
     let steps = classical_steps(case, &plan.bounds);
     let factors = VelocityFactors::new(&case.space);
@@ -95,10 +88,5 @@ pub(crate) fn classically(
     };
     summary.matvecs = stages * plan.classical_steps * system.states.len();
     summary.matvecs_here = summary.matvecs;
-    Ok(Found {
-        fields,
-        plateau: Vec::new(),
-        early,
-        warped_seconds: 0.0,
-    })
+    Ok(Found { fields, plateau: Vec::new(), early, warped_seconds: 0.0 })
 }

@@ -49,9 +49,7 @@ impl<'a> FieldNorms<'a> {
     /// `Σ |f − other|^power`.
     pub fn difference(&self, other: &[f64], power: i32) -> f64 {
         let f = self.f;
-        power_sum(self.world, self.velocities, f.len(), power, |i| {
-            f[i] - other[i]
-        })
+        power_sum(self.world, self.velocities, f.len(), power, |i| f[i] - other[i])
     }
 
     /// `Σ f²`.
@@ -71,11 +69,7 @@ impl<'a> FieldNorms<'a> {
 
     /// Largest `of(f)`.
     pub fn largest(&self, of: impl Fn(f64) -> f64) -> f64 {
-        let mine = self
-            .f
-            .iter()
-            .map(|&x| of(x))
-            .fold(f64::NEG_INFINITY, f64::max);
+        let mine = self.f.iter().map(|&x| of(x)).fold(f64::NEG_INFINITY, f64::max);
         self.world.max(mine)
     }
 }
@@ -97,11 +91,7 @@ pub fn moment_errors(
     for (u, exact) in found.velocity.iter().zip(&exact.velocity) {
         let distance = |(u, exact): (&f64, &f64)| {
             let known = !exact.is_nan();
-            if known {
-                (present(u) - exact).abs()
-            } else {
-                0.0
-            }
+            if known { (present(u) - exact).abs() } else { 0.0 }
         };
         let terms: Vec<f64> = u.iter().zip(exact).map(distance).collect();
         velocity += integral(world, space, &terms);
@@ -132,10 +122,7 @@ pub(crate) fn compare(
 ) -> Vec<String> {
     let (case, plan) = (&prepared.case, &prepared.plan);
     summary.fields = (case.fields.iter())
-        .map(|field| FieldSummary {
-            name: field.name.to_owned(),
-            ..FieldSummary::default()
-        })
+        .map(|field| FieldSummary { name: field.name.to_owned(), ..FieldSummary::default() })
         .collect();
     if case.start.is_some() {
         let why = "the field that the run began with is known on its points only";
@@ -159,12 +146,7 @@ pub(crate) fn compare(
 
 /// Norms of the first field that the probabilities of measuring it follow from. Collective.
 fn state_norms(prepared: &Prepared, field: &[f64]) -> StateNorms {
-    let Prepared {
-        communicator,
-        system,
-        place,
-        ..
-    } = prepared;
+    let Prepared { communicator, system, place, .. } = prepared;
     let velocities = system.matrix.block.velocity_cells;
     let pi = &system.weights.pi[place.mine.clone()];
     let world = &communicator.world;
@@ -188,10 +170,7 @@ pub(crate) fn verify(
     speaks: bool,
     summary: &mut Summary,
 ) {
-    let reference = Case {
-        integrator: Integrator::Exponential,
-        ..prepared.case.clone()
-    };
+    let reference = Case { integrator: Integrator::Exponential, ..prepared.case.clone() };
     let terms = classical_steps(&reference, &prepared.bounds);
     for (k, readings) in solution.fields.iter().enumerate() {
         let early = solution.early.iter().map(|early| early.fields.get(k));
@@ -206,9 +185,8 @@ pub(crate) fn verify(
             }
         }
         summary.fields[k].error_semidiscrete = worst;
-        summary.error_semidiscrete = (summary.error_semidiscrete.into_iter())
-            .chain(worst)
-            .reduce(f64::max);
+        summary.error_semidiscrete =
+            (summary.error_semidiscrete.into_iter()).chain(worst).reduce(f64::max);
     }
 }
 
@@ -219,25 +197,15 @@ fn exact_semidiscrete(
     terms: &[usize],
     speaks: bool,
 ) -> Vec<Vec<f64>> {
-    let Prepared {
-        case,
-        bounds,
-        place,
-        system,
-        ..
-    } = prepared;
+    let Prepared { case, bounds, place, system, .. } = prepared;
     let mut state = system.states[k].clone();
     let progress = Progress::new(speaks, "verify", terms.iter().sum());
     let mut classical =
         Classical::of(case, &system.matrix, &system.weights.pi).with_progress(progress);
     let mut ends = Vec::new();
     for (time, &steps) in case.legs().into_iter().zip(terms) {
-        let span = Integration {
-            integrator: Integrator::Exponential,
-            rate: bounds.rate,
-            time,
-            steps,
-        };
+        let span =
+            Integration { integrator: Integrator::Exponential, rate: bounds.rate, time, steps };
         integrate(&mut classical, &mut system.exchange, span, &mut state);
         ends.push(system.unweighted(&place.mine, state[place.mine.clone()].to_vec()));
     }
@@ -283,9 +251,8 @@ fn estimate(
         if let Some(second) = readings.get(1) {
             // The part of the error that the second reading shares is not seen in the distance.
             let estimate = norms.distance(second) / warp.estimator_efficiency;
-            let amplification: f64 = (warp.readings[..2].iter())
-                .map(|r| warp.amplification(r))
-                .sum();
+            let amplification: f64 =
+                (warp.readings[..2].iter()).map(|r| warp.amplification(r)).sum();
             // Every stage of an inflow that depends on time rounds anew.
             let stages = plan.bounds.stages.max(1) as f64;
             let noise = round_off(plan.steps) * stages.sqrt() * amplification * ratio;

@@ -22,9 +22,7 @@ pub fn exact_solution(case: &Case, place: &Place) -> Result<Option<ExactSolution
         }
         Some(Exact::Characteristics) => {
             if let Some(moments) = exact_moments(case)? {
-                return Ok(Some(ExactSolution::Moments(
-                    moments.on(space, &place.share),
-                )));
+                return Ok(Some(ExactSolution::Moments(moments.on(space, &place.share))));
             }
             let tracer = Tracer::new(case)?;
             let value = |point: &[f64; 6]| tracer.value(point, case.end);

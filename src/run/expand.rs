@@ -32,15 +32,9 @@ pub(crate) fn expand(
     let fields: Vec<Vec<f64>> = (solution.fields.into_iter())
         .map(|mut readings| shown.field(share, readings.swap_remove(0)))
         .collect();
-    let early = (solution.early.into_iter())
-        .map(|early| shown.early(share, early))
-        .collect();
+    let early = (solution.early.into_iter()).map(|early| shown.early(share, early)).collect();
     let (world, case) = (&prepared.communicator.world, &shown.case);
-    let norms = |f| FieldNorms {
-        world,
-        velocities: case.space.velocity_cells(),
-        f,
-    };
+    let norms = |f| FieldNorms { world, velocities: case.space.velocity_cells(), f };
     for (field, summary) in fields.iter().zip(&mut summary.fields) {
         let norms = norms(field);
         summary.minimum = -norms.largest(|x| -x);
@@ -64,12 +58,7 @@ pub(crate) fn expand(
             summary.error_velocity_l1 = Some(velocity);
         }
     }
-    Expanded {
-        fields,
-        moments,
-        totals,
-        early,
-    }
+    Expanded { fields, moments, totals, early }
 }
 
 /// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and the same of `f_exact`. Collective.

@@ -36,9 +36,7 @@ fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) -> Vec<Early>
     let case = &prepared.case;
     let legs = Leg::all(case);
     let at_leg = |leg: usize| {
-        let found = (recovered.iter_mut())
-            .map(|legs| std::mem::take(&mut legs[leg]))
-            .collect();
+        let found = (recovered.iter_mut()).map(|legs| std::mem::take(&mut legs[leg])).collect();
         let time = &case.times[leg];
         let (moments, fields) = match legs[leg].moments_only {
             true => (moments_of_sums(prepared, found), Vec::new()),
@@ -69,9 +67,7 @@ fn moments_of_fields(
     found: Vec<Vec<f64>>,
     keep: bool,
 ) -> (Moments, Vec<Vec<f64>>) {
-    let fields: Vec<Vec<f64>> = (found.into_iter())
-        .map(|u| prepared.unweighted(u))
-        .collect();
+    let fields: Vec<Vec<f64>> = (found.into_iter()).map(|u| prepared.unweighted(u)).collect();
     let world = &prepared.communicator.world;
     let moments = moments(world, &prepared.case, &slices(&fields));
     (moments, if keep { fields } else { Vec::new() })

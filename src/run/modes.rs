@@ -44,14 +44,7 @@ pub(crate) fn by_modes(
     files: Option<Files<'_>>,
     summary: &mut Summary,
 ) -> Result<Found> {
-    let Prepared {
-        case,
-        plan,
-        communicator,
-        place,
-        system,
-        ..
-    } = prepared;
+    let Prepared { case, plan, communicator, place, system, .. } = prepared;
     let warp = plan.warp.as_ref().expect("a plan by modes");
     let speaks = communicator.world.rank() == 0 && files.is_some();
     let mut warped = (files.as_ref()).map(|files| WarpedFiles::new(case, plan, warp, files));
@@ -98,10 +91,7 @@ pub(crate) fn by_modes(
     let made = propagator(&setting, system.schedule.as_ref(), &system.matrix);
     let mut propagator = communicator.world.agree(made)?;
     let factors = VelocityFactors::new(&case.space);
-    let moments = MomentsOf {
-        factors: &factors,
-        pi: spread.pi,
-    };
+    let moments = MomentsOf { factors: &factors, pi: spread.pi };
     let task = Task {
         communicator,
         warp,
@@ -124,37 +114,22 @@ pub(crate) fn by_modes(
         Some(warped) => warped.write(field, leg, &spread, kept),
         None => Ok(()),
     };
-    let mut keeping = kept.as_mut().map(|kept| Keeping {
-        kept,
-        begun: case.start.is_some(),
-        after: &mut write,
-    });
+    let mut keeping =
+        kept.as_mut().map(|kept| Keeping { kept, begun: case.start.is_some(), after: &mut write });
     summary.resumed = resumed.is_some();
     let size = (warp.modes, stages);
     let mut checkpoints = checkpointing.map(|c| {
         let ranks = (&*communicator, &plan.layout.mesh);
         Checkpoints::new(ranks, &mut c.store, c.times.clone(), size, resumed)
     });
-    let hooks = RunHooks {
-        keeping: keeping.as_mut(),
-        checkpoints: checkpoints.as_mut(),
-    };
-    let recovered = modes::run(
-        &task,
-        &mut evolution,
-        &mut *propagator,
-        &mut progress,
-        hooks,
-    )?;
+    let hooks = RunHooks { keeping: keeping.as_mut(), checkpoints: checkpoints.as_mut() };
+    let recovered = modes::run(&task, &mut evolution, &mut *propagator, &mut progress, hooks)?;
     progress.finish();
     summary.checkpoints = checkpoints.map_or(0, |c| c.written);
     count(summary, &recovered, communicator);
     let warped_seconds = warped.map_or(0.0, |w| w.took);
     drop((propagator, kept));
-    Ok(Found {
-        warped_seconds,
-        ..unweighted(prepared, recovered, summary)
-    })
+    Ok(Found { warped_seconds, ..unweighted(prepared, recovered, summary) })
 }
 
 /// What a run goes on from, with the batches that are left of it.
@@ -187,16 +162,10 @@ fn count(summary: &mut Summary, recovered: &Recovered, communicator: &Communicat
 /// The fields with their weights undone, and the error of the time step relative to them. Collective.
 fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) -> Found {
     let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.into_iter())
-        .map(|readings| {
-            readings
-                .into_iter()
-                .map(|u| prepared.unweighted(u))
-                .collect()
-        })
+        .map(|readings| readings.into_iter().map(|u| prepared.unweighted(u)).collect())
         .collect();
-    let norms: Vec<FieldNorms<'_>> = (fields.iter())
-        .map(|readings| FieldNorms::new(prepared, &readings[0]))
-        .collect();
+    let norms: Vec<FieldNorms<'_>> =
+        (fields.iter()).map(|readings| FieldNorms::new(prepared, &readings[0])).collect();
     summary.step_error = (norms.iter().zip(recovered.step_errors))
         .map(|(norms, error)| {
             let error = prepared.unweighted(error);
@@ -209,9 +178,7 @@ fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) 
         .fold(0.0, f64::max);
     Found {
         fields,
-        plateau: (recovered.plateau.into_iter())
-            .map(|u| prepared.unweighted(u))
-            .collect(),
+        plateau: (recovered.plateau.into_iter()).map(|u| prepared.unweighted(u)).collect(),
         early: recovered.early,
         warped_seconds: 0.0,
     }
@@ -300,10 +267,7 @@ fn begin(
     let (checksum, peak) = given.read(spread, &warp.series, kept)?;
     let communicator = spread.communicator;
     if peak != 0.0 && !(1e-100..=1e100).contains(&peak) {
-        return Err(Error::Magnitude {
-            key: start.place.clone(),
-            value: peak,
-        });
+        return Err(Error::Magnitude { key: start.place.clone(), value: peak });
     }
     let mut part = vec![0.0; kept.rows()];
     let mut largest = 0.0f64;
@@ -319,8 +283,5 @@ fn begin(
         kept.progress_mut()[k] = ModeProgress::start(norm);
         largest = largest.max(norm);
     }
-    Ok(Begun {
-        largest_norm: communicator.world.max(largest),
-        checksum,
-    })
+    Ok(Begun { largest_norm: communicator.world.max(largest), checksum })
 }

@@ -31,10 +31,7 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
         return Plan::with_bounds(case, bounds, resources, ASSUMED_RATIO);
     }
     refuse_hopeless_here(world, case)?;
-    let here = Resources {
-        ranks: all.size(),
-        ..Resources::default()
-    };
+    let here = Resources { ranks: all.size(), ..Resources::default() };
     let mut prepared = Prepared::new(world, case, &here)?;
     let ratio = prepared.probe();
     Plan::with_bounds(case, prepared.bounds, resources, ratio)

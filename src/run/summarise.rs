@@ -12,13 +12,7 @@ use crate::solve::prepared::Prepared;
 impl Summary {
     /// What plan, system and log say. Collective.
     pub(crate) fn fill(&mut self, prepared: &Prepared, log: &RunLog) {
-        let Prepared {
-            case,
-            plan,
-            system,
-            communicator,
-            ..
-        } = prepared;
+        let Prepared { case, plan, system, communicator, .. } = prepared;
         self.title = case.title.clone();
         self.version = env!("CARGO_PKG_VERSION").to_owned();
         self.git = GIT.to_owned();

@@ -42,12 +42,9 @@ fn empty_region(region: &usize) -> String {
 pub(crate) fn opening_line(plan: &Plan) -> String {
     let mesh = &plan.layout.mesh;
     let what = match &plan.warp {
-        Some(WarpPlan {
-            modes,
-            applications,
-            solves: 0,
-            ..
-        }) => format!("{modes} modes, {applications} applications"),
+        Some(WarpPlan { modes, applications, solves: 0, .. }) => {
+            format!("{modes} modes, {applications} applications")
+        }
         Some(WarpPlan { modes, solves, .. }) => format!("{modes} modes, {solves} solves"),
         None => format!("{} classical steps", plan.classical_steps),
     };

@@ -25,11 +25,7 @@ pub fn law_of(interface: Interface) -> &'static dyn InterfaceLaw {
 pub fn sources(out: &mut Vec<Source>, axis: &Axis, interface: Interface, j: i64, rise: f64) {
     out.clear();
     if rise == 0.0 {
-        out.push(Source {
-            side: Side::Across,
-            velocity: j,
-            weight: 1.0,
-        });
+        out.push(Source { side: Side::Across, velocity: j, weight: 1.0 });
     } else {
         law_of(interface).sources(out, axis, j, rise);
     }

@@ -98,9 +98,7 @@ fn needs_all(case: &Case) -> Option<&'static str> {
             case.method == Method::Classical && case.integrator != Integrator::Exponential,
         ),
     ];
-    keys.into_iter()
-        .find(|(_, given)| *given)
-        .map(|(key, _)| key)
+    keys.into_iter().find(|(_, given)| *given).map(|(key, _)| key)
 }
 
 /// Position of a velocity among the coordinates of a formula, after those of space.
@@ -129,9 +127,7 @@ fn varies_along(case: &Case, slot: usize) -> Option<String> {
     if potential {
         return Some("V".to_owned());
     }
-    formulas(case)
-        .find(|(_, formula)| names(formula))
-        .map(|(name, _)| name)
+    formulas(case).find(|(_, formula)| names(formula)).map(|(name, _)| name)
 }
 
 /// Whether nothing moves along space axis `a`.
@@ -150,11 +146,8 @@ fn merge_axes(case: &mut Case, reductions: &mut Reductions) {
             continue;
         }
         let (x, v, cells) = (names[a], names[n + a], case.space.x[a].cells);
-        let why = if periodic {
-            "nothing varies along it"
-        } else {
-            "nothing varies or moves along it"
-        };
+        let why =
+            if periodic { "nothing varies along it" } else { "nothing varies or moves along it" };
         if cells > 1 {
             case.space.x[a] = case.space.x[a].merged();
             (reductions.dropped).push(format!("{x}: {why}; {cells} cells -> 1"));
@@ -162,9 +155,8 @@ fn merge_axes(case: &mut Case, reductions: &mut Reductions) {
         let velocities = case.space.v[a].cells;
         if velocities > 1 && varies_along(case, VELOCITY + a).is_none() {
             case.space.v[a] = case.space.v[a].merged();
-            (reductions.dropped).push(format!(
-                "{v}: nothing varies along it either; {velocities} cells -> 1"
-            ));
+            (reductions.dropped)
+                .push(format!("{v}: nothing varies along it either; {velocities} cells -> 1"));
         }
     }
 }

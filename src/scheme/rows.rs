@@ -235,10 +235,7 @@ impl<'a> Scheme<'a> {
 /// is its own neighbour; with the steepest force it bounds `max_i |A_ii|`. A function of the case
 /// alone, so the same on any ranks.
 pub fn transport_rate(space: &PhaseSpace) -> f64 {
-    (0..space.dimension())
-        .filter(|&a| !space.is_single(a))
-        .map(|a| fastest(space, a))
-        .sum()
+    (0..space.dimension()).filter(|&a| !space.is_single(a)).map(|a| fastest(space, a)).sum()
 }
 
 /// `max |v_a|/Δx_a`.

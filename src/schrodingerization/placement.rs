@@ -120,12 +120,8 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
         )));
     }
     let series = Series::ones(period, points);
-    let window = Window {
-        point,
-        distance: point - growth,
-        period,
-        cutoff: series.wavenumber(points / 2),
-    };
+    let window =
+        Window { point, distance: point - growth, period, cutoff: series.wavenumber(points / 2) };
     let readings = readings(case, &window, interval, SECOND_POINT);
     Ok(Placement {
         estimator_efficiency: 1.0,
@@ -155,11 +151,7 @@ fn transformed(
         None => demand.ends(shape, window),
     };
     let fixed = warp.interval.is_some() || demand.sampled;
-    let period = if fixed {
-        interval[1] - interval[0]
-    } else {
-        window.period
-    };
+    let period = if fixed { interval[1] - interval[0] } else { window.period };
     let modes = match warp.points {
         Some(points) => (points / 2 + 1) as f64,
         None => window.modes(period),
@@ -207,10 +199,9 @@ fn much_growth(case: &Case, bounds: &Bounds) -> Option<String> {
             format!("solver.warp.delta = {delta:e}"),
             "a larger one, or none given by hand, keeps it small",
         ),
-        Delta::Largest if bounds.inflow => (
-            "solver.warp.delta = \"max\"".to_owned(),
-            "none given by hand keeps it small",
-        ),
+        Delta::Largest if bounds.inflow => {
+            ("solver.warp.delta = \"max\"".to_owned(), "none given by hand keeps it small")
+        }
         _ => return None,
     };
     Some(format!(
@@ -235,11 +226,7 @@ fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
     let decay = bounds.decay * time + shift;
     let tolerance = case.tolerance / ratio * libm::exp(-shift.max(0.0));
     let width = width(warp);
-    let second = if case.recovery_points > 1 {
-        SECOND_POINT
-    } else {
-        0.0
-    };
+    let second = if case.recovery_points > 1 { SECOND_POINT } else { 0.0 };
     let mut demand = Demand::new(tolerance, growth, decay, width + second);
     demand.round_off = propagate::round_off(propagate::steps(&case.propagator, time));
     demand.recovery = warp.recovery;
@@ -274,11 +261,7 @@ fn relaxed(
 ) -> Result<(Profile, Window)> {
     let choice = case.warp.choice();
     let growth = demand.growth;
-    let open = Demand {
-        interval: None,
-        shortest: true,
-        ..*demand
-    };
+    let open = Demand { interval: None, shortest: true, ..*demand };
     let Some((profile, window)) = Profile::plan(choice, &open) else {
         return Err(match case.warp.recovery {
             Some(point) if !demand.keeps_digits(point) => Error::Recovery {
@@ -298,10 +281,7 @@ fn relaxed(
             },
         });
     };
-    let transport = Demand {
-        decay: 2.0 * bounds.rate * case.end + shift(case, bounds),
-        ..*demand
-    };
+    let transport = Demand { decay: 2.0 * bounds.rate * case.end + shift(case, bounds), ..*demand };
     if let Some(planned) = Profile::plan(choice, &transport) {
         warnings.push(format!(
             "solver.warp.interval has a length of {:.4}; {:.4} guarantees the tolerance, with the decay x time of at most {:.4} \
@@ -314,10 +294,7 @@ fn relaxed(
     }
     // The whole state, auxiliary unknowns included, may be far larger than the field that is left
     // of it, and an image of it is seldom in the field alone.
-    let of_state = Demand {
-        tolerance: demand.tolerance * ratio,
-        ..transport
-    };
+    let of_state = Demand { tolerance: demand.tolerance * ratio, ..transport };
     if let Some(planned) = Profile::plan(choice, &of_state) {
         warnings.push(format!(
             "solver.warp.interval has a length of {:.4}: long enough for the tolerance relative to the state at the start, {ratio:.3e} times \
@@ -329,11 +306,7 @@ fn relaxed(
     }
     // What would do: the ends for the decay of the transport alone and relative to the state, as
     // that is what was refused.
-    let open = Demand {
-        decay: of_state.decay,
-        tolerance: of_state.tolerance,
-        ..open
-    };
+    let open = Demand { decay: of_state.decay, tolerance: of_state.tolerance, ..open };
     let (profile, window) = Profile::plan(choice, &open).unwrap_or((profile, window));
     let [lower, upper] = profile.ends(&open, &window);
     Err(Error::Interval {
@@ -366,11 +339,7 @@ fn too_few(
     points: usize,
 ) -> Option<String> {
     // The modes left out and, of samples, what comes back of them; relative to the state.
-    let folded = if demand.sampled {
-        0.5 / SAMPLED_TRUNCATION
-    } else {
-        1.0
-    };
+    let folded = if demand.sampled { 0.5 / SAMPLED_TRUNCATION } else { 1.0 };
     let tail = shape.tail(PI * points as f64 / period, window.distance.max(0.0));
     let bound = folded * window.point.exp() * tail;
     let needed = 2.0 * (0.5 * window.cutoff * period / PI).ceil();
@@ -386,11 +355,8 @@ fn too_few(
 /// The reading at `p◇`, and the one further on for the error estimate; within an interval given by
 /// hand.
 fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec<Reading> {
-    let room = if case.warp.interval.is_some() {
-        interval[1] - window.point
-    } else {
-        f64::INFINITY
-    };
+    let room =
+        if case.warp.interval.is_some() { interval[1] - window.point } else { f64::INFINITY };
     let width = width(&case.warp).min(0.5 * room);
     let second = apart.min(0.5 * room);
     (0..case.recovery_points)
@@ -436,12 +402,8 @@ fn plateau(case: &Case, window: &Window, interval: [f64; 2], width: f64) -> Vec<
     let Some(plateau) = &case.plateau else {
         return Vec::new();
     };
-    let from = plateau
-        .from
-        .unwrap_or((window.point - PLATEAU).max(interval[0]));
-    let to = plateau
-        .to
-        .unwrap_or((window.point + PLATEAU).min(interval[1]).max(from));
+    let from = plateau.from.unwrap_or((window.point - PLATEAU).max(interval[0]));
+    let to = plateau.to.unwrap_or((window.point + PLATEAU).min(interval[1]).max(from));
     (0..plateau.points)
         .map(|k| Reading {
             method: case.warp.recovery_method,

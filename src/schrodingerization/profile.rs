@@ -121,10 +121,7 @@ impl Profile {
     /// The smallest tolerance for which [`plan`](Self::plan) finds one, if there is one up to 0.1.
     pub fn smallest_tolerance(choice: ProfileChoice, demand: &Demand) -> Option<f64> {
         let met = |tolerance: f64| {
-            let demand = Demand {
-                tolerance,
-                ..*demand
-            };
+            let demand = Demand { tolerance, ..*demand };
             Self::possible(choice, &demand)
         };
         let (low, high) = (1e-16f64.ln(), 0.1f64.ln());

@@ -36,11 +36,7 @@ impl Reading {
             RecoveryMethod::Point => Complex64::ONE,
             RecoveryMethod::Integral => {
                 let half = 0.5 * mu * width;
-                let sinc = if half.abs() < 1e-8 {
-                    1.0
-                } else {
-                    half.sin() / half
-                };
+                let sinc = if half.abs() < 1e-8 { 1.0 } else { half.sin() / half };
                 let decrease = -(-width).exp_m1();
                 Complex64::new(0.0, half).exp() * (width * sinc / decrease)
             }
@@ -94,21 +90,15 @@ pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 
         }
         (seen / all).sqrt()
     });
-    [
-        ratios.into_iter().fold(f64::INFINITY, f64::min),
-        ratios.into_iter().fold(0.0, f64::max),
-    ]
+    [ratios.into_iter().fold(f64::INFINITY, f64::min), ratios.into_iter().fold(0.0, f64::max)]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const METHODS: [RecoveryMethod; 3] = [
-        RecoveryMethod::Point,
-        RecoveryMethod::Integral,
-        RecoveryMethod::LeastSquares,
-    ];
+    const METHODS: [RecoveryMethod; 3] =
+        [RecoveryMethod::Point, RecoveryMethod::Integral, RecoveryMethod::LeastSquares];
 
     /// Of the trigonometric polynomial whose modes are `c_l`, by the definition of each functional.
     fn by_definition(reading: &Reading, v: impl Fn(f64) -> f64) -> f64 {
@@ -145,11 +135,7 @@ mod tests {
     fn of_waves_is_what_the_definition_says() {
         for method in METHODS {
             for (point, width) in [(0.3, 1.0), (2.0, 0.25)] {
-                let reading = Reading {
-                    method,
-                    point,
-                    width,
-                };
+                let reading = Reading { method, point, width };
                 for mu in [0.0, 1e-10, 0.7, 13.0] {
                     let found = reading.of_wave(mu);
                     let re = by_definition(&reading, |p| (mu * p).cos());

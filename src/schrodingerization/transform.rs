@@ -45,13 +45,9 @@ impl Transform {
             }
         });
         let mut planner = FftPlanner::new();
-        let (forward, backward) = (
-            planner.plan_fft_forward(points),
-            planner.plan_fft_inverse(points),
-        );
-        let scratch = forward
-            .get_inplace_scratch_len()
-            .max(backward.get_inplace_scratch_len());
+        let (forward, backward) =
+            (planner.plan_fft_forward(points), planner.plan_fft_inverse(points));
+        let scratch = forward.get_inplace_scratch_len().max(backward.get_inplace_scratch_len());
         Self {
             inverse: inverse.collect(),
             factors,
@@ -97,8 +93,7 @@ impl Transform {
             *z = factor * x;
         }
         rest.fill(Complex64::ZERO);
-        self.backward
-            .process_with_scratch(&mut self.line, &mut self.scratch);
+        self.backward.process_with_scratch(&mut self.line, &mut self.scratch);
         for (value, z) in values.iter_mut().zip(&self.line) {
             *value = scale * z.re;
         }
@@ -109,8 +104,7 @@ impl Transform {
         for (z, value) in self.line.iter_mut().zip(values) {
             *z = Complex64::from(scale * value);
         }
-        self.forward
-            .process_with_scratch(&mut self.line, &mut self.scratch);
+        self.forward.process_with_scratch(&mut self.line, &mut self.scratch);
         for ((x, z), inverse) in modes.iter_mut().zip(&self.line).zip(&self.inverse) {
             *x = inverse * z;
         }
@@ -225,11 +219,8 @@ mod tests {
                 let factor = transform.factors[l];
                 // Mode 0, and one that stands for itself, are seen as the real part of what they
                 // give.
-                let seen = if series.is_alone(l) {
-                    Complex64::from((factor * x).re) / factor
-                } else {
-                    *x
-                };
+                let seen =
+                    if series.is_alone(l) { Complex64::from((factor * x).re) / factor } else { *x };
                 assert!((seen - back).norm() < 1e-12, "mode {l}: {seen} {back}");
             }
         }
@@ -239,9 +230,8 @@ mod tests {
     fn phases_are_factors_of_the_modes() {
         for series in series() {
             let x = cell(series.modes());
-            let phases: Vec<Complex64> = (0..x.len())
-                .map(|l| Complex64::from_polar(1.0, 0.4 + l as f64))
-                .collect();
+            let phases: Vec<Complex64> =
+                (0..x.len()).map(|l| Complex64::from_polar(1.0, 0.4 + l as f64)).collect();
             let product: Vec<Complex64> = x.iter().zip(&phases).map(|(x, p)| x * p).collect();
             let mut plain = Transform::new(&series, LOWER);
             let mut expected = vec![0.0; plain.points()];

@@ -99,9 +99,8 @@ impl WarpPlan {
             None => vec![case.tolerance; modes.count],
         };
         let leg_work = leg_work(case, bounds, &modes, &mode_tolerances);
-        let work: Vec<usize> = (0..modes.count)
-            .map(|l| leg_work.iter().map(|work| work[l]).sum())
-            .collect();
+        let work: Vec<usize> =
+            (0..modes.count).map(|l| leg_work.iter().map(|work| work[l]).sum()).collect();
         let total = case.fields.len() * total_work(case, bounds, &modes, &work);
         let (applications, solves) = match case.propagator.method.order() {
             0 => (total, 0),
@@ -178,10 +177,7 @@ impl WarpPlan {
 
     /// The modes that are propagated.
     fn propagated(&self) -> Modes<'_> {
-        Modes {
-            series: &self.series,
-            count: self.modes,
-        }
+        Modes { series: &self.series, count: self.modes }
     }
 
     /// Factor of `w_l(T)` in `reading`.
@@ -220,10 +216,7 @@ fn leg_work(
     let (legs, mut scratch) = (case.legs(), Vec::new());
     let mut of_leg = |&time: &f64| -> Vec<usize> {
         let of_mode = |l: usize| {
-            let span = Span {
-                time,
-                tolerance: tolerances[l] / legs.len() as f64,
-            };
+            let span = Span { time, tolerance: tolerances[l] / legs.len() as f64 };
             let mu = modes.wavenumber(l);
             propagate::work(&case.propagator, bounds, mu, span, &mut scratch)
         };
@@ -282,10 +275,7 @@ impl<'a> Modes<'a> {
 
     /// The series' own modes, without their conjugates.
     fn undivided(&self) -> Self {
-        Self {
-            count: self.series.modes(),
-            ..*self
-        }
+        Self { count: self.series.modes(), ..*self }
     }
 
     /// The mode of the series that the `l`-th is, or, where the last is true, whose conjugate it
@@ -315,8 +305,6 @@ impl<'a> Modes<'a> {
 
     /// `Σ |weight|` of a reading.
     pub fn amplification(&self, reading: &Reading) -> f64 {
-        (0..self.count)
-            .map(|l| self.weight(l, reading).norm())
-            .sum()
+        (0..self.count).map(|l| self.weight(l, reading).norm()).sum()
     }
 }

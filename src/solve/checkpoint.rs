@@ -100,9 +100,7 @@ impl<'a> Checkpoints<'a> {
                 }
                 Verdict::Finished | Verdict::Failed => return Ok(true),
                 Verdict::StopInTime if world.sum_count(self.watch.batches) == 0 => {
-                    return Err(Error::WallTime {
-                        seconds: self.wall_seconds.unwrap_or(0.0),
-                    });
+                    return Err(Error::WallTime { seconds: self.wall_seconds.unwrap_or(0.0) });
                 }
                 Verdict::Write | Verdict::StopAsTold | Verdict::StopInTime => {}
             }

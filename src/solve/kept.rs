@@ -40,12 +40,7 @@ const _: () = assert!(size_of::<(usize, ModeProgress)>() as u64 == KEPT_MODE_BYT
 impl ModeProgress {
     /// Of a mode of norm `norm` that has not begun.
     pub fn start(norm: f64) -> Self {
-        Self {
-            legs: 0,
-            phase: Complex64::ONE,
-            norm,
-            allowed: 0.0,
-        }
+        Self { legs: 0, phase: Complex64::ONE, norm, allowed: 0.0 }
     }
 }
 

@@ -144,13 +144,7 @@ impl<'a> Stage<'a> {
                     readings.map(|r| field(r, 1.0)).collect()
                 }
                 Some(moments) if task.legs[leg].moments_only => {
-                    vec![Sum::of_moments(
-                        warp,
-                        &warp.readings[0],
-                        norm,
-                        points,
-                        moments,
-                    )]
+                    vec![Sum::of_moments(warp, &warp.readings[0], norm, points, moments)]
                 }
                 _ => vec![field(&warp.readings[0], 1.0)],
             })
@@ -165,23 +159,15 @@ impl<'a> Stage<'a> {
             let size = whole * propagator.largest_step_error(system, mu, steps);
             field(&warp.readings[0], size)
         });
-        Self {
-            field: k,
-            legs,
-            sums,
-            stepped,
-            step_sum,
-            beyond: Vec::with_capacity(warp.modes),
-        }
+        Self { field: k, legs, sums, stepped, step_sum, beyond: Vec::with_capacity(warp.modes) }
     }
 
     /// What is recovered, onto `recovered`. Collective.
     fn finish(self, task: &Task<'_>, velocities: usize, recovered: &mut Recovered) {
         let modes = &task.communicator.modes;
         let share = |sum: Sum<'_>| sum.share(modes, velocities, task.shares);
-        let mut legs: Vec<Vec<Vec<f64>>> = (self.sums.into_iter())
-            .map(|sums| sums.into_iter().map(share).collect())
-            .collect();
+        let mut legs: Vec<Vec<Vec<f64>>> =
+            (self.sums.into_iter()).map(|sums| sums.into_iter().map(share).collect()).collect();
         let end = (self.legs.end == task.legs.len()).then(|| legs.pop().unwrap_or_default());
         if self.legs.start == 0 {
             recovered.early.push(Vec::new());
@@ -225,19 +211,12 @@ pub fn run(
     progress: &mut Progress,
     hooks: RunHooks<'_, '_, '_>,
 ) -> Result<Recovered> {
-    let RunHooks {
-        mut keeping,
-        mut checkpoints,
-    } = hooks;
+    let RunHooks { mut keeping, mut checkpoints } = hooks;
     let world = &task.communicator.world;
     let velocities = system.matrix.block.velocity_cells;
     // What a batch starts from that does not start from a field at time zero.
     let begun = keeping.as_ref().is_some_and(|keeping| keeping.begun);
-    let between = if begun || task.legs.len() > 1 {
-        system.matrix.rows()
-    } else {
-        0
-    };
+    let between = if begun || task.legs.len() > 1 { system.matrix.rows() } else { 0 };
     let mut between = vec![Lanes::ZERO; between];
     let legs = task.legs.len();
     let at_once = if keeping.is_some() { 1 } else { legs };
@@ -360,11 +339,7 @@ fn add_batch(
         };
         let report = propagator.propagate(system, &spec, &start)?;
         for l in 0..LANES {
-            phases[l] = if leg == 0 {
-                report.phases[l]
-            } else {
-                phases[l] * report.phases[l]
-            };
+            phases[l] = if leg == 0 { report.phases[l] } else { phases[l] * report.phases[l] };
             allowed[l] += report.tails[l] + UNITARITY_ROUND_OFF;
         }
         let state = propagator.state();
@@ -420,10 +395,7 @@ fn add_batch(
 fn weights(
     warp: &WarpPlan,
     batch: &Batch,
-    (reading, phases): (
-        &crate::schrodingerization::recovery::Reading,
-        &[Complex64; LANES],
-    ),
+    (reading, phases): (&crate::schrodingerization::recovery::Reading, &[Complex64; LANES]),
     parts: &[f64; LANES],
 ) -> [Complex64; LANES] {
     let mut weights = [Complex64::ZERO; LANES];

@@ -61,9 +61,7 @@ impl Stage<'_> {
             block: &matrix.block.ranges,
             share,
             sums: sums.map(|sum| &mut sum.parts[..]).collect(),
-            results: (generation.results.iter())
-                .map(|width| vec![0.0; width * points])
-                .collect(),
+            results: (generation.results.iter()).map(|width| vec![0.0; width * points]).collect(),
             kept: kept.map(|kept| (matrix.auxiliary_cells(), kept)),
         };
         generation.read((modes.rank(), modes.size()), &mut into)?;
@@ -97,21 +95,16 @@ impl Recovered {
     fn results(&self, task: &Task<'_>, velocities: usize) -> Vec<Numbers<'_, f64>> {
         let mut all = Vec::new();
         let moments = |only: bool| {
-            if only && task.moments.is_some() {
-                MOMENTS
-            } else {
-                velocities
-            }
+            if only && task.moments.is_some() { MOMENTS } else { velocities }
         };
-        let field = |values| Numbers {
-            width: velocities,
-            values,
-        };
+        let field = |values| Numbers { width: velocities, values };
         for (k, early) in self.early.iter().enumerate() {
-            all.extend(early.iter().zip(task.legs).map(|(values, leg)| Numbers {
-                width: moments(leg.moments_only),
-                values,
-            }));
+            all.extend(
+                early
+                    .iter()
+                    .zip(task.legs)
+                    .map(|(values, leg)| Numbers { width: moments(leg.moments_only), values }),
+            );
             let Some(readings) = self.fields.get(k) else {
                 continue;
             };
@@ -127,14 +120,9 @@ impl KeptModes {
     /// The modes that have gone a leg.
     fn begun(&self) -> impl Iterator<Item = KeptMode<'_>> {
         let all = self.modes().iter().zip(self.progress());
-        all.filter(|(_, progress)| progress.legs > 0)
-            .filter_map(|(&mode, &progress)| {
-                let rows = self.mode(mode)?;
-                Some(KeptMode {
-                    mode,
-                    progress,
-                    rows,
-                })
-            })
+        all.filter(|(_, progress)| progress.legs > 0).filter_map(|(&mode, &progress)| {
+            let rows = self.mode(mode)?;
+            Some(KeptMode { mode, progress, rows })
+        })
     }
 }

@@ -50,12 +50,7 @@ impl Fingerprint {
         let counts = |key: &String| !WITHOUT_EFFECT.iter().any(|start| key.starts_with(start));
         let mut settings = case.settings.clone();
         settings.retain(|key, _| counts(key));
-        let planned = (
-            warp.fingerprint(),
-            warp.interval,
-            &warp.readings,
-            &warp.plateau,
-        );
+        let planned = (warp.fingerprint(), warp.interval, &warp.readings, &warp.plateau);
         Self {
             program: VERSION.to_owned(),
             settings,

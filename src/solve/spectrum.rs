@@ -52,16 +52,10 @@ fn largest_pair(sign: f64, alpha: &[f64], beta: &[f64]) -> (f64, f64) {
     let before = |k: usize| if k > 0 { beta[k - 1] } else { 0.0 };
     let edge = |k: usize, reach: f64| sign * alpha[k] + reach * (off(k) + before(k));
     let mut low = (0..m).map(|k| edge(k, -1.0)).fold(f64::INFINITY, f64::min);
-    let mut high = (0..m)
-        .map(|k| edge(k, 1.0))
-        .fold(f64::NEG_INFINITY, f64::max);
+    let mut high = (0..m).map(|k| edge(k, 1.0)).fold(f64::NEG_INFINITY, f64::max);
     let pivot = |theta: f64, k: usize, link: f64, last: f64| {
         let shifted = theta - sign * alpha[k];
-        if link == 0.0 {
-            shifted
-        } else {
-            shifted - link * link / last
-        }
+        if link == 0.0 { shifted } else { shifted - link * link / last }
     };
     let above = |theta: f64| {
         let mut d = 1.0;
@@ -92,9 +86,7 @@ fn largest_pair(sign: f64, alpha: &[f64], beta: &[f64]) -> (f64, f64) {
         e[k] = last;
     }
     let left = |k: usize| (d[k] + e[k] - (high - sign * alpha[k])).abs();
-    let twist = (0..m)
-        .min_by(|&a, &b| left(a).total_cmp(&left(b)))
-        .unwrap_or(0);
+    let twist = (0..m).min_by(|&a, &b| left(a).total_cmp(&left(b))).unwrap_or(0);
     let (mut square, mut y) = (1.0, 1.0);
     for k in (0..twist).rev() {
         y *= off(k) / d[k];
@@ -170,10 +162,7 @@ pub fn of(
     let found = extremes(&problem.matrix, exchange, space, norm, problem.terms, steps);
     for end in [found.highest, found.lowest] {
         if !end.value.is_finite() {
-            return Err(Error::NotFinite(format!(
-                "{} as an eigenvalue of S",
-                end.value
-            )));
+            return Err(Error::NotFinite(format!("{} as an eigenvalue of S", end.value)));
         }
     }
     Ok((found, bound))
@@ -245,11 +234,7 @@ pub fn extremes(
         if let Some([highest, lowest]) = found
             && (over || (highest.converged && lowest.converged))
         {
-            return Extremes {
-                highest,
-                lowest,
-                steps: m,
-            };
+            return Extremes { highest, lowest, steps: m };
         }
         beta.push(off);
         for i in 0..rows {
@@ -277,20 +262,12 @@ mod tests {
                     1 => beta[i.min(j)],
                     _ => 0.0,
                 });
-                let all = matrix
-                    .self_adjoint_eigen(Side::Lower)
-                    .expect("it converges");
+                let all = matrix.self_adjoint_eigen(Side::Lower).expect("it converges");
                 for (sign, at) in [(1.0, m - 1), (-1.0, 0)] {
                     let (theta, last) = largest_pair(sign, &alpha, &beta);
                     let (value, component) = (all.S()[at], all.U()[(m - 1, at)].abs());
-                    assert!(
-                        (sign * theta - value).abs() < 1e-13,
-                        "{m} {seed}: {theta} {value}"
-                    );
-                    assert!(
-                        (last - component).abs() < 1e-10,
-                        "{m} {seed}: {last} {component}"
-                    );
+                    assert!((sign * theta - value).abs() < 1e-13, "{m} {seed}: {theta} {value}");
+                    assert!((last - component).abs() < 1e-10, "{m} {seed}: {last} {component}");
                 }
             }
         }

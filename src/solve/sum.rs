@@ -58,10 +58,7 @@ impl<'a> Sum<'a> {
     ) -> Self {
         // A sum over velocities is at most the norm of its factors times that of what is summed.
         let bound = 1.01 * size * warp.amplification(reading);
-        let fixed = moments
-            .factors
-            .norms()
-            .map(|q| FixedPoint::new(q * bound, warp.modes));
+        let fixed = moments.factors.norms().map(|q| FixedPoint::new(q * bound, warp.modes));
         Self {
             reading: *reading,
             width: MOMENTS,
@@ -113,10 +110,7 @@ impl<'a> Sum<'a> {
 
     /// The integers, two a number.
     pub(crate) fn numbers(&self) -> Numbers<'_, i64> {
-        Numbers {
-            width: self.width,
-            values: &self.parts,
-        }
+        Numbers { width: self.width, values: &self.parts }
     }
 
     /// The sums on this rank's share of the cells, `shares[g]` being rank `g`'s; moments point by point, [`MOMENTS`] each.
@@ -135,9 +129,6 @@ impl<'a> Sum<'a> {
             None => &self.fixed[0],
             Some(_) => &self.fixed[k % MOMENTS],
         };
-        parts
-            .enumerate()
-            .map(|(k, p)| fixed(k).join([p[0], p[1]]))
-            .collect()
+        parts.enumerate().map(|(k, p)| fixed(k).join([p[0], p[1]])).collect()
     }
 }

@@ -50,10 +50,7 @@ fn magnitude(world: &Group, formula: &Expression, values: impl Iterator<Item = f
     if value == 0.0 || (1e-100..=1e100).contains(&value) {
         return Ok(());
     }
-    Err(Error::Magnitude {
-        key: formula.place().to_owned(),
-        value,
-    })
+    Err(Error::Magnitude { key: formula.place().to_owned(), value })
 }
 
 impl DiscreteSystem {
@@ -112,9 +109,7 @@ impl DiscreteSystem {
         let schedule = match (case.varies(), case.method) {
             (false, _) => None,
             (true, Method::Classical) => {
-                communicator
-                    .world
-                    .agree(time_dependent_inflow::sampled(case, &matrix))?;
+                communicator.world.agree(time_dependent_inflow::sampled(case, &matrix))?;
                 None
             }
             (true, Method::Schrodingerized) => {
@@ -190,11 +185,7 @@ impl DiscreteSystem {
         let cells = self.matrix.block.cells();
         [true, false].map(|field| {
             let part = |i: usize| {
-                if (i < cells) == field {
-                    x[i] * x[i]
-                } else {
-                    0.0
-                }
+                if (i < cells) == field { x[i] * x[i] } else { 0.0 }
             };
             self.root_of_sum(communicator, part)
         })
@@ -202,17 +193,13 @@ impl DiscreteSystem {
 
     /// Root of the sum of `square(i)` over the rows `i` of all ranks of the space group.
     fn root_of_sum(&self, communicator: &Communicator, square: impl Fn(usize) -> f64) -> f64 {
-        let largest = (0..self.matrix.counted_rows())
-            .map(&square)
-            .fold(0.0, f64::max);
+        let largest = (0..self.matrix.counted_rows()).map(&square).fold(0.0, f64::max);
         let group = &communicator.space;
         let bound = group.max(largest) * self.matrix.block.velocity_cells as f64;
         if !bound.is_finite() {
             return f64::NAN;
         }
-        self.matrix
-            .sum_rows(group, bound, self.terms, square)
-            .sqrt()
+        self.matrix.sum_rows(group, bound, self.terms, square).sqrt()
     }
 
     /// `ũ` to `f`, in place: undoes the weights on the cells `range`.
@@ -231,11 +218,7 @@ impl DiscreteSystem {
         if let Some(schedule) = &self.schedule {
             // The pilot has run to the end; the rest of the tolerance is the profile's.
             let start = self.norm(communicator, &self.states[0], false);
-            let ratio = if start == 0.0 {
-                1.0
-            } else {
-                PROBE_SAFETY * start / schedule.norm
-            };
+            let ratio = if start == 0.0 { 1.0 } else { PROBE_SAFETY * start / schedule.norm };
             return ratio.max(1.0) / (1.0 - TIME_SHARE);
         }
         let (group, groups) = (communicator.modes.rank(), communicator.modes.size());
@@ -265,12 +248,7 @@ impl DiscreteSystem {
             ROUGH,
         );
         let [weighted, auxiliary] = self.norms_of_parts(communicator, &state);
-        StateNorms {
-            start,
-            weighted,
-            auxiliary,
-            field: self.norm(communicator, &state, true),
-        }
+        StateNorms { start, weighted, auxiliary, field: self.norm(communicator, &state, true) }
     }
 }
 

@@ -72,25 +72,12 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
         return Err(Error::Input(format!("{}: {what}", start.place)));
     }
     let plain = plain(case)?;
-    refuse_hopeless_here(
-        world,
-        &Case {
-            exact: None,
-            ..plain.clone()
-        },
-    )?;
+    refuse_hopeless_here(world, &Case { exact: None, ..plain.clone() })?;
     let exact = case.exact.clone();
     let mut trials = Trials::new(world, plain, exact, wanted.budget)?;
     let start = trials.grids.coarsest(&case.space.shape());
     let bounds = Bounds::new(case)?;
-    let mut study = Study {
-        world,
-        case,
-        wanted,
-        start,
-        left_out: Vec::new(),
-        entries: Vec::new(),
-    };
+    let mut study = Study { world, case, wanted, start, left_out: Vec::new(), entries: Vec::new() };
     let schemes = study.schemes(bounds.jumps);
     let own = own_scheme(case);
     let own_shape = case.space.shape();
@@ -123,10 +110,9 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
         match reach(&mut trials, scheme, grids, wanted.accuracy, share) {
             Ok(reach) => found.push((scheme, reach)),
             Err(error) => {
-                study.left_out.push(format!(
-                    "{}: {error}",
-                    name(Method::Classical, scheme, bounds.jumps)
-                ));
+                study
+                    .left_out
+                    .push(format!("{}: {error}", name(Method::Classical, scheme, bounds.jumps)));
                 failure = Some(error);
             }
         }
@@ -268,13 +254,7 @@ fn warnings(case: &Case, entries: &[Entry]) -> Vec<String> {
     let can = || entries.iter().filter(|e| e.refused.is_none());
     let unsettled: Vec<String> = can()
         .filter(|e| !e.order.settled && e.known == Known::Extrapolated)
-        .map(|e| {
-            format!(
-                "{} ({})",
-                e.name,
-                crate::study::advise::report::pairs(&e.order)
-            )
-        })
+        .map(|e| format!("{} ({})", e.name, crate::study::advise::report::pairs(&e.order)))
         .collect();
     if !unsettled.is_empty() {
         warnings.push(format!(
@@ -310,10 +290,7 @@ impl Study<'_> {
     /// The schemes that are tried.
     fn schemes(&mut self, jumps: bool) -> Vec<Scheme> {
         let own = self.case.interface;
-        let first = |interface| Scheme {
-            interface,
-            limiter: Limiter::None,
-        };
+        let first = |interface| Scheme { interface, limiter: Limiter::None };
         let mut schemes = vec![first(own)];
         if jumps {
             let other = match own {
@@ -328,21 +305,14 @@ impl Study<'_> {
             );
         } else {
             let slopes = [Limiter::Minmod, Limiter::VanLeer];
-            schemes.extend(slopes.map(|limiter| Scheme {
-                interface: own,
-                limiter,
-            }));
+            schemes.extend(slopes.map(|limiter| Scheme { interface: own, limiter }));
         }
         schemes
     }
 
     fn resources(&self) -> Resources {
         let all = self.world.group();
-        Resources {
-            ranks: all.size(),
-            ranks_x: None,
-            memory_per_rank: Some(memory_per_rank(&all)),
-        }
+        Resources { ranks: all.size(), ranks_x: None, memory_per_rank: Some(memory_per_rank(&all)) }
     }
 
     /// The set-up on the grid of `reach` before what it costs is known.
@@ -362,9 +332,7 @@ impl Study<'_> {
             limiter: scheme.limiter,
             shape: reach.shape.clone(),
             cells: reach.shape.iter().map(|&n| n as f64).product(),
-            computed_cells: (trials.merged(target).space.axes())
-                .map(|a| a.cells as f64)
-                .product(),
+            computed_cells: (trials.merged(target).space.axes()).map(|a| a.cells as f64).product(),
             tolerance: None,
             error: reach.error,
             known: reach.known,
@@ -420,10 +388,7 @@ impl Study<'_> {
             let bytes = entry.computed_cells * each / self.world.group().size() as f64;
             entry.memory_bytes_per_rank = bytes;
             entry.refused = Some(if entry.cells > crate::study::advise::report::MOST_SHOWN {
-                format!(
-                    "it takes {}",
-                    crate::study::advise::report::grid(&entry.shape)
-                )
+                format!("it takes {}", crate::study::advise::report::grid(&entry.shape))
             } else {
                 format!(
                     "it takes {}, about {} a rank",
@@ -441,11 +406,7 @@ impl Study<'_> {
                     Some(warp) => warp.applications as f64,
                     None => {
                         plan.classical_steps as f64
-                            * if entry.limiter == Limiter::None {
-                                1.0
-                            } else {
-                                3.0
-                            }
+                            * if entry.limiter == Limiter::None { 1.0 } else { 3.0 }
                     }
                 };
                 Some(plan)
@@ -502,10 +463,7 @@ impl Study<'_> {
                 return Ok(level.shape.clone());
             }
         }
-        let coarsest = reach
-            .levels
-            .first()
-            .map_or(&reach.shape, |level| &level.shape);
+        let coarsest = reach.levels.first().map_or(&reach.shape, |level| &level.shape);
         Ok(coarsest.clone())
     }
 
@@ -523,11 +481,7 @@ impl Study<'_> {
         let (density, spread) = (reference.density.clone(), reference.spread);
         let guaranteed = matches!(self.case.data, Data::Density);
         // Level sets enter the density through a delta function as wide as a cell: a tenth of what a field may have, and it is tried.
-        let mut tolerance = if guaranteed {
-            allowed / spread
-        } else {
-            0.1 * allowed
-        };
+        let mut tolerance = if guaranteed { allowed / spread } else { 0.1 * allowed };
         let mut target = scheme.schrodingerized(&trials.plain, &coarse);
         let mut measured: Option<f64> = None;
         let (resources, left_out) = (self.resources(), &mut self.left_out);
@@ -662,16 +616,9 @@ impl Study<'_> {
                 rough.density.iter().map(|rho| rho.abs()).sum::<f64>() / rough.density.len() as f64;
             parts.readout = Some(accuracy / mean);
         }
-        let added: f64 = [parts.schrodingerization, parts.step, parts.readout]
-            .into_iter()
-            .flatten()
-            .sum();
-        Ok(Some(Given {
-            shape,
-            error: error + added,
-            known,
-            parts,
-        }))
+        let added: f64 =
+            [parts.schrodingerization, parts.step, parts.readout].into_iter().flatten().sum();
+        Ok(Some(Given { shape, error: error + added, known, parts }))
     }
 }
 
@@ -706,10 +653,7 @@ fn rounded(x: f64) -> f64 {
 /// What `--set` takes to make `target` of `case`; `plain` is the case by what is planned.
 fn settings(case: &Case, plain: &Case, target: &Case) -> Vec<String> {
     let mut set = Vec::new();
-    let space = [
-        ("x", &case.space.x, &target.space.x),
-        ("v", &case.space.v, &target.space.v),
-    ];
+    let space = [("x", &case.space.x, &target.space.x), ("v", &case.space.v, &target.space.v)];
     for a in 0..case.space.dimension() {
         for (key, own, new) in space {
             if own[a].cells != new[a].cells {
@@ -722,21 +666,9 @@ fn settings(case: &Case, plain: &Case, target: &Case) -> Vec<String> {
             set.push(format!("{key}={value}"));
         }
     };
-    word_of(
-        "solver.method",
-        case.method != target.method,
-        word(&target.method),
-    );
-    word_of(
-        "scheme.interface",
-        case.interface != target.interface,
-        word(&target.interface),
-    );
-    word_of(
-        "scheme.limiter",
-        case.limiter != target.limiter,
-        word(&target.limiter),
-    );
+    word_of("solver.method", case.method != target.method, word(&target.method));
+    word_of("scheme.interface", case.interface != target.interface, word(&target.interface));
+    word_of("scheme.limiter", case.limiter != target.limiter, word(&target.limiter));
     match target.method {
         Method::Classical => {
             let integrator: Integrator = target.integrator;
@@ -760,20 +692,9 @@ fn settings(case: &Case, plain: &Case, target: &Case) -> Vec<String> {
             );
             // A classical case does not show all that its tables hold.
             let hidden = case.method == Method::Classical
-                && case
-                    .settings
-                    .keys()
-                    .any(|key| key.starts_with("solver.warp"));
-            word_of(
-                "solver.warp",
-                hidden || case.warp != plain.warp,
-                "{}".to_owned(),
-            );
-            word_of(
-                "solver.propagator",
-                case.propagator != plain.propagator,
-                "{}".to_owned(),
-            );
+                && case.settings.keys().any(|key| key.starts_with("solver.warp"));
+            word_of("solver.warp", hidden || case.warp != plain.warp, "{}".to_owned());
+            word_of("solver.propagator", case.propagator != plain.propagator, "{}".to_owned());
         }
     }
     set
@@ -827,34 +748,20 @@ mod tests {
         let case = read(&["axis.0.v.cells=24".to_owned()]).unwrap();
         let plain = plain(&case).unwrap();
         for interface in [Interface::Hat, Interface::Conservative] {
-            let scheme = Scheme {
-                interface,
-                limiter: Limiter::None,
-            };
+            let scheme = Scheme { interface, limiter: Limiter::None };
             let mut target = scheme.schrodingerized(&plain, &[40, 36]);
             target.tolerance = 3e-4;
             let set = settings(&case, &plain, &target);
             let found = read(&set).unwrap();
             assert_eq!(found.space, target.space);
             assert_eq!((found.interface, found.tolerance), (interface, 3e-4));
-            assert_eq!(
-                (found.warp, found.propagator),
-                (plain.warp, plain.propagator)
-            );
+            assert_eq!((found.warp, found.propagator), (plain.warp, plain.propagator));
             let command = command(&case, &set);
             assert!(command.contains("--set 'solver.warp={}'"), "{command}");
             assert!(!command.contains("cells=24"), "{command}");
         }
-        let scheme = Scheme {
-            interface: Interface::Hat,
-            limiter: Limiter::VanLeer,
-        };
-        let found = read(&settings(
-            &case,
-            &plain,
-            &scheme.classical(&plain, &[40, 36]),
-        ))
-        .unwrap();
+        let scheme = Scheme { interface: Interface::Hat, limiter: Limiter::VanLeer };
+        let found = read(&settings(&case, &plain, &scheme.classical(&plain, &[40, 36]))).unwrap();
         assert_eq!(
             (found.method, found.limiter, found.integrator),
             (Method::Classical, Limiter::VanLeer, Integrator::SspRk3)

@@ -22,13 +22,7 @@ pub struct Budget {
 impl Budget {
     /// `limit` seconds from now on.
     pub fn new(world: &World, limit: f64) -> Self {
-        Self {
-            all: world.group(),
-            started: Instant::now(),
-            limit,
-            end: limit,
-            counted: 0.0,
-        }
+        Self { all: world.group(), started: Instant::now(), limit, end: limit, counted: 0.0 }
     }
 
     /// All ranks.

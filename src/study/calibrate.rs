@@ -101,17 +101,12 @@ impl fmt::Display for Calibration {
             self.ranks,
             self.took,
             self.seconds_per_application,
-            if self.whole {
-                ""
-            } else {
-                "; not the ranks of the run"
-            }
+            if self.whole { "" } else { "; not the ranks of the run" }
         )?;
         let mut steps: Vec<(&String, &f64)> = self.seconds.iter().collect();
         steps.sort_by(|a, b| b.1.total_cmp(a.1));
-        let steps: Vec<String> = (steps.iter())
-            .map(|(name, s)| format!("{name} {}", seconds_text(**s)))
-            .collect();
+        let steps: Vec<String> =
+            (steps.iter()).map(|(name, s)| format!("{name} {}", seconds_text(**s))).collect();
         writeln!(
             f,
             "expected        {} to solve, {} in all: {}",
@@ -150,10 +145,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     refuse_hopeless(case, resources)?;
     let bounds = Bounds::new(case)?;
     let expected = Plan::provisional(case, &bounds, resources)?;
-    let limited = Resources {
-        memory_per_rank: Some(memory_per_rank(&all)),
-        ..resources.clone()
-    };
+    let limited = Resources { memory_per_rank: Some(memory_per_rank(&all)), ..resources.clone() };
     let warp = expected.warp.as_ref();
     (expected.layout.clone()).within(case, &expected.bounds, warp, &limited)?;
     watch.lap("plan");
@@ -161,11 +153,8 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     // Who measures what: the run's own blocks, or as many of their size as there are ranks for.
     let mesh = &expected.layout.mesh;
     let whole = mesh.ranks() == all.size();
-    let (part, here) = if whole {
-        (case.clone(), mesh.clone())
-    } else {
-        part_of(case, mesh, all.size())
-    };
+    let (part, here) =
+        if whole { (case.clone(), mesh.clone()) } else { part_of(case, mesh, all.size()) };
     let mut block_plan = expected.clone();
     block_plan.layout.mesh = here;
     let mut prepared = Prepared::with_plan(world, &part, &bounds, block_plan)?;
@@ -203,16 +192,11 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     prepared.plan.warp.clone_from(&plan.warp);
     (prepared.plan.layout.groups).clone_from(&plan.layout.groups);
     let initial = std::mem::take(&mut prepared.system.initial);
-    let mine: Vec<&[f64]> = (initial.iter())
-        .map(|f| &f[prepared.place.mine.clone()])
-        .collect();
+    let mine: Vec<&[f64]> = (initial.iter()).map(|f| &f[prepared.place.mine.clone()]).collect();
     watch.last = Instant::now();
     moments(&prepared.communicator.world, &part, &mine);
     // Of the fields at the start and at the end.
-    watch.seconds.insert(
-        "observables".to_owned(),
-        2.0 * watch.last.elapsed().as_secs_f64(),
-    );
+    watch.seconds.insert("observables".to_owned(), 2.0 * watch.last.elapsed().as_secs_f64());
     drop(initial);
 
     let trials = Trials {
@@ -277,10 +261,7 @@ fn part_of(case: &Case, mesh: &Mesh, ranks: usize) -> (Case, Mesh) {
     let mut parts = vec![1; mesh.space.len()];
     let mut left = ranks;
     for (part, &most) in parts.iter_mut().zip(&mesh.space) {
-        *part = (1..=most.min(left))
-            .rev()
-            .find(|p| left.is_multiple_of(*p))
-            .unwrap_or(1);
+        *part = (1..=most.min(left)).rev().find(|p| left.is_multiple_of(*p)).unwrap_or(1);
         left /= *part;
     }
     let cut = |((axis, &of), &parts): ((&Axis, &usize), &usize)| {
@@ -289,23 +270,15 @@ fn part_of(case: &Case, mesh: &Mesh, ranks: usize) -> (Case, Mesh) {
         let (lower, upper) = (axis.face(first), axis.face(first + cells as i64));
         Axis::new(lower, upper, cells)
     };
-    let x = (case.space.x.iter().zip(&mesh.space).zip(&parts))
-        .map(cut)
-        .collect();
+    let x = (case.space.x.iter().zip(&mesh.space).zip(&parts)).map(cut).collect();
     let space = PhaseSpace {
         x,
         v: case.space.v.clone(),
         // These are whole: they are not split.
         periodic: case.space.periodic,
     };
-    let mesh = Mesh {
-        space: parts,
-        groups: left,
-    };
-    let case = Case {
-        space,
-        ..case.clone()
-    };
+    let mesh = Mesh { space: parts, groups: left };
+    let case = Case { space, ..case.clone() };
     (case, mesh)
 }
 
@@ -322,13 +295,7 @@ struct Trials<'a> {
 impl Trials<'_> {
     /// Seconds to solve, and for one application, by modes. Collective.
     fn modes(&self, problem: &mut DiscreteSystem, warp: &WarpPlan) -> Result<(f64, f64)> {
-        let Self {
-            case,
-            plan,
-            communicator,
-            place,
-            ..
-        } = *self;
+        let Self { case, plan, communicator, place, .. } = *self;
         let coupling = descriptor(plan.propagation.method).batch_coupling();
         let groups = &plan.layout.groups;
         let mine = &groups[communicator.modes.rank() % groups.len()];
@@ -402,10 +369,7 @@ impl Trials<'_> {
                 &mut system,
                 &mut *propagator,
                 &mut Progress::silent(),
-                RunHooks {
-                    keeping: keeping.as_mut(),
-                    checkpoints: None,
-                },
+                RunHooks { keeping: keeping.as_mut(), checkpoints: None },
             )?;
             let seconds = world.max(started.elapsed().as_secs_f64());
             let cost: f64 = batches.iter().map(|b| short.cost(b, coupling)).sum();
@@ -434,12 +398,7 @@ impl Trials<'_> {
 
     /// As [`modes`](Self::modes), by the classical method. Collective.
     fn classical(&self, problem: &mut DiscreteSystem) -> Result<(f64, f64)> {
-        let Self {
-            case,
-            plan,
-            communicator,
-            ..
-        } = *self;
+        let Self { case, plan, communicator, .. } = *self;
         let world = &communicator.world;
         let legs = |part: usize| -> (Vec<f64>, Vec<usize>) {
             let case = of_part(case, part);
@@ -470,11 +429,7 @@ impl Trials<'_> {
             Ok((seconds, (fields * steps.iter().sum::<usize>()) as f64))
         };
         let (rate, fixed) = line(&mut trial)?;
-        let stages = if case.integrator == Integrator::SspRk3 {
-            3.0
-        } else {
-            1.0
-        };
+        let stages = if case.integrator == Integrator::SspRk3 { 3.0 } else { 1.0 };
         let all = (fields * plan.classical_steps) as f64;
         Ok((fixed + rate * all, rate / stages))
     }
@@ -482,9 +437,7 @@ impl Trials<'_> {
 
 /// A mode of so many rows that stands for those of a file: of no length scale, and zero nowhere, as zeros take no time.
 fn made_up(rows: usize) -> Vec<Complex64> {
-    (0..rows)
-        .map(|i| Complex64::cis((i * i % 257) as f64))
-        .collect()
+    (0..rows).map(|i| Complex64::cis((i * i % 257) as f64)).collect()
 }
 
 /// `case` with every leg cut down to `part` of [`PARTS`] equal parts.
@@ -541,22 +494,14 @@ impl<'a> Shortened<'a> {
                 continue;
             }
             for l in 0..warp.modes {
-                let span = Span {
-                    time: leg.time,
-                    tolerance: warp.leg_tolerance(l) * fraction,
-                };
+                let span = Span { time: leg.time, tolerance: warp.leg_tolerance(l) * fraction };
                 let (mu, bounds) = (warp.wavenumber(l), &plan.bounds);
                 let work = propagate::work(&case.propagator, bounds, mu, span, &mut scratch);
                 warp.leg_work[k][l] = work;
             }
         }
         warp.state_tolerance *= fraction;
-        Self {
-            plan,
-            warp,
-            legs,
-            schedule,
-        }
+        Self { plan, warp, legs, schedule }
     }
 
     fn propagator(&self, matrix: &BlockMatrix) -> Result<Box<dyn Propagator + '_>> {
@@ -592,10 +537,7 @@ fn pieces(group: &[Batch], coupling: BatchCoupling) -> Vec<Batch> {
         BatchCoupling::Coupled => group.to_vec(),
         BatchCoupling::Sequential => (group.iter())
             .flat_map(|batch| &batch.modes)
-            .map(|&mode| Batch {
-                modes: vec![mode],
-                cost: 1,
-            })
+            .map(|&mode| Batch { modes: vec![mode], cost: 1 })
             .collect(),
     };
     let count = all.len().min(PIECES);
@@ -657,15 +599,9 @@ mod tests {
             ([21, 31], [2, 3], 1, 7, ([1, 1], 7)),
         ] {
             let case = Case::load(&path, &sizes(cells[0], cells[1])).expect("a case");
-            let mesh = Mesh {
-                space: blocks.to_vec(),
-                groups,
-            };
+            let mesh = Mesh { space: blocks.to_vec(), groups };
             let (part, here) = part_of(&case, &mesh, ranks);
-            assert_eq!(
-                (here.space.clone(), here.groups),
-                (expected.0.to_vec(), expected.1)
-            );
+            assert_eq!((here.space.clone(), here.groups), (expected.0.to_vec(), expected.1));
             assert_eq!(here.ranks(), ranks);
             for (axis, (whole, a)) in part.space.x.iter().zip(case.space.x.iter().zip(0..)) {
                 let largest = whole.cells.div_ceil(blocks[a]);

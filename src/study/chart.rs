@@ -60,10 +60,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     let budget = Budget::new(world, limit.as_secs_f64());
     let mut attempts = Attempts::new(world, case, jumps, budget);
     attempts.try_all(programme.every_method());
-    attempts.try_all(vec![Setting {
-        space: case.space.clone(),
-        setup: Setup::Given,
-    }]);
+    attempts.try_all(vec![Setting { space: case.space.clone(), setup: Setup::Given }]);
     attempts.try_all(programme.own_grid());
     // What fails on two grids, whatever the method, fails on all.
     if !attempts.has_results()

@@ -124,10 +124,7 @@ struct OverheadKey {
 
 impl OverheadKey {
     fn of(case: &Case) -> Self {
-        Self {
-            by_modes: case.method == Method::Schrodingerized,
-            verified: case.verify,
-        }
+        Self { by_modes: case.method == Method::Schrodingerized, verified: case.verify }
     }
 }
 
@@ -198,12 +195,8 @@ impl CostModel {
             true => found.growth,
             false => known.growth.max(0.0) * finer.max(1.0),
         };
-        let bounds = Bounds {
-            growth,
-            decay: 2.0 * found.rate + growth,
-            stages: known.stages,
-            ..found
-        };
+        let bounds =
+            Bounds { growth, decay: 2.0 * found.rate + growth, stages: known.stages, ..found };
         Ok((bounds, *ratio))
     }
 
@@ -244,9 +237,8 @@ impl CostModel {
             (of.by_modes != wanted.by_modes, verified)
         };
         let nearest = self.overheads.iter().min_by_key(|(of, _)| differs(of));
-        nearest.map_or(OVERHEAD * cells, |(_, known)| {
-            overhead(known, cells, case.space.shape().len())
-        })
+        nearest
+            .map_or(OVERHEAD * cells, |(_, known)| overhead(known, cells, case.space.shape().len()))
     }
 
     /// Learns from a trial of `case` with this plan.

@@ -24,17 +24,13 @@ pub fn shape_text(shape: &[usize]) -> String {
 pub fn with_cells(space: &PhaseSpace, shape: &[usize]) -> PhaseSpace {
     let mut space = space.clone();
     let axes = space.x.iter_mut().chain(&mut space.v);
-    axes.zip(shape)
-        .for_each(|(axis, &cells)| axis.cells = cells);
+    axes.zip(shape).for_each(|(axis, &cells)| axis.cells = cells);
     space
 }
 
 /// `case` on `shape` cells.
 pub fn on_grid(case: &Case, shape: &[usize]) -> Case {
-    Case {
-        space: with_cells(&case.space, shape),
-        ..case.clone()
-    }
+    Case { space: with_cells(&case.space, shape), ..case.clone() }
 }
 
 /// `case` with `factor` times the cells along every axis.
@@ -116,13 +112,7 @@ impl Grids {
     pub fn doubled(&self, shape: &[usize], of_space: bool) -> Vec<usize> {
         let twice = self.twice(shape);
         (0..shape.len())
-            .map(|k| {
-                if (k < self.x.len()) == of_space {
-                    twice[k]
-                } else {
-                    shape[k]
-                }
-            })
+            .map(|k| if (k < self.x.len()) == of_space { twice[k] } else { shape[k] })
             .collect()
     }
 
@@ -145,9 +135,7 @@ impl Grids {
 
     /// The axes on which `shape` moves an edge of `V`.
     pub fn moved(&self, shape: &[usize]) -> Vec<usize> {
-        (0..self.x.len())
-            .filter(|&a| !self.keeps(a, shape[a]))
-            .collect()
+        (0..self.x.len()).filter(|&a| !self.keeps(a, shape[a])).collect()
     }
 
     /// About `wanted` cells along axis `k` of the `2n`, at least `fewest`: along x such that edges are on faces, if there is such a number nearby; along v an even number,
@@ -203,11 +191,7 @@ impl Grids {
             if self.merged[k] {
                 return true;
             }
-            let (divisor, edges) = if k < n {
-                (2, self.keeps(k, cells / 2))
-            } else {
-                (4, true)
-            };
+            let (divisor, edges) = if k < n { (2, self.keeps(k, cells / 2)) } else { (4, true) };
             cells.is_multiple_of(divisor) && edges
         });
         halves.then(|| {
@@ -230,11 +214,8 @@ impl Grids {
             return shape;
         }
         for _ in 0..ratio.log2().abs().round() as usize {
-            let (finer, coarser) = if ratio > 1.0 {
-                (&space, &velocity)
-            } else {
-                (&velocity, &space)
-            };
+            let (finer, coarser) =
+                if ratio > 1.0 { (&space, &velocity) } else { (&velocity, &space) };
             let halves = coarser.iter().all(|&k| {
                 shape[k].is_multiple_of(if k < n { 2 } else { 4 })
                     && shape[k] >= 8
@@ -285,11 +266,7 @@ mod tests {
 
     fn grids(edges: &[f64]) -> Grids {
         let axis = Axis::new(-1.0, 2.0, 30);
-        Grids {
-            x: vec![axis],
-            edges: vec![Some(edges.to_vec())],
-            merged: vec![false; 2],
-        }
+        Grids { x: vec![axis], edges: vec![Some(edges.to_vec())], merged: vec![false; 2] }
     }
 
     #[test]

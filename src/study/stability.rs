@@ -70,9 +70,8 @@ pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Re
         return Err(Error::Input(what.to_owned()));
     }
     let mut budget = Budget::new(world, limit.as_secs_f64());
-    let wanted: Vec<&Entry> = (PANELS.iter())
-        .filter(|entry| only.is_empty() || only.contains(&entry.name))
-        .collect();
+    let wanted: Vec<&Entry> =
+        (PANELS.iter()).filter(|entry| only.is_empty() || only.contains(&entry.name)).collect();
     let swept = scene::of(case);
     let (mut panels, mut left_out) = (Vec::new(), Vec::new());
     for (done, entry) in wanted.iter().enumerate() {
@@ -80,18 +79,11 @@ pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Re
         budget.share(if entry.cheap && left > 1 { 2 } else { 1 }, left);
         let found = match budget.is_over() {
             true => Err("the budget is used up".into()),
-            false => (entry.measure)(&Sweep {
-                world,
-                case: &swept,
-                budget: &budget,
-            }),
+            false => (entry.measure)(&Sweep { world, case: &swept, budget: &budget }),
         };
         match found {
             Ok(panel) => panels.push(panel),
-            Err(reason) => left_out.push(LeftOut {
-                name: entry.name,
-                reason: reason.0,
-            }),
+            Err(reason) => left_out.push(LeftOut { name: entry.name, reason: reason.0 }),
         }
     }
     panels.sort_by_key(|panel| panel.name);

@@ -44,17 +44,8 @@ pub fn trial(world: &World, case: &Case) -> Result<Trial> {
         expand: true,
         ..case.clone()
     };
-    let Solution {
-        summary,
-        plan,
-        share,
-        results,
-        exact,
-        ..
-    } = solve(world, &case)?;
-    let compared: f64 = (COMPARISONS.iter())
-        .filter_map(|step| summary.seconds.get(*step))
-        .sum();
+    let Solution { summary, plan, share, results, exact, .. } = solve(world, &case)?;
+    let compared: f64 = (COMPARISONS.iter()).filter_map(|step| summary.seconds.get(*step)).sum();
     Ok(Trial {
         seconds: summary.wall_seconds - compared,
         summary,
@@ -68,13 +59,7 @@ pub fn trial(world: &World, case: &Case) -> Result<Trial> {
 
 /// `case` with no output but the fields at its end.
 pub fn final_fields_only(case: &Case) -> Case {
-    Case {
-        plateau: None,
-        readout: None,
-        times: Vec::new(),
-        warped_field: false,
-        ..case.clone()
-    }
+    Case { plateau: None, readout: None, times: Vec::new(), warped_field: false, ..case.clone() }
 }
 
 /// Removes what the case file fixes of the series in `p`: interval, points, recovery point, sampled
@@ -87,18 +72,12 @@ pub fn plan_series(case: &mut Case) {
 
 /// A propagator that takes `steps` equal steps to `T`, or none.
 pub fn propagation(case: &Case, method: PropagatorMethod, steps: Option<usize>) -> Propagation {
-    Propagation {
-        method,
-        step: steps.map(|n| case.end / n as f64),
-    }
+    Propagation { method, step: steps.map(|n| case.end / n as f64) }
 }
 
 /// The ranks of `world` on any mesh.
 pub fn ranks(world: &World) -> Resources {
-    Resources {
-        ranks: world.group().size(),
-        ..Resources::default()
-    }
+    Resources { ranks: world.group().size(), ..Resources::default() }
 }
 
 /// The title of `case`, or its name.

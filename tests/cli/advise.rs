@@ -22,20 +22,14 @@ fn advise(path: &str, accuracy: &str) -> Job {
 }
 
 fn require(holds: bool, advised: &Value, what: &str) -> Result<(), String> {
-    if holds {
-        Ok(())
-    } else {
-        Err(format!("{what}: {advised:#}"))
-    }
+    if holds { Ok(()) } else { Err(format!("{what}: {advised:#}")) }
 }
 
 /// The entry whose name begins so.
 fn entry<'a>(advised: &'a Value, name: &str) -> Result<&'a Value, String> {
     let entries = advised["entries"].as_array().into_iter().flatten();
     let mut named = entries.filter(|e| e["name"].as_str().is_some_and(|n| n.starts_with(name)));
-    named
-        .next()
-        .ok_or_else(|| format!("no {name}: {advised:#}"))
+    named.next().ok_or_else(|| format!("no {name}: {advised:#}"))
 }
 
 fn number(value: &Value) -> f64 {
@@ -92,17 +86,9 @@ fn advice_on_a_smooth_problem_is_right() {
         let error = run(Job::new(words), "advised")?;
         require(error <= epsilon, best, &format!("reaches only {error:e}"))?;
         let told = number(&best["error"]);
-        require(
-            (error / told - 1.0).abs() < 0.02,
-            best,
-            &format!("tells of {error:e}"),
-        )?;
+        require((error / told - 1.0).abs() < 0.02, best, &format!("tells of {error:e}"))?;
         // Not by far more than it must be.
-        require(
-            error >= 0.6 * epsilon,
-            best,
-            &format!("over-solves: {error:e}"),
-        )?;
+        require(error >= 0.6 * epsilon, best, &format!("over-solves: {error:e}"))?;
         let shape = numbers(&best["shape"]);
         let half = [
             format!("axis.0.x.cells={}", (shape[0] / 2.0).floor()),
@@ -110,25 +96,14 @@ fn advice_on_a_smooth_problem_is_right() {
         ];
         let job = Job::new(["run", &path]).set(&half.each_ref().map(String::as_str));
         let coarser = run(job, "half")?;
-        require(
-            coarser > epsilon,
-            best,
-            &format!("half of it reaches {coarser:e}"),
-        )?;
+        require(coarser > epsilon, best, &format!("half of it reaches {coarser:e}"))?;
         // Without the exact solution.
-        let blind = advise(&path, accuracy)
-            .set(&["exact={}"])
-            .succeed()?
-            .json()?;
+        let blind = advise(&path, accuracy).set(&["exact={}"]).succeed()?.json()?;
         require(blind["exact"] == false, &blind, "exact")?;
         let blind = entry(&blind, "classical, exponential")?;
         require(blind["known"] == "estimated", blind, "not estimated")?;
         let ratio = number(&blind["cells"]) / number(&classical["cells"]);
-        require(
-            (0.5..2.0).contains(&ratio),
-            blind,
-            &format!("{ratio} times as many cells"),
-        )
+        require((0.5..2.0).contains(&ratio), blind, &format!("{ratio} times as many cells"))
     });
 }
 
@@ -139,10 +114,7 @@ fn advice_at_a_step_knows_its_order_and_keeps_the_step_on_a_face() {
     let rows = [(127, 2e-2), (128, 3e-2)];
     check_all(&rows, |(cells, epsilon)| {
         let job = advise(&case("example1.toml"), &epsilon.to_string());
-        let advised = job
-            .set(&[&format!("axis.0.x.cells={cells}")])
-            .succeed()?
-            .json()?;
+        let advised = job.set(&[&format!("axis.0.x.cells={cells}")]).succeed()?.json()?;
         let first = entry(&advised, "classical, exponential, hat")?;
         let order = number(&first["order"]["order"]);
         require((0.3..1.05).contains(&order), first, "order")?;
@@ -170,14 +142,11 @@ fn advice_is_the_same_on_any_ranks() {
     check_all(&rows, |(name, accuracy, settings)| {
         let told = |ranks: usize| {
             // So long that the clock ends nothing, on a busy machine too.
-            let job = advise(&case(name), accuracy)
-                .within(300)
-                .set(settings)
-                .with(["--budget", "300s"]);
+            let job =
+                advise(&case(name), accuracy).within(300).set(settings).with(["--budget", "300s"]);
             let mut advised = job.on(ranks).succeed()?.json()?;
-            let best = advised["best"]
-                .as_u64()
-                .map(|k| advised["entries"][k as usize]["name"].clone());
+            let best =
+                advised["best"].as_u64().map(|k| advised["entries"][k as usize]["name"].clone());
             advised["best"] = best.into();
             advised["ranks"].take();
             let entries = advised["entries"].as_array_mut().ok_or("no entries")?;
@@ -194,11 +163,7 @@ fn advice_is_the_same_on_any_ranks() {
         require(one["best"].is_string(), &one, "nothing by modes")?;
         for ranks in [2, 3] {
             let other = told(ranks)?;
-            require(
-                other == one,
-                &other,
-                &format!("{ranks} ranks differ from one"),
-            )?;
+            require(other == one, &other, &format!("{ranks} ranks differ from one"))?;
         }
         Ok(())
     });
@@ -247,10 +212,7 @@ fn what_is_out_of_reach_is_refused() {
         (vec!["--accuracy", "-1"], "above 0 and below 1"),
         (vec!["--accuracy", "1.5"], "above 0 and below 1"),
         (vec!["--budget", "0"], "above 0"),
-        (
-            vec!["--accuracy", "1e-1", "--budget", "1e-6"],
-            "a longer --budget",
-        ),
+        (vec!["--accuracy", "1e-1", "--budget", "1e-6"], "a longer --budget"),
     ];
     check_all(&rows, |(arguments, says)| {
         let path = case("step_up.toml");

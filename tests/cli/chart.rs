@@ -57,12 +57,7 @@ fn complete(entry: &Value) -> Result<(), String> {
         Some("left-out") => known("expected_seconds") && !known("seconds"),
         _ => false,
     };
-    let front = [
-        "front_exact",
-        "front_seconds",
-        "front_applications",
-        "front_until_measured",
-    ];
+    let front = ["front_exact", "front_seconds", "front_applications", "front_until_measured"];
     let on = front.iter().any(|key| entry[key] == true);
     match right && known("grid") && (!on || known("seconds")) {
         true => Ok(()),
@@ -75,10 +70,7 @@ fn is_well_formed(svg: &str) -> Result<(), String> {
     let mut open: Vec<&str> = Vec::new();
     for piece in svg.split('<').skip(1) {
         let (tag, _) = piece.split_once('>').ok_or("a tag without end")?;
-        let name = tag
-            .split([' ', '\n', '/'])
-            .find(|n| !n.is_empty())
-            .unwrap_or("");
+        let name = tag.split([' ', '\n', '/']).find(|n| !n.is_empty()).unwrap_or("");
         if tag.starts_with(['?', '!']) || tag.ends_with('/') {
             continue;
         }
@@ -108,33 +100,22 @@ fn png_size(path: &Path) -> Result<[u32; 2], String> {
 
 #[test]
 fn every_case_has_a_chart_within_its_budget() {
-    let papers = [
-        "paper/example1.toml",
-        "paper/example2.toml",
-        "paper/example3.toml",
-    ];
-    let all: Vec<(usize, String)> = (cases().into_iter())
-        .chain(papers.map(str::to_owned))
-        .enumerate()
-        .collect();
+    let papers = ["paper/example1.toml", "paper/example2.toml", "paper/example3.toml"];
+    let all: Vec<(usize, String)> =
+        (cases().into_iter()).chain(papers.map(str::to_owned)).enumerate().collect();
     let both = AtomicUsize::new(0);
     check_all(&all, |(k, name)| {
         const BUDGET: f64 = 2.5;
         let place = directory();
         let found = chart(name, shrunk(name), (1 + k % 4, BUDGET), place.path())?;
-        entries(&found)
-            .iter()
-            .try_for_each(complete)
-            .map_err(|e| format!("{name}: {e}"))?;
+        entries(&found).iter().try_for_each(complete).map_err(|e| format!("{name}: {e}"))?;
         // More ranks than cores wait for each other longer than anybody can foretell.
         let took = found["took_seconds"].as_f64().unwrap_or(f64::INFINITY);
         if k % 4 == 0 && took > 3.0 * BUDGET + LATE {
             return Err(format!("{name}: {took} s of {BUDGET} s"));
         }
         let done = |method: &str| {
-            entries(&found)
-                .iter()
-                .any(|e| e["status"] == "done" && e["method"] == method)
+            entries(&found).iter().any(|e| e["status"] == "done" && e["method"] == method)
         };
         if !done("classical") {
             return Err(format!("{name}: no classical method was tried"));
@@ -143,10 +124,7 @@ fn every_case_has_a_chart_within_its_budget() {
         // A line for each trial, and one of names.
         let csv = read(&place.path().join("chart.csv"))?;
         if csv.lines().count() != entries(&found).len() + 1 {
-            return Err(format!(
-                "{name}: chart.csv has {} lines",
-                csv.lines().count()
-            ));
+            return Err(format!("{name}: chart.csv has {} lines", csv.lines().count()));
         }
         is_well_formed(&read(&place.path().join("chart.svg"))?)
             .map_err(|e| format!("{name}: {e}"))?;
@@ -158,11 +136,7 @@ fn every_case_has_a_chart_within_its_budget() {
     });
     // On a machine that others use some find time for nothing but the first trial.
     let both = both.load(Ordering::Relaxed);
-    assert!(
-        3 * both >= all.len(),
-        "by modes: {both} of {} cases",
-        all.len()
-    );
+    assert!(3 * both >= all.len(), "by modes: {both} of {} cases", all.len());
 }
 
 /// A case small enough for all of the first rounds.
@@ -224,10 +198,7 @@ fn errors_fall_as_they_should() {
     let found = chart("step_up.toml", &SMALL, (2, 20.0), place.path()).unwrap();
     let grid = &found["compared_on"];
     let mut checked = 0;
-    for e in entries(&found)
-        .iter()
-        .filter(|e| e["status"] == "done" && e["paper"] == false)
-    {
+    for e in entries(&found).iter().filter(|e| e["status"] == "done" && e["paper"] == false) {
         let (Some(tolerance), Some(error)) =
             (e["tolerance"].as_f64(), e["error_semidiscrete"].as_f64())
         else {
@@ -245,12 +216,7 @@ fn errors_fall_as_they_should() {
             .filter(|e| {
                 e["integrator"] == integrator && e["limiter"] == "none" && e["grid"] == *grid
             })
-            .filter_map(|e| {
-                Some([
-                    e["applications"].as_f64()?,
-                    e["error_semidiscrete"].as_f64()?,
-                ])
-            })
+            .filter_map(|e| Some([e["applications"].as_f64()?, e["error_semidiscrete"].as_f64()?]))
             .filter(|[_, error]| *error > 1e-11)
             .collect();
         points.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -258,10 +224,7 @@ fn errors_fall_as_they_should() {
             panic!("no {integrator}");
         };
         let slope = (first[1] / last[1]).ln() / (last[0] / first[0]).ln();
-        assert!(
-            (slope - order).abs() < 0.25,
-            "{integrator}: {slope} of {points:?}"
-        );
+        assert!((slope - order).abs() < 0.25, "{integrator}: {slope} of {points:?}");
     }
 }
 
@@ -273,10 +236,7 @@ fn without_an_exact_solution_the_semi_discrete_one_is_left() {
     assert!(found["exact"].is_null());
     assert!(entries(&found).iter().all(|e| e["error_exact"].is_null()));
     let text = found["sentences"].to_string();
-    assert!(
-        !text.contains("exact solution") && text.contains("semi-discrete"),
-        "{text}"
-    );
+    assert!(!text.contains("exact solution") && text.contains("semi-discrete"), "{text}");
 }
 
 #[test]
@@ -287,22 +247,11 @@ fn what_cannot_be_charted_is_refused() {
     let inside = file.join("chart");
     let rows = [
         (
-            Job::new([
-                "chart",
-                &case("step_up.toml"),
-                "-o",
-                &inside.display().to_string(),
-            ]),
+            Job::new(["chart", &case("step_up.toml"), "-o", &inside.display().to_string()]),
             "output directory",
         ),
-        (
-            Job::new(["chart", &case("step_up.toml"), "--budget", "0"]),
-            "--budget",
-        ),
-        (
-            Job::new(["chart", &case("step_up.toml"), "--set", "initial.f=1/(x-x)"]),
-            "initial.f",
-        ),
+        (Job::new(["chart", &case("step_up.toml"), "--budget", "0"]), "--budget"),
+        (Job::new(["chart", &case("step_up.toml"), "--set", "initial.f=1/(x-x)"]), "initial.f"),
         (
             Job::new([
                 "chart",

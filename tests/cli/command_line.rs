@@ -41,61 +41,22 @@ const MISTAKES: &[(&str, &[&str])] = &[
     ("plan EXAMPLE --ranks 0", &["'0'", "--ranks", "1..="]),
     ("plan EXAMPLE --ranks -1", &["-1"]),
     ("plan EXAMPLE --ranks two", &["'two'", "--ranks"]),
-    (
-        "plan EXAMPLE --memory-per-rank 4~parsecs",
-        &["4 parsecs", "--memory-per-rank", "GiB"],
-    ),
-    (
-        "plan EXAMPLE --ranks 6 --ranks-x 4",
-        &["--ranks-x", "4", "6", "1, 2, 3, 6"],
-    ),
-    (
-        "run EXAMPLE -o OUT --ranks-x 3",
-        &["--ranks-x", "3 blocks", "2 ranks", "1, 2"],
-    ),
-    (
-        "run EXAMPLE -o OUT --ranks-x 0",
-        &["--ranks-x", "0", "1 to 128"],
-    ),
-    (
-        "run EXAMPLE -o OUT --ranks-x 129",
-        &["--ranks-x", "129", "128 cells"],
-    ),
-    (
-        "run EXAMPLE -o OUT --ranks-x 1,2",
-        &["--ranks-x", "2 numbers", "1 x-axes"],
-    ),
-    (
-        "run PLANE -o OUT --ranks-x 2,2",
-        &["--ranks-x", "4 blocks", "2 ranks"],
-    ),
-    (
-        "run PLANE -o OUT --ranks-x 1,99999999999999999999",
-        &["--ranks-x"],
-    ),
-    (
-        "run PLANE -o OUT --ranks-x 4294967296,4294967296",
-        &["--ranks-x", "4294967296"],
-    ),
+    ("plan EXAMPLE --memory-per-rank 4~parsecs", &["4 parsecs", "--memory-per-rank", "GiB"]),
+    ("plan EXAMPLE --ranks 6 --ranks-x 4", &["--ranks-x", "4", "6", "1, 2, 3, 6"]),
+    ("run EXAMPLE -o OUT --ranks-x 3", &["--ranks-x", "3 blocks", "2 ranks", "1, 2"]),
+    ("run EXAMPLE -o OUT --ranks-x 0", &["--ranks-x", "0", "1 to 128"]),
+    ("run EXAMPLE -o OUT --ranks-x 129", &["--ranks-x", "129", "128 cells"]),
+    ("run EXAMPLE -o OUT --ranks-x 1,2", &["--ranks-x", "2 numbers", "1 x-axes"]),
+    ("run PLANE -o OUT --ranks-x 2,2", &["--ranks-x", "4 blocks", "2 ranks"]),
+    ("run PLANE -o OUT --ranks-x 1,99999999999999999999", &["--ranks-x"]),
+    ("run PLANE -o OUT --ranks-x 4294967296,4294967296", &["--ranks-x", "4294967296"]),
     ("run EXAMPLE -o OUT --ranks-x one", &["--ranks-x", "'one'"]),
-    (
-        "run EXAMPLE -o OUT --mode fast",
-        &["--mode", "'fast'", "streamed"],
-    ),
+    ("run EXAMPLE -o OUT --mode fast", &["--mode", "'fast'", "streamed"]),
     ("run EXAMPLE -o EMPTY", &["--output"]),
     ("spectrum EXAMPLE --steps 1", &["--steps", "'1'"]),
-    (
-        "spectrum EXAMPLE --refine 1,0",
-        &["--refine", "'0'", "1 to 64"],
-    ),
-    (
-        "spectrum EXAMPLE --refine 65",
-        &["--refine", "'65'", "1 to 64"],
-    ),
-    (
-        "spectrum EXAMPLE --refine 1,two",
-        &["--refine", "'two'", "1 to 64"],
-    ),
+    ("spectrum EXAMPLE --refine 1,0", &["--refine", "'0'", "1 to 64"]),
+    ("spectrum EXAMPLE --refine 65", &["--refine", "'65'", "1 to 64"]),
+    ("spectrum EXAMPLE --refine 1,two", &["--refine", "'two'", "1 to 64"]),
 ];
 
 #[test]
@@ -110,10 +71,7 @@ fn mistakes_on_the_command_line_are_refused() {
         let says: Vec<&str> = says.iter().map(String::as_str).collect();
         places.job(line).on(2).within(20).is_refused(&says)
     });
-    assert!(
-        !Path::new(&places.out).exists(),
-        "a refused run made its output directory"
-    );
+    assert!(!Path::new(&places.out).exists(), "a refused run made its output directory");
     // More ranks than x-cells and modes: 3 blocks at most, and 128 ranks planned.
     let small = ["axis.0.x.cells=3", "axis.0.v.cells=2"];
     let finished = plan("example1.toml", 128).set(&small).run().unwrap();
@@ -128,10 +86,7 @@ fn mistakes_on_the_command_line_are_refused() {
 fn every_rank_ends_with_the_code() {
     let place = directory();
     let folder = place.path().display().to_string();
-    let places = Places {
-        out: folder.clone(),
-        folder,
-    };
+    let places = Places { out: folder.clone(), folder };
     let rows = [
         "chekc",
         "check nowhere.toml",
@@ -147,9 +102,7 @@ fn every_rank_ends_with_the_code() {
         let finished = job.telling_codes().run()?;
         let said = finished.output.clone() + &finished.others;
         let codes = said.matches("ended with 2").count();
-        require(codes == 3, &finished, || {
-            format!("{codes} of 3 ranks ended with 2")
-        })?;
+        require(codes == 3, &finished, || format!("{codes} of 3 ranks ended with 2"))?;
         let messages = finished.errors.matches("error: ").count();
         require(messages == 1, &finished, || format!("{messages} messages"))
     });
@@ -164,17 +117,9 @@ fn help_is_said_once() {
         "{}",
         finished.report("usage expected")
     );
-    for (option, says) in [
-        ("--help", "Usage:"),
-        ("--version", env!("CARGO_PKG_VERSION")),
-    ] {
+    for (option, says) in [("--help", "Usage:"), ("--version", env!("CARGO_PKG_VERSION"))] {
         let finished = Job::new([option]).on(2).succeed().unwrap();
-        assert_eq!(
-            finished.output.matches(says).count(),
-            1,
-            "{}",
-            finished.report(option)
-        );
+        assert_eq!(finished.output.matches(says).count(), 1, "{}", finished.report(option));
     }
 }
 

@@ -5,16 +5,8 @@ use crate::support::{check_all, directory, meets_its_tolerance, refused, run};
 /// Every embedding, δ planned and given, a shift: the tolerance is met and the estimate is right.
 #[test]
 fn tolerances_are_met_with_every_embedding() {
-    let steady = [
-        "inflow_barrier.toml",
-        "axis.0.x.cells=32",
-        "axis.0.v.cells=36",
-    ];
-    let pulsed = [
-        "pulsed_inflow.toml",
-        "axis.0.x.cells=20",
-        "axis.0.v.cells=22",
-    ];
+    let steady = ["inflow_barrier.toml", "axis.0.x.cells=32", "axis.0.v.cells=36"];
+    let pulsed = ["pulsed_inflow.toml", "axis.0.x.cells=20", "axis.0.v.cells=22"];
     let mut rows = Vec::new();
     for grid in [steady, pulsed] {
         for embedding in ["boundary", "full", "scalar"] {
@@ -29,12 +21,7 @@ fn tolerances_are_met_with_every_embedding() {
     }
     check_all(&rows, |([name, x, v], settings)| {
         let mut set = vec![*x, *v, "solver.verify=true", "solver.tolerance=1e-5"];
-        set.extend(
-            settings
-                .iter()
-                .map(String::as_str)
-                .filter(|s| !s.is_empty()),
-        );
+        set.extend(settings.iter().map(String::as_str).filter(|s| !s.is_empty()));
         let place = directory();
         meets_its_tolerance(&run(name).on(2).set(&set).solve(place.path())?)
     });
@@ -57,27 +44,16 @@ fn what_no_embedding_can_do() {
         ),
         (
             "pulsed_inflow.toml",
-            &[
-                "axis.0.x.cells=8",
-                "axis.0.v.cells=6",
-                "inflow.value='sin(40000*t)'",
-            ],
+            &["axis.0.x.cells=8", "axis.0.v.cells=6", "inflow.value='sin(40000*t)'"],
             &["inflow.value", "changes too fast", "8192 steps"],
         ),
     ];
     check_all(rows, |(name, settings, says)| {
         let place = directory();
-        refused(
-            &run(name).on(2).set(settings).into(place.path()).run()?,
-            says,
-        )
+        refused(&run(name).on(2).set(settings).into(place.path()).run()?, says)
     });
     let place = directory();
-    let grid = [
-        "axis.0.x.cells=16",
-        "axis.0.v.cells=16",
-        "solver.warp.delta=2",
-    ];
+    let grid = ["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.warp.delta=2"];
     let summary = run("example1.toml").set(&grid).solve(place.path()).unwrap();
     let warnings = summary.warnings();
     assert!(warnings.contains("delta has no effect"), "{warnings}");

@@ -126,11 +126,7 @@ fn same_bits_everywhere(scene: &Scene) {
     job().solve(reference.path()).unwrap();
     let reference = datasets(reference.path()).unwrap();
     for name in scene.datasets {
-        assert!(
-            reference.contains_key(*name),
-            "no {name} in result.h5: {}",
-            job().command()
-        );
+        assert!(reference.contains_key(*name), "no {name} in result.h5: {}", job().command());
     }
 
     let mut rows: Vec<(usize, Option<Vec<usize>>)> = Vec::new();
@@ -139,12 +135,7 @@ fn same_bits_everywhere(scene: &Scene) {
         |m: &Vec<usize>| (m.iter().enumerate()).all(|(a, m)| *m == 1 || !space.is_periodic(a));
     for ranks in 1..=4 {
         rows.push((ranks, None));
-        rows.extend(
-            meshes(scene.axes, ranks)
-                .into_iter()
-                .filter(whole)
-                .map(|m| (ranks, Some(m))),
-        );
+        rows.extend(meshes(scene.axes, ranks).into_iter().filter(whole).map(|m| (ranks, Some(m))));
     }
     rows.push((7, None));
     check_all(&rows, |(ranks, mesh)| {
@@ -157,9 +148,7 @@ fn same_bits_everywhere(scene: &Scene) {
         let summary = job.solve(place.path())?;
         // It really ran so.
         let found = (&summary.value["ranks"], &summary.value["space_blocks"]);
-        summary.require(*found.0 == serde_json::json!(ranks), || {
-            format!("ranks: {}", found.0)
-        })?;
+        summary.require(*found.0 == serde_json::json!(ranks), || format!("ranks: {}", found.0))?;
         if let Some(mesh) = mesh {
             let groups = ranks / mesh.iter().product::<usize>();
             let as_asked = *found.1 == serde_json::json!(mesh)
@@ -177,11 +166,7 @@ fn same_bits_everywhere(scene: &Scene) {
     let end = format!("time.end={}", 0.7 * (1.0 + 1e-9));
     job().set(&[&end]).solve(place.path()).unwrap();
     let differ = differences(&datasets(place.path()).unwrap(), &reference);
-    let field = if scene.datasets.contains(&"/phi") {
-        "/psi"
-    } else {
-        "/f"
-    };
+    let field = if scene.datasets.contains(&"/phi") { "/psi" } else { "/f" };
     assert!(
         differ.contains(&field.to_owned()) && !differ.contains(&"/axis/x".to_owned()),
         "a changed time.end changes {differ:?}"
@@ -231,13 +216,7 @@ fn same_bits_at_output_times() {
             "output.chunks=[5, 6]",
         ],
         axes: 1,
-        datasets: &[
-            "/f",
-            "/history/f",
-            "/history/density",
-            "/history/mass",
-            "/axis/time",
-        ],
+        datasets: &["/f", "/history/f", "/history/density", "/history/mass", "/axis/time"],
     });
 }
 

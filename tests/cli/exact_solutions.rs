@@ -72,29 +72,16 @@ fn slopes_are_of_second_order() {
     let rise = |of: &str, at: f64, width: f64| format!("(1 + tanh(({of} - ({at}))/{width}))/2");
     let line = |potential: &str, x: &str, v: &str| {
         let f = |x: &str, v: &str| {
-            format!(
-                "{} * {}",
-                rise(x, -0.5, 0.5),
-                rise(&format!("2.5 - ({v})"), 0.0, 0.35)
-            )
+            format!("{} * {}", rise(x, -0.5, 0.5), rise(&format!("2.5 - ({v})"), 0.0, 0.35))
         };
         (potential.to_owned(), f("x", "v"), f(x, v))
     };
     let transport = line("0", "x - v*t", "v");
     let force = line("0.5*x", "x - v*t - 0.25*t^2", "v + 0.5*t");
     let cloud = |x: &str, y: &str| format!("{} * {}", rise(x, -0.3, 0.5), rise(y, -0.2, 0.6));
-    let plane = (
-        "0".to_owned(),
-        cloud("x", "y"),
-        cloud("x - vx*t", "y - vy*t"),
-    );
+    let plane = ("0".to_owned(), cloud("x", "y"), cloud("x - vx*t", "y - vy*t"));
     // Name, scene, axes by refinement, end.
-    type Scene<'a> = (
-        &'a str,
-        &'a (String, String, String),
-        fn(usize) -> String,
-        f64,
-    );
+    type Scene<'a> = (&'a str, &'a (String, String, String), fn(usize) -> String, f64);
     let axes_line = |n: usize| {
         format!(
             "[[axis]]\nx = {{ lower = -4, upper = 5, cells = {} }}\n\
@@ -131,28 +118,25 @@ fn slopes_are_of_second_order() {
             rows.push((scene, limiter, order));
         }
     }
-    check_all(
-        &rows,
-        |((name, (potential, initial, exact), axes, end), limiter, order)| {
-            let error = |n: usize| -> Result<f64, String> {
-                let place = directory();
-                let file = place.path().join("smooth.toml");
-                let text = format!(
-                    "{}[[potential]]\nvalue = \"{potential}\"\n[initial]\nf = \"{initial}\"\n\
+    check_all(&rows, |((name, (potential, initial, exact), axes, end), limiter, order)| {
+        let error = |n: usize| -> Result<f64, String> {
+            let place = directory();
+            let file = place.path().join("smooth.toml");
+            let text = format!(
+                "{}[[potential]]\nvalue = \"{potential}\"\n[initial]\nf = \"{initial}\"\n\
                  [time]\nend = {end}\n\
                  [scheme]\nlimiter = \"{limiter}\"\n[solver]\nmethod = \"classical\"\n\
                  [solver.classical]\nintegrator = \"ssp-rk3\"\n[exact]\nf = \"{exact}\"\n",
-                    axes(n)
-                );
-                std::fs::write(&file, text).map_err(|e| e.to_string())?;
-                let job = Job::new(["run".to_owned(), file.display().to_string()]);
-                job.solve(place.path())?.number("error_l1")
-            };
-            let (coarse, fine) = (error(4)?, error(8)?);
-            let what = format!("order, {name}, {limiter} (errors {coarse:e}, {fine:e})");
-            near(&what, (coarse / fine).log2(), *order, 0.2)
-        },
-    );
+                axes(n)
+            );
+            std::fs::write(&file, text).map_err(|e| e.to_string())?;
+            let job = Job::new(["run".to_owned(), file.display().to_string()]);
+            job.solve(place.path())?.number("error_l1")
+        };
+        let (coarse, fine) = (error(4)?, error(8)?);
+        let what = format!("order, {name}, {limiter} (errors {coarse:e}, {fine:e})");
+        near(&what, (coarse / fine).log2(), *order, 0.2)
+    });
 }
 
 /// With slopes and the longest step, nothing rises above the data and what enters, and nothing
@@ -162,11 +146,9 @@ fn slopes_keep_the_bounds() {
     let mut rows = Vec::new();
     // Slopes do not go with an inflow that varies.
     for name in (cases().into_iter()).filter(|name| name != "pulsed_inflow.toml") {
-        for (limiter, integrator) in [
-            ("minmod", "forward-euler"),
-            ("van-leer", "forward-euler"),
-            ("van-leer", "ssp-rk3"),
-        ] {
+        for (limiter, integrator) in
+            [("minmod", "forward-euler"), ("van-leer", "forward-euler"), ("van-leer", "ssp-rk3")]
+        {
             for interface in INTERFACES {
                 rows.push((name.clone(), limiter, integrator, interface));
             }
@@ -214,11 +196,7 @@ fn the_lens_refracts_its_beam() {
         let sum = |axis: usize| -> f64 {
             columns
                 .clone()
-                .map(|i| {
-                    momentum[axis * points + i * cells[1]..][..cells[1]]
-                        .iter()
-                        .sum::<f64>()
-                })
+                .map(|i| momentum[axis * points + i * cells[1]..][..cells[1]].iter().sum::<f64>())
                 .sum()
         };
         sum(1) / sum(0)
@@ -244,11 +222,8 @@ fn the_lens_refracts_its_beam() {
 fn conservative_interface_keeps_the_mass() {
     let change = |settings: &[&str]| -> Result<f64, String> {
         let place = directory();
-        let summary = run("well.toml")
-            .on(2)
-            .set(&["time.end=0.2"])
-            .set(settings)
-            .solve(place.path())?;
+        let summary =
+            run("well.toml").on(2).set(&["time.end=0.2"]).set(settings).solve(place.path())?;
         let (after, before) = (summary.number("mass")?, summary.number("mass_initial")?);
         summary.require(before > 0.1, || format!("mass_initial {before}"))?;
         Ok((after / before - 1.0).abs())
@@ -258,17 +233,10 @@ fn conservative_interface_keeps_the_mass() {
         ([conservative, "solver.method=classical"], 1e-12),
         ([conservative, "solver.tolerance=2e-13"], 1e-12),
     ] {
-        at_most(
-            &format!("change of mass, {settings:?}"),
-            change(&settings).unwrap(),
-            limit,
-        )
-        .unwrap();
+        at_most(&format!("change of mass, {settings:?}"), change(&settings).unwrap(), limit)
+            .unwrap();
     }
     // Control: the walls were met, where the hat interface makes mass.
     let hat = change(&["scheme.interface=hat", "solver.method=classical"]).unwrap();
-    assert!(
-        hat > 1e-5,
-        "hat: change of mass {hat:e}; the well's walls were not met"
-    );
+    assert!(hat > 1e-5, "hat: change of mass {hat:e}; the well's walls were not met");
 }

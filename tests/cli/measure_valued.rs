@@ -14,10 +14,7 @@ fn fields_of_one_run_are_those_of_runs_of_their_own() {
     let measure: String = std::fs::read_to_string(case("example2.toml")).unwrap();
     let w = "0.9 if x <= -2 else 0.9 - 0.225*(x + 2)^2 if x <= 0 \
              else -0.9 + 0.225*(x - 2)^2 if x < 2 else -0.9";
-    let (before, after) = (
-        measure.find("[initial]").unwrap(),
-        measure.find("[time]").unwrap(),
-    );
+    let (before, after) = (measure.find("[initial]").unwrap(), measure.find("[time]").unwrap());
     let plain = |f: &str| {
         format!(
             "{}[initial]\nf = \"{f}\"\n[inflow]\nvalue = \"initial\"\n{}",
@@ -118,11 +115,7 @@ fn moments_of_example_3_are_those_of_its_level_sets() {
                 m += axis[i] * f;
             }
         }
-        assert!(
-            (rho - density[x]).abs() < 1e-12,
-            "{x}: {rho} {}",
-            density[x]
-        );
+        assert!((rho - density[x]).abs() < 1e-12, "{x}: {rho} {}", density[x]);
         assert!((m - momentum[x]).abs() < 1e-12, "{x}: {m}");
         most = most.max(rho);
     }
@@ -133,56 +126,22 @@ fn moments_of_example_3_are_those_of_its_level_sets() {
 fn mistakes_in_measure_valued_data_are_refused() {
     let rows: &[(&str, &[&str])] = &[
         ("initial.f=1", &["initial.f", "either"]),
-        (
-            "initial.velocity=[]",
-            &["initial.velocity", "0 formulas", "list of 1"],
-        ),
-        (
-            "initial.velocity=[\"0\", \"1\"]",
-            &["initial.velocity", "2 formulas", "list of 1"],
-        ),
-        (
-            "initial.velocity=0.9*x",
-            &["initial.velocity", "a list of formulas"],
-        ),
-        (
-            "initial.velocity=[true]",
-            &["initial.velocity.0", "true", "a formula in quotes"],
-        ),
-        (
-            "initial.velocity=[\"v\"]",
-            &["initial.velocity", "unknown name \"v\""],
-        ),
-        (
-            "initial.density=v^2",
-            &["initial.density", "unknown name \"v\""],
-        ),
+        ("initial.velocity=[]", &["initial.velocity", "0 formulas", "list of 1"]),
+        ("initial.velocity=[\"0\", \"1\"]", &["initial.velocity", "2 formulas", "list of 1"]),
+        ("initial.velocity=0.9*x", &["initial.velocity", "a list of formulas"]),
+        ("initial.velocity=[true]", &["initial.velocity.0", "true", "a formula in quotes"]),
+        ("initial.velocity=[\"v\"]", &["initial.velocity", "unknown name \"v\""]),
+        ("initial.density=v^2", &["initial.density", "unknown name \"v\""]),
         ("exact={f=\"x\"}", &["exact.f", "measure-valued"]),
-        (
-            "output.delta_width=wide",
-            &["output.delta_width", "determinant", "gradient"],
-        ),
-        (
-            "initial={density=\"1\"}",
-            &["initial.velocity", "list of 1"],
-        ),
-        (
-            "initial={velocity=[\"1\"]}",
-            &["initial.density", "missing"],
-        ),
+        ("output.delta_width=wide", &["output.delta_width", "determinant", "gradient"]),
+        ("initial={density=\"1\"}", &["initial.velocity", "list of 1"]),
+        ("initial={velocity=[\"1\"]}", &["initial.density", "missing"]),
     ];
-    all_refused(rows, |(setting, says), _| {
-        Mistake::set("example2.toml", &[setting], says)
-    });
+    all_refused(rows, |(setting, says), _| Mistake::set("example2.toml", &[setting], says));
     // What only the values on the grid show.
     let rows = [
         ("initial.density=sqrt(x)", ["initial.density", "NaN"]),
-        (
-            "initial.velocity=[\"sqrt(x)\"]",
-            ["initial.velocity", "NaN"],
-        ),
+        ("initial.velocity=[\"sqrt(x)\"]", ["initial.velocity", "NaN"]),
     ];
-    check_all(&rows, |(setting, says)| {
-        check("example2.toml").set(&[setting]).is_refused(says)
-    });
+    check_all(&rows, |(setting, says)| check("example2.toml").set(&[setting]).is_refused(says));
 }

@@ -10,17 +10,9 @@ fn memory_is_what_was_planned() {
     let tiny = run("example1.toml").set(&["axis.0.x.cells=2", "axis.0.v.cells=2"]);
     let base = tiny.on(1).solve(place.path()).unwrap();
     let base = base.number("memory_peak_bytes_per_rank").unwrap();
-    let grid = [
-        "axis.0.x.cells=512",
-        "axis.0.v.cells=512",
-        "time.end=0.05",
-        "solver.tolerance=0.01",
-    ];
-    let large = [
-        "axis.0.x.cells=1024",
-        "axis.0.v.cells=1024",
-        "time.end=0.05",
-    ];
+    let grid =
+        ["axis.0.x.cells=512", "axis.0.v.cells=512", "time.end=0.05", "solver.tolerance=0.01"];
+    let large = ["axis.0.x.cells=1024", "axis.0.v.cells=1024", "time.end=0.05"];
     let plane = [
         "axis.0.x.cells=30",
         "axis.1.x.cells=30",
@@ -32,42 +24,27 @@ fn memory_is_what_was_planned() {
     let slopes = [SLOPES[0], SLOPES[1], "scheme.limiter=minmod"];
     let rows: &[(&str, &[&str], &[&str], usize)] = &[
         ("example1.toml", &grid, &[], 1),
-        (
-            "example1.toml",
-            &grid,
-            &["scheme.interface=conservative"],
-            2,
-        ),
+        ("example1.toml", &grid, &["scheme.interface=conservative"], 2),
         ("example1.toml", &large, &["solver.method=classical"], 1),
         ("example1.toml", &grid, &["solver.verify=true"], 1),
         ("slope_jump.toml", &grid, &slopes, 1),
         ("inflow_barrier.toml", &grid, &[], 1),
         ("slope_jump.toml", &grid, &[], 2),
         ("barrier2d.toml", &plane, &[], 1),
-        (
-            "slope_jump.toml",
-            &grid,
-            &["solver.propagator.method=krylov"],
-            1,
-        ),
+        ("slope_jump.toml", &grid, &["solver.propagator.method=krylov"], 1),
         ("example2.toml", &grid, &[], 1),
         ("example3.toml", &plane, &[], 2),
     ];
     check_all(rows, |(name, size, settings, ranks)| {
         let place = directory();
-        let summary = run(name)
-            .set(size)
-            .set(settings)
-            .on(*ranks)
-            .solve(place.path())?;
+        let summary = run(name).set(size).set(settings).on(*ranks).solve(place.path())?;
         let peak = summary.number("memory_peak_bytes_per_rank")?;
         let planned = summary.number("memory_planned_bytes_per_rank")?;
         let mib = |bytes: f64| format!("{:.0} MiB", bytes / f64::from(1 << 20));
         let (peak_text, planned_text, base_text) = (mib(peak), mib(planned), mib(base));
         let arrays_count = peak > 1.4 * base;
-        summary.require(arrays_count, || {
-            format!("peak {peak_text} of a program of {base_text}")
-        })?;
+        summary
+            .require(arrays_count, || format!("peak {peak_text} of a program of {base_text}"))?;
         summary.require(planned >= peak - base && planned <= 3.0 * peak, || {
             format!("planned {planned_text}, peak {peak_text}, program {base_text}")
         })?;
@@ -107,14 +84,8 @@ fn factors_take_no_more_memory_than_planned() {
     ];
     check_all(rows, |(name, size, ranks)| {
         let place = directory();
-        let job = run(name)
-            .set(size)
-            .set(&[implicit, "time.end=0.02", "solver.tolerance=0.1"]);
-        let job = if *ranks > 1 {
-            job.with(["--ranks-x", "2"])
-        } else {
-            job
-        };
+        let job = run(name).set(size).set(&[implicit, "time.end=0.02", "solver.tolerance=0.1"]);
+        let job = if *ranks > 1 { job.with(["--ranks-x", "2"]) } else { job };
         let summary = job.on(*ranks).solve(place.path())?;
         let peak = summary.number("memory_peak_bytes_per_rank")?;
         let planned = summary.number("memory_planned_bytes_per_rank")?;
@@ -138,15 +109,9 @@ fn memory_does_not_grow_with_the_modes() {
             .set(&[&format!("solver.tolerance={tolerance}")])
             .solve(place.path())
             .unwrap();
-        (
-            summary.number("modes").unwrap(),
-            summary.number("memory_peak_bytes_per_rank").unwrap(),
-        )
+        (summary.number("modes").unwrap(), summary.number("memory_peak_bytes_per_rank").unwrap())
     };
     let ((few, low), (many, high)) = (peak("1e-2"), peak("1e-12"));
     assert!(many > 2.0 * few, "{few} and {many} modes");
-    assert!(
-        high < 1.05 * low,
-        "{low} bytes for {few} modes, {high} bytes for {many}"
-    );
+    assert!(high < 1.05 * low, "{low} bytes for {few} modes, {high} bytes for {many}");
 }

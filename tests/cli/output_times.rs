@@ -7,12 +7,7 @@ use crate::support::{at_most, check_all, datasets, directory, distance, near, ru
 #[test]
 fn results_before_the_end_are_those_of_shorter_runs() {
     let grid = ["axis.0.x.cells=40", "axis.0.v.cells=33"];
-    let measure = [
-        "axis.0.x.cells=7",
-        "axis.1.x.cells=6",
-        "axis.0.v.cells=5",
-        "axis.1.v.cells=6",
-    ];
+    let measure = ["axis.0.x.cells=7", "axis.1.x.cells=6", "axis.0.v.cells=5", "axis.1.v.cells=6"];
     let modes = ["solver.tolerance=1e-7"];
     let classical = ["solver.method=classical"];
     let rows = [
@@ -42,31 +37,19 @@ fn results_before_the_end_are_those_of_shorter_runs() {
             let one = short[dataset].numbers();
             // There is nothing to compare where there is no mean velocity.
             let found: Vec<f64> = all[k * one.len()..(k + 1) * one.len()].to_vec();
-            let (found, one): (Vec<f64>, Vec<f64>) = (found.into_iter().zip(one))
-                .filter(|(a, b)| !a.is_nan() || !b.is_nan())
-                .unzip();
+            let (found, one): (Vec<f64>, Vec<f64>) =
+                (found.into_iter().zip(one)).filter(|(a, b)| !a.is_nan() || !b.is_nan()).unzip();
             at_most(dataset, distance(&found, &one), 2e-6)
         };
-        let density = if name == "example3.toml" {
-            ["/phi", "/psi"].as_slice()
-        } else {
-            &["/f"]
-        };
+        let density = if name == "example3.toml" { ["/phi", "/psi"].as_slice() } else { &["/f"] };
         density.iter().try_for_each(|dataset| close(dataset, 1))?;
-        ["/density", "/momentum"]
-            .iter()
-            .try_for_each(|dataset| close(dataset, 3))?;
+        ["/density", "/momentum"].iter().try_for_each(|dataset| close(dataset, 3))?;
         // The last of the history is the end.
         let last = times.len() - 1;
         for dataset in ["/density", "/momentum"] {
-            let (all, end) = (
-                &long[&format!("/history{dataset}")].bytes,
-                &long[dataset].bytes,
-            );
+            let (all, end) = (&long[&format!("/history{dataset}")].bytes, &long[dataset].bytes);
             let same = all[last * end.len()..] == end[..];
-            summary.require(same, || {
-                format!("the last of /history{dataset} is not {dataset}")
-            })?;
+            summary.require(same, || format!("the last of /history{dataset} is not {dataset}"))?;
         }
         let mass = long["/history/mass"].numbers();
         near("mass", mass[last], summary.number("mass")?, 1e-15)
@@ -83,19 +66,9 @@ fn moments_alone_are_those_of_the_field() {
         "axis.1.v.cells=7",
         "solver.tolerance=1e-8",
     ]);
-    job.clone()
-        .set(&["output.moment_times=[0.1, 0.2]"])
-        .on(2)
-        .solve(alone.path())
-        .unwrap();
-    job.set(&["output.field_times=[0.1, 0.2]"])
-        .on(3)
-        .solve(with.path())
-        .unwrap();
-    let (alone, with) = (
-        datasets(alone.path()).unwrap(),
-        datasets(with.path()).unwrap(),
-    );
+    job.clone().set(&["output.moment_times=[0.1, 0.2]"]).on(2).solve(alone.path()).unwrap();
+    job.set(&["output.field_times=[0.1, 0.2]"]).on(3).solve(with.path()).unwrap();
+    let (alone, with) = (datasets(alone.path()).unwrap(), datasets(with.path()).unwrap());
     assert!(!alone.contains_key("/history/f") && with.contains_key("/history/f"));
     for name in ["density", "momentum", "mass", "kinetic_energy"] {
         let [a, b] = [&alone, &with].map(|all| all[&format!("/history/{name}")].numbers());

@@ -28,9 +28,7 @@ fn check_prints_what_was_understood() {
             let said = !words.is_empty() && finished.output.contains(words.as_str());
             require(said, &finished, || format!("\"{words}\" is not said"))?;
         }
-        require(!finished.output.contains("warning"), &finished, || {
-            "no warning expected".into()
-        })
+        require(!finished.output.contains("warning"), &finished, || "no warning expected".into())
     });
 }
 
@@ -41,10 +39,7 @@ fn plan_works_for_every_case_and_number_of_ranks() {
     check_all(&cases(), |name| {
         let read = parsed(name, shrunk(name))?;
         for ranks in [1, 2, 3, 4, 5, 6, 7, 64] {
-            let resources = Resources {
-                ranks,
-                ..Resources::default()
-            };
+            let resources = Resources { ranks, ..Resources::default() };
             let plan = Plan::new(&read, &resources, 1.0).map_err(|e| format!("{name}: {e}"))?;
             let mesh = &plan.layout.mesh;
             if mesh.space.iter().product::<usize>() * mesh.groups != ranks {
@@ -57,21 +52,13 @@ fn plan_works_for_every_case_and_number_of_ranks() {
             let value = finished.json()?;
             let mesh = &value["layout"]["mesh"];
             let blocks = mesh["space"].as_array().into_iter().flatten();
-            let ranks_of_mesh: u64 = blocks
-                .chain([&mesh["groups"]])
-                .filter_map(|n| n.as_u64())
-                .product();
+            let ranks_of_mesh: u64 =
+                blocks.chain([&mesh["groups"]]).filter_map(|n| n.as_u64()).product();
             require(ranks_of_mesh == ranks as u64, &finished, || {
                 format!("a mesh of {ranks_of_mesh} ranks: {mesh}")
             })?;
             let applications = planned(&finished, &value)?.applications.to_string();
-            let says = [
-                "memory",
-                "modes",
-                "degree",
-                &applications,
-                &ranks.to_string(),
-            ];
+            let says = ["memory", "modes", "degree", &applications, &ranks.to_string()];
             let text = plan().succeed()?;
             text.says(&text.output, &says)?;
         }
@@ -91,10 +78,7 @@ fn planned(finished: &Finished, value: &serde_json::Value) -> Result<Planned, St
     let arrays = value["layout"]["arrays"].as_array().into_iter().flatten();
     let memory: f64 = arrays.filter_map(|a| a[1].as_f64()).sum();
     match applications {
-        Some(applications) if memory > 0.0 => Ok(Planned {
-            applications,
-            memory,
-        }),
+        Some(applications) if memory > 0.0 => Ok(Planned { applications, memory }),
         _ => Err(finished.report("no warp.applications or layout.arrays in the plan")),
     }
 }
@@ -142,30 +126,15 @@ fn plans_are_kept() {
 fn calibrated_plans_are_those_of_the_run() {
     let rows = [
         (1, "example1.toml", vec!["solver.tolerance=1e-9"]),
-        (
-            2,
-            "example1.toml",
-            vec!["solver.tolerance=1e-9", "output.moments_every=0.3"],
-        ),
-        (
-            3,
-            "example3.toml",
-            vec!["axis.0.x.cells=12", "axis.1.x.cells=11"],
-        ),
+        (2, "example1.toml", vec!["solver.tolerance=1e-9", "output.moments_every=0.3"]),
+        (3, "example3.toml", vec!["axis.0.x.cells=12", "axis.1.x.cells=11"]),
         (4, "inflow_barrier.toml", vec![]),
         (2, "pulsed_inflow.toml", vec![]),
-        (
-            2,
-            "example1.toml",
-            vec!["solver.propagator.method=krylov", "axis.0.x.cells=64"],
-        ),
+        (2, "example1.toml", vec!["solver.propagator.method=krylov", "axis.0.x.cells=64"]),
         (
             2,
             "step_up.toml",
-            vec![
-                "solver.propagator={method='crank-nicolson',step=0.05}",
-                "solver.tolerance=1e-2",
-            ],
+            vec!["solver.propagator={method='crank-nicolson',step=0.05}", "solver.tolerance=1e-2"],
         ),
         (
             1,
@@ -194,23 +163,14 @@ fn calibrated_plans_are_those_of_the_run() {
         let sensible = solve > 0.0 && wall > solve && wall.is_finite();
         require(sensible, &finished, || format!("{solve} s of {wall} s"))
     };
-    check_all(&rows, |(ranks, name, settings)| {
-        compare(*ranks, name, settings)
-    });
+    check_all(&rows, |(ranks, name, settings)| compare(*ranks, name, settings));
 }
 
 /// Fewer ranks than the run will have measure for it; nodes are counted and their memory is kept
 /// to.
 #[test]
 fn plans_for_nodes() {
-    let nodes = [
-        "--ranks",
-        "64",
-        "--memory-per-node",
-        "2GiB",
-        "--ranks-per-node",
-        "16",
-    ];
+    let nodes = ["--ranks", "64", "--memory-per-node", "2GiB", "--ranks-per-node", "16"];
     let job = || Job::new(["plan", &case("example1.toml")]).with(nodes);
     let rows = [1, 2, 3];
     check_all(&rows, |ranks| {
@@ -232,34 +192,21 @@ fn plans_for_nodes() {
 #[test]
 fn every_case_is_in_the_readme() {
     let readme = std::fs::read_to_string(case("README.md")).unwrap();
-    let papers = [
-        "paper/example1.toml",
-        "paper/example2.toml",
-        "paper/example3.toml",
-    ];
-    let all: Vec<String> = (cases().into_iter())
-        .chain(papers.map(str::to_owned))
-        .collect();
+    let papers = ["paper/example1.toml", "paper/example2.toml", "paper/example3.toml"];
+    let all: Vec<String> = (cases().into_iter()).chain(papers.map(str::to_owned)).collect();
     check_all(&all, |name| {
-        let row = readme
-            .lines()
-            .find(|l| l.starts_with(&format!("| `{name}` |")));
+        let row = readme.lines().find(|l| l.starts_with(&format!("| `{name}` |")));
         let row = row.ok_or_else(|| format!("cases/README.md has no row for {name}"))?;
         // The row's number of cells is the file's.
         let cells = format!("= {} |", parsed(name, &[])?.space.cells());
         match row.contains(&cells) {
             true => Ok(()),
-            false => Err(format!(
-                "cases/README.md: \"{row}\" does not end with \"{cells}\""
-            )),
+            false => Err(format!("cases/README.md: \"{row}\" does not end with \"{cells}\"")),
         }
     });
     for word in readme.split(|c: char| !(c.is_alphanumeric() || "_./".contains(c))) {
         if let Some(name) = word.strip_prefix("cases/").filter(|n| n.ends_with(".toml")) {
-            assert!(
-                Path::new(&case(name)).is_file(),
-                "cases/README.md names {name}"
-            );
+            assert!(Path::new(&case(name)).is_file(), "cases/README.md names {name}");
         }
     }
 }

@@ -22,18 +22,10 @@ fn every_profile_and_reading_meets_its_tolerance() {
     const CASES: [(&str, &[&str]); 4] = [
         ("example1.toml", &["axis.0.x.cells=24", "axis.0.v.cells=22"]),
         ("well.toml", &["axis.0.x.cells=20", "axis.0.v.cells=18"]),
-        (
-            "inflow_barrier.toml",
-            &["axis.0.x.cells=20", "axis.0.v.cells=16", "time.end=0.5"],
-        ),
+        ("inflow_barrier.toml", &["axis.0.x.cells=20", "axis.0.v.cells=16", "time.end=0.5"]),
         (
             "barrier2d.toml",
-            &[
-                "axis.0.x.cells=6",
-                "axis.1.x.cells=6",
-                "axis.0.v.cells=6",
-                "axis.1.v.cells=6",
-            ],
+            &["axis.0.x.cells=6", "axis.1.x.cells=6", "axis.0.v.cells=6", "axis.1.v.cells=6"],
         ),
     ];
     let mut rows = Vec::new();
@@ -51,22 +43,19 @@ fn every_profile_and_reading_meets_its_tolerance() {
             }
         }
     }
-    check_all(
-        &rows,
-        |(case, size, profile, tolerance, method, coefficients)| {
-            let place = directory();
-            let job = run(case).set(size).set(&[
-                "solver.verify=true",
-                &format!("solver.tolerance={tolerance}"),
-                &format!("solver.warp.profile={profile}"),
-                &format!("solver.warp.recovery_method={method}"),
-                &format!("solver.warp.coefficients={coefficients}"),
-            ]);
-            let summary = job.solve(place.path())?;
-            let plain = *profile == "gaussian" && *method == "point";
-            meets_its_tolerance_within(&summary, if plain { 3.0 } else { 6.0 })
-        },
-    );
+    check_all(&rows, |(case, size, profile, tolerance, method, coefficients)| {
+        let place = directory();
+        let job = run(case).set(size).set(&[
+            "solver.verify=true",
+            &format!("solver.tolerance={tolerance}"),
+            &format!("solver.warp.profile={profile}"),
+            &format!("solver.warp.recovery_method={method}"),
+            &format!("solver.warp.coefficients={coefficients}"),
+        ]);
+        let summary = job.solve(place.path())?;
+        let plain = *profile == "gaussian" && *method == "point";
+        meets_its_tolerance_within(&summary, if plain { 3.0 } else { 6.0 })
+    });
 }
 
 /// The orders in `N_p` through the whole recovery: `r + 1` where what is read reaches the corner
@@ -89,40 +78,37 @@ fn points_given_by_hand_converge_with_the_order_of_the_profile() {
         ("smooth/2", "0", SHORT, "sampled", 4096, 3.0),
         ("smooth/3", "0", SHORT, "sampled", 4096, 4.0),
     ];
-    check_all(
-        &rows,
-        |&(profile, recovery, end, coefficients, points, expected)| {
-            let (name, order) = profile.split_once('/').unwrap_or((profile, ""));
-            let period = 48.0;
-            let shift = period / (3.0 * points as f64);
-            let (lower, upper) = (-0.5 * period - shift, 0.5 * period - shift);
-            let error = |points: usize| -> Result<f64, String> {
-                let place = directory();
-                let mut job = run("example1.toml").set(&[
-                    "axis.0.x.cells=16",
-                    "axis.0.v.cells=16",
-                    "solver.tolerance=1e-9",
-                    "solver.verify=true",
-                    &format!("time.end={end}"),
-                    &format!("solver.warp.interval=[{lower},{upper}]"),
-                    &format!("solver.warp.points={points}"),
-                    &format!("solver.warp.profile={name}"),
-                    &format!("solver.warp.recovery={recovery}"),
-                    &format!("solver.warp.coefficients={coefficients}"),
-                ]);
-                if !order.is_empty() {
-                    job = job.set(&[&format!("solver.warp.order={order}")]);
-                }
-                job.solve(place.path())?.number("error_semidiscrete")
-            };
-            let (coarse, fine) = (error(points)?, error(4 * points)?);
-            let order = (coarse / fine).log(4.0);
-            let what = format!(
-                "order of {profile} at {recovery}, {coefficients} (errors {coarse:e}, {fine:e})"
-            );
-            near(&what, order, expected, 0.35)
-        },
-    );
+    check_all(&rows, |&(profile, recovery, end, coefficients, points, expected)| {
+        let (name, order) = profile.split_once('/').unwrap_or((profile, ""));
+        let period = 48.0;
+        let shift = period / (3.0 * points as f64);
+        let (lower, upper) = (-0.5 * period - shift, 0.5 * period - shift);
+        let error = |points: usize| -> Result<f64, String> {
+            let place = directory();
+            let mut job = run("example1.toml").set(&[
+                "axis.0.x.cells=16",
+                "axis.0.v.cells=16",
+                "solver.tolerance=1e-9",
+                "solver.verify=true",
+                &format!("time.end={end}"),
+                &format!("solver.warp.interval=[{lower},{upper}]"),
+                &format!("solver.warp.points={points}"),
+                &format!("solver.warp.profile={name}"),
+                &format!("solver.warp.recovery={recovery}"),
+                &format!("solver.warp.coefficients={coefficients}"),
+            ]);
+            if !order.is_empty() {
+                job = job.set(&[&format!("solver.warp.order={order}")]);
+            }
+            job.solve(place.path())?.number("error_semidiscrete")
+        };
+        let (coarse, fine) = (error(points)?, error(4 * points)?);
+        let order = (coarse / fine).log(4.0);
+        let what = format!(
+            "order of {profile} at {recovery}, {coefficients} (errors {coarse:e}, {fine:e})"
+        );
+        near(&what, order, expected, 0.35)
+    });
 }
 
 /// An interval too short is refused with ends that will do.
@@ -151,12 +137,7 @@ fn intervals_too_short_are_refused_with_what_is_needed() {
             ])
         };
         let finished = job("[-9, 3.5]").into(place.path()).run()?;
-        let says = [
-            "solver.warp.interval = [-9, 3.5]",
-            "too short",
-            "length",
-            tolerance,
-        ];
+        let says = ["solver.warp.interval = [-9, 3.5]", "too short", "length", tolerance];
         refused(&finished, &says)?;
         let named = finished.errors.split("about ").nth(1);
         let ends = named.and_then(|text| text.split(';').next());
@@ -183,11 +164,7 @@ fn what_is_given_by_hand_and_not_enough_is_warned_of() {
         "solver.warp.recovery=0.2",
     ]);
     let finished = job.clone().into(place.path()).succeed().unwrap();
-    for words in [
-        "recovery = 0.2 is below",
-        "points = 32: the modes",
-        "points do",
-    ] {
+    for words in ["recovery = 0.2 is below", "points = 32: the modes", "points do"] {
         let said = finished.errors.matches(words).count();
         assert_eq!(said, 1, "{words}: {}", finished.errors);
     }
@@ -224,11 +201,7 @@ fn the_plateau_is_flat_where_the_field_can_be_read() {
 /// lies, to within the tolerance.
 #[test]
 fn the_plan_holds_the_profile() {
-    let rows = [
-        ("example1.toml", "1e-3"),
-        ("example1.toml", "1e-9"),
-        ("well.toml", "1e-6"),
-    ];
+    let rows = [("example1.toml", "1e-3"), ("example1.toml", "1e-9"), ("well.toml", "1e-6")];
     check_all(&rows, |(name, tolerance)| {
         let job = plan(name, 2).set(&[&format!("solver.tolerance={tolerance}")]);
         let finished = job.with(["--json"]).succeed()?;
@@ -278,14 +251,8 @@ fn profiles_with_propagators_and_shifts() {
     for (profile, tolerance) in profiles {
         for more in [
             ["solver.propagator.method=krylov", ""],
-            [
-                "solver.propagator.method=crank-nicolson",
-                "solver.propagator.step=0.01",
-            ],
-            [
-                "solver.propagator.method=backward-euler",
-                "solver.propagator.step=0.01",
-            ],
+            ["solver.propagator.method=crank-nicolson", "solver.propagator.step=0.01"],
+            ["solver.propagator.method=backward-euler", "solver.propagator.step=0.01"],
             ["solver.warp.shift=2", ""],
             ["solver.warp.shift=-3", ""],
             ["solver.warp.shift=-8", ""],
@@ -308,10 +275,8 @@ fn profiles_with_propagators_and_shifts() {
             ])
             .set(&set)
             .solve(place.path())?;
-        let (error, tolerance) = (
-            summary.number("error_semidiscrete")?,
-            summary.number("tolerance")?,
-        );
+        let (error, tolerance) =
+            (summary.number("error_semidiscrete")?, summary.number("tolerance")?);
         let told = summary.boolean("error_estimate_reliable")?;
         let warned = summary.warnings();
         let implicit = set.len() > 1;
@@ -332,42 +297,26 @@ fn the_papers_own_set_ups() {
     let rows: [(&str, &[&str], &[&str], f64); 3] = [
         (
             "paper/example1.toml",
-            &[
-                "axis.0.x.cells=24",
-                "axis.0.v.cells=24",
-                "solver.warp.points=1024",
-            ],
+            &["axis.0.x.cells=24", "axis.0.v.cells=24", "solver.warp.points=1024"],
             &["solver.warp.points"],
             2e-2,
         ),
         (
             "paper/example2.toml",
-            &[
-                "axis.0.x.cells=16",
-                "axis.0.v.cells=16",
-                "solver.warp.points=256",
-            ],
+            &["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.warp.points=256"],
             &["solver.warp.points"],
             f64::INFINITY,
         ),
         (
             "paper/example3.toml",
-            &[
-                "axis.0.x.cells=6",
-                "axis.0.v.cells=6",
-                "axis.1.v.cells=6",
-                "solver.warp.points=128",
-            ],
+            &["axis.0.x.cells=6", "axis.0.v.cells=6", "axis.1.v.cells=6", "solver.warp.points=128"],
             &["solver.warp.points", "solver.warp.interval"],
             1e-1,
         ),
     ];
     check_all(&rows, |(name, settings, warned, limit)| {
         let place = directory();
-        let job = run(name)
-            .set(settings)
-            .set(&["solver.verify=true", "exact={}"])
-            .on(2);
+        let job = run(name).set(settings).set(&["solver.verify=true", "exact={}"]).on(2);
         let summary = job.solve(place.path())?;
         let steps = summary.number("solves")?;
         summary.require(steps > 0.0, || "no implicit steps".to_owned())?;

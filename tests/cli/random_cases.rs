@@ -28,16 +28,12 @@ fn random_scenes_are_solved_or_refused() {
         let differ = differences(&datasets(place.path())?, &datasets(more.path())?);
         let same = differ.is_empty();
         summary
-            .require(same, || {
-                format!("other bits than on one rank in {}", differ.join(", "))
-            })
+            .require(same, || format!("other bits than on one rank in {}", differ.join(", ")))
             .map_err(told)?;
         if summary.value["error_semidiscrete"].is_null() {
             let nothing = summary.value["maximum"] == 0.0 && summary.value["minimum"] == 0.0;
             return summary
-                .require(nothing, || {
-                    "no error_semidiscrete of a field that is there".into()
-                })
+                .require(nothing, || "no error_semidiscrete of a field that is there".into())
                 .map_err(told);
         }
         solved.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
@@ -46,11 +42,7 @@ fn random_scenes_are_solved_or_refused() {
     });
     // Most scenes hold something that can be solved.
     let solved = solved.into_inner();
-    assert!(
-        solved > seeds.len() / 2,
-        "only {solved} of {} solved",
-        seeds.len()
-    );
+    assert!(solved > seeds.len() / 2, "only {solved} of {} solved", seeds.len());
 }
 
 /// A sequence of choices that depends on its seed alone (SplitMix64).
@@ -72,19 +64,10 @@ fn scene(choices: &mut Choices) -> String {
     let dimension = choices.of(&[1, 1, 2]);
     let mut text = String::new();
     for _ in 0..dimension {
-        let cells = if dimension == 1 {
-            [4, 5, 8, 17, 32, 40]
-        } else {
-            [1, 2, 3, 4, 5, 8]
-        };
-        let (x, width) = (
-            choices.of(&[-1.5, -1.0, -0.3, 0.2]),
-            choices.of(&[0.5, 1.0, 2.0, 3.0]),
-        );
-        let (v, speeds) = (
-            choices.of(&[-1.2, -1.0, -0.5, 0.0, 0.3]),
-            choices.of(&[0.4, 1.0, 2.0, 3.0]),
-        );
+        let cells = if dimension == 1 { [4, 5, 8, 17, 32, 40] } else { [1, 2, 3, 4, 5, 8] };
+        let (x, width) = (choices.of(&[-1.5, -1.0, -0.3, 0.2]), choices.of(&[0.5, 1.0, 2.0, 3.0]));
+        let (v, speeds) =
+            (choices.of(&[-1.2, -1.0, -0.5, 0.0, 0.3]), choices.of(&[0.4, 1.0, 2.0, 3.0]));
         text += &format!(
             "[[axis]]\nx = {{ lower = {x}, upper = {}, cells = {} }}\n\
              v = {{ lower = {v}, upper = {}, cells = {} }}\n",
@@ -94,49 +77,23 @@ fn scene(choices: &mut Choices) -> String {
             choices.of(&cells),
         );
     }
-    let values = [
-        "0", "0.2", "-0.3", "5", "0.2*x", "0.1*x^2", "1e-6", "sin(3*x)", "100",
-    ];
+    let values = ["0", "0.2", "-0.3", "5", "0.2*x", "0.1*x^2", "1e-6", "sin(3*x)", "100"];
     for _ in 0..choices.of(&[0, 1, 1, 2]) {
         let place = choices.of(&["x < 0", "abs(x) < 0.5", "x < 0.5", "x > 0.3 && x < 0.6"]);
-        text += &format!(
-            "[[potential]]\nwhere = \"{place}\"\nvalue = \"{}\"\n",
-            choices.of(&values)
-        );
+        text +=
+            &format!("[[potential]]\nwhere = \"{place}\"\nvalue = \"{}\"\n", choices.of(&values));
     }
     text += &format!("[[potential]]\nvalue = \"{}\"\n", choices.of(&values));
-    let fields = [
-        "1",
-        "exp(-x^2 - vx^2)",
-        "1 if x < 0 else 0",
-        "x*vx",
-        "1e-8",
-        "sin(30*x)",
-        "1e9*abs(vx)",
-    ];
+    let fields =
+        ["1", "exp(-x^2 - vx^2)", "1 if x < 0 else 0", "x*vx", "1e-8", "sin(30*x)", "1e9*abs(vx)"];
     text += &format!("[initial]\nf = \"{}\"\n", choices.of(&fields));
-    let inflows = [
-        "0",
-        "0",
-        "0",
-        "1",
-        "initial",
-        "exp(-vx^2)",
-        "1e-3",
-        "1e3",
-        "-1 if vx > 0 else 0",
-    ];
+    let inflows =
+        ["0", "0", "0", "1", "initial", "exp(-vx^2)", "1e-3", "1e3", "-1 if vx > 0 else 0"];
     text += &format!("[inflow]\nvalue = \"{}\"\n", choices.of(&inflows));
-    text += &format!(
-        "[time]\nend = {}\n",
-        choices.of(&["1e-4", "0.01", "0.1", "0.5", "1"])
-    );
+    text += &format!("[time]\nend = {}\n", choices.of(&["1e-4", "0.01", "0.1", "0.5", "1"]));
     text += &format!("[scheme]\ninterface = \"{}\"\n", choices.of(&INTERFACES));
     let tolerances = ["0.1", "1e-2", "1e-3", "1e-6", "1e-9", "1e-11"];
-    text += &format!(
-        "[solver]\nverify = true\ntolerance = {}\n",
-        choices.of(&tolerances)
-    );
+    text += &format!("[solver]\nverify = true\ntolerance = {}\n", choices.of(&tolerances));
     let weights = choices.of(&["dissipative", "dissipative", "none"]);
     text + &format!("[solver.warp]\nweights = \"{weights}\"\n")
 }

@@ -29,11 +29,8 @@ fn results_open_in_other_programs() {
     const LINE: &str = "exact={ f = \"1 + x + 10*v\" }";
     const PLANE: &str = "exact={ f = \"1 + x + 10*y + 100*vx + 1000*vy\" }";
     const SPACE: &str = "exact={ f = \"1 + x + 10*y + 100*z + 1e3*vx + 1e4*vy + 1e5*vz\" }";
-    const EARLY: &[&str] = &[
-        "output.moments_every=0.3",
-        "output.field_times=[0.1, 0.6]",
-        "output.warped_field=true",
-    ];
+    const EARLY: &[&str] =
+        &["output.moments_every=0.3", "output.field_times=[0.1, 0.6]", "output.warped_field=true"];
     const PACKED: &[&str] = &["output.compression=4"];
     const CHUNKS: &[&str] = &["output.chunks=[5,3,4,6]"];
     let rows: &[(&str, usize, &[&[&str]])] = &[
@@ -46,28 +43,19 @@ fn results_open_in_other_programs() {
         (
             "example3.toml",
             2,
-            &[&[
-                "axis.0.x.cells=8",
-                "axis.1.x.cells=6",
-                "axis.0.v.cells=7",
-                "axis.1.v.cells=5",
-            ]],
+            &[&["axis.0.x.cells=8", "axis.1.x.cells=6", "axis.0.v.cells=7", "axis.1.v.cells=5"]],
         ),
     ];
     check_all(rows, |(name, ranks, settings)| {
         let place = directory();
-        let job = Job::new(["run", &case(name)])
-            .set(&settings.concat())
-            .on(*ranks);
+        let job = Job::new(["run", &case(name)]).set(&settings.concat()).on(*ranks);
         let summary = job.solve(place.path())?;
         let path = place.path().display().to_string();
         let said = read(&python, &[&path]);
         let fails = |why: String| format!("{why}\n  command: {}", summary.command);
         let said = said.map_err(fails)?;
         let early = settings.contains(&EARLY) == said.contains(", history, 3 warped");
-        summary.require(said.starts_with(&path) && early, || {
-            format!("the script said: {said}")
-        })?;
+        summary.require(said.starts_with(&path) && early, || format!("the script said: {said}"))?;
         // Controls: a field shown as another, and one shown elsewhere, are noticed.
         if *name != "barrier2d.toml" {
             return Ok(());
@@ -82,9 +70,7 @@ fn results_open_in_other_programs() {
                 _ => format!("{new}{after}"),
             };
             std::fs::write(&xdmf, format!("{before}{after}")).map_err(|e| e.to_string())?;
-            summary.require(read(&python, &[&path]).is_err(), || {
-                format!("not noticed: {old}")
-            })?;
+            summary.require(read(&python, &[&path]).is_err(), || format!("not noticed: {old}"))?;
         }
         Ok(())
     });

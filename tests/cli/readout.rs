@@ -28,10 +28,7 @@ fn the_same_bits_on_any_ranks_and_beside_any_cells() {
     let meshes: &[(usize, &str)] = &[(1, "1"), (2, "2"), (2, "1"), (3, "3"), (4, "2"), (4, "4")];
     check_all(meshes, |(ranks, blocks)| {
         let place = directory();
-        run(&[SMALL, CELLS])
-            .with(["--ranks-x", blocks])
-            .on(*ranks)
-            .solve(place.path())?;
+        run(&[SMALL, CELLS]).with(["--ranks-x", blocks]).on(*ranks).solve(place.path())?;
         let differ = differences(&datasets(place.path())?, &found);
         if differ.is_empty() && csv(place.path())? == text {
             return Ok(());
@@ -41,23 +38,12 @@ fn the_same_bits_on_any_ranks_and_beside_any_cells() {
     // Another seed draws others, and nothing else is another; a cell alone is drawn as before, by
     // index or by place.
     let place = directory();
-    run(&[SMALL, &["readout={cells=[[3],[11],[22]],seed=8}"]])
-        .solve(place.path())
-        .unwrap();
+    run(&[SMALL, &["readout={cells=[[3],[11],[22]],seed=8}"]]).solve(place.path()).unwrap();
     let differ = differences(&datasets(place.path()).unwrap(), &found);
-    assert!(
-        differ.contains(&"/readout/estimate".to_owned()),
-        "{differ:?}"
-    );
-    assert!(
-        !differ.contains(&"/readout/overlap".to_owned()),
-        "{differ:?}"
-    );
+    assert!(differ.contains(&"/readout/estimate".to_owned()), "{differ:?}");
+    assert!(!differ.contains(&"/readout/overlap".to_owned()), "{differ:?}");
     // Cell 11 is the middle one of [-1.5, 1.5].
-    for alone in [
-        "readout={cells=[[11]],seed=7}",
-        "readout={points=[[0.01]],seed=7}",
-    ] {
+    for alone in ["readout={cells=[[11]],seed=7}", "readout={points=[[0.01]],seed=7}"] {
         run(&[SMALL, &[alone]]).solve(place.path()).unwrap();
         let found = csv(place.path()).unwrap();
         let lines: Vec<&str> = found.lines().skip(1).collect();
@@ -85,10 +71,7 @@ fn the_same_bits_in_the_plane() {
     assert_eq!(found["/readout/cell"].shape, [3 * 5 * 5]);
     check_all(&[(2, "1,2"), (3, "1,1"), (4, "2,2")], |(ranks, blocks)| {
         let place = directory();
-        job()
-            .with(["--ranks-x", blocks])
-            .on(*ranks)
-            .solve(place.path())?;
+        job().with(["--ranks-x", blocks]).on(*ranks).solve(place.path())?;
         let differ = differences(&datasets(place.path())?, &found);
         if differ.is_empty() && csv(place.path())? == csv(reference.path())? {
             return Ok(());
@@ -105,10 +88,7 @@ fn rows(summary: &Value) -> &Vec<Value> {
 #[test]
 fn values_are_the_moments_and_estimates_within_their_bounds() {
     let place = directory();
-    let cells = &[
-        "readout={cells=[[5],[8],[14]],accuracy=0.05}",
-        "solver.verify=true",
-    ];
+    let cells = &["readout={cells=[[5],[8],[14]],accuracy=0.05}", "solver.verify=true"];
     let summary = run(&[SMALL, LIKELY, cells]).solve(place.path()).unwrap();
     let stored = datasets(place.path()).unwrap();
     let (density, momentum) = (stored["/density"].numbers(), stored["/momentum"].numbers());
@@ -149,14 +129,9 @@ fn values_are_the_moments_and_estimates_within_their_bounds() {
     let norm = f.iter().map(|f| f * f).sum::<f64>().sqrt();
     let readout = &summary.value["readout"];
     assert!((value(&readout["norm_of_field"]).unwrap() / norm - 1.0).abs() < 1e-12);
-    let (p, repetitions) = (
-        value(&readout["probability"]).unwrap(),
-        value(&readout["repetitions"]).unwrap(),
-    );
-    assert!(
-        p > 1e-6 && p < 1.0 && (p * repetitions - 1.0).abs() < 1e-12,
-        "{p}"
-    );
+    let (p, repetitions) =
+        (value(&readout["probability"]).unwrap(), value(&readout["repetitions"]).unwrap());
+    assert!(p > 1e-6 && p < 1.0 && (p * repetitions - 1.0).abs() < 1e-12, "{p}");
     // A measurement of the x-register finds the cell with Σ f² / C_f², which is not the density.
     for (k, cell) in [5usize, 8, 14].into_iter().enumerate() {
         let square: f64 = f[17 * cell..17 * (cell + 1)].iter().map(|f| f * f).sum();
@@ -168,31 +143,15 @@ fn values_are_the_moments_and_estimates_within_their_bounds() {
 #[test]
 fn where_there_is_no_state_it_says_why() {
     type Row = (&'static str, &'static [&'static str], usize, &'static str);
-    const TINY: &[&str] = &[
-        "axis.0.x.cells=20",
-        "axis.0.v.cells=16",
-        "readout={points=[[0.1]]}",
-    ];
+    const TINY: &[&str] = &["axis.0.x.cells=20", "axis.0.v.cells=16", "readout={points=[[0.1]]}"];
     let table: &[Row] = &[
         ("example2.toml", &[], 3, "not a vector of amplitudes"),
-        (
-            "example1.toml",
-            &["solver.method=classical"],
-            3,
-            "prepares no quantum state",
-        ),
-        (
-            "pulsed_inflow.toml",
-            &["time.end=0.2", "solver.tolerance=1e-3"],
-            3,
-            "depends on t",
-        ),
+        ("example1.toml", &["solver.method=classical"], 3, "prepares no quantum state"),
+        ("pulsed_inflow.toml", &["time.end=0.2", "solver.tolerance=1e-3"], 3, "depends on t"),
     ];
     check_all(table, |(name, settings, count, why)| {
         let place = directory();
-        let job = Job::new(["run", &case(name)])
-            .set(&[TINY, settings].concat())
-            .on(2);
+        let job = Job::new(["run", &case(name)]).set(&[TINY, settings].concat()).on(2);
         let summary = job.solve(place.path())?;
         let readout = &summary.value["readout"];
         let told = |figure: &Value| {
@@ -215,57 +174,27 @@ fn mistakes_are_refused() {
     let table: &[(&str, &[&str])] = &[
         ("{}", &["readout.cells", "missing", "readout.points"]),
         ("{cells=[]}", &["readout.cells", "0 given", "1 to 256"]),
-        (
-            "{cells=[3]}",
-            &["readout.cells.0", "3", "a list of numbers"],
-        ),
-        (
-            "{cells=[[3,4]]}",
-            &["readout.cells", "lists of 1 number each"],
-        ),
-        (
-            "{cells=[[128]]}",
-            &["readout.cells", "128 along x", "from 0 to 127"],
-        ),
+        ("{cells=[3]}", &["readout.cells.0", "3", "a list of numbers"]),
+        ("{cells=[[3,4]]}", &["readout.cells", "lists of 1 number each"]),
+        ("{cells=[[128]]}", &["readout.cells", "128 along x", "from 0 to 127"]),
         ("{cells=[[-1]]}", &["readout.cells", "-1 along x"]),
-        (
-            "{cells=[[0.5]]}",
-            &["readout.cells", "0.5 along x", "whole numbers"],
-        ),
-        (
-            "{points=[[1.51]]}",
-            &["readout.points", "1.51 along x", "-1.5 to 1.5"],
-        ),
+        ("{cells=[[0.5]]}", &["readout.cells", "0.5 along x", "whole numbers"]),
+        ("{points=[[1.51]]}", &["readout.points", "1.51 along x", "-1.5 to 1.5"]),
         ("{cells=[[1]],points=[[0]]}", &["readout.points", "either"]),
         ("{cells=[[1]],shots=0}", &["readout.shots", "at least 1"]),
-        (
-            "{cells=[[1]],shots=9000000000000000}",
-            &["readout.shots", "at most"],
-        ),
-        (
-            "{cells=[[1]],evaluations=100}",
-            &["readout.evaluations", "power of two"],
-        ),
+        ("{cells=[[1]],shots=9000000000000000}", &["readout.shots", "at most"]),
+        ("{cells=[[1]],evaluations=100}", &["readout.evaluations", "power of two"]),
         ("{cells=[[1]],accuracy=0}", &["readout.accuracy", "above 0"]),
-        (
-            "{cells=[[1]],accuracy=0.1,shots=10}",
-            &["readout.shots", "readout.accuracy"],
-        ),
+        ("{cells=[[1]],accuracy=0.1,shots=10}", &["readout.shots", "readout.accuracy"]),
         ("{cells=[[1]],seed=-1}", &["readout.seed", "at least 0"]),
-        (
-            "{cells=[[1]],shot=10}",
-            &["readout.shot", "did you mean \"shots\""],
-        ),
+        ("{cells=[[1]],shot=10}", &["readout.shot", "did you mean \"shots\""]),
         ("3", &["readout", "a table"]),
     ];
     // What is right is understood.
     let right = "readout={points=[[0],[1.5]],accuracy=0.1,seed=4}";
     let understood = Job::new(["check", &case("example1.toml")]).set(&[right]);
     let said = understood.succeed().unwrap().output;
-    assert!(
-        said.contains("readout of 2 cells: to 1e-1, seed 4"),
-        "{said}"
-    );
+    assert!(said.contains("readout of 2 cells: to 1e-1, seed 4"), "{said}");
     all_refused(table, |(readout, says), _| {
         Mistake::set("example1.toml", &[&format!("readout={readout}")], says)
     });

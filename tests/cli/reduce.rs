@@ -52,31 +52,15 @@ const SPACE: &[&str] = &[
 ];
 
 const ROWS: &[Row] = &[
+    ("example1.toml", &["axis.0.x.cells=24", "axis.0.v.cells=25"], 1),
     (
         "example1.toml",
-        &["axis.0.x.cells=24", "axis.0.v.cells=25"],
-        1,
-    ),
-    (
-        "example1.toml",
-        &[
-            "axis.0.x.cells=24",
-            "axis.0.v.cells=31",
-            "scheme.interface=conservative",
-        ],
+        &["axis.0.x.cells=24", "axis.0.v.cells=31", "scheme.interface=conservative"],
         3,
     ),
     ("well.toml", &["axis.0.x.cells=24", "axis.0.v.cells=31"], 2),
-    (
-        "barriers.toml",
-        &["axis.0.x.cells=30", "axis.0.v.cells=41", "time.end=1.2"],
-        4,
-    ),
-    (
-        "inflow_barrier.toml",
-        &["axis.0.x.cells=16", "axis.0.v.cells=35"],
-        3,
-    ),
+    ("barriers.toml", &["axis.0.x.cells=30", "axis.0.v.cells=41", "time.end=1.2"], 4),
+    ("inflow_barrier.toml", &["axis.0.x.cells=16", "axis.0.v.cells=35"], 3),
     ("barrier2d.toml", &[], 2),
     ("periodic2d.toml", PLANE, 1),
     ("periodic2d.toml", LINE, 4),
@@ -107,13 +91,7 @@ fn answers_are_those_of_the_whole_grid() {
         let all = run(row, &["solver.reduce=false"]).solve(without.path())?;
         let cells = [less.number("cells")?, all.number("cells")?];
         less.require(cells[0] < cells[1], || format!("{cells:?} cells"))?;
-        for key in [
-            "mass",
-            "mass_initial",
-            "kinetic_energy",
-            "error_l1",
-            "error_l2",
-        ] {
+        for key in ["mass", "mass_initial", "kinetic_energy", "error_l1", "error_l2"] {
             let (a, b) = (less.number(key)?, all.number(key)?);
             let close = (a - b).abs() <= 1e-6 * b.abs().max(1e-3);
             less.require(close, || format!("{key}: {a:e}, of the whole grid {b:e}"))?;
@@ -125,10 +103,7 @@ fn answers_are_those_of_the_whole_grid() {
                 continue;
             }
             less.require(found.shape == whole.shape, || {
-                format!(
-                    "{name}: {:?}, of the whole grid {:?}",
-                    found.shape, whole.shape
-                )
+                format!("{name}: {:?}, of the whole grid {:?}", found.shape, whole.shape)
             })?;
             // Mean velocities are not known where there is next to nothing.
             if !name.contains("velocity") {
@@ -156,17 +131,10 @@ fn moments_of_level_sets_are_those_of_the_whole_grid() {
         let row = ("example3.toml", settings, ranks);
         let (with, without) = (directory(), directory());
         let less = run(&row, &[]).solve(with.path()).unwrap();
-        let all = run(&row, &["solver.reduce=false"])
-            .solve(without.path())
-            .unwrap();
+        let all = run(&row, &["solver.reduce=false"]).solve(without.path()).unwrap();
         let cells = [&less, &all].map(|run| run.number("cells").unwrap());
         assert_eq!(7.0 * cells[0], cells[1]);
-        for key in [
-            "mass",
-            "mass_exact",
-            "error_density_l1",
-            "error_velocity_l1",
-        ] {
+        for key in ["mass", "mass_exact", "error_density_l1", "error_velocity_l1"] {
             let [a, b] = [&less, &all].map(|run| run.number(key).unwrap());
             assert!(b > 0.0 && (a - b).abs() <= 1e-6 * b, "{key}: {a:e}, {b:e}");
         }
@@ -212,14 +180,8 @@ fn what_differs_is_kept() {
         (&["initial.f=exp(-x^2 - y^2)"], None),
         (&["inflow.value=1 + y"], Some("inflow.value does")),
         (&["exact={f='y'}"], Some("exact.f does")),
-        (
-            &["axis.1.x.boundary=inflow"],
-            Some("boundary = \"periodic\""),
-        ),
-        (
-            &["output.warped_field=true"],
-            Some("for output.warped_field"),
-        ),
+        (&["axis.1.x.boundary=inflow"], Some("boundary = \"periodic\"")),
+        (&["output.warped_field=true"], Some("for output.warped_field")),
         (&["readout.cells=[[1, 7]]"], Some("for [readout]")),
         (&["solver.reduce.axes=false"], None),
         (&["solver.reduce=false"], None),
@@ -265,11 +227,7 @@ fn results_have_the_velocities_of_the_case() {
     let finished = Job::new(["report", &place]).succeed().expect("a report");
     let html = std::fs::read_to_string(here.path().join("report.html")).expect("a page");
     let known = html.contains("nothing varies along it") && !html.contains("not understood");
-    assert!(
-        known,
-        "{}",
-        finished.report("the case is not that of the result")
-    );
+    assert!(known, "{}", finished.report("the case is not that of the result"));
 }
 
 /// Each reduction by itself, by its key.
@@ -283,12 +241,7 @@ fn each_can_be_switched_off() {
         let summary = job.solve(here.path()).expect("a run");
         let f = field(here.path()).expect("a field");
         let number = |key: &str| summary.number(key).expect("a number");
-        (
-            f,
-            number("cells"),
-            number("modes"),
-            number("inflow_unknowns"),
-        )
+        (f, number("cells"), number("modes"), number("inflow_unknowns"))
     };
     let (f, cells, modes, unknowns) = solve(&[]);
     assert!(cells < 600.0 && unknowns == 0.0);
@@ -298,21 +251,14 @@ fn each_can_be_switched_off() {
     let (g, _, both, _) = solve(&["solver.reduce.modes=false"]);
     assert_eq!(both, 2.0 * modes - 1.0);
     assert!(distance(&g, &f) < 1e-11, "{:e}", distance(&g, &f));
-    let krylov = [
-        "solver.reduce.modes=false",
-        "solver.propagator.method=krylov",
-    ];
+    let krylov = ["solver.reduce.modes=false", "solver.propagator.method=krylov"];
     assert!(distance(&solve(&krylov).0, &f) < 3e-7);
     // Unknowns that nothing comes from, for every embedding.
     for embedding in ["boundary", "full", "scalar"] {
         let embedding = format!("solver.warp.inflow={embedding}");
         let (g, _, _, idle) = solve(&["solver.reduce.inflow=false", &embedding]);
         assert!(idle > 0.0, "{embedding}");
-        assert!(
-            distance(&g, &f) < 3e-7,
-            "{embedding}: {:e}",
-            distance(&g, &f)
-        );
+        assert!(distance(&g, &f) < 3e-7, "{embedding}: {:e}", distance(&g, &f));
     }
 }
 
@@ -323,10 +269,7 @@ fn mistakes_are_refused() {
         (&["solver.reduce.axis=true"], "axes"),
         (&["solver.reduce=1"], "solver.reduce"),
         (&["solver.reduce.modes=0"], "true or false"),
-        (
-            &["solver.reduce.modes=false", "output.warped_field=true"],
-            "modes l >= 0",
-        ),
+        (&["solver.reduce.modes=false", "output.warped_field=true"], "modes l >= 0"),
         (
             &[
                 "solver.reduce={modes=false}",
@@ -335,9 +278,7 @@ fn mistakes_are_refused() {
             "crank-nicolson",
         ),
     ];
-    all_refused(rows, |(settings, word), _| {
-        Mistake::set("periodic2d.toml", settings, &[word])
-    });
+    all_refused(rows, |(settings, word), _| Mistake::set("periodic2d.toml", settings, &[word]));
     // All of it may be switched off together wherever part of it may not.
     let settings = ["solver.reduce=false", "output.warped_field=true"];
     check("periodic2d.toml", &settings).expect("a case that is right");
@@ -351,10 +292,7 @@ fn space_is_split_where_it_is_asked_for() {
             .with(more.to_vec());
         let plan = job.succeed().and_then(|finished| finished.json());
         let plan = plan.expect("a plan");
-        let space = plan["layout"]["mesh"]["space"]
-            .as_array()
-            .expect("a list")
-            .clone();
+        let space = plan["layout"]["mesh"]["space"].as_array().expect("a list").clone();
         space.iter().filter_map(serde_json::Value::as_u64).collect()
     };
     assert_eq!(blocks(&[]), [1]);

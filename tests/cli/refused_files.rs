@@ -7,61 +7,23 @@ fn mistakes_in_the_file_are_named_with_their_line() {
     const X: &str = "x = { lower = -1.5, upper = 1.5, cells = 128 }";
     let rows: &[(&str, &str, &[&str])] = &[
         // Unknown keys, with the nearest known one.
-        (
-            "tolerance = 1e-6",
-            "tolerence = 1e-6",
-            &["solver.tolerence", "mean \"tolerance\""],
-        ),
-        (
-            "[solver.propagator]",
-            "[solver.propogator]",
-            &["propogator", "mean \"propagator\""],
-        ),
+        ("tolerance = 1e-6", "tolerence = 1e-6", &["solver.tolerence", "mean \"tolerance\""]),
+        ("[solver.propagator]", "[solver.propogator]", &["propogator", "mean \"propagator\""]),
         ("title     =", "tittle    =", &["tittle", "mean \"title\""]),
-        (
-            "end = 1.0",
-            "end = 1.0\nbegin = 0",
-            &["time.begin", "known here: end"],
-        ),
+        ("end = 1.0", "end = 1.0\nbegin = 0", &["time.begin", "known here: end"]),
         // Wrong types.
-        (
-            "tolerance = 1e-6",
-            "tolerance = \"small\"",
-            &["solver.tolerance", "\"small\"", "number"],
-        ),
-        (
-            "verify    = false",
-            "verify    = 0",
-            &["solver.verify", "0", "true or false"],
-        ),
-        (
-            "end = 1.0",
-            "end = 1979-05-27",
-            &["time.end", "1979-05-27", "number"],
-        ),
+        ("tolerance = 1e-6", "tolerance = \"small\"", &["solver.tolerance", "\"small\"", "number"]),
+        ("verify    = false", "verify    = 0", &["solver.verify", "0", "true or false"]),
+        ("end = 1.0", "end = 1979-05-27", &["time.end", "1979-05-27", "number"]),
         ("end = 1.0", "end = [1.0]", &["time.end", "number"]),
         (X, "x = 128", &["axis.0.x", "128", "table"]),
-        (
-            "value = \"0.2\"",
-            "value = true",
-            &["potential.0.value", "true", "formula"],
-        ),
-        (
-            "title     = \"Step down (example 1)\"",
-            "title = 1",
-            &["title", "1", "text"],
-        ),
+        ("value = \"0.2\"", "value = true", &["potential.0.value", "true", "formula"]),
+        ("title     = \"Step down (example 1)\"", "title = 1", &["title", "1", "text"]),
         // The inflow's embedding and the shift; t only where it means something.
         (
             "inflow  = \"boundary\"",
             "inflow  = \"diagonal\"",
-            &[
-                "solver.warp.inflow",
-                "diagonal",
-                "boundary",
-                "full",
-                "scalar",
-            ],
+            &["solver.warp.inflow", "diagonal", "boundary", "full", "scalar"],
         ),
         (
             "inflow  = \"boundary\"",
@@ -78,32 +40,16 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             "inflow  = \"full\"\ndelta = \"mx\"",
             &["solver.warp.delta", "mx", "mean \"max\""],
         ),
-        (
-            "inflow  = \"boundary\"",
-            "shift = inf",
-            &["solver.warp.shift", "inf", "finite"],
-        ),
+        ("inflow  = \"boundary\"", "shift = inf", &["solver.warp.shift", "inf", "finite"]),
         (
             "inflow  = \"boundary\"",
             "shift = \"growht\"",
             &["solver.warp.shift", "growht", "mean \"growth\""],
         ),
-        (
-            "value = \"0.2\"",
-            "value = \"0.2*t\"",
-            &["potential.0.value", "unknown name \"t\""],
-        ),
-        (
-            "f = \"1 if x^2",
-            "f = \"t if x^2",
-            &["initial.f", "unknown name \"t\""],
-        ),
+        ("value = \"0.2\"", "value = \"0.2*t\"", &["potential.0.value", "unknown name \"t\""]),
+        ("f = \"1 if x^2", "f = \"t if x^2", &["initial.f", "unknown name \"t\""]),
         // Cell counts.
-        (
-            X,
-            "x = { lower = -1.5, upper = 1.5, cells = 0 }",
-            &["axis.0.x.cells", "0", "at least 1"],
-        ),
+        (X, "x = { lower = -1.5, upper = 1.5, cells = 0 }", &["axis.0.x.cells", "0", "at least 1"]),
         (
             X,
             "x = { lower = -1.5, upper = 1.5, cells = -7 }",
@@ -124,43 +70,23 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             "x = { lower = -1.5, upper = 1.5, cells = 99999999999999999999 }",
             &["axis.0.x.cells", "99999999999999999999"],
         ),
-        (
-            X,
-            "x = { lower = -1.5, upper = 1.5 }",
-            &["axis.0.x.cells", "missing"],
-        ),
+        (X, "x = { lower = -1.5, upper = 1.5 }", &["axis.0.x.cells", "missing"]),
         // Bounds.
         (
             X,
             "x = { lower = 1.5, upper = -1.5, cells = 128 }",
             &["axis.0.x.upper", "-1.5", "above", "1.5"],
         ),
-        (
-            X,
-            "x = { lower = 1.5, upper = 1.5, cells = 128 }",
-            &["axis.0.x.upper", "1.5", "above"],
-        ),
+        (X, "x = { lower = 1.5, upper = 1.5, cells = 128 }", &["axis.0.x.upper", "1.5", "above"]),
         (
             X,
             "x = { lower = 1.0, upper = 1.0000000000000002, cells = 128 }",
             &["axis.0.x", "double precision"],
         ),
-        (
-            X,
-            "x = { lower = -1e308, upper = 1e308, cells = 128 }",
-            &["axis.0.x", "1e100"],
-        ),
+        (X, "x = { lower = -1e308, upper = 1e308, cells = 128 }", &["axis.0.x", "1e100"]),
         // Numbers that are none.
-        (
-            X,
-            "x = { lower = nan, upper = 1.5, cells = 128 }",
-            &["axis.0.x.lower", "nan", "finite"],
-        ),
-        (
-            X,
-            "x = { lower = -1.5, upper = inf, cells = 128 }",
-            &["axis.0.x.upper", "inf", "finite"],
-        ),
+        (X, "x = { lower = nan, upper = 1.5, cells = 128 }", &["axis.0.x.lower", "nan", "finite"]),
+        (X, "x = { lower = -1.5, upper = inf, cells = 128 }", &["axis.0.x.upper", "inf", "finite"]),
         (
             X,
             "x = { lower = -1e999, upper = 1.5, cells = 128 }",
@@ -170,48 +96,20 @@ fn mistakes_in_the_file_are_named_with_their_line() {
         ("end = 1.0", "end = -inf", &["time.end", "inf", "finite"]),
         ("end = 1.0", "end = 0", &["time.end", "0", "above 0"]),
         ("end = 1.0", "end = -1.0", &["time.end", "-1", "above 0"]),
-        (
-            "cfl        = 0.9",
-            "cfl = 1.5",
-            &["solver.classical.cfl", "1.5", "at most 1"],
-        ),
+        ("cfl        = 0.9", "cfl = 1.5", &["solver.classical.cfl", "1.5", "at most 1"]),
         // Tolerances.
-        (
-            "tolerance = 1e-6",
-            "tolerance = 0",
-            &["solver.tolerance", "0", "above 0", "0.1"],
-        ),
-        (
-            "tolerance = 1e-6",
-            "tolerance = -1e-6",
-            &["solver.tolerance", "-1e-6", "above 0"],
-        ),
-        (
-            "tolerance = 1e-6",
-            "tolerance = 1",
-            &["solver.tolerance", "1", "at most 0.1"],
-        ),
-        (
-            "tolerance = 1e-6",
-            "tolerance = nan",
-            &["solver.tolerance", "nan", "finite"],
-        ),
+        ("tolerance = 1e-6", "tolerance = 0", &["solver.tolerance", "0", "above 0", "0.1"]),
+        ("tolerance = 1e-6", "tolerance = -1e-6", &["solver.tolerance", "-1e-6", "above 0"]),
+        ("tolerance = 1e-6", "tolerance = 1", &["solver.tolerance", "1", "at most 0.1"]),
+        ("tolerance = 1e-6", "tolerance = nan", &["solver.tolerance", "nan", "finite"]),
         // Formulas.
         (
             "value = \"0.2\"",
             "value = \"0.2 +* x\"",
             &["potential.0.value", "0.2 +* x", "character 6"],
         ),
-        (
-            "value = \"0.2\"",
-            "value = \"0.2*v\"",
-            &["potential.0.value", "0.2*v", "\"v\""],
-        ),
-        (
-            "value = \"0.2\"",
-            "value = \"(1 + 2\"",
-            &["potential.0.value", "(1 + 2"],
-        ),
+        ("value = \"0.2\"", "value = \"0.2*v\"", &["potential.0.value", "0.2*v", "\"v\""]),
+        ("value = \"0.2\"", "value = \"(1 + 2\"", &["potential.0.value", "(1 + 2"]),
         ("value = \"0.2\"", "value = \"\"", &["potential.0.value"]),
         (
             "where = \"x < 0\"",
@@ -223,22 +121,14 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             "where = \"y < 0\"",
             &["potential.0.where", "\"y\"", "known here: x"],
         ),
-        (
-            "where = \"x < 0\"",
-            "where = \"sine(x) < 0\"",
-            &["potential.0.where", "\"sine\"", "sin"],
-        ),
+        ("where = \"x < 0\"", "where = \"sine(x) < 0\"", &["potential.0.where", "\"sine\"", "sin"]),
         // Regions.
         (
             "value = \"0\"                                     # low side",
             "where = \"x > 0\"\nvalue = \"0\"  # low side",
             &["potential.1.where", "x > 0", "last"],
         ),
-        (
-            "where = \"x < 0\"",
-            "",
-            &["potential.0.where", "missing", "last"],
-        ),
+        ("where = \"x < 0\"", "", &["potential.0.where", "missing", "last"]),
         // Choices.
         (
             "interface = \"hat\"",
@@ -270,11 +160,7 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             "profile = \"smooth\"\norder = 17",
             &["solver.warp.order", "17", "between 1 and 16"],
         ),
-        (
-            "profile = \"planned\"",
-            "profile = \"acl\"\nbeta = 1.0",
-            &["solver.warp.beta", "0.95"],
-        ),
+        ("profile = \"planned\"", "profile = \"acl\"\nbeta = 1.0", &["solver.warp.beta", "0.95"]),
         (
             "profile = \"planned\"",
             "profile = \"designed\"\npoints = 32",
@@ -320,11 +206,7 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             "kind = \"characteristics\"\nf = \"0\"",
             &["exact.f", "either"],
         ),
-        (
-            "recovery_points = 2",
-            "recovery_points = 3",
-            &["output.recovery_points", "3", "1", "2"],
-        ),
+        ("recovery_points = 2", "recovery_points = 3", &["output.recovery_points", "3", "1", "2"]),
         (
             "recovery_points = 2",
             "recovery_points = 2\nplateau = { points = 1 }",
@@ -370,20 +252,12 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             "recovery_points = 2\nchunks = [8, 0]",
             &["output.chunks", "whole numbers above 0"],
         ),
-        (
-            "recovery_points = 2",
-            "recovery_points = 2\nxdmf = 1",
-            &["output.xdmf", "true or false"],
-        ),
+        ("recovery_points = 2", "recovery_points = 2\nxdmf = 1", &["output.xdmf", "true or false"]),
         // No TOML.
         ("end = 1.0", "end = = 1.0", &[]),
         ("end = 1.0", "end = 1.0 2.0", &[]),
         ("interface = \"hat\"", "interface = \"hat", &[]),
-        (
-            "recovery_points = 2",
-            "recovery_points = 2\n[time]",
-            &["time"],
-        ),
+        ("recovery_points = 2", "recovery_points = 2\n[time]", &["time"]),
     ];
     all_refused(rows, |(old, new, says), place| {
         let (path, mut line) = edited(place, old, new);
@@ -398,10 +272,6 @@ fn mistakes_in_the_file_are_named_with_their_line() {
             false => format!("{path}:{line}:"),
         };
         let says = says.iter().map(|s| (*s).to_owned());
-        Mistake {
-            path,
-            settings: Vec::new(),
-            says: says.chain([location]).collect(),
-        }
+        Mistake { path, settings: Vec::new(), says: says.chain([location]).collect() }
     });
 }

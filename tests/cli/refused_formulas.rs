@@ -7,11 +7,7 @@ const LONGEST_MESSAGE: usize = 2000;
 
 const NOT_FINITE: &[(&str, &str, &[&str])] = &[
     ("initial.f", "sqrt(-x)", &["NaN", "x = 0.0", "v = -1.4"]),
-    (
-        "initial.f",
-        "1/(x - 0.01171875)",
-        &["inf", "x = 0.01171875"],
-    ),
+    ("initial.f", "1/(x - 0.01171875)", &["inf", "x = 0.01171875"]),
     ("initial.f", "exp(800*abs(v))", &["inf", "v = -1.4"]),
     // Found by one rank only, which need not be the first.
     ("initial.f", "sqrt(1.4 - x)", &["NaN", "x = 1.4"]),
@@ -66,11 +62,7 @@ fn exact_solution_is_checked_before_the_solve() {
 #[test]
 fn files_that_are_no_case_are_refused() {
     let deep = |open: &str, middle: &str, close: &str| {
-        format!(
-            "a = {}{middle}{}\n",
-            open.repeat(20_000),
-            close.repeat(20_000)
-        )
+        format!("a = {}{middle}{}\n", open.repeat(20_000), close.repeat(20_000))
     };
     let text = std::fs::read_to_string(case("example1.toml")).unwrap();
     let formula = |f: String| text.replace("value = \"0.2\"", &format!("value = \"{f}\""));
@@ -78,26 +70,14 @@ fn files_that_are_no_case_are_refused() {
         ("empty", b"".to_vec(), &["axis", "1 to 3"]),
         ("comment", b"# nothing\n".to_vec(), &["axis"]),
         ("prose", b"this is not a case file\n".to_vec(), &[":1:"]),
-        (
-            "binary",
-            vec![0x89, b'H', b'D', b'F', 0xff, 0xfe, 0],
-            &["UTF-8"],
-        ),
+        ("binary", vec![0x89, b'H', b'D', b'F', 0xff, 0xfe, 0], &["UTF-8"]),
         ("zeros", vec![0; 1000], &[]),
         ("json", b"{\"axis\": 3}".to_vec(), &[":1:"]),
         ("large", vec![b'#'; (1 << 20) + 1], &["1048576"]),
         ("lists", deep("[", "", "]").into_bytes(), &["recurs"]),
         ("tables", deep("{a=", "1", "}").into_bytes(), &["recurs"]),
-        (
-            "key",
-            format!("{}a = 1\n", "a.".repeat(20_000)).into_bytes(),
-            &["recurs"],
-        ),
-        (
-            "heading",
-            format!("[{}a]\n", "a.".repeat(20_000)).into_bytes(),
-            &["recurs"],
-        ),
+        ("key", format!("{}a = 1\n", "a.".repeat(20_000)).into_bytes(), &["recurs"]),
+        ("heading", format!("[{}a]\n", "a.".repeat(20_000)).into_bytes(), &["recurs"]),
         (
             "parentheses",
             formula(format!("{}1{}", "(".repeat(60), ")".repeat(60))).into_bytes(),
@@ -134,9 +114,7 @@ fn files_that_are_no_case_are_refused() {
     let place = directory();
     let path = place.path().join("long.toml");
     std::fs::write(&path, formula(format!("x{}", "+x".repeat(4_900)))).unwrap();
-    Job::new(["check", &path.display().to_string()])
-        .succeed()
-        .unwrap();
+    Job::new(["check", &path.display().to_string()]).succeed().unwrap();
 }
 
 /// Messages can be read: a value of thousands of characters is not repeated in full.
@@ -146,8 +124,5 @@ fn messages_stay_short() {
     let finished = check("example1.toml").set(&[&long]).run().unwrap();
     refused(&finished, &["initial.f"]).unwrap();
     let length = finished.errors.chars().count();
-    assert!(
-        length <= LONGEST_MESSAGE,
-        "a message of {length} characters"
-    );
+    assert!(length <= LONGEST_MESSAGE, "a message of {length} characters");
 }

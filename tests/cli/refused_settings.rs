@@ -8,10 +8,7 @@ fn slopes_where_none_can_be_are_refused() {
     let rows: &[(&[&str], &[&str])] = &[
         (&[], &["schrodingerized", "not linear", "ssp-rk3"]),
         (&SLOPES[..1], &["exponential", "not linear", "ssp-rk3"]),
-        (
-            &[SLOPES[0], SLOPES[1], "solver.verify=true"],
-            &["solver.verify"],
-        ),
+        (&[SLOPES[0], SLOPES[1], "solver.verify=true"], &["solver.verify"]),
     ];
     check_all(rows, |(settings, says)| {
         let settings = [&["scheme.limiter=van-leer"], *settings].concat();
@@ -56,42 +53,24 @@ fn a_missing_step_is_named_with_its_place() {
 #[test]
 fn mistakes_in_a_set_option_are_named_with_its_text() {
     let rows: &[(&str, &[&str])] = &[
-        (
-            "solver.tolerence=1e-3",
-            &["solver.tolerence", "mean \"tolerance\""],
-        ),
+        ("solver.tolerence=1e-3", &["solver.tolerence", "mean \"tolerance\""]),
         ("solvre.tolerance=1e-3", &["solvre", "mean \"solver\""]),
-        (
-            "solver.tolerance=small",
-            &["solver.tolerance", "\"small\"", "number"],
-        ),
+        ("solver.tolerance=small", &["solver.tolerance", "\"small\"", "number"]),
         ("solver.tolerance=", &["solver.tolerance", "number"]),
-        (
-            "solver.tolerance=1",
-            &["solver.tolerance = 1", "at most 0.1"],
-        ),
-        (
-            "solver.tolerance=-1e-3",
-            &["solver.tolerance = -1e-3", "above 0"],
-        ),
+        ("solver.tolerance=1", &["solver.tolerance = 1", "at most 0.1"]),
+        ("solver.tolerance=-1e-3", &["solver.tolerance = -1e-3", "above 0"]),
         ("axis.0.x.cells=0", &["axis.0.x.cells = 0", "at least 1"]),
         ("axis.0.x.cells=-3", &["axis.0.x.cells = -3", "at least 1"]),
         ("axis.5.x.cells=3", &["\"5\"", "axis", "1 entries"]),
         ("axis.x.x.cells=3", &["\"x\"", "axis", "index"]),
         ("axis.0.x.cells.more=3", &["axis.0.x.cells", "not a table"]),
-        (
-            "axis.0.x.upper=-2",
-            &["axis.0.x.upper = -2", "above", "-1.5"],
-        ),
+        ("axis.0.x.upper=-2", &["axis.0.x.upper = -2", "above", "-1.5"]),
         ("time.end=inf", &["time.end = inf", "finite"]),
         (
             "solver.propagator.step=0.1",
             &["solver.propagator.step = 0.1", "Chebyshev", "leave it out"],
         ),
-        (
-            "solver.propagator.method=crank",
-            &["solver.propagator.method", "\"crank-nicolson\""],
-        ),
+        ("solver.propagator.method=crank", &["solver.propagator.method", "\"crank-nicolson\""]),
         (
             "solver.propagator={method='crank-nicolson',step=0}",
             &["solver.propagator.step = 0", "above 0"],
@@ -109,20 +88,13 @@ fn mistakes_in_a_set_option_are_named_with_its_text() {
         ("inflow.value=1 +", &["inflow.value"]),
         ("potential=[]", &["potential", "at least one"]),
         ("potential=3", &["potential", "list of tables"]),
-        (
-            "scheme.interface=hats",
-            &["scheme.interface", "mean \"hat\""],
-        ),
+        ("scheme.interface=hats", &["scheme.interface", "mean \"hat\""]),
         ("time", &["key=value"]),
         ("=3", &["key"]),
     ];
     all_refused(rows, |(setting, says), _| {
         let text = format!("--set {setting}: ");
-        Mistake::set(
-            "example1.toml",
-            &[setting],
-            &[says, &[text.as_str()][..]].concat(),
-        )
+        Mistake::set("example1.toml", &[setting], &[says, &[text.as_str()][..]].concat())
     });
 }
 
@@ -145,14 +117,8 @@ fn late_mistakes_name_the_file() {
 #[test]
 fn boundaries_that_cannot_be_are_refused() {
     let rows: [(&str, &[&str]); 3] = [
-        (
-            "axis.0.x.boundary=reflecting",
-            &["axis.0.x.boundary", "reflecting", "periodic"],
-        ),
-        (
-            "axis.0.v.boundary=periodic",
-            &["axis.0.v.boundary", "velocity"],
-        ),
+        ("axis.0.x.boundary=reflecting", &["axis.0.x.boundary", "reflecting", "periodic"]),
+        ("axis.0.v.boundary=periodic", &["axis.0.v.boundary", "velocity"]),
         ("axis.0.x.boundry=periodic", &["boundry", "boundary"]),
     ];
     check_all(&rows, |(setting, says)| {
@@ -160,8 +126,5 @@ fn boundaries_that_cannot_be_are_refused() {
     });
     let place = directory();
     let job = run("periodic2d.toml").with(["--ranks-x", "1,2"]);
-    job.on(2)
-        .into(place.path())
-        .is_refused(&["--ranks-x", "2 blocks", "y", "periodic"])
-        .unwrap();
+    job.on(2).into(place.path()).is_refused(&["--ranks-x", "2 blocks", "y", "periodic"]).unwrap();
 }

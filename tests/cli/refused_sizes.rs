@@ -9,37 +9,13 @@ use crate::support::{
 #[test]
 fn grids_beyond_the_memory_are_refused() {
     let rows: &[(&str, [&str; 2], &[&str])] = &[
-        (
-            "run",
-            ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"],
-            &[],
-        ),
-        (
-            "plan",
-            ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"],
-            &[],
-        ),
-        (
-            "check",
-            ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"],
-            &[],
-        ),
+        ("run", ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"], &[]),
+        ("plan", ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"], &[]),
+        ("check", ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000000000"], &[]),
         ("run", ["axis.0.x.cells=40000", "axis.0.v.cells=40000"], &[]),
-        (
-            "run",
-            ["axis.0.x.cells=40000", "axis.0.v.cells=40000"],
-            &["solver.method=classical"],
-        ),
-        (
-            "run",
-            ["axis.0.x.cells=1000000000", "axis.0.v.cells=2"],
-            &[],
-        ),
-        (
-            "run",
-            ["axis.0.x.cells=2", "axis.0.v.cells=1000000000"],
-            &[],
-        ),
+        ("run", ["axis.0.x.cells=40000", "axis.0.v.cells=40000"], &["solver.method=classical"]),
+        ("run", ["axis.0.x.cells=1000000000", "axis.0.v.cells=2"], &[]),
+        ("run", ["axis.0.x.cells=2", "axis.0.v.cells=1000000000"], &[]),
         (
             "run",
             ["axis.0.x.cells=1000000000", "axis.0.v.cells=1000"],
@@ -48,16 +24,11 @@ fn grids_beyond_the_memory_are_refused() {
     ];
     check_all(rows, |(command, cells, settings)| {
         let place = directory();
-        let mut job = Job::new([*command, &case("example1.toml")])
-            .set(cells)
-            .set(settings);
+        let mut job = Job::new([*command, &case("example1.toml")]).set(cells).set(settings);
         if *command == "run" {
             job = job.into(place.path());
         }
-        job.on(2)
-            .within(20)
-            .capped()
-            .is_refused(&["memory", "cells"])
+        job.on(2).within(20).capped().is_refused(&["memory", "cells"])
     });
     let plan = plan("example1.toml", 4).with(["--memory-per-rank", "1MB"]);
     plan.is_refused(&["memory", "needed", "976.6 KiB"]).unwrap();
@@ -108,9 +79,7 @@ fn absurd_scales_are_refused() {
     check_all(rows, |(command, settings)| {
         let place = directory();
         let small = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
-        let mut job = Job::new([*command, &case("example1.toml")])
-            .set(&small)
-            .set(settings);
+        let mut job = Job::new([*command, &case("example1.toml")]).set(&small).set(settings);
         if *command == "run" {
             job = job.set(&["solver.verify=true"]).into(place.path());
         }

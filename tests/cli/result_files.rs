@@ -9,53 +9,27 @@ use std::collections::BTreeMap;
 fn refused_runs_leave_older_results() {
     let place = directory();
     let small = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
-    let solve = |settings: &[&str]| {
-        run("example1.toml")
-            .set(&small)
-            .set(settings)
-            .into(place.path())
-    };
+    let solve =
+        |settings: &[&str]| run("example1.toml").set(&small).set(settings).into(place.path());
     let contents = || -> BTreeMap<String, Vec<u8>> {
         std::fs::read_dir(place.path())
             .unwrap()
             .map(|e| e.unwrap())
-            .map(|e| {
-                (
-                    e.file_name().into_string().unwrap(),
-                    std::fs::read(e.path()).unwrap(),
-                )
-            })
+            .map(|e| (e.file_name().into_string().unwrap(), std::fs::read(e.path()).unwrap()))
             .collect()
     };
     solve(&[]).on(2).succeed().unwrap();
     let before = contents();
-    assert_eq!(
-        before.keys().collect::<Vec<_>>(),
-        ["fields.xdmf", "result.h5", "summary.json"]
-    );
-    for bad in [
-        "solver.tolerance=1e-15",
-        "initial.f=sqrt(-x)",
-        "axis.0.x.cells=0",
-    ] {
+    assert_eq!(before.keys().collect::<Vec<_>>(), ["fields.xdmf", "result.h5", "summary.json"]);
+    for bad in ["solver.tolerance=1e-15", "initial.f=sqrt(-x)", "axis.0.x.cells=0"] {
         let finished = solve(&[bad]).on(2).run().unwrap();
         refused(&finished, &[]).unwrap();
-        assert!(
-            contents() == before,
-            "{}",
-            finished.report("older results changed")
-        );
+        assert!(contents() == before, "{}", finished.report("older results changed"));
     }
     solve(&["time.end=0.5"]).on(2).succeed().unwrap();
     let after = contents();
-    assert_eq!(
-        after.keys().collect::<Vec<_>>(),
-        before.keys().collect::<Vec<_>>()
-    );
-    assert!(
-        after["result.h5"] != before["result.h5"],
-        "result.h5 was not replaced"
-    );
+    assert_eq!(after.keys().collect::<Vec<_>>(), before.keys().collect::<Vec<_>>());
+    assert!(after["result.h5"] != before["result.h5"], "result.h5 was not replaced");
 }
 
 /// However the fields are stored, they are the same, on any ranks; also where a rank has none of
@@ -106,15 +80,10 @@ fn same_bits_compressed_and_in_chunks() {
         let place = directory();
         let job = run("example1.toml").set(&["initial.f=0.5"]).set(settings);
         job.solve(place.path()).unwrap();
-        std::fs::metadata(place.path().join("result.h5"))
-            .unwrap()
-            .len()
+        std::fs::metadata(place.path().join("result.h5")).unwrap().len()
     };
     let (plain, compressed) = (size(&[]), size(&["output.compression=1"]));
-    assert!(
-        2 * compressed < plain,
-        "{compressed} bytes, {plain} without"
-    );
+    assert!(2 * compressed < plain, "{compressed} bytes, {plain} without");
 }
 
 /// What is said about a run in its file is true; what is not wanted is not written.
@@ -126,35 +95,22 @@ fn results_say_what_made_them() {
     let summary = job.solve(place.path()).unwrap();
     let attribute = |name: &str| {
         let file = hdf5::File::open(place.path().join("result.h5")).unwrap();
-        let text = file
-            .attr(name)
-            .unwrap()
-            .read_scalar::<hdf5::types::VarLenUnicode>();
+        let text = file.attr(name).unwrap().read_scalar::<hdf5::types::VarLenUnicode>();
         text.unwrap_or_else(|e| panic!("{name}: {e}")).to_string()
     };
     let file = hdf5::File::open(place.path().join("result.h5")).unwrap();
     assert_eq!(file.attr("ranks").unwrap().read_scalar::<u64>().unwrap(), 3);
-    assert_eq!(
-        file.attr("time").unwrap().read_scalar::<f64>().unwrap(),
-        0.5
-    );
+    assert_eq!(file.attr("time").unwrap().read_scalar::<f64>().unwrap(), 0.5);
     drop(file);
     assert!(attribute("command").ends_with(&format!("-o {}", place.path().display())));
     assert!(attribute("case_file").ends_with("cases/example1.toml"));
-    assert!(
-        attribute("rustc").starts_with("rustc 1."),
-        "{}",
-        attribute("rustc")
-    );
+    assert!(attribute("rustc").starts_with("rustc 1."), "{}", attribute("rustc"));
     assert!(attribute("mpi").contains(" v") && attribute("hdf5").starts_with("1."));
     assert_eq!(summary.value["git"].as_str(), Some(&attribute("git")[..]));
     let version = Job::new(["--version"]).succeed().unwrap().output;
     assert!(version.contains(&attribute("git")), "{version}");
     // Now, to a minute or so, in whatever time zone this is.
-    let now = std::process::Command::new("date")
-        .args(["-u", "+%FT%H"])
-        .output()
-        .unwrap();
+    let now = std::process::Command::new("date").args(["-u", "+%FT%H"]).output().unwrap();
     let (now, date) = (String::from_utf8(now.stdout).unwrap(), attribute("date"));
     let turned = date.contains(":59:");
     assert!(date.starts_with(now.trim()) || turned, "{date}, not {now}");
@@ -188,29 +144,15 @@ fn damaged_results_are_found() {
     };
     for ranks in 1..=4 {
         let finished = look(ranks).succeed().unwrap();
-        assert!(
-            finished.output.contains("datasets as written"),
-            "{}",
-            finished.output
-        );
+        assert!(finished.output.contains("datasets as written"), "{}", finished.output);
     }
     let found = |bytes: &[u8], ranks: usize, says: &str| {
         std::fs::write(&path, bytes).unwrap();
         let finished = look(ranks).run().unwrap();
         let told = finished.code == Some(1) && finished.errors.contains(says);
-        assert!(
-            told && finished.others.is_empty(),
-            "{}",
-            finished.report(says)
-        );
+        assert!(told && finished.others.is_empty(), "{}", finished.report(says));
     };
-    for name in [
-        "/psi",
-        "/density",
-        "/axis/x",
-        "/multivalued/v",
-        "/xdmf/plane_x/phi",
-    ] {
+    for name in ["/psi", "/density", "/axis/x", "/multivalued/v", "/xdmf/plane_x/phi"] {
         let file = hdf5::File::open(&path).unwrap();
         let dataset = file.dataset(name).unwrap();
         let last = dataset.offset().unwrap() as usize + 8 * dataset.size() - 1;
@@ -218,11 +160,7 @@ fn damaged_results_are_found() {
         let mut bytes = whole.clone();
         bytes[last] ^= 0x40;
         for ranks in [1, 3] {
-            found(
-                &bytes,
-                ranks,
-                &format!("dataset {name} is not as it was written"),
-            );
+            found(&bytes, ranks, &format!("dataset {name} is not as it was written"));
         }
         std::fs::write(&path, &whole).unwrap();
     }

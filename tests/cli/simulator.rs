@@ -10,12 +10,8 @@ use std::path::Path;
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/simulator.py");
 
 /// Cells of a case of one dimension, and how long it goes.
-const TINY: &[&str] = &[
-    "axis.0.x.cells=4",
-    "axis.0.v.cells=4",
-    "time.end=0.3",
-    "solver.tolerance=1e-3",
-];
+const TINY: &[&str] =
+    &["axis.0.x.cells=4", "axis.0.v.cells=4", "time.end=0.3", "solver.tolerance=1e-3"];
 /// Something enters; one cell more along v.
 const INFLOW: &[&str] = &["inflow.value=0.3", "axis.0.v.cells=8", "time.end=0.1"];
 /// The paper's profile, sampled.
@@ -25,15 +21,9 @@ const PAPER: &[&str] = &[
     "solver.warp.points=64",
     "solver.tolerance=0.1",
 ];
-const SMOOTH: &[&str] = &[
-    "solver.warp.profile=smooth",
-    "solver.warp.order=2",
-    "solver.tolerance=0.05",
-];
-const CONSERVATIVE: &[&str] = &[
-    "scheme.interface=conservative",
-    "solver.warp.profile=gaussian",
-];
+const SMOOTH: &[&str] =
+    &["solver.warp.profile=smooth", "solver.warp.order=2", "solver.tolerance=0.05"];
+const CONSERVATIVE: &[&str] = &["scheme.interface=conservative", "solver.warp.profile=gaussian"];
 const PLANE: &[&str] = &[
     "axis.0.x.cells=4",
     "axis.0.v.cells=4",
@@ -47,33 +37,17 @@ const PLANE: &[&str] = &[
 const EXPORTS: &[(&str, &[&[&str]])] = &[
     ("example1.toml", &[TINY]),
     ("example1.toml", &[TINY, PAPER]),
-    (
-        "example1.toml",
-        &[TINY, SMOOTH, &["solver.warp.weights=none", "time.end=0.1"]],
-    ),
+    ("example1.toml", &[TINY, SMOOTH, &["solver.warp.weights=none", "time.end=0.1"]]),
     ("example1.toml", &[TINY, CONSERVATIVE]),
     ("example1.toml", &[TINY, INFLOW]),
     (
         "example1.toml",
-        &[
-            TINY,
-            INFLOW,
-            &["solver.warp.inflow=full", "solver.warp.profile=gaussian"],
-        ],
+        &[TINY, INFLOW, &["solver.warp.inflow=full", "solver.warp.profile=gaussian"]],
     ),
-    (
-        "example1.toml",
-        &[TINY, INFLOW, &["solver.warp.inflow=scalar"]],
-    ),
+    ("example1.toml", &[TINY, INFLOW, &["solver.warp.inflow=scalar"]]),
     ("barrier2d.toml", &[PLANE]),
     // One cell, whose velocity is 0.
-    (
-        "example1.toml",
-        &[
-            TINY,
-            &["axis.0.x.cells=1", "axis.0.v.cells=1", "initial.f=1"],
-        ],
-    ),
+    ("example1.toml", &[TINY, &["axis.0.x.cells=1", "axis.0.v.cells=1", "initial.f=1"]]),
 ];
 
 fn export(name: &str, settings: &[&str], place: &Path) -> Job {
@@ -148,9 +122,8 @@ fn what_is_read_from_the_exported_state_is_the_field() {
         let expected = crate::support::field(solved.path())?;
         let apart = crate::support::distance(&field, &expected);
         let tolerance = summary.number("tolerance")?;
-        summary.require(apart <= 2.0 * tolerance, || {
-            format!("{apart:e} from the field of a run")
-        })?;
+        summary
+            .require(apart <= 2.0 * tolerance, || format!("{apart:e} from the field of a run"))?;
         // The probability of the slice is that of the run, but for the number of points and where
         // exactly the slice is.
         let text = std::fs::read_to_string(exported.path().join("description.json"));
@@ -160,11 +133,7 @@ fn what_is_read_from_the_exported_state_is_the_field() {
             .ok_or("no description.json")?;
         let number = |key: &str| about[key].as_f64().ok_or(format!("no {key}"));
         let told = &summary.value["probabilities"];
-        let of_run = |name: &str| {
-            told["at_slice"][name]["value"]
-                .as_f64()
-                .ok_or("no probability")
-        };
+        let of_run = |name: &str| told["at_slice"][name]["value"].as_f64().ok_or("no probability");
         let points = told["points"].as_f64().ok_or("no points")?;
         let moved = told["recovery"].as_f64().ok_or("no recovery")? - number("recovery")?;
         let scale = points / number("qubits_p")?.exp2() * (2.0 * moved).exp();
@@ -189,19 +158,13 @@ fn exports_are_the_same_on_any_ranks() {
     let one = directory();
     export(name, &settings, one.path()).succeed().unwrap();
     let three = directory();
-    export(name, &settings, three.path())
-        .on(3)
-        .succeed()
-        .unwrap();
+    export(name, &settings, three.path()).on(3).succeed().unwrap();
     let files = |place: &Path| -> Vec<(String, Vec<u8>)> {
         let mut files: Vec<_> = std::fs::read_dir(place)
             .unwrap()
             .map(|entry| {
                 let entry = entry.unwrap();
-                (
-                    entry.file_name().into_string().unwrap(),
-                    std::fs::read(entry.path()).unwrap(),
-                )
+                (entry.file_name().into_string().unwrap(), std::fs::read(entry.path()).unwrap())
             })
             .collect();
         files.sort();
@@ -219,28 +182,12 @@ fn exports_are_the_same_on_any_ranks() {
 
 #[test]
 fn what_is_too_large_or_no_state_is_refused() {
-    type Row = (
-        &'static str,
-        &'static [&'static str],
-        &'static [&'static str],
-    );
+    type Row = (&'static str, &'static [&'static str], &'static [&'static str]);
     let rows: &[Row] = &[
-        (
-            "example1.toml",
-            &["axis.0.x.cells=6"],
-            &["6 cells along x", "power of two"],
-        ),
-        (
-            "example1.toml",
-            &["axis.0.v.cells=12"],
-            &["12 cells along vx", "power of two"],
-        ),
+        ("example1.toml", &["axis.0.x.cells=6"], &["6 cells along x", "power of two"]),
+        ("example1.toml", &["axis.0.v.cells=12"], &["12 cells along vx", "power of two"]),
         ("example1.toml", &[], &["qubits", "at most 12"]),
-        (
-            "example1.toml",
-            &["solver.method=classical"],
-            &["solver.method", "schrodingerized"],
-        ),
+        ("example1.toml", &["solver.method=classical"], &["solver.method", "schrodingerized"]),
         ("example2.toml", &[], &["measure-valued", "initial.f"]),
         ("pulsed_inflow.toml", &[], &["inflow.value", "depends on t"]),
         (

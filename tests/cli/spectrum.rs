@@ -56,33 +56,12 @@ fn spectrum_by_refinement() {
     // λ⁺ and λ⁻ at 32², 64², 128².
     type Row = (&'static str, bool, [f64; 3], [f64; 3]);
     let rows: [Row; 3] = [
-        (
-            "hat",
-            false,
-            [0.080298, 2.787772, 2.070673],
-            [30.7491, 62.8672, 126.9287],
-        ),
-        (
-            "hat",
-            true,
-            [-0.002264, -0.000584, -0.000148],
-            [30.7491, 62.8660, 126.9283],
-        ),
-        (
-            "conservative",
-            false,
-            [-0.002264, -0.000584, -0.000148],
-            [30.7492, 62.8651, 126.9279],
-        ),
+        ("hat", false, [0.080298, 2.787772, 2.070673], [30.7491, 62.8672, 126.9287]),
+        ("hat", true, [-0.002264, -0.000584, -0.000148], [30.7491, 62.8660, 126.9283]),
+        ("conservative", false, [-0.002264, -0.000584, -0.000148], [30.7492, 62.8651, 126.9279]),
     ];
     check_all(&["hat", "conservative"], |interface| {
-        let job = Job::new([
-            "spectrum",
-            &case("example1.toml"),
-            "--refine",
-            "1,2,4",
-            "--json",
-        ]);
+        let job = Job::new(["spectrum", &case("example1.toml"), "--refine", "1,2,4", "--json"]);
         let finished = job
             .set(&["axis.0.x.cells=32", "axis.0.v.cells=32"])
             .set(&[&format!("scheme.interface={interface}")])
@@ -110,33 +89,21 @@ fn spectrum_by_refinement() {
                     let residual = number(&format!("/lanczos/{end}/residual"))?;
                     at_most(&format!("{at}: residual"), residual, 2e-4)?;
                     let converged = found["lanczos"][end]["converged"] == true;
-                    require(converged, &finished, || {
-                        format!("{at}: {end} has not converged")
-                    })?;
+                    require(converged, &finished, || format!("{at}: {end} has not converged"))?;
                 }
                 // Bounds are bounds.
                 let (low, high) = (number("/gershgorin/0")?, number("/gershgorin/1")?);
-                at_most(
-                    "lowest below Gershgorin",
-                    low,
-                    number("/lanczos/lowest/value")?,
-                )?;
-                at_most(
-                    "highest above Gershgorin",
-                    number("/lanczos/highest/value")?,
-                    high,
-                )?;
+                at_most("lowest below Gershgorin", low, number("/lanczos/lowest/value")?)?;
+                at_most("highest above Gershgorin", number("/lanczos/highest/value")?, high)?;
                 at_most(
                     "highest above the certificate",
                     number("/lanczos/highest/value")?,
                     number("/certificate")?,
                 )?;
                 at_most("sqrt(pi)", number("/sqrt_pi/1")?, number("/sqrt_pi/0")?)?;
-                require(
-                    (number("/sqrt_pi/0")? > 1.0) == *weighted,
-                    &finished,
-                    || format!("{at}: sqrt(pi)"),
-                )?;
+                require((number("/sqrt_pi/0")? > 1.0) == *weighted, &finished, || {
+                    format!("{at}: sqrt(pi)")
+                })?;
             }
         }
         Ok(())
@@ -144,11 +111,7 @@ fn spectrum_by_refinement() {
     // Too few steps are said to be too few.
     let job = Job::new(["spectrum", &case("example1.toml"), "--steps", "20"]);
     let finished = job.succeed().unwrap();
-    assert!(
-        finished.output.contains("not converged"),
-        "{}",
-        finished.report("20 steps")
-    );
+    assert!(finished.output.contains("not converged"), "{}", finished.report("20 steps"));
 }
 
 /// Wells, slopes, inflow, two and three dimensions: every case has a spectrum, its ends inside the
@@ -163,14 +126,9 @@ fn spectrum_of_every_case() {
         let rows = value.as_array().filter(|rows| !rows.is_empty());
         for row in rows.ok_or_else(|| finished.report("no rows"))? {
             let number = |path: &str| {
-                row.pointer(path)
-                    .and_then(serde_json::Value::as_f64)
-                    .unwrap_or(f64::NAN)
+                row.pointer(path).and_then(serde_json::Value::as_f64).unwrap_or(f64::NAN)
             };
-            let (low, high) = (
-                number("/lanczos/lowest/value"),
-                number("/lanczos/highest/value"),
-            );
+            let (low, high) = (number("/lanczos/lowest/value"), number("/lanczos/highest/value"));
             let slack = 1e-12 * low.abs();
             let inside = low < 0.0
                 && low < high

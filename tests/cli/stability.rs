@@ -24,17 +24,12 @@ fn read(place: &Path) -> Result<Value, String> {
 fn panel<'a>(all: &'a Value, name: &str) -> Result<&'a Value, String> {
     let panels = all["panels"].as_array().into_iter().flatten();
     let mut panels = panels.filter(|p| p["name"] == name);
-    panels
-        .next()
-        .ok_or_else(|| format!("no panel {name}: {}", all["left_out"]))
+    panels.next().ok_or_else(|| format!("no panel {name}: {}", all["left_out"]))
 }
 
 /// Measured and theory of the one border of a panel whose name holds `words`.
 fn border(all: &Value, name: &str, words: &str) -> Result<[f64; 2], String> {
-    let borders = panel(all, name)?["borders"]
-        .as_array()
-        .into_iter()
-        .flatten();
+    let borders = panel(all, name)?["borders"].as_array().into_iter().flatten();
     let named = |b: &&Value| b["name"].as_str().is_some_and(|n| n.contains(words));
     let list: Vec<&Value> = borders.filter(named).collect();
     let [one] = list[..] else {
@@ -68,15 +63,10 @@ fn explicit_steps_fail_where_theory_says() {
             let [kept, theory] = border(&all, "cfl", &format!("{method}: largest"))?;
             // Beside a force the neighbours' numbers differ, and the signs that are tried are not
             // the worst.
-            let worst = if *name == "slope_jump.toml" {
-                1.3
-            } else {
-                1.0 + 1e-4
-            };
-            expect(
-                kept >= theory * (1.0 - 1e-6) && kept <= worst * theory,
-                || format!("{name}, {method}: {kept}, theory {theory}"),
-            )?;
+            let worst = if *name == "slope_jump.toml" { 1.3 } else { 1.0 + 1e-4 };
+            expect(kept >= theory * (1.0 - 1e-6) && kept <= worst * theory, || {
+                format!("{name}, {method}: {kept}, theory {theory}")
+            })?;
             let [explodes, least] = border(&all, "cfl", &format!("{method}: explodes"))?;
             expect(explodes >= 0.999 * least && explodes < 3.0 * least, || {
                 format!("{name}, {method}: explodes at {explodes}, theory {least}")
@@ -84,9 +74,7 @@ fn explicit_steps_fail_where_theory_says() {
         }
         let [euler, _] = border(&all, "cfl", "forward Euler: explodes")?;
         let [runge, _] = border(&all, "cfl", "SSP-RK3: explodes")?;
-        expect(euler < runge && runge > 1.256, || {
-            format!("{name}: {euler}, {runge}")
-        })
+        expect(euler < runge && runge > 1.256, || format!("{name}: {euler}, {runge}"))
     });
 }
 
@@ -97,28 +85,17 @@ fn growth_of_example_1_by_refinement() {
     let all = found(&stability("example1.toml", "growth").on(2)).unwrap();
     let curves = panel(&all, "growth").unwrap()["curves"].as_array().cloned();
     let expected: [(&str, &[(f64, f64)]); 2] = [
-        (
-            "hat, no weights",
-            &[(32.0, 0.080), (64.0, 2.788), (128.0, 2.0707)],
-        ),
-        (
-            "conservative",
-            &[(32.0, -0.0023), (64.0, -0.0006), (128.0, -0.00015)],
-        ),
+        ("hat, no weights", &[(32.0, 0.080), (64.0, 2.788), (128.0, 2.0707)]),
+        ("conservative", &[(32.0, -0.0023), (64.0, -0.0006), (128.0, -0.00015)]),
     ];
     let curve = |name: &str| {
         let of = curves.iter().flatten().find(|c| c["name"] == name);
-        of.and_then(|c| c["points"].as_array())
-            .cloned()
-            .unwrap_or_default()
+        of.and_then(|c| c["points"].as_array()).cloned().unwrap_or_default()
     };
     for (name, numbers) in expected {
         for (cells, lambda) in numbers {
             let at = curve(name).into_iter().find(|p| p["x"] == *cells);
-            let measured = at
-                .and_then(|p| p["measured"].as_f64())
-                .unwrap_or(f64::NAN)
-                .ln();
+            let measured = at.and_then(|p| p["measured"].as_f64()).unwrap_or(f64::NAN).ln();
             let near = (measured - lambda).abs() <= 6e-3 * lambda.abs() + 6e-5;
             assert!(near, "{name} at {cells}: {measured}, {lambda} expected");
         }
@@ -146,37 +123,29 @@ fn growth_of_example_1_by_refinement() {
 #[test]
 fn the_plateau_begins_and_ends_where_theory_says() {
     let grid = ["axis.0.x.cells=32", "axis.0.v.cells=26"];
-    check_all(
-        &["example1.toml", "step_up.toml", "example2.toml"],
-        |name| {
-            let all = found(&stability(name, "recovery").set(&grid).on(2))?;
-            for kind in ["hat, dissipative weights", "hat, no weights"] {
-                let [left, theory] = border(&all, "recovery", &format!("{kind}: plateau begins"))?;
-                expect(left <= theory + 0.3, || {
-                    format!("{name}, {kind}: {left}, {theory}")
-                })?;
-                // Theory adds the magnitudes of what every mode rounds.
-                let [right, theory] = border(&all, "recovery", &format!("{kind}: round-off"))?;
-                expect(
-                    (theory - 0.5..theory + 3.0).contains(&right) && right > left + 4.0,
-                    || format!("{name}, {kind}: ends at {right}, {theory}"),
-                )?;
-            }
-            let points = &panel(&all, "recovery")?["curves"][0]["points"];
-            let points = points.as_array().ok_or("no points")?;
-            // Below the switch it is wrong, on the plateau right to ten digits.
-            let error = |p: &Value| p["measured"].as_f64().unwrap_or(f64::NAN);
-            let least = points.iter().map(error).fold(f64::INFINITY, f64::min);
-            expect(error(&points[0]) > 1e-3 && least < 1e-10, || {
-                format!("{name}: {least}")
+    check_all(&["example1.toml", "step_up.toml", "example2.toml"], |name| {
+        let all = found(&stability(name, "recovery").set(&grid).on(2))?;
+        for kind in ["hat, dissipative weights", "hat, no weights"] {
+            let [left, theory] = border(&all, "recovery", &format!("{kind}: plateau begins"))?;
+            expect(left <= theory + 0.3, || format!("{name}, {kind}: {left}, {theory}"))?;
+            // Theory adds the magnitudes of what every mode rounds.
+            let [right, theory] = border(&all, "recovery", &format!("{kind}: round-off"))?;
+            expect((theory - 0.5..theory + 3.0).contains(&right) && right > left + 4.0, || {
+                format!("{name}, {kind}: ends at {right}, {theory}")
             })?;
-            for p in points {
-                let theory = p["theory"].as_f64().unwrap_or(f64::NAN);
-                expect(error(p) <= 3.0 * theory, || format!("{name}: {p}"))?;
-            }
-            Ok(())
-        },
-    );
+        }
+        let points = &panel(&all, "recovery")?["curves"][0]["points"];
+        let points = points.as_array().ok_or("no points")?;
+        // Below the switch it is wrong, on the plateau right to ten digits.
+        let error = |p: &Value| p["measured"].as_f64().unwrap_or(f64::NAN);
+        let least = points.iter().map(error).fold(f64::INFINITY, f64::min);
+        expect(error(&points[0]) > 1e-3 && least < 1e-10, || format!("{name}: {least}"))?;
+        for p in points {
+            let theory = p["theory"].as_f64().unwrap_or(f64::NAN);
+            expect(error(p) <= 3.0 * theory, || format!("{name}: {p}"))?;
+        }
+        Ok(())
+    });
 }
 
 /// Both ends of the interval: no error that theory has not, and a run keeps its tolerance on the
@@ -195,9 +164,7 @@ fn intervals_fail_where_theory_says() {
             format!("{name}: R = {right}, {theory}")
         })?;
         let [error, tolerance] = border(&all, "interval", "a run accepts")?;
-        expect(error <= tolerance, || {
-            format!("{name}: {error}, tolerance {tolerance}")
-        })
+        expect(error <= tolerance, || format!("{name}: {error}, tolerance {tolerance}"))
     });
 }
 
@@ -219,10 +186,7 @@ fn delta_has_a_best_value() {
         }
     }
     let all = found(&stability("example1.toml", "delta")).unwrap();
-    assert!(
-        all["left_out"].to_string().contains("nothing enters"),
-        "{all}"
-    );
+    assert!(all["left_out"].to_string().contains("nothing enters"), "{all}");
 }
 
 /// Grazing: the chains at a face are most of λ⁺ where it is largest.
@@ -238,10 +202,7 @@ fn grazing_spikes_where_a_cell_rests_beyond_the_threshold() {
         assert!(theory <= measured + 0.05, "{p}");
     }
     let [measured, theory] = border(&all, "grazing", "largest lambda+").unwrap();
-    assert!(
-        measured > 1.0 && theory > 0.7 * measured,
-        "{measured} {theory}"
-    );
+    assert!(measured > 1.0 && theory > 0.7 * measured, "{measured} {theory}");
     let without = ["potential=[{value='0.3*x'}]", "exact={}"];
     let all = found(&stability("example1.toml", "grazing,growth").set(&without)).unwrap();
     assert_eq!(all["left_out"].as_array().map(Vec::len), Some(2), "{all}");
@@ -268,10 +229,7 @@ fn accepted_tolerances_are_kept() {
     assert!(verdict.contains("designed down to"), "{verdict}");
     for name in ["designed", "gaussian"] {
         let [reached, smallest] = border(&all, "tolerance", name).unwrap();
-        assert!(
-            smallest < 1e-10 && reached < 2.0 * smallest,
-            "{name}: {reached} {smallest}"
-        );
+        assert!(smallest < 1e-10 && reached < 2.0 * smallest, "{name}: {reached} {smallest}");
     }
     for curve in found["curves"].as_array().unwrap() {
         for p in curve["points"].as_array().unwrap() {
@@ -296,19 +254,12 @@ fn the_same_numbers_on_any_ranks() {
     let reference = csv(1).unwrap();
     for line in reference.lines().skip(1) {
         // The names hold commas, in quotes.
-        let fields: Vec<&str> = line
-            .rsplit('"')
-            .next()
-            .unwrap_or_default()
-            .split(',')
-            .collect();
+        let fields: Vec<&str> = line.rsplit('"').next().unwrap_or_default().split(',').collect();
         assert_eq!(fields.len(), 5, "{line}");
         assert!(["theory", "bound"].contains(&fields[4]), "{line}");
     }
     check_all(&[2, 3, 4], |&ranks| {
-        expect(csv(ranks)? == reference, || {
-            format!("{ranks} ranks: other numbers")
-        })
+        expect(csv(ranks)? == reference, || format!("{ranks} ranks: other numbers"))
     });
 }
 
@@ -332,15 +283,12 @@ fn every_case_within_a_budget() {
         job.succeed()?;
         let all = read(place.path())?;
         let count = |key: &str| all[key].as_array().map_or(0, Vec::len);
-        expect(count("panels") + count("left_out") == 8, || {
-            format!("{name}: {all}")
-        })?;
+        expect(count("panels") + count("left_out") == 8, || format!("{name}: {all}"))?;
         let svg = std::fs::read_to_string(place.path().join("stability.svg"));
         let svg = svg.map_err(|e| e.to_string())?;
-        expect(
-            svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"),
-            || format!("{name}: no SVG"),
-        )?;
+        expect(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), || {
+            format!("{name}: no SVG")
+        })?;
         let png = std::fs::read(place.path().join("stability.png")).map_err(|e| e.to_string())?;
         expect(png.starts_with(b"\x89PNG"), || format!("{name}: no PNG"))
     });
@@ -352,17 +300,10 @@ fn ordinary_runs_say_so_near_the_borders() {
     let small = ["axis.0.x.cells=64", "axis.0.v.cells=64"];
     let place = directory();
     let job = Job::new(["check", &case("example1.toml")]).set(&small);
-    let said = job
-        .clone()
-        .set(&["solver.warp.weights=none"])
-        .succeed()
-        .unwrap();
-    for words in [
-        "solver.warp.weights = \"none\"",
-        "growth x time",
-        "where 1 is much",
-        "dissipative",
-    ] {
+    let said = job.clone().set(&["solver.warp.weights=none"]).succeed().unwrap();
+    for words in
+        ["solver.warp.weights = \"none\"", "growth x time", "where 1 is much", "dissipative"]
+    {
         assert!(said.output.contains(words), "{words}: {}", said.output);
     }
     assert!(!job.succeed().unwrap().output.contains("growth x time"));

@@ -57,10 +57,7 @@ fn every_propagator_runs_in_every_case() {
         ]);
         // Grids small enough to be quick.
         job = job.set(shrunk(name));
-        if ["example1", "slope", "step_up", "well"]
-            .iter()
-            .any(|n| name.starts_with(n))
-        {
+        if ["example1", "slope", "step_up", "well"].iter().any(|n| name.starts_with(n)) {
             job = job.set(&["axis.0.x.cells=48", "axis.0.v.cells=40"]);
         }
         let Some(steps) = steps else {
@@ -77,9 +74,7 @@ fn every_propagator_runs_in_every_case() {
         })?;
         let (solves, modes) = (summary.number("solves")?, summary.number("modes")?);
         let fields = summary.value["fields"].as_array().map_or(0, Vec::len) as f64;
-        summary.require(solves == steps * modes * fields, || {
-            format!("{solves} solves")
-        })?;
+        summary.require(solves == steps * modes * fields, || format!("{solves} solves"))?;
         let kept = summary.number("norm_kept")?;
         if *method == "crank-nicolson" {
             let defect = summary.number("unitarity_defect")?;
@@ -123,18 +118,11 @@ fn distance_between_files_is_what_was_asked_for() {
         let close = at_most("distance between the files", found, tolerance)
             .and_then(|()| {
                 let said = summary.number("error_semidiscrete")?;
-                near(
-                    "error_semidiscrete over that distance",
-                    said / found,
-                    1.0,
-                    0.01,
-                )
+                near("error_semidiscrete over that distance", said / found, 1.0, 0.01)
             })
             // The comparison can fail: a thousandth of the tolerance is not met.
             .and_then(|()| match at_most("", found, 1e-3 * tolerance) {
-                Ok(()) => Err(format!(
-                    "distance {found:e}: not a run at tolerance {tolerance:e}"
-                )),
+                Ok(()) => Err(format!("distance {found:e}: not a run at tolerance {tolerance:e}")),
                 Err(_) => Ok(()),
             });
         summary.holds(close)
@@ -221,10 +209,7 @@ fn estimate_is_right_or_silent_at_the_edges() {
     let small = ["axis.0.x.cells=32", "axis.0.v.cells=32"];
     let rows: [(&str, &[&str]); 6] = [
         ("example1.toml", &["time.end=0.001"]),
-        (
-            "example1.toml",
-            &["time.end=1e-10", "solver.tolerance=1e-2"],
-        ),
+        ("example1.toml", &["time.end=1e-10", "solver.tolerance=1e-2"]),
         ("example1.toml", &["time.end=0.01", "solver.tolerance=1e-9"]),
         ("example1.toml", &["solver.tolerance=2e-14"]),
         ("example1.toml", &["solver.tolerance=1e-12"]),
@@ -232,10 +217,7 @@ fn estimate_is_right_or_silent_at_the_edges() {
     ];
     check_all(&rows, |(name, settings)| {
         let place = directory();
-        let job = run(name)
-            .set(&small)
-            .set(settings)
-            .set(&["solver.verify=true"]);
+        let job = run(name).set(&small).set(settings).set(&["solver.verify=true"]);
         let summary = job.solve(place.path())?;
         tolerance_is_met(&summary)?;
         estimate_is_right_or_silent(&summary, 3.0)
@@ -258,9 +240,8 @@ fn standing_particles_stay() {
         let summary = job.solve(place.path())?;
         let f = field(place.path())?;
         let cells = f.len() as f64;
-        let expected: Vec<f64> = (0..f.len())
-            .map(|i| 1.0 + (-1.5 + 3.0 * (i as f64 + 0.5) / cells).powi(2))
-            .collect();
+        let expected: Vec<f64> =
+            (0..f.len()).map(|i| 1.0 + (-1.5 + 3.0 * (i as f64 + 0.5) / cells).powi(2)).collect();
         summary.holds(at_most("distance from f(0)", distance(&f, &expected), 1e-6))
     });
 }
@@ -276,9 +257,7 @@ fn smallest_tolerance_is_accepted_and_met() {
         let mut after = words.skip_while(|w| *w != "than").skip(1);
         let number = after.next().unwrap_or_default().to_owned();
         let is_number = number.parse::<f64>().is_ok_and(|x| x > 1e-15 && x < 1e-9);
-        require(is_number, &finished, || {
-            "no smallest tolerance named".into()
-        })?;
+        require(is_number, &finished, || "no smallest tolerance named".into())?;
         Ok(number)
     };
     check_all(&cases(), |name| {
@@ -307,16 +286,8 @@ fn any_number_of_cells_is_solved() {
     let mut rows = Vec::new();
     for interface in INTERFACES {
         for cells in [1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 17] {
-            rows.push((
-                interface,
-                format!("axis.0.v.cells={cells}"),
-                "axis.0.x.cells=20",
-            ));
-            rows.push((
-                interface,
-                format!("axis.0.x.cells={cells}"),
-                "axis.0.v.cells=20",
-            ));
+            rows.push((interface, format!("axis.0.v.cells={cells}"), "axis.0.x.cells=20"));
+            rows.push((interface, format!("axis.0.x.cells={cells}"), "axis.0.v.cells=20"));
         }
     }
     check_all(&rows, |(interface, cells, others)| {
@@ -348,10 +319,7 @@ fn odd_numbers_of_ranks_run() {
     }
     check_all(&rows, |(name, ranks)| {
         let place = directory();
-        let summary = run(name)
-            .on(*ranks)
-            .set(&["solver.verify=true"])
-            .solve(place.path())?;
+        let summary = run(name).on(*ranks).set(&["solver.verify=true"]).solve(place.path())?;
         let found = summary.number("ranks")?;
         summary.require(found == *ranks as f64, || format!("ranks: {found}"))?;
         meets_its_tolerance(&summary)

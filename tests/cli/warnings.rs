@@ -22,9 +22,7 @@ fn region_edges_off_the_faces_give_a_warning() {
         let finished = job.clone().into(place.path()).succeed()?;
         for words in says {
             let times = finished.errors.matches(words).count();
-            require(times == 1, &finished, || {
-                format!("\"{words}\" is said {times} times")
-            })?;
+            require(times == 1, &finished, || format!("\"{words}\" is said {times} times"))?;
         }
         let summary = Summary::read(finished, place.path())?;
         let warnings = summary.warnings();
@@ -35,10 +33,6 @@ fn region_edges_off_the_faces_give_a_warning() {
     for condition in ["x < 0", "x < 0.0234375"] {
         let setting = format!("potential.0.where=\"{condition}\"");
         let finished = check("example1.toml").set(&[&setting]).succeed().unwrap();
-        assert!(
-            !finished.output.contains("warning"),
-            "{}",
-            finished.report("no warning expected")
-        );
+        assert!(!finished.output.contains("warning"), "{}", finished.report("no warning expected"));
     }
 }

@@ -26,10 +26,7 @@ fn the_sources_are_a_staircase() {
     let sources = sources();
     let rooms = rooms(&sources[&Module::new()]);
     assert_eq!(rooms.len(), 14, "{rooms:?}");
-    let files: BTreeSet<&str> = sources
-        .keys()
-        .filter_map(|m| Some(m.first()?.as_str()))
-        .collect();
+    let files: BTreeSet<&str> = sources.keys().filter_map(|m| Some(m.first()?.as_str())).collect();
     let named: BTreeSet<&str> = rooms.iter().map(String::as_str).collect();
     assert_eq!(files, named, "the rooms of src/ and those of the map");
     let imports = imports(&sources);
@@ -39,10 +36,7 @@ fn the_sources_are_a_staircase() {
     for room in &rooms {
         let found = circles(&imports, room);
         if ROOMS_WITH_CIRCLES.contains(&room.as_str()) {
-            assert!(
-                !found.is_empty(),
-                "{room} has no circle: take it off the list"
-            );
+            assert!(!found.is_empty(), "{room} has no circle: take it off the list");
         } else {
             assert_none(&found, "circles");
         }
@@ -50,12 +44,7 @@ fn the_sources_are_a_staircase() {
 }
 
 fn assert_none(found: &[String], what: &str) {
-    assert!(
-        found.is_empty(),
-        "{} {what}:\n{}",
-        found.len(),
-        found.join("\n")
-    );
+    assert!(found.is_empty(), "{} {what}:\n{}", found.len(), found.join("\n"));
 }
 
 /// All files of `src/` but those of unit tests; `main.rs`, a crate of its own, is left out.
@@ -70,13 +59,9 @@ fn sources() -> Sources {
                 folders.push(path);
                 continue;
             }
-            let below = path
-                .strip_prefix(&root)
-                .expect("a path below src")
-                .with_extension("");
-            let mut module: Module = (below.iter())
-                .map(|part| part.to_string_lossy().into_owned())
-                .collect();
+            let below = path.strip_prefix(&root).expect("a path below src").with_extension("");
+            let mut module: Module =
+                (below.iter()).map(|part| part.to_string_lossy().into_owned()).collect();
             if module == ["lib"] || module.last().is_some_and(|last| last == "mod") {
                 module.pop();
             }
@@ -103,13 +88,8 @@ fn imports(sources: &Sources) -> Imports {
         let tokens: TokenStream = text.parse().unwrap_or_else(|e| panic!("{module:?}: {e}"));
         let mut paths = Vec::new();
         collect_paths(tokens, &mut paths);
-        let found = paths
-            .into_iter()
-            .filter_map(|path| target(sources, module, path));
-        (
-            module.clone(),
-            found.filter(|target| target != module).collect(),
-        )
+        let found = paths.into_iter().filter_map(|path| target(sources, module, path));
+        (module.clone(), found.filter(|target| target != module).collect())
     };
     sources.iter().map(of_file).collect()
 }
@@ -177,10 +157,7 @@ fn item_length(tokens: &[TokenTree]) -> usize {
         TokenTree::Group(group) => group.delimiter() == Delimiter::Brace,
         _ => false,
     };
-    tokens
-        .iter()
-        .position(ends)
-        .map_or(tokens.len(), |at| at + 1)
+    tokens.iter().position(ends).map_or(tokens.len(), |at| at + 1)
 }
 
 /// Adds the path, or the tree of paths, that begins at the first token below `prefix`; the number
@@ -275,9 +252,7 @@ fn name(module: &Module) -> String {
 /// Sources in memory: `(module, text)`.
 fn planted(files: &[(&str, &str)]) -> Sources {
     let module = |path: &str| path.split("::").map(str::to_owned).collect();
-    (files.iter())
-        .map(|(path, text)| (module(path), (*text).to_owned()))
-        .collect()
+    (files.iter()).map(|(path, text)| (module(path), (*text).to_owned())).collect()
 }
 
 fn upper_and_lower() -> Vec<String> {
@@ -309,11 +284,8 @@ fn what_is_no_import_upwards_is_let_be() {
         "#[cfg(test)]\nuse crate::upper::Thing;\nfn f() {}",
         "pub(crate) fn f() { other::upper::g(); }",
     ] {
-        let sources = planted(&[
-            ("upper", "use crate::lower::a;"),
-            ("lower", ""),
-            ("lower::a", line),
-        ]);
+        let sources =
+            planted(&[("upper", "use crate::lower::a;"), ("lower", ""), ("lower::a", line)]);
         let found = upwards(&imports(&sources), &upper_and_lower());
         assert!(found.is_empty(), "{line}: {found:?}");
     }
@@ -322,11 +294,8 @@ fn what_is_no_import_upwards_is_let_be() {
 #[test]
 fn a_planted_circle_is_found() {
     let circle = |files: &[(&str, &str)]| circles(&imports(&planted(files)), "room");
-    let two = [
-        ("room", ""),
-        ("room::a", "use crate::room::b::B;"),
-        ("room::b", "use super::a::A;"),
-    ];
+    let two =
+        [("room", ""), ("room::a", "use crate::room::b::B;"), ("room::b", "use super::a::A;")];
     assert_eq!(circle(&two), ["crate::room::a, crate::room::b"]);
     let three = [
         ("room", ""),
@@ -334,15 +303,10 @@ fn a_planted_circle_is_found() {
         ("room::b", "fn f() { crate::room::c::g(); }"),
         ("room::c", "use crate::room::a::{A, X};"),
     ];
-    assert_eq!(
-        circle(&three),
-        ["crate::room::a, crate::room::b, crate::room::c"]
-    );
+    assert_eq!(circle(&three), ["crate::room::a, crate::room::b, crate::room::c"]);
     // A parent that uses its child, which uses the parent.
-    let family = [
-        ("room", "mod child;\nfn f() { child::g(); }"),
-        ("room::child", "use crate::room::f;"),
-    ];
+    let family =
+        [("room", "mod child;\nfn f() { child::g(); }"), ("room::child", "use crate::room::f;")];
     assert_eq!(circle(&family), ["crate::room, crate::room::child"]);
     let straight = [
         ("room", "pub mod a;\npub mod b;"),

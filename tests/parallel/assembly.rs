@@ -91,10 +91,7 @@ pub fn adjoint(world: &World) {
         let name = format!("{} {mesh:?}: {left} {right}", twin.name);
         assert!((left - right).abs() <= round_off, "{name}");
         // The generator is not its own adjoint, or the test would see nothing.
-        assert!(
-            (left - product(&ay, &x, |t| t)).abs() > 1e-6 * scale,
-            "{name}"
-        );
+        assert!((left - product(&ay, &x, |t| t)).abs() > 1e-6 * scale, "{name}");
     });
 }
 
@@ -107,13 +104,7 @@ fn complex_noise(i: usize, seed: u64) -> [Complex64; LANES] {
 /// The same as a row of a batch: real parts, then imaginary parts.
 fn lanes_of_noise(i: usize, seed: u64) -> [f64; 2 * LANES] {
     let values = complex_noise(i, seed);
-    std::array::from_fn(|l| {
-        if l < LANES {
-            values[l].re
-        } else {
-            values[l - LANES].im
-        }
-    })
+    std::array::from_fn(|l| if l < LANES { values[l].re } else { values[l - LANES].im })
 }
 
 /// Constants of a step, other ones in each lane.
@@ -149,14 +140,7 @@ pub fn one_step(world: &World) {
         let (matrix, exchange) = (&piece.matrix, &mut piece.exchange);
         matrix.step(exchange, &constants, None, &mut plain, &mut x, nothing);
         matrix.step(exchange, &constants, None, &mut from_real, &mut x, &real);
-        matrix.step(
-            exchange,
-            &constants,
-            None,
-            &mut from_complex,
-            &mut x,
-            &start,
-        );
+        matrix.step(exchange, &constants, None, &mut from_complex, &mut x, &start);
         let tolerance = 1e-14 * twin.generator.largest() * 10.0;
         for set in InstructionSet::all() {
             let mut other = piece.batch(|i| lanes_of_noise(i, Y));
@@ -221,13 +205,7 @@ const LEVELS: usize = 7;
 /// strips and ranges that do not divide, more levels than cells, trips of fewer steps than the
 /// blocking is made for; with the inflow of a stage too.
 pub fn blocked_steps(world: &World) {
-    let shapes = [
-        (2, 1, 1),
-        (3, 2, 1),
-        (LEVELS, 1, 3),
-        (LEVELS, 3, 2),
-        (LEVELS, 100, 1000),
-    ];
+    let shapes = [(2, 1, 1), (3, 2, 1), (LEVELS, 1, 3), (LEVELS, 3, 2), (LEVELS, 100, 1000)];
     let levels: Vec<StepConstants> = (0..LEVELS as u64).map(constants_of_level).collect();
     let mut blocked = 0;
     for_every_piece(world, |twin, mesh, piece| {
@@ -235,16 +213,10 @@ pub fn blocked_steps(world: &World) {
             assert!(piece.matrix.shared_row().is_some());
             return;
         }
-        let couplings: Vec<f64> = (0..piece.matrix.inflow.len())
-            .map(|m| noise(m, 6))
-            .collect();
+        let couplings: Vec<f64> = (0..piece.matrix.inflow.len()).map(|m| noise(m, 6)).collect();
         for couplings in [None, Some(&couplings[..])] {
             for (depth, width, parts) in shapes {
-                let shape = BlockingShape {
-                    depth,
-                    width,
-                    parts,
-                };
+                let shape = BlockingShape { depth, width, parts };
                 let blocking = Blocking::new(&piece.matrix, &shape);
                 for levels in [&levels[..depth], &levels[..depth - 1]] {
                     let found = bits_of_steps(piece, Some(&blocking), levels, couplings);
@@ -287,10 +259,5 @@ fn bits_of_steps(
     let steps = Steps { levels, couplings };
     let exchange = &mut piece.exchange;
     (piece.matrix).steps(exchange, blocking, &steps, &mut y, &mut x, &start);
-    [y, x].map(|v| {
-        v[..rows]
-            .iter()
-            .map(|row| row.0.map(f64::to_bits))
-            .collect()
-    })
+    [y, x].map(|v| v[..rows].iter().map(|row| row.0.map(f64::to_bits)).collect())
 }

@@ -19,12 +19,7 @@ pub fn classical_exponential(world: &World) {
         let expected = exponential(&twin.generator, &twin.state, time);
         for mesh in meshes(world, &twin.case) {
             let name = format!("{}, {mesh:?}", twin.name);
-            let Weighted {
-                mut prepared,
-                number,
-                pi,
-                ..
-            } = Weighted::new(world, &twin, &mesh);
+            let Weighted { mut prepared, number, pi, .. } = Weighted::new(world, &twin, &mesh);
             let rate = prepared.bounds.rate;
             let system = &mut prepared.system;
             let mut state = system.states[0].clone();
@@ -63,10 +58,7 @@ pub fn orders_of_the_integrators(world: &World) {
                 });
                 let found = (errors[0] / errors[1]).log2();
                 let at = format!("{}, {mesh:?}, {integrator:?}", twin.name);
-                assert!(
-                    (found - order).abs() < 0.1,
-                    "{at}: order {found}, errors {errors:?}"
-                );
+                assert!((found - order).abs() < 0.1, "{at}: order {found}, errors {errors:?}");
             }
         }
     }
@@ -118,9 +110,7 @@ fn slopes_on_a_mesh(
     let name = format!("{}, {mesh:?}, {:?}", twin.name, twin.case.limiter);
     let mut piece = Piece::assemble(world, twin, mesh);
     let reconstruction = Reconstruction::new(&twin.case, &piece.matrix, 0);
-    let mut reconstruction = reconstruction
-        .expect("formulas are finite")
-        .expect("a limiter");
+    let mut reconstruction = reconstruction.expect("formulas are finite").expect("a limiter");
     let rows = piece.matrix.rows();
     let mut local = piece.scatter(x);
     let mut image = piece.apply(Operator::Generator, &mut local);
@@ -146,13 +136,7 @@ fn longest_step_keeps_bounds(
     let dt = longest_step(twin.case.limiter) / transport_and_force(twin);
     let mut state = piece.scatter(x);
     let mut classical = Classical::new(&piece.matrix).with_slopes(Some(slopes));
-    classical.steps(
-        &mut piece.exchange,
-        &mut state,
-        Integrator::ForwardEuler,
-        dt,
-        1,
-    );
+    classical.steps(&mut piece.exchange, &mut state, Integrator::ForwardEuler, dt, 1);
     let after = piece.gather(twin, &state);
     let expected: Vec<f64> = x.iter().zip(derivative).map(|(x, f)| x + dt * f).collect();
     assert_close(twin.name, &after, &expected, 1e-13);
@@ -162,11 +146,7 @@ fn longest_step_keeps_bounds(
     };
     let ([low, high], [least, most]) = (bounds(x), bounds(&after));
     let bounded = least >= low - 1e-14 && most <= high + 1e-14;
-    assert!(
-        bounded,
-        "{}: [{least}, {most}] of [{low}, {high}]",
-        twin.name
-    );
+    assert!(bounded, "{}: [{least}, {most}] of [{low}, {high}]", twin.name);
 }
 
 /// `max |A_ii|`.

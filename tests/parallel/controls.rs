@@ -83,8 +83,7 @@ fn hang() -> (bool, String) {
 /// Whether there is such a process: signal 0 asks for nothing else.
 fn exists(process: u32) -> bool {
     let mut kill = Command::new("kill");
-    kill.args(["-0", &process.to_string()])
-        .stderr(Stdio::null());
+    kill.args(["-0", &process.to_string()]).stderr(Stdio::null());
     kill.status().is_ok_and(|status| status.success())
 }
 

@@ -47,9 +47,7 @@ impl Twin {
         let mut twin = Self {
             name,
             cells,
-            generator: system
-                .generator
-                .enlarged(inflow.len() + usize::from(shared)),
+            generator: system.generator.enlarged(inflow.len() + usize::from(shared)),
             inflow,
             coupled: Vec::new(),
             state: (0..cells).map(|i| initial.eval(&point(i))).collect(),
@@ -144,19 +142,13 @@ impl Twin {
 
     /// The twin called `name`.
     pub fn named(name: &str) -> Self {
-        Self::all()
-            .into_iter()
-            .find(|twin| twin.name == name)
-            .expect("a twin")
+        Self::all().into_iter().find(|twin| twin.name == name).expect("a twin")
     }
 
     /// Scenes in one, two and three dimensions, with both interfaces, with and without inflow. No
     /// length is divisible by 2, 3 and 4.
     pub fn all() -> Vec<Self> {
-        [Self::plain(), Self::periodic(), Self::embeddings()]
-            .into_iter()
-            .flatten()
-            .collect()
+        [Self::plain(), Self::periodic(), Self::embeddings()].into_iter().flatten().collect()
     }
 
     /// No axis closes on itself; the default embedding of the inflow.
@@ -169,24 +161,9 @@ impl Twin {
             scene("example 1", "example1.toml", &[10, 8], &[]),
             scene("slopes, inflow", "slope_jump.toml", &[7], &slopes),
             scene("well", "well.toml", &[11, 10], &[]),
-            scene(
-                "conservative barrier, inflow",
-                "inflow_barrier.toml",
-                &[9, 14],
-                &[conservative],
-            ),
-            scene(
-                "two dimensions, inflow",
-                "barrier2d.toml",
-                &[5, 3, 4, 4],
-                &plane,
-            ),
-            scene(
-                "three dimensions",
-                "step3d.toml",
-                &[4, 4, 3, 2, 2, 2],
-                &[space],
-            ),
+            scene("conservative barrier, inflow", "inflow_barrier.toml", &[9, 14], &[conservative]),
+            scene("two dimensions, inflow", "barrier2d.toml", &[5, 3, 4, 4], &plane),
+            scene("three dimensions", "step3d.toml", &[4, 4, 3, 2, 2, 2], &[space]),
         ]
     }
 
@@ -275,11 +252,8 @@ const PLANE_INFLOW: &str = "inflow.value='1 if x < -1.2 else 0'";
 /// overrides.
 fn scene(name: &'static str, file: &str, cells: &[usize], set: &[&str]) -> Twin {
     let cells: Vec<String> = cells_of_axes(cells);
-    let overrides: Vec<&str> = cells
-        .iter()
-        .map(String::as_str)
-        .chain(set.iter().copied())
-        .collect();
+    let overrides: Vec<&str> =
+        cells.iter().map(String::as_str).chain(set.iter().copied()).collect();
     Twin::new(name, file, &overrides)
 }
 

@@ -25,12 +25,7 @@ pub fn ghost_exchange(world: &World) {
             piece.exchange.finish(&mut batch[rows..]);
             for (i, &number) in piece.number.iter().enumerate() {
                 assert_eq!(real[i], value(number, seed), "{} {mesh:?} {i}", twin.name);
-                assert_eq!(
-                    batch[i].0,
-                    values(number, seed),
-                    "{} {mesh:?} {i}",
-                    twin.name
-                );
+                assert_eq!(batch[i].0, values(number, seed), "{} {mesh:?} {i}", twin.name);
             }
         }
         // Every ghost is where its block says.
@@ -46,10 +41,7 @@ pub fn long_messages(world: &World) {
     let velocities = 70_000;
     let velocity_cells = format!("axis.0.v.cells={velocities}");
     let case = case("example1.toml", &["axis.0.x.cells=5", &velocity_cells]);
-    let mesh = Mesh {
-        space: vec![ranks],
-        groups: 1,
-    };
+    let mesh = Mesh { space: vec![ranks], groups: 1 };
     let communicator = Communicator::new(world, &mesh);
     let block = block_of(&case, &mesh, &communicator);
     assert!(ranks == 1 || 2 * LANES * block.ghosts() > 1 << 20);
@@ -123,9 +115,6 @@ fn there_and_back(group: &Group, transpose: &mut Transpose<'_>, cells: usize, at
     for (k, (found, expected)) in back.iter().zip(&field).enumerate() {
         let inside = k % rows < cells;
         let expected = if inside { *expected } else { Complex64::ZERO };
-        assert_eq!(
-            *found, expected,
-            "{size} groups, {modes} modes, {cells} cells"
-        );
+        assert_eq!(*found, expected, "{size} groups, {modes} modes, {cells} cells");
     }
 }

@@ -67,11 +67,7 @@ impl Job {
             command.env(CONTROL, control);
         }
         let mpirun = command.spawn().expect("mpirun starts");
-        Self {
-            mpirun,
-            output,
-            deadline: Instant::now() + TIME_LIMIT,
-        }
+        Self { mpirun, output, deadline: Instant::now() + TIME_LIMIT }
     }
 
     fn text(&self, name: &str) -> String {
@@ -106,10 +102,6 @@ impl Job {
             }
             std::thread::sleep(Duration::from_millis(50));
         };
-        Outcome {
-            status,
-            stdout: self.text("stdout"),
-            stderr: self.text("stderr"),
-        }
+        Outcome { status, stdout: self.text("stdout"), stderr: self.text("stderr") }
     }
 }

@@ -128,10 +128,7 @@ fn parent() -> ExitCode {
     let mut bits = Bits::default();
     for ranks in EVERY {
         let chosen = CHECKS.iter().filter(|check| check.ranks.contains(&ranks));
-        let names: Vec<&str> = chosen
-            .map(|check| check.name)
-            .filter(|name| wanted(name))
-            .collect();
+        let names: Vec<&str> = chosen.map(|check| check.name).filter(|name| wanted(name)).collect();
         run_checks(ranks, &names, &mut tally, &mut bits);
     }
     bits.compare(filter.is_empty(), &mut tally);
@@ -165,11 +162,7 @@ fn run_checks(ranks: usize, names: &[&str], tally: &mut Tally, bits: &mut Bits) 
         }
         left = &left[count..];
         if let Some((name, rest)) = left.split_first() {
-            tally.count(
-                &format!("{name} on {ranks} ranks"),
-                false,
-                &outcome.report(),
-            );
+            tally.count(&format!("{name} on {ranks} ranks"), false, &outcome.report());
             left = rest;
         } else {
             let name = format!("end of the job on {ranks} ranks");

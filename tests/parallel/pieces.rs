@@ -17,10 +17,7 @@ pub fn meshes(world: &World, case: &Case) -> Vec<Mesh> {
     fn visit(case: &Case, ranks: usize, parts: &mut Vec<usize>, list: &mut Vec<Mesh>) {
         let Some(axis) = case.space.x.get(parts.len()) else {
             let space = parts.clone();
-            list.push(Mesh {
-                space,
-                groups: ranks,
-            });
+            list.push(Mesh { space, groups: ranks });
             return;
         };
         let most = case.space.most_blocks(parts.len()).min(axis.cells);
@@ -39,10 +36,7 @@ pub fn meshes(world: &World, case: &Case) -> Vec<Mesh> {
 
 /// One block, all ranks in its mode groups.
 pub fn one_block(world: &World, case: &Case) -> Mesh {
-    Mesh {
-        space: vec![1; case.space.dimension()],
-        groups: world.group().size(),
-    }
+    Mesh { space: vec![1; case.space.dimension()], groups: world.group().size() }
 }
 
 /// Calls `check` with every twin, mesh and piece.
@@ -109,12 +103,7 @@ impl Piece {
     pub fn new(twin: &Twin, communicator: Communicator, matrix: BlockMatrix) -> Self {
         let exchange = GhostExchange::new(&communicator.space, &matrix.block, 2 * LANES);
         let number = row_numbers(twin, &matrix);
-        Self {
-            communicator,
-            matrix,
-            exchange,
-            number,
-        }
+        Self { communicator, matrix, exchange, number }
     }
 
     pub fn assemble(world: &World, twin: &Twin, mesh: &Mesh) -> Self {
@@ -188,11 +177,7 @@ impl Piece {
                 // Over the world: all mode groups hold the same.
                 world.group().max_into(&mut entries);
                 let present = |entry: f64| {
-                    if entry == f64::NEG_INFINITY {
-                        0.0
-                    } else {
-                        entry
-                    }
+                    if entry == f64::NEG_INFINITY { 0.0 } else { entry }
                 };
                 Dense::from_fn(size, |i, j| present(entries[i * size + j]))
             })

@@ -99,11 +99,7 @@ fn propagate(
     let whole = |lanes: &[Lanes], l: usize| -> Vec<Complex64> {
         let part = |part: usize| {
             let value = |i: usize| (weighted.number[i], lanes[i].0[part * LANES + l]);
-            gather(
-                &parts.communicator.space,
-                weighted.state.len(),
-                (0..rows).map(value),
-            )
+            gather(&parts.communicator.space, weighted.state.len(), (0..rows).map(value))
         };
         (part(0).into_iter().zip(part(1)))
             .map(|(re, im)| Complex64::new(re, im) * report.phases[l])
@@ -112,10 +108,7 @@ fn propagate(
     let modes = 0..batch.modes;
     let errors = propagator.step_error();
     Propagated {
-        states: modes
-            .clone()
-            .map(|l| whole(propagator.state(), l))
-            .collect(),
+        states: modes.clone().map(|l| whole(propagator.state(), l)).collect(),
         step_errors: modes.filter_map(|l| Some(whole(errors?, l))).collect(),
         initial_size: norm(&weighted.state),
         report,
@@ -157,23 +150,13 @@ fn chebyshev_series(
     reference: &[Vec<Complex64>],
     time: f64,
 ) {
-    let most = degrees(&weighted.prepared.bounds, time, 1e-16)
-        .into_iter()
-        .max();
+    let most = degrees(&weighted.prepared.bounds, time, 1e-16).into_iter().max();
     let most = most.expect("some wavenumbers");
     let work = degrees(&weighted.prepared.bounds, time, tolerance);
-    let batch = BatchSpec {
-        modes: LANES,
-        wavenumbers: WAVENUMBERS,
-        tolerances: [tolerance; LANES],
-        work,
-    };
+    let batch =
+        BatchSpec { modes: LANES, wavenumbers: WAVENUMBERS, tolerances: [tolerance; LANES], work };
     let matrix = &weighted.prepared.system.matrix;
-    let shape = BlockingShape {
-        depth: 5,
-        width: 2,
-        parts: 2,
-    };
+    let shape = BlockingShape { depth: 5, width: 2, parts: 2 };
     let blocking = Blocking::possible(matrix).then(|| Blocking::new(matrix, &shape));
     let mut plain = Chebyshev::blocked(matrix, most, None);
     let mut blocked = Chebyshev::blocked(matrix, most, blocking);
@@ -341,12 +324,8 @@ pub fn long_implicit_steps(world: &World) {
     const FASTEST: f64 = 370.0;
     let mut wavenumbers = [FASTEST; LANES];
     wavenumbers[..2].copy_from_slice(&[0.0, 5.0]);
-    let batch = BatchSpec {
-        modes: 3,
-        wavenumbers,
-        tolerances: [1e-6; LANES],
-        work: [LONG_STEPS; LANES],
-    };
+    let batch =
+        BatchSpec { modes: 3, wavenumbers, tolerances: [1e-6; LANES], work: [LONG_STEPS; LANES] };
     for twin in Twin::unshared() {
         let mut expected: BTreeMap<(usize, usize), Vec<Complex64>> = BTreeMap::new();
         for mesh in meshes(world, &twin.case) {

@@ -117,11 +117,7 @@ impl Oracle<'_> {
         for (bits, x) in [(re, value.re), (im, value.im)] {
             let off = (bits as f64 * unit - x).abs();
             // The largest itself is one unit more than the bits hold.
-            let most = if x.abs() > access.largest() - unit {
-                1.0
-            } else {
-                0.5
-            };
+            let most = if x.abs() > access.largest() - unit { 1.0 } else { 0.5 };
             // More bits than a double has tell nothing.
             let round_off = 1e-15 * access.largest();
             assert!(off <= most * unit + round_off, "{m} bits: {off:e} {unit:e}");
@@ -139,12 +135,7 @@ impl Oracle<'_> {
             let close = (value - exact).norm() <= 1e-13 * self.access.largest();
             assert!(close, "{}: {j} {column}: {value} {exact}", self.name);
             let present = found.contains(&column);
-            assert_eq!(
-                value != Complex64::ZERO,
-                present,
-                "{}: {j} {column}",
-                self.name
-            );
+            assert_eq!(value != Complex64::ZERO, present, "{}: {j} {column}", self.name);
         }
         largest
     }
@@ -167,10 +158,7 @@ pub fn sparsity(world: &World) {
                 let unstated = c.rows.bound.is_none() && c.columns.bound.is_none();
                 assert!(found.bounded || unstated, "{name}");
             }
-            let places = found
-                .counts
-                .iter()
-                .flat_map(|c| [&c.rows.place, &c.columns.place]);
+            let places = found.counts.iter().flat_map(|c| [&c.rows.place, &c.columns.place]);
             // Scenes that differ in their couplings only have the same places.
             let text = |p: &str| p.bytes().map(f64::from).sum();
             let bits: Vec<f64> = places.map(|p| text(p)).chain([text(twin.name)]).collect();
@@ -193,10 +181,7 @@ fn check_counts(twin: &Twin, weighted: &Weighted, found: &Sparsity, name: &str) 
     let of = |matrix: &str| {
         let found = found.counts.iter().find(|c| c.matrix == matrix);
         let found = found.unwrap_or_else(|| panic!("{matrix} is counted"));
-        Fullest {
-            row: found.rows.most,
-            column: found.columns.most,
-        }
+        Fullest { row: found.rows.most, column: found.columns.most }
     };
     let count = |size: usize, present: &dyn Fn(usize, usize) -> bool| {
         let row = |i: usize| (0..size).filter(|&j| present(i, j)).count();
@@ -207,11 +192,7 @@ fn check_counts(twin: &Twin, weighted: &Weighted, found: &Sparsity, name: &str) 
         }
     };
     let a = &twin.generator;
-    assert_eq!(
-        of("A"),
-        count(twin.cells, &|i, j| a.at(i, j) != 0.0),
-        "{name}"
-    );
+    assert_eq!(of("A"), count(twin.cells, &|i, j| a.at(i, j) != 0.0), "{name}");
     let (s, k) = (weighted.generator.symmetric(), weighted.generator.skew());
     let coupled = |i, j| s.at(i, j) != 0.0 || k.at(i, j) != 0.0;
     assert_eq!(of("H"), count(twin.size(), &coupled), "{name}");
@@ -220,10 +201,7 @@ fn check_counts(twin: &Twin, weighted: &Weighted, found: &Sparsity, name: &str) 
     let whole = of("A");
     let among = |p: &Fullest| p.row <= whole.row && p.column <= whole.column;
     assert!(parts.iter().all(among), "{name}");
-    assert!(
-        parts.iter().map(|p| p.row).sum::<usize>() >= whole.row,
-        "{name}"
-    );
+    assert!(parts.iter().map(|p| p.row).sum::<usize>() >= whole.row, "{name}");
 }
 
 /// `C_w²/‖u(0)‖² = N_p Σ|c_l|²` is `Σ_k g(p_k)²`; and a window ends where the series leaves the
@@ -231,21 +209,14 @@ fn check_counts(twin: &Twin, weighted: &Weighted, found: &Sparsity, name: &str) 
 pub fn norm_of_the_state(world: &World) {
     let mut twin = Twin::named("example 1");
     let group = world.group();
-    let resources = Resources {
-        ranks: group.size(),
-        ..Resources::default()
-    };
+    let resources = Resources { ranks: group.size(), ..Resources::default() };
     let profiles = [
         (ProfileChoice::Designed, 1e-6),
         (ProfileChoice::Gaussian, 1e-9),
         (ProfileChoice::Smooth { order: 4 }, 1e-4),
         (ProfileChoice::Exponential { alpha: 1.0 }, 1e-2),
     ];
-    for (profile, tolerance) in profiles
-        .into_iter()
-        .skip(group.rank())
-        .step_by(group.size())
-    {
+    for (profile, tolerance) in profiles.into_iter().skip(group.rank()).step_by(group.size()) {
         twin.case.warp.profile = profile;
         twin.case.tolerance = tolerance;
         let plan = Plan::new(&twin.case, &resources, 2.0).expect("a plan");
@@ -254,13 +225,7 @@ pub fn norm_of_the_state(world: &World) {
         let lambda = [plan.bounds.growth, plan.bounds.decay].map(|x| x * twin.case.end);
         let point = warp.readings[0].point;
         let allowed = 10.0 * warp.state_tolerance;
-        end_of_window(
-            &warp.series,
-            point,
-            lambda,
-            allowed,
-            &format!("{profile:?}"),
-        );
+        end_of_window(&warp.series, point, lambda, allowed, &format!("{profile:?}"));
     }
 }
 

@@ -85,12 +85,7 @@ const fn by_method(
     Recovery {
         method,
         steps,
-        ..by_series(
-            profile,
-            RecoveryMethod::Point,
-            Coefficients::Analytic,
-            tolerance,
-        )
+        ..by_series(profile, RecoveryMethod::Point, Coefficients::Analytic, tolerance)
     }
 }
 
@@ -100,22 +95,13 @@ impl Recovery {
         case.warp.profile = self.profile;
         case.warp.recovery_method = self.reading;
         case.warp.coefficients = self.coefficients;
-        case.propagator = Propagation {
-            method: self.method,
-            step: self.steps.map(|n| case.end / f64::from(n)),
-        };
+        case.propagator =
+            Propagation { method: self.method, step: self.steps.map(|n| case.end / f64::from(n)) };
     }
 
     /// Two runs that differ have different names.
     fn name(&self) -> String {
-        let Self {
-            profile,
-            reading,
-            coefficients,
-            tolerance,
-            method,
-            ..
-        } = self;
+        let Self { profile, reading, coefficients, tolerance, method, .. } = self;
         format!("{profile:?}, {reading:?}, {coefficients:?}, {tolerance:e}, {method:?}")
     }
 }
@@ -142,10 +128,7 @@ fn check_norms(run: &Streamed, method: PropagatorMethod, name: &str) {
     let kept = run.recovered.norm_kept.expect("a state that is not zero");
     match run.recovered.unitarity_defect {
         Some(defect) => {
-            assert!(
-                defect <= 1.0 && method != PropagatorMethod::BackwardEuler,
-                "{name}"
-            );
+            assert!(defect <= 1.0 && method != PropagatorMethod::BackwardEuler, "{name}");
         }
         None => {
             let loses = method == PropagatorMethod::BackwardEuler && kept < 0.9999;
@@ -172,10 +155,7 @@ pub fn recovered_field(world: &World) {
             let mut weighted = Weighted::new(world, &twin, &mesh);
             let size = norm(&weighted.state);
             let ratio = weighted.prepared.probe();
-            let exact = Exact {
-                size,
-                field: &expected,
-            };
+            let exact = Exact { size, field: &expected };
             check_probe(ratio, exact.ratio(), &format!("{}, {mesh:?}", twin.name));
             for (k, recovery) in recoveries.iter().enumerate() {
                 recovery.set(&mut twin.case);
@@ -287,14 +267,10 @@ pub fn results_before_the_end(world: &World) {
     use PropagatorMethod::{Chebyshev, CrankNicolson, Krylov};
     for mut twin in Twin::all() {
         let time = twin.case.end;
-        let times = OUTPUT_TIMES.map(|(part, fields)| OutputTime {
-            time: part * time,
-            fields,
-        });
+        let times = OUTPUT_TIMES.map(|(part, fields)| OutputTime { time: part * time, fields });
         twin.case.times = times.to_vec();
-        let moments_only: Vec<bool> = (Leg::all(&twin.case).iter())
-            .map(|leg| leg.moments_only)
-            .collect();
+        let moments_only: Vec<bool> =
+            (Leg::all(&twin.case).iter()).map(|leg| leg.moments_only).collect();
         assert_eq!(moments_only, [false, true, false, false]);
         let at = |time| exponential(&twin.generator, &twin.state, time);
         let times = times.iter().map(|output| output.time).chain([time]);
@@ -338,11 +314,9 @@ fn results_of_a_run(
     let tolerance = twin.case.tolerance;
     let early = &run.recovered.early[0];
     let mut all = Vec::new();
-    for (found, exact) in [
-        (&early[0], &exact[0]),
-        (&early[2], &exact[2]),
-        (&run.recovered.fields[0][0], &exact[3]),
-    ] {
+    for (found, exact) in
+        [(&early[0], &exact[0]), (&early[2], &exact[2]), (&run.recovered.fields[0][0], &exact[3])]
+    {
         let found = gather_field(world, prepared, found);
         let error = distance(&found, exact);
         assert!(error <= tolerance, "{name}: {error:e}");
@@ -351,9 +325,7 @@ fn results_of_a_run(
         assert!(moved > 10.0 * tolerance, "{name}: {moved:e}");
         all.extend(found);
     }
-    all.extend(check_moments(
-        world, prepared, twin, &early[1], &exact[1], name,
-    ));
+    all.extend(check_moments(world, prepared, twin, &early[1], &exact[1], name));
     all
 }
 
@@ -382,14 +354,8 @@ fn check_moments(
         let error = norm(&apart);
         // A sum of so many velocities, each in its own direction off.
         let allowed = twin.case.tolerance * factors.norms()[m] * size;
-        assert!(
-            error <= allowed,
-            "{name}, moment {m}: {error:e} {allowed:e}"
-        );
-        assert!(
-            m > 0 || norm(&exact) > 100.0 * allowed,
-            "{name}, moment {m}"
-        );
+        assert!(error <= allowed, "{name}, moment {m}: {error:e} {allowed:e}");
+        assert!(m > 0 || norm(&exact) > 100.0 * allowed, "{name}, moment {m}");
         all.extend(found);
     }
     all
@@ -412,11 +378,7 @@ pub fn modes_in_any_batch(world: &World) {
                 let step = steps.map(|n| twin.case.end / n);
                 twin.case.propagator = Propagation { method, step };
                 let same = alike_in_any_batch(world, &mut prepared, &mut twin.case, &mesh);
-                assert!(
-                    same || coupled(method),
-                    "{}, {mesh:?}, {method:?}",
-                    twin.name
-                );
+                assert!(same || coupled(method), "{}, {mesh:?}, {method:?}", twin.name);
                 alike[k] &= same;
             }
         }
@@ -447,10 +409,7 @@ fn alike_in_any_batch(
 ) -> bool {
     case.tolerance = 1e-4;
     let planned = StreamedRun::new(case, mesh, 2.0);
-    let mixed = StreamedRun {
-        batches: mixed,
-        ..planned.clone()
-    };
+    let mixed = StreamedRun { batches: mixed, ..planned.clone() };
     let [planned, mixed] = [planned, mixed].map(|run| {
         let run = run.run(world, prepared);
         let fields = run.fields(world, prepared).concat().into_iter();
@@ -474,10 +433,7 @@ pub fn fields_in_one_pass(world: &World) {
         assert_eq!(together.fields.len(), 3);
         let mut applications = 0;
         for (k, field) in together.fields.iter().enumerate() {
-            let alone = StreamedRun {
-                fields: k..k + 1,
-                ..pass.clone()
-            };
+            let alone = StreamedRun { fields: k..k + 1, ..pass.clone() };
             let alone = alone.run(world, &mut prepared).recovered;
             applications += alone.applications;
             for (a, b) in alone.fields[0].iter().zip(field) {

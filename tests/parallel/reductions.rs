@@ -71,11 +71,7 @@ fn maxima(world: &World) {
     group.max_into(&mut most);
     assert_eq!(most, [-1.0, 0.5 * (group.size() - 1) as f64, 0.0]);
     assert_eq!(group.max(f64::NEG_INFINITY), f64::NEG_INFINITY);
-    let one = if group.rank() == 0 {
-        f64::NAN
-    } else {
-        f64::INFINITY
-    };
+    let one = if group.rank() == 0 { f64::NAN } else { f64::INFINITY };
     assert!(group.max(one).is_nan());
 }
 
@@ -111,9 +107,7 @@ pub fn agreement_on_errors(world: &World) {
         };
         let lowest = failing.trailing_zeros() as usize;
         let error = group.agree(mine).expect_err("one failed");
-        let named = error
-            .to_string()
-            .contains(&format!("rank {lowest} of {failing}"));
+        let named = error.to_string().contains(&format!("rank {lowest} of {failing}"));
         assert!(named, "{failing}: {error}");
         let code = if lowest.is_multiple_of(2) { 2 } else { 1 };
         assert_eq!(error.exit_code(), code);
@@ -157,11 +151,7 @@ impl Stage {
         watch.expect(|| 0);
         let (mut left, mut written) = (self.batches, 0);
         loop {
-            let standing = if left > 0 {
-                Standing::Working
-            } else {
-                self.last
-            };
+            let standing = if left > 0 { Standing::Working } else { self.last };
             match watch.ask(communicator, standing) {
                 Verdict::GoOn => {
                     watch.begin(standing);
@@ -184,10 +174,7 @@ impl Stage {
 pub fn verdicts(world: &World) {
     let size = world.group().size();
     for blocks in (1..=size).filter(|blocks| size.is_multiple_of(*blocks)) {
-        let mesh = Mesh {
-            space: vec![blocks],
-            groups: size / blocks,
-        };
+        let mesh = Mesh { space: vec![blocks], groups: size / blocks };
         verdicts_on(world, &mesh);
     }
 }
@@ -206,23 +193,13 @@ fn verdicts_on(world: &World, mesh: &Mesh) {
     // Ranks of different groups have different numbers of batches, the first none at all.
     let batches = 7 * group;
     let never = Times::default();
-    assert_eq!(
-        written(batches, Standing::Finished, &never, Verdict::Finished),
-        0
-    );
+    assert_eq!(written(batches, Standing::Finished, &never, Verdict::Finished), 0);
     // The last group fails, after its batches.
     let fails = group + 1 == mesh.groups;
-    let last = if fails {
-        Standing::Failed
-    } else {
-        Standing::Finished
-    };
+    let last = if fails { Standing::Failed } else { Standing::Finished };
     written(batches, last, &never, Verdict::Failed);
     // A checkpoint with each vote.
-    let always = Times {
-        every: Some(Duration::ZERO),
-        ..Times::default()
-    };
+    let always = Times { every: Some(Duration::ZERO), ..Times::default() };
     assert!(written(batches + 5, Standing::Finished, &always, Verdict::Finished) > 0);
     // One rank is asked to stop.
     let stop = Times::default();

@@ -14,9 +14,7 @@ use phasewarp::solve::spectrum::{extremes, gershgorin};
 
 /// Least and largest eigenvalue of `μS + iK`.
 pub fn ends_of_spectrum(s: &Dense, k: &Dense, mu: f64) -> [f64; 2] {
-    let h = Mat::from_fn(s.size, s.size, |i, j| {
-        Complex64::new(mu * s.at(i, j), k.at(i, j))
-    });
+    let h = Mat::from_fn(s.size, s.size, |i, j| Complex64::new(mu * s.at(i, j), k.at(i, j)));
     let values = h.self_adjoint_eigenvalues(Side::Lower);
     let values = values.expect("the eigenvalues of a Hermitian matrix");
     [values[0], values[values.len() - 1]]
@@ -120,10 +118,7 @@ impl DistributedMatrix<'_> {
         let round_off = 1e-13 * s.largest();
         let [lower, upper] = gershgorin(self.matrix, space);
         let [least, most] = dense_gershgorin(s);
-        assert!(
-            (lower - least).abs() <= round_off,
-            "{name}: {lower} {least}"
-        );
+        assert!((lower - least).abs() <= round_off, "{name}: {lower} {least}");
         assert!((upper - most).abs() <= round_off, "{name}: {upper} {most}");
 
         let [low, high] = exact;
@@ -142,12 +137,7 @@ impl DistributedMatrix<'_> {
         assert!(few.highest.value <= high + round_off, "{name}: {few:?}");
         assert!(few.lowest.value >= low - round_off, "{name}: {few:?}");
         let (highest, lowest) = (found.highest, found.lowest);
-        [
-            highest.value,
-            lowest.value,
-            highest.residual,
-            lowest.residual,
-        ]
+        [highest.value, lowest.value, highest.residual, lowest.residual]
     }
 }
 
@@ -156,8 +146,5 @@ fn dense_gershgorin(s: &Dense) -> [f64; 2] {
     let radius = |i: usize| s.row(i).iter().map(|x| x.abs()).sum::<f64>() - s.at(i, i).abs();
     let lower = (0..s.size).map(|i| s.at(i, i) - radius(i));
     let upper = (0..s.size).map(|i| s.at(i, i) + radius(i));
-    [
-        lower.fold(f64::INFINITY, f64::min),
-        upper.fold(f64::NEG_INFINITY, f64::max),
-    ]
+    [lower.fold(f64::INFINITY, f64::min), upper.fold(f64::NEG_INFINITY, f64::max)]
 }

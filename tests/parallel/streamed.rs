@@ -40,13 +40,7 @@ pub struct Streamed {
 impl<'a> StreamedRun<'a> {
     /// All fields, in the batches of the plan.
     pub fn new(case: &'a Case, mesh: &'a Mesh, ratio: f64) -> Self {
-        Self {
-            case,
-            mesh,
-            ratio,
-            fields: 0..case.fields.len(),
-            batches: planned,
-        }
+        Self { case, mesh, ratio, fields: 0..case.fields.len(), batches: planned }
     }
 
     /// A run by a series, which takes the applications that are planned.
@@ -69,10 +63,7 @@ impl<'a> StreamedRun<'a> {
         let factors = VelocityFactors::new(&self.case.space);
         let mut parts = parts(prepared, self.case.end);
         let mut propagator = parts.propagator(&plan);
-        let moments = MomentsOf {
-            factors: &factors,
-            pi: parts.pi,
-        };
+        let moments = MomentsOf { factors: &factors, pi: parts.pi };
         let recovered = modes::run(
             &Task {
                 communicator: parts.communicator,
@@ -90,29 +81,20 @@ impl<'a> StreamedRun<'a> {
         );
         let recovered = recovered.expect("a unitary run");
         assert!(recovered.unitarity_defect.unwrap_or(0.0) <= 1.0);
-        Streamed {
-            recovered,
-            planned,
-            plan: plan.warp.expect("a schrodingerized run"),
-        }
+        Streamed { recovered, planned, plan: plan.warp.expect("a schrodingerized run") }
     }
 }
 
 impl Streamed {
     /// Applications on all ranks.
     pub fn applications(&self, prepared: &Prepared) -> usize {
-        prepared
-            .communicator
-            .modes
-            .sum_count(self.recovered.applications)
+        prepared.communicator.modes.sum_count(self.recovered.applications)
     }
 
     /// The whole first field, on every rank, by each reading.
     pub fn fields(&self, world: &World, prepared: &Prepared) -> Vec<Vec<f64>> {
         let shares = self.recovered.fields[0].iter();
-        shares
-            .map(|share| gather_field(world, prepared, share))
-            .collect()
+        shares.map(|share| gather_field(world, prepared, share)).collect()
     }
 }
 

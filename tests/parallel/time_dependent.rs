@@ -30,17 +30,10 @@ impl Varying {
         let with = |factor: &str| {
             let inflow = format!("inflow.value='({formula})*{factor}'");
             let cells = cells.iter().map(String::as_str);
-            let all: Vec<&str> = cells
-                .chain(set.iter().copied())
-                .chain([&inflow[..]])
-                .collect();
+            let all: Vec<&str> = cells.chain(set.iter().copied()).chain([&inflow[..]]).collect();
             case(file, &all)
         };
-        Self {
-            name,
-            expected: exact(&with("1")),
-            case: with(&format!("(1 + sin({OMEGA}*t))")),
-        }
+        Self { name, expected: exact(&with("1")), case: with(&format!("(1 + sin({OMEGA}*t))")) }
     }
 
     pub fn all() -> Vec<Self> {
@@ -54,18 +47,8 @@ impl Varying {
         vec![
             slopes("varying", "1 + x + 2*v", &[]),
             slopes("varying, full", "0.9 + x + 2*v", &full),
-            slopes(
-                "varying, scalar",
-                "1.1 + x + 2*v",
-                &["solver.warp.inflow='scalar'"],
-            ),
-            Self::new(
-                "varying, two dimensions",
-                "barrier2d.toml",
-                &[5, 3, 4, 4],
-                plane,
-                &[],
-            ),
+            slopes("varying, scalar", "1.1 + x + 2*v", &["solver.warp.inflow='scalar'"]),
+            Self::new("varying, two dimensions", "barrier2d.toml", &[5, 3, 4, 4], plane, &[]),
         ]
     }
 }
@@ -96,10 +79,7 @@ fn exact(case: &Case) -> Vec<f64> {
 pub fn varying_inflow_directly(world: &World) {
     for scene in Varying::all() {
         let time = scene.case.end;
-        let direct = Case {
-            method: Method::Classical,
-            ..scene.case.clone()
-        };
+        let direct = Case { method: Method::Classical, ..scene.case.clone() };
         for mesh in meshes(world, &scene.case) {
             let name = format!("{}, {mesh:?}", scene.name);
             let mut prepared = prepare(world, &direct, &mesh);
@@ -137,10 +117,7 @@ pub fn varying_inflow_directly(world: &World) {
 /// The second error is that of half the time step.
 fn check_order(name: &str, order: f64, errors: [f64; 2]) {
     let found = (errors[0] / errors[1]).log2();
-    assert!(
-        (found - order).abs() < 0.25,
-        "{name}: order {found}, {errors:?}"
-    );
+    assert!((found - order).abs() < 0.25, "{name}: order {found}, {errors:?}");
 }
 
 /// The whole field after `work` on the classical system from time zero.
@@ -187,10 +164,7 @@ pub fn varying_inflow_by_modes(world: &World) {
                 let name = format!("{}, {mesh:?}, {tolerance:e}", scene.name);
                 let mut prepared = prepare(world, &scene.case, &mesh);
                 let schedule = prepared.system.schedule.as_ref().expect("steps");
-                assert!(
-                    schedule.error <= time_dependent_inflow::TIME_SHARE * tolerance,
-                    "{name}"
-                );
+                assert!(schedule.error <= time_dependent_inflow::TIME_SHARE * tolerance, "{name}");
                 assert_eq!(prepared.bounds.stages, 2 * schedule.steps);
                 let ratio = prepared.probe();
                 let run = StreamedRun::new(&scene.case, &mesh, ratio);

@@ -34,10 +34,7 @@ impl SharedDirectory {
     fn new(group: &Group) -> Self {
         let directory = (group.rank() == 0).then(|| tempfile::tempdir().expect("a directory"));
         let name = directory.as_ref().map(|d| d.path().display().to_string());
-        Self {
-            path: group.broadcast_text(&name.unwrap_or_default()).into(),
-            _directory: directory,
-        }
+        Self { path: group.broadcast_text(&name.unwrap_or_default()).into(), _directory: directory }
     }
 }
 
@@ -61,12 +58,7 @@ impl Rank {
         let communicator = Communicator::new(world, mesh);
         let block = block_of(case, mesh, &communicator);
         let number = cell_numbers(&block);
-        Self {
-            pi: number.iter().map(|&cell| weight(cell)).collect(),
-            communicator,
-            block,
-            number,
-        }
+        Self { pi: number.iter().map(|&cell| weight(cell)).collect(), communicator, block, number }
     }
 
     fn spread<'a>(&'a self, case: &'a Case, modes: &'a [Vec<usize>], buffers: u64) -> Spread<'a> {
@@ -103,19 +95,17 @@ const LOWER: f64 = -2.3;
 /// cell, the same bits on every mesh; read again, the modes come back.
 pub fn warped_file(world: &World) {
     let shared = SharedDirectory::new(&world.group());
-    for (name, file, cells) in [
-        ("a line", "example1.toml", &[5, 7][..]),
-        ("a plane", "example3.toml", &[3, 2, 4, 3]),
-    ] {
+    for (name, file, cells) in
+        [("a line", "example1.toml", &[5, 7][..]), ("a plane", "example3.toml", &[3, 2, 4, 3])]
+    {
         let cells = cells_of_axes(cells);
         let cells: Vec<&str> = cells.iter().map(String::as_str).collect();
         let case = case(file, &cells);
         // Of a planned series, which its points resolve, and with a mode that stands for itself.
         let transform = |mu: f64| Complex64::new(1.0, -0.4) / Complex64::new(1.0, 0.1 * mu);
-        for series in [
-            Series::analytic(5.1, 13, transform),
-            Series::analytic_points(5.1, 22, transform),
-        ] {
+        for series in
+            [Series::analytic(5.1, 13, transform), Series::analytic_points(5.1, 22, transform)]
+        {
             for mesh in meshes(world, &case) {
                 // Buffers for one cell, for some, for all.
                 for buffers in [1, 3000, 16 << 20] {
@@ -158,10 +148,7 @@ impl WarpedField<'_> {
             for (x, &cell) in values.zip(&self.rank.number) {
                 *x = mode_value(l, cell);
             }
-            kept.progress_mut()[k] = ModeProgress {
-                phase: phase(l),
-                ..ModeProgress::start(1.0)
-            };
+            kept.progress_mut()[k] = ModeProgress { phase: phase(l), ..ModeProgress::start(1.0) };
         }
         let about = About {
             case: self.case,
@@ -198,11 +185,7 @@ impl WarpedField<'_> {
                 let close = (found - expected).abs() < 1e-12;
                 assert!(close, "{}: {found} {expected}", self.name);
             }
-            report_bits(
-                world,
-                &format!("w of {}, {}", self.name, given.points),
-                &found,
-            );
+            report_bits(world, &format!("w of {}, {}", self.name, given.points), &found);
         }
         given
     }
@@ -224,14 +207,9 @@ impl WarpedField<'_> {
         let modes = dealt(ones.modes(), groups);
         let spread = self.rank.spread(self.case, &modes, self.buffers);
         let mut back = self.rank.room(&modes);
-        given
-            .read(&spread, &ones, &mut back)
-            .expect("it can be read");
+        given.read(&spread, &ones, &mut back).expect("it can be read");
         let rows = self.rank.rows();
-        for (k, &l) in modes[self.rank.communicator.modes.rank()]
-            .iter()
-            .enumerate()
-        {
+        for (k, &l) in modes[self.rank.communicator.modes.rank()].iter().enumerate() {
             let found = &back.values()[k * rows..(k + 1) * rows];
             for (found, &cell) in found.iter().zip(&self.rank.number) {
                 let expected = self.unit_mode(&ones, l, cell);
@@ -355,25 +333,13 @@ fn refused_files(files: &Files<'_>) {
         files.axes(file, p);
         new_w(file, shape);
     };
-    let shifted = files.case.space.v[0]
-        .centres()
-        .iter()
-        .map(|v| v + 0.1)
-        .collect::<Vec<_>>();
+    let shifted = files.case.space.v[0].centres().iter().map(|v| v + 0.1).collect::<Vec<_>>();
     let bad: [(&str, Write<'_>); 9] = [
         ("holds no dataset /w", &|file| files.axes(file, &POINTS)),
-        ("holds no dataset /axis/x", &|file| {
-            drop(new_w(file, [3, 2, 4]))
-        }),
-        ("/w has the shape [3, 3, 4]; [3, 2]", &|file| {
-            field(file, &POINTS, [3, 3, 4])
-        }),
-        ("/axis/p holds 4 points, /w 6", &|file| {
-            field(file, &POINTS, [3, 2, 6])
-        }),
-        ("/w has 3 points in p; an even number", &|file| {
-            field(file, &POINTS[..3], [3, 2, 3])
-        }),
+        ("holds no dataset /axis/x", &|file| drop(new_w(file, [3, 2, 4]))),
+        ("/w has the shape [3, 3, 4]; [3, 2]", &|file| field(file, &POINTS, [3, 3, 4])),
+        ("/axis/p holds 4 points, /w 6", &|file| field(file, &POINTS, [3, 2, 6])),
+        ("/w has 3 points in p; an even number", &|file| field(file, &POINTS[..3], [3, 2, 3])),
         ("in equal steps: point 2 is off by 6.7e-2", &|file| {
             field(file, &[-1.0, -0.5, 0.0, 0.6], [3, 2, 4]);
         }),
@@ -399,18 +365,14 @@ fn refused_files(files: &Files<'_>) {
 
 /// Numbers are looked at when they are read: one that is none, a changed one.
 fn refused_contents(world: &World, files: &Files<'_>) {
-    let mesh = Mesh {
-        space: vec![1],
-        groups: files.group.size(),
-    };
+    let mesh = Mesh { space: vec![1], groups: files.group.size() };
     let rank = Rank::new(world, &files.case, &mesh);
     let ones = Series::ones(2.0, 4);
     let modes = dealt(ones.modes(), mesh.groups);
     let spread = rank.spread(&files.case, &modes, 100);
-    for (message, number, checksum) in [
-        ("/w is NaN at", f64::NAN, None),
-        ("its checksum differs", 1.0, Some(7u64)),
-    ] {
+    for (message, number, checksum) in
+        [("/w is NaN at", f64::NAN, None), ("its checksum differs", 1.0, Some(7u64))]
+    {
         let given = files.given(|file| {
             files.axes(file, &POINTS);
             let w = new_w(file, [3, 2, 4]);
@@ -419,10 +381,7 @@ fn refused_contents(world: &World, files: &Files<'_>) {
             w.write_raw(&values).expect("numbers");
             if let Some(sum) = checksum {
                 let attribute = w.new_attr::<u64>().create("checksum");
-                attribute
-                    .expect("an attribute")
-                    .write_scalar(&sum)
-                    .expect("a number");
+                attribute.expect("an attribute").write_scalar(&sum).expect("a number");
             }
         });
         let mut kept = rank.room(&modes);

@@ -11,21 +11,13 @@ use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::Mesh;
 
 /// Twins in which trapped particles leave some growth, between walls or around an axis.
-const TRAPPED: [&str; 3] = [
-    "well",
-    "periodic, a jump at the end, inflow of velocities",
-    "periodic along the step",
-];
+const TRAPPED: [&str; 3] =
+    ["well", "periodic, a jump at the end, inflow of velocities", "periodic along the step"];
 
 /// `½ max_j (Aᵀπ)_j/π_j` over the cells.
 fn certificate(twin: &Twin, pi: &[f64]) -> f64 {
     let cells = 0..twin.cells;
-    let sum = |j: usize| {
-        cells
-            .clone()
-            .map(|i| twin.generator.at(i, j) * pi[i])
-            .sum::<f64>()
-    };
+    let sum = |j: usize| cells.clone().map(|i| twin.generator.at(i, j) * pi[i]).sum::<f64>();
     let column = |j: usize| 0.5 * sum(j) / pi[j];
     cells.clone().map(column).fold(f64::NEG_INFINITY, f64::max)
 }
@@ -54,11 +46,7 @@ fn claims_hold(twin: &Twin, weighted: &Weighted, name: &str) {
     let close = (claimed - found).abs() <= 1e-13 * twin.generator.largest();
     assert!(close, "{name}: {claimed} {found}");
     assert!(weighted.pi.iter().all(|&pi| pi >= 1.0), "{name}");
-    assert_eq!(
-        claimed > 1e-6,
-        TRAPPED.contains(&twin.name),
-        "{name}: {claimed}"
-    );
+    assert_eq!(claimed > 1e-6, TRAPPED.contains(&twin.name), "{name}: {claimed}");
     for (pi, &i) in weights.pi.iter().zip(&weighted.number) {
         assert_eq!(*pi, weighted.pi[i], "{name}: ghosts too");
     }
@@ -74,10 +62,7 @@ fn weights_of_auxiliary_unknowns(twin: &Twin, weighted: &Weighted, name: &str) {
     }
     let theta = |a: &Dense| -> f64 { twin.coupled.iter().map(|c| c.growth(a)).sum() };
     let (before, after) = (theta(&twin.generator), theta(&weighted.generator));
-    assert!(
-        (before - after).abs() <= 1e-13 * before,
-        "{name}: {before} {after}"
-    );
+    assert!((before - after).abs() <= 1e-13 * before, "{name}: {before} {after}");
 }
 
 /// No eigenvalue of `S` is above the certificate, inflow couplings aside.
@@ -91,10 +76,7 @@ fn certified_growth(twin: &Twin, weighted: &Weighted, highest: f64, name: &str) 
         assert!(allowed <= most, "{name}: {allowed} {most}");
     }
     let round_off = 1e-13 * twin.generator.largest();
-    assert!(
-        highest <= allowed + round_off,
-        "{name}: {highest} {allowed}"
-    );
+    assert!(highest <= allowed + round_off, "{name}: {highest} {allowed}");
 }
 
 /// Without weights the certificate is half the largest column sum: larger, where weights were
@@ -115,10 +97,6 @@ fn compared_with_none(world: &World, twin: &Twin, mesh: &Mesh, weighted: &Weight
         assert!(weights.certificate < 0.5 * none.certificate, "{name}");
         report_bits(world, &format!("weights of {}", twin.name), &weighted.pi);
     } else {
-        assert_eq!(
-            (most, weights.certificate),
-            (1.0, none.certificate),
-            "{name}"
-        );
+        assert_eq!((most, weights.certificate), (1.0, none.certificate), "{name}");
     }
 }

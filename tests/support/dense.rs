@@ -8,9 +8,7 @@ use std::path::Path;
 
 /// The file `name` of `cases/`, with overrides as `--set` takes them.
 pub fn case(name: &str, overrides: &[&str]) -> Case {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("cases")
-        .join(name);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases").join(name);
     let overrides: Vec<String> = overrides.iter().map(|o| (*o).to_owned()).collect();
     Case::load(&path, &overrides).unwrap_or_else(|e| panic!("{e}"))
 }
@@ -19,11 +17,7 @@ pub fn case(name: &str, overrides: &[&str]) -> Case {
 /// ranks.
 pub fn noise(index: usize, seed: u64) -> f64 {
     let mut h = (index as u64).wrapping_add(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
-    for (shift, factor) in [
-        (30, 0xbf58_476d_1ce4_e5b9_u64),
-        (27, 0x94d0_49bb_1331_11eb),
-        (31, 1),
-    ] {
+    for (shift, factor) in [(30, 0xbf58_476d_1ce4_e5b9_u64), (27, 0x94d0_49bb_1331_11eb), (31, 1)] {
         h = (h ^ (h >> shift)).wrapping_mul(factor);
     }
     (h >> 11) as f64 / (1u64 << 52) as f64 - 1.0
@@ -52,9 +46,7 @@ pub struct Dense {
 
 impl Dense {
     pub fn from_fn(size: usize, mut value: impl FnMut(usize, usize) -> f64) -> Self {
-        let values = (0..size * size)
-            .map(|e| value(e / size, e % size))
-            .collect();
+        let values = (0..size * size).map(|e| value(e / size, e % size)).collect();
         Self { size, values }
     }
 
@@ -120,9 +112,7 @@ impl Dense {
     }
 
     pub fn apply(&self, x: &[f64]) -> Vec<f64> {
-        (0..self.size)
-            .map(|i| self.row(i).iter().zip(x).map(|(a, x)| a * x).sum())
-            .collect()
+        (0..self.size).map(|i| self.row(i).iter().zip(x).map(|(a, x)| a * x).sum()).collect()
     }
 }
 
@@ -173,11 +163,7 @@ pub struct System {
 
 impl System {
     pub fn zero(size: usize) -> Self {
-        Self {
-            generator: Dense::zero(size),
-            inflow: vec![0.0; size],
-            draw: vec![0.0; size],
-        }
+        Self { generator: Dense::zero(size), inflow: vec![0.0; size], draw: vec![0.0; size] }
     }
 
     /// From the crate's rows.
@@ -236,21 +222,11 @@ fn pairs(a: &Dense, b: &Dense) -> Vec<Vec<(usize, f64, f64)>> {
 pub fn evolve(s: &Dense, k: &Dense, mu: f64, x: &[f64], time: f64) -> Vec<Complex64> {
     let rows: Vec<Vec<(usize, Complex64)>> = pairs(s, k)
         .into_iter()
-        .map(|row| {
-            row.into_iter()
-                .map(|(j, s, k)| (j, Complex64::new(k, -mu * s)))
-                .collect()
-        })
+        .map(|row| row.into_iter().map(|(j, s, k)| (j, Complex64::new(k, -mu * s))).collect())
         .collect();
-    let bound = rows
-        .iter()
-        .map(|row| row.iter().map(|(_, h)| h.norm()).sum())
-        .fold(0.0, f64::max);
-    let apply = |x: &[Complex64]| {
-        rows.iter()
-            .map(|row| row.iter().map(|&(j, h)| h * x[j]).sum())
-            .collect()
-    };
+    let bound = rows.iter().map(|row| row.iter().map(|(_, h)| h.norm()).sum()).fold(0.0, f64::max);
+    let apply =
+        |x: &[Complex64]| rows.iter().map(|row| row.iter().map(|&(j, h)| h * x[j]).sum()).collect();
     let x: Vec<Complex64> = x.iter().map(|&x| x.into()).collect();
     taylor(apply, bound, &x, time)
 }
@@ -258,8 +234,5 @@ pub fn evolve(s: &Dense, k: &Dense, mu: f64, x: &[f64], time: f64) -> Vec<Comple
 /// `exp(A t) x`.
 pub fn exponential(a: &Dense, x: &[f64], time: f64) -> Vec<f64> {
     let zero = Dense::zero(a.size);
-    evolve(&zero, a, 0.0, x, time)
-        .into_iter()
-        .map(|z| z.re)
-        .collect()
+    evolve(&zero, a, 0.0, x, time).into_iter().map(|z| z.re).collect()
 }

@@ -21,14 +21,8 @@ struct Limited<'a> {
 
 /// `A f + b` with slopes.
 pub fn limited_right_hand_side(case: &Case, f: &[f64]) -> Vec<f64> {
-    let this = Limited {
-        case,
-        space: &case.space,
-        f,
-    };
-    (0..f.len())
-        .map(|i| this.change(&case.space.cell(i)))
-        .collect()
+    let this = Limited { case, space: &case.space, f };
+    (0..f.len()).map(|i| this.change(&case.space.cell(i))).collect()
 }
 
 impl Limited<'_> {
@@ -62,11 +56,7 @@ impl Limited<'_> {
     /// The place `i` along space axis `a`, around the end of a periodic axis; `None` off the grid.
     fn place(&self, a: usize, i: i64) -> Option<usize> {
         let cells = self.space.x[a].cells as i64;
-        let i = if self.space.periodic[a] {
-            (i + cells) % cells
-        } else {
-            i
-        };
+        let i = if self.space.periodic[a] { (i + cells) % cells } else { i };
         (0..cells).contains(&i).then_some(i as usize)
     }
 
@@ -124,11 +114,8 @@ impl Limited<'_> {
                 // Σ_k h(z − ξ_k) f_k with the hat function h, over more velocities than the box
                 // has.
                 let square = xi * xi + 2.0 * rise;
-                let (place, z) = if square > 0.0 {
-                    (i + step, square.sqrt() * xi.signum())
-                } else {
-                    (i, -xi)
-                };
+                let (place, z) =
+                    if square > 0.0 { (i + step, square.sqrt() * xi.signum()) } else { (i, -xi) };
                 for k in -50..v.cells as i64 + 50 {
                     let weight = 1.0 - (z - v.centre(k)).abs() / v.width();
                     if weight > 1e-10 {
@@ -188,10 +175,9 @@ impl Limited<'_> {
     /// `½Δ s = ½ (f_{i+1} − f_i) ψ(θ)`, `θ = (f_i − f_{i−1})/(f_{i+1} − f_i)`.
     fn half(&self, cell: &Cell, axis: usize) -> f64 {
         let f = self.at(cell);
-        let (Some(lower), Some(upper)) = (
-            self.neighbour(cell, axis, false),
-            self.neighbour(cell, axis, true),
-        ) else {
+        let (Some(lower), Some(upper)) =
+            (self.neighbour(cell, axis, false), self.neighbour(cell, axis, true))
+        else {
             return 0.0;
         };
         if upper == f {

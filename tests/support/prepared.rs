@@ -60,23 +60,13 @@ pub fn prepare(world: &World, case: &Case, mesh: &Mesh) -> Prepared {
 
 /// For a propagation over `time`.
 pub fn parts(prepared: &mut Prepared, time: f64) -> Parts<'_> {
-    let Prepared {
-        communicator,
-        system,
-        bounds,
-        ..
-    } = prepared;
-    let norms = system
-        .states
-        .iter()
-        .map(|state| system.norm(communicator, state, false));
+    let Prepared { communicator, system, bounds, .. } = prepared;
+    let norms = system.states.iter().map(|state| system.norm(communicator, state, false));
     let norms: Vec<f64> = norms.collect();
     let rows = system.matrix.rows();
     let initial = system.states.iter().zip(norms);
     Parts {
-        initial: initial
-            .map(|(state, norm)| Initial::real(&state[..rows], norm))
-            .collect(),
+        initial: initial.map(|(state, norm)| Initial::real(&state[..rows], norm)).collect(),
         pi: &system.weights.pi[..system.matrix.block.cells()],
         communicator,
         schedule: system.schedule.as_ref(),

@@ -26,11 +26,7 @@ use std::f64::consts::PI;
 
 /// `δ_ω(y)`.
 pub fn delta(y: f64, omega: f64) -> f64 {
-    if y.abs() <= omega {
-        (1.0 + (PI * y / omega).cos()) / (2.0 * omega)
-    } else {
-        0.0
-    }
+    if y.abs() <= omega { (1.0 + (PI * y / omega).cos()) / (2.0 * omega) } else { 0.0 }
 }
 
 /// A square matrix of up to three rows; the rest is that of the identity.
@@ -85,10 +81,9 @@ pub fn concentrate(
             let h = space.v[a].width();
             let omega = match width {
                 DeltaWidth::Determinant => determinant(&jacobian).abs().max(1.0) * h,
-                DeltaWidth::Gradient => (0..n)
-                    .map(|b| jacobian[a][b].abs() * space.v[b].width())
-                    .sum::<f64>()
-                    .max(h),
+                DeltaWidth::Gradient => {
+                    (0..n).map(|b| jacobian[a][b].abs() * space.v[b].width()).sum::<f64>().max(h)
+                }
             };
             product *= delta(psi[a][at], omega);
         }

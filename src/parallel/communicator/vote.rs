@@ -24,9 +24,7 @@ impl Vote {
     /// Votes of the ranks of `group`. Collective.
     pub fn new(group: &Group) -> Self {
         Self {
-            group: Group {
-                communicator: group.communicator.duplicate(),
-            },
+            group: Group { communicator: group.communicator.duplicate() },
             ballots: vec![0; 2],
             // SAFETY: a constant of the library.
             request: unsafe { ffi::RSMPI_REQUEST_NULL },

@@ -80,11 +80,7 @@ pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair]) -> Result<PhaseSpace> {
         );
         return file.refuse("axis", message);
     }
-    let mut space = PhaseSpace {
-        x: Vec::new(),
-        v: Vec::new(),
-        periodic: [false; MAX_DIMENSION],
-    };
+    let mut space = PhaseSpace { x: Vec::new(), v: Vec::new(), periodic: [false; MAX_DIMENSION] };
     for (a, AxisPair { x, v }) in pairs.iter().enumerate() {
         let expected = "{ lower = …, upper = …, cells = … }";
         let x_key = format!("axis.{a}.x");

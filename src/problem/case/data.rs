@@ -173,8 +173,7 @@ fn formula(
     names: &Names,
 ) -> Result<Option<Expression>> {
     let text = text.as_ref();
-    text.map(|Formula(text)| file.formula(key, text, names))
-        .transpose()
+    text.map(|Formula(text)| file.formula(key, text, names)).transpose()
 }
 
 /// The formula of `key`, which must be given.
@@ -218,9 +217,7 @@ impl InflowTable {
         let text = self.value.as_ref().map_or(default, |Formula(text)| text);
         match text {
             "initial" => Ok(Inflow::Initial),
-            text => file
-                .formula("inflow.value", text, &names_with_time(n))
-                .map(Inflow::Formula),
+            text => file.formula("inflow.value", text, &names_with_time(n)).map(Inflow::Formula),
         }
     }
 }
@@ -249,11 +246,7 @@ impl InitialTable {
             Some(_) => file.formula("initial.warped", "0", &names)?,
             None => required_formula(file, "initial.f", &self.f, &names)?,
         };
-        let field = Field {
-            name: "f",
-            initial,
-            inflow: inflow.check(file, n, "0")?,
-        };
+        let field = Field { name: "f", initial, inflow: inflow.check(file, n, "0")? };
         Ok((Data::Density, vec![field]))
     }
 
@@ -305,10 +298,7 @@ impl InitialTable {
             return file.refuse("initial.warped", message);
         }
         let directory = Path::new(file.name()).parent().unwrap_or(Path::new(""));
-        Ok(Some(WarpedStart {
-            path: directory.join(path),
-            place: file.place("initial.warped"),
-        }))
+        Ok(Some(WarpedStart { path: directory.join(path), place: file.place("initial.warped") }))
     }
 }
 
@@ -322,10 +312,7 @@ impl ExactTable {
                  and velocity",
             );
         }
-        match (
-            self.kind,
-            formula(file, "exact.f", &self.f, &names_with_time(n))?,
-        ) {
+        match (self.kind, formula(file, "exact.f", &self.f, &names_with_time(n))?) {
             (None, None) => Ok(None),
             (None, Some(f)) => Ok(Some(Exact::Formula(f))),
             (Some(ExactKind::Characteristics), None) => Ok(Some(Exact::Characteristics)),

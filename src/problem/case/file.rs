@@ -42,12 +42,7 @@ impl<'t> CaseFile<'t> {
     /// [`Error::Input`] where the text is no TOML, or an override no `key=value` that fits the
     /// file.
     pub fn parse(name: &'t str, text: &'t str, overrides: &'t [String]) -> Result<Self> {
-        let mut file = CaseFile {
-            name,
-            text,
-            overrides,
-            root: DeValue::Table(DeTable::new()),
-        };
+        let mut file = CaseFile { name, text, overrides, root: DeValue::Table(DeTable::new()) };
         let table = DeTable::parse(text).map_err(|e| file.error_at(e.span(), e.message()))?;
         file.root = DeValue::Table(table.into_inner());
         for (number, text) in overrides.iter().enumerate() {
@@ -145,23 +140,14 @@ impl<'t> CaseFile<'t> {
 
     /// Where `key` stands and what it is set to.
     fn find(&self, key: &str) -> Found<'_> {
-        let mut found = Found {
-            value: Some(&self.root),
-            span: None,
-            key: None,
-        };
+        let mut found = Found { value: Some(&self.root), span: None, key: None };
         let mut rest = key;
         while !rest.is_empty() {
             let (part, below) = match found.value {
                 Some(DeValue::Table(table)) => {
-                    let key = table
-                        .iter()
-                        .find(|(key, _)| begins_with(rest, key.get_ref()));
+                    let key = table.iter().find(|(key, _)| begins_with(rest, key.get_ref()));
                     found.key = key.map(|(key, _)| key.span());
-                    (
-                        key.map_or(0, |(key, _)| key.get_ref().len()),
-                        key.map(|(_, value)| value),
-                    )
+                    (key.map_or(0, |(key, _)| key.get_ref().len()), key.map(|(_, value)| value))
                 }
                 Some(DeValue::Array(list)) => {
                     let part = rest.split('.').next().unwrap_or(rest);
@@ -193,9 +179,7 @@ impl<'t> CaseFile<'t> {
     /// An error about `key`, pointing at its place.
     pub fn error(&self, key: &str, message: &str) -> Error {
         let found = self.find(key);
-        let given = found
-            .value
-            .map_or(String::new(), |v| format!(" = {}", described(v)));
+        let given = found.value.map_or(String::new(), |v| format!(" = {}", described(v)));
         self.error_at(found.span, &format!("{key}{given}: {message}"))
     }
 
@@ -278,11 +262,7 @@ impl<'t> CaseFile<'t> {
         if let Some(set) = self.override_at(start) {
             return Error::Input(format!("--set {}: {message}", shortened(set)));
         }
-        let Position {
-            line,
-            column,
-            content,
-        } = position(self.text, start);
+        let Position { line, column, content } = position(self.text, start);
         let shown: String = content.chars().take(MOST_SHOWN).collect();
         let gutter = " ".repeat(line.to_string().len());
         let before = " ".repeat(column.min(MOST_SHOWN));

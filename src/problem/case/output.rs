@@ -59,9 +59,9 @@ impl Storage {
     /// At most so many chunks has a dataset; 0 where there are none.
     pub fn most_chunks(&self, space: &PhaseSpace) -> usize {
         match &self.chunks {
-            Some(chunks) => (chunks.iter().zip(space.axes()))
-                .map(|(c, axis)| axis.cells.div_ceil(*c))
-                .product(),
+            Some(chunks) => {
+                (chunks.iter().zip(space.axes())).map(|(c, axis)| axis.cells.div_ceil(*c)).product()
+            }
             // Planned chunks are of CHUNK/2 cells at least, and not more than half of them at the
             // ends of an axis.
             None if self.compression > 0 => (1 + 4 * space.cells() / CHUNK).min(MOST_CHUNKS),
@@ -161,10 +161,7 @@ impl OutputTable {
 
     /// `plateau`.
     pub fn plateau(&self, file: &CaseFile<'_>) -> Result<Option<Plateau>> {
-        self.plateau
-            .as_ref()
-            .map(|table| table.check(file))
-            .transpose()
+        self.plateau.as_ref().map(|table| table.check(file)).transpose()
     }
 
     /// How the fields are stored.
@@ -199,10 +196,7 @@ impl OutputTable {
         };
         let axes = 2 * space.dimension();
         if chunks.len() != axes || chunks.iter().any(|&cells| cells < 1) {
-            return file.refuse(
-                key,
-                format!("a list of {axes} whole numbers above 0 expected"),
-            );
+            return file.refuse(key, format!("a list of {axes} whole numbers above 0 expected"));
         }
         let chunks: Vec<usize> = chunks.iter().map(|&cells| cells as usize).collect();
         let cut = || chunks.iter().zip(space.axes());
@@ -233,11 +227,7 @@ struct PlateauTable {
 
 impl Default for PlateauTable {
     fn default() -> Self {
-        Self {
-            from: None,
-            to: None,
-            points: 9,
-        }
+        Self { from: None, to: None, points: 9 }
     }
 }
 
@@ -252,10 +242,7 @@ impl PlateauTable {
         if points > MOST_POINTS {
             return file.refuse(key, format!("must be at most {MOST_POINTS}"));
         }
-        let ends = [
-            ("output.plateau.from", self.from),
-            ("output.plateau.to", self.to),
-        ];
+        let ends = [("output.plateau.from", self.from), ("output.plateau.to", self.to)];
         for (key, value) in ends {
             file.within(key, value.unwrap_or(0.0), -HIGHEST..=HIGHEST, || {
                 format!("must be between -{HIGHEST} and {HIGHEST}")
@@ -266,11 +253,7 @@ impl PlateauTable {
         {
             return file.refuse("output.plateau.to", format!("must be above from = {from}"));
         }
-        Ok(Plateau {
-            from: self.from,
-            to: self.to,
-            points,
-        })
+        Ok(Plateau { from: self.from, to: self.to, points })
     }
 }
 

@@ -47,11 +47,7 @@ impl std::error::Error for Mistake {}
 
 impl de::Error for Mistake {
     fn custom<T: Display>(message: T) -> Self {
-        Self {
-            key: None,
-            unknown: false,
-            message: message.to_string(),
-        }
+        Self { key: None, unknown: false, message: message.to_string() }
     }
 
     fn invalid_type(_: Unexpected<'_>, expected: &dyn Expected) -> Self {
@@ -109,10 +105,7 @@ impl<'t> Entry<'t> {
 
     /// What is in a table, or the parts of a list.
     fn below(&self, name: &str, value: &'t Spanned<DeValue<'t>>) -> Self {
-        Entry {
-            key: joined(&self.key, name),
-            value: value.get_ref(),
-        }
+        Entry { key: joined(&self.key, name), value: value.get_ref() }
     }
 
     /// The mistake that this is not what is expected.

@@ -51,14 +51,7 @@ pub struct ReadoutTable {
 
 impl Default for ReadoutTable {
     fn default() -> Self {
-        Self {
-            cells: None,
-            points: None,
-            shots: 10_000,
-            evaluations: 256,
-            accuracy: None,
-            seed: 0,
-        }
+        Self { cells: None, points: None, shots: 10_000, evaluations: 256, accuracy: None, seed: 0 }
     }
 }
 
@@ -143,11 +136,7 @@ impl ReadoutTable {
         let cell = |List(row): &List<f64>| -> Result<Vec<usize>> {
             let axes = space.x.iter().zip(row).enumerate();
             axes.map(|(a, (axis, &x))| {
-                let cell = if by_number {
-                    numbered(axis, x)
-                } else {
-                    holding(axis, x)
-                };
+                let cell = if by_number { numbered(axis, x) } else { holding(axis, x) };
                 cell.map_or_else(
                     || {
                         let allowed = match by_number {

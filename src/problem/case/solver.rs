@@ -163,10 +163,8 @@ impl Propagation {
     pub(super) fn check(self, file: &CaseFile<'_>, end: f64) -> Result<Self> {
         let key = "solver.propagator.step";
         match self.step {
-            None if self.method.order() > 0 => file.refuse(
-                key,
-                "missing; crank-nicolson and backward-euler need a time step above 0",
-            ),
+            None if self.method.order() > 0 => file
+                .refuse(key, "missing; crank-nicolson and backward-euler need a time step above 0"),
             Some(_) if self.method == PropagatorMethod::Chebyshev => file.refuse(
                 key,
                 "the Chebyshev series takes the whole time at once; leave it out, or choose \
@@ -191,10 +189,7 @@ pub struct ClassicalTable {
 
 impl Default for ClassicalTable {
     fn default() -> Self {
-        Self {
-            integrator: Integrator::default(),
-            cfl: DEFAULT_CFL,
-        }
+        Self { integrator: Integrator::default(), cfl: DEFAULT_CFL }
     }
 }
 
@@ -232,12 +227,7 @@ impl Default for Allowed {
 impl Allowed {
     /// All, or nothing.
     pub fn all(allowed: bool) -> Self {
-        Self {
-            axes: allowed,
-            velocities: allowed,
-            inflow: allowed,
-            modes: allowed,
-        }
+        Self { axes: allowed, velocities: allowed, inflow: allowed, modes: allowed }
     }
 }
 

@@ -160,9 +160,7 @@ impl Warp {
             ("interval", self.interval.is_some()),
             ("points", self.points.is_some()),
         ];
-        keys.into_iter()
-            .find(|(_, given)| *given)
-            .map(|(key, _)| key)
+        keys.into_iter().find(|(_, given)| *given).map(|(key, _)| key)
     }
 
     /// Refuses embeddings that several fields cannot share: there is one matrix for all.
@@ -291,9 +289,7 @@ impl WarpTable {
         // Beyond 100 and 16 the profile is as good as a jump, or read where nothing is left of it.
         let within = |name: &str, value: f64, least: f64, most: f64| {
             let key = format!("solver.warp.{name}");
-            file.within(&key, value, least..=most, || {
-                format!("must be between {least} and {most}")
-            })
+            file.within(&key, value, least..=most, || format!("must be between {least} and {most}"))
         };
         Ok(match self.profile {
             ProfileName::Planned => ProfileChoice::Planned,
@@ -303,9 +299,9 @@ impl WarpTable {
                 alpha: within("alpha", self.alpha.unwrap_or(DEFAULT_ALPHA), 0.01, 100.0)?,
             },
             ProfileName::Smooth => {
-                let order = self.order.map_or(Ok(DEFAULT_ORDER), |order| {
-                    file.count("solver.warp.order", order, 1)
-                })?;
+                let order = self
+                    .order
+                    .map_or(Ok(DEFAULT_ORDER), |order| file.count("solver.warp.order", order, 1))?;
                 within("order", order as f64, 1.0, MOST_ORDER as f64)?;
                 ProfileChoice::Smooth { order }
             }
@@ -313,12 +309,7 @@ impl WarpTable {
                 c: self.c.map(|c| within("c", c, 0.05, 16.0)).transpose()?,
             },
             ProfileName::Acl => ProfileChoice::Acl {
-                beta: within(
-                    "beta",
-                    self.beta.unwrap_or(DEFAULT_BETA),
-                    BETAS[0],
-                    BETAS[1],
-                )?,
+                beta: within("beta", self.beta.unwrap_or(DEFAULT_BETA), BETAS[0], BETAS[1])?,
             },
         })
     }
@@ -373,9 +364,7 @@ impl WarpTable {
         let Some(point) = self.recovery else {
             return Ok(None);
         };
-        file.within(key, point, 0.0..=HIGHEST, || {
-            format!("must be between 0 and {HIGHEST}")
-        })?;
+        file.within(key, point, 0.0..=HIGHEST, || format!("must be between 0 and {HIGHEST}"))?;
         match interval {
             Some([_, upper]) if point >= upper => {
                 let message = format!("must be below the end of solver.warp.interval, {upper}");
@@ -397,9 +386,9 @@ impl WarpTable {
         match self.delta {
             None => Ok(Delta::Planned),
             Some(NumberOr::Word(DeltaWord::Max)) => Ok(Delta::Largest),
-            Some(NumberOr::Number(delta)) => file
-                .within("solver.warp.delta", delta, least..=MOST, message)
-                .map(Delta::Given),
+            Some(NumberOr::Number(delta)) => {
+                file.within("solver.warp.delta", delta, least..=MOST, message).map(Delta::Given)
+            }
         }
     }
 

@@ -226,13 +226,7 @@ pub fn curve_points(case: &Case) -> usize {
     if case.space.dimension() > 1 {
         return 0;
     }
-    let sheets = [
-        Sheet::Initial,
-        Sheet::Entering {
-            axis: 0,
-            upper: false,
-        },
-    ];
+    let sheets = [Sheet::Initial, Sheet::Entering { axis: 0, upper: false }];
     let [initial, entering] = sheets.map(|sheet| grid(case, sheet).0[0].len());
     let ends = if case.space.is_periodic(0) { 0 } else { 2 };
     3 * (initial + ends * entering) / 2
@@ -294,8 +288,7 @@ impl Sheets<'_> {
         let value = formula.eval(&[x, y, z, vx, vy, vz, time]);
         if !value.is_finite() {
             let place = describe_point(self.space().dimension(), point);
-            self.failure
-                .get_or_insert_with(|| formula.undefined(value, place));
+            self.failure.get_or_insert_with(|| formula.undefined(value, place));
             return 0.0;
         }
         value
@@ -322,11 +315,7 @@ impl Sheets<'_> {
         let density = match sheet {
             Sheet::Initial => self.value(&phi.initial, &point, start),
             Sheet::Entering { axis, upper } => {
-                let inwards = if upper {
-                    -point[3 + axis]
-                } else {
-                    point[3 + axis]
-                };
+                let inwards = if upper { -point[3 + axis] } else { point[3 + axis] };
                 if inwards > 0.0 {
                     inwards * self.value(phi.entering(), &point, start)
                 } else {
@@ -336,12 +325,7 @@ impl Sheets<'_> {
         };
         let mut followed = if density == 0.0 {
             // Nothing is there.
-            Followed {
-                point,
-                left: Some(time),
-                history: 0,
-                turns: [0; MAX_DIMENSION],
-            }
+            Followed { point, left: Some(time), history: 0, turns: [0; MAX_DIMENSION] }
         } else {
             self.tracer.follow(&point, time)
         };
@@ -541,11 +525,7 @@ impl Sheets<'_> {
         let largest = self.mass.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
         let mean = |momentum: &Vec<f64>| {
             let ratio = |(p, m): (&f64, &f64)| {
-                if m.abs() > EMPTY * largest {
-                    p / m
-                } else {
-                    f64::NAN
-                }
+                if m.abs() > EMPTY * largest { p / m } else { f64::NAN }
             };
             momentum.iter().zip(&self.mass).map(ratio).collect()
         };
@@ -569,16 +549,8 @@ fn overlap(axis: &Axis, lower: f64, upper: f64) -> Vec<(usize, f64)> {
     let length = upper - lower;
     (first..=last)
         .map(|i| {
-            let from = if i == first {
-                lower
-            } else {
-                axis.face(i as i64)
-            };
-            let to = if i == last {
-                upper
-            } else {
-                axis.face(i as i64 + 1)
-            };
+            let from = if i == first { lower } else { axis.face(i as i64) };
+            let to = if i == last { upper } else { axis.face(i as i64 + 1) };
             (i, ((to - from) / length).max(0.0))
         })
         .collect()

@@ -46,14 +46,8 @@ fn step_down(x_cells: usize, v_cells: usize) -> Case {
 /// `count` points spread evenly over the middle `share` of the box.
 fn spread(case: &Case, count: usize, share: f64) -> Vec<[f64; 6]> {
     // Additive recurrence with the powers of 1/g, g⁷ = g + 1, which is even in six dimensions.
-    const STEP: [f64; 6] = [
-        0.898_653_713,
-        0.807_578_495,
-        0.725_733_413,
-        0.652_183_026,
-        0.586_086_698,
-        0.526_688_987,
-    ];
+    const STEP: [f64; 6] =
+        [0.898_653_713, 0.807_578_495, 0.725_733_413, 0.652_183_026, 0.586_086_698, 0.526_688_987];
     let n = case.space.dimension();
     let point = |k: usize| {
         let mut point = [0.0; 6];
@@ -123,11 +117,10 @@ fn example_1_of_the_paper_at_all_cell_centres() {
 
 /// `V` of the region that holds at a point.
 fn potential_at(case: &Case, point: &[f64; 6]) -> f64 {
-    let region = case.potential.iter().find(|r| {
-        r.condition
-            .as_ref()
-            .is_none_or(|c| c.holds(point) == Some(true))
-    });
+    let region = case
+        .potential
+        .iter()
+        .find(|r| r.condition.as_ref().is_none_or(|c| c.holds(point) == Some(true)));
     region.map_or(f64::NAN, |r| r.value.eval(point))
 }
 
@@ -140,10 +133,7 @@ fn energy(case: &Case, point: &[f64; 6]) -> f64 {
 fn slopes_and_jumps() -> Vec<Case> {
     let (x, v) = ((-1.5, 1.5, 30), (-1.8, 1.8, 30));
     let well = [("x > -0.5 && x < 0.7", "0.2*x"), ("", "1 + 0.1*x")];
-    let barrier = [
-        ("x > 0 && y > 0", "0.2 + 0.2*x - 0.1*y"),
-        ("", "0.2*x - 0.1*y"),
-    ];
+    let barrier = [("x > 0 && y > 0", "0.2 + 0.2*x - 0.1*y"), ("", "0.2*x - 0.1*y")];
     let blocks = [
         ("x > 0 && z < 0.5", "0.3 + 0.2*x - 0.1*y + 0.15*z"),
         ("y < -0.5", "0.1 + 0.2*x - 0.1*y + 0.15*z"),
@@ -181,10 +171,7 @@ fn energy_is_conserved_across_slopes_and_jumps() {
     let mut changed = 0;
     for_each_foot(1.3, |tracer, point, foot| {
         let (before, after) = (energy(tracer.case, &foot.point), energy(tracer.case, point));
-        assert!(
-            (before - after).abs() < 1e-12,
-            "{point:?} {foot:?}: {before} {after}"
-        );
+        assert!((before - after).abs() < 1e-12, "{point:?} {foot:?}: {before} {after}");
         changed += usize::from(
             (potential_at(tracer.case, &foot.point) - potential_at(tracer.case, point)).abs() > 0.1,
         );
@@ -201,10 +188,7 @@ fn reversed_particles_come_back() {
     for_each_foot(1.3, |tracer, point, foot| {
         let back = tracer.foot(&reverse(foot.point), 1.3);
         let error = distance(&reverse(back.point), point);
-        assert!(
-            back.entry == 0.0 && error < 1e-9,
-            "{point:?} {foot:?} {back:?}: {error:e}"
-        );
+        assert!(back.entry == 0.0 && error < 1e-9, "{point:?} {foot:?} {back:?}: {error:e}");
     });
 }
 
@@ -231,32 +215,15 @@ fn many_reflections_in_a_well_unfold_to_a_straight_line() {
 
 #[test]
 fn linear_potential_gives_the_parabola() {
-    let case = case(
-        1,
-        (-3.0, 3.0, 70),
-        (-2.0, 2.0, 20),
-        &[("", "0.7*x")],
-        "0",
-        "0",
-    );
+    let case = case(1, (-3.0, 3.0, 70), (-2.0, 2.0, 20), &[("", "0.7*x")], "0", "0");
     let (tracer, time) = (tracer(&case), 1.1);
     let mut turned = 0;
     for point in spread(&case, 1000, 0.5) {
         let (x, v) = (point[0], point[3]);
         // dv/dt = −0.7, back in time.
-        let expected = [
-            x - v * time - 0.35 * time * time,
-            0.0,
-            0.0,
-            v + 0.7 * time,
-            0.0,
-            0.0,
-        ];
+        let expected = [x - v * time - 0.35 * time * time, 0.0, 0.0, v + 0.7 * time, 0.0, 0.0];
         let foot = tracer.foot(&point, time);
-        assert!(
-            distance(&foot.point, &expected) < 1e-12,
-            "{point:?} {foot:?} {expected:?}"
-        );
+        assert!(distance(&foot.point, &expected) < 1e-12, "{point:?} {foot:?} {expected:?}");
         turned += usize::from(v < 0.0 && expected[3] > 0.0);
     }
     assert!(turned > 100, "{turned}");
@@ -324,10 +291,7 @@ fn a_separable_problem_is_the_product_of_its_axes() {
         let product = along_x.value(&[point[0], 0.0, 0.0, point[3], 0.0, 0.0], 1.7)
             * along_y.value(&[point[1], 0.0, 0.0, point[4], 0.0, 0.0], 1.7);
         let value = both.value(&point, 1.7);
-        assert!(
-            (value - product).abs() < 1e-11,
-            "{point:?}: {value} {product}"
-        );
+        assert!((value - product).abs() < 1e-11, "{point:?}: {value} {product}");
         filled += usize::from(product != 0.0);
     }
     assert!(filled > 400, "{filled}");
@@ -368,13 +332,7 @@ fn inflow_through_the_ends_of_the_box() {
         (symmetric, &step, (0.2, 0.5), 0.0, (f64::NAN, f64::NAN)),
         // The ends of v, through a slope up and down.
         (symmetric, &[("", "x")], (1.0, 1.4), 0.9, (1.0 - 0.145, 1.5)),
-        (
-            symmetric,
-            &[("", "-2*x")],
-            (0.0, -1.4),
-            0.95,
-            (0.0725, -1.5),
-        ),
+        (symmetric, &[("", "-2*x")], (0.0, -1.4), 0.95, (0.0725, -1.5)),
         // The end of v, through a jump: by transmission, and by reflection in a box without the
         // partner.
         (symmetric, &step, (-0.29, -1.45), 0.8, (0.0, transmitted)),
@@ -407,14 +365,7 @@ fn inflow_through_the_ends_of_the_box() {
 #[test]
 fn a_face_belongs_to_the_cell_above_it() {
     for cells in [7, 37, 38, 1000] {
-        let case = case(
-            1,
-            (-0.3, 1.7, cells),
-            (-1.0, 1.0, 2),
-            &[("", "0")],
-            "0",
-            "0",
-        );
+        let case = case(1, (-0.3, 1.7, cells), (-1.0, 1.0, 2), &[("", "0")], "0", "0");
         let tracer = tracer(&case);
         for (i, &face) in tracer.faces[0].iter().enumerate() {
             assert_eq!(tracer.cell_at(0, face), i.min(cells - 1), "{cells}");
@@ -450,10 +401,7 @@ fn the_scheme_has_the_same_sources() {
             let side = if across { Side::Across } else { Side::Same };
             assert!(list.iter().all(|s| s.side == side), "{v} {rise}: {foot:?}");
             // The hat function reproduces the velocity.
-            let mean: f64 = list
-                .iter()
-                .map(|s| s.weight * axis.centre(s.velocity))
-                .sum();
+            let mean: f64 = list.iter().map(|s| s.weight * axis.centre(s.velocity)).sum();
             assert!((mean - foot.point[3]).abs() < 1e-10, "{v} {rise}: {foot:?}");
             seen[usize::from(across)] += 1;
         }
@@ -495,13 +443,7 @@ fn at_a_threshold_and_on_a_face() {
 fn at_rest_and_hardly_moving() {
     let [step, kink, wall] = [STEP, KINK, WALL].map(|v| telltale((-2.0, 2.0, 8), v));
     // At rest: in the open, on a face, at the foot of a wall, at the bottom of a kink.
-    for (case, x) in [
-        (&step, 0.33),
-        (&step, 0.0),
-        (&step, 0.3),
-        (&wall, 0.0),
-        (&kink, 0.0),
-    ] {
+    for (case, x) in [(&step, 0.33), (&step, 0.0), (&step, 0.3), (&wall, 0.0), (&kink, 0.0)] {
         assert_near(foot_of(case, (x, 0.0)), (x, 0.0));
     }
     // Not at rest: on a face, or close to it, on a slope either way.
@@ -550,11 +492,7 @@ fn corners_and_diagonals() {
 fn periodic_or_unrolled(n: usize, copies: Option<i64>) -> Case {
     let most = copies.unwrap_or(0);
     let (length, cells) = (1 + 2 * most, 10 * (1 + 2 * most));
-    let boundary = if copies.is_none() {
-        "periodic"
-    } else {
-        "inflow"
-    };
+    let boundary = if copies.is_none() { "periodic" } else { "inflow" };
     let mut text = format!(
         "[[axis]]\nx = {{ lower = -{length}, upper = {length}, cells = {cells}, boundary = \
          '{boundary}' }}\n\
@@ -579,28 +517,18 @@ fn periodic_or_unrolled(n: usize, copies: Option<i64>) -> Case {
 fn around_a_periodic_axis_is_on_and_on() {
     const TIME: f64 = 3.1;
     for n in [1, 2] {
-        let (closed, open) = (
-            periodic_or_unrolled(n, None),
-            periodic_or_unrolled(n, Some(3)),
-        );
-        for (closed, open) in [
-            (tracer(&closed), tracer(&open)),
-            (tracer(&closed).forward(), tracer(&open).forward()),
-        ] {
+        let (closed, open) = (periodic_or_unrolled(n, None), periodic_or_unrolled(n, Some(3)));
+        for (closed, open) in
+            [(tracer(&closed), tracer(&open)), (tracer(&closed).forward(), tracer(&open).forward())]
+        {
             let (mut turned, mut left) = (0, 0);
             for point in spread(closed.case, 2000, 0.99) {
                 let (here, there) = (closed.follow(&point, TIME), open.follow(&point, TIME));
                 let mut unrolled = here.point;
                 unrolled[0] += 2.0 * f64::from(here.turns[0]);
-                assert!(
-                    distance(&unrolled, &there.point) < 1e-9,
-                    "{point:?} {here:?} {there:?}"
-                );
+                assert!(distance(&unrolled, &there.point) < 1e-9, "{point:?} {here:?} {there:?}");
                 assert_eq!(here.left.is_some(), there.left.is_some(), "{point:?}");
-                let since = here
-                    .left
-                    .zip(there.left)
-                    .map_or(0.0, |(a, b)| (a - b).abs());
+                let since = here.left.zip(there.left).map_or(0.0, |(a, b)| (a - b).abs());
                 assert!(since < 1e-9, "{point:?} {here:?} {there:?}");
                 turned += usize::from(here.turns[0] != 0);
                 left += usize::from(here.left.is_some());

@@ -65,17 +65,9 @@ fn rotate(text: &mut String, name: &str, (qubits, level): (usize, usize), angles
     let gray = |j: usize| j ^ j >> 1;
     for j in 0..count {
         let sign = |c: usize| {
-            if (c & gray(j)).count_ones().is_multiple_of(2) {
-                1.0
-            } else {
-                -1.0
-            }
+            if (c & gray(j)).count_ones().is_multiple_of(2) { 1.0 } else { -1.0 }
         };
-        let sum: f64 = angles
-            .iter()
-            .enumerate()
-            .map(|(c, angle)| sign(c) * angle)
-            .sum();
+        let sum: f64 = angles.iter().enumerate().map(|(c, angle)| sign(c) * angle).sum();
         let _ = writeln!(text, "ry({:?}) {name}[{target}];", sum / count as f64);
         if count > 1 {
             // The bit that changes next; after the last the first bit, which closes the circle.
@@ -104,10 +96,8 @@ mod tests {
                 .split(", ")
                 .map(|p| p[name.len() + 1..p.len() - 1].parse().expect("a number"))
                 .collect();
-            let angle: f64 = gate
-                .split(['(', ')'])
-                .nth(1)
-                .map_or(0.0, |a| a.parse().expect("an angle"));
+            let angle: f64 =
+                gate.split(['(', ')']).nth(1).map_or(0.0, |a| a.parse().expect("an angle"));
             let before = state.clone();
             for (j, after) in state.iter_mut().enumerate() {
                 let bit = |k: usize| j >> q[k] & 1;
@@ -186,11 +176,7 @@ mod tests {
                 let size = values.iter().map(|x| x * x).sum::<f64>().sqrt();
                 let found = run(&text, name, qubits, 0);
                 for (a, x) in found.iter().zip(values) {
-                    assert!(
-                        (a - x / size).norm() < 1e-14,
-                        "{name} {qubits}: {a} {}",
-                        x / size
-                    );
+                    assert!((a - x / size).norm() < 1e-14, "{name} {qubits}: {a} {}", x / size);
                 }
             }
         }

@@ -12,10 +12,7 @@ use std::path::Path;
 /// Columns of `/readout`.
 const COLUMNS: [(&str, &str); 12] = [
     ("cell", "number of the space cell, the last axis fastest"),
-    (
-        "observable",
-        "0 density, 1 to 3 momentum along x, y, z, 4 to 6 mean velocity",
-    ),
+    ("observable", "0 density, 1 to 3 momentum along x, y, z, 4 to 6 mean velocity"),
     (
         "estimator",
         "0 Hadamard test, 1 amplitude estimation, 2 all-zero outcome; 3, 4 as 0, 1 of the enlarged state",
@@ -23,10 +20,7 @@ const COLUMNS: [(&str, &str); 12] = [
     ("value", "of the recovered field"),
     ("overlap", "overlap of the moment's state"),
     ("shots", "shots, or runs of amplitude estimation"),
-    (
-        "evaluations",
-        "values of the register of amplitude estimation",
-    ),
+    ("evaluations", "values of the register of amplitude estimation"),
     ("estimate", "as measured"),
     ("standard_error", "standard error of the estimate"),
     ("bound", "bound on the error of the estimate"),
@@ -45,10 +39,8 @@ impl Readout {
     /// The columns of `/readout`: name, a number for every row and estimator (NaN where it is not known), what they are.
     pub fn columns(&self) -> Vec<(&'static str, Vec<f64>, &'static str)> {
         let known = |figure: &Figure| figure.value().unwrap_or(f64::NAN);
-        let mut columns: Vec<(&'static str, Vec<f64>, &'static str)> = COLUMNS
-            .iter()
-            .map(|&(name, what)| (name, Vec::new(), what))
-            .collect();
+        let mut columns: Vec<(&'static str, Vec<f64>, &'static str)> =
+            COLUMNS.iter().map(|&(name, what)| (name, Vec::new(), what)).collect();
         for row in &self.rows {
             for m in &row.measured {
                 let place = [
@@ -85,11 +77,7 @@ impl Readout {
         for row in &self.rows {
             let cell = joined(row.cell.iter().map(usize::to_string).collect());
             let point = joined(row.point.iter().map(f64::to_string).collect());
-            let start = format!(
-                "{cell},{point},{},{}",
-                row.observable.name(),
-                number(&row.value)
-            );
+            let start = format!("{cell},{point},{},{}", row.observable.name(), number(&row.value));
             if row.measured.is_empty() {
                 let _ = writeln!(text, "{start},,,,,,,,,,\"{}\"", quoted(&row.value));
             }

@@ -51,10 +51,7 @@ pub fn hadamard(stream: &mut Stream, overlap: f64, shots: u64) -> Estimate {
     let value = 2.0 * count as f64 / n - 1.0;
     // With one more of each outcome, so that all shots being alike does not make it certain.
     let p = (count as f64 + 1.0) / (n + 2.0);
-    Estimate {
-        value,
-        error: 2.0 * (p * (1.0 - p) / n).sqrt(),
-    }
+    Estimate { value, error: 2.0 * (p * (1.0 - p) / n).sqrt() }
 }
 
 /// `|overlap|` from how often `shots` are all zero.
@@ -63,30 +60,20 @@ pub fn all_zero(stream: &mut Stream, overlap: f64, shots: u64) -> Estimate {
     let n = shots as f64;
     let value = (count as f64 / n).sqrt();
     let p = (count as f64 + 1.0) / (n + 2.0);
-    Estimate {
-        value,
-        error: 0.5 * ((1.0 - p) / n).sqrt(),
-    }
+    Estimate { value, error: 0.5 * ((1.0 - p) / n).sqrt() }
 }
 
 /// Amplitude estimation of `overlap`: the median of [`RUNS`] runs with `evaluations` values of the register.
 pub fn amplitude_estimation(stream: &mut Stream, overlap: f64, evaluations: u64) -> Estimate {
     let theta = (0.5 * (1.0 + overlap)).clamp(0.0, 1.0).sqrt().asin();
     let mut values: [f64; RUNS] = std::array::from_fn(|_| {
-        let phase = if stream.bits() & 1 == 0 {
-            theta / PI
-        } else {
-            1.0 - theta / PI
-        };
+        let phase = if stream.bits() & 1 == 0 { theta / PI } else { 1.0 - theta / PI };
         let y = phase_estimation(stream, phase, evaluations);
         -(2.0 * PI * y as f64 / evaluations as f64).cos()
     });
     values.sort_by(f64::total_cmp);
     let value = values[RUNS / 2];
-    Estimate {
-        value,
-        error: amplitude_bound(value, evaluations as f64),
-    }
+    Estimate { value, error: amplitude_bound(value, evaluations as f64) }
 }
 
 /// An outcome of canonical phase estimation of `e^{2πi phase}` with a register of `size` values.
@@ -104,18 +91,10 @@ fn phase_estimation(stream: &mut Stream, phase: f64, size: u64) -> u64 {
     // 0, then alternately on the side where the phase is and on the other.
     let side = if distance >= 0.0 { 1 } else { -1 };
     for k in 0..size as i64 {
-        let offset = if k % 2 == 1 {
-            side * (k + 1) / 2
-        } else {
-            -side * (k / 2)
-        };
+        let offset = if k % 2 == 1 { side * (k + 1) / 2 } else { -side * (k / 2) };
         // sin²(π(Δ − k)) is that of Δ.
         let below = m * (PI * (distance - offset as f64) / m).sin();
-        let probability = if below == 0.0 {
-            1.0
-        } else {
-            (sine / below).powi(2)
-        };
+        let probability = if below == 0.0 { 1.0 } else { (sine / below).powi(2) };
         if left < probability {
             return wrapped(offset);
         }
@@ -170,11 +149,7 @@ mod tests {
     use crate::quantum::readout::random::Purpose;
 
     fn stream(seed: u64) -> Stream {
-        let purpose = Purpose {
-            cell: 11,
-            observable: 0,
-            estimator: 0,
-        };
+        let purpose = Purpose { cell: 11, observable: 0, estimator: 0 };
         Stream::new(seed, purpose)
     }
 
@@ -193,10 +168,8 @@ mod tests {
     fn exponent(points: &[(f64, f64)]) -> f64 {
         let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
         let n = logs.len() as f64;
-        let [x, y] = [
-            logs.iter().map(|p| p.0).sum::<f64>() / n,
-            logs.iter().map(|p| p.1).sum::<f64>() / n,
-        ];
+        let [x, y] =
+            [logs.iter().map(|p| p.0).sum::<f64>() / n, logs.iter().map(|p| p.1).sum::<f64>() / n];
         let above: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
         let below: f64 = logs.iter().map(|p| (p.0 - x) * (p.0 - x)).sum();
         above / below
@@ -212,14 +185,8 @@ mod tests {
                 let (mean, spread) = errors(2000, o, |s| hadamard(s, o, n));
                 let expected = ((1.0 - o * o) / n as f64).sqrt();
                 // Unbiased, and of the variance it should have.
-                assert!(
-                    mean.abs() < 4.0 * expected / 2000f64.sqrt(),
-                    "{o} {n}: bias {mean:e}"
-                );
-                assert!(
-                    (spread / expected - 1.0).abs() < 0.08,
-                    "{o} {n}: {spread:e} {expected:e}"
-                );
+                assert!(mean.abs() < 4.0 * expected / 2000f64.sqrt(), "{o} {n}: bias {mean:e}");
+                assert!((spread / expected - 1.0).abs() < 0.08, "{o} {n}: {spread:e} {expected:e}");
                 (n as f64, spread)
             });
             let slope = exponent(&points);
@@ -238,9 +205,7 @@ mod tests {
                         .map(|k| {
                             let theta = theta + PI * f64::from(k) / 20.0 / f64::from(1 << m);
                             let o = -(2.0 * theta).cos();
-                            errors(50, o, |s| amplitude_estimation(s, o, 1 << m))
-                                .1
-                                .powi(2)
+                            errors(50, o, |s| amplitude_estimation(s, o, 1 << m)).1.powi(2)
                         })
                         .sum();
                     (f64::from(1 << m), (square / 20.0).sqrt())
@@ -256,10 +221,7 @@ mod tests {
         let points = [256, 4096, 1 << 16].map(|n| {
             let spread = errors(2000, 0.4, |s| all_zero(s, 0.4, n)).1;
             let of_hadamard = errors(2000, 0.4, |s| hadamard(s, 0.4, n)).1;
-            assert!(
-                (of_hadamard / spread - 2.0).abs() < 0.2,
-                "{n}: {of_hadamard:e} {spread:e}"
-            );
+            assert!((of_hadamard / spread - 2.0).abs() < 0.2, "{n}: {of_hadamard:e} {spread:e}");
             (n as f64, spread)
         });
         assert!((exponent(&points) + 0.5).abs() < 0.03);
@@ -298,10 +260,7 @@ mod tests {
         for o in OVERLAPS {
             let n = 4000;
             let told = hadamard(&mut stream(1), o, n).error;
-            assert!(
-                (told / ((1.0 - o * o) / n as f64).sqrt() - 1.0).abs() < 0.1,
-                "{o}: {told:e}"
-            );
+            assert!((told / ((1.0 - o * o) / n as f64).sqrt() - 1.0).abs() < 0.1, "{o}: {told:e}");
         }
         // All shots alike, and still not certain.
         assert!(hadamard(&mut stream(1), 1.0, 100).error > 0.0);
@@ -333,10 +292,7 @@ mod tests {
             for (y, (count, p)) in counts.iter().zip(&expected).enumerate() {
                 let mean = p * seeds as f64;
                 let spread = (mean * (1.0 - p)).sqrt().max(1.0);
-                assert!(
-                    (count - mean).abs() <= 4.5 * spread,
-                    "{phase} {size} {y}: {count} {mean}"
-                );
+                assert!((count - mean).abs() <= 4.5 * spread, "{phase} {size} {y}: {count} {mean}");
             }
         }
     }

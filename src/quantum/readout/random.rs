@@ -128,32 +128,16 @@ impl Stream {
 mod tests {
     use super::*;
 
-    const ANY: Purpose = Purpose {
-        cell: 5,
-        observable: 1,
-        estimator: 2,
-    };
+    const ANY: Purpose = Purpose { cell: 5, observable: 1, estimator: 2 };
 
     #[test]
     fn known_answers() {
         // From the authors' own test vectors.
         let pi = [0x243f_6a88, 0x85a3_08d3, 0x1319_8a2e, 0x0370_7344];
         for (counter, key, answer) in [
-            (
-                [0; 4],
-                [0; 2],
-                [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8],
-            ),
-            (
-                [u32::MAX; 4],
-                [u32::MAX; 2],
-                [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd],
-            ),
-            (
-                pi,
-                [0xa409_3822, 0x299f_31d0],
-                [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1],
-            ),
+            ([0; 4], [0; 2], [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]),
+            ([u32::MAX; 4], [u32::MAX; 2], [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd]),
+            (pi, [0xa409_3822, 0x299f_31d0], [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1]),
         ] {
             assert_eq!(philox(counter, key), answer);
         }
@@ -167,27 +151,9 @@ mod tests {
             first(2, ANY),
             first(1 << 32, ANY),
             first(1, Purpose { cell: 6, ..ANY }),
-            first(
-                1,
-                Purpose {
-                    cell: 5 | 1 << 32,
-                    ..ANY
-                },
-            ),
-            first(
-                1,
-                Purpose {
-                    observable: 2,
-                    ..ANY
-                },
-            ),
-            first(
-                1,
-                Purpose {
-                    estimator: 1,
-                    ..ANY
-                },
-            ),
+            first(1, Purpose { cell: 5 | 1 << 32, ..ANY }),
+            first(1, Purpose { observable: 2, ..ANY }),
+            first(1, Purpose { estimator: 1, ..ANY }),
         ];
         for (i, a) in all.iter().enumerate() {
             assert!(all[..i].iter().all(|b| a != b));
@@ -215,14 +181,7 @@ mod tests {
 
     #[test]
     fn binomials_are_distributed_as_they_should() {
-        for (n, p) in [
-            (10, 0.3),
-            (16, 0.9),
-            (17, 0.5),
-            (40, 0.02),
-            (101, 0.37),
-            (90, 0.97),
-        ] {
+        for (n, p) in [(10, 0.3), (16, 0.9), (17, 0.5), (40, 0.02), (101, 0.37), (90, 0.97)] {
             let (chi, terms) = chi_square(n, p, 20_000);
             let freedom = terms as f64 - 1.0;
             // Four standard deviations of χ².
@@ -241,12 +200,9 @@ mod tests {
 
     #[test]
     fn large_binomials_have_their_mean_and_variance() {
-        for (n, p) in [
-            (1_000_000u64, 0.5),
-            (1 << 50, 0.3),
-            (1 << 50, 1e-9),
-            (10_000_000_000, 1.0 - 1e-6),
-        ] {
+        for (n, p) in
+            [(1_000_000u64, 0.5), (1 << 50, 0.3), (1 << 50, 1e-9), (10_000_000_000, 1.0 - 1e-6)]
+        {
             let spread = (n as f64 * p * (1.0 - p)).sqrt();
             let draws = 4000;
             let (mut mean, mut square) = (0.0, 0.0);
@@ -255,10 +211,7 @@ mod tests {
                 mean += z / draws as f64;
                 square += z * z / draws as f64;
             }
-            assert!(
-                mean.abs() < 4.0 / (draws as f64).sqrt(),
-                "{n} {p}: mean {mean}"
-            );
+            assert!(mean.abs() < 4.0 / (draws as f64).sqrt(), "{n} {p}: mean {mean}");
             assert!(
                 (square - 1.0).abs() < 4.0 * (2.0 / draws as f64).sqrt(),
                 "{n} {p}: variance {square}"

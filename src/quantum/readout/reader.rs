@@ -90,18 +90,13 @@ impl Reader<'_> {
     pub(crate) fn sums_here(&self, cell: &[usize]) -> CellSums {
         let share = self.source.share;
         let velocities = self.factors.cells();
-        let mut sums = CellSums {
-            moments: Default::default(),
-            unweighted: Default::default(),
-            square: 0.0,
-        };
+        let mut sums =
+            CellSums { moments: Default::default(), unweighted: Default::default(), square: 0.0 };
         if share.iter().zip(cell).all(|(range, i)| range.contains(i)) {
             let place =
                 (share.iter().zip(cell)).fold(0, |p, (range, i)| p * range.len() + i - range.start);
             let here = place * velocities..(place + 1) * velocities;
-            let cells = self.source.field[here.clone()]
-                .iter()
-                .zip(&self.source.pi[here]);
+            let cells = self.source.field[here.clone()].iter().zip(&self.source.pi[here]);
             for ((f, pi), q) in cells.zip(self.factors.each()) {
                 sums.square += f * f;
                 for (k, q) in q.iter().take(MAX_DIMENSION + 1).enumerate() {
@@ -162,10 +157,7 @@ impl Reader<'_> {
         };
         let value = sums.moments[k] * volume / prefactor;
         // Along an axis of one cell whose centre is 0 there is no momentum, and no state of it.
-        let overlap = Overlap {
-            value: value.clamp(-1.0, 1.0),
-            prefactor,
-        };
+        let overlap = Overlap { value: value.clamp(-1.0, 1.0), prefactor };
         (prefactor > 0.0 && value.is_finite()).then_some((overlap, of_field))
     }
 
@@ -198,11 +190,7 @@ impl Reader<'_> {
         let (shots, evaluations) = match self.effort(estimator, overlap.prefactor, from_state) {
             Ok(effort) => effort,
             Err(why) => {
-                return Moment {
-                    measured: overlapping(&why),
-                    estimate: None,
-                    bound: None,
-                };
+                return Moment { measured: overlapping(&why), estimate: None, bound: None };
             }
         };
         let error = match estimator {
@@ -236,11 +224,7 @@ impl Reader<'_> {
                 false => Figure::estimate(estimate.error, "from the counts"),
             };
         }
-        Moment {
-            measured,
-            estimate,
-            bound,
-        }
+        Moment { measured, estimate, bound }
     }
 
     /// What is measured; nothing where it takes more than is emulated.
@@ -341,14 +325,12 @@ impl Reader<'_> {
                 ),
                 coherent,
             ],
-            Estimator::EnlargedHadamard => [
-                Figure::exact(uses),
-                Figure::unavailable("nothing is postselected"),
-            ],
-            Estimator::EnlargedAmplitudeEstimation => [
-                Figure::unavailable("nothing is postselected"),
-                Figure::exact(uses),
-            ],
+            Estimator::EnlargedHadamard => {
+                [Figure::exact(uses), Figure::unavailable("nothing is postselected")]
+            }
+            Estimator::EnlargedAmplitudeEstimation => {
+                [Figure::unavailable("nothing is postselected"), Figure::exact(uses)]
+            }
         }
     }
 }

@@ -83,17 +83,11 @@ impl Estimator {
     }
 
     pub(crate) fn enlarged(self) -> bool {
-        matches!(
-            self,
-            Self::EnlargedHadamard | Self::EnlargedAmplitudeEstimation
-        )
+        matches!(self, Self::EnlargedHadamard | Self::EnlargedAmplitudeEstimation)
     }
 
     pub(crate) fn coherent(self) -> bool {
-        matches!(
-            self,
-            Self::AmplitudeEstimation | Self::EnlargedAmplitudeEstimation
-        )
+        matches!(self, Self::AmplitudeEstimation | Self::EnlargedAmplitudeEstimation)
     }
 }
 

@@ -58,12 +58,7 @@ fn probabilities(f: &[f64], pi: &[f64]) -> Probabilities {
         points: 16,
         recovery,
         norm_of_state: Figure::exact(state),
-        norms: StateNorms {
-            start: 12.0,
-            weighted,
-            field,
-            auxiliary,
-        },
+        norms: StateNorms { start: 12.0, weighted, field, auxiliary },
         window: None,
         at_slice: chain(),
         in_window: chain(),
@@ -127,16 +122,9 @@ fn overlaps_are_inner_products_of_states() {
                 assert_eq!(m.overlap.value(), None);
                 continue;
             }
-            let expected = if m.estimator.enlarged() {
-                of_enlarged
-            } else {
-                overlap
-            };
+            let expected = if m.estimator.enlarged() { of_enlarged } else { overlap };
             let found = number(&m.overlap);
-            assert!(
-                (found - expected).abs() < 1e-14,
-                "{row:?} {found} {expected}"
-            );
+            assert!((found - expected).abs() < 1e-14, "{row:?} {found} {expected}");
         }
         let moment: f64 = (0..36)
             .filter(|&i| case.space.cell(i)[..2] == [1, 2])
@@ -158,16 +146,7 @@ fn estimates_are_those_of_the_moments() {
     let case = case("cells = [[0, 1]]\nshots = 100_000_000\nevaluations = 1_048_576\nseed = 3");
     let rows = rows(&case, [0, 1], |_| {});
     let names: Vec<&str> = rows.iter().map(|r| r.observable.name()).collect();
-    assert_eq!(
-        names,
-        [
-            "density",
-            "momentum_x",
-            "momentum_y",
-            "velocity_x",
-            "velocity_y"
-        ]
-    );
+    assert_eq!(names, ["density", "momentum_x", "momentum_y", "velocity_x", "velocity_y"]);
     for row in &rows {
         let mut known = 0;
         for m in &row.measured {
@@ -178,11 +157,7 @@ fn estimates_are_those_of_the_moments() {
             assert!(off <= bound && bound < 0.5, "{row:?}");
             known += 1;
         }
-        let expected = if row.observable == Observable::Density {
-            5
-        } else {
-            4
-        };
+        let expected = if row.observable == Observable::Density { 5 } else { 4 };
         assert_eq!(known, expected, "{row:?}");
     }
     assert!(
@@ -209,10 +184,7 @@ fn bounds_and_costs_of_the_paper() {
     // The enlarged state: as many shots, 1/√P times the error but for the weights.
     let ratio = number(&density[3].bound) / number(&density[0].bound);
     let (six, undone) = (6f64.sqrt(), norm(pi[..6].iter().map(|pi| 1.0 / pi.sqrt())));
-    assert!(
-        (ratio - undone / six / p_all.sqrt()).abs() < 1e-4 * ratio,
-        "{ratio}"
-    );
+    assert!((ratio - undone / six / p_all.sqrt()).abs() < 1e-4 * ratio, "{ratio}");
     assert!((number(&density[0].evolutions_repeated) * p_all / 1000.0 - 1.0).abs() < 1e-14);
     assert_eq!(number(&density[0].evolutions_coherent), 11_000.0);
     assert_eq!(number(&density[1].evolutions_coherent), 7.0 * 127.0 * 11.0);
@@ -226,11 +198,7 @@ fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
     let (f, pi) = data();
     let p = number(&probabilities(&f, &pi).at_slice.all);
     let at = |accuracy: f64| {
-        rows(
-            &case(&format!("cells = [[0, 0]]\naccuracy = {accuracy}")),
-            [0, 0],
-            |_| {},
-        )
+        rows(&case(&format!("cells = [[0, 0]]\naccuracy = {accuracy}")), [0, 0], |_| {})
     };
     let (coarse, fine) = (at(0.1), at(0.01));
     for (a, b) in coarse.iter().zip(&fine).take(3) {
@@ -258,18 +226,11 @@ fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
     assert!((0.5..=2.0).contains(&ratio), "{evaluations}");
     // What the state itself does not allow.
     let why = |rows: &[Row]| rows[0].measured[0].estimate.to_string();
-    assert!(
-        why(&at(1e-9)).contains("the state's own error"),
-        "{}",
-        why(&at(1e-9))
-    );
+    assert!(why(&at(1e-9)).contains("the state's own error"), "{}", why(&at(1e-9)));
     // What is too long to be emulated is still told, with its cost.
     let long = at(3e-7);
     let hadamard = &long[0].measured[0];
-    assert!(
-        hadamard.estimate.to_string().contains("not emulated"),
-        "{hadamard:?}"
-    );
+    assert!(hadamard.estimate.to_string().contains("not emulated"), "{hadamard:?}");
     assert!(number(&hadamard.shots) > 1e15 && number(&hadamard.bound) <= 3e-7);
     assert!(number(&hadamard.evolutions_repeated) > 1e15 && number(&hadamard.overlap) > 0.0);
     assert!(long[0].measured[1].estimate.value().is_some());
@@ -282,9 +243,8 @@ fn bounds_hold_as_often_as_they_say() {
     let seeds = 300;
     let mut missed = vec![vec![0; 5]; 5];
     for seed in 0..seeds {
-        let case = case(&format!(
-            "cells = [[1, 0]]\nshots = 4000\nevaluations = 128\nseed = {seed}"
-        ));
+        let case =
+            case(&format!("cells = [[1, 0]]\nshots = 4000\nevaluations = 128\nseed = {seed}"));
         for (row, missed) in rows(&case, [1, 0], |_| {}).iter().zip(&mut missed) {
             for (m, missed) in row.measured.iter().zip(missed) {
                 if let (Some(estimate), Some(bound)) = (m.estimate.value(), m.bound.value()) {
@@ -339,22 +299,12 @@ fn a_measurement_of_the_x_register_is_no_density() {
 fn what_is_not_known_says_why() {
     let case = case("cells = [[0, 0]]");
     let negative = rows(&case, [0, 0], |source| source.least = -0.1);
-    assert!(
-        negative[0].measured[2]
-            .estimate
-            .to_string()
-            .contains("negative")
-    );
+    assert!(negative[0].measured[2].estimate.to_string().contains("negative"));
     assert!(negative[0].measured[0].estimate.value().is_some());
     // Within the state's own error it is round-off.
     let hardly = rows(&case, [0, 0], |source| source.least = -1e-9);
     assert!(hardly[0].measured[2].estimate.value().is_some());
-    assert!(
-        negative[1].measured[2]
-            .estimate
-            .to_string()
-            .contains("either sign")
-    );
+    assert!(negative[1].measured[2].estimate.to_string().contains("either sign"));
     let doubtful = rows(&case, [0, 0], |source| {
         source.state_error = Figure::unavailable("none");
     });
@@ -375,23 +325,7 @@ fn cells_do_not_see_each_other() {
     assert_eq!(of(&both), of(&alone));
     assert_ne!(of(&alone), of(&other));
     // Every number of a row is drawn for itself.
-    let first = Stream::new(
-        5,
-        Purpose {
-            cell: 4,
-            observable: 0,
-            estimator: 0,
-        },
-    )
-    .bits();
-    let second = Stream::new(
-        5,
-        Purpose {
-            cell: 4,
-            observable: 0,
-            estimator: 3,
-        },
-    )
-    .bits();
+    let first = Stream::new(5, Purpose { cell: 4, observable: 0, estimator: 0 }).bits();
+    let second = Stream::new(5, Purpose { cell: 4, observable: 0, estimator: 3 }).bits();
     assert_ne!(first, second);
 }

@@ -16,11 +16,10 @@ pub fn ends(panel: &Panel) -> [[f64; 2]; 2] {
             let usable = |v: &f64| v.is_finite() && (axis.scale == Scale::Linear || *v > 0.0);
             let values = places.iter().map(|place| place[k]).filter(usable);
             let found = smallest_and_largest(values);
-            axis.range
-                .unwrap_or_else(|| match found[0] < found[1] && tight {
-                    true => found,
-                    false => with_margin(found, axis.scale),
-                })
+            axis.range.unwrap_or_else(|| match found[0] < found[1] && tight {
+                true => found,
+                false => with_margin(found, axis.scale),
+            })
         })
         .collect::<Vec<_>>()
         .try_into()
@@ -31,12 +30,12 @@ pub fn ends(panel: &Panel) -> [[f64; 2]; 2] {
 fn places(layer: &Layer) -> Vec<[f64; 2]> {
     match layer {
         Layer::Line { points, .. } | Layer::Points { points, .. } => points.clone(),
-        Layer::Intervals { points, .. } => (points.iter())
-            .flat_map(|(p, ends)| [*p, [p[0], ends[0]], [p[0], ends[1]]])
-            .collect(),
-        Layer::Bars { bars, .. } => (bars.iter())
-            .flat_map(|(ends, _)| ends.map(|x| [x, f64::NAN]))
-            .collect(),
+        Layer::Intervals { points, .. } => {
+            (points.iter()).flat_map(|(p, ends)| [*p, [p[0], ends[0]], [p[0], ends[1]]]).collect()
+        }
+        Layer::Bars { bars, .. } => {
+            (bars.iter()).flat_map(|(ends, _)| ends.map(|x| [x, f64::NAN])).collect()
+        }
         Layer::Map(map) => vec![[map.x[0], map.y[0]], [map.x[1], map.y[1]]],
         Layer::Vertical { at, .. } => vec![[*at, f64::NAN]],
         Layer::Horizontal { at, .. } => vec![[f64::NAN, *at]],
@@ -90,11 +89,9 @@ mod tests {
 
     #[test]
     fn axes_of_a_single_value() {
-        for (values, expected) in [
-            ([0.0, 0.0], [-1.0, 1.0]),
-            ([2.0, 2.0], [1.0, 3.0]),
-            ([2.0, 2.0 + 1e-15], [1.0, 3.0]),
-        ] {
+        for (values, expected) in
+            [([0.0, 0.0], [-1.0, 1.0]), ([2.0, 2.0], [1.0, 3.0]), ([2.0, 2.0 + 1e-15], [1.0, 3.0])]
+        {
             let points = vec![[0.0, values[0]], [1.0, values[1]]];
             let panel = Panel::new("", Axis::linear("x"), Axis::linear("y"));
             let found = ends(&panel.line("", Style::of(0), points))[1];

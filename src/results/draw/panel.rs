@@ -63,11 +63,7 @@ fn entry(layer: &Layer) -> Option<Entry<'_>> {
         }
         _ => return None,
     };
-    (!label.is_empty()).then_some(Entry {
-        label,
-        style,
-        joined,
-    })
+    (!label.is_empty()).then_some(Entry { label, style, joined })
 }
 
 impl<'a> Frame<'a> {
@@ -114,10 +110,7 @@ impl<'a> Frame<'a> {
     pub fn draw<DB: DrawingBackend>(&self, area: &Area<DB>) -> Drawn {
         let left = self.room_left();
         self.heading(area, left)?;
-        let framed = (
-            pixels(left + self.size[0]),
-            pixels(ABOVE + self.size[1] + BELOW),
-        );
+        let framed = (pixels(left + self.size[0]), pixels(ABOVE + self.size[1] + BELOW));
         let chart = area.clone().shrink((0, 0), framed);
         let chart = ChartBuilder::on(&chart)
             .margin_top(pixels(ABOVE))
@@ -132,10 +125,7 @@ impl<'a> Frame<'a> {
         let mut beside = left + self.size[0] + 8.0;
         for map in self.maps() {
             let corner = (pixels(beside + 2.0), 0);
-            colour_bar(
-                map,
-                &area.clone().shrink(corner, (pixels(BAR_ROOM), framed.1)),
-            )?;
+            colour_bar(map, &area.clone().shrink(corner, (pixels(BAR_ROOM), framed.1)))?;
             beside += BAR_ROOM;
         }
         self.legend(area, beside)
@@ -190,12 +180,7 @@ impl<'a> Frame<'a> {
                 line(area, &[at(0.0), at(SAMPLE)], entry.style)?;
             }
             marker(area, at(0.5 * SAMPLE), entry.style)?;
-            text::draw(
-                area,
-                entry.label,
-                at(SAMPLE + 5.0),
-                &text::style(SMALL, INK),
-            )?;
+            text::draw(area, entry.label, at(SAMPLE + 5.0), &text::style(SMALL, INK))?;
         }
         Ok(())
     }
@@ -212,11 +197,7 @@ fn colours(map: &Map) -> fn(f64) -> RGBColor {
 /// What the colours of a map stand for: a chart of its own, as high as the map's.
 fn colour_bar<DB: DrawingBackend>(map: &Map, area: &Area<DB>) -> Drawn {
     let height = area.dim_in_pixel().1 as i32 - pixels(ABOVE + BELOW);
-    let values = Ruler::new(
-        &Axis::linear(""),
-        map_range(map),
-        f64::from(height) / PIXELS,
-    );
+    let values = Ruler::new(&Axis::linear(""), map_range(map), f64::from(height) / PIXELS);
     let mut chart = ChartBuilder::on(area)
         .margin_top(pixels(ABOVE))
         .margin_bottom(pixels(BELOW))
@@ -262,10 +243,7 @@ impl<'a, DB: DrawingBackend> Plot<'a, DB> {
         let layers = &self.frame.panel.layers;
         let is_band = |layer: &&Layer| matches!(layer, Layer::Band { .. });
         let (bands, others): (Vec<_>, Vec<_>) = layers.iter().partition(is_band);
-        bands
-            .into_iter()
-            .chain(others)
-            .try_for_each(|layer| self.layer(layer))?;
+        bands.into_iter().chain(others).try_for_each(|layer| self.layer(layer))?;
         self.notes()?;
         // The other two sides of the frame are the axes.
         let [right, bottom] = self.end.map(|c| c as i32);
@@ -309,11 +287,7 @@ impl<'a, DB: DrawingBackend> Plot<'a, DB> {
         let across = |ends: [Place; 2]| {
             let seen = self.holds(ends[0]);
             let style = Style::theory().dashed(2);
-            if seen {
-                line(&self.area, &ends, &style)
-            } else {
-                Ok(())
-            }
+            if seen { line(&self.area, &ends, &style) } else { Ok(()) }
         };
         match layer {
             Layer::Line { style, points, .. } => {

@@ -75,10 +75,7 @@ pub fn interval<DB: DrawingBackend>(
 ) -> Drawn {
     let stroke = style.colour.stroke_width(pixels(style.width) as u32);
     let [x, low, y, high] = [x, ends[0], y, ends[1]].map(|c| c.round() as i32);
-    put(
-        area,
-        &ErrorBar::new_vertical(x, low, y, high, stroke, pixels(3.0) as u32),
-    )
+    put(area, &ErrorBar::new_vertical(x, low, y, high, stroke, pixels(3.0) as u32))
 }
 
 /// A picture from the upper left corner, `colour(column, row)` at each of its pixels.
@@ -104,11 +101,7 @@ pub fn marker<DB: DrawingBackend>(area: &Area<DB>, [x, y]: Place, style: &Style)
         return Ok(());
     };
     let at = |[dx, dy]: Place| [x + R * dx, y + R * dy];
-    let outline = |width: f64| Style {
-        width,
-        dash: 0,
-        ..*style
-    };
+    let outline = |width: f64| Style { width, dash: 0, ..*style };
     let stroke = |ends: [Place; 2]| line(area, &ends.map(at), &outline(1.6));
     let fill = if style.filled { style.colour } else { PAPER };
     let corners: &[Place] = match marker {
@@ -212,20 +205,9 @@ mod tests {
         // Out and in again: two pieces; inside, one.
         let out = clipped(&[[5.0, 5.0], [5.0, 15.0], [7.0, 15.0], [7.0, 5.0]], BOX);
         assert_eq!(out, [[[5.0, 5.0], [5.0, 10.0]], [[7.0, 10.0], [7.0, 5.0]]]);
-        assert_eq!(
-            clipped(&[[1.0, 1.0], [2.0, 2.0], [3.0, 1.0]], BOX)[0].len(),
-            3
-        );
-        let broken = clipped(
-            &[
-                [1.0, 1.0],
-                [2.0, 2.0],
-                [f64::NAN, 1.0],
-                [3.0, 3.0],
-                [4.0, 4.0],
-            ],
-            BOX,
-        );
+        assert_eq!(clipped(&[[1.0, 1.0], [2.0, 2.0], [3.0, 1.0]], BOX)[0].len(), 3);
+        let broken =
+            clipped(&[[1.0, 1.0], [2.0, 2.0], [f64::NAN, 1.0], [3.0, 3.0], [4.0, 4.0]], BOX);
         assert_eq!(broken.len(), 2);
     }
 

@@ -26,11 +26,7 @@ fn font(size: f64, weight: FontStyle) -> FontDesc<'static> {
 }
 
 fn anchored(font: FontDesc<'static>, colour: RGBColor) -> TextStyle<'static> {
-    TextStyle {
-        font,
-        color: colour.to_backend_color(),
-        pos: Pos::new(HPos::Left, VPos::Center),
-    }
+    TextStyle { font, color: colour.to_backend_color(), pos: Pos::new(HPos::Left, VPos::Center) }
 }
 
 /// Letters of `size` points that begin at their place, centred on it vertically.
@@ -50,8 +46,7 @@ pub fn draw<DB: DrawingBackend>(
     place: Place,
     style: &TextStyle<'_>,
 ) -> Drawn {
-    area.draw_text(text, style, rounded(place))
-        .map_err(|e| e.to_string())
+    area.draw_text(text, style, rounded(place)).map_err(|e| e.to_string())
 }
 
 /// A small text beside `place` on a ground that keeps it legible; further left where it would leave
@@ -64,10 +59,7 @@ pub fn note<DB: DrawingBackend>(area: &Area<DB>, text: &str, place: Place, right
     let wide = PIXELS * width(text, SIZE);
     let left = (place[0] + 3.0 * PIXELS).min(right - wide - 2.0 * PIXELS);
     let (beside, half) = (PIXELS, 6.0 * PIXELS);
-    let ground = [
-        [left - beside, place[1] - half],
-        [left + wide + beside, place[1] + half],
-    ];
+    let ground = [[left - beside, place[1] - half], [left + wide + beside, place[1] + half]];
     rectangle(area, ground, PAPER)?;
     draw(area, text, [left, place[1]], &style(SIZE, FAINT))
 }
@@ -75,9 +67,7 @@ pub fn note<DB: DrawingBackend>(area: &Area<DB>, text: &str, place: Place, right
 /// Length of `text` in points.
 pub fn width(text: &str, size: f64) -> f64 {
     let found = font(size, FontStyle::Normal).box_size(text);
-    found.map_or(0.6 * size * text.chars().count() as f64, |(w, _)| {
-        f64::from(w) / PIXELS
-    })
+    found.map_or(0.6 * size * text.chars().count() as f64, |(w, _)| f64::from(w) / PIXELS)
 }
 
 /// `text` in lines of at most `most` points, broken at spaces.
@@ -86,11 +76,7 @@ pub fn wrapped(text: &str, size: f64, most: f64) -> Vec<String> {
     for paragraph in text.lines() {
         let mut line = String::new();
         for word in paragraph.split_whitespace() {
-            let longer = if line.is_empty() {
-                word.to_owned()
-            } else {
-                format!("{line} {word}")
-            };
+            let longer = if line.is_empty() { word.to_owned() } else { format!("{line} {word}") };
             if !line.is_empty() && width(&longer, size) > most {
                 lines.push(std::mem::replace(&mut line, word.to_owned()));
             } else {

@@ -28,11 +28,7 @@ impl Ruler {
             Scale::Linear if axis.whole => whole(ends, wanted),
             scale => ticks(ends, scale, wanted),
         };
-        Self {
-            ends,
-            scale: axis.scale,
-            ticks,
-        }
+        Self { ends, scale: axis.scale, ticks }
     }
 
     /// Fraction of the axis below `value`; NaN where a logarithmic axis has no place for it.
@@ -62,10 +58,7 @@ impl Ranged for Ruler {
     /// Ticks with a label as bold points, all as light ones.
     fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
         let light = hint.weight().allow_light_points();
-        let shown = self
-            .ticks
-            .iter()
-            .filter(|tick| light || tick.label.is_some());
+        let shown = self.ticks.iter().filter(|tick| light || tick.label.is_some());
         shown.map(|tick| tick.at).collect()
     }
 
@@ -92,10 +85,7 @@ pub struct Tick {
 
 /// Names at 0, 1, … .
 fn named(names: &[String]) -> Vec<Tick> {
-    let tick = |(k, name): (usize, &String)| Tick {
-        at: k as f64,
-        label: Some(name.clone()),
-    };
+    let tick = |(k, name): (usize, &String)| Tick { at: k as f64, label: Some(name.clone()) };
     names.iter().enumerate().map(tick).collect()
 }
 
@@ -128,17 +118,11 @@ fn linear([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
         return Vec::new();
     }
     let slack = 1e-9 * (upper - lower) / step;
-    let (first, last) = (
-        (lower / step - slack).ceil(),
-        (upper / step + slack).floor(),
-    );
+    let (first, last) = ((lower / step - slack).ceil(), (upper / step + slack).floor());
     (0..=(last - first).clamp(0.0, 100.0) as usize)
         .map(|k| {
             let at = (first + k as f64) * step;
-            Tick {
-                at,
-                label: Some(number(at, step)),
-            }
+            Tick { at, label: Some(number(at, step)) }
         })
         .collect()
 }
@@ -146,10 +130,8 @@ fn linear([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
 /// Powers of ten, every so many with a label; where there are less than two, 2 and 5 times them
 /// too; where that is one label or none, as on a linear axis.
 fn logarithmic([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
-    let (first, last) = (
-        (lower.log10() - 1e-9).floor() as i32,
-        (upper.log10() + 1e-9).ceil() as i32,
-    );
+    let (first, last) =
+        ((lower.log10() - 1e-9).floor() as i32, (upper.log10() + 1e-9).ceil() as i32);
     let inside = |at: &f64| (lower * (1.0 - 1e-9)..=upper * (1.0 + 1e-9)).contains(at);
     let decades: Vec<i32> = (first..=last).filter(|e| inside(&10f64.powi(*e))).collect();
     let every = decades.len().div_ceil(wanted.max(1)).max(1) as i32;
@@ -202,19 +184,11 @@ fn times_power(factor: i32, exponent: i32) -> String {
 
 /// `value` with the digits that tell multiples of `step` apart.
 fn number(value: f64, step: f64) -> String {
-    let value = if value.abs() < 1e-9 * step {
-        0.0
-    } else {
-        value
-    };
+    let value = if value.abs() < 1e-9 * step { 0.0 } else { value };
     let large = value.abs().max(step);
     if !(1e-4..1e6).contains(&step) || large >= 1e6 {
         let places = (large.log10().floor() - step.log10().floor()).clamp(0.0, 15.0) as usize;
-        return if value == 0.0 {
-            "0".to_owned()
-        } else {
-            format!("{value:.places$e}")
-        };
+        return if value == 0.0 { "0".to_owned() } else { format!("{value:.places$e}") };
     }
     let places = (-(step * 1.000_001).log10().floor()).max(0.0) as usize;
     format!("{value:.places$}")
@@ -231,18 +205,9 @@ mod tests {
     #[test]
     fn round_numbers_within_the_axis() {
         let found = ticks([-1.5, 1.5], Scale::Linear, 6);
-        assert_eq!(
-            labels(&found),
-            ["-1.5", "-1.0", "-0.5", "0.0", "0.5", "1.0", "1.5"]
-        );
-        assert_eq!(
-            labels(&ticks([0.0, 40.0], Scale::Linear, 4)),
-            ["0", "10", "20", "30", "40"]
-        );
-        assert_eq!(
-            labels(&ticks([0.0, 3e-7], Scale::Linear, 3)),
-            ["0", "1e-7", "2e-7", "3e-7"]
-        );
+        assert_eq!(labels(&found), ["-1.5", "-1.0", "-0.5", "0.0", "0.5", "1.0", "1.5"]);
+        assert_eq!(labels(&ticks([0.0, 40.0], Scale::Linear, 4)), ["0", "10", "20", "30", "40"]);
+        assert_eq!(labels(&ticks([0.0, 3e-7], Scale::Linear, 3)), ["0", "1e-7", "2e-7", "3e-7"]);
         for (lower, upper) in [(0.0, 1.0), (-3.2, 17.9), (1e8, 1.1e8), (0.1, 0.100_3)] {
             let found = ticks([lower, upper], Scale::Linear, 5);
             assert!((3..=8).contains(&found.len()), "{found:?}");
@@ -270,10 +235,7 @@ mod tests {
     #[test]
     fn decades() {
         let found = ticks([1e-12, 1.0], Scale::Log, 7);
-        assert_eq!(
-            labels(&found),
-            ["10⁻¹²", "10⁻¹⁰", "10⁻⁸", "10⁻⁶", "10⁻⁴", "10⁻²", "1"]
-        );
+        assert_eq!(labels(&found), ["10⁻¹²", "10⁻¹⁰", "10⁻⁸", "10⁻⁶", "10⁻⁴", "10⁻²", "1"]);
         assert_eq!(labels(&ticks([1.5, 8.0], Scale::Log, 5)), ["2", "5"]);
         assert_eq!(labels(&ticks([0.5, 40.0], Scale::Log, 5)), ["1", "10"]);
     }

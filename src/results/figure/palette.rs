@@ -99,13 +99,7 @@ impl Style {
 
     /// A theory's line: thin, grey and dashed, without markers.
     pub fn theory() -> Self {
-        Self {
-            colour: FAINT,
-            marker: None,
-            filled: false,
-            dash: 1,
-            width: 1.1,
-        }
+        Self { colour: FAINT, marker: None, filled: false, dash: 1, width: 1.1 }
     }
 
     /// With dash number `dash`, of 0 to 3.
@@ -115,18 +109,12 @@ impl Style {
 
     /// With hollow markers.
     pub fn hollow(self) -> Self {
-        Self {
-            filled: false,
-            ..self
-        }
+        Self { filled: false, ..self }
     }
 
     /// Without markers.
     pub fn plain(self) -> Self {
-        Self {
-            marker: None,
-            ..self
-        }
+        Self { marker: None, ..self }
     }
 
     /// Lengths of dashes and gaps in points; none for a whole line.
@@ -185,9 +173,7 @@ mod tests {
 
     #[test]
     fn heat_maps_grow_lighter() {
-        let all: Vec<f64> = (0..=100)
-            .map(|k| lightness(sequential(k as f64 / 100.0)))
-            .collect();
+        let all: Vec<f64> = (0..=100).map(|k| lightness(sequential(k as f64 / 100.0))).collect();
         assert!(all.windows(2).all(|w| w[1] > w[0] - 1e-4));
         assert!(all[100] - all[0] > 0.7);
         assert_eq!(sequential(f64::NAN), PAPER);
@@ -200,13 +186,11 @@ mod tests {
     fn differences_grow_darker_both_ways() {
         assert_eq!(diverging(0.5), PAPER);
         assert_eq!((diverging(-3.0), diverging(2.0)), (BELOW, ABOVE));
-        let all: Vec<f64> = (0..=50)
-            .map(|k| lightness(diverging(0.5 + k as f64 / 100.0)))
-            .collect();
+        let all: Vec<f64> =
+            (0..=50).map(|k| lightness(diverging(0.5 + k as f64 / 100.0))).collect();
         assert!(all.windows(2).all(|w| w[1] < w[0]));
-        let all: Vec<f64> = (0..=50)
-            .map(|k| lightness(diverging(0.5 - k as f64 / 100.0)))
-            .collect();
+        let all: Vec<f64> =
+            (0..=50).map(|k| lightness(diverging(0.5 - k as f64 / 100.0))).collect();
         assert!(all.windows(2).all(|w| w[1] < w[0]));
     }
 }

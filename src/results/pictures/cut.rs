@@ -11,11 +11,7 @@ pub struct Cut(pub Vec<usize>);
 impl Cut {
     /// Through the middle cells (cell N/2, counted from 0), as `fields.xdmf` does.
     pub fn middle(run: &Stored) -> Self {
-        Self(
-            (0..2 * run.dimension())
-                .map(|a| run.axis(a).cells / 2)
-                .collect(),
-        )
+        Self((0..2 * run.dimension()).map(|a| run.axis(a).cells / 2).collect())
     }
 
     /// As `text` says, `x=0.1,vy=0`; through the middle along axes that it does not name.
@@ -35,11 +31,7 @@ impl Cut {
             let (name, place) = (part.split_once('='))
                 .ok_or_else(|| wrong(format!("\"{part}\" is not NAME=POSITION, as x=0.1")))?;
             let a = (names.iter().position(|n| *n == name.trim())).ok_or_else(|| {
-                wrong(format!(
-                    "\"{}\" is no axis; {} are",
-                    name.trim(),
-                    names.join(", ")
-                ))
+                wrong(format!("\"{}\" is no axis; {} are", name.trim(), names.join(", ")))
             })?;
             if named.contains(&a) {
                 return Err(wrong(format!("{} is given twice", names[a])));

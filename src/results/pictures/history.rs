@@ -27,11 +27,7 @@ pub fn draw(runs: &Runs<'_>) -> Read<Option<Figure>> {
             let times = r.list("axis/time")?;
             let values = r.list(&format!("history/{name}"))?;
             let points = times.into_iter().zip(values).map(|(t, v)| [t, v]).collect();
-            let label = if runs.beside.is_some() {
-                name_of_run
-            } else {
-                ""
-            };
+            let label = if runs.beside.is_some() { name_of_run } else { "" };
             panel = panel.line(label, Style::of(k), points);
         }
         panels.push(panel);
@@ -55,11 +51,7 @@ fn densities(run: &Stored) -> Read<Panel> {
     let count = times.len().min(TIMES);
     let mut panel = Panel::new("density", Axis::linear("x"), Axis::linear("density"));
     for k in 0..count {
-        let at = if count > 1 {
-            k * last / (count - 1)
-        } else {
-            last
-        };
+        let at = if count > 1 { k * last / (count - 1) } else { last };
         let slab = Slab::of(&[at..at + 1, 0..x.len()]);
         let values = run.slab("history/density", &slab)?;
         let points = x.iter().zip(values).map(|(x, v)| [*x, v]).collect();
@@ -89,10 +81,7 @@ const STEPS: [&str; 12] = [
 /// those that took none left out.
 pub fn steps(run: &Stored) -> Vec<(&str, f64)> {
     let known = STEPS.iter().filter_map(|s| run.seconds.get_key_value(*s));
-    let others = run
-        .seconds
-        .iter()
-        .filter(|(s, _)| !STEPS.contains(&s.as_str()));
+    let others = run.seconds.iter().filter(|(s, _)| !STEPS.contains(&s.as_str()));
     let all = known.chain(others).map(|(s, t)| (s.as_str(), *t));
     all.filter(|(_, t)| *t > 0.0).collect()
 }
@@ -119,10 +108,8 @@ pub fn time(run: &Stored) -> Read<Figure> {
     let names = steps.iter().rev().map(|(s, _)| (*s).to_owned()).collect();
     // Room for what stands at the end of the longest bars.
     let seconds = Axis::linear("seconds").within(0.0, 1.2 * now.max(f64::MIN_POSITIVE));
-    let panel = Panel::new("", seconds, Axis::named("", names)).with(Layer::Bars {
-        style: Style::of(0).plain(),
-        bars,
-    });
+    let panel = Panel::new("", seconds, Axis::named("", names))
+        .with(Layer::Bars { style: Style::of(0).plain(), bars });
     Ok(Figure::new("Time of the run", vec![panel])
         .frame(560.0, 26.0 * steps.len() as f64 + 20.0)
         .caption("Seconds by step of the run on its first rank, one after the other."))

@@ -32,10 +32,7 @@ pub fn jumps(run: &Stored, a: usize, cut: &Cut) -> Vec<f64> {
     if found.first() == Some(&0) {
         found.push(run.axis(a).cells);
     }
-    found
-        .into_iter()
-        .map(|i| run.axis(a).face(i as i64))
-        .collect()
+    found.into_iter().map(|i| run.axis(a).face(i as i64)).collect()
 }
 
 /// Of faces where `V` jumps along axis `a`: the sentence for those at the frame, which hides their

@@ -13,12 +13,7 @@ pub fn map(
 ) -> Panel {
     let names = run.names();
     let ends = axes.map(|a| [run.axis(a).lower, run.axis(a).upper]);
-    Panel::new(
-        title,
-        Axis::linear(names[axes[0]]),
-        Axis::linear(names[axes[1]]),
-    )
-    .map(Map {
+    Panel::new(title, Axis::linear(names[axes[0]]), Axis::linear(names[axes[1]])).map(Map {
         x: ends[0],
         y: ends[1],
         shape: plane.shape,
@@ -46,8 +41,7 @@ pub fn apart(run: &Stored, axes: [usize; 2], title: String, plane: Plane, scale:
 /// Largest finite value, without signs.
 pub fn largest<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> f64 {
     let all = planes.into_iter().flat_map(|p| &p.values);
-    all.filter(|v| v.is_finite())
-        .fold(0.0, |most, v| v.abs().max(most))
+    all.filter(|v| v.is_finite()).fold(0.0, |most, v| v.abs().max(most))
 }
 
 /// Part of what a quantity may be that is round-off.
@@ -55,10 +49,7 @@ const ROUND_OFF: f64 = 1e-12;
 
 /// The difference of two planes, `a − b`.
 pub fn difference(a: &Plane, b: &Plane) -> Plane {
-    Plane {
-        shape: a.shape,
-        values: a.values.iter().zip(&b.values).map(|(a, b)| a - b).collect(),
-    }
+    Plane { shape: a.shape, values: a.values.iter().zip(&b.values).map(|(a, b)| a - b).collect() }
 }
 
 /// Smallest and largest finite value of all; wider where they differ by round-off of `scale` or a
@@ -68,9 +59,8 @@ pub fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>, scale: f64) -> Opt
     const SEEN: f64 = 1e-3;
     let all = planes.into_iter().flat_map(|p| &p.values);
     let finite = all.filter(|v| v.is_finite());
-    let [lower, upper] = finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, u], &v| {
-        [l.min(v), u.max(v)]
-    });
+    let [lower, upper] =
+        finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, u], &v| [l.min(v), u.max(v)]);
     if lower > upper {
         return None;
     }
@@ -88,10 +78,7 @@ mod tests {
 
     #[test]
     fn round_off_is_no_structure() {
-        let plane = |values: &[f64]| Plane {
-            shape: [1, values.len()],
-            values: values.to_vec(),
-        };
+        let plane = |values: &[f64]| Plane { shape: [1, values.len()], values: values.to_vec() };
         let noise = plane(&[5e-18, -5e-18, f64::NAN]);
         let [lower, upper] = range([&noise], 2.0).unwrap();
         assert!(lower < -1e-12 && upper > 1e-12);

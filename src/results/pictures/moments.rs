@@ -47,9 +47,7 @@ fn listed(run: &Stored, name: &str) -> Read<Vec<f64>> {
 /// Values over the space axis, as points.
 fn over_space(run: &Stored, values: &[f64]) -> Vec<[f64; 2]> {
     let centres = run.axis(0).centres();
-    (centres.into_iter().zip(values))
-        .map(|(x, value)| [x, *value])
-        .collect()
+    (centres.into_iter().zip(values)).map(|(x, value)| [x, *value]).collect()
 }
 
 /// Exact density, momentum and mean velocity in one dimension, where the file has what they follow
@@ -78,9 +76,8 @@ fn exact(run: &Stored) -> Read<Option<[Vec<f64>; 3]>> {
         .map(|(m, d)| if *d > 0.0 { m / d } else { f64::NAN })
         .collect();
     // Nothing has no velocity, and adds no momentum.
-    let momentum = (momentum.into_iter().zip(&density))
-        .map(|(m, d)| if *d > 0.0 { m } else { 0.0 })
-        .collect();
+    let momentum =
+        (momentum.into_iter().zip(&density)).map(|(m, d)| if *d > 0.0 { m } else { 0.0 }).collect();
     Ok(Some([density, momentum, velocity]))
 }
 
@@ -94,21 +91,14 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
     let exact = exact(run)?;
     let faces = jumps(run, 0, &Cut::middle(run));
     let mut panels = Vec::new();
-    for (k, (name, label)) in [
-        ("density", "density"),
-        ("momentum", "momentum"),
-        ("velocity", "mean velocity"),
-    ]
-    .into_iter()
-    .enumerate()
+    for (k, (name, label)) in
+        [("density", "density"), ("momentum", "momentum"), ("velocity", "mean velocity")]
+            .into_iter()
+            .enumerate()
     {
         // What stands for what is said once.
         let said = |text: &str| {
-            if name == "velocity" {
-                text.to_owned()
-            } else {
-                String::new()
-            }
+            if name == "velocity" { text.to_owned() } else { String::new() }
         };
         let mut panel = Panel::new(label, Axis::linear("x"), Axis::linear(label));
         if name == "velocity"
@@ -137,33 +127,25 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
         (Some(_), true) => " Exact values are averages over the cells.",
         (Some(_), false) => " Exact values are sums over the cells of the exact field.",
     };
-    Ok(
-        Figure::new(format!("Moments at t = {}", short(run.time)), panels)
-            .columns(3)
-            .frame(320.0, 240.0)
-            .caption(format!(
-                "Density ∫f dv, momentum ∫v f dv, and their ratio where there is something.{what}{}{}",
-                if faces.is_empty() { "" } else { " Vertical lines: where V jumps." },
-                closing(run, 0, &faces)
-            )),
-    )
+    Ok(Figure::new(format!("Moments at t = {}", short(run.time)), panels)
+        .columns(3)
+        .frame(320.0, 240.0)
+        .caption(format!(
+            "Density ∫f dv, momentum ∫v f dv, and their ratio where there is something.{what}{}{}",
+            if faces.is_empty() { "" } else { " Vertical lines: where V jumps." },
+            closing(run, 0, &faces)
+        )))
 }
 
 /// Every plane of two space axes.
 fn planes(n: usize) -> Vec<[usize; 2]> {
-    (0..n)
-        .flat_map(|a| (a + 1..n).map(move |b| [a, b]))
-        .collect()
+    (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b])).collect()
 }
 
 /// The title of a panel in a plane through a cut.
 fn titled(run: &Stored, name: &str, plane: [usize; 2], cut: &Cut) -> String {
     let place = cut.place(run, plane, 0..run.dimension());
-    if place.is_empty() {
-        name.to_owned()
-    } else {
-        format!("{name} at {place}")
-    }
+    if place.is_empty() { name.to_owned() } else { format!("{name} at {place}") }
 }
 
 /// A row of maps: exact, computed, and the difference.

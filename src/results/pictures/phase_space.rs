@@ -29,11 +29,8 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         }
         lines += &closing(run, a, &faces);
         let plane = [a, n + a];
-        let mut row = if measure {
-            level_sets(runs, plane, cut)?
-        } else {
-            fields(runs, plane, cut)?
-        };
+        let mut row =
+            if measure { level_sets(runs, plane, cut)? } else { fields(runs, plane, cut)? };
         let place = cut.place(run, plane, 0..2 * n);
         for panel in &mut row {
             if !place.is_empty() {
@@ -66,12 +63,10 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         } else {
             ""
         };
-    Ok(
-        Figure::new(format!("{} at t = {time}", run.title()), panels)
-            .columns(columns)
-            .frame(300.0, 260.0)
-            .caption(format!("{what}{lines}{averaged}")),
-    )
+    Ok(Figure::new(format!("{} at t = {time}", run.title()), panels)
+        .columns(columns)
+        .frame(300.0, 260.0)
+        .caption(format!("{what}{lines}{averaged}")))
 }
 
 /// `f`, the exact one, and differences.
@@ -170,10 +165,7 @@ fn concentrated(run: &Stored) -> Read<Plane> {
         concentrate(&mut line, &run.space, width, &phi, &[&psi]);
         values.extend_from_slice(&line);
     }
-    Ok(Plane {
-        shape: [nx, nv],
-        values,
-    })
+    Ok(Plane { shape: [nx, nv], values })
 }
 
 /// The exact velocity, branch after branch, with NaN between.

@@ -69,13 +69,9 @@ impl Modes {
     /// What `reading` makes of the part of the state at `s` in the spectrum of `−ST`, where it
     /// should be `e^{−s}`.
     fn read(&self, reading: &Reading, places: &[f64]) -> Vec<f64> {
-        let weights: Vec<Complex64> = (0..self.series.modes())
-            .map(|l| self.weight(reading, l))
-            .collect();
-        places
-            .iter()
-            .map(|s| sum(&weights, self.series.period, *s))
-            .collect()
+        let weights: Vec<Complex64> =
+            (0..self.series.modes()).map(|l| self.weight(reading, l)).collect();
+        places.iter().map(|s| sum(&weights, self.series.period, *s)).collect()
     }
 }
 
@@ -118,18 +114,11 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
     let point = modes.readings[0].point;
     let [growth, decay] = modes.reach;
     let domain = [point - growth, point + decay];
-    let ends = [
-        modes.interval[0].min(domain[0]),
-        modes.interval[1].max(domain[1]),
-    ];
-    let coefficients: Vec<Complex64> = (0..modes.series.modes())
-        .map(|l| modes.series.factor(l))
-        .collect();
+    let ends = [modes.interval[0].min(domain[0]), modes.interval[1].max(domain[1])];
+    let coefficients: Vec<Complex64> =
+        (0..modes.series.modes()).map(|l| modes.series.factor(l)).collect();
     let along = places(ends);
-    let g: Vec<f64> = along
-        .iter()
-        .map(|p| sum(&coefficients, modes.series.period, *p))
-        .collect();
+    let g: Vec<f64> = along.iter().map(|p| sum(&coefficients, modes.series.period, *p)).collect();
     let largest = g.iter().fold(1.0f64, |m, g| m.max(g.abs()));
     let least = 1e-2 * modes.tolerance * (-point).exp();
     let axis = Axis::log("|g(p)|").within(least, 10.0 * largest);
@@ -138,10 +127,7 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
     let model = model.filter(|[p, e]| *p >= ends[0] && (least..=10.0 * largest).contains(e));
     let band = |panel: Panel, label: &str| {
         let label = label.to_owned();
-        panel.with(Layer::Band {
-            label,
-            from: domain,
-        })
+        panel.with(Layer::Band { label, from: domain })
     };
     let marked = |mut panel: Panel| {
         for (k, reading) in modes.readings.iter().enumerate() {
@@ -158,10 +144,7 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
     let along = places([-growth - margin, decay + margin]);
     let error =
         Axis::log("|error| of what is read").within(1e-4 * modes.tolerance, 1e4 * modes.tolerance);
-    let mut close = band(
-        Panel::new("error of the profile", Axis::linear("p"), error),
-        "",
-    );
+    let mut close = band(Panel::new("error of the profile", Axis::linear("p"), error), "");
     for (k, reading) in modes.readings.iter().enumerate().rev() {
         let read = modes.read(reading, &along);
         // A part that decays by e^{−s} is read off at p◇ + s.
@@ -185,9 +168,7 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
         short(domain[0]),
         short(domain[1])
     );
-    Ok(Some(
-        Figure::new("Profile in p", vec![marked(whole), marked(close)]).caption(caption),
-    ))
+    Ok(Some(Figure::new("Profile in p", vec![marked(whole), marked(close)]).caption(caption)))
 }
 
 /// Weight and applications of every mode; nothing for runs without modes.
@@ -201,24 +182,13 @@ pub fn modes(run: &Stored) -> Read<Option<Figure>> {
     let count = modes.series.modes();
     let every = count.div_ceil(MOST);
     let shown: Vec<usize> = (0..count).step_by(every).collect();
-    let style = if shown.len() > DISTINCT {
-        Style::of(0).plain()
-    } else {
-        Style::of(0)
-    };
+    let style = if shown.len() > DISTINCT { Style::of(0).plain() } else { Style::of(0) };
     let mu = |l: usize| modes.series.wavenumber(l);
-    let weights = shown
-        .iter()
-        .map(|&l| [mu(l), modes.weight(&modes.readings[0], l).norm()]);
-    let weight = Panel::new(
-        "weight in the field",
-        Axis::linear("wavenumber μ"),
-        Axis::log("|weight|"),
-    )
-    .line("", style, weights.collect());
-    let work = shown
-        .iter()
-        .filter_map(|&l| Some([mu(l), *modes.work.get(l)?]));
+    let weights = shown.iter().map(|&l| [mu(l), modes.weight(&modes.readings[0], l).norm()]);
+    let weight =
+        Panel::new("weight in the field", Axis::linear("wavenumber μ"), Axis::log("|weight|"))
+            .line("", style, weights.collect());
+    let work = shown.iter().filter_map(|&l| Some([mu(l), *modes.work.get(l)?]));
     let solves = run.plan["warp"]["solves"].as_f64().is_some_and(|s| s > 0.0);
     let label = if solves { "solves" } else { "applications" };
     let work = Panel::new(
@@ -227,16 +197,10 @@ pub fn modes(run: &Stored) -> Read<Option<Figure>> {
         Axis::linear(label).whole(),
     )
     .line("", style, work.collect());
-    let some = if every > 1 {
-        format!(" One of {every} is shown.")
-    } else {
-        String::new()
-    };
-    Ok(Some(Figure::new("Modes", vec![weight, work]).caption(
-        format!(
-            "{count} modes l ≥ 0; those of −l are their conjugates. f = Σ weight_l w_l(T).{some}"
-        ),
-    )))
+    let some = if every > 1 { format!(" One of {every} is shown.") } else { String::new() };
+    Ok(Some(Figure::new("Modes", vec![weight, work]).caption(format!(
+        "{count} modes l ≥ 0; those of −l are their conjugates. f = Σ weight_l w_l(T).{some}"
+    ))))
 }
 
 /// The field read at other points; nothing where that was not asked for.
@@ -259,12 +223,11 @@ pub fn plateau(run: &Stored) -> Read<Option<Figure>> {
             Axis::log("relative l2 distance"),
         )
         .line("", Style::of(0), over(&distance)),
-        Panel::new(
-            "norm of what is read",
-            Axis::linear("p"),
-            Axis::linear("l2 norm"),
-        )
-        .line("", Style::of(0), over(&norm)),
+        Panel::new("norm of what is read", Axis::linear("p"), Axis::linear("l2 norm")).line(
+            "",
+            Style::of(0),
+            over(&norm),
+        ),
     ];
     if let Some(point) = point {
         panels = panels.map(|panel| panel.vertical("p◇", point));
@@ -275,9 +238,7 @@ pub fn plateau(run: &Stored) -> Read<Option<Figure>> {
         None => first,
     };
     let caption = "The field read at p instead of p◇: flat where e^p w(T, p) is the field.";
-    Ok(Some(
-        Figure::new("Plateau", vec![first, second]).caption(caption),
-    ))
+    Ok(Some(Figure::new("Plateau", vec![first, second]).caption(caption)))
 }
 
 #[cfg(test)]
@@ -291,10 +252,7 @@ mod tests {
             let weights: Vec<Complex64> = (0..modes).map(|l| series.factor(l)).collect();
             for p in [-3.0, 0.0, 0.1, 2.5, 100.7] {
                 let (fast, plain) = (sum(&weights, series.period, p), series.value(p));
-                assert!(
-                    (fast - plain).abs() < 1e-12 * modes as f64,
-                    "{modes} {p}: {fast} {plain}"
-                );
+                assert!((fast - plain).abs() < 1e-12 * modes as f64, "{modes} {p}: {fast} {plain}");
             }
         }
     }

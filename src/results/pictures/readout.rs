@@ -54,28 +54,16 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
         };
         // The density has every estimator, and says which is which.
         let said = |label: &str| {
-            if kind == 0 {
-                label.to_owned()
-            } else {
-                String::new()
-            }
+            if kind == 0 { label.to_owned() } else { String::new() }
         };
         let numbers = cells.iter().map(u64::to_string).collect();
         let axis = Axis::named("number of the cell", numbers);
         let mut panel = Panel::new(name.clone(), axis, Axis::linear(name));
-        let values = rows
-            .iter()
-            .filter_map(|&r| Some([place(r)? as f64, value[r]]));
+        let values = rows.iter().filter_map(|&r| Some([place(r)? as f64, value[r]]));
         panel = panel.points(said("of the field"), Style::of(2), values.collect());
-        let found = rows
-            .iter()
-            .fold(0.0f64, |most, &r| most.max(value[r].abs()));
+        let found = rows.iter().fold(0.0f64, |most, &r| most.max(value[r].abs()));
         // What is round-off is measured by what could be there.
-        let largest = if found > 1e-10 * possible(kind) {
-            found
-        } else {
-            possible(kind)
-        };
+        let largest = if found > 1e-10 * possible(kind) { found } else { possible(kind) };
         for (k, estimator_of) in Estimator::ALL.into_iter().enumerate() {
             let mut points = Vec::new();
             for &r in rows.iter().filter(|&&r| estimator[r] as u64 == k as u64) {

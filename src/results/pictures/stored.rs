@@ -136,20 +136,13 @@ impl Stored {
     /// Axis number `a` in storage order.
     pub fn axis(&self, a: usize) -> &Axis {
         let n = self.dimension();
-        if a < n {
-            &self.space.x[a]
-        } else {
-            &self.space.v[a - n]
-        }
+        if a < n { &self.space.x[a] } else { &self.space.v[a - n] }
     }
 
     /// Title of the case; its file where it has none.
     pub fn title(&self) -> String {
         let of = |key: &str| self.provenance.get(key).filter(|t| !t.is_empty());
-        of("title")
-            .or_else(|| of("case_file"))
-            .cloned()
-            .unwrap_or_default()
+        of("title").or_else(|| of("case_file")).cloned().unwrap_or_default()
     }
 
     /// Whether there is such a dataset.
@@ -166,17 +159,13 @@ impl Stored {
         if !self.has(name) {
             return Err(format!("there is no /{name} in result.h5"));
         }
-        self.file
-            .dataset(name)
-            .map_err(|e| format!("/{name} of result.h5: {e}"))
+        self.file.dataset(name).map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
     /// A dataset of at most one index a step, whole.
     pub fn list(&self, name: &str) -> Read<Vec<f64>> {
         let dataset = self.dataset(name)?;
-        dataset
-            .read_raw()
-            .map_err(|e| format!("/{name} of result.h5: {e}"))
+        dataset.read_raw().map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
     /// A box of a dataset, row-major.
@@ -197,10 +186,7 @@ impl Stored {
         let shape = lengths.map(|n| n.min(FINEST));
         let dataset = self.dataset(name)?;
         if dataset.ndim() != at.len() + usize::from(component.is_some()) {
-            return Err(format!(
-                "/{name} of result.h5 has {} dimensions",
-                dataset.ndim()
-            ));
+            return Err(format!("/{name} of result.h5 has {} dimensions", dataset.ndim()));
         }
         let mut values = Vec::with_capacity(shape[0] * shape[1]);
         // Lines of the map that fit into a piece, at least one.
@@ -260,11 +246,7 @@ fn as_stored(whole: &PhaseSpace, found: &PhaseSpace) -> Option<PhaseSpace> {
         }
         whole.iter().zip(found).map(same).collect()
     };
-    Some(PhaseSpace {
-        x: axes(&whole.x, &found.x)?,
-        v: axes(&whole.v, &found.v)?,
-        ..whole.clone()
-    })
+    Some(PhaseSpace { x: axes(&whole.x, &found.x)?, v: axes(&whole.v, &found.v)?, ..whole.clone() })
 }
 
 /// The grid from the centres of its cells, where the case is not understood.
@@ -294,11 +276,7 @@ fn grid(file: &File) -> Read<PhaseSpace> {
     if n == 0 {
         return Err("/axis: no axes".to_owned());
     }
-    Ok(PhaseSpace {
-        x,
-        v,
-        periodic: [false; MAX_DIMENSION],
-    })
+    Ok(PhaseSpace { x, v, periodic: [false; MAX_DIMENSION] })
 }
 
 /// `summary.json` of a directory.

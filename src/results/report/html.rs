@@ -102,9 +102,6 @@ mod tests {
         let value = shown(&serde_json::json!({ "<k>": ["<v>"] })).into_string();
         assert!(!value.contains("<k>") && !value.contains("<v>"));
         let figure = shown(&serde_json::json!({ "label": "exact", "value": 0.25 }));
-        assert_eq!(
-            figure.into_string(),
-            "0.25 <span class=\"faint\">exact</span>"
-        );
+        assert_eq!(figure.into_string(), "0.25 <span class=\"faint\">exact</span>");
     }
 }

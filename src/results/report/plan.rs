@@ -7,11 +7,8 @@ use maud::Markup;
 use serde_json::Value;
 
 /// What is so in the scene, by the keys of `bounds`.
-const SCENE: [(&str, &str); 3] = [
-    ("jumps", "V jumps"),
-    ("inflow", "something may enter"),
-    ("weighted", "dissipative weights"),
-];
+const SCENE: [(&str, &str); 3] =
+    [("jumps", "V jumps"), ("inflow", "something may enter"), ("weighted", "dissipative weights")];
 
 /// The plan as a table.
 pub fn table(plan: &Value) -> Markup {
@@ -105,16 +102,10 @@ fn work(rows: &mut Rows, plan: &Value) {
     let least = each.iter().copied().reduce(f64::min);
     let most = each.iter().copied().reduce(f64::max);
     let range = least.zip(most);
-    rows.text(
-        "a mode takes",
-        range.map(|(least, most)| format!("{least} to {most} {unit}")),
-    );
+    rows.text("a mode takes", range.map(|(least, most)| format!("{least} to {most} {unit}")));
     let all = solves.or_else(|| warp["applications"].as_f64());
     rows.text("all modes take", all.map(|n| format!("{n} {unit}")));
-    rows.text(
-        "round-off is amplified by at most",
-        number(&warp["amplification"]),
-    );
+    rows.text("round-off is amplified by at most", number(&warp["amplification"]));
 }
 
 /// `crank-nicolson` as `crank nicolson`.

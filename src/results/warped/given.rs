@@ -52,11 +52,7 @@ impl Given {
         };
         let (mut interval, points) = world.agree(found)?;
         world.max_into(&mut interval);
-        Ok(Self {
-            path: path.to_owned(),
-            interval,
-            points: world.max_count(points),
-        })
+        Ok(Self { path: path.to_owned(), interval, points: world.max_count(points) })
     }
 
     /// Reads the field into the modes `kept` for the factors of `series`; gives the checksum of
@@ -172,10 +168,7 @@ fn look(path: &Path, space: &PhaseSpace) -> Found<([f64; 2], usize)> {
     let file = File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?")?;
     let w = file.dataset("w").map_err(|_| missing("w"))?;
     let kind = w.dtype().and_then(|kind| kind.to_descriptor());
-    if !matches!(
-        kind,
-        Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_))
-    ) {
+    if !matches!(kind, Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_))) {
         return Err("/w holds other than real numbers, which are expected".to_owned());
     }
     let shape = w.shape();
@@ -232,9 +225,7 @@ fn period(p: &[f64], points: usize) -> Found<([f64; 2], usize)> {
         return Err(format!("/axis/p holds {} points, /w {points}", p.len()));
     }
     if points < 2 || !points.is_multiple_of(2) {
-        return Err(format!(
-            "/w has {points} points in p; an even number expected"
-        ));
+        return Err(format!("/w has {points} points in p; an even number expected"));
     }
     let step = (p[points - 1] - p[0]) / (points - 1) as f64;
     let uneven = "/axis/p is not ascending in equal steps";

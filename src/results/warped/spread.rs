@@ -51,10 +51,7 @@ impl Spread<'_> {
         most: usize,
         mut visit: impl FnMut(&[Range<usize>], &Slab) -> Result<()>,
     ) -> Result<()> {
-        let (rank, ranks) = (
-            self.communicator.modes.rank(),
-            self.communicator.modes.size(),
-        );
+        let (rank, ranks) = (self.communicator.modes.rank(), self.communicator.modes.size());
         let shape: Vec<usize> = (self.block.ranges.iter().map(Range::len))
             .chain(self.space.v.iter().map(|axis| axis.cells))
             .collect();
@@ -104,10 +101,7 @@ impl Spread<'_> {
         }
         self.communicator.modes.max_into(&mut parts);
         let (pairs, _) = parts.as_chunks();
-        pairs
-            .iter()
-            .map(|&[re, im]| Complex64::new(re, im))
-            .collect()
+        pairs.iter().map(|&[re, im]| Complex64::new(re, im)).collect()
     }
 
     /// Checks that these are the modes of `kept` and of `transform`.

@@ -30,14 +30,7 @@ impl InterfaceLaw for Conservative {
             lattice.share(out, Side::Same, -sign, low, high.min(threshold), length);
         }
         if high > threshold {
-            lattice.share(
-                out,
-                Side::Across,
-                sign,
-                low.max(threshold) + rise,
-                high + rise,
-                length,
-            );
+            lattice.share(out, Side::Across, sign, low.max(threshold) + rise, high + rise, length);
         }
         // Beside a very high wall energies are rounded: the shares are made to add up to 1 again,
         // whatever is left of them.
@@ -69,10 +62,7 @@ impl<'a> Lattice<'a> {
     fn new(axis: &'a Axis) -> Self {
         let nearest = axis.position(0.0).round() as i64;
         let face = axis.face(nearest);
-        Self {
-            axis,
-            floor: 0.5 * face * face,
-        }
+        Self { axis, floor: 0.5 * face * face }
     }
 
     /// Lowest and highest kinetic energy of cell `j`.
@@ -109,11 +99,7 @@ impl<'a> Lattice<'a> {
                 let (a, b) = self.energies(k);
                 let overlap = b.min(high) - a.max(low);
                 if overlap > least {
-                    out.push(Source {
-                        side,
-                        velocity: k,
-                        weight: overlap / length,
-                    });
+                    out.push(Source { side, velocity: k, weight: overlap / length });
                 }
             }
             k += sign;

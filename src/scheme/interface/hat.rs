@@ -49,11 +49,7 @@ fn interpolate(out: &mut Vec<Source>, axis: &Axis, side: Side, xi: f64) {
     let k = k as i64;
     for (velocity, weight) in [(k, 1.0 - fraction), (k + 1, fraction)] {
         if weight > 0.0 {
-            out.push(Source {
-                side,
-                velocity,
-                weight,
-            });
+            out.push(Source { side, velocity, weight });
         }
     }
 }

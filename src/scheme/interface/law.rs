@@ -46,9 +46,5 @@ pub(super) const FARTHEST: f64 = 1e15;
 /// The centre of velocity cell `j`, exactly zero where it is zero but for round-off.
 pub fn velocity(axis: &Axis, j: i64) -> f64 {
     let v = axis.centre(j);
-    if v.abs() < STANDING * axis.width() {
-        0.0
-    } else {
-        v
-    }
+    if v.abs() < STANDING * axis.width() { 0.0 } else { v }
 }

@@ -46,9 +46,7 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
         None
     };
     if let Some(why) = why {
-        reductions
-            .kept
-            .push(format!("velocities: all of them; {why}"));
+        reductions.kept.push(format!("velocities: all of them; {why}"));
         return Ok(());
     }
     // An error is that of the potential, the same on all ranks.
@@ -115,12 +113,7 @@ impl Plane {
 
     /// From the lowest velocity that is reached anywhere to the highest.
     fn velocities(&self) -> Range<usize> {
-        let any = |j: &usize| {
-            self.reached[*j..]
-                .iter()
-                .step_by(self.cells)
-                .any(|r| *r != 0.0)
-        };
+        let any = |j: &usize| self.reached[*j..].iter().step_by(self.cells).any(|r| *r != 0.0);
         let first = (0..self.cells).find(any).unwrap_or(0);
         let end = (0..self.cells).rev().find(any).map_or(0, |last| last + 1);
         first..end
@@ -138,13 +131,7 @@ impl Plane {
                     let up = velocity(v, j) > 0.0;
                     let jump = f64::from_bits(*jump);
                     let mut list = Vec::new();
-                    sources(
-                        &mut list,
-                        v,
-                        case.interface,
-                        j,
-                        if up { jump } else { -jump },
-                    );
+                    sources(&mut list, v, case.interface, j, if up { jump } else { -jump });
                     list
                 };
                 (0..v.cells as i64).map(list).collect()
@@ -152,17 +139,11 @@ impl Plane {
         }
         let takes = |plane: &Self, i: usize, j: usize| {
             let speed = velocity(v, j as i64);
-            let (step, face) = if speed > 0.0 {
-                (-1, i)
-            } else {
-                (1, (i + 1) % x.cells)
-            };
+            let (step, face) = if speed > 0.0 { (-1, i) } else { (1, (i + 1) % x.cells) };
             let across = i as i64 + step;
             let across = match space.is_periodic(a) {
                 true => Some(across.rem_euclid(x.cells as i64) as usize),
-                false => (0..x.cells as i64)
-                    .contains(&across)
-                    .then_some(across as usize),
+                false => (0..x.cells as i64).contains(&across).then_some(across as usize),
             };
             let holds = |source: &Source| match (source.side, across) {
                 (Side::Same, _) => plane.holds(i, source.velocity),
@@ -172,9 +153,7 @@ impl Plane {
             // What is behind the ends of the box is the inflow's, which is there from the start.
             let moved = speed != 0.0
                 && across.is_some()
-                && faces.jumps[face]
-                    .iter()
-                    .any(|jump| behind[jump][j].iter().any(holds));
+                && faces.jumps[face].iter().any(|jump| behind[jump][j].iter().any(holds));
             let [up, down] = faces.pushed[i];
             moved || up && plane.holds(i, j as i64 - 1) || down && plane.holds(i, j as i64 + 1)
         };
@@ -210,10 +189,8 @@ impl Faces {
     /// Those along space axis `a`; none where there are too many jumps.
     fn new(space: &PhaseSpace, potential: &Potential, a: usize) -> Option<Self> {
         let cells = space.x[a].cells;
-        let mut faces = Self {
-            jumps: vec![BTreeSet::new(); cells],
-            pushed: vec![[false; 2]; cells],
-        };
+        let mut faces =
+            Self { jumps: vec![BTreeSet::new(); cells], pushed: vec![[false; 2]; cells] };
         let ranges: Vec<Range<usize>> = space.x.iter().map(|x| 0..x.cells).collect();
         for_each_cell(&ranges, |i| {
             let slope = potential.slope(i, a);
@@ -281,19 +258,10 @@ mod tests {
         ("1", &[]),
         ("1", &["scheme.interface=conservative"]),
         ("1", &["potential.0.value=0", "potential.1.value=0.2"]),
-        (
-            "1",
-            &["potential.0.where=abs(x) < 0.5", "potential.0.value=-0.2"],
-        ),
+        ("1", &["potential.0.where=abs(x) < 0.5", "potential.0.value=-0.2"]),
         ("1", &["potential.0.value=0.1*x"]),
         ("1", &["axis.0.x.boundary=periodic"]),
-        (
-            "1",
-            &[
-                "initial.f=0",
-                "inflow.value=1 if x < 0 && v > 0.2 && v < 0.5 else 0",
-            ],
-        ),
+        ("1", &["initial.f=0", "inflow.value=1 if x < 0 && v > 0.2 && v < 0.5 else 0"]),
         ("2", &[]),
     ];
 

@@ -42,10 +42,7 @@ impl Acl {
         let start = 1e-6;
         let integral =
             start * magnitude(0.0).re + PI * summed_by_parts(|x| [magnitude(x)], start, 0.0);
-        Self {
-            beta,
-            bound: 2f64.powf(beta).exp() * integral / PI,
-        }
+        Self { beta, bound: 2f64.powf(beta).exp() * integral / PI }
     }
 
     /// `ĝ` at a complex point below the axis and above the cut.

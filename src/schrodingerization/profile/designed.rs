@@ -109,11 +109,7 @@ impl Designed {
             cutoff: series.wavenumber(series.modes() - 1),
         };
         let domain = [point - demand.growth, point + demand.decay];
-        let designed = Self {
-            domain,
-            error,
-            series,
-        };
+        let designed = Self { domain, error, series };
         Some((designed, window))
     }
 
@@ -244,9 +240,8 @@ impl LatticeDomain {
         // Of the polynomial and of e^{−p}: its even (+1) or odd (−1) part.
         let part = |sign: f64, first: usize, wave: fn(Complex64) -> f64| {
             let at = |l: usize, k: i64| weight * wave(circle.at(l as i64 * k));
-            let columns: Vec<Vec<f64>> = (first..modes)
-                .map(|l| places.iter().map(|&k| at(l, k)).collect())
-                .collect();
+            let columns: Vec<Vec<f64>> =
+                (first..modes).map(|l| places.iter().map(|&k| at(l, k)).collect()).collect();
             let f: Vec<f64> = (places.iter())
                 .map(|k| [self.middle + k, self.middle - k].map(|k| libm::exp(-(k as f64 * unit))))
                 .map(|[above, below]| 0.5 * weight * (above + sign * below))
@@ -280,10 +275,7 @@ impl Polynomial {
     }
 
     fn truncated(&self, modes: usize) -> Self {
-        Self {
-            coefficients: self.coefficients[..modes].to_vec(),
-            ..*self
-        }
+        Self { coefficients: self.coefficients[..modes].to_vec(), ..*self }
     }
 
     /// `Σ|c_l| ≤ ε/(20 r)` for modes rounded by `r`, over both signs of `l`.
@@ -343,11 +335,7 @@ impl Polynomial {
             };
             terms.iter().map(|(m, c)| c * sinc(*m)).sum::<Complex64>() * ratio
         };
-        Self {
-            period,
-            centre,
-            coefficients: (0..modes).map(coefficient).collect(),
-        }
+        Self { period, centre, coefficients: (0..modes).map(coefficient).collect() }
     }
 
     fn series(&self, circle: &Circle) -> Series {

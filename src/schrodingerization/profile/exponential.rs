@@ -38,11 +38,7 @@ impl Shape for Exponential {
     }
 
     fn value(&self, p: f64) -> f64 {
-        if p >= 0.0 {
-            (-p).exp()
-        } else {
-            (self.alpha * p).exp()
-        }
+        if p >= 0.0 { (-p).exp() } else { (self.alpha * p).exp() }
     }
 
     fn left(&self, bound: f64) -> f64 {

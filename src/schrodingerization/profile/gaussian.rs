@@ -42,14 +42,7 @@ impl Gaussian {
     /// next period's `e^{−p−P}` does not reach in (this matters for short times); cut-off
     /// `μ_max² = 1 + 2(ln 1/ε − p0)/σ²`.
     fn candidates(demand: &Demand) -> impl Iterator<Item = Self> + use<> {
-        let &Demand {
-            tolerance,
-            growth,
-            decay,
-            reach,
-            round_off,
-            ..
-        } = demand;
+        let &Demand { tolerance, growth, decay, reach, round_off, .. } = demand;
         const WIDTHS: i32 = 600;
         let z = normal_quantile(tolerance);
         let digits = -tolerance.ln();
@@ -79,12 +72,8 @@ impl Gaussian {
         let point = demand.recovery.unwrap_or(0.0);
         let moved = |mut profile: Self| {
             profile.offset += point;
-            let window = Window {
-                point,
-                distance: 0.0,
-                period: profile.period,
-                cutoff: profile.cutoff,
-            };
+            let window =
+                Window { point, distance: 0.0, period: profile.period, cutoff: profile.cutoff };
             (profile, window)
         };
         Self::candidates(demand)
@@ -103,10 +92,7 @@ impl Planned for Gaussian {
     }
 
     fn description(&self) -> String {
-        format!(
-            "gaussian: sigma {:.4}, offset {:.4}",
-            self.sigma, self.offset
-        )
+        format!("gaussian: sigma {:.4}, offset {:.4}", self.sigma, self.offset)
     }
 
     /// Where the spectrum of `S` near zero dominates, the error is how `g` differs from `e^{−p}`.
@@ -127,11 +113,7 @@ impl Shape for Gaussian {
     fn value(&self, p: f64) -> f64 {
         let switch = libm::erfc((self.offset - p) / (self.sigma * SQRT_2));
         // The growing exponential's factor vanishes faster than it grows.
-        if switch > 0.0 {
-            (-p).exp() * 0.5 * switch
-        } else {
-            0.0
-        }
+        if switch > 0.0 { (-p).exp() * 0.5 * switch } else { 0.0 }
     }
 
     /// `e^{q−p0} e^{−q²/2σ²} ≤ bound` at `p = p0 − q`.
@@ -186,10 +168,7 @@ mod tests {
                 })
                 .sum();
             let exact = g.coefficient(mu);
-            assert!(
-                (sum - exact).norm() < 1e-9 * exact.norm().max(1e-3),
-                "{mu}: {sum} {exact}"
-            );
+            assert!((sum - exact).norm() < 1e-9 * exact.norm().max(1e-3), "{mu}: {sum} {exact}");
         }
     }
 

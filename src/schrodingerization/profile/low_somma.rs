@@ -41,18 +41,13 @@ impl LowSomma {
             (Some(c), _) => vec![c],
             (None, Some(point)) if point > demand.growth => vec![point - demand.growth],
             (None, Some(_)) => vec![1.0],
-            (None, None) => (0..=48)
-                .map(|i| 0.25 * 2f64.powf(f64::from(i) / 8.0))
-                .collect(),
+            (None, None) => (0..=48).map(|i| 0.25 * 2f64.powf(f64::from(i) / 8.0)).collect(),
         };
         let planned = planned.into_iter().filter_map(|c| {
             let allowed = DEVIATION * demand.tolerance * (-demand.growth).exp();
             let profile = Self::within(c, allowed)?;
             let point = demand.recovery.unwrap_or(demand.growth + c);
-            let demand = Demand {
-                recovery: Some(point),
-                ..*demand
-            };
+            let demand = Demand { recovery: Some(point), ..*demand };
             place(&profile, c, &demand).map(|w| (profile, w))
         });
         planned.min_by(|(_, a), (_, b)| {
@@ -68,9 +63,7 @@ impl LowSomma {
         if least.is_nan() || least > allowed {
             return None;
         }
-        let [low, _] = bisect(low, high, 60, |sigma| {
-            Self { c, sigma }.deviation() <= allowed
-        });
+        let [low, _] = bisect(low, high, 60, |sigma| Self { c, sigma }.deviation() <= allowed);
         Some(Self { c, sigma: low })
     }
 

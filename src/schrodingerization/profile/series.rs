@@ -22,11 +22,7 @@ impl Series {
     /// periodic sum of `g`.
     pub fn analytic(period: f64, modes: usize, transform: impl Fn(f64) -> Complex64) -> Self {
         let coefficient = |l| transform(TAU * l as f64 / period) / period;
-        Self {
-            period,
-            coefficients: (0..modes).map(coefficient).collect(),
-            alone: false,
-        }
+        Self { period, coefficients: (0..modes).map(coefficient).collect(), alone: false }
     }
 
     /// The same for the `points` modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even.
@@ -35,20 +31,13 @@ impl Series {
         points: usize,
         transform: impl Fn(f64) -> Complex64,
     ) -> Self {
-        Self {
-            alone: true,
-            ..Self::analytic(period, points / 2 + 1, transform)
-        }
+        Self { alone: true, ..Self::analytic(period, points / 2 + 1, transform) }
     }
 
     /// `c_l = 1` for the modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even: of a field whose modes have
     /// values of their own.
     pub fn ones(period: f64, points: usize) -> Self {
-        Self {
-            period,
-            coefficients: vec![Complex64::ONE; points / 2 + 1],
-            alone: true,
-        }
+        Self { period, coefficients: vec![Complex64::ONE; points / 2 + 1], alone: true }
     }
 
     /// `c_l = (1/N_p) Σ_k g(p_k) e^{−iμ_l p_k}`, `p_k = L + kP/N_p`, for the modes
@@ -57,21 +46,14 @@ impl Series {
     pub fn sampled([lower, upper]: [f64; 2], points: usize, value: impl Fn(f64) -> f64) -> Self {
         let period = upper - lower;
         let at = |k: usize| lower + period * k as f64 / points as f64;
-        let mut samples: Vec<Complex64> = (0..points)
-            .map(|k| Complex64::from(value(at(k)) / points as f64))
-            .collect();
-        FftPlanner::new()
-            .plan_fft_forward(points)
-            .process(&mut samples);
+        let mut samples: Vec<Complex64> =
+            (0..points).map(|k| Complex64::from(value(at(k)) / points as f64)).collect();
+        FftPlanner::new().plan_fft_forward(points).process(&mut samples);
         samples.truncate(points / 2 + 1);
         for (l, c) in samples.iter_mut().enumerate() {
             *c *= Complex64::new(0.0, -TAU * l as f64 * (lower / period)).exp();
         }
-        Self {
-            period,
-            coefficients: samples,
-            alone: true,
-        }
+        Self { period, coefficients: samples, alone: true }
     }
 
     /// Number of modes `l ≥ 0`.

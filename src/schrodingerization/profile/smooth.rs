@@ -83,11 +83,7 @@ impl Smooth {
     /// [`MOST_ORDER`](crate::problem::limits::MOST_ORDER).
     pub fn new(order: usize) -> Self {
         let r = order;
-        let term = |k: usize| {
-            (0..=k)
-                .map(|j| binomial(r + k - j, k - j) / factorial(j))
-                .sum()
-        };
+        let term = |k: usize| (0..=k).map(|j| binomial(r + k - j, k - j) / factorial(j)).sum();
         let terms: Vec<f64> = (0..=r).map(term).collect();
         let sign = |k: usize| if k.is_multiple_of(2) { 1.0 } else { -1.0 };
         // Coefficients of y^m in (1−y)^{r+1} A(y) and in y^{r+1} A(1−y).
@@ -106,12 +102,7 @@ impl Smooth {
                 [near / E + far, sign(m) * (near + far / E)].map(|c| factorial(m) * c)
             })
             .collect();
-        let mut profile = Self {
-            order,
-            terms,
-            derivatives,
-            nodes: Vec::new(),
-        };
+        let mut profile = Self { order, terms, derivatives, nodes: Vec::new() };
         profile.nodes = (gauss_legendre(NODES).into_iter())
             .map(|[x, weight]| {
                 let p = 0.5 * (x - 1.0);
@@ -133,15 +124,8 @@ impl Smooth {
     /// `μ ≠ 0`.
     fn corners(&self, mu: f64) -> [Complex64; 2] {
         let inverse = 1.0 / Complex64::new(0.0, mu);
-        let sign = if self.order.is_multiple_of(2) {
-            -1.0
-        } else {
-            1.0
-        };
-        let mut corners = [
-            1.0 / (E * Complex64::new(1.0, -mu)),
-            sign / Complex64::new(1.0, mu),
-        ];
+        let sign = if self.order.is_multiple_of(2) { -1.0 } else { 1.0 };
+        let mut corners = [1.0 / (E * Complex64::new(1.0, -mu)), sign / Complex64::new(1.0, mu)];
         let mut power = inverse;
         for [at_left, at_zero] in &self.derivatives {
             corners[0] += power * at_left;
@@ -168,9 +152,8 @@ impl Shape for Smooth {
         let i_mu = Complex64::new(0.0, mu);
         if mu.abs() <= SMALL {
             let (right, left) = (1.0 / (1.0 + i_mu), (i_mu - 1.0).exp() / (1.0 - i_mu));
-            let middle: Complex64 = (self.nodes.iter())
-                .map(|[p, weight]| (-i_mu * p).exp() * weight)
-                .sum();
+            let middle: Complex64 =
+                (self.nodes.iter()).map(|[p, weight]| (-i_mu * p).exp() * weight).sum();
             return right + left + middle;
         }
         let [at_left, at_zero] = self.corners(mu);

@@ -34,11 +34,7 @@ fn shape(profile: &Profile) -> &dyn Shape {
 /// Points and `g` times the weights of Simpson's rule, on pieces that end where profiles have
 /// corners.
 fn samples(g: &dyn Shape) -> Vec<[f64; 2]> {
-    let pieces = [
-        (-200.0, -1.0, 160_000),
-        (-1.0, 0.0, 800),
-        (0.0, 40.0, 40_000),
-    ];
+    let pieces = [(-200.0, -1.0, 160_000), (-1.0, 0.0, 800), (0.0, 40.0, 40_000)];
     let mut samples = Vec::new();
     for (a, b, n) in pieces {
         let h = (b - a) / f64::from(n);
@@ -64,9 +60,8 @@ fn coefficients_are_the_transform_of_the_values() {
         let samples = samples(g);
         for mu in [0.0, 0.4, 1.7, 6.3, 20.0] {
             let found = g.coefficient(mu);
-            let expected: Complex64 = (samples.iter())
-                .map(|[p, g]| Complex64::new(0.0, -mu * p).exp() * g)
-                .sum();
+            let expected: Complex64 =
+                (samples.iter()).map(|[p, g]| Complex64::new(0.0, -mu * p).exp() * g).sum();
             let limit = 1e-8 * g.coefficient(0.0).norm().max(1.0);
             let error = (found - expected).norm();
             assert!(error < limit, "{profile} at {mu}: {found} {expected}");
@@ -121,10 +116,8 @@ fn tails_bound_what_is_left_out() {
                 );
                 // Not by orders of magnitude too large, but where an order of smoothness is not yet
                 // felt.
-                let sharp = matches!(
-                    choice,
-                    Choice::Exponential { alpha: 1.0 } | Choice::LowSomma { .. }
-                );
+                let sharp =
+                    matches!(choice, Choice::Exponential { alpha: 1.0 } | Choice::LowSomma { .. });
                 assert!(
                     !sharp || largest < 1e-9 || bound < 60.0 * largest,
                     "{profile}, mu {mu}, distance {distance}: {largest:e}, bound {bound:e}"
@@ -175,15 +168,8 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
                 let series =
                     Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
                 let error = worst(&series, &demand, &window);
-                let limit = if choice == Choice::Gaussian {
-                    3.0 * growth.exp()
-                } else {
-                    1.0
-                };
-                assert!(
-                    error < limit,
-                    "{profile}, {tolerance}, {growth}, {decay}: {error}"
-                );
+                let limit = if choice == Choice::Gaussian { 3.0 * growth.exp() } else { 1.0 };
+                assert!(error < limit, "{profile}, {tolerance}, {growth}, {decay}: {error}");
 
                 demand.sampled = true;
                 demand.truncation = 0.2;
@@ -223,9 +209,7 @@ fn samples_alias() {
                 if l < 0 { c.conj() } else { c }
             };
             let terms = 4000;
-            let alias: Complex64 = (-terms..=terms)
-                .map(|m| c(l as i64 + m * points as i64))
-                .sum();
+            let alias: Complex64 = (-terms..=terms).map(|m| c(l as i64 + m * points as i64)).sum();
             let error = (sampled.coefficients[l] - alias).norm();
             // What is left of alpha = 0.2 at the left end, and of the sum over m.
             let limit = match choice {
@@ -330,9 +314,6 @@ fn orders_in_the_number_of_points() {
         let (profile, _) = planned(choice, &Demand::new(1e-9, 0.0, 5.0, 0.0));
         let g = shape(&profile);
         let found = [1, 2].map(|k| order(g, 1.0, 0.0, [k * points, 2 * k * points], false));
-        assert!(
-            found[0] > 1.0 && found[1] > found[0] + 0.7,
-            "{profile}: {found:?}"
-        );
+        assert!(found[0] > 1.0 && found[1] > found[0] + 0.7, "{profile}: {found:?}");
     }
 }

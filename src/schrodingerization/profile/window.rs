@@ -53,11 +53,7 @@ impl Demand {
 
     /// What plans are compared by: the cost of a run, or the period.
     pub fn rank(&self, period: f64, cutoff: f64) -> f64 {
-        if self.shortest {
-            period
-        } else {
-            period * cutoff * (cutoff + 1.0)
-        }
+        if self.shortest { period } else { period * cutoff * (cutoff + 1.0) }
     }
 
     /// About how many applications of `H` the modes take: with `τ = ½Λ⁻√(1+μ²)` a Chebyshev series

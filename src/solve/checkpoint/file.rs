@@ -68,12 +68,7 @@ impl Header {
         let results = 2 * points(&self.block) * self.sums.iter().sum::<usize>();
         let auxiliary = results + points(&self.share) * self.results.iter().sum::<usize>();
         let kept = auxiliary + self.auxiliary;
-        [
-            results,
-            auxiliary,
-            kept,
-            kept + self.kept.len() * 2 * self.rows(),
-        ]
+        [results, auxiliary, kept, kept + self.kept.len() * 2 * self.rows()]
     }
 }
 
@@ -120,10 +115,7 @@ pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Wr
     sink.put(std::iter::once(checksum))?;
     sink.flush()?;
     sink.file.sync_all()?;
-    Ok(Written {
-        bytes: 8 * sink.words,
-        checksum,
-    })
+    Ok(Written { bytes: 8 * sink.words, checksum })
 }
 
 /// A file that is written.
@@ -242,11 +234,7 @@ impl RankFile {
         if (before + end + 1) as u64 != words {
             return Err(broken());
         }
-        Ok(Self {
-            header,
-            file,
-            before,
-        })
+        Ok(Self { header, file, before })
     }
 
     /// Reads what overlaps with `to`; the sums only if `with_sums`.

@@ -41,10 +41,7 @@ struct Sealed {
 
 impl Manifest {
     fn text(&self) -> serde_json::Result<String> {
-        serde_json::to_string_pretty(&Sealed {
-            checksum: self.checksum()?,
-            manifest: self.clone(),
-        })
+        serde_json::to_string_pretty(&Sealed { checksum: self.checksum()?, manifest: self.clone() })
     }
 
     fn checksum(&self) -> serde_json::Result<u64> {
@@ -60,10 +57,7 @@ impl Manifest {
             return Err(broken());
         }
         if manifest.generation != generation {
-            return Err(format!(
-                "its {MANIFEST} is that of {:06}",
-                manifest.generation
-            ));
+            return Err(format!("its {MANIFEST} is that of {:06}", manifest.generation));
         }
         Ok(manifest)
     }
@@ -233,9 +227,8 @@ impl Store {
             sums: snapshot.sums.iter().map(|s| s.width).collect(),
             results: snapshot.results.iter().map(|r| r.width).collect(),
             auxiliary: kept.map_or(0, |k| k.auxiliary.len()),
-            kept: kept.map_or(Vec::new(), |k| {
-                k.modes.iter().map(|m| (m.mode, m.progress)).collect()
-            }),
+            kept: kept
+                .map_or(Vec::new(), |k| k.modes.iter().map(|m| (m.mode, m.progress)).collect()),
             state: snapshot.state.clone(),
         }
     }
@@ -264,9 +257,7 @@ impl Store {
             let text = world.broadcast_text(&text);
             let shown = path.display();
             if text.is_empty() {
-                say(format!(
-                    "checkpoint {shown} is not complete: its writing was interrupted"
-                ));
+                say(format!("checkpoint {shown} is not complete: its writing was interrupted"));
                 continue;
             }
             match self.checked(world, number, &text) {
@@ -329,12 +320,7 @@ impl Store {
         let path = rank_file(&self.generation(manifest.generation), rank);
         let refuse = |reason: String| failure(&path, &reason);
         file::check(&path, &manifest.files[rank]).map_err(refuse)?;
-        let Header {
-            fingerprint,
-            generation,
-            rank: found,
-            ..
-        } = open(&path)?.header;
+        let Header { fingerprint, generation, rank: found, .. } = open(&path)?.header;
         if fingerprint != manifest.fingerprint || generation != manifest.generation || found != rank
         {
             return Err(refuse(format!(
@@ -415,14 +401,8 @@ fn generation(directory: &Path, number: u64) -> PathBuf {
 /// Numbers of the generations in `directory`, newest first.
 fn generations(directory: &Path) -> Vec<u64> {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
-    let number = |name: &str| {
-        name.parse::<u64>()
-            .ok()
-            .filter(|n| format!("{n:06}") == name)
-    };
-    let mut found: Vec<u64> = entries
-        .filter_map(|e| number(e.file_name().to_str()?))
-        .collect();
+    let number = |name: &str| name.parse::<u64>().ok().filter(|n| format!("{n:06}") == name);
+    let mut found: Vec<u64> = entries.filter_map(|e| number(e.file_name().to_str()?)).collect();
     found.sort_unstable_by_key(|&n| std::cmp::Reverse(n));
     found
 }
@@ -442,8 +422,5 @@ fn open(path: &Path) -> Result<RankFile> {
 }
 
 fn failure(path: &Path, reason: &dyn std::fmt::Display) -> Error {
-    Error::Checkpoint {
-        path: path.to_owned(),
-        reason: reason.to_string(),
-    }
+    Error::Checkpoint { path: path.to_owned(), reason: reason.to_string() }
 }

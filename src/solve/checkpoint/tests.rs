@@ -38,9 +38,7 @@ fn real(array: usize, index: usize) -> f64 {
 fn global_points(space: &PhaseSpace, ranges: &[Range<usize>]) -> Vec<usize> {
     let whole: Vec<Range<usize>> = space.x.iter().map(|a| 0..a.cells).collect();
     let runs = crate::parallel::partition::common_runs(ranges, &whole);
-    runs.iter()
-        .flat_map(|run| run.to..run.to + run.length)
-        .collect()
+    runs.iter().flat_map(|run| run.to..run.to + run.length).collect()
 }
 
 /// Cells of a block that have an auxiliary unknown.
@@ -48,27 +46,19 @@ fn auxiliary(space: &PhaseSpace, ranges: &[Range<usize>]) -> Vec<u64> {
     let velocities = space.velocity_cells();
     let cells = global_points(space, ranges).into_iter();
     let cells = cells.flat_map(|point| point * velocities..(point + 1) * velocities);
-    cells
-        .filter(|cell| cell % 5 == 2)
-        .map(|cell| cell as u64)
-        .collect()
+    cells.filter(|cell| cell % 5 == 2).map(|cell| cell as u64).collect()
 }
 
 fn settings(given: &[(&str, &str)]) -> BTreeMap<String, String> {
     let given = given.iter();
-    given
-        .map(|&(key, value)| (key.to_owned(), value.to_owned()))
-        .collect()
+    given.map(|&(key, value)| (key.to_owned(), value.to_owned())).collect()
 }
 
 fn fingerprint() -> Fingerprint {
     Fingerprint {
         program: "1".to_owned(),
         settings: settings(&[("time.end", "2"), ("output.xdmf", "true")]),
-        start: Some(Start {
-            points: ([4, 5], 6),
-            values: Some(7),
-        }),
+        start: Some(Start { points: ([4, 5], 6), values: Some(7) }),
         plan: 3,
     }
 }
@@ -150,11 +140,7 @@ impl<'a> Rank<'a> {
             sums: SUMS.to_vec(),
             results: RESULTS.to_vec(),
             auxiliary: self.auxiliary().len(),
-            kept: self
-                .modes
-                .iter()
-                .map(|&mode| (mode, progress(mode)))
-                .collect(),
+            kept: self.modes.iter().map(|&mode| (mode, progress(mode))).collect(),
             state: state.clone(),
             block: self.block.clone(),
             share: self.share.clone(),
@@ -166,21 +152,14 @@ impl<'a> Rank<'a> {
         let points = global_points(self.space, &self.block);
         let sums: Vec<Vec<i64>> = (SUMS.iter().enumerate())
             .map(|(k, width)| {
-                let numbers = points
-                    .iter()
-                    .flat_map(|p| 2 * width * p..2 * width * (p + 1));
-                numbers
-                    .map(|i| part(k, i, (self.group, self.groups)))
-                    .collect()
+                let numbers = points.iter().flat_map(|p| 2 * width * p..2 * width * (p + 1));
+                numbers.map(|i| part(k, i, (self.group, self.groups))).collect()
             })
             .collect();
         let results = (RESULTS.iter().enumerate())
             .map(|(k, width)| expected_result(self.space, &self.share, k, *width));
         let results: Vec<Vec<f64>> = results.collect();
-        let kept = self
-            .modes
-            .iter()
-            .map(|&mode| rows(self.space, &self.block, mode));
+        let kept = self.modes.iter().map(|&mode| rows(self.space, &self.block, mode));
         let kept: Vec<Vec<Complex64>> = kept.collect();
         let modes = self.modes.iter().zip(&kept).map(|(&mode, rows)| KeptMode {
             mode,
@@ -199,10 +178,7 @@ impl<'a> Rank<'a> {
             results: (results.iter().zip(RESULTS))
                 .map(|(values, width)| Numbers { width, values })
                 .collect(),
-            kept: Some(Kept {
-                auxiliary: self.auxiliary(),
-                modes: modes.collect(),
-            }),
+            kept: Some(Kept { auxiliary: self.auxiliary(), modes: modes.collect() }),
         };
         let header = self.header(&snapshot.state);
         let path = file_of(directory, self.number);
@@ -264,10 +240,7 @@ fn expected_result(space: &PhaseSpace, share: &[Range<usize>], k: usize, width: 
 
 #[test]
 fn what_a_mesh_wrote_is_read_on_any_other() {
-    let mesh = |space: &[usize], groups: usize| Mesh {
-        space: space.to_vec(),
-        groups,
-    };
+    let mesh = |space: &[usize], groups: usize| Mesh { space: space.to_vec(), groups };
     // Some shares are empty: more groups than layers of a block.
     let line = [(1, 1), (3, 1), (1, 4), (4, 3), (2, 7)].map(|(x, groups)| mesh(&[x], groups));
     let plane = [([1, 1], 2), ([2, 3], 1), ([5, 1], 2), ([1, 4], 3)];
@@ -293,9 +266,7 @@ fn read_all(directory: &Path, space: &PhaseSpace, from: &Mesh, to: &Mesh) {
         let parts = rank.read(directory, from);
         for ((sum, part), width) in sums.iter_mut().zip(parts).zip(SUMS) {
             let places = own.iter().flat_map(|p| 2 * width * p..2 * width * (p + 1));
-            places
-                .zip(part)
-                .for_each(|(place, part)| sum[place] += part);
+            places.zip(part).for_each(|(place, part)| sum[place] += part);
         }
     }
     for (k, sum) in sums.iter().enumerate() {
@@ -308,10 +279,7 @@ fn read_all(directory: &Path, space: &PhaseSpace, from: &Mesh, to: &Mesh) {
 #[test]
 fn every_flipped_bit_is_found() {
     let space = space(&[3]);
-    let mesh = Mesh {
-        space: vec![1],
-        groups: 1,
-    };
+    let mesh = Mesh { space: vec![1], groups: 1 };
     let directory = tempfile::tempdir().expect("a directory");
     let written = write_all(directory.path(), &space, &mesh)[0];
     let path = file_of(directory.path(), 0);
@@ -350,21 +318,12 @@ fn runs_that_differ_are_told_apart() {
             "output.xdmf is not given there, true here",
         ),
         // Other points make another plan, too; that is not the reason.
-        (
-            change(&|f| (f.start, f.plan) = (start(([4, 5], 8), Some(7)), 9)),
-            "initial.warped",
-        ),
-        (
-            change(&|f| f.start = start(([4, 5], 6), Some(8))),
-            "initial.warped",
-        ),
+        (change(&|f| (f.start, f.plan) = (start(([4, 5], 8), Some(7)), 9)), "initial.warped"),
+        (change(&|f| f.start = start(([4, 5], 6), Some(8))), "initial.warped"),
         (change(&|f| f.plan = 9), "another plan"),
     ] {
         let why = own.difference(&other);
-        assert!(
-            why.as_ref().is_some_and(|why| why.contains(word)),
-            "{why:?}"
-        );
+        assert!(why.as_ref().is_some_and(|why| why.contains(word)), "{why:?}");
     }
     // Before the file was read.
     let unread = change(&|f| f.start = start(([4, 5], 6), None));
@@ -373,12 +332,8 @@ fn runs_that_differ_are_told_apart() {
 
 #[test]
 fn mode_groups_together() {
-    let told = |kept, defect, applications| BatchStatistics {
-        kept,
-        defect,
-        applications,
-        solves: 2,
-    };
+    let told =
+        |kept, defect, applications| BatchStatistics { kept, defect, applications, solves: 2 };
     let state = |finished: &[usize], told: BatchStatistics| State {
         finished: finished.to_vec(),
         beyond: vec![0.5],
@@ -388,14 +343,7 @@ fn mode_groups_together() {
     let mut all = state(&[3, 4], told(Some(0.5), None, 7));
     all.add(state(&[1], told(Some(0.25), Some(0.1), 5)));
     all.add(state(&[], told(None, Some(0.3), 0)));
-    let expected = BatchStatistics {
-        kept: Some(0.25),
-        defect: Some(0.3),
-        applications: 12,
-        solves: 6,
-    };
-    assert_eq!(
-        (all.finished, all.beyond.len(), all.statistics),
-        (vec![3, 4, 1], 3, expected)
-    );
+    let expected =
+        BatchStatistics { kept: Some(0.25), defect: Some(0.3), applications: 12, solves: 6 };
+    assert_eq!((all.finished, all.beyond.len(), all.statistics), (vec![3, 4, 1], 3, expected));
 }

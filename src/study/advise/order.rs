@@ -27,9 +27,7 @@ pub struct Order {
 impl Order {
     /// That of `errors`, from the coarsest grid on, or of distances between consecutive grids.
     pub fn of(errors: &[f64]) -> Self {
-        let pairs: Vec<f64> = (errors.windows(2))
-            .map(|pair| (pair[0] / pair[1]).log2())
-            .collect();
+        let pairs: Vec<f64> = (errors.windows(2)).map(|pair| (pair[0] / pair[1]).log2()).collect();
         let (mean, lower, settled) = match pairs[..] {
             [] => (ASSUMED, ASSUMED, false),
             // What it may be next is not known.
@@ -44,21 +42,12 @@ impl Order {
         let recent = &pairs[pairs.len().saturating_sub(3)..];
         let settled = settled && recent.iter().all(|&q| q >= 0.0);
         let known = |q: f64| {
-            if q.is_finite() {
-                q.min(HIGHEST)
-            } else {
-                ASSUMED
-            }
+            if q.is_finite() { q.min(HIGHEST) } else { ASSUMED }
         };
         let order = known(mean);
         // A pair that does not fall by itself says nothing of how those after it do.
         let counted_on = if lower >= LEAST { known(lower) } else { order };
-        Self {
-            pairs,
-            order,
-            counted_on,
-            settled: settled && mean.is_finite(),
-        }
+        Self { pairs, order, counted_on, settled: settled && mean.is_finite() }
     }
 
     /// Whether the errors fall.

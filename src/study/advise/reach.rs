@@ -77,10 +77,7 @@ impl Ladder {
         let error = |&e: &f64| if self.exact { e } else { order.error(e) };
         let errors = self.found.iter().map(error);
         (self.shapes.iter().zip(errors))
-            .map(|(shape, error)| Level {
-                shape: shape.clone(),
-                error,
-            })
+            .map(|(shape, error)| Level { shape: shape.clone(), error })
             .collect()
     }
 
@@ -93,11 +90,7 @@ impl Ladder {
         share: f64,
     ) -> Result<Self> {
         let exact = trials.knows();
-        let mut ladder = Self {
-            shapes: vec![start.clone()],
-            found: Vec::new(),
-            exact,
-        };
+        let mut ladder = Self { shapes: vec![start.clone()], found: Vec::new(), exact };
         if let Some(error) = trials.error(scheme, &start)? {
             ladder.found.push(error);
         }
@@ -128,10 +121,7 @@ impl Ladder {
             ladder.shapes.push(next);
         }
         while ladder.shapes.len() < MOST_LEVELS
-            && ladder
-                .levels()
-                .first()
-                .is_some_and(|level| level.error <= wanted)
+            && ladder.levels().first().is_some_and(|level| level.error <= wanted)
             && let Some(half) = trials.grids.halved(&ladder.shapes[0])
         {
             let found = match trials.error(scheme, &half)? {
@@ -172,11 +162,7 @@ fn part_of_space(trials: &mut Trials<'_>, scheme: Scheme, shape: &[usize]) -> Re
     let [space, velocity] = [true, false].map(|of_space| trials.grids.doubled(shape, of_space));
     let space = trials.distance(scheme, shape, &space)?;
     let velocity = trials.distance(scheme, shape, &velocity)?;
-    Ok(if space + velocity > 0.0 {
-        space / (space + velocity)
-    } else {
-        0.5
-    })
+    Ok(if space + velocity > 0.0 { space / (space + velocity) } else { 0.5 })
 }
 
 /// How many times finer space should be against velocities where its part of the error is `part`. With an error `E_x h_x^q + E_v h_v^q` and a
@@ -224,11 +210,7 @@ pub fn reach(
             part_of_space: part,
         });
     };
-    let known = if ladder.exact {
-        Known::Measured
-    } else {
-        Known::Estimated
-    };
+    let known = if ladder.exact { Known::Measured } else { Known::Estimated };
     let between =
         (levels.windows(2)).rfind(|pair| pair[0].error > wanted && pair[1].error <= wanted);
     let mut result = Reach {

@@ -39,10 +39,7 @@ fn known(known: Known) -> &'static str {
 }
 
 fn parts(parts: &Parts) -> String {
-    let mut text = format!(
-        "discretisation in x {:.1e}, in v {:.1e}",
-        parts.space, parts.velocity
-    );
+    let mut text = format!("discretisation in x {:.1e}, in v {:.1e}", parts.space, parts.velocity);
     let others = [
         ("Schrödingerization", parts.schrodingerization),
         ("implicit step", parts.step),
@@ -69,36 +66,13 @@ fn entry(f: &mut fmt::Formatter<'_>, entry: &Entry) -> fmt::Result {
     } else {
         String::new()
     };
-    let tolerance = entry
-        .tolerance
-        .map_or(String::new(), |t| format!(", tolerance {t:e}"));
+    let tolerance = entry.tolerance.map_or(String::new(), |t| format!(", tolerance {t:e}"));
     writeln!(f, "  grid    {}{computed}{tolerance}", grid(&entry.shape))?;
-    writeln!(
-        f,
-        "  error   {:.2e}, {}: {}",
-        entry.error,
-        known(entry.known),
-        parts(&entry.parts)
-    )?;
-    let settled = if entry.order.settled {
-        "settled"
-    } else {
-        "not settled"
-    };
-    writeln!(
-        f,
-        "  order   {:.2}, {settled} ({})",
-        entry.order.order,
-        pairs(&entry.order)
-    )?;
-    let seconds = entry
-        .seconds
-        .map_or("unknown time".to_owned(), seconds_text);
-    let how = if entry.seconds_measured {
-        "measured"
-    } else {
-        "from trials"
-    };
+    writeln!(f, "  error   {:.2e}, {}: {}", entry.error, known(entry.known), parts(&entry.parts))?;
+    let settled = if entry.order.settled { "settled" } else { "not settled" };
+    writeln!(f, "  order   {:.2}, {settled} ({})", entry.order.order, pairs(&entry.order))?;
+    let seconds = entry.seconds.map_or("unknown time".to_owned(), seconds_text);
+    let how = if entry.seconds_measured { "measured" } else { "from trials" };
     writeln!(
         f,
         "  cost    {} applications, {seconds} ({how}), {} a rank",
@@ -144,10 +118,7 @@ impl fmt::Display for Advised {
             .filter(|e| e.method == Method::Schrodingerized)
             .find_map(|e| e.estimate.as_deref())
         {
-            writeln!(
-                f,
-                "\nNothing is advised: {why}. Estimates are listed below."
-            )?;
+            writeln!(f, "\nNothing is advised: {why}. Estimates are listed below.")?;
         }
         writeln!(f, "\nAll that was tried, quickest first:\n")?;
         for one in &self.entries {

@@ -156,11 +156,7 @@ impl<'a> Trials<'a> {
     /// than counted on. Collective.
     pub fn allows(&self, updates: f64, share: f64) -> bool {
         let rank_zero = self.group().rank() == 0;
-        let mine = if rank_zero {
-            self.started.elapsed().as_secs_f64()
-        } else {
-            0.0
-        };
+        let mine = if rank_zero { self.started.elapsed().as_secs_f64() } else { 0.0 };
         let late = self.group().max(mine) > self.seconds;
         !late && self.spent + updates <= share * self.seconds * UPDATES
     }
@@ -256,11 +252,8 @@ impl<'a> Trials<'a> {
             return Ok(None);
         };
         if !self.densities.contains_key(shape) {
-            let case = Scheme {
-                interface: self.plain.interface,
-                limiter: Limiter::None,
-            }
-            .schrodingerized(&self.plain, shape);
+            let case = Scheme { interface: self.plain.interface, limiter: Limiter::None }
+                .schrodingerized(&self.plain, shape);
             self.spent += self.updates_to_compare(shape);
             let found = exact_density(&self.group(), &case, exact)?;
             refuse_nothing(&found, &case.space)?;
@@ -330,11 +323,7 @@ fn refuse_nothing(density: &[f64], space: &PhaseSpace) -> Result<()> {
 pub fn distance(a: &[f64], b: &[f64]) -> f64 {
     let difference: f64 = a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum();
     let size: f64 = b.iter().map(|b| b.abs()).sum();
-    if difference == 0.0 {
-        0.0
-    } else {
-        difference / size
-    }
+    if difference == 0.0 { 0.0 } else { difference / size }
 }
 
 /// See [`Found::spread`]. Collective.

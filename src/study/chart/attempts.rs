@@ -90,10 +90,7 @@ enum Outcome {
 
 impl Outcome {
     fn longer_than(seconds: f64) -> Self {
-        Self::LeftOut(Expected {
-            seconds,
-            at_least: true,
-        })
+        Self::LeftOut(Expected { seconds, at_least: true })
     }
 }
 
@@ -130,10 +127,7 @@ impl<'a> Attempts<'a> {
             budget,
             over: false,
             predicting: 0.0,
-            reducing: ReducingRate {
-                seconds_per_cell: REDUCING,
-                cells: 0,
-            },
+            reducing: ReducingRate { seconds_per_cell: REDUCING, cells: 0 },
             cost: CostModel::default(),
             scenes: Vec::new(),
             tried: Vec::new(),
@@ -174,10 +168,9 @@ impl<'a> Attempts<'a> {
         });
         let entry = match outcome {
             Outcome::Done(trial, seconds) => Entry::done(&case, &trial, seconds),
-            Outcome::Refused(reason) => Entry {
-                reason: Some(reason),
-                ..Entry::of(&case, Status::Refused)
-            },
+            Outcome::Refused(reason) => {
+                Entry { reason: Some(reason), ..Entry::of(&case, Status::Refused) }
+            }
             Outcome::LeftOut(Expected { seconds, at_least }) => {
                 let coarser = self.seconds_on_coarser(setting);
                 Entry {
@@ -225,10 +218,7 @@ impl<'a> Attempts<'a> {
         }
         let (expected, error) = self.expect(&scene);
         // With measured bounds the error is the plan's own; without them the trial tells.
-        if self
-            .budget
-            .decide(error.is_some() && self.cost.is_measured(&scene))
-        {
+        if self.budget.decide(error.is_some() && self.cost.is_measured(&scene)) {
             let reason = error.map_or(String::new(), |e| e.to_string());
             return Ok(Outcome::Refused(reason));
         }
@@ -280,9 +270,8 @@ impl<'a> Attempts<'a> {
     fn least_seconds(&self, case: &Case) -> f64 {
         let scheme = SceneKey::of(case).scheme;
         let mut latest = self.scenes.iter().rev();
-        let part = (latest.find(|scene| scene.key.scheme == scheme)).map_or(1.0, |scene| {
-            scene.space.cells() as f64 / scene.key.cells() as f64
-        });
+        let part = (latest.find(|scene| scene.key.scheme == scheme))
+            .map_or(1.0, |scene| scene.space.cells() as f64 / scene.key.cells() as f64);
         self.cost.overhead(case, part * case.space.cells() as f64)
     }
 
@@ -300,10 +289,7 @@ impl<'a> Attempts<'a> {
     /// plan it, or if it takes much too long anyway, a lower bound.
     fn expect(&mut self, case: &Case) -> (Expected, Option<Error>) {
         let least = self.cost.overhead(case, case.space.cells() as f64);
-        let at_least = |seconds| Expected {
-            seconds,
-            at_least: true,
-        };
+        let at_least = |seconds| Expected { seconds, at_least: true };
         let limit = self.budget.limit();
         let spent = self.predicting > PREDICTING * limit;
         if self.has_results() && (spent || least > LARGEST_PART * limit) {
@@ -314,10 +300,7 @@ impl<'a> Attempts<'a> {
         self.predicting += began.elapsed().as_secs_f64();
         match work {
             Ok(work) => {
-                let expected = Expected {
-                    seconds: self.cost.seconds(case, work),
-                    at_least: false,
-                };
+                let expected = Expected { seconds: self.cost.seconds(case, work), at_least: false };
                 (expected, None)
             }
             Err(error) => (at_least(least), Some(error)),
@@ -346,10 +329,7 @@ impl<'a> Attempts<'a> {
         self.predicting += seconds;
         let cells = case.space.cells();
         if seconds > MEASURABLE && cells >= self.reducing.cells {
-            self.reducing = ReducingRate {
-                seconds_per_cell: seconds / cells as f64,
-                cells,
-            };
+            self.reducing = ReducingRate { seconds_per_cell: seconds / cells as f64, cells };
         }
         let found = found?;
         self.scenes.push(ReducedScene {
@@ -378,11 +358,7 @@ impl<'a> Attempts<'a> {
             least = std::array::from_fn(|k| least[k].min(again[k]));
         }
         let [result, solve, total] = least;
-        let seconds = Seconds {
-            result,
-            solve,
-            total,
-        };
+        let seconds = Seconds { result, solve, total };
         Ok((trial, seconds))
     }
 

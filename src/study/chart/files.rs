@@ -31,17 +31,11 @@ fn field(value: &Value) -> String {
         other => other.to_string(),
     };
     let text = text.replace(['\n', '\r'], " ");
-    if text.contains(['"', ',']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text
-    }
+    if text.contains(['"', ',']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
 }
 
 fn field_text(value: &Value) -> String {
-    value
-        .as_str()
-        .map_or_else(|| value.to_string(), str::to_owned)
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
 /// `chart.csv`: a line of names, then one a trial.
@@ -84,9 +78,8 @@ impl fmt::Display for Chart {
             let on = marks.into_iter().filter(|(_, on)| *on);
             on.map(|(mark, _)| mark).collect::<String>()
         };
-        let mut rows: Vec<&Entry> = (self.entries.iter())
-            .filter(|e| !fronts(e).is_empty())
-            .collect();
+        let mut rows: Vec<&Entry> =
+            (self.entries.iter()).filter(|e| !fronts(e).is_empty()).collect();
         let key = |e: &&Entry| (e.cells, e.method as u8);
         rows.sort_by_key(key);
         match rows.is_empty() {
@@ -111,12 +104,7 @@ fn table(
 ) -> fmt::Result {
     let error = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.2e}"));
     let names: Vec<String> = rows.iter().map(|e| e.name()).collect();
-    let width = names
-        .iter()
-        .map(|n| n.chars().count())
-        .max()
-        .unwrap_or(0)
-        .max(6);
+    let width = names.iter().map(|n| n.chars().count()).max().unwrap_or(0).max(6);
     let grid = rows.iter().map(|e| e.grid.len()).max().unwrap_or(0).max(4);
     writeln!(
         f,
@@ -171,10 +159,7 @@ impl Chart {
         if methods.is_empty() {
             return Ok(());
         }
-        writeln!(
-            f,
-            "\nleft out, with the time expected of each (all of them in chart.csv):"
-        )?;
+        writeln!(f, "\nleft out, with the time expected of each (all of them in chart.csv):")?;
         for (name, all) in methods {
             let settings = match all.len() {
                 1 => "1 setting".to_owned(),

@@ -4,9 +4,8 @@
 /// known, or not finite, are not on it.
 pub fn front(points: &[Option<[f64; 2]>]) -> Vec<bool> {
     let known = |p: &[f64; 2]| p.iter().all(|x| x.is_finite());
-    let mut order: Vec<(usize, [f64; 2])> = (points.iter().enumerate())
-        .filter_map(|(i, p)| Some((i, p.filter(known)?)))
-        .collect();
+    let mut order: Vec<(usize, [f64; 2])> =
+        (points.iter().enumerate()).filter_map(|(i, p)| Some((i, p.filter(known)?))).collect();
     order.sort_by(|(_, a), (_, b)| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     let mut on = vec![false; points.len()];
     let mut best: Option<[f64; 2]> = None;
@@ -37,9 +36,7 @@ mod tests {
     fn front_is_what_no_other_beats() {
         let mut state = 7u64;
         let mut next = |n: u64| {
-            state = state
-                .wrapping_mul(6364136223846793005)
-                .wrapping_add(1442695040888963407);
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
             (state >> 33) % n
         };
         let mut kept = 0;

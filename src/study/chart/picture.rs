@@ -22,9 +22,8 @@ type Choice = fn(&Entry) -> bool;
 
 /// All panels, and the sentences below.
 pub fn figure(chart: &Chart) -> Figure {
-    let compared: Vec<&Entry> = (chart.entries.iter())
-        .filter(|e| e.grid == chart.compared_on && !e.as_given)
-        .collect();
+    let compared: Vec<&Entry> =
+        (chart.entries.iter()).filter(|e| e.grid == chart.compared_on && !e.as_given).collect();
     let grid = &chart.compared_on;
     let mut panels = by_profile(&compared, grid);
     panels.push(by_propagator(&compared, grid));
@@ -69,11 +68,7 @@ fn usual(e: &Entry) -> bool {
 /// Profiles of the trials, in the order in which they were tried.
 fn profiles(entries: &[&Entry]) -> Vec<String> {
     let mut found: Vec<String> = Vec::new();
-    for profile in entries
-        .iter()
-        .filter(|e| planned(e))
-        .filter_map(|e| e.profile.as_ref())
-    {
+    for profile in entries.iter().filter(|e| planned(e)).filter_map(|e| e.profile.as_ref()) {
         if !found.contains(profile) {
             found.push(profile.clone());
         }
@@ -138,8 +133,7 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
             ),
             1 => {
                 let asked = |e: &&Entry| {
-                    e.tolerance
-                        .filter(|_| planned(e) && e.error_semidiscrete.is_some())
+                    e.tolerance.filter(|_| planned(e) && e.error_semidiscrete.is_some())
                 };
                 let all: Vec<f64> = entries.iter().filter_map(asked).collect();
                 let [least, most] = ends(&all);
@@ -149,13 +143,7 @@ fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
                     false => panel.line("as asked for", Style::theory(), line),
                 }
             }
-            3 => front(
-                panel,
-                "front, all by modes",
-                entries,
-                &|e| e.front_until_measured,
-                point,
-            ),
+            3 => front(panel, "front, all by modes", entries, &|e| e.front_until_measured, point),
             _ => panel,
         }
     };
@@ -172,10 +160,7 @@ fn front(
 ) -> Panel {
     let mut along = points(entries, belongs, point);
     along.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let style = Style {
-        marker: Some(Marker::Circle),
-        ..Style::theory()
-    };
+    let style = Style { marker: Some(Marker::Circle), ..Style::theory() };
     series(panel, label, style, along)
 }
 
@@ -193,12 +178,7 @@ fn by_propagator(entries: &[&Entry], grid: &str) -> Panel {
         let belongs =
             |e: &Entry| planned(e) && usual(e) && is(&e.profile, &first) && is(&e.propagator, name);
         let label = format!("{first}, {name}");
-        panel = series(
-            panel,
-            &label,
-            Style::of(k),
-            points(entries, &belongs, point),
-        );
+        panel = series(panel, &label, Style::of(k), points(entries, &belongs, point));
     }
     for (k, name) in ["forward-euler", "ssp-rk3"].into_iter().enumerate() {
         let belongs = |e: &Entry| is(&e.integrator, name);
@@ -229,9 +209,7 @@ fn by_treatment(entries: &[&Entry], grid: &str) -> Panel {
         ("conservative", |e| {
             e.weights == Some(false) && e.interface == "conservative" && !e.no_jump
         }),
-        ("neither", |e| {
-            e.weights == Some(false) && e.interface == "hat" && !e.no_jump
-        }),
+        ("neither", |e| e.weights == Some(false) && e.interface == "hat" && !e.no_jump),
         ("no jump", |e| e.no_jump),
     ];
     for (k, profile) in profiles(entries).iter().take(2).enumerate() {
@@ -253,9 +231,8 @@ fn by_treatment(entries: &[&Entry], grid: &str) -> Panel {
 /// The axis of memory: by logarithms where it spans more than a power of ten.
 fn memory_axis(entries: &[&Entry]) -> Axis {
     let label = "peak memory of a rank, MiB";
-    let all: Vec<f64> = (entries.iter())
-        .filter_map(|e| Some(e.memory_bytes_per_rank? as f64))
-        .collect();
+    let all: Vec<f64> =
+        (entries.iter()).filter_map(|e| Some(e.memory_bytes_per_rank? as f64)).collect();
     let [least, most] = ends(&all);
     match most > 10.0 * least {
         true => Axis::log(label),
@@ -271,19 +248,14 @@ fn by_grid(entries: &[Entry], of: &str) -> Vec<Panel> {
         _ => "relative L1 error to the exact density",
     };
     let panels: [(&str, Axis, Point); 2] = [
-        (
-            "Exact solution, each method over the grids",
-            Axis::log("seconds"),
-            |e| Some([e.seconds?, e.error_exact?]),
-        ),
+        ("Exact solution, each method over the grids", Axis::log("seconds"), |e| {
+            Some([e.seconds?, e.error_exact?])
+        }),
         ("The same in memory", memory_axis(&all), |e| {
             Some([e.memory_bytes_per_rank? as f64 / 1048576.0, e.error_exact?])
         }),
     ];
-    let steps = |e: &Entry| {
-        e.cfl
-            .is_none_or(|cfl| cfl == crate::problem::case::DEFAULT_CFL)
-    };
+    let steps = |e: &Entry| e.cfl.is_none_or(|cfl| cfl == crate::problem::case::DEFAULT_CFL);
     let loosest = crate::study::chart::programme::TOLERANCES[0];
     let first = profiles(&all).into_iter().next().unwrap_or_default();
     let draw = |(k, (title, x, point)): (usize, (&str, Axis, Point))| {

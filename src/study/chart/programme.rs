@@ -18,9 +18,7 @@ pub const PROFILES: [ProfileChoice; 6] = [
     ProfileChoice::Designed,
     ProfileChoice::Gaussian,
     ProfileChoice::LowSomma { c: None },
-    ProfileChoice::Smooth {
-        order: DEFAULT_ORDER,
-    },
+    ProfileChoice::Smooth { order: DEFAULT_ORDER },
     ProfileChoice::Acl { beta: DEFAULT_BETA },
     ProfileChoice::Exponential { alpha: 1.0 },
 ];
@@ -46,10 +44,8 @@ const PAPER_STEPS: usize = 50;
 const POINTS: [usize; 7] = [256, 512, 1024, 2048, 4096, 8192, 16384];
 /// Steps over the largest stable one, besides the default.
 const SHORTER: [f64; 4] = [0.3, 0.1, 0.03, 0.01];
-const IMPLICIT: [PropagatorMethod; 2] = [
-    PropagatorMethod::CrankNicolson,
-    PropagatorMethod::BackwardEuler,
-];
+const IMPLICIT: [PropagatorMethod; 2] =
+    [PropagatorMethod::CrankNicolson, PropagatorMethod::BackwardEuler];
 
 /// A setup on a grid.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,11 +94,7 @@ impl Programme {
             let shape: Option<Vec<usize>> = own.iter().map(|n| n.checked_mul(factor)).collect();
             grids.extend(shape.map(|shape| with_cells(space, &shape)));
         }
-        Self {
-            grids,
-            own: index,
-            jumps,
-        }
+        Self { grids, own: index, jumps }
     }
 
     fn treatments(&self) -> &'static [Treatment] {
@@ -145,9 +137,7 @@ impl Programme {
     pub fn other_grids(&self) -> Vec<Setting> {
         let setups = self.on_each_grid();
         let others = self.grids.iter().enumerate();
-        (others.filter(|(k, _)| *k != self.own))
-            .flat_map(|(_, grid)| on(grid, &setups))
-            .collect()
+        (others.filter(|(k, _)| *k != self.own)).flat_map(|(_, grid)| on(grid, &setups)).collect()
     }
 
     fn on_each_grid(&self) -> Vec<Setup> {
@@ -166,18 +156,11 @@ impl Programme {
     pub fn every_knob(&self, grid: &PhaseSpace) -> Vec<Setting> {
         let mut setups = classical();
         for cfl in SHORTER {
-            let shorter = |integrator| Setup::Classical {
-                integrator,
-                limiter: Limiter::None,
-                cfl,
-            };
+            let shorter = |integrator| Setup::Classical { integrator, limiter: Limiter::None, cfl };
             setups.extend([Integrator::ForwardEuler, Integrator::SspRk3].map(shorter));
         }
         for tolerance in TOLERANCES {
-            let base = Modes {
-                tolerance,
-                ..self.base()
-            };
+            let base = Modes { tolerance, ..self.base() };
             setups.extend(of_profiles(base));
             setups.extend(self.other_treatments(base));
             setups.push(krylov(base));
@@ -198,11 +181,7 @@ impl Programme {
         };
         for tolerance in TOLERANCES {
             for propagator in [PropagatorMethod::Chebyshev, PropagatorMethod::Krylov] {
-                extend(Modes {
-                    tolerance,
-                    propagator,
-                    ..base
-                });
+                extend(Modes { tolerance, propagator, ..base });
             }
         }
         for steps in STEPS {
@@ -221,10 +200,7 @@ impl Programme {
 }
 
 fn on(grid: &PhaseSpace, setups: &[Setup]) -> Vec<Setting> {
-    let with = |&setup: &Setup| Setting {
-        space: grid.clone(),
-        setup,
-    };
+    let with = |&setup: &Setup| Setting { space: grid.clone(), setup };
     setups.iter().map(with).collect()
 }
 
@@ -244,12 +220,7 @@ fn krylov(base: Modes) -> Setup {
 }
 
 fn stepped(base: Modes, propagator: PropagatorMethod, steps: usize) -> Modes {
-    Modes {
-        propagator,
-        steps: Some(steps),
-        tolerance: BELOW_STEPS,
-        ..base
-    }
+    Modes { propagator, steps: Some(steps), tolerance: BELOW_STEPS, ..base }
 }
 
 fn implicit(base: Modes, steps: usize) -> [Setup; IMPLICIT.len()] {
@@ -257,18 +228,12 @@ fn implicit(base: Modes, steps: usize) -> [Setup; IMPLICIT.len()] {
 }
 
 fn paper(points: usize) -> Setup {
-    Setup::Paper {
-        points,
-        steps: Some(PAPER_STEPS),
-    }
+    Setup::Paper { points, steps: Some(PAPER_STEPS) }
 }
 
 /// The paper's profile and interval, with a series for the modes.
 fn sampled(points: usize) -> Setup {
-    Setup::Paper {
-        points,
-        steps: None,
-    }
+    Setup::Paper { points, steps: None }
 }
 
 #[cfg(test)]
@@ -301,10 +266,7 @@ mod tests {
         assert_eq!(all.len(), 6 * 3 * (2 * 5 + 2 * 4));
         assert!((0..all.len()).all(|i| !all[..i].contains(&all[i])));
         // Without a jump, the treatments are one.
-        assert_eq!(
-            programme(64, false).everything(grid).len(),
-            6 * (2 * 5 + 2 * 4)
-        );
+        assert_eq!(programme(64, false).everything(grid).len(), 6 * (2 * 5 + 2 * 4));
         // Nothing of the first round is left out of the knobs.
         let knobs = first.every_knob(&first.grids[0]);
         assert!(first.every_method().iter().all(|s| knobs.contains(s)));

@@ -64,11 +64,8 @@ pub fn mark_fronts(entries: &mut [Entry]) {
         }
     }
     for method in [Method::Classical, Method::Schrodingerized] {
-        let exact = front_of(
-            entries,
-            |e| e.method == method,
-            |e| Some([e.seconds?, e.error_exact?]),
-        );
+        let exact =
+            front_of(entries, |e| e.method == method, |e| Some([e.seconds?, e.error_exact?]));
         for (entry, on) in entries.iter_mut().zip(exact) {
             entry.front_exact |= on;
         }
@@ -77,8 +74,6 @@ pub fn mark_fronts(entries: &mut [Entry]) {
 
 /// Which entries are on the front of those that `belong`.
 fn front_of(entries: &[Entry], belong: impl Fn(&Entry) -> bool, of: CostAndError) -> Vec<bool> {
-    let points: Vec<_> = (entries.iter())
-        .map(|e| belong(e).then(|| of(e)).flatten())
-        .collect();
+    let points: Vec<_> = (entries.iter()).map(|e| belong(e).then(|| of(e)).flatten()).collect();
     front(&points)
 }

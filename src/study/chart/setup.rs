@@ -85,11 +85,7 @@ const PAPER_MARGIN: f64 = 5.0;
 impl Setup {
     /// A classical method at the default step.
     pub fn classical(integrator: Integrator, limiter: Limiter) -> Self {
-        Self::Classical {
-            integrator,
-            limiter,
-            cfl: DEFAULT_CFL,
-        }
+        Self::Classical { integrator, limiter, cfl: DEFAULT_CFL }
     }
 
     /// Whether its case depends on measured bounds of the matrix.
@@ -104,11 +100,7 @@ impl Setup {
         case.space = space.clone();
         match *self {
             Self::Given => {}
-            Self::Classical {
-                integrator,
-                limiter,
-                cfl,
-            } => {
+            Self::Classical { integrator, limiter, cfl } => {
                 case.method = Method::Classical;
                 (case.integrator, case.limiter, case.cfl) = (integrator, limiter, cfl);
                 case.warp.delta = Delta::Planned;

@@ -82,9 +82,8 @@ fn the_cheapest_wins_at_each_accuracy() {
     let point = |e: &Entry| Some([e.seconds?, e.error_semidiscrete?]);
     let (found, missed) = winners(&all, &[1e-2, 1e-4, 1e-6, 1e-8, 1e-10], point);
     assert_eq!(missed, Some(1e-10));
-    let found: Vec<(f64, f64)> = (found.iter())
-        .map(|(within, e)| (*within, e.seconds.unwrap()))
-        .collect();
+    let found: Vec<(f64, f64)> =
+        (found.iter()).map(|(within, e)| (*within, e.seconds.unwrap())).collect();
     assert_eq!(found, [(1e-2, 1.0), (1e-8, 3.0)]);
     // By applications the third is worth its place.
     let point = |e: &Entry| Some([e.applications? as f64, e.error_semidiscrete?]);
@@ -122,22 +121,10 @@ fn sentences_name_who_wins_and_what_nothing_reaches() {
         "{}",
         text[2]
     );
-    assert!(
-        text[3].contains("3 trials on 1 rank took 12.0 s"),
-        "{}",
-        text[3]
-    );
-    assert!(
-        text[3].contains("fit: 1 (expected to take 21 min"),
-        "{}",
-        text[3]
-    );
+    assert!(text[3].contains("3 trials on 1 rank took 12.0 s"), "{}", text[3]);
+    assert!(text[3].contains("fit: 1 (expected to take 21 min"), "{}", text[3]);
     // The table names what was left out.
-    let table = Chart {
-        sentences: text,
-        ..chart
-    }
-    .to_string();
+    let table = Chart { sentences: text, ..chart }.to_string();
     assert!(table.contains("designed: 1 setting, 21 min"), "{table}");
 }
 
@@ -161,10 +148,7 @@ fn what_is_not_compared_or_not_defined_is_said() {
     (finer.seconds, finer.error_exact, finer.cells) = (None, None, 10_000);
     (finer.expected_seconds, finer.expected_at_least) = (Some(70.0), true);
     let text = sentences(&chart(vec![made_up(false, [0.1, 0.2], 9), finer]));
-    assert!(
-        text[0].contains("settings on finer grids were left out for the budget"),
-        "{text:?}"
-    );
+    assert!(text[0].contains("settings on finer grids were left out for the budget"), "{text:?}");
     let last = text.last().unwrap();
     assert!(last.contains("at least 70.0 s each"), "{last}");
 }
@@ -183,22 +167,10 @@ fn fronts_are_of_a_kind_and_a_grid() {
     ];
     mark_fronts(&mut entries);
     let of = |on: fn(&Entry) -> bool| entries.iter().map(on).collect::<Vec<bool>>();
-    assert_eq!(
-        of(|e| e.front_seconds),
-        [true, false, true, false, false, true]
-    );
-    assert_eq!(
-        of(|e| e.front_applications),
-        [true, true, true, false, false, true]
-    );
-    assert_eq!(
-        of(|e| e.front_until_measured),
-        [true, true, true, false, false, true]
-    );
-    assert_eq!(
-        of(|e| e.front_exact),
-        [false, false, false, true, false, false]
-    );
+    assert_eq!(of(|e| e.front_seconds), [true, false, true, false, false, true]);
+    assert_eq!(of(|e| e.front_applications), [true, true, true, false, false, true]);
+    assert_eq!(of(|e| e.front_until_measured), [true, true, true, false, false, true]);
+    assert_eq!(of(|e| e.front_exact), [false, false, false, true, false, false]);
 }
 
 /// The fields of a line of a CSV file.
@@ -253,15 +225,8 @@ fn the_table_holds_everything_of_a_trial() {
 #[test]
 fn settings_make_the_cases_they_name() {
     let case = case();
-    let paper = Setup::Paper {
-        points: 256,
-        steps: Some(50),
-    };
-    let bounds = Bounds {
-        growth: 2.0,
-        decay: 100.0,
-        ..Bounds::new(&case).unwrap()
-    };
+    let paper = Setup::Paper { points: 256, steps: Some(50) };
+    let bounds = Bounds { growth: 2.0, decay: 100.0, ..Bounds::new(&case).unwrap() };
     let made = paper.apply(&case, &case.space, Some(&bounds));
     let [lower, upper] = made.warp.interval.unwrap();
     assert!((lower + 35.0).abs() < 1e-12 && (upper - 5.6).abs() < 1e-12);

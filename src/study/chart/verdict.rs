@@ -10,20 +10,12 @@ const SEMIDISCRETE: [f64; 5] = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10];
 
 /// A number of few digits, as people write it.
 pub fn short(x: f64) -> String {
-    if (0.001..1.0).contains(&x) {
-        format!("{x}")
-    } else {
-        format!("{x:.0e}")
-    }
+    if (0.001..1.0).contains(&x) { format!("{x}") } else { format!("{x:.0e}") }
 }
 
 /// A number to two digits.
 fn figures(x: f64) -> String {
-    if (0.01..10.0).contains(&x) {
-        format!("{x:.2}")
-    } else {
-        format!("{x:.1e}")
-    }
+    if (0.01..10.0).contains(&x) { format!("{x:.2}") } else { format!("{x:.1e}") }
 }
 
 /// The cheapest of `entries` at each of `accuracies`: the tightest accuracy that each winner is the winner of, and the one that nothing
@@ -66,11 +58,7 @@ impl Ladder<'_> {
     /// `within 0.1 …, 0.02 s; within 0.03 …; none came within 0.01 (closest …)`; none where no entry
     /// has an error.
     fn text(&self, chart: &Chart) -> Option<String> {
-        let error = |e: &Entry| {
-            (self.point)(e)
-                .map(|[_, error]| error)
-                .filter(|e| e.is_finite())
-        };
+        let error = |e: &Entry| (self.point)(e).map(|[_, error]| error).filter(|e| e.is_finite());
         let closest = (self.entries.iter())
             .filter_map(|e| Some((error(e)?, *e)))
             .min_by(|(a, _), (b, _)| a.total_cmp(b));
@@ -100,10 +88,8 @@ fn seconds_text(e: &Entry) -> String {
 }
 
 /// Kinds of methods that are compared apart.
-const KINDS: [(&str, Method); 2] = [
-    ("classically", Method::Classical),
-    ("by modes", Method::Schrodingerized),
-];
+const KINDS: [(&str, Method); 2] =
+    [("classically", Method::Classical), ("by modes", Method::Schrodingerized)];
 
 /// All sentences about a chart.
 pub fn sentences(chart: &Chart) -> Vec<String> {
@@ -176,9 +162,7 @@ fn of_semidiscrete(chart: &Chart, kind: &str, entries: &[&Entry]) -> Option<Stri
         format!(" (the exponential is that solution to round-off: {seconds})")
     });
     let (text, grid) = (ladder.text(chart)?, &chart.compared_on);
-    Some(format!(
-        "Of the semi-discrete solution on {grid} (relative l2), {kind}{also}: {text}."
-    ))
+    Some(format!("Of the semi-discrete solution on {grid} (relative l2), {kind}{also}: {text}."))
 }
 
 /// By the cost until the field is measured.
@@ -281,9 +265,8 @@ fn account(chart: &Chart) -> String {
     );
     let out = count(Status::LeftOut);
     if out > 0 {
-        let all: Vec<&Entry> = (chart.entries.iter())
-            .filter(|e| e.status == Status::LeftOut)
-            .collect();
+        let all: Vec<&Entry> =
+            (chart.entries.iter()).filter(|e| e.status == Status::LeftOut).collect();
         text += &format!(
             ", left out as they did not fit: {out} (expected to take {} each)",
             expected(&all)

@@ -39,10 +39,8 @@ const ROUGH: usize = 14;
 const SLACK: f64 = 1e-3;
 /// The largest number that is tried.
 const LARGEST: f64 = 4.0;
-const METHODS: [(&str, Integrator); 2] = [
-    ("forward Euler", Integrator::ForwardEuler),
-    ("SSP-RK3", Integrator::SspRk3),
-];
+const METHODS: [(&str, Integrator); 2] =
+    [("forward Euler", Integrator::ForwardEuler), ("SSP-RK3", Integrator::SspRk3)];
 
 /// A number of steps from the first so many patterns.
 #[derive(Clone, Copy)]
@@ -52,15 +50,9 @@ struct Test {
 }
 
 /// Shows whether a maximum is exceeded.
-const SHORT: Test = Test {
-    steps: FEW,
-    patterns: 2,
-};
+const SHORT: Test = Test { steps: FEW, patterns: 2 };
 /// Shows whether values explode.
-const LONG: Test = Test {
-    steps: STEPS,
-    patterns: 1,
-};
+const LONG: Test = Test { steps: STEPS, patterns: 1 };
 
 /// The matrix that is stepped, and its initial values.
 struct Steps<'a> {
@@ -73,10 +65,7 @@ struct Steps<'a> {
 impl<'a> Steps<'a> {
     fn new(case: &Case, found: &'a mut Prepared) -> Result<Self> {
         let (space, matrix) = (&case.space, &found.system.matrix);
-        let scheme = found
-            .communicator
-            .world
-            .agree(Scheme::new(case, &matrix.block.ranges))?;
+        let scheme = found.communicator.world.agree(Scheme::new(case, &matrix.block.ranges))?;
         let mut patterns = [vec![0.0; matrix.length()], vec![0.0; matrix.length()]];
         matrix.block.for_each_own(|global, local| {
             for v in 0..matrix.block.velocity_cells {
@@ -98,20 +87,12 @@ impl<'a> Steps<'a> {
             }
         });
         let rate = found.bounds.rate;
-        Ok(Self {
-            found,
-            patterns,
-            rate,
-        })
+        Ok(Self { found, patterns, rate })
     }
 
     /// Largest value of a test over the largest at the start; about [`FAR`] at most. Collective.
     fn growth(&mut self, integrator: Integrator, cfl: f64, test: Test) -> f64 {
-        let Prepared {
-            communicator,
-            system,
-            ..
-        } = &mut *self.found;
+        let Prepared { communicator, system, .. } = &mut *self.found;
         let rows = system.matrix.rows();
         let mut classical = Classical::new(&system.matrix);
         let mut largest = 1.0f64;
@@ -175,14 +156,7 @@ struct Limits {
 
 impl Limits {
     fn verdict(&self) -> String {
-        let Self {
-            name,
-            kept,
-            kept_by_theory: limit,
-            calm,
-            calm_bound,
-            ..
-        } = self;
+        let Self { name, kept, kept_by_theory: limit, calm, calm_bound, .. } = self;
         let mut verdict = format!(
             "{name}: no value of the patterns tried exceeds the largest at the start up to cfl \
              {kept} (theory, for any data: {limit:.3}); values grow a millionfold from {calm} on \
@@ -210,10 +184,7 @@ impl Limits {
 
 /// A bound on the growth in [`STEPS`] steps where the largest rate is `reach` times its bound.
 fn growth_bound(integrator: Integrator, cfl: f64, reach: f64) -> f64 {
-    von_neumann(integrator, cfl * reach)
-        .max(1.0)
-        .powi(STEPS as i32)
-        .min(FAR)
+    von_neumann(integrator, cfl * reach).max(1.0).powi(STEPS as i32).min(FAR)
 }
 
 /// The panel. Collective.
@@ -221,15 +192,8 @@ fn growth_bound(integrator: Integrator, cfl: f64, reach: f64) -> f64 {
 /// # Errors
 /// As [`assembled`].
 pub fn panel(sweep: &Sweep<'_>) -> Found {
-    let Sweep {
-        world,
-        case: whole,
-        budget,
-    } = *sweep;
-    let case = Case {
-        method: Method::Classical,
-        ..coarsened(whole, CELLS).without_inflow()
-    };
+    let Sweep { world, case: whole, budget } = *sweep;
+    let case = Case { method: Method::Classical, ..coarsened(whole, CELLS).without_inflow() };
     let mut found = assembled(world, &case)?;
     // The bound on the rate may not be reached.
     let reach = largest_rate(&found) / found.bounds.rate;
@@ -237,11 +201,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         return Err("nothing moves: no velocity cell but v = 0".into());
     }
     let mut steps = Steps::new(&case, &mut found)?;
-    let search = |halvings| Search {
-        low: 0.25,
-        high: LARGEST,
-        halvings,
-    };
+    let search = |halvings| Search { low: 0.25, high: LARGEST, halvings };
     // Borders first: curves may end early.
     let all = METHODS.map(|(name, integrator)| {
         let is_over = || budget.is_over();
@@ -264,11 +224,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
                 true => f64::NAN,
                 false => steps.growth(integrator, x, LONG),
             };
-            Point {
-                x,
-                measured,
-                theory: growth_bound(integrator, x, reach),
-            }
+            Point { x, measured, theory: growth_bound(integrator, x, reach) }
         });
         Curve::bounded(name, points.collect())
     });

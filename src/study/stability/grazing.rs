@@ -45,9 +45,7 @@ fn chain(lambda: f64, d: f64) -> f64 {
 /// Largest root of `E(λ, own) = Σ half²/E(λ, lost)` over `(half, lost)`, 0 where there is no positive one.
 fn face_growth(own: f64, list: &[(f64, f64)]) -> f64 {
     let grows = |lambda: f64| {
-        let drawn: f64 = (list.iter())
-            .map(|&(half, lost)| half * half / chain(lambda, lost))
-            .sum();
+        let drawn: f64 = (list.iter()).map(|&(half, lost)| half * half / chain(lambda, lost)).sum();
         chain(lambda, own) < drawn
     };
     let (mut low, mut high) = (0.0, list.iter().map(|(half, _)| half).sum::<f64>());
@@ -86,12 +84,9 @@ pub fn expected_growth(case: &Case) -> Result<Option<f64>> {
         for rise in jumps.iter().flat_map(|&jump| [jump, -jump]) {
             for j in (0..v.cells as i64).filter(|&j| rate(j) > 0.0) {
                 sources(&mut list, v, Interface::Hat, j, rise);
-                let inside = list
-                    .iter()
-                    .filter(|s| (0..v.cells as i64).contains(&s.velocity));
-                let sources: Vec<(f64, f64)> = inside
-                    .map(|s| (0.5 * rate(j) * s.weight, rate(s.velocity)))
-                    .collect();
+                let inside = list.iter().filter(|s| (0..v.cells as i64).contains(&s.velocity));
+                let sources: Vec<(f64, f64)> =
+                    inside.map(|s| (0.5 * rate(j) * s.weight, rate(s.velocity))).collect();
                 let found = face_growth(rate(j), &sources);
                 best = Some(best.map_or(found, |b: f64| b.max(found)));
             }
@@ -126,11 +121,7 @@ fn spread(count: usize) -> impl Iterator<Item = usize> {
 /// # Errors
 /// As [`assembled`].
 pub fn panel(sweep: &Sweep<'_>) -> Found {
-    let Sweep {
-        world,
-        case: whole,
-        budget,
-    } = *sweep;
+    let Sweep { world, case: whole, budget } = *sweep;
     let coarse = coarsened(&whole.without_inflow(), CELLS);
     if !Bounds::new(&coarse)?.jumps {
         return Err("V does not jump: no particle grazes a threshold".into());
@@ -174,11 +165,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
             measured.map(|p| p.measured),
             theory.map(|p| p.theory),
         ),
-        Border::new(
-            "height at which it is largest",
-            measured.map(|p| p.x),
-            theory.map(|p| p.x),
-        ),
+        Border::new("height at which it is largest", measured.map(|p| p.x), theory.map(|p| p.x)),
         Border::new("the case's jump", None, Some(height)).drawn("this case"),
     ];
     let amplified = own.measured.exp();
@@ -222,9 +209,7 @@ mod tests {
                     _ => 0.0,
                 }
             });
-            let all = matrix
-                .self_adjoint_eigen(Side::Lower)
-                .expect("it converges");
+            let all = matrix.self_adjoint_eigen(Side::Lower).expect("it converges");
             let (exact, found) = (all.S()[2 * n - 1], face_growth(own, &[(half, lost)]));
             assert!((found - exact.max(0.0)).abs() < 1e-6, "{found} {exact}");
         }

@@ -31,17 +31,10 @@ fn trend(points: &[Point]) -> &'static str {
     let (x_mean, y_mean) =
         pairs().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / count, b + y / count));
     let spread: f64 = pairs().map(|(x, _)| (x - x_mean).powi(2)).sum();
-    let slope = pairs()
-        .map(|(x, y)| (x - x_mean) * (y - y_mean))
-        .sum::<f64>()
-        / spread;
-    let rest: f64 = pairs()
-        .map(|(x, y)| (y - y_mean - slope * (x - x_mean)).powi(2))
-        .sum();
+    let slope = pairs().map(|(x, y)| (x - x_mean) * (y - y_mean)).sum::<f64>() / spread;
+    let rest: f64 = pairs().map(|(x, y)| (y - y_mean - slope * (x - x_mean)).powi(2)).sum();
     let error = (rest / (count - 2.0) / spread).sqrt();
-    let range = pairs()
-        .map(|(x, _)| x - x_mean)
-        .fold(0.0, |m: f64, x| m.max(x.abs()));
+    let range = pairs().map(|(x, _)| x - x_mean).fold(0.0, |m: f64, x| m.max(x.abs()));
     match slope {
         s if s.abs() <= SURE * error || s.abs() * 2.0 * range < LITTLE => "no trend by refinement",
         s if s > 0.0 => "rising by refinement",
@@ -84,11 +77,7 @@ fn sentence(curve: &Curve) -> String {
 /// # Errors
 /// As [`assembled`].
 pub fn panel(sweep: &Sweep<'_>) -> Found {
-    let Sweep {
-        world,
-        case: whole,
-        budget,
-    } = *sweep;
+    let Sweep { world, case: whole, budget } = *sweep;
     let start = coarsened(&whole.without_inflow(), FEWEST);
     if !Bounds::new(&start)?.jumps && !Bounds::new(whole)?.jumps {
         let why = "V does not jump: S has no positive eigenvalues on any grid, nor needs weights";
@@ -138,11 +127,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
                 Some(measured),
                 Some(theory),
             );
-            borders.push(if curve.bound {
-                border.bounded()
-            } else {
-                border
-            });
+            borders.push(if curve.bound { border.bounded() } else { border });
         }
     }
     if curves.iter().all(|c| c.points.is_empty()) {

@@ -28,9 +28,7 @@ const METHODS: [(&str, PropagatorMethod); 2] = [
 
 /// The slope of `ln y` over `ln x` between the points with the two shortest steps whose error is that of the step, and those steps.
 fn slope(points: &[Point]) -> Option<(f64, [f64; 2])> {
-    let mut fine = points
-        .iter()
-        .filter(|p| p.measured > 20.0 * TOLERANCE && p.measured < 0.3);
+    let mut fine = points.iter().filter(|p| p.measured > 20.0 * TOLERANCE && p.measured < 0.3);
     let (a, b) = (fine.next()?, fine.next()?);
     let slope = (b.measured / a.measured).ln() / (b.x / a.x).ln();
     Some((slope, [a.x, b.x]))
@@ -70,13 +68,7 @@ struct Steps {
 impl Steps {
     /// Tries `method` with ever shorter steps. Collective.
     fn tried(sweep: &Sweep<'_>, case: &Case, name: &'static str, method: PropagatorMethod) -> Self {
-        let mut found = Self {
-            name,
-            method,
-            points: Vec::new(),
-            refused: None,
-            fewer: None,
-        };
+        let mut found = Self { name, method, points: Vec::new(), refused: None, fewer: None };
         for steps in (FEWEST..=MOST).map(|power| 1u32 << power) {
             let mut case = case.clone();
             case.propagator = propagation(&case, method, Some(steps as usize));
@@ -115,11 +107,7 @@ impl Steps {
         let Self { name, points, .. } = self;
         let order = self.order().map(|(order, _)| order);
         [
-            Border::new(
-                format!("{name}: order"),
-                order,
-                Some(self.method.order() as f64),
-            ),
+            Border::new(format!("{name}: order"), order, Some(self.method.order() as f64)),
             Border::new(
                 format!("{name}: step of an error of {COMPARED:e}"),
                 crossing(points, COMPARED, |p| p.measured),
@@ -186,9 +174,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         x: Scale::log("step"),
         y: Scale::log("relative l2 error"),
         borders: all.iter().flat_map(Steps::borders).collect(),
-        curves: (all.into_iter())
-            .map(|steps| Curve::new(steps.name, steps.points))
-            .collect(),
+        curves: (all.into_iter()).map(|steps| Curve::new(steps.name, steps.points)).collect(),
         verdict: verdicts + last,
         notes,
     })

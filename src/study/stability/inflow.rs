@@ -21,10 +21,7 @@ const DECADES: i32 = 3;
 /// Largest of `of` over the rows of inflow on all ranks. Collective.
 fn over_rows(found: &Prepared, of: impl Fn(&Inflow) -> f64) -> f64 {
     let rows = found.system.matrix.inflow.iter();
-    found
-        .communicator
-        .world
-        .max(rows.map(of).fold(0.0, f64::max))
+    found.communicator.world.max(rows.map(of).fold(0.0, f64::max))
 }
 
 /// The two factors of the loss.
@@ -45,16 +42,10 @@ impl Loss {
         let matrix = &found.system.matrix;
         let block = |aux: &Inflow| {
             let row = aux.row as usize;
-            let own: f64 = (matrix.row(row).filter(|&(j, ..)| j == row))
-                .map(|(_, s, _)| s)
-                .sum();
+            let own: f64 = (matrix.row(row).filter(|&(j, ..)| j == row)).map(|(_, s, _)| s).sum();
             0.5 * (own + own.hypot(aux.coupling))
         };
-        Ok(Self {
-            exponent,
-            least_exponent: over_rows(found, block) * end,
-            ratio,
-        })
+        Ok(Self { exponent, least_exponent: over_rows(found, block) * end, ratio })
     }
 
     fn total(&self) -> f64 {
@@ -67,11 +58,7 @@ impl Loss {
 /// # Errors
 /// As [`assembled`].
 pub fn panel(sweep: &Sweep<'_>) -> Found {
-    let Sweep {
-        world,
-        case: whole,
-        budget,
-    } = *sweep;
+    let Sweep { world, case: whole, budget } = *sweep;
     if !whole.enters() {
         return Err("nothing enters".into());
     }
@@ -85,9 +72,8 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         case
     };
     let planned = assembled(world, &with(Delta::Planned))?;
-    let largest = over_rows(&planned, |aux| {
-        aux.values.iter().fold(0.0, |m: f64, b| m.max(b.abs()))
-    });
+    let largest =
+        over_rows(&planned, |aux| aux.values.iter().fold(0.0, |m: f64, b| m.max(b.abs())));
     if largest == 0.0 {
         return Err("what enters is zero on this grid".into());
     }
@@ -103,11 +89,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         let mut found = assembled(world, &with(Delta::Given(delta)))?;
         let bound = found.bounds.growth * case.end;
         let loss = Loss::of(&mut found, case.end)?;
-        let point = |measured: f64, theory: f64| Point {
-            x: delta,
-            measured,
-            theory,
-        };
+        let point = |measured: f64, theory: f64| Point { x: delta, measured, theory };
         growing.push(point(loss.exponent.exp(), loss.least_exponent.exp()));
         state.push(point(loss.ratio, f64::NAN));
         total.push(point(loss.total(), bound.exp() * loss.ratio));
@@ -119,16 +101,8 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     let (measured, theory) = (least(|p| p.measured), least(|p| p.theory));
     let best = measured.map_or(f64::NAN, |p| p.measured);
     let borders = vec![
-        Border::new(
-            "delta of least loss",
-            measured.map(|p| p.x),
-            theory.map(|p| p.x),
-        ),
-        Border::new(
-            "loss with the planned couplings, beside the least",
-            Some(chosen),
-            Some(best),
-        ),
+        Border::new("delta of least loss", measured.map(|p| p.x), theory.map(|p| p.x)),
+        Border::new("loss with the planned couplings, beside the least", Some(chosen), Some(best)),
     ];
     let verdict = format!(
         "The least that a single delta loses is a factor {best:.3e}, at delta = {:.3e}; below it \

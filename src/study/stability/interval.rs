@@ -71,12 +71,7 @@ impl Intervals {
 
     /// The error on the interval `ends`; none where it takes too long. Collective.
     fn error(&mut self, sweep: &Sweep<'_>, ends: [f64; 2], x: f64) -> Result<Option<Point>> {
-        let Self {
-            yardstick,
-            extent,
-            profile,
-            ..
-        } = self;
+        let Self { yardstick, extent, profile, .. } = self;
         let points = points(profile, ends[1] - ends[0]);
         let series = Series::sampled(ends, points, |p| profile.value(p));
         if !sweep.budget.holds(yardstick.updates(&series)?, 1.0) {
@@ -186,9 +181,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     }
     if errors.skipped > 0 {
         let skipped = errors.skipped;
-        notes.push(format!(
-            "{skipped} intervals took too many modes to be tried"
-        ));
+        notes.push(format!("{skipped} intervals took too many modes to be tried"));
     }
     let ratio = intervals.yardstick.ratio;
     // Twice what the profile itself leaves.

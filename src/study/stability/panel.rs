@@ -78,19 +78,12 @@ pub struct Border {
 impl Curve {
     /// With values by theory.
     pub fn new(name: impl Into<String>, points: Vec<Point>) -> Self {
-        Self {
-            name: name.into(),
-            points,
-            bound: false,
-        }
+        Self { name: name.into(), points, bound: false }
     }
 
     /// With values that theory only bounds.
     pub fn bounded(name: impl Into<String>, points: Vec<Point>) -> Self {
-        Self {
-            bound: true,
-            ..Self::new(name, points)
-        }
+        Self { bound: true, ..Self::new(name, points) }
     }
 }
 
@@ -111,26 +104,17 @@ impl Border {
 
     /// Of a place that may be about zero, so that its ratio to theory means nothing.
     pub fn place(name: impl Into<String>, measured: Option<f64>, theory: Option<f64>) -> Self {
-        Self {
-            ratio: None,
-            ..Self::new(name, measured, theory)
-        }
+        Self { ratio: None, ..Self::new(name, measured, theory) }
     }
 
     /// Theory only bounds it.
     pub fn bounded(self) -> Self {
-        Self {
-            bound: true,
-            ..self
-        }
+        Self { bound: true, ..self }
     }
 
     /// Drawn at the theory's value.
     pub fn drawn(self, label: impl Into<String>) -> Self {
-        Self {
-            line: Some(label.into()),
-            ..self
-        }
+        Self { line: Some(label.into()), ..self }
     }
 }
 
@@ -146,18 +130,12 @@ pub struct Scale {
 impl Scale {
     /// In proportion.
     pub fn linear(label: impl Into<String>) -> Self {
-        Self {
-            label: label.into(),
-            logarithmic: false,
-        }
+        Self { label: label.into(), logarithmic: false }
     }
 
     /// By logarithms.
     pub fn log(label: impl Into<String>) -> Self {
-        Self {
-            label: label.into(),
-            logarithmic: true,
-        }
+        Self { label: label.into(), logarithmic: true }
     }
 }
 

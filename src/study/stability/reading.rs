@@ -41,10 +41,7 @@ impl Extent {
     pub fn measured(yardstick: &mut Yardstick, time: f64) -> Result<Self> {
         let (problem, communicator) = yardstick.parts();
         let (found, _) = spectrum::of(problem, &communicator.space, LANCZOS)?;
-        Ok(Self {
-            growth: found.highest.value * time,
-            decay: -found.lowest.value * time,
-        })
+        Ok(Self { growth: found.highest.value * time, decay: -found.lowest.value * time })
     }
 
     /// Length in `p` over which components move.
@@ -75,10 +72,7 @@ impl Switched {
             cutoff: (1.0 + 2.0 * (digits - offset) / square).sqrt(),
         };
         let tail = square + SIGMA * (square + 2.0 * (-libm::log(LEVEL) - offset)).sqrt();
-        Self {
-            profile,
-            room: tail - offset,
-        }
+        Self { profile, room: tail - offset }
     }
 }
 
@@ -92,10 +86,7 @@ pub fn expected(series: &Series, p: f64, extent: Extent, ratio: f64) -> f64 {
     };
     // What grows, and what hardly decays, more closely.
     let near = all(-growth, (4.0 - growth).min(decay));
-    let worst = all(-growth, decay)
-        .chain(near)
-        .map(error)
-        .fold(0.0, f64::max);
+    let worst = all(-growth, decay).chain(near).map(error).fold(0.0, f64::max);
     let amplified: f64 = (0..series.modes()).map(|l| series.factor(l).norm()).sum();
     ratio * (worst + f64::EPSILON * p.exp() * amplified)
 }

@@ -23,10 +23,7 @@ const APART: f64 = 0.5;
 fn kinds(case: &Case, jumps: bool) -> Vec<(&'static str, Case)> {
     let hat = |weights| with_interface(case, Interface::Hat, weights);
     match jumps {
-        true => vec![
-            ("hat, dissipative weights", hat(true)),
-            ("hat, no weights", hat(false)),
-        ],
+        true => vec![("hat, dissipative weights", hat(true)), ("hat, no weights", hat(false))],
         false => vec![("no jump", case.clone())],
     }
 }
@@ -85,10 +82,8 @@ fn read(
     case: &Case,
 ) -> crate::base::error::Result<std::result::Result<Readings, String>> {
     let Switched { profile, room } = Switched::new();
-    let at: Vec<f64> = (0..)
-        .map(|k| FROM + APART * f64::from(k))
-        .take_while(|p| *p <= TO)
-        .collect();
+    let at: Vec<f64> =
+        (0..).map(|k| FROM + APART * f64::from(k)).take_while(|p| *p <= TO).collect();
     let mut yardstick = Yardstick::new(sweep.world, case)?;
     let extent = Extent::measured(&mut yardstick, case.end)?;
     let period = extent.length() + TO + room;

@@ -51,12 +51,8 @@ fn wrapped(text: &str, indent: &str) -> String {
 impl Stability {
     /// For people: the borders and the verdicts.
     pub fn table(&self) -> String {
-        let mut text = format!(
-            "{}: {} cells, T = {}\n",
-            self.title,
-            shape_text(&self.shape),
-            self.time
-        );
+        let mut text =
+            format!("{}: {} cells, T = {}\n", self.title, shape_text(&self.shape), self.time);
         let width = (self.panels.iter().flat_map(|p| &p.borders))
             .map(|b| b.name.chars().count())
             .max()
@@ -74,15 +70,7 @@ impl Stability {
                 panel.title,
                 shape_text(&panel.shape)
             );
-            for Border {
-                name,
-                measured,
-                theory,
-                ratio,
-                bound,
-                ..
-            } in &panel.borders
-            {
+            for Border { name, measured, theory, ratio, bound, .. } in &panel.borders {
                 let ratio = ratio.map_or("-".to_owned(), |r| format!("{r:.3}"));
                 let kind = if theory.is_some() { kind(*bound) } else { "" };
                 let (measured, theory) = (number(*measured), number(*theory));
@@ -97,10 +85,7 @@ impl Stability {
             }
         }
         for left_out in &self.left_out {
-            text += &wrapped(
-                &format!("{} left out: {}", word(left_out.name), left_out.reason),
-                "",
-            );
+            text += &wrapped(&format!("{} left out: {}", word(left_out.name), left_out.reason), "");
         }
         let _ = writeln!(text, "{:.1} s", self.seconds);
         text
@@ -111,11 +96,7 @@ impl Stability {
     pub fn csv(&self) -> String {
         let mut text = "panel,series,x,measured,theory,kind\n".to_owned();
         let field = |x: f64| {
-            if x.is_finite() {
-                format!("{x:e}")
-            } else {
-                String::new()
-            }
+            if x.is_finite() { format!("{x:e}") } else { String::new() }
         };
         for Panel { name, curves, .. } in &self.panels {
             for curve in curves {
@@ -147,11 +128,7 @@ impl Stability {
     /// A frame a panel: what was measured with markers, theory dashed.
     pub fn figure(&self) -> Figure {
         let panels: Vec<figure::Panel> = self.panels.iter().map(drawn).collect();
-        let columns = if panels.len() > 4 {
-            3
-        } else {
-            panels.len().clamp(1, 2)
-        };
+        let columns = if panels.len() > 4 { 3 } else { panels.len().clamp(1, 2) };
         let caption = format!(
             "{}: where methods fail. Markers: measured; grey dashes: theory, or bounds by theory. {}",
             self.title,
@@ -170,11 +147,7 @@ impl Stability {
 
 /// An axis of a panel.
 fn axis(scale: &Scale) -> Axis {
-    if scale.logarithmic {
-        Axis::log(&*scale.label)
-    } else {
-        Axis::linear(&*scale.label)
-    }
+    if scale.logarithmic { Axis::log(&*scale.label) } else { Axis::linear(&*scale.label) }
 }
 
 /// A panel as it is drawn.

@@ -29,20 +29,10 @@ const NONE: f64 = 1e-16;
 const PROFILES: [(&str, ProfileChoice); 6] = [
     ("designed", ProfileChoice::Designed),
     ("gaussian", ProfileChoice::Gaussian),
-    (
-        "smooth",
-        ProfileChoice::Smooth {
-            order: DEFAULT_ORDER,
-        },
-    ),
+    ("smooth", ProfileChoice::Smooth { order: DEFAULT_ORDER }),
     ("low-somma", ProfileChoice::LowSomma { c: None }),
     ("acl", ProfileChoice::Acl { beta: DEFAULT_BETA }),
-    (
-        "exponential",
-        ProfileChoice::Exponential {
-            alpha: DEFAULT_ALPHA,
-        },
-    ),
+    ("exponential", ProfileChoice::Exponential { alpha: DEFAULT_ALPHA }),
 ];
 
 /// The trials of one profile.
@@ -62,10 +52,7 @@ struct Errors {
 impl Errors {
     /// Tries the profile of `case` at ever smaller tolerances. Collective.
     fn tried(sweep: &Sweep<'_>, name: &'static str, mut case: Case) -> Result<Self> {
-        let mut found = Self {
-            name,
-            ..Self::default()
-        };
+        let mut found = Self { name, ..Self::default() };
         case.tolerance = NONE;
         found.smallest = match planning::plan(sweep.world, &case, &ranks(sweep.world)) {
             Err(Error::Tolerance { smallest, .. }) => Some(smallest),
@@ -77,9 +64,7 @@ impl Errors {
             }
         };
         let larger = |&asked: &f64| found.smallest.is_none_or(|smallest| asked > smallest);
-        let asked: Vec<f64> = (ASKED.into_iter().filter(larger))
-            .chain(found.smallest)
-            .collect();
+        let asked: Vec<f64> = (ASKED.into_iter().filter(larger)).chain(found.smallest).collect();
         for tolerance in asked {
             case.tolerance = tolerance;
             let Some(planned) = affordable(sweep, &case)? else {

@@ -53,10 +53,7 @@ impl Yardstick {
                 shift: Shift::Given(0.0),
                 ..case.warp
             },
-            propagator: Propagation {
-                method: PropagatorMethod::Chebyshev,
-                step: None,
-            },
+            propagator: Propagation { method: PropagatorMethod::Chebyshev, step: None },
             recovery_points: 1,
             plateau: None,
             times: Vec::new(),
@@ -67,10 +64,8 @@ impl Yardstick {
         let resources = Resources::here(world);
         refuse_hopeless(&case, &resources)?;
         let mut prepared = Prepared::new(world, &case, &resources)?;
-        let resources = Resources {
-            ranks_x: Some(prepared.plan.layout.mesh.space.clone()),
-            ..resources
-        };
+        let resources =
+            Resources { ranks_x: Some(prepared.plan.layout.mesh.space.clone()), ..resources };
         prepared.plan.bounds = prepared.bounds.clone();
         let (system, communicator) = (&mut prepared.system, &prepared.communicator);
         let (mut exact, mut ratio) = (Vec::new(), 0.0f64);
@@ -88,17 +83,12 @@ impl Yardstick {
             if after > 0.0 {
                 ratio = ratio.max(before / after);
             }
-            exact.push(system.unweighted(
-                &prepared.place.mine,
-                state[prepared.place.mine.clone()].to_vec(),
-            ));
+            exact.push(
+                system
+                    .unweighted(&prepared.place.mine, state[prepared.place.mine.clone()].to_vec()),
+            );
         }
-        Ok(Self {
-            prepared,
-            resources,
-            exact,
-            ratio,
-        })
+        Ok(Self { prepared, resources, exact, ratio })
     }
 
     /// Bounds on the generator, with the growth that was found.
@@ -132,11 +122,7 @@ impl Yardstick {
     /// # Errors
     /// As [`Plan::with_series`] and [`crate::solve::modes::run`].
     pub fn errors(&mut self, series: &Series, points: &[f64]) -> Result<Vec<f64>> {
-        let at = |&point: &f64| Reading {
-            method: RecoveryMethod::Point,
-            point,
-            width: 0.0,
-        };
+        let at = |&point: &f64| Reading { method: RecoveryMethod::Point, point, width: 0.0 };
         self.prepared.plan = self.with(series.clone(), points.iter().map(at).collect())?;
         let found = fields::solve(&mut self.prepared, None, &mut Summary::default())?;
         let mut worst = vec![0.0f64; points.len()];

@@ -11,11 +11,7 @@ use std::time::Duration;
 
 /// Something that happened to the newest generation of a checkpoint by two ranks, and what is said
 /// about it.
-type Damage = (
-    &'static str,
-    fn(&Path, &Path) -> std::io::Result<()>,
-    &'static str,
-);
+type Damage = (&'static str, fn(&Path, &Path) -> std::io::Result<()>, &'static str);
 
 const DAMAGES: [Damage; 9] = [
     (
@@ -48,16 +44,8 @@ const DAMAGES: [Damage; 9] = [
         },
         "checksum",
     ),
-    (
-        "empty",
-        |newest, _| fs::write(newest.join("rank-00000.bin"), b""),
-        "0 bytes",
-    ),
-    (
-        "missing",
-        |newest, _| fs::remove_file(newest.join("rank-00001.bin")),
-        "No such file",
-    ),
+    ("empty", |newest, _| fs::write(newest.join("rank-00000.bin"), b""), "0 bytes"),
+    ("missing", |newest, _| fs::remove_file(newest.join("rank-00001.bin")), "No such file"),
     (
         "ranks swapped",
         |newest, _| {
@@ -108,10 +96,7 @@ fn damaged_checkpoints_are_refused_and_the_older_one_used() {
         let older_done = manifest(older)?["matvecs"].as_u64();
         // The second start finds the first one's result in place, and nothing to go on from.
         let finished = run().on(2).into(path).with(["--resume"]).succeed()?;
-        let name = newest
-            .file_name()
-            .and_then(|n| n.to_str())
-            .unwrap_or_default();
+        let name = newest.file_name().and_then(|n| n.to_str()).unwrap_or_default();
         if !(finished.errors.contains(said) && finished.errors.contains(name)) {
             return Err(finished.report(&format!("{what}: \"{said}\" expected")));
         }
@@ -136,19 +121,11 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     let go_on = |job: Job, path: &Path| job.into(path).with(["--resume"]).run().expect("a run");
     let finished = go_on(run().on(3), directory.path());
     assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
-    assert!(
-        finished.errors.contains("without --resume"),
-        "{}",
-        finished.errors
-    );
+    assert!(finished.errors.contains("without --resume"), "{}", finished.errors);
     // Of another case.
     let finished = go_on(run().on(2).set(&["time.end=0.9"]), sound.path());
     assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
-    assert!(
-        finished.errors.contains("time.end is 1 there, 0.9 here"),
-        "{}",
-        finished.errors
-    );
+    assert!(finished.errors.contains("time.end is 1 there, 0.9 here"), "{}", finished.errors);
     // Of the same case, said in another way, and stored in another.
     let differently = [
         "axis.0.v.cells=18",
@@ -170,18 +147,10 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     let empty = self::directory();
     let finished = go_on(run().on(2), empty.path());
     assert_eq!(finished.code, Some(0), "{}", finished.report("done"));
-    assert!(
-        finished.errors.contains("starts from its beginning"),
-        "{}",
-        finished.errors
-    );
+    assert!(finished.errors.contains("starts from its beginning"), "{}", finished.errors);
     // Not asked for: from the beginning, with a warning.
     let finished = run().on(2).into(sound.path()).succeed().expect("a run");
-    assert!(
-        finished.errors.contains("replaces it"),
-        "{}",
-        finished.errors
-    );
+    assert!(finished.errors.contains("replaces it"), "{}", finished.errors);
     assert!(!sound.path().join("checkpoint").exists());
 }
 
@@ -199,39 +168,23 @@ fn a_run_from_a_file_does_not_go_on_from_another() {
         let place = files.path().join(name);
         let job = Job::new(["run", &case("example1.toml"), "--mode", "full"]).set(&grid);
         let job = job.set(&["solver.warp.profile=exponential", "time.end=0.1"]);
-        job.set(settings)
-            .on(2)
-            .solve(&place)
-            .expect("a warped field");
+        job.set(settings).on(2).solve(&place).expect("a warped field");
         place.join("warped_f.h5")
     };
     let points = "solver.warp.points=1024";
     let written = field("first", &[points]);
-    let others = [
-        field("values", &[points, "time.end=0.2"]),
-        field("points", &["solver.warp.points=1280"]),
-    ];
+    let others =
+        [field("values", &[points, "time.end=0.2"]), field("points", &["solver.warp.points=1280"])];
     let start = files.path().join("start.h5");
     fs::copy(&written, &start).expect("a copy");
     let from = format!("initial={{warped='{}'}}", start.display());
-    let run = || {
-        Job::new(["run", &case("example1.toml")])
-            .set(&grid)
-            .set(&[&from])
-    };
+    let run = || Job::new(["run", &case("example1.toml")]).set(&grid).set(&[&from]);
     let cut = directory();
     let path = cut.path();
     let job = run().on(2).set(&[OFTEN]).into(path);
     let finished = struck(&job, Blow::Signal, |_| generations(path).len() == 2).expect("a run");
     assert_eq!(finished.code, Some(75), "{}", finished.report("stopped"));
-    let go_on = || {
-        run()
-            .on(3)
-            .into(path)
-            .with(["--resume"])
-            .run()
-            .expect("a run")
-    };
+    let go_on = || run().on(3).into(path).with(["--resume"]).run().expect("a run");
     for other in others {
         fs::copy(other, &start).expect("a copy");
         let finished = go_on();
@@ -242,11 +195,7 @@ fn a_run_from_a_file_does_not_go_on_from_another() {
     fs::copy(&written, &start).expect("a copy");
     let finished = go_on();
     assert_eq!(finished.code, Some(0), "{}", finished.report("goes on"));
-    assert!(
-        finished.errors.contains("going on from"),
-        "{}",
-        finished.errors
-    );
+    assert!(finished.errors.contains("going on from"), "{}", finished.errors);
     let whole = directory();
     run().on(1).solve(whole.path()).expect("a whole run");
     let [found, expected] = [path, whole.path()].map(|d| datasets(d).expect("datasets"));
@@ -258,19 +207,10 @@ fn a_run_from_a_file_does_not_go_on_from_another() {
 fn a_checkpoint_that_cannot_be_written_stops_no_run_but_one_that_was_to_stop() {
     LazyLock::force(&WHOLE);
     // Files may not grow to the size of a rank's, which holds 82 sums; the results may.
-    let wide = || {
-        run()
-            .on(2)
-            .set(&["output.plateau.points=80", OFTEN])
-            .files_up_to(300)
-    };
+    let wide = || run().on(2).set(&["output.plateau.points=80", OFTEN]).files_up_to(300);
     let directory = directory();
     let finished = wide().into(directory.path()).succeed().expect("a run");
-    assert!(
-        finished.errors.contains("the run goes on"),
-        "{}",
-        finished.errors
-    );
+    assert!(finished.errors.contains("the run goes on"), "{}", finished.errors);
     assert!(finished.errors.contains("rank-0000"), "{}", finished.errors);
     let all = datasets(directory.path()).expect("datasets");
     assert_eq!(all["/f"], WHOLE.0["/f"]);
@@ -279,10 +219,8 @@ fn a_checkpoint_that_cannot_be_written_stops_no_run_but_one_that_was_to_stop() {
     let path = directory.path();
     let longer = ["checkpoint.minutes=0", "solver.warp.points=8192"];
     let job = wide().set(&longer).into(path);
-    let finished = struck(&job, Blow::Signal, |since| {
-        since > Duration::from_millis(700)
-    })
-    .expect("a run");
+    let finished =
+        struck(&job, Blow::Signal, |since| since > Duration::from_millis(700)).expect("a run");
     assert_eq!(finished.code, Some(1), "{}", finished.report("an error"));
     assert!(finished.errors.contains("rank-0000"), "{}", finished.errors);
 

@@ -74,13 +74,11 @@ pub fn ends_well(job: Job, directory: &Path) -> Result<Summary> {
 /// Whether the results are those of the whole run.
 pub fn same(directory: &Path, summary: &Summary) -> Result<()> {
     let differing = differences(&datasets(directory)?, &WHOLE.0);
-    summary.require(differing.is_empty(), || {
-        format!("differs from the whole run in {differing:?}")
-    })?;
+    summary
+        .require(differing.is_empty(), || format!("differs from the whole run in {differing:?}"))?;
     let (found, expected) = (count(summary, "matvecs")?, WHOLE.1);
-    summary.require(found == expected, || {
-        format!("{found} applications, {expected} in the whole run")
-    })
+    summary
+        .require(found == expected, || format!("{found} applications, {expected} in the whole run"))
 }
 
 /// The generations in `directory`, newest first; complete ones only.
@@ -114,18 +112,14 @@ pub fn random(seed: u64) -> f64 {
 }
 
 fn send(signal: &str, process: u32) {
-    let _ = Command::new("kill")
-        .args([signal, &process.to_string()])
-        .status();
+    let _ = Command::new("kill").args([signal, &process.to_string()]).status();
 }
 
 /// The processes that `parent` started.
 fn children(parent: u32) -> Vec<u32> {
     let path = format!("/proc/{parent}/task/{parent}/children");
     let text = fs::read_to_string(path).unwrap_or_default();
-    text.split_whitespace()
-        .filter_map(|id| id.parse().ok())
-        .collect()
+    text.split_whitespace().filter_map(|id| id.parse().ok()).collect()
 }
 
 fn is_alive(process: u32) -> bool {

@@ -28,11 +28,7 @@ fn runs_killed_at_any_moment_end_with_the_same_bits() {
             };
             let blocks = if ranks == 4 { "2" } else { "1" };
             let job =
-                run()
-                    .on(ranks)
-                    .set(&[OFTEN])
-                    .into(path)
-                    .with(["--resume", "--ranks-x", blocks]);
+                run().on(ranks).set(&[OFTEN]).into(path).with(["--resume", "--ranks-x", blocks]);
             let after = Duration::from_secs_f64(0.25 + 0.6 * random(seed));
             let finished = struck(&job, blow, |since| since > after)?;
             if finished.code == Some(0) {
@@ -55,12 +51,7 @@ fn runs_killed_at_any_moment_end_with_the_same_bits() {
 #[test]
 fn runs_killed_while_they_write_a_checkpoint_end_with_the_same_bits() {
     LazyLock::force(&WHOLE);
-    let rows = [
-        (2, Blow::Rank(0)),
-        (2, Blow::Rank(1)),
-        (3, Blow::Launcher),
-        (4, Blow::Rank(2)),
-    ];
+    let rows = [(2, Blow::Rank(0)), (2, Blow::Rank(1)), (3, Blow::Launcher), (4, Blow::Rank(2))];
     check_all(&rows, |&(ranks, blow)| {
         let directory = directory();
         let path = directory.path();
@@ -68,10 +59,7 @@ fn runs_killed_while_they_write_a_checkpoint_end_with_the_same_bits() {
         // In the middle of a generation that follows others: without a manifest.
         let mut seen = 0;
         let finished = struck(&job, blow, |_| {
-            let all = fs::read_dir(path.join("checkpoint"))
-                .into_iter()
-                .flatten()
-                .count();
+            let all = fs::read_dir(path.join("checkpoint")).into_iter().flatten().count();
             let writes = generations(path).len() >= 2 && all > generations(path).len();
             seen += usize::from(writes);
             writes
@@ -86,13 +74,7 @@ fn runs_killed_while_they_write_a_checkpoint_end_with_the_same_bits() {
 #[test]
 fn told_to_stop_a_run_leaves_a_checkpoint_for_any_ranks() {
     LazyLock::force(&WHOLE);
-    let rows = [
-        (2, 2, "1"),
-        (2, 1, "1"),
-        (1, 3, "3"),
-        (3, 4, "2"),
-        (4, 2, "2"),
-    ];
+    let rows = [(2, 2, "1"), (2, 1, "1"), (1, 3, "3"), (3, 4, "2"), (4, 2, "2")];
     check_all(&rows, |&(before, after, blocks)| {
         let directory = stopped(before)?;
         let path = directory.path();
@@ -128,21 +110,16 @@ fn goes_on_in_stage(
         if name.to_string_lossy().ends_with(".h5") {
             let [found, expected] = [path, whole.path()].map(|d| datasets_of(&d.join(&name)));
             let differing = differences(&found?, &expected?);
-            summary.require(differing.is_empty(), || {
-                format!("{name:?}: {differing:?} differ")
-            })?;
+            summary.require(differing.is_empty(), || format!("{name:?}: {differing:?} differ"))?;
         }
     }
     for key in numbers {
         let (found, expected) = (&summary.value[key], &expected.value[key]);
-        summary.require(found == expected, || {
-            format!("{key}: {found}, {expected} expected")
-        })?;
+        summary.require(found == expected, || format!("{key}: {found}, {expected} expected"))?;
     }
     let here = count(&summary, "matvecs_here")?;
-    summary.require(here < count(&expected, "matvecs")?.max(1), || {
-        "nothing was taken over".to_owned()
-    })
+    summary
+        .require(here < count(&expected, "matvecs")?.max(1), || "nothing was taken over".to_owned())
 }
 
 #[test]
@@ -172,32 +149,16 @@ fn stages_that_are_finished_are_not_computed_again() {
             ])
             .set(more)
     };
-    let told = [
-        "matvecs",
-        "solves",
-        "unitarity_defect",
-        "norm_kept",
-        "step_error",
-        "error_estimate",
-    ];
+    let told =
+        ["matvecs", "solves", "unitarity_defect", "norm_kept", "step_error", "error_estimate"];
     let rows = [
         (fields, 1, [(2, "1"), (3, "1")]),
         (kept(&[]), 1, [(2, "2"), (3, "3")]),
         (kept(&[]), 4, [(3, "1"), (4, "2")]),
-        (
-            kept(&["solver.warp.inflow='full'"]),
-            0,
-            [(1, "1"), (4, "4")],
-        ),
-        (
-            kept(&["solver.warp.inflow='full'"]),
-            5,
-            [(4, "2"), (1, "1")],
-        ),
+        (kept(&["solver.warp.inflow='full'"]), 0, [(1, "1"), (4, "4")]),
+        (kept(&["solver.warp.inflow='full'"]), 5, [(4, "2"), (1, "1")]),
     ];
-    check_all(&rows, |(job, stage, ranks)| {
-        goes_on_in_stage(job, *stage, *ranks, &told)
-    });
+    check_all(&rows, |(job, stage, ranks)| goes_on_in_stage(job, *stage, *ranks, &told));
 }
 
 #[test]
@@ -210,10 +171,7 @@ fn runs_stop_before_their_time_is_over_and_go_on() {
     let (mut pieces, mut seconds) = (0, 0.5_f64);
     for attempt in 1.. {
         let time = format!("{seconds}s");
-        let job = run()
-            .on(2)
-            .into(path)
-            .with(["--resume", "--walltime", &time]);
+        let job = run().on(2).into(path).with(["--resume", "--walltime", &time]);
         let finished = job.run().expect("a run");
         let said = finished.errors.contains(&format!("--walltime {seconds}"));
         match finished.code {
@@ -234,10 +192,7 @@ fn runs_stop_before_their_time_is_over_and_go_on() {
 fn a_time_too_short_for_anything_is_an_error() {
     let directory = directory();
     for ranks in [1, 3] {
-        let job = run()
-            .on(ranks)
-            .into(directory.path())
-            .with(["--walltime", "0.01"]);
+        let job = run().on(ranks).into(directory.path()).with(["--walltime", "0.01"]);
         let finished = job.run().expect("a run");
         finished.ended(2, &["--walltime 0.01"]).unwrap();
     }
@@ -248,11 +203,7 @@ fn a_time_too_short_for_anything_is_an_error() {
 fn what_is_finished_is_not_computed_again() {
     let place = directory();
     let path = place.path();
-    let first = [
-        "time.end=0.1",
-        "output.warped_field=true",
-        "solver.tolerance=0.01",
-    ];
+    let first = ["time.end=0.1", "output.warped_field=true", "solver.tolerance=0.01"];
     let job = |settings: &[&str]| run().set(&first).set(settings).into(path).on(2);
     job(&[]).succeed().expect("a run");
     let said = |finished: &Finished| finished.output.contains("the run is finished");

@@ -15,25 +15,12 @@ use std::collections::BTreeMap;
 #[test]
 fn full_runs_recover_what_streamed_ones_do() {
     let line: &[&str] = &["axis.0.x.cells=15", "axis.0.v.cells=14"];
-    let plane: &[&str] = &[
-        "axis.0.x.cells=6",
-        "axis.1.x.cells=5",
-        "axis.0.v.cells=4",
-        "axis.1.v.cells=5",
-    ];
-    type Row = (
-        &'static str,
-        &'static [&'static str],
-        &'static [&'static str],
-        &'static [&'static str],
-    );
+    let plane: &[&str] =
+        &["axis.0.x.cells=6", "axis.1.x.cells=5", "axis.0.v.cells=4", "axis.1.v.cells=5"];
+    type Row =
+        (&'static str, &'static [&'static str], &'static [&'static str], &'static [&'static str]);
     let rows: [Row; 6] = [
-        (
-            "example1.toml",
-            line,
-            &["output.plateau={points=3}"],
-            &["f"],
-        ),
+        ("example1.toml", line, &["output.plateau={points=3}"], &["f"]),
         (
             "example1.toml",
             line,
@@ -45,21 +32,9 @@ fn full_runs_recover_what_streamed_ones_do() {
             "example3.toml",
             plane,
             &["output.field_times=[0.1]"],
-            &[
-                "phi",
-                "psi_x",
-                "psi_y",
-                "phi_0001",
-                "psi_x_0001",
-                "psi_y_0001",
-            ],
+            &["phi", "psi_x", "psi_y", "phi_0001", "psi_x_0001", "psi_y_0001"],
         ),
-        (
-            "example1.toml",
-            line,
-            &["solver.propagator.method=krylov"],
-            &["f"],
-        ),
+        ("example1.toml", line, &["solver.propagator.method=krylov"], &["f"]),
         (
             "example1.toml",
             line,
@@ -74,11 +49,7 @@ fn full_runs_recover_what_streamed_ones_do() {
     check_all(&rows, |(name, grid, settings, files)| {
         let job = (Job::new(["run", &case(name)]).set(grid).set(settings)).set(&[ALL]);
         let streamed = directory();
-        let dropped = job
-            .clone()
-            .on(2)
-            .with(["--ranks-x", "1"])
-            .solve(streamed.path())?;
+        let dropped = job.clone().on(2).with(["--ranks-x", "1"]).solve(streamed.path())?;
         let expected = datasets(streamed.path())?;
         dropped.require(dropped.value["points"].is_null(), || "points".to_owned())?;
         let mut first: Option<Vec<BTreeMap<String, Stored>>> = None;
@@ -142,17 +113,11 @@ fn what_is_read_at_a_point_is_in_the_file() {
     let f = all["/f"].numbers();
     let off = distance(&at(1.0), &f);
     assert!(off < 1e-12, "{off:e}");
-    let (points, distances) = (
-        all["/plateau/p"].numbers(),
-        all["/plateau/distance"].numbers(),
-    );
+    let (points, distances) = (all["/plateau/p"].numbers(), all["/plateau/distance"].numbers());
     assert_eq!(points.len(), 9);
     for (point, expected) in points.iter().zip(&distances) {
         let found = distance(&at(*point), &f);
-        assert!(
-            (found - expected).abs() < 1e-12,
-            "{point}: {found:e} {expected:e}"
-        );
+        assert!((found - expected).abs() < 1e-12, "{point}: {found:e} {expected:e}");
     }
     let (w, p) = warped(place.path(), "f_0001").unwrap();
     let j = p.iter().position(|p| (p - 1.0).abs() < 1e-9).unwrap();
@@ -160,9 +125,7 @@ fn what_is_read_at_a_point_is_in_the_file() {
     assert!(off < 1e-12, "{off:e}");
     // The file of a shorter run is within the tolerance of it, at every point.
     let short = directory();
-    let job = small(&POINTS)
-        .set(&rough)
-        .set(&["time.end=0.4", "output.warped_field=true"]);
+    let job = small(&POINTS).set(&rough).set(&["time.end=0.4", "output.warped_field=true"]);
     job.on(2).solve(short.path()).unwrap();
     let (other, _) = warped(short.path(), "f").unwrap();
     let off = distance(&other, &w);
@@ -179,17 +142,10 @@ fn the_warped_field_is_that_of_the_dense_exponential() {
     ] {
         let place = directory();
         let grid = ["axis.0.x.cells=5", "axis.0.v.cells=6"];
-        let scene = [
-            "scheme.interface=conservative",
-            "solver.tolerance=1e-2",
-            "time.end=0.1",
-        ];
+        let scene = ["scheme.interface=conservative", "solver.tolerance=1e-2", "time.end=0.1"];
         let job = small(&grid).set(points).set(&scene).set(&[profile]);
         // Chebyshev series far below what is compared.
-        job.with(["--mode", "full"])
-            .on(2)
-            .solve(place.path())
-            .unwrap();
+        job.with(["--mode", "full"]).on(2).solve(place.path()).unwrap();
         let file = datasets_of(&place.path().join("warped_f.h5")).unwrap();
         let plan = String::from_utf8(file["/plan"].bytes.clone()).unwrap();
         let plan: serde_json::Value = serde_json::from_str(&plan).unwrap();
@@ -206,14 +162,9 @@ fn the_warped_field_is_that_of_the_dense_exponential() {
         let start: Vec<f64> = {
             // Cell centres, the last velocity fastest.
             let (x, v) = (case.space.x[0].centres(), case.space.v[0].centres());
-            let f = |&x: &f64, &v: &f64| {
-                case.fields[0]
-                    .initial
-                    .eval(&[x, 0.0, 0.0, v, 0.0, 0.0, 0.0])
-            };
-            x.iter()
-                .flat_map(|x| v.iter().map(move |v| f(x, v)))
-                .collect()
+            let f =
+                |&x: &f64, &v: &f64| case.fields[0].initial.eval(&[x, 0.0, 0.0, v, 0.0, 0.0, 0.0]);
+            x.iter().flat_map(|x| v.iter().map(move |v| f(x, v))).collect()
         };
         let (w, p) = (file["/w"].numbers(), file["/axis/p"].numbers());
         let mut expected = vec![0.0; w.len()];
@@ -242,12 +193,7 @@ fn older_warped_fields_go() {
     let path = place.path();
     let first = small(&["output.field_times=[0.3,0.6]"]).with(["--mode", "full"]);
     first.on(2).solve(path).unwrap();
-    for name in [
-        "warped_psi_x.h5",
-        "warped_phi_0001.h5",
-        "warped_mine.h5",
-        "warped_f_1.h5",
-    ] {
+    for name in ["warped_psi_x.h5", "warped_phi_0001.h5", "warped_mine.h5", "warped_f_1.h5"] {
         std::fs::copy(path.join("warped_f.h5"), path.join(name)).unwrap();
     }
     let left = || {
@@ -261,10 +207,7 @@ fn older_warped_fields_go() {
     let second = small(&["output.field_times=[0.3]"]).with(["--mode", "full"]);
     second.on(1).solve(path).unwrap();
     let others = ["warped_f_1.h5", "warped_mine.h5"];
-    assert_eq!(
-        left(),
-        ["warped_f.h5", "warped_f_0001.h5", others[0], others[1]]
-    );
+    assert_eq!(left(), ["warped_f.h5", "warped_f_0001.h5", others[0], others[1]]);
     let file = path.join("warped_f_0001.h5").display().to_string();
     let from = format!("initial={{warped='{file}'}}");
     small(&[&from, "time.end=0.1"]).on(3).solve(path).unwrap();
@@ -281,8 +224,7 @@ fn a_directory_in_the_way_of_a_warped_field_is_refused() {
     let job = small(&["output.field_times=[0.3]"]).into(place.path());
     job.clone().on(2).succeed().unwrap();
     let job = job.with(["--mode", "full"]).on(2);
-    job.is_refused(&["warped_f_0001.h5 in it is a directory"])
-        .unwrap();
+    job.is_refused(&["warped_f_0001.h5 in it is a directory"]).unwrap();
 }
 
 /// `check-result` looks at warped fields too, and names what is not as written.
@@ -330,10 +272,7 @@ fn what_is_kept_is_planned() {
     let rows = full["cells"].as_u64().unwrap();
     let kept = array(&full, "kept modes").unwrap();
     let exactly = rows * 513 * 16;
-    assert!(
-        (exactly..exactly + exactly / 100).contains(&kept),
-        "{kept} {exactly}"
-    );
+    assert!((exactly..exactly + exactly / 100).contains(&kept), "{kept} {exactly}");
     assert!(array(&full, "buffers of the transpose").unwrap() < 17 << 20);
     assert_eq!(full["warp"]["points"], 1024);
     for command in ["plan", "check"] {
@@ -359,11 +298,7 @@ fn what_is_kept_is_planned() {
         let job = small(settings).into(place.path());
         job.is_refused(&[says]).unwrap();
     };
-    let huge = [
-        "output.warped_field=true",
-        "axis.0.x.cells=40000",
-        "axis.0.v.cells=40000",
-    ];
+    let huge = ["output.warped_field=true", "axis.0.x.cells=40000", "axis.0.v.cells=40000"];
     refused(&huge, "memory");
     let classical = ["output.warped_field=true", "solver.method=classical"];
     refused(&classical, "output.warped_field");

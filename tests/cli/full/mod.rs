@@ -14,19 +14,12 @@ pub fn warped(directory: &Path, name: &str) -> Result<(Vec<f64>, Vec<f64>), Stri
 
 /// `e^{p_j} w(p_j)`.
 pub fn read_at((w, p): (&[f64], &[f64]), j: usize) -> Vec<f64> {
-    w.iter()
-        .skip(j)
-        .step_by(p.len())
-        .map(|w| p[j].exp() * w)
-        .collect()
+    w.iter().skip(j).step_by(p.len()).map(|w| p[j].exp() * w).collect()
 }
 
 /// An interval and points by hand, of which p = 1 is one.
-pub const POINTS: [&str; 3] = [
-    "solver.warp.interval=[-160, 40]",
-    "solver.warp.points=800",
-    "solver.warp.recovery=1",
-];
+pub const POINTS: [&str; 3] =
+    ["solver.warp.interval=[-160, 40]", "solver.warp.points=800", "solver.warp.recovery=1"];
 
 /// Full runs take all of the grid; streamed ones that are to have their bits do with this.
 pub const ALL: &str = "solver.reduce={axes=false, velocities=false}";

@@ -19,16 +19,8 @@ fn runs_go_on_from_a_warped_field() {
         let same = ["scheme.interface=conservative", "exact={f='0'}"];
         let run = |end: f64| small(&[&tolerance, &format!("time.end={end}")]).set(&same);
         let full = ["--mode", "full"];
-        let free = &[
-            "solver.warp.profile=smooth",
-            POINTS[0],
-            "solver.warp.points=4800",
-        ];
-        run(0.5)
-            .set(free)
-            .with(full)
-            .on(3)
-            .solve(places[0].path())?;
+        let free = &["solver.warp.profile=smooth", POINTS[0], "solver.warp.points=4800"];
+        run(0.5).set(free).with(full).on(3).solve(places[0].path())?;
         let file = places[0].path().join("warped_f.h5");
         let from = format!("initial={{warped='{}'}}", file.display());
         let second = run(0.5).set(&[&from, "solver.warp.recovery=1"]);
@@ -39,20 +31,11 @@ fn runs_go_on_from_a_warped_field() {
             .with(full)
             .on(1)
             .solve(places[2].path())?;
-        let streamed = second
-            .set(&["output.field_times=[0.2]"])
-            .on(4)
-            .solve(places[3].path())?;
+        let streamed = second.set(&["output.field_times=[0.2]"]).on(4).solve(places[3].path())?;
         let (found, p) = warped(places[1].path(), "f")?;
         let (expected, other) = warped(places[2].path(), "f")?;
-        let moved = p
-            .iter()
-            .zip(&other)
-            .map(|(a, b)| (a - b).abs())
-            .fold(0.0, f64::max);
-        summary.require(p.len() == other.len() && moved < 1e-9, || {
-            "points".to_owned()
-        })?;
+        let moved = p.iter().zip(&other).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        summary.require(p.len() == other.len() && moved < 1e-9, || "points".to_owned())?;
         let off = distance(&found, &expected);
         summary.require(off < 2.0 * asked, || format!("w is off by {off:e}"))?;
         for place in [&places[1], &places[3]] {
@@ -60,15 +43,9 @@ fn runs_go_on_from_a_warped_field() {
             summary.require(off < 10.0 * asked, || format!("f is off by {off:e}"))?;
         }
         let warned = |s: &Summary| s.warnings().contains("initial.warped");
-        summary.require(warned(&summary) && warned(&streamed), || {
-            "no warning".to_owned()
-        })?;
-        summary.require(summary.value["mass_initial"].is_null(), || {
-            "mass".to_owned()
-        })?;
-        summary.require(summary.value["error_estimate"].is_null(), || {
-            "estimate".to_owned()
-        })
+        summary.require(warned(&summary) && warned(&streamed), || "no warning".to_owned())?;
+        summary.require(summary.value["mass_initial"].is_null(), || "mass".to_owned())?;
+        summary.require(summary.value["error_estimate"].is_null(), || "estimate".to_owned())
     });
 }
 
@@ -76,11 +53,7 @@ fn runs_go_on_from_a_warped_field() {
 #[test]
 fn plans_of_runs_from_a_file_have_its_points() {
     let place = directory();
-    let free = [
-        "solver.warp.profile=smooth",
-        POINTS[0],
-        "solver.warp.points=4800",
-    ];
+    let free = ["solver.warp.profile=smooth", POINTS[0], "solver.warp.points=4800"];
     let end = ["time.end=0.5", "solver.tolerance=1e-5"];
     let first = small(&end).set(&free).with(["--mode", "full"]);
     first.on(2).solve(place.path()).unwrap();
@@ -139,18 +112,9 @@ fn any_field_may_be_the_start() {
     let run = |end: f64, to: &Path| {
         let from = format!("initial={{warped='{}'}}", path.display());
         let end = format!("time.end={end}");
-        let settings = [
-            &from,
-            &end,
-            "solver.tolerance=1e-10",
-            "scheme.interface=conservative",
-        ];
+        let settings = [&from, &end, "solver.tolerance=1e-10", "scheme.interface=conservative"];
         let grid = ["axis.0.x.cells=7", "axis.0.v.cells=6"];
-        small(&grid)
-            .set(&settings)
-            .with(["--mode", "full"])
-            .on(3)
-            .solve(to)
+        small(&grid).set(&settings).with(["--mode", "full"]).on(3).solve(to)
     };
     let short = directory();
     run(1e-9, short.path()).unwrap();
@@ -165,22 +129,12 @@ fn any_field_may_be_the_start() {
     let norm = |w: &[f64]| {
         // Without the mode N_p/2: the mean of each two neighbours' alternating part taken out.
         let line = |line: &[f64]| {
-            let alternating: f64 = line
-                .iter()
-                .enumerate()
-                .map(|(j, w)| if j % 2 == 0 { *w } else { -w })
-                .sum::<f64>()
-                / points as f64;
+            let alternating: f64 =
+                line.iter().enumerate().map(|(j, w)| if j % 2 == 0 { *w } else { -w }).sum::<f64>()
+                    / points as f64;
             line.iter()
                 .enumerate()
-                .map(|(j, w)| {
-                    (w - if j % 2 == 0 {
-                        alternating
-                    } else {
-                        -alternating
-                    })
-                    .powi(2)
-                })
+                .map(|(j, w)| (w - if j % 2 == 0 { alternating } else { -alternating }).powi(2))
                 .sum::<f64>()
         };
         w.chunks_exact(points).map(line).sum::<f64>().sqrt()
@@ -194,59 +148,23 @@ fn any_field_may_be_the_start() {
 #[test]
 fn senseless_starts_are_refused() {
     let place = directory();
-    small(&[])
-        .with(["--mode", "full"])
-        .solve(place.path())
-        .unwrap();
+    small(&[]).with(["--mode", "full"]).solve(place.path()).unwrap();
     let file = place.path().join("warped_f.h5").display().to_string();
     let from = format!("initial={{warped='{file}'}}");
     let rows: [(&[&str], &[&str]); 13] = [
         (&["initial={warped=5}"], &["initial.warped", "text"]),
         (&["initial={warped=''}"], &["initial.warped", "path"]),
-        (
-            &["initial={warped='no.h5'}"],
-            &["initial.warped", "no.h5", "No such file"],
-        ),
-        (
-            &["initial={warped='../README.md'}"],
-            &["initial.warped", "README.md"],
-        ),
-        (
-            &[&format!("initial.warped='{file}'")],
-            &["initial.f", "either initial.warped"],
-        ),
-        (
-            &[&from, "axis.0.x.cells=13"],
-            &["initial.warped", "[14, 11", "[13, 11]"],
-        ),
-        (
-            &[&from, "axis.0.v.upper=1.6"],
-            &["initial.warped", "/axis/vx", "1.6"],
-        ),
-        (
-            &[&from, "inflow.value=1"],
-            &["initial.warped", "nothing may enter"],
-        ),
-        (
-            &[&from, "solver.method=classical"],
-            &["initial.warped", "schrodingerized"],
-        ),
-        (
-            &[&from, "exact={kind='characteristics'}"],
-            &["initial.warped", "exact.f"],
-        ),
-        (
-            &[&from, "solver.verify=true"],
-            &["solver.verify", "initial.warped"],
-        ),
-        (
-            &[&from, "solver.warp.points=64"],
-            &["solver.warp.points", "initial.warped"],
-        ),
-        (
-            &[&from, "solver.warp.recovery=250"],
-            &["solver.warp.recovery", "250", "points"],
-        ),
+        (&["initial={warped='no.h5'}"], &["initial.warped", "no.h5", "No such file"]),
+        (&["initial={warped='../README.md'}"], &["initial.warped", "README.md"]),
+        (&[&format!("initial.warped='{file}'")], &["initial.f", "either initial.warped"]),
+        (&[&from, "axis.0.x.cells=13"], &["initial.warped", "[14, 11", "[13, 11]"]),
+        (&[&from, "axis.0.v.upper=1.6"], &["initial.warped", "/axis/vx", "1.6"]),
+        (&[&from, "inflow.value=1"], &["initial.warped", "nothing may enter"]),
+        (&[&from, "solver.method=classical"], &["initial.warped", "schrodingerized"]),
+        (&[&from, "exact={kind='characteristics'}"], &["initial.warped", "exact.f"]),
+        (&[&from, "solver.verify=true"], &["solver.verify", "initial.warped"]),
+        (&[&from, "solver.warp.points=64"], &["solver.warp.points", "initial.warped"]),
+        (&[&from, "solver.warp.recovery=250"], &["solver.warp.recovery", "250", "points"]),
     ];
     check_all(&rows, |(settings, says)| {
         let to = directory();
@@ -262,12 +180,8 @@ fn senseless_starts_are_refused() {
     std::fs::write(home.path().join("case.toml"), text).unwrap();
     std::fs::copy(&file, home.path().join("start.h5")).unwrap();
     let job = Job::new(["run", &home.path().join("case.toml").display().to_string()]);
-    let settings = [
-        "axis.0.x.cells=14",
-        "axis.0.v.cells=11",
-        "exact={f='0'}",
-        "initial={warped='start.h5'}",
-    ];
+    let settings =
+        ["axis.0.x.cells=14", "axis.0.v.cells=11", "exact={f='0'}", "initial={warped='start.h5'}"];
     job.set(&settings).solve(home.path()).unwrap();
     // check and plan look at the file as well.
     for command in ["plan", "check"] {

@@ -13,9 +13,7 @@ fn browser() -> Option<PathBuf> {
     let path = std::env::var_os("PATH")?;
     let names = ["chromium", "chromium-browser", "google-chrome"];
     let places: Vec<PathBuf> = std::env::split_paths(&path).collect();
-    let all = names
-        .iter()
-        .flat_map(|name| places.iter().map(move |p| p.join(name)));
+    let all = names.iter().flat_map(|name| places.iter().map(move |p| p.join(name)));
     all.into_iter().find(|p| p.is_file())
 }
 
@@ -50,9 +48,7 @@ fn open(browser: &Path, page: &Path, width: u32, more: &[String]) -> Result<Stri
         .args(more)
         .arg(format!("file://{}", page.display()))
         .env("HOME", profile.path());
-    let output = command
-        .output()
-        .map_err(|e| format!("{}: {e}", browser.display()))?;
+    let output = command.output().map_err(|e| format!("{}: {e}", browser.display()))?;
     if !output.status.success() {
         return Err(String::from_utf8_lossy(&output.stderr).into_owned());
     }
@@ -80,28 +76,16 @@ fn a_browser_opens_the_report() {
         let required = std::env::var("PHASEWARP_BROWSER").is_ok_and(|v| v == "required");
         assert!(!required, "{why}");
         // Not through the test's own output, which is shown of failures only.
-        let _ = writeln!(
-            std::io::stderr(),
-            "SKIPPED: tests/cli/pictures/browser.rs: {why}"
-        );
+        let _ = writeln!(std::io::stderr(), "SKIPPED: tests/cli/pictures/browser.rs: {why}");
         return;
     };
     let place = directory();
     let marked =
         "title=\"</title><script>document.title='x'</script><img src=http://127.0.0.1:9/a.png>\"";
-    let settings = [
-        "axis.0.x.cells=40",
-        "axis.0.v.cells=38",
-        "output.moments_every=0.25",
-        marked,
-    ];
-    let job = Job::new(["run", &case("example1.toml")])
-        .set(&settings)
-        .on(2);
+    let settings = ["axis.0.x.cells=40", "axis.0.v.cells=38", "output.moments_every=0.25", marked];
+    let job = Job::new(["run", &case("example1.toml")]).set(&settings).on(2);
     job.solve(place.path()).unwrap();
-    Job::new(["report", &place.path().display().to_string()])
-        .succeed()
-        .unwrap();
+    Job::new(["report", &place.path().display().to_string()]).succeed().unwrap();
     let page = place.path().join("report.html");
     let pictures = album(place.path()).pictures.len();
     assert!(pictures >= 6);
@@ -117,39 +101,23 @@ fn a_browser_opens_the_report() {
     // Control: a page that does is noticed.
     let asking = place.path().join("asking.html");
     std::fs::write(&asking, "<img src=http://127.0.0.1:9/a.png>").unwrap();
-    open(
-        &browser,
-        &asking,
-        600,
-        &[log_to(&log), "--dump-dom".to_owned()],
-    )
-    .unwrap();
+    open(&browser, &asking, 600, &[log_to(&log), "--dump-dom".to_owned()]).unwrap();
     assert!(requests(&log).iter().any(|url| url.contains("127.0.0.1:9")));
 
     // Every picture has its place, nothing sticks out sideways; asked of the page by a script,
     // which it does not allow itself.
     let text = std::fs::read_to_string(&page).unwrap();
-    let policy = text
-        .lines()
-        .find(|l| l.contains("Content-Security-Policy"))
-        .unwrap();
+    let policy = text.lines().find(|l| l.contains("Content-Security-Policy")).unwrap();
     let script = "<script>const wide=e=>e.getBoundingClientRect().width>250;\
         document.body.innerHTML=\
         'pictures='+[...document.querySelectorAll('figure svg')].filter(wide).length+\
         ' marked='+document.querySelectorAll('img:not(svg *)').length+\
         ' over='+(document.documentElement.scrollWidth-document.documentElement.clientWidth)</script></body>";
     let measured = place.path().join("measured.html");
-    std::fs::write(
-        &measured,
-        text.replace(policy, "").replace("</body>", script),
-    )
-    .unwrap();
+    std::fs::write(&measured, text.replace(policy, "").replace("</body>", script)).unwrap();
     for width in [1200, 600] {
         let said = open(&browser, &measured, width, &["--dump-dom".to_owned()]).unwrap();
         let expected = format!("pictures={pictures} marked=0 over=0");
-        assert!(
-            said.contains(&expected),
-            "{width}: {expected} expected, {said}"
-        );
+        assert!(said.contains(&expected), "{width}: {expected} expected, {said}");
     }
 }

@@ -16,11 +16,7 @@ fn tiny(name: &str) -> &'static [&'static str] {
     match name {
         "example1.toml" | "example2.toml" => &["axis.0.x.cells=24", "axis.0.v.cells=21"],
         "example3.toml" => &["axis.0.v.cells=5", "axis.1.v.cells=4"],
-        "barrier2d.toml" => &[
-            "axis.0.v.cells=5",
-            "axis.1.v.cells=4",
-            "solver.tolerance=1e-3",
-        ],
+        "barrier2d.toml" => &["axis.0.v.cells=5", "axis.1.v.cells=4", "solver.tolerance=1e-3"],
         other => shrunk(other),
     }
 }
@@ -38,9 +34,7 @@ fn look_at(path: &Path) -> Result<(u32, u32), String> {
     let others = pixels.chunks_exact(bytes).filter(|p| *p != first).count();
     // Text and frames alone are more.
     if others < 500 {
-        return Err(fails(&format!(
-            "blank: {others} pixels are not as the first"
-        )));
+        return Err(fails(&format!("blank: {others} pixels are not as the first")));
     }
     Ok((info.width, info.height))
 }
@@ -57,19 +51,15 @@ fn read_svg(path: &Path) -> Result<String, String> {
 pub fn names(directory: &Path, ending: &str) -> Vec<String> {
     let entries = std::fs::read_dir(directory).into_iter().flatten();
     let all = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-    let mut names: Vec<String> = all
-        .filter_map(|n| Some(n.strip_suffix(ending)?.to_owned()))
-        .collect();
+    let mut names: Vec<String> =
+        all.filter_map(|n| Some(n.strip_suffix(ending)?.to_owned())).collect();
     names.sort();
     names
 }
 
 #[test]
 fn every_case_is_drawn() {
-    const CLASSICAL: &[&str] = &[
-        "solver.method=classical",
-        "solver.classical.integrator=ssp-rk3",
-    ];
+    const CLASSICAL: &[&str] = &["solver.method=classical", "solver.classical.integrator=ssp-rk3"];
     const MORE: &[&str] = &[
         "output.moments_every=0.3",
         "output.plateau={points=5}",
@@ -95,16 +85,8 @@ fn every_case_is_drawn() {
         let plane = ["example3", "2d", "3d"].iter().any(|n| name.contains(n));
         let classical = *settings == CLASSICAL;
         let mut expected = vec!["phase_space", "time"];
-        expected.extend(if plane {
-            &["density", "velocity"][..]
-        } else {
-            &["moments"]
-        });
-        expected.extend(if classical {
-            &[][..]
-        } else {
-            &["modes", "profile"]
-        });
+        expected.extend(if plane { &["density", "velocity"][..] } else { &["moments"] });
+        expected.extend(if classical { &[][..] } else { &["modes", "profile"] });
         expected.extend(if *settings == MORE {
             &["history", "plateau", "readout"][..]
         } else {
@@ -124,24 +106,19 @@ fn every_case_is_drawn() {
                 return Err(format!("{name}.png: {width} x {height}"));
             }
         }
-        let done = Job::new(["report", &path])
-            .on(*ranks)
-            .within(120)
-            .succeed()?;
+        let done = Job::new(["report", &path]).on(*ranks).within(120).succeed()?;
         let page = std::fs::read_to_string(place.path().join("report.html"))
             .map_err(|e| done.report(&e.to_string()))?;
-        let missing: Vec<&String> = drawn
-            .iter()
-            .filter(|n| !page.contains(&format!("picture-{n}\"")))
-            .collect();
+        let missing: Vec<&String> =
+            drawn.iter().filter(|n| !page.contains(&format!("picture-{n}\""))).collect();
         if !missing.is_empty()
             || page.contains("<script")
             || page.contains("src=\"http")
             || page.contains("NaN")
         {
-            return Err(done.report(&format!(
-                "{name}: report lacks {missing:?}, or is not of its own"
-            )));
+            return Err(
+                done.report(&format!("{name}: report lacks {missing:?}, or is not of its own"))
+            );
         }
         Ok(())
     });
@@ -172,14 +149,8 @@ fn lines(figure: &Figure, panel: usize) -> [Vec<[f64; 2]>; 2] {
         Layer::Line { points, .. } => Some(points.clone()),
         _ => None,
     };
-    let all: Vec<_> = figure.panels[panel]
-        .layers
-        .iter()
-        .filter_map(line)
-        .collect();
-    let [.., below, above] = &all[..] else {
-        panic!("panel {panel} has {} lines", all.len())
-    };
+    let all: Vec<_> = figure.panels[panel].layers.iter().filter_map(line).collect();
+    let [.., below, above] = &all[..] else { panic!("panel {panel} has {} lines", all.len()) };
     [below.clone(), above.clone()]
 }
 
@@ -191,14 +162,7 @@ fn maps(figure: &Figure) -> Vec<(&str, &Map)> {
             _ => None,
         }
     }
-    panels
-        .flat_map(|p| {
-            p.layers
-                .iter()
-                .filter_map(of)
-                .map(|m| (p.title.as_str(), m))
-        })
-        .collect()
+    panels.flat_map(|p| p.layers.iter().filter_map(of).map(|m| (p.title.as_str(), m))).collect()
 }
 
 #[test]
@@ -216,23 +180,16 @@ fn numbers_drawn_are_those_of_the_file() {
     let (f, exact) = (stored["/f"].numbers(), stored["/exact"].numbers());
     let apart: Vec<f64> = f.iter().zip(&exact).map(|(a, b)| a - b).collect();
     let titles: Vec<&str> = maps.iter().map(|m| m.0).collect();
-    assert_eq!(
-        titles,
-        ["exact", "Schrödingerized", "Schrödingerized − exact"]
-    );
+    assert_eq!(titles, ["exact", "Schrödingerized", "Schrödingerized − exact"]);
     for ((_, map), values) in maps.iter().zip([&exact, &f, &apart]) {
         assert_eq!((map.shape, &map.values), ([26, 23], values));
         assert_eq!((map.x, map.y), ([-1.5, 1.5], [-1.5, 1.5]));
     }
     // The jump, once a map.
-    let jumps = phase
-        .panels
-        .iter()
-        .flat_map(|p| &p.layers)
-        .filter_map(|l| match l {
-            Layer::Vertical { at, .. } => Some(*at),
-            _ => None,
-        });
+    let jumps = phase.panels.iter().flat_map(|p| &p.layers).filter_map(|l| match l {
+        Layer::Vertical { at, .. } => Some(*at),
+        _ => None,
+    });
     assert_eq!(jumps.collect::<Vec<_>>(), [0.0; 3]);
 
     let moments = figure(&album, "moments");
@@ -268,9 +225,7 @@ fn numbers_drawn_are_those_of_the_file() {
     assert!((from[1] - summary.number("decay_bound").unwrap()).abs() < 1e-9);
     let errors = curve(profile, 1, "read at p◇");
     let worst = |inside: bool| {
-        let all = errors
-            .iter()
-            .filter(|p| (from[0]..=from[1]).contains(&p[0]) == inside);
+        let all = errors.iter().filter(|p| (from[0]..=from[1]).contains(&p[0]) == inside);
         all.fold(0.0f64, |m, p| m.max(p[1]))
     };
     let ratio = summary.number("norm_ratio_planned").unwrap();
@@ -298,21 +253,14 @@ fn planes_are_cut_where_asked() {
     }
     assert_eq!(cut.0[0], run.axis(0).cells / 2);
     let maps = maps(figure(&album, "phase_space"));
-    let exact: Vec<_> = maps
-        .iter()
-        .filter(|m| m.0.starts_with("exact at"))
-        .collect();
+    let exact: Vec<_> = maps.iter().filter(|m| m.0.starts_with("exact at")).collect();
     assert_eq!(exact.len(), 2);
     for (a, (_, map)) in exact.into_iter().enumerate() {
         for (k, value) in map.values.iter().enumerate() {
             let mut cells = cut.0.clone();
             (cells[a], cells[2 + a]) = (k / map.shape[1], k % map.shape[1]);
             let factors = [1.0, 10.0, 100.0, 1000.0];
-            let sum: f64 = factors
-                .iter()
-                .enumerate()
-                .map(|(b, c)| c * centre(b, cells[b]))
-                .sum();
+            let sum: f64 = factors.iter().enumerate().map(|(b, c)| c * centre(b, cells[b])).sum();
             assert!((value - 1.0 - sum).abs() < 1e-9, "{a} {k}");
         }
     }
@@ -325,10 +273,7 @@ fn planes_are_cut_where_asked() {
         ("x=one", "not a number"),
     ] {
         let error = Cut::parse(&run, text).unwrap_err();
-        assert!(
-            error.to_string().contains(words) && error.exit_code() == 2,
-            "{error}"
-        );
+        assert!(error.to_string().contains(words) && error.exit_code() == 2, "{error}");
     }
 }
 
@@ -339,10 +284,7 @@ fn what_is_missing_is_said() {
     let small = ["axis.0.x.cells=20", "axis.0.v.cells=12"];
     let job = Job::new(["run", &case("example1.toml")]);
     job.clone().set(&small).solve(place.path()).unwrap();
-    job.clone()
-        .set(&["axis.0.x.cells=22", "axis.0.v.cells=12"])
-        .solve(other.path())
-        .unwrap();
+    job.clone().set(&["axis.0.x.cells=22", "axis.0.v.cells=12"]).solve(other.path()).unwrap();
     let nowhere = at(&empty) + "/none";
     let refused = |arguments: &[&str], words: &str| {
         for ranks in [1, 2] {
@@ -355,10 +297,7 @@ fn what_is_missing_is_said() {
         refused(&[command, &at(&empty)], "result.h5");
         refused(&[command, &nowhere], "result.h5");
         refused(&[command, &at(&place), "--slice", "x=0.1"], "one dimension");
-        refused(
-            &[command, &at(&place), "--beside", &at(&other)],
-            "another grid",
-        );
+        refused(&[command, &at(&place), "--beside", &at(&other)], "another grid");
     }
     std::fs::write(empty.path().join("result.h5"), "nothing of HDF5").unwrap();
     refused(&["plot", &at(&empty)], "result.h5");
@@ -374,12 +313,7 @@ fn what_is_missing_is_said() {
     stored.unlink("timings").unwrap();
     stored.close().unwrap();
     let done = Job::new(["plot", &at(&place)]).on(2).succeed().unwrap();
-    assert!(
-        done.output
-            .contains("moments: left out: there is no /velocity"),
-        "{}",
-        done.output
-    );
+    assert!(done.output.contains("moments: left out: there is no /velocity"), "{}", done.output);
     assert_eq!(
         names(&place.path().join("plots"), ".svg"),
         ["modes", "phase_space", "profile", "time"]
@@ -404,16 +338,8 @@ fn another_run_beside() {
     let [place, other] = [directory(), directory()];
     for (place, method) in [(&place, "schrodingerized"), (&other, "classical")] {
         let method = format!("solver.method={method}");
-        let settings = [
-            "axis.0.x.cells=18",
-            "axis.0.v.cells=16",
-            "time.end=0.9",
-            &method,
-        ];
-        Job::new(["run", &case("example2.toml")])
-            .set(&settings)
-            .solve(place.path())
-            .unwrap();
+        let settings = ["axis.0.x.cells=18", "axis.0.v.cells=16", "time.end=0.9", &method];
+        Job::new(["run", &case("example2.toml")]).set(&settings).solve(place.path()).unwrap();
     }
     let [run, beside] = [&place, &other].map(|p| Stored::open(p.path()).unwrap());
     let album = pictures::draw(&run, Some(&beside), &[]).unwrap();
@@ -424,20 +350,12 @@ fn another_run_beside() {
     // Both are within the tolerance of the same, but not the same.
     let of = |title: &str| &maps.iter().find(|m| m.0 == title).unwrap().1.values;
     let stored = [&place, &other].map(|p| datasets(p.path()).unwrap()["/psi"].numbers());
-    assert!(
-        of(difference)
-            .iter()
-            .zip(&stored[0])
-            .zip(&stored[1])
-            .all(|((d, a), b)| *d == a - b)
-    );
+    assert!(of(difference).iter().zip(&stored[0]).zip(&stored[1]).all(|((d, a), b)| *d == a - b));
     let apart = distance(of("ψ, Schrödingerized"), &stored[1]);
     assert!(apart > 0.0 && apart < 1e-5, "{apart:e}");
     // The density with the discrete delta function: φ δ(ψ) sums to it.
-    let (concentrated, density) = (
-        of("φ δ(ψ), Schrödingerized"),
-        datasets(place.path()).unwrap()["/density"].numbers(),
-    );
+    let (concentrated, density) =
+        (of("φ δ(ψ), Schrödingerized"), datasets(place.path()).unwrap()["/density"].numbers());
     for (line, density) in concentrated.chunks(16).zip(density) {
         let sum: f64 = line.iter().map(|f| f * 3.2 / 16.0).sum();
         assert!((sum - density).abs() < 1e-12, "{sum} {density}");

@@ -32,19 +32,13 @@ pub fn shrunk(name: &str) -> &'static [&'static str] {
             "axis.1.v.cells=4",
             "time.end=1.0",
         ],
-        "periodic2d.toml" => &[
-            "axis.0.x.cells=12",
-            "axis.0.v.cells=7",
-            "axis.1.x.cells=5",
-            "axis.1.v.cells=5",
-        ],
+        "periodic2d.toml" => {
+            &["axis.0.x.cells=12", "axis.0.v.cells=7", "axis.1.x.cells=5", "axis.1.v.cells=5"]
+        }
         "pulsed_inflow.toml" => &["axis.0.x.cells=24", "axis.0.v.cells=26"],
-        "quantum_dot2d.toml" => &[
-            "axis.0.x.cells=12",
-            "axis.0.v.cells=8",
-            "axis.1.x.cells=12",
-            "axis.1.v.cells=7",
-        ],
+        "quantum_dot2d.toml" => {
+            &["axis.0.x.cells=12", "axis.0.v.cells=8", "axis.1.x.cells=12", "axis.1.v.cells=7"]
+        }
         "step_slope3d.toml" => &[
             "axis.0.x.cells=6",
             "axis.0.v.cells=5",
@@ -59,9 +53,7 @@ pub fn shrunk(name: &str) -> &'static [&'static str] {
 
 /// Path of a case file.
 pub fn case(name: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("cases")
-        .join(name);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases").join(name);
     path.display().to_string()
 }
 
@@ -77,10 +69,7 @@ pub fn directory() -> tempfile::TempDir {
 }
 
 /// What a run with slopes needs.
-pub const SLOPES: [&str; 2] = [
-    "solver.method=classical",
-    "solver.classical.integrator=ssp-rk3",
-];
+pub const SLOPES: [&str; 2] = ["solver.method=classical", "solver.classical.integrator=ssp-rk3"];
 
 /// Both interface laws.
 pub const INTERFACES: [&str; 2] = ["hat", "conservative"];

@@ -24,9 +24,7 @@ pub fn check_all<T: Sync>(rows: &[T], check: impl Fn(&T) -> Result<(), String> +
             });
         }
     });
-    let failures = failures
-        .into_inner()
-        .unwrap_or_else(PoisonError::into_inner);
+    let failures = failures.into_inner().unwrap_or_else(PoisonError::into_inner);
     assert!(
         failures.is_empty(),
         "{} of {} failed:\n\n{}\n",
@@ -42,11 +40,7 @@ pub fn require(
     finished: &Finished,
     what: impl FnOnce() -> String,
 ) -> Result<(), String> {
-    if holds {
-        Ok(())
-    } else {
-        Err(finished.report(&what()))
-    }
+    if holds { Ok(()) } else { Err(finished.report(&what())) }
 }
 
 /// `value` is at most `limit`; written so that NaN fails.
@@ -84,19 +78,14 @@ pub fn meets_its_tolerance_within(summary: &Summary, factor: f64) -> Result<(), 
 
 /// The error is at most the tolerance that was asked for.
 pub fn tolerance_is_met(summary: &Summary) -> Result<(), String> {
-    let (error, tolerance) = (
-        summary.number("error_semidiscrete")?,
-        summary.number("tolerance")?,
-    );
+    let (error, tolerance) = (summary.number("error_semidiscrete")?, summary.number("tolerance")?);
     summary.holds(at_most("error_semidiscrete", error, tolerance))
 }
 
 /// The estimate is right up to `factor`, or says that it cannot tell.
 pub fn estimate_is_right_or_silent(summary: &Summary, factor: f64) -> Result<(), String> {
-    let (error, estimate) = (
-        summary.number("error_semidiscrete")?,
-        summary.number("error_estimate")?,
-    );
+    let (error, estimate) =
+        (summary.number("error_semidiscrete")?, summary.number("error_estimate")?);
     let reliable = summary.boolean("error_estimate_reliable")?;
     let ratio = estimate / error;
     let right = (1.0 / factor..=factor).contains(&ratio);
@@ -116,9 +105,7 @@ pub fn solved_or_refused(
     if finished.code == Some(2) {
         return refused(finished, says);
     }
-    require(finished.code == Some(0), finished, || {
-        "neither solved nor refused".into()
-    })?;
+    require(finished.code == Some(0), finished, || "neither solved nor refused".into())?;
     let value = Summary::read(finished.clone(), directory)?.value;
     let error = value["error_semidiscrete"].as_f64().unwrap_or(f64::NAN);
     require(error <= tolerance, finished, || {

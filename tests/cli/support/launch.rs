@@ -78,8 +78,7 @@ impl Job {
     /// `--set` for each of `settings`.
     pub fn set(mut self, settings: &[&str]) -> Self {
         for setting in settings {
-            self.arguments
-                .extend(["--set".to_owned(), (*setting).to_owned()]);
+            self.arguments.extend(["--set".to_owned(), (*setting).to_owned()]);
         }
         self
     }
@@ -185,10 +184,7 @@ impl Job {
             // The shell sets the cap and becomes the job.
             let script = "ulimit -v \"$1\" && shift && exec \"$@\"";
             let kibibytes = (MEMORY_CAP >> 10).to_string();
-            words.splice(
-                0..0,
-                ["sh", "-c", script, "sh", &kibibytes].map(str::to_owned),
-            );
+            words.splice(0..0, ["sh", "-c", script, "sh", &kibibytes].map(str::to_owned));
         }
         let fail =
             |what: &str, e: &dyn std::fmt::Display| format!("{}: {what}: {e}", self.command());
@@ -220,10 +216,7 @@ impl Job {
         let mut output = tempfile::tempfile().map_err(|e| fail("temporary file", &e))?;
         let mut errors = tempfile::tempfile().map_err(|e| fail("temporary file", &e))?;
         let copy = |file: &std::fs::File| file.try_clone().map_err(|e| fail("temporary file", &e));
-        command
-            .stdin(Stdio::null())
-            .stdout(copy(&output)?)
-            .stderr(copy(&errors)?);
+        command.stdin(Stdio::null()).stdout(copy(&output)?).stderr(copy(&errors)?);
         let slots = Slots::take(self.ranks.unwrap_or(1));
         let started = Instant::now();
         let mut child = command.spawn().map_err(|e| fail("not started", &e))?;

@@ -82,16 +82,10 @@ impl Finished {
             Some(code) => format!("exit code {code}"),
             None => "ended by a signal".to_owned(),
         };
-        let mut text = format!(
-            "{what}\n  command: {}\n  {ending} after {:.1} s",
-            self.command, self.seconds
-        );
+        let mut text =
+            format!("{what}\n  command: {}\n  {ending} after {:.1} s", self.command, self.seconds);
         // mpirun's own words about an exit code that is not 0 say nothing new.
-        let launcher = if self.errors.is_empty() {
-            self.launcher.as_str()
-        } else {
-            ""
-        };
+        let launcher = if self.errors.is_empty() { self.launcher.as_str() } else { "" };
         for (who, said) in [
             ("stdout", self.output.as_str()),
             ("stderr", &self.errors),
@@ -127,10 +121,7 @@ impl Summary {
             |e: &dyn std::fmt::Display| finished.report(&format!("{}: {e}", path.display()));
         let text = std::fs::read_to_string(&path).map_err(|e| fails(&e))?;
         let value = serde_json::from_str(&text).map_err(|e| fails(&e))?;
-        Ok(Self {
-            command: finished.command,
-            value,
-        })
+        Ok(Self { command: finished.command, value })
     }
 
     /// `outcome`, with the command where it is an error.
@@ -165,10 +156,6 @@ impl Summary {
 
     /// An error that names the command, unless `holds`.
     pub fn require(&self, holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
-        if holds {
-            Ok(())
-        } else {
-            Err(format!("{}\n  command: {}", what(), self.command))
-        }
+        if holds { Ok(()) } else { Err(format!("{}\n  command: {}", what(), self.command)) }
     }
 }

@@ -8,11 +8,7 @@ pub fn run(python: &Path, script: &str, arguments: &[&str]) -> Result<String, St
     let output = Command::new(python).arg(script).args(arguments).output();
     let output = output.map_err(|e| format!("{}: {e}", python.display()))?;
     let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    if output.status.success() {
-        Ok(said(&output.stdout))
-    } else {
-        Err(said(&output.stderr))
-    }
+    if output.status.success() { Ok(said(&output.stdout)) } else { Err(said(&output.stderr)) }
 }
 
 /// A Python with the packages of the script: that of `target/FOLDER`, or the one on the path.

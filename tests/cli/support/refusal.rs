@@ -26,26 +26,18 @@ impl Job {
 /// Refused as a mistake of the user: exit code 2, soon, with one message, from rank 0, that says
 /// all of `says`.
 pub fn refused(finished: &Finished, says: &[&str]) -> Result<(), String> {
-    require(finished.code == Some(2), finished, || {
-        "exit code 2 expected".into()
-    })?;
-    require(finished.others.is_empty(), finished, || {
-        "only rank 0 speaks".into()
-    })?;
+    require(finished.code == Some(2), finished, || "exit code 2 expected".into())?;
+    require(finished.others.is_empty(), finished, || "only rank 0 speaks".into())?;
     one_message(&finished.errors, says).map_err(|what| finished.report(&what))?;
     let seconds = finished.seconds;
-    require(seconds < SECONDS_TO_REFUSE, finished, || {
-        format!("refused after {seconds:.1} s")
-    })
+    require(seconds < SECONDS_TO_REFUSE, finished, || format!("refused after {seconds:.1} s"))
 }
 
 /// One message, after nothing but warnings, that says all of `says`.
 fn one_message(message: &str, says: &[&str]) -> Result<(), String> {
     let errors = message.matches("error: ").count();
     if errors != 1 {
-        return Err(format!(
-            "one message expected, \"error: \" occurs {errors} times"
-        ));
+        return Err(format!("one message expected, \"error: \" occurs {errors} times"));
     }
     let before = message.split("error: ").next().unwrap_or_default();
     if !before.lines().all(|l| l.starts_with("warning: ")) {
@@ -76,11 +68,7 @@ impl Mistake {
     /// In a file of `cases/` with these settings.
     pub fn set(name: &str, settings: &[&str], says: &[&str]) -> Self {
         let owned = |list: &[&str]| list.iter().map(|s| (*s).to_owned()).collect();
-        Self {
-            path: case(name),
-            settings: owned(settings),
-            says: owned(says),
-        }
+        Self { path: case(name), settings: owned(settings), says: owned(says) }
     }
 
     /// Refused by the reader, in this process: what [`refused`] asks for, of the error that the
@@ -146,12 +134,7 @@ pub fn all_refused<T: Sync>(rows: &[T], mistake: impl Fn(&T, &Path) -> Mistake +
 pub fn edited(place: &Path, old: &str, new: &str) -> (PathBuf, usize) {
     let text = std::fs::read_to_string(case("example1.toml")).unwrap();
     let found: Vec<usize> = text.match_indices(old).map(|(at, _)| at).collect();
-    assert_eq!(
-        found.len(),
-        1,
-        "\"{old}\" occurs {} times in example1.toml",
-        found.len()
-    );
+    assert_eq!(found.len(), 1, "\"{old}\" occurs {} times in example1.toml", found.len());
     let line = 1 + text[..found[0]].matches('\n').count();
     let path = place.join("edited.toml");
     std::fs::write(&path, text.replace(old, new)).unwrap();

@@ -65,29 +65,20 @@ fn stored(dataset: &hdf5::Dataset) -> hdf5::Result<Stored> {
     if status < 0 {
         return Err(format!("{} cannot be read", dataset.name()).into());
     }
-    Ok(Stored {
-        shape: dataset.shape(),
-        bytes,
-    })
+    Ok(Stored { shape: dataset.shape(), bytes })
 }
 
 /// `/f` as numbers.
 pub fn field(directory: &Path) -> Result<Vec<f64>, String> {
     let all = datasets(directory)?;
-    let f = all
-        .get("/f")
-        .ok_or_else(|| format!("{}: no /f in result.h5", directory.display()))?;
+    let f = all.get("/f").ok_or_else(|| format!("{}: no /f in result.h5", directory.display()))?;
     Ok(f.numbers())
 }
 
 /// Names of the datasets that are not the same in both, or are in one only.
 pub fn differences(a: &BTreeMap<String, Stored>, b: &BTreeMap<String, Stored>) -> Vec<String> {
     let names: std::collections::BTreeSet<&String> = a.keys().chain(b.keys()).collect();
-    names
-        .into_iter()
-        .filter(|name| a.get(*name) != b.get(*name))
-        .cloned()
-        .collect()
+    names.into_iter().filter(|name| a.get(*name) != b.get(*name)).cloned().collect()
 }
 
 /// Relative l2 distance of `a` from `b`.

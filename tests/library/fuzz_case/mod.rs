@@ -31,10 +31,7 @@ fn cases() -> Vec<String> {
         .collect();
     paths.sort();
     assert!(paths.len() >= 7, "{paths:?}");
-    paths
-        .iter()
-        .map(|p| std::fs::read_to_string(p).expect("a case is text"))
-        .collect()
+    paths.iter().map(|p| std::fs::read_to_string(p).expect("a case is text")).collect()
 }
 
 /// Values in the corners and the middle of the box, and where there is nothing.
@@ -52,10 +49,7 @@ fn sound(text: &str, overrides: &[String]) -> Result<bool, String> {
         Err(error) => {
             let message = error.to_string();
             let named = message.starts_with("fuzz.toml") || message.starts_with("--set ");
-            return match (
-                error.exit_code(),
-                named && message.len() > "fuzz.toml: ".len(),
-            ) {
+            return match (error.exit_code(), named && message.len() > "fuzz.toml: ".len()) {
                 (2, true) => Ok(false),
                 (code, _) => Err(format!("exit code {code}, message: {message}")),
             };
@@ -83,18 +77,8 @@ fn sound(text: &str, overrides: &[String]) -> Result<bool, String> {
                 .axes()
                 .all(|a| a.lower < a.upper && a.width().is_finite() && a.width() > 0.0),
         ),
-        (
-            "last region",
-            case.potential.last().is_some_and(|r| r.condition.is_none()),
-        ),
-        (
-            "other regions",
-            case.potential
-                .iter()
-                .rev()
-                .skip(1)
-                .all(|r| r.condition.is_some()),
-        ),
+        ("last region", case.potential.last().is_some_and(|r| r.condition.is_none())),
+        ("other regions", case.potential.iter().rev().skip(1).all(|r| r.condition.is_some())),
     ];
     for region in &case.potential {
         evaluate(&region.value);
@@ -114,17 +98,11 @@ fn sound(text: &str, overrides: &[String]) -> Result<bool, String> {
     }
     // Small ones are planned, too.
     if case.space.cells() < 2000 && Bounds::new(&case).is_ok_and(|b| b.rate * case.end < 100.0) {
-        let resources = Resources {
-            ranks: 3,
-            ..Resources::default()
-        };
+        let resources = Resources { ranks: 3, ..Resources::default() };
         if let Err(error) = Plan::new(&case, &resources, 1.5)
             && error.exit_code() != 2
         {
-            return Err(format!(
-                "exit code {} of the plan: {error}",
-                error.exit_code()
-            ));
+            return Err(format!("exit code {} of the plan: {error}", error.exit_code()));
         }
     }
     Ok(true)
@@ -139,9 +117,7 @@ where
     S::Value: std::fmt::Debug,
 {
     let (announce, announced) = channel();
-    let wanted: Option<u32> = std::env::var("PHASEWARP_FUZZ")
-        .ok()
-        .and_then(|n| n.parse().ok());
+    let wanted: Option<u32> = std::env::var("PHASEWARP_FUZZ").ok().and_then(|n| n.parse().ok());
     let work = move |announce: Sender<String>| {
         let config = Config {
             cases: wanted.unwrap_or(count),
@@ -185,14 +161,8 @@ where
         Ok((accepted, tried, slowest)) => {
             println!("{accepted} of {tried} accepted, the slowest took {slowest:.3} s");
             // Neither everything nor nothing is a case: the mutations are of the right size.
-            assert!(
-                accepted * 200 > tried,
-                "only {accepted} of {tried} are accepted"
-            );
-            assert!(
-                accepted * 10 < tried * 9,
-                "{accepted} of {tried} are accepted"
-            );
+            assert!(accepted * 200 > tried, "only {accepted} of {tried} are accepted");
+            assert!(accepted * 10 < tried * 9, "{accepted} of {tried} are accepted");
         }
         Err(panic) => std::panic::resume_unwind(panic),
     }
@@ -272,9 +242,7 @@ fn settings() -> impl Strategy<Value = (usize, Vec<String>)> {
 
 #[test]
 fn mutated_overrides_end_in_a_case_or_a_message() {
-    fuzz(60_000, settings, |(k, settings)| {
-        sound(&cases()[*k], settings)
-    });
+    fuzz(60_000, settings, |(k, settings)| sound(&cases()[*k], settings));
 }
 
 fn formulas() -> impl Strategy<Value = String> {

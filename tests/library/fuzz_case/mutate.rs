@@ -208,10 +208,7 @@ fn boundary(text: &str, place: f64) -> usize {
 pub fn apply(text: &mut String, change: &Change) {
     let piece = |text: &str, place: f64, length: usize| {
         let start = boundary(text, place);
-        let end = text[start..]
-            .char_indices()
-            .nth(length)
-            .map_or(text.len(), |(i, _)| start + i);
+        let end = text[start..].char_indices().nth(length).map_or(text.len(), |(i, _)| start + i);
         start..end
     };
     match *change {
@@ -226,9 +223,8 @@ pub fn apply(text: &mut String, change: &Change) {
         }
         Change::Number(k, word) => {
             let digit = |i: usize| text.as_bytes().get(i).is_some_and(u8::is_ascii_digit);
-            let starts: Vec<usize> = (0..text.len())
-                .filter(|&i| digit(i) && (i == 0 || !digit(i - 1)))
-                .collect();
+            let starts: Vec<usize> =
+                (0..text.len()).filter(|&i| digit(i) && (i == 0 || !digit(i - 1))).collect();
             if let Some(&start) = starts.get(k % starts.len().max(1)) {
                 let end = (start..).find(|&i| !digit(i)).unwrap_or(start);
                 text.replace_range(start..end, WORDS[word]);

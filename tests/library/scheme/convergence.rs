@@ -85,10 +85,7 @@ fn the_potential_on_the_grid() {
                 let i = cell[a] as i64;
                 let close =
                     |x: f64, y: f64| assert!((x - y).abs() < 1e-14, "{}: {x} {y}", scene.name);
-                close(
-                    found.slope(&cell, a) * lattice.width,
-                    value(i, i + 1) - value(i, i),
-                );
+                close(found.slope(&cell, a) * lattice.width, value(i, i + 1) - value(i, i));
                 let n = lattice.cells;
                 let (first, last) = (i == 0, i + 1 == n);
                 let below = match (first, space.is_periodic(a)) {
@@ -225,14 +222,12 @@ fn first_order_convergence_around_a_periodic_axis() {
             let case = Case::parse("bump", &text, &[]).expect("a good case");
             let tracer = Tracer::new(&case).expect("V is finite");
             let matrix = rows(&case);
-            let points: Vec<[f64; 6]> = (0..case.space.cells())
-                .map(|i| case.space.point(&case.space.cell(i)))
-                .collect();
+            let points: Vec<[f64; 6]> =
+                (0..case.space.cells()).map(|i| case.space.point(&case.space.cell(i))).collect();
             let f = points.iter().map(|p| tracer.value(p, 0.0)).collect();
             let f = evolved(&case, &matrix, f, TIME);
-            let error: f64 = (points.iter().zip(&f))
-                .map(|(p, f)| (f - tracer.value(p, TIME)).abs())
-                .sum();
+            let error: f64 =
+                (points.iter().zip(&f)).map(|(p, f)| (f - tracer.value(p, TIME)).abs()).sum();
             error * case.space.cell_volume()
         })
         .collect();

@@ -32,10 +32,7 @@ fn identities(name: &str, case: &Case, inflow: Option<f64>) {
         for &(j, value) in entries {
             assert!(j < size, "{name}: row {i} has column {j}");
             if i == j {
-                assert!(
-                    (-1.0 - ROUND_OFF) * rate <= value && value <= 0.0,
-                    "{name}: {i} {value}"
-                );
+                assert!((-1.0 - ROUND_OFF) * rate <= value && value <= 0.0, "{name}: {i} {value}");
             } else {
                 assert!(value > 0.0, "{name}: entry ({i}, {j}) is {value}");
             }
@@ -57,10 +54,7 @@ fn identities(name: &str, case: &Case, inflow: Option<f64>) {
     }
     if case.interface == Interface::Conservative {
         for (j, sum) in columns.iter().enumerate() {
-            assert!(
-                *sum <= 10.0 * ROUND_OFF * rate,
-                "{name}: column {j} sums to {sum}"
-            );
+            assert!(*sum <= 10.0 * ROUND_OFF * rate, "{name}: column {j} sums to {sum}");
         }
     }
 }
@@ -133,10 +127,7 @@ fn inflow_from_the_foot_of_a_hard_wall() {
 #[test]
 fn a_kink_is_not_a_jump() {
     // The face at x = 0 is computed as 0 on the first of these, as -1.6e-17 on the second.
-    for axis in [
-        "{lower=-0.5,upper=1.0,cells=6}",
-        "{lower=-0.1,upper=0.6,cells=7}",
-    ] {
+    for axis in ["{lower=-0.5,upper=1.0,cells=6}", "{lower=-0.1,upper=0.6,cells=7}"] {
         let sets = [
             &format!("axis.0.x={axis}"),
             "potential.0.value='0.2*x'",
@@ -263,11 +254,8 @@ fn the_mirror_image_of_a_case_has_the_mirror_image_of_its_matrix() {
 fn any_axis(most_cells: usize) -> impl Strategy<Value = String> {
     (-2.0..1.0f64, 0.1..3.0f64, any::<bool>(), 1..=most_cells).prop_map(
         |(lower, length, symmetric, cells)| {
-            let (lower, upper) = if symmetric {
-                (-0.5 * length, 0.5 * length)
-            } else {
-                (lower, lower + length)
-            };
+            let (lower, upper) =
+                if symmetric { (-0.5 * length, 0.5 * length) } else { (lower, lower + length) };
             format!("{{ lower = {lower:?}, upper = {upper:?}, cells = {cells} }}")
         },
     )
@@ -303,9 +291,8 @@ fn any_case(n: usize, most_cells: usize) -> impl Strategy<Value = String> {
                 // Between -2 and 2, where boxes are.
                 text += &format!("where = \"{} < ({:?})\"\n", names[across], 4.0 * edge - 2.0);
             }
-            let slopes: Vec<String> = (0..n)
-                .map(|a| format!(" + ({:?})*{}", c[1 + a], names[a]))
-                .collect();
+            let slopes: Vec<String> =
+                (0..n).map(|a| format!(" + ({:?})*{}", c[1 + a], names[a])).collect();
             text += &format!("value = \"({:?}){}\"\n", c[0], slopes.concat());
         }
         text += &format!(

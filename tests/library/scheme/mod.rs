@@ -85,10 +85,7 @@ fn scenes() -> Vec<Scene> {
         scene(
             "asymmetric velocities",
             "step_up.toml",
-            &[
-                "axis.0.x.cells=8",
-                "axis.0.v={lower=-0.7,upper=1.6,cells=12}",
-            ],
+            &["axis.0.x.cells=8", "axis.0.v={lower=-0.7,upper=1.6,cells=12}"],
             step_up,
             nothing,
         ),
@@ -133,11 +130,7 @@ fn scenes() -> Vec<Scene> {
             |[c, ..], _| if c.abs() < 0.25 { 0.3 } else { 0.0 },
             |[x, ..], [v, ..]| {
                 let distance = ((v - 0.85).abs() / 0.35).min(1.0);
-                if x < 0.0 {
-                    (1.0 + (std::f64::consts::PI * distance).cos()) / 2.0
-                } else {
-                    0.0
-                }
+                if x < 0.0 { (1.0 + (std::f64::consts::PI * distance).cos()) / 2.0 } else { 0.0 }
             },
         ),
         scene(
@@ -155,18 +148,9 @@ fn scenes() -> Vec<Scene> {
         scene(
             "barrier in two dimensions",
             "barrier2d.toml",
-            &[
-                "axis.0.x.cells=6",
-                "axis.0.v.cells=4",
-                "axis.1.x.cells=4",
-                "axis.1.v.cells=5",
-            ],
+            &["axis.0.x.cells=6", "axis.0.v.cells=4", "axis.1.x.cells=4", "axis.1.v.cells=5"],
             |[cx, cy, _], _| {
-                if cx.abs() < 0.4 && cy.abs() < 0.4 {
-                    0.2
-                } else {
-                    0.0
-                }
+                if cx.abs() < 0.4 && cy.abs() < 0.4 { 0.2 } else { 0.0 }
             },
             nothing,
         ),
@@ -206,11 +190,7 @@ fn scenes() -> Vec<Scene> {
                 "inflow.value='x + 2*y + 3*z + 4*vx + 5*vy + 6*vz'",
             ],
             |[cx, ..], [x, y, z]| {
-                if cx < 0.0 {
-                    0.04 * y
-                } else {
-                    0.1 - 0.03 * z + 0.02 * x
-                }
+                if cx < 0.0 { 0.04 * y } else { 0.1 - 0.03 * z + 0.02 * x }
             },
             |[x, y, z], [vx, vy, vz]| x + 2.0 * y + 3.0 * z + 4.0 * vx + 5.0 * vy + 6.0 * vz,
         ),
@@ -242,10 +222,7 @@ fn scenes() -> Vec<Scene> {
         scene(
             "periodic, two cells with a jump at both faces",
             "example1.toml",
-            &[
-                "axis.0.x={lower=-1.5,upper=1.5,cells=2,boundary='periodic'}",
-                "axis.0.v.cells=8",
-            ],
+            &["axis.0.x={lower=-1.5,upper=1.5,cells=2,boundary='periodic'}", "axis.0.v.cells=8"],
             step_down,
             nothing,
         ),

@@ -56,11 +56,7 @@ fn paper_in_one_dimension(scene: &Scene) -> System {
             let rate = xi.centre(j).abs() / x.width;
             // The face particles come through, and the cell behind it: B^l for ξ_j > 0, B^u for ξ_j
             // < 0.
-            let (q, behind) = if xi.centre(j) > 0.0 {
-                (i, i - 1)
-            } else {
-                (i + 1, i + 1)
-            };
+            let (q, behind) = if xi.centre(j) > 0.0 { (i, i - 1) } else { (i + 1, i + 1) };
             a1.add(row, row, rate);
             for k in xi.widely() {
                 let across = rate * a_transmission(q, j) * beta(q, j, k);
@@ -120,11 +116,7 @@ fn sources_of_the_paper(lattice: Lattice, j: i64, rise: f64) -> Vec<Share> {
     } else {
         (false, -xi)
     };
-    let share = |k| Share {
-        across,
-        velocity: k,
-        weight: lattice.hat(source - lattice.centre(k)),
-    };
+    let share = |k| Share { across, velocity: k, weight: lattice.hat(source - lattice.centre(k)) };
     lattice.widely().map(share).collect()
 }
 
@@ -138,11 +130,7 @@ fn sources_by_overlap(lattice: Lattice, j: i64, rise: f64) -> Vec<Share> {
         (0.5 * (speed - half).powi(2), 0.5 * (speed + half).powi(2))
     };
     // Even: a face at zero. Odd: a cell that does not move, and the next begins at its face.
-    let floor = if lattice.cells % 2 == 0 {
-        0.0
-    } else {
-        0.5 * half * half
-    };
+    let floor = if lattice.cells % 2 == 0 { 0.0 } else { 0.5 * half * half };
     let xi = lattice.centre(j);
     let (low, high) = energies(j);
     let (low, high) = (low + rise, high + rise);
@@ -231,11 +219,7 @@ fn cell_by_cell(scene: &Scene, sources: Sources) -> System {
             let speed = v[a].centre(j);
             let moves = speed.abs() > 1e-9 * v[a].width;
             let rate = speed.abs() / x[a].width;
-            let (behind, face) = if speed > 0.0 {
-                (i - 1, i)
-            } else {
-                (i + 1, i + 1)
-            };
+            let (behind, face) = if speed > 0.0 { (i - 1, i) } else { (i + 1, i + 1) };
             take(&own, -rate);
             let mut source = own.clone();
             let there = around(a, behind);
@@ -269,19 +253,9 @@ fn cell_by_cell(scene: &Scene, sources: Sources) -> System {
 pub fn assert_same_system(name: &str, found: &System, expected: &System) {
     let scale = expected.generator.largest();
     let most = expected.inflow.iter().fold(1.0, |m: f64, b| m.max(b.abs()));
-    assert_same(
-        name,
-        &found.generator,
-        &expected.generator,
-        ROUND_OFF * scale,
-    );
+    assert_same(name, &found.generator, &expected.generator, ROUND_OFF * scale);
     assert_close(name, &found.draw, &expected.draw, ROUND_OFF * scale);
-    assert_close(
-        name,
-        &found.inflow,
-        &expected.inflow,
-        ROUND_OFF * scale.max(most),
-    );
+    assert_close(name, &found.inflow, &expected.inflow, ROUND_OFF * scale.max(most));
 }
 
 #[test]
@@ -319,9 +293,8 @@ fn the_conservative_interface_by_overlap_of_energies() {
         assert_same_system(scene.name, &found, &expected);
         // The two interfaces are not the same thing.
         let paper = cell_by_cell(&scene, sources_of_the_paper).generator;
-        let differs = Dense::from_fn(paper.size, |i, j| {
-            paper.at(i, j) - expected.generator.at(i, j)
-        });
+        let differs =
+            Dense::from_fn(paper.size, |i, j| paper.at(i, j) - expected.generator.at(i, j));
         assert!(differs.largest() > 0.01 * paper.largest(), "{}", scene.name);
         seen += 1;
     }

@@ -7,9 +7,7 @@ use crate::problem::grid::Axis;
 /// `Σ_j δ_ω(h(j − c)) h` with `ω = K h`.
 fn sum(k: f64, centre: f64) -> f64 {
     let h = 0.37;
-    (-40..=40)
-        .map(|j| delta(h * (j as f64 - centre), k * h) * h)
-        .sum()
+    (-40..=40).map(|j| delta(h * (j as f64 - centre), k * h) * h).sum()
 }
 
 /// What the Poisson formula gives for it: `Σ_m δ̂(m/h) cos(2πmc)`,
@@ -40,10 +38,7 @@ fn other_widths_are_off_by_what_the_fourier_series_says() {
         for c in 0..20 {
             let c = 0.05 * f64::from(c);
             let (found, expected) = (sum(k, c), series(k, c));
-            assert!(
-                (found - expected).abs() < 1e-6,
-                "{k} {c}: {found} {expected}"
-            );
+            assert!((found - expected).abs() < 1e-6, "{k} {c}: {found} {expected}");
             worst = worst.max((found - 1.0).abs());
         }
     }
@@ -128,10 +123,7 @@ fn density_of_a_rarefying_beam_converges() {
 #[test]
 fn density_of_a_dense_beam_is_good_to_six_per_cent() {
     let errors = [240, 960].map(|cells| streaming_error(0.3..1.0, cells));
-    assert!(
-        errors.iter().all(|e| (0.02..0.065).contains(e)),
-        "{errors:?}"
-    );
+    assert!(errors.iter().all(|e| (0.02..0.065).contains(e)), "{errors:?}");
 }
 
 /// `Ψ = Λ (v − c)` with diagonal `Λ`: the density is `1/|det Λ|`.

@@ -32,16 +32,7 @@ const BEAM: Scene<'static> = Scene {
 
 impl Scene<'_> {
     fn case(&self) -> Case {
-        let Self {
-            lower,
-            upper,
-            cells,
-            density,
-            velocity,
-            inflow,
-            end,
-            ..
-        } = self;
+        let Self { lower, upper, cells, density, velocity, inflow, end, .. } = self;
         let axis = format!(
             "[[axis]]\nx = {{ lower = {lower:?}, upper = {upper:?}, cells = {cells} }}\n\
              v = {{ lower = -2.0, upper = 2.0, cells = 4 }}\n"
@@ -62,9 +53,7 @@ impl Scene<'_> {
 }
 
 fn exact(case: &Case) -> ExactMoments {
-    exact_moments(case)
-        .unwrap_or_else(|e| panic!("{e}"))
-        .expect("measure-valued data")
+    exact_moments(case).unwrap_or_else(|e| panic!("{e}")).expect("measure-valued data")
 }
 
 /// A beam between two places.
@@ -76,12 +65,7 @@ struct Piece {
 }
 
 const fn piece(from: f64, to: f64, density: f64, velocity: f64) -> Piece {
-    Piece {
-        from,
-        to,
-        density,
-        velocity,
-    }
+    Piece { from, to, density, velocity }
 }
 
 /// Density and momentum of `pieces`, averaged over the cells of `axis`.
@@ -103,26 +87,14 @@ const BEAM_TIME: f64 = 0.7;
 
 /// The exact moments of a straight beam are those of `pieces`.
 fn check_beam(scene: Scene<'_>, pieces: &[Piece]) {
-    let case = Scene {
-        cells: 14,
-        end: BEAM_TIME,
-        ..scene
-    }
-    .case();
+    let case = Scene { cells: 14, end: BEAM_TIME, ..scene }.case();
     let found = exact(&case);
     let expected = averages(&case.space.x[0], pieces);
     for (i, &(rho, m)) in expected.iter().enumerate() {
         let (r, u) = (found.density[i], found.velocity[0][i]);
-        let what = format!(
-            "{}, {:?}, {}, cell {i}",
-            scene.density, scene.velocity, scene.inflow
-        );
+        let what = format!("{}, {:?}, {}, cell {i}", scene.density, scene.velocity, scene.inflow);
         assert!((r - rho).abs() < 1e-7, "{what}: {r} {rho}");
-        let close = if rho == 0.0 {
-            u.is_nan()
-        } else {
-            (u - m / rho).abs() < 1e-6
-        };
+        let close = if rho == 0.0 { u.is_nan() } else { (u - m / rho).abs() < 1e-6 };
         assert!(close, "{what}: {u}");
     }
 }
@@ -131,69 +103,34 @@ fn check_beam(scene: Scene<'_>, pieces: &[Piece]) {
 #[test]
 fn free_beams_have_their_closed_form() {
     let moved = 0.9 * BEAM_TIME;
-    let fast = Scene {
-        velocity: &["0.9"],
-        ..BEAM
-    };
+    let fast = Scene { velocity: &["0.9"], ..BEAM };
     check_beam(fast, &[piece(-1.0, 1.0, 1.0, 0.9)]);
-    let half = Scene {
-        inflow: "0.5",
-        ..fast
-    };
+    let half = Scene { inflow: "0.5", ..fast };
     let front = -1.0 + moved;
-    check_beam(
-        half,
-        &[piece(-1.0, front, 0.5, 0.9), piece(front, 1.0, 1.0, 0.9)],
-    );
-    let backwards = Scene {
-        velocity: &["-0.9"],
-        inflow: "0",
-        ..BEAM
-    };
+    check_beam(half, &[piece(-1.0, front, 0.5, 0.9), piece(front, 1.0, 1.0, 0.9)]);
+    let backwards = Scene { velocity: &["-0.9"], inflow: "0", ..BEAM };
     check_beam(backwards, &[piece(-1.0, 1.0 - moved, 1.0, -0.9)]);
     // Velocities jump inside a cell.
-    let two = Scene {
-        velocity: &["0.3 if x < 0.0321 else 0.8"],
-        ..BEAM
-    };
+    let two = Scene { velocity: &["0.3 if x < 0.0321 else 0.8"], ..BEAM };
     let [slow, fast] = [0.3, 0.8].map(|v| 0.0321 + v * BEAM_TIME);
-    check_beam(
-        two,
-        &[piece(-1.0, slow, 1.0, 0.3), piece(fast, 1.0, 1.0, 0.8)],
-    );
+    check_beam(two, &[piece(-1.0, slow, 1.0, 0.3), piece(fast, 1.0, 1.0, 0.8)]);
     // At rest, and outside of the velocity box.
     check_beam(BEAM, &[piece(-1.0, 1.0, 1.0, 0.0)]);
-    let outside = Scene {
-        velocity: &["2.1"],
-        ..BEAM
-    };
+    let outside = Scene { velocity: &["2.1"], ..BEAM };
     check_beam(outside, &[]);
 }
 
 /// Beams that come from the left over a step, down and up, or are turned back by it.
 #[test]
 fn beams_over_steps_have_their_closed_form() {
-    let left = Scene {
-        density: "1 if x < 0 else 0",
-        velocity: &["0.9"],
-        ..BEAM
-    };
-    let down = Scene {
-        potential: &[("x < 0", "0.2"), ("", "0")],
-        ..left
-    };
-    let up = Scene {
-        potential: &[("x < 0", "0"), ("", "0.2")],
-        ..left
-    };
+    let left = Scene { density: "1 if x < 0 else 0", velocity: &["0.9"], ..BEAM };
+    let down = Scene { potential: &[("x < 0", "0.2"), ("", "0")], ..left };
+    let up = Scene { potential: &[("x < 0", "0"), ("", "0.2")], ..left };
     for (scene, beyond) in [(down, 1.21f64.sqrt()), (up, 0.41f64.sqrt())] {
         let transmitted = piece(0.0, beyond * BEAM_TIME, 0.9 / beyond, beyond);
         check_beam(scene, &[piece(-1.0, 0.0, 1.0, 0.9), transmitted]);
     }
-    let slow = Scene {
-        velocity: &["0.5"],
-        ..up
-    };
+    let slow = Scene { velocity: &["0.5"], ..up };
     let reflected = piece(-0.5 * BEAM_TIME, 0.0, 1.0, -0.5);
     check_beam(slow, &[piece(-1.0, 0.0, 1.0, 0.5), reflected]);
 }
@@ -201,11 +138,7 @@ fn beams_over_steps_have_their_closed_form() {
 /// Linear velocities: `x = (1 + aT) x0`; for a below −1/T the beam has turned inside out.
 #[test]
 fn linear_velocities_have_their_closed_form() {
-    let linear = |velocity| Scene {
-        cells: 9,
-        velocity,
-        ..BEAM
-    };
+    let linear = |velocity| Scene { cells: 9, velocity, ..BEAM };
     let wide = linear(&["0.3*x"]).case();
     let found = exact(&wide);
     let axis = wide.space.x[0].clone();
@@ -215,17 +148,10 @@ fn linear_velocities_have_their_closed_form() {
     }
     // x = −x0/2, and what enters at both ends with the velocity 1.5 inwards.
     let found = exact(&linear(&["-1.5*x"]).case());
-    let pieces = [
-        piece(-0.5, 0.5, 2.0, 0.0),
-        piece(-1.0, 0.5, 1.0, 1.5),
-        piece(-0.5, 1.0, 1.0, -1.5),
-    ];
+    let pieces =
+        [piece(-0.5, 0.5, 2.0, 0.0), piece(-1.0, 0.5, 1.0, 1.5), piece(-0.5, 1.0, 1.0, -1.5)];
     for (i, (rho, _)) in averages(&axis, &pieces).into_iter().enumerate() {
-        assert!(
-            (found.density[i] - rho).abs() < 1e-7,
-            "{i}: {} {rho}",
-            found.density[i]
-        );
+        assert!((found.density[i] - rho).abs() < 1e-7, "{i}: {} {rho}", found.density[i]);
     }
     let curve = found.curve.expect("one dimension");
     // One branch, from the lower end to the upper, three times over the middle.
@@ -253,12 +179,7 @@ fn curve_velocity(curve: &Curve, x: f64, branch: f64) -> Vec<f64> {
 /// A constant force: all fall alike, nothing enters at rest.
 #[test]
 fn constant_force() {
-    let slope = Scene {
-        cells: 10,
-        potential: &[("", "0.5*x")],
-        ..BEAM
-    }
-    .case();
+    let slope = Scene { cells: 10, potential: &[("", "0.5*x")], ..BEAM }.case();
     let found = exact(&slope);
     let axis = &slope.space.x[0];
     let expected = averages(axis, &[piece(-1.0, 0.75, 1.0, -0.5)]);
@@ -296,10 +217,7 @@ fn folds_hold_the_mass_that_is_counted() {
     }
     let mut total = 0.0;
     for (i, (rho, expected)) in found.density.iter().zip(&counted).enumerate() {
-        assert!(
-            (rho - expected).abs() < 2e-3 * expected.max(1.0),
-            "{i}: {rho} {expected}"
-        );
+        assert!((rho - expected).abs() < 2e-3 * expected.max(1.0), "{i}: {rho} {expected}");
         total += (rho - expected).abs() * 0.125;
     }
     assert!(total < 1e-3, "{total}");
@@ -334,10 +252,7 @@ fn example_3_has_the_density_of_the_paper() {
                 .sum();
             let expected = sum / (fine * fine) as f64;
             let value = found.density[8 * i + j];
-            assert!(
-                (value - expected).abs() < 0.01,
-                "{i} {j}: {value} {expected}"
-            );
+            assert!((value - expected).abs() < 0.01, "{i} {j}: {value} {expected}");
         }
     }
 }
@@ -389,11 +304,7 @@ fn the_way_forward_is_the_way_back() {
     let scene = Scene {
         n: 2,
         cells: 10,
-        potential: &[
-            ("x < 0.2", "0.3*x + 0.1*y"),
-            ("y > 0", "0.4"),
-            ("", "0.1*x"),
-        ],
+        potential: &[("x < 0.2", "0.3*x + 0.1*y"), ("y > 0", "0.4"), ("", "0.1*x")],
         velocity: &["0", "0"],
         ..BEAM
     }
@@ -423,43 +334,22 @@ fn the_way_forward_is_the_way_back() {
             assert!((a - b).abs() < 1e-9, "{point:?} {there:?} {here:?}");
         }
     }
-    assert!(
-        stayed > 200 && histories.len() > 3,
-        "{stayed} {histories:?}"
-    );
+    assert!(stayed > 200 && histories.len() > 3, "{stayed} {histories:?}");
 }
 
 /// Data that jump everywhere end within the budget; undefined formulas are named.
 #[test]
 fn wild_data_end() {
-    let closed = Scene {
-        inflow: "0",
-        ..BEAM
-    };
-    let wild = Scene {
-        velocity: &["sin(1e9*x)"],
-        ..closed
-    };
+    let closed = Scene { inflow: "0", ..BEAM };
+    let wild = Scene { velocity: &["sin(1e9*x)"], ..closed };
     let found = exact(&wild.case());
     assert!(found.density.iter().all(|r| r.is_finite()));
-    let jumpy = Scene {
-        density: "step(sin(1e9*x))",
-        end: 0.1,
-        ..closed
-    };
+    let jumpy = Scene { density: "step(sin(1e9*x))", end: 0.1, ..closed };
     let mass: f64 = exact(&jumpy.case()).density.iter().sum::<f64>() * 0.25;
     assert!((mass - 1.0).abs() < 0.1, "{mass}");
-    let undefined = Scene {
-        density: "sqrt(x)",
-        ..closed
-    };
-    let error = exact_moments(&undefined.case())
-        .expect_err("undefined")
-        .to_string();
-    assert!(
-        error.contains("initial.density") && error.contains("x = -0.99"),
-        "{error}"
-    );
+    let undefined = Scene { density: "sqrt(x)", ..closed };
+    let error = exact_moments(&undefined.case()).expect_err("undefined").to_string();
+    assert!(error.contains("initial.density") && error.contains("x = -0.99"), "{error}");
 }
 
 /// The density and the branches on a periodic axis are those of the middle one of five copies in a
@@ -492,12 +382,8 @@ fn periodic_axes_hold_what_copies_side_by_side_hold() {
 /// A periodic axis, or so many copies of it to both sides of the middle one, in a box with ends.
 fn copies_in_a_row(copies: i64) -> Case {
     let length = 1 + 2 * copies;
-    let steps = (-copies..=copies).flat_map(|k| {
-        [
-            (format!("x < {}", 2 * k), "0"),
-            (format!("x < {}", 2 * k + 1), "0.1"),
-        ]
-    });
+    let steps = (-copies..=copies)
+        .flat_map(|k| [(format!("x < {}", 2 * k), "0"), (format!("x < {}", 2 * k + 1), "0.1")]);
     let steps: Vec<(String, &str)> = steps.chain([(String::new(), "0")]).collect();
     let steps: Vec<(&str, &str)> = steps.iter().map(|(c, v)| (c.as_str(), *v)).collect();
     let mut case = Scene {

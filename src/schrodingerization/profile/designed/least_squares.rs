@@ -67,9 +67,8 @@ mod tests {
     fn the_gradient_vanishes() {
         let entry = |i: usize, j: usize| ((1 + i) as f64 * (0.3 + j as f64)).sin();
         for (rows, n, eta) in [(5, 5, 0.0), (23, 9, 0.0), (30, 12, 0.3), (4, 7, 1e-3)] {
-            let columns: Vec<Vec<f64>> = (0..n)
-                .map(|j| (0..rows).map(|i| entry(i, j)).collect())
-                .collect();
+            let columns: Vec<Vec<f64>> =
+                (0..n).map(|j| (0..rows).map(|i| entry(i, j)).collect()).collect();
             let f: Vec<f64> = (0..rows).map(|i| (-0.1 * i as f64).exp()).collect();
             let c = minimiser(&columns, &f, eta);
             let residual: Vec<f64> = (0..rows)

@@ -36,9 +36,7 @@ fn worst(demand: &Demand, series: &Series) -> f64 {
     let unit = series.period / TURN as f64;
     let count = 2000.max(4 * series.modes()) as i64;
     let even = (0..=count).map(|i| lower + (upper - lower) * i as f64 / count as f64);
-    let near = (-100..=10)
-        .map(|i| 1.1f64.powi(i))
-        .filter(|d| *d < upper - lower);
+    let near = (-100..=10).map(|i| 1.1f64.powi(i)).filter(|d| *d < upper - lower);
     let ends = near.flat_map(|d| [lower + d, upper - d]);
     (even.chain(ends))
         .map(|p| {
@@ -105,16 +103,10 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
                 let error = worst(&demand, &g.series);
                 assert!(error < 0.8, "{what}: {error}");
                 let reported = g.error / demand.tolerance;
-                assert!(
-                    (0.5 * error..=SHARE).contains(&reported),
-                    "{what}: {reported}"
-                );
+                assert!((0.5 * error..=SHARE).contains(&reported), "{what}: {reported}");
                 let modes = g.series.modes();
                 let sum: f64 = (0..modes).map(|l| g.series.factor(l).norm()).sum();
-                assert!(
-                    sum <= demand.tolerance / (20.0 * f64::EPSILON),
-                    "{what}: {sum:e}"
-                );
+                assert!(sum <= demand.tolerance / (20.0 * f64::EPSILON), "{what}: {sum:e}");
                 let own = applications(&demand, window.period, modes);
                 let (_, w) = Profile::plan(ProfileChoice::Gaussian, &demand).expect(&what);
                 let gaussian = applications(&demand, w.period, w.modes(w.period) as usize);
@@ -149,10 +141,7 @@ fn refused_where_it_is_not_possible() {
     let smallest =
         |choice, growth| Profile::smallest_tolerance(choice, &Demand::new(0.1, growth, 100.0, 1.0));
     let designed = smallest(ProfileChoice::Designed, 1.0).expect("possible");
-    assert!(
-        (designed / (SMALLEST * 1f64.exp()) - 1.0).abs() < 1e-9,
-        "{designed:e}"
-    );
+    assert!((designed / (SMALLEST * 1f64.exp()) - 1.0).abs() < 1e-9, "{designed:e}");
     let demand = |tolerance| Demand::new(tolerance, 1.0, 100.0, 1.0);
     assert!(Designed::meeting(&demand(1.001 * designed)).is_some());
     assert!(Designed::meeting(&demand(0.999 * designed)).is_none());
@@ -160,23 +149,11 @@ fn refused_where_it_is_not_possible() {
     assert_eq!(smallest(ProfileChoice::Planned, f64::INFINITY), None);
     // The Gaussian's is smaller, and what is planned goes as far.
     let gaussian = smallest(ProfileChoice::Gaussian, 1.0).expect("possible");
-    assert_eq!(
-        smallest(ProfileChoice::Planned, 1.0),
-        Some(gaussian.min(designed))
-    );
+    assert_eq!(smallest(ProfileChoice::Planned, 1.0), Some(gaussian.min(designed)));
     for by_hand in [
-        Demand {
-            sampled: true,
-            ..demand(1e-6)
-        },
-        Demand {
-            interval: Some([-1e3, 1e3]),
-            ..demand(1e-6)
-        },
-        Demand {
-            decay: 1.001 * LONGEST,
-            ..demand(1e-6)
-        },
+        Demand { sampled: true, ..demand(1e-6) },
+        Demand { interval: Some([-1e3, 1e3]), ..demand(1e-6) },
+        Demand { decay: 1.001 * LONGEST, ..demand(1e-6) },
     ] {
         assert_eq!(Profile::plan(ProfileChoice::Designed, &by_hand), None);
         assert!(matches!(
@@ -195,10 +172,7 @@ fn recovery_point_by_hand_moves_it() {
     let (moved, window) = Designed::meeting(&demand).expect("possible");
     assert_eq!((window.point, moved.domain), (2.5, [2.3, 32.5]));
     for p in [-0.2, 0.0, 1.0, 17.0, 31.0] {
-        let (a, b) = (
-            zero.series.value(p),
-            2.5f64.exp() * moved.series.value(p + 2.5),
-        );
+        let (a, b) = (zero.series.value(p), 2.5f64.exp() * moved.series.value(p + 2.5));
         assert!((a - b).abs() < 5e-8, "{p}: {a} {b}");
         assert!((a - (-p).exp()).abs() < 1e-6, "{p}: {a}");
     }
@@ -210,13 +184,9 @@ fn recovery_point_by_hand_moves_it() {
 fn extremes() {
     for decay in [0.0, 1e-9, 1e-3, 0.2, 1.9e4, 2.1e4] {
         for growth in [0.0, 5.0] {
-            for (tolerance, reach) in [
-                (0.1, 0.0),
-                (0.1, 2.0),
-                (1e-4, 0.0),
-                (1e-10, 0.0),
-                (1e-10, 2.0),
-            ] {
+            for (tolerance, reach) in
+                [(0.1, 0.0), (0.1, 2.0), (1e-4, 0.0), (1e-10, 0.0), (1e-10, 2.0)]
+            {
                 // The longest take a second each: one of them.
                 if decay > 1e3 && (tolerance < 1e-3 || growth > 0.0) {
                     continue;
