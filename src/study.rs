@@ -8,8 +8,8 @@
 //! | [`calibrate`] | how long a run will take | [`calibrate::Calibration`] |
 //!
 //! They stand on one kernel: a [`trial`] is a run for its numbers only, a [`budget`] is the time that
-//! a study may take, [`cost`] predicts the seconds of a trial, and [`grids`] are coarser and finer
-//! grids of a case.
+//! a study may take, [`cost`] predicts the seconds of a trial, [`grids`] are coarser and finer grids
+//! of a case, [`knobs`] its other choices, and a [`treatment`] is a measure against growth at jumps.
 //!
 //! A study may use run, results, and every room below. Only commands use studies.
 
@@ -19,5 +19,7 @@ pub mod calibrate;
 pub mod chart;
 pub mod cost;
 pub mod grids;
+pub mod knobs;
 pub mod stability;
+pub mod treatment;
 pub mod trial;

@@ -82,11 +82,7 @@ pub(crate) fn classically(
         fields.push(vec![system.unweighted(&place.mine, end)]);
         early.push(before);
     }
-    let stages = match case.integrator {
-        Integrator::SspRk3 => 3,
-        _ => 1,
-    };
-    summary.matvecs = stages * plan.classical_steps * system.states.len();
+    summary.matvecs = case.integrator.stages() * plan.classical_steps * system.states.len();
     summary.matvecs_here = summary.matvecs;
     Ok(Found { fields, plateau: Vec::new(), early, warped_seconds: 0.0 })
 }

@@ -1,7 +1,7 @@
 //! The work of runs, and a model of the seconds that they take.
 //!
 //! Work is counted in applications of the matrix over all modes and fields: a linear solve or a step
-//! with slopes counts as several ([`Kind::weight`]). With the cells of the grid,
+//! with slopes counts as several. With the cells of the grid,
 //!
 //! ```text
 //! seconds = a + b · cells + rate · work · cells
@@ -14,10 +14,11 @@
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
 use crate::plan::{ASSUMED_RATIO, Plan};
-use crate::problem::case::{Case, Integrator, Limiter, Method, PropagatorMethod};
+use crate::problem::case::{Case, Limiter, Method};
 use crate::propagate::classical::classical_steps;
 use crate::propagate::descriptor;
 use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::study::knobs::row_choices;
 use std::collections::BTreeMap;
 
 /// Seconds an application takes a cell before anything is measured; on the slow side.
@@ -29,68 +30,63 @@ const OUT_OF_CACHE: f64 = 2.0;
 /// Seconds of a trial that may be start-up, while only one grid was tried.
 const START_UP: f64 = 0.2;
 /// Applications that a step with slopes counts as, per stage.
-const SLOPES: f64 = 8.0;
+const SLOPES: usize = 8;
 
 /// Work of which each unit takes about the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Kind {
-    Steps,
-    Slopes,
-    Series,
-    Lanczos,
-    Solves,
+struct Kind {
+    by_modes: bool,
+    /// Applications that a unit counts as.
+    weight: usize,
+    /// Whether a unit solves a linear system with sparse factors.
+    solves: bool,
 }
 
 impl Kind {
     fn of(case: &Case) -> Self {
-        match (case.method, case.limiter, case.propagator.method) {
-            (Method::Classical, Limiter::None, _) => Self::Steps,
-            (Method::Classical, _, _) => Self::Slopes,
-            (_, _, PropagatorMethod::Chebyshev) => Self::Series,
-            (_, _, PropagatorMethod::Krylov) => Self::Lanczos,
-            (_, _, PropagatorMethod::CrankNicolson | PropagatorMethod::BackwardEuler) => {
-                Self::Solves
+        let method = case.propagator.method;
+        match (case.method, case.limiter) {
+            (Method::Classical, Limiter::None) => {
+                Self { by_modes: false, weight: 1, solves: false }
             }
-        }
-    }
-
-    /// Applications that a unit counts as.
-    fn weight(self) -> f64 {
-        let of = |method| descriptor(method).applications_per_work() as f64;
-        match self {
-            Self::Steps | Self::Series => 1.0,
-            Self::Slopes => SLOPES,
-            Self::Lanczos => of(PropagatorMethod::Krylov),
-            Self::Solves => of(PropagatorMethod::CrankNicolson),
+            (Method::Classical, _) => Self { by_modes: false, weight: SLOPES, solves: false },
+            (Method::Schrodingerized, _) => Self {
+                by_modes: true,
+                weight: descriptor(method).applications_per_work(),
+                solves: method.order() > 0,
+            },
         }
     }
 
     /// Growth of a unit's time per cell with the cells, relative to a small grid: that of sparse
     /// factors.
     fn growth(self, cells: f64) -> f64 {
-        match self {
-            Self::Solves => (cells / 1024.0).sqrt(),
-            _ => 1.0,
+        match self.solves {
+            true => (cells / 1024.0).sqrt(),
+            false => 1.0,
         }
     }
 }
 
 /// Work of a classical run of `case`, whose matrix has these `bounds`.
 pub fn classical_work(case: &Case, bounds: &Bounds) -> f64 {
-    let stages = match case.integrator {
-        Integrator::SspRk3 => 3,
-        Integrator::ForwardEuler | Integrator::Exponential => 1,
-    };
     let steps: usize = classical_steps(case, bounds).iter().sum();
-    Kind::of(case).weight() * (stages * steps * case.fields.len()) as f64
+    let stages = case.integrator.stages();
+    (Kind::of(case).weight * stages * steps * case.fields.len()) as f64
 }
 
 /// Work of a run of `case` as `plan` has it.
 pub fn planned_work(case: &Case, plan: &Plan) -> f64 {
     match &plan.warp {
-        Some(warp) => Kind::of(case).weight() * (warp.applications + warp.solves) as f64,
+        Some(warp) => (Kind::of(case).weight * (warp.applications + warp.solves)) as f64,
         None => classical_work(case, &plan.bounds),
     }
+}
+
+/// Updates of unknowns of a run of `case` as `plan` has it: what a
+/// [`Budget`](crate::study::budget::Budget) counts.
+pub fn planned_updates(case: &Case, plan: &Plan) -> f64 {
+    planned_work(case, plan) * plan.cells as f64
 }
 
 /// What determines the matrix of a case beside its potential: grid, rows, weights and embedding.
@@ -106,7 +102,7 @@ impl MatrixKey {
         let embedding = (warp.weights, warp.inflow, warp.delta);
         Self {
             shape: case.space.shape(),
-            rows: format!("{:?} {embedding:?} {:?}", case.interface, warp.shift),
+            rows: format!("{} {embedding:?} {:?}", row_choices(case), warp.shift),
         }
     }
 
@@ -169,7 +165,7 @@ impl CostModel {
         match case.method {
             Method::Schrodingerized => {
                 let (bounds, ratio) = self.bounds(case)?;
-                Ok(Kind::of(case).weight() * WarpPlan::forecast(case, &bounds, ratio)?)
+                Ok(Kind::of(case).weight as f64 * WarpPlan::forecast(case, &bounds, ratio)?)
             }
             Method::Classical => Ok(classical_work(case, &self.unmeasured(case)?)),
         }

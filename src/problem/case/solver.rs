@@ -22,6 +22,11 @@ pub enum Interface {
     Conservative,
 }
 
+impl Interface {
+    /// All laws.
+    pub const ALL: [Self; 2] = [Self::Hat, Self::Conservative];
+}
+
 /// Time integrator of the classical method `f' = A f + b`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -33,6 +38,16 @@ pub enum Integrator {
     ForwardEuler,
     /// Third-order strong-stability-preserving Runge–Kutta.
     SspRk3,
+}
+
+impl Integrator {
+    /// Applications of the matrix that a step takes.
+    pub fn stages(self) -> usize {
+        match self {
+            Self::SspRk3 => 3,
+            Self::Exponential | Self::ForwardEuler => 1,
+        }
+    }
 }
 
 /// Slope limiter of the classical method (paper, the remark after section 4.2).

@@ -20,7 +20,20 @@ pub struct Parts {
     pub readout: Option<f64>,
 }
 
-/// A set-up on the coarsest grid that does.
+impl Parts {
+    /// The error of the discretisation by its two parts.
+    pub fn of_discretisation(error: f64, part_of_space: f64) -> Self {
+        Self {
+            space: error * part_of_space,
+            velocity: error * (1.0 - part_of_space),
+            schrodingerization: None,
+            step: None,
+            readout: None,
+        }
+    }
+}
+
+/// A set-up on the coarsest grid that reaches the accuracy.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Entry {
     /// What it is, in words.
@@ -67,6 +80,23 @@ pub struct Entry {
     pub settings: Vec<String>,
     /// The whole command.
     pub command: String,
+}
+
+impl Entry {
+    /// Why it is an estimate and no advice, if it is: from one pair of grids, or of more seconds than
+    /// `longest`.
+    pub fn not_settled(&self, longest: f64) -> Option<String> {
+        let open = "not settled within this budget; ";
+        if self.refused.is_some() {
+            None
+        } else if self.known == Known::Extrapolated && self.order.pairs.len() < 2 {
+            Some(format!("{open}a longer --budget does"))
+        } else if self.seconds.is_some_and(|seconds| seconds > longest) {
+            Some(format!("{open}it is expected to take more than 30 days on these ranks"))
+        } else {
+            None
+        }
+    }
 }
 
 /// The case as it stands.

@@ -2,10 +2,11 @@
 
 use crate::base::error::Result;
 use crate::study::advise::order::Order;
-use crate::study::advise::trials::{Scheme, Trials};
+use crate::study::advise::scheme::Scheme;
+use crate::study::advise::trials::{Trials, cells};
 use serde::Serialize;
 
-/// Grids are looked for whose discretisation takes so much of the accuracy; a tenth is left for the rest.
+/// Part of the accuracy for the discretisation; the rest is for Schrödingerization.
 pub const DISCRETISATION: f64 = 0.9;
 /// Most grids, each twice as fine as the one before.
 const MOST_LEVELS: usize = 12;
@@ -13,12 +14,14 @@ const MOST_LEVELS: usize = 12;
 const MOST_CANDIDATES: usize = 4;
 /// Space is made at most so many times finer or coarser against velocities than in the case.
 const MOST_STRETCH: f64 = 4.0;
-/// So many grids are tried where they are cheap, whether or not they are needed: they tell the order.
+/// So many grids are tried where they are cheap, needed or not: the order follows from them.
 const ENOUGH_LEVELS: usize = 5;
 /// What is cheap, as a part of what the scheme has.
 const CHEAP: f64 = 0.02;
-/// Part of the budget for the grids that orders are found on; the rest is for what follows from them.
+/// Part of the budget for the grids that orders are found on; the rest is for grids that follow.
 const FOR_LEVELS: f64 = 0.6;
+/// Part of the budget for balancing space against velocities on a coarse grid.
+const FOR_BALANCE: f64 = 0.3;
 
 /// A grid and the error of the density on it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -54,9 +57,50 @@ pub struct Reach {
     pub order: Order,
     /// The grids that show it.
     pub levels: Vec<Level>,
-    /// How large a part of the error discretisation in space has beside that in velocity, by the change that a grid twice as fine
-    /// along these axes alone makes.
+    /// Part of the discretisation in space in the error, the rest being that in velocity: by the
+    /// changes that grids make which are twice as fine along these axes alone.
     pub part_of_space: f64,
+}
+
+impl Reach {
+    /// The error on another grid by the order, each part by the cells of its own axes; none without
+    /// a grid that was tried.
+    pub fn extrapolated(&self, shape: &[usize]) -> Option<KnownError> {
+        let level = self.levels.last()?;
+        let n = shape.len() / 2;
+        let finer = |axes: std::ops::Range<usize>| {
+            let ratio = |k: usize| shape[k] as f64 / level.shape[k] as f64;
+            let product: f64 = axes.map(ratio).product();
+            product.powf(-self.order.counted_on / n as f64)
+        };
+        let part = self.part_of_space;
+        let ratio = part * finer(0..n) + (1.0 - part) * finer(n..2 * n);
+        Some(KnownError { error: level.error * ratio, known: Known::Extrapolated })
+    }
+}
+
+/// An error, and how it is known.
+#[derive(Clone, Copy, Debug)]
+pub struct KnownError {
+    /// Relative L1 error of the density.
+    pub error: f64,
+    /// How it is known.
+    pub known: Known,
+}
+
+/// What is looked for.
+#[derive(Clone, Copy)]
+pub struct Goal<'a> {
+    /// The scheme.
+    pub scheme: Scheme,
+    /// The coarse grid to begin with.
+    pub start: &'a [usize],
+    /// The case's own grid.
+    pub own: &'a [usize],
+    /// The accuracy of the density.
+    pub accuracy: f64,
+    /// Part of the budget that may be used.
+    pub share: f64,
 }
 
 /// Errors from grid to grid: against the exact solution, or by Richardson's extrapolation.
@@ -80,94 +124,47 @@ impl Ladder {
             .map(|(shape, error)| Level { shape: shape.clone(), error })
             .collect()
     }
-
-    /// The grids that the coarsest `scheme` grid `start` leads to: coarser while they reach `wanted` too, finer until one does.
-    fn climb(
-        trials: &mut Trials<'_>,
-        scheme: Scheme,
-        start: Vec<usize>,
-        wanted: f64,
-        share: f64,
-    ) -> Result<Self> {
-        let exact = trials.knows();
-        let mut ladder = Self { shapes: vec![start.clone()], found: Vec::new(), exact };
-        if let Some(error) = trials.error(scheme, &start)? {
-            ladder.found.push(error);
-        }
-        while ladder.shapes.len() < MOST_LEVELS {
-            let levels = ladder.levels();
-            let there = levels.last().is_some_and(|level| level.error <= wanted);
-            let last = &ladder.shapes[ladder.shapes.len() - 1];
-            let next = trials.grids.twice(last);
-            if next == *last {
-                // Nothing varies along any axis.
-                if !exact {
-                    ladder.found.push(0.0);
-                }
-                break;
-            }
-            let enough = ladder.found.len() >= ENOUGH_LEVELS;
-            // Two orders tell whether they are settled.
-            let more = ladder.found.len() < 3 || trials.is_cheap(scheme, &next, CHEAP * share)?;
-            if (there && (enough || !more)) || !trials.may(scheme, &next, share)? {
-                break;
-            }
-            if exact {
-                ladder.found.extend(trials.error(scheme, &next)?);
-            } else {
-                let distance = trials.distance(scheme, &last.clone(), &next)?;
-                ladder.found.push(distance);
-            }
-            ladder.shapes.push(next);
-        }
-        while ladder.shapes.len() < MOST_LEVELS
-            && ladder.levels().first().is_some_and(|level| level.error <= wanted)
-            && let Some(half) = trials.grids.halved(&ladder.shapes[0])
-        {
-            let found = match trials.error(scheme, &half)? {
-                Some(error) => error,
-                None => trials.distance(scheme, &half, &ladder.shapes[0])?,
-            };
-            ladder.shapes.insert(0, half);
-            ladder.found.insert(0, found);
-        }
-        Ok(ladder)
-    }
 }
 
-/// The error of `scheme` on `shape`, where the budget allows to find out; without an exact solution from a grid twice as fine. Collective.
+/// The coarsest grid on which the density by the goal's scheme is as exact as wanted. Collective.
+///
+/// # Errors
+/// As [`Trials::run`].
+pub fn reach(trials: &mut Trials<'_>, goal: Goal<'_>) -> Result<Reach> {
+    Search { trials, goal, wanted: DISCRETISATION * goal.accuracy }.reach()
+}
+
+/// The error of `scheme` on `shape`, where this part of the budget allows to find out; without an
+/// exact solution from a grid twice as fine. Collective.
+///
+/// # Errors
+/// As [`Trials::run`].
 pub fn look(
     trials: &mut Trials<'_>,
     scheme: Scheme,
     shape: &[usize],
     order: &Order,
     share: f64,
-) -> Result<Option<(f64, Known)>> {
+) -> Result<Option<KnownError>> {
     if !trials.may(scheme, shape, share)? {
         return Ok(None);
     }
     if let Some(error) = trials.error(scheme, shape)? {
-        return Ok(Some((error, Known::Measured)));
+        return Ok(Some(KnownError { error, known: Known::Measured }));
     }
     let twice = trials.grids.twice(shape);
     if !trials.may(scheme, &twice, share)? {
         return Ok(None);
     }
-    let distance = trials.distance(scheme, shape, &twice)?;
-    Ok(Some((order.error(distance), Known::Estimated)))
+    let error = order.error(trials.distance(scheme, shape, &twice)?);
+    Ok(Some(KnownError { error, known: Known::Estimated }))
 }
 
-/// Part of space in the change that a grid makes which is twice as fine along space, and along velocities. Collective.
-fn part_of_space(trials: &mut Trials<'_>, scheme: Scheme, shape: &[usize]) -> Result<f64> {
-    let [space, velocity] = [true, false].map(|of_space| trials.grids.doubled(shape, of_space));
-    let space = trials.distance(scheme, shape, &space)?;
-    let velocity = trials.distance(scheme, shape, &velocity)?;
-    Ok(if space + velocity > 0.0 { space / (space + velocity) } else { 0.5 })
-}
-
-/// How many times finer space should be against velocities where its part of the error is `part`. With an error `E_x h_x^q + E_v h_v^q` and a
-/// cost `h_x^{−(n+1)} h_v^{−n}`, the least cost has `E_x h_x^q : E_v h_v^q = n + 1 : n`. A power of two; the order is taken to be 1, and
-/// less than the whole of it is made good, as parts on coarse grids are not those on fine ones.
+/// How many times finer space should be against velocities where its part of the error is `part`.
+///
+/// With an error `E_x h_x^q + E_v h_v^q` and a cost `h_x^{−(n+1)} h_v^{−n}`, the least cost has
+/// `E_x h_x^q : E_v h_v^q = n + 1 : n`. A power of two; `q = 1` is assumed, and the ratio is rounded
+/// towards 1, as parts on coarse grids are not those on fine ones.
 fn stretch(part: f64, dimension: usize) -> f64 {
     let n = dimension as f64;
     let ratio = part / (1.0 - part).max(1e-6) * n / (n + 1.0);
@@ -175,126 +172,190 @@ fn stretch(part: f64, dimension: usize) -> f64 {
     powers.exp2().clamp(1.0 / MOST_STRETCH, MOST_STRETCH)
 }
 
-/// The coarsest grid on which the density by `scheme` is within `accuracy`, beginning with the coarse grid `start`, or on the case's `own`; no more than the `share` of the
-/// budget is spent. Collective.
-///
-/// # Errors
-/// As [`crate::study::trial::trial`].
-pub fn reach(
-    trials: &mut Trials<'_>,
-    scheme: Scheme,
-    (start, own): (&[usize], &[usize]),
-    accuracy: f64,
-    share: f64,
-) -> Result<Reach> {
-    let wanted = DISCRETISATION * accuracy;
-    let second = trials.grids.twice(start);
-    let mut part = 0.5;
-    let mut first = start.to_vec();
-    let affordable = trials.may(scheme, &trials.grids.doubled(&second, true), 0.3 * share)?;
-    if affordable && trials.may(scheme, &trials.grids.doubled(&second, false), 0.3 * share)? {
-        part = part_of_space(trials, scheme, &second)?;
-        first = (trials.grids).stretched(start, stretch(part, trials.grids.dimension()));
-    }
-    let ladder = Ladder::climb(trials, scheme, first, wanted, FOR_LEVELS * share)?;
-    let (order, levels) = (ladder.order(), ladder.levels());
-    let Some(finest) = levels.last().cloned() else {
-        // One grid and nothing to compare it with.
-        let shape = ladder.shapes[0].clone();
-        return Ok(Reach {
-            shape,
+/// The search for the coarsest grid.
+struct Search<'t, 'a> {
+    trials: &'t mut Trials<'a>,
+    goal: Goal<'t>,
+    /// Error of the discretisation.
+    wanted: f64,
+}
+
+impl Search<'_, '_> {
+    fn reach(mut self) -> Result<Reach> {
+        let Goal { start, share, .. } = self.goal;
+        let second = self.trials.grids.twice(start);
+        let part = self.part_of_space(&second, FOR_BALANCE * share)?;
+        let first = match part {
+            Some(part) => {
+                let ratio = stretch(part, self.trials.grids.dimension());
+                self.trials.grids.stretched(start, ratio)
+            }
+            None => start.to_vec(),
+        };
+        let ladder = self.climb(first)?;
+        let mut result = Reach {
+            shape: ladder.shapes[0].clone(),
             error: f64::NAN,
             known: Known::Extrapolated,
-            order,
-            levels,
-            part_of_space: part,
-        });
-    };
-    let known = if ladder.exact { Known::Measured } else { Known::Estimated };
-    let between =
-        (levels.windows(2)).rfind(|pair| pair[0].error > wanted && pair[1].error <= wanted);
-    let mut result = Reach {
-        shape: finest.shape.clone(),
-        error: finest.error,
-        known,
-        order,
-        levels: levels.clone(),
-        part_of_space: part,
-    };
-    if let Some([coarse, fine]) = between {
-        // Between two grids, by the order that they show; all finer ones reach it too, not one by chance.
+            order: ladder.order(),
+            levels: ladder.levels(),
+            part_of_space: part.unwrap_or(0.5),
+        };
+        let Some(finest) = result.levels.last().cloned() else {
+            // One grid and nothing to compare it with.
+            return Ok(result);
+        };
+        (result.shape, result.error) = (finest.shape.clone(), finest.error);
+        let wanted = self.wanted;
+        let pair = (result.levels.windows(2))
+            .rfind(|pair| pair[0].error > wanted && pair[1].error <= wanted)
+            .map(|pair| [pair[0].clone(), pair[1].clone()]);
+        if pair.is_none() && finest.error > wanted && !result.order.falls() {
+            // No finer grid reaches it.
+            return self.or_own_grid(result);
+        }
+        result.known = if ladder.exact { Known::Measured } else { Known::Estimated };
+        if let Some(pair) = pair {
+            self.between(&pair, &mut result)?;
+        } else if finest.error > wanted {
+            self.beyond(&finest, &mut result)?;
+        } else if let Some(coarsest) = result.levels.iter().find(|level| level.error <= wanted) {
+            // No grid is too coarse.
+            (result.shape, result.error) = (coarsest.shape.clone(), coarsest.error);
+        }
+        result = self.or_own_grid(result)?;
+        if let Some(part) = self.part_of_space(&result.shape, share)? {
+            result.part_of_space = part;
+        }
+        Ok(result)
+    }
+
+    fn distance(&mut self, coarse: &[usize], fine: &[usize]) -> Result<f64> {
+        self.trials.distance(self.goal.scheme, coarse, fine)
+    }
+
+    fn look(&mut self, shape: &[usize], order: &Order) -> Result<Option<KnownError>> {
+        look(self.trials, self.goal.scheme, shape, order, self.goal.share)
+    }
+
+    /// Part of space in the changes that grids make which are twice as fine along space, and along
+    /// velocities; none where the budget does not allow them. Collective.
+    fn part_of_space(&mut self, shape: &[usize], share: f64) -> Result<Option<f64>> {
+        let finer = [true, false].map(|of_space| self.trials.grids.doubled(shape, of_space));
+        for shape in &finer {
+            if !self.trials.may(self.goal.scheme, shape, share)? {
+                return Ok(None);
+            }
+        }
+        let space = self.distance(shape, &finer[0])?;
+        let both = space + self.distance(shape, &finer[1])?;
+        Ok(Some(if both > 0.0 { space / both } else { 0.5 }))
+    }
+
+    /// Grids from `first` on: finer ones until one reaches the wanted error, coarser ones while they
+    /// reach it too. Collective.
+    fn climb(&mut self, first: Vec<usize>) -> Result<Ladder> {
+        let Goal { scheme, share, .. } = self.goal;
+        let share = FOR_LEVELS * share;
+        let exact = self.trials.has_exact();
+        let mut ladder = Ladder { shapes: vec![first.clone()], found: Vec::new(), exact };
+        ladder.found.extend(self.trials.error(scheme, &first)?);
+        while ladder.shapes.len() < MOST_LEVELS {
+            let reached = ladder.levels().last().is_some_and(|level| level.error <= self.wanted);
+            let last = ladder.shapes[ladder.shapes.len() - 1].clone();
+            let next = self.trials.grids.twice(&last);
+            if next == last {
+                // Nothing varies along any axis.
+                if !exact {
+                    ladder.found.push(0.0);
+                }
+                break;
+            }
+            let enough = ladder.found.len() >= ENOUGH_LEVELS;
+            // Whether orders are settled takes two.
+            let more =
+                ladder.found.len() < 3 || self.trials.is_cheap(scheme, &next, CHEAP * share)?;
+            if (reached && (enough || !more)) || !self.trials.may(scheme, &next, share)? {
+                break;
+            }
+            match exact {
+                true => ladder.found.extend(self.trials.error(scheme, &next)?),
+                false => ladder.found.push(self.distance(&last, &next)?),
+            }
+            ladder.shapes.push(next);
+        }
+        while ladder.shapes.len() < MOST_LEVELS
+            && ladder.levels().first().is_some_and(|level| level.error <= self.wanted)
+            && let Some(half) = self.trials.grids.halved(&ladder.shapes[0])
+        {
+            let found = match self.trials.error(scheme, &half)? {
+                Some(error) => error,
+                None => self.distance(&half, &ladder.shapes[0])?,
+            };
+            ladder.shapes.insert(0, half);
+            ladder.found.insert(0, found);
+        }
+        Ok(ladder)
+    }
+
+    /// The coarsest grid that reaches the wanted error between a coarse one that does not and a fine
+    /// one that does, by the order that these two show. Collective.
+    fn between(&mut self, [coarse, fine]: &[Level; 2], result: &mut Reach) -> Result<()> {
+        let wanted = self.wanted;
+        // All finer grids reach it too, not one by chance.
         (result.shape, result.error) = (fine.shape.clone(), fine.error);
         let slope = (coarse.error / fine.error).log2();
         let mut scale = (coarse.error / wanted).log2() / slope;
         for _ in 0..MOST_CANDIDATES {
-            let shape = trials.grids.scaled(&coarse.shape, scale.exp2());
+            let shape = self.trials.grids.scaled(&coarse.shape, scale.exp2());
             if cells(&shape) >= cells(&fine.shape) {
                 break;
             }
-            let Some((error, known)) = look(trials, scheme, &shape, &result.order, share)? else {
+            let Some(found) = self.look(&shape, &result.order)? else {
                 break;
             };
-            if error <= wanted {
-                (result.shape, result.error, result.known) = (shape, error, known);
+            if found.error <= wanted {
+                (result.shape, result.error, result.known) = (shape, found.error, found.known);
                 break;
             }
-            scale += ((error / wanted).log2() / slope).max(0.05);
+            scale += ((found.error / wanted).log2() / slope).max(0.05);
         }
-    } else if finest.error > wanted {
-        if !result.order.falls() {
-            // No finer grid does.
-            result.known = Known::Extrapolated;
-            return as_it_stands(trials, scheme, own, wanted, result);
-        }
-        let mut scale = result.order.refinement(finest.error, wanted);
-        result.known = Known::Extrapolated;
+        Ok(())
+    }
+
+    /// A grid beyond the `finest` one tried that reaches the wanted error: as the order predicts, and
+    /// tried where the budget allows. Collective.
+    fn beyond(&mut self, finest: &Level, result: &mut Reach) -> Result<()> {
+        let mut scale = result.order.refinement(finest.error, self.wanted);
         for _ in 0..MOST_CANDIDATES {
-            result.shape = trials.grids.scaled(&finest.shape, scale);
-            result.error = wanted;
-            let Some((error, known)) = look(trials, scheme, &result.shape, &result.order, share)?
-            else {
-                result.known = Known::Extrapolated;
+            result.shape = self.trials.grids.scaled(&finest.shape, scale);
+            (result.error, result.known) = (self.wanted, Known::Extrapolated);
+            let Some(found) = self.look(&result.shape, &result.order)? else {
                 break;
             };
-            (result.error, result.known) = (error, known);
-            if error <= wanted {
+            (result.error, result.known) = (found.error, found.known);
+            if found.error <= self.wanted {
                 break;
             }
-            scale *= result.order.refinement(error, wanted).max(1.05);
+            scale *= result.order.refinement(found.error, self.wanted).max(1.05);
         }
-    } else if let Some(coarsest) = levels.iter().find(|level| level.error <= wanted) {
-        // No grid is too coarse.
-        (result.shape, result.error) = (coarsest.shape.clone(), coarsest.error);
+        Ok(())
     }
-    result = as_it_stands(trials, scheme, own, wanted, result)?;
-    let affordable = trials.may(scheme, &trials.grids.doubled(&result.shape, true), share)?;
-    if affordable && trials.may(scheme, &trials.grids.doubled(&result.shape, false), share)? {
-        result.part_of_space = part_of_space(trials, scheme, &result.shape)?;
-    }
-    Ok(result)
-}
 
-/// The case's `own` grid instead, where it was measured there, and does with fewer cells or where nothing else does. Collective.
-fn as_it_stands(
-    trials: &mut Trials<'_>,
-    scheme: Scheme,
-    own: &[usize],
-    wanted: f64,
-    mut found: Reach,
-) -> Result<Reach> {
-    let better = found.error > wanted || cells(own) < cells(&found.shape);
-    if better
-        && trials.knows_run(scheme, own)
-        && let Some(error) = trials.error(scheme, own)?
-        && error <= wanted
-    {
-        (found.shape, found.error, found.known) = (own.to_vec(), error, Known::Measured);
+    /// The case's own grid instead, where it was tried and reaches the wanted error, if it has fewer
+    /// cells or nothing else reaches it. Collective.
+    fn or_own_grid(&mut self, mut found: Reach) -> Result<Reach> {
+        let Goal { scheme, own, .. } = self.goal;
+        let better = found.error > self.wanted || cells(own) < cells(&found.shape);
+        if better
+            && self.trials.has_run(scheme, own)
+            && let Some(error) = self.trials.error(scheme, own)?
+            && error <= self.wanted
+        {
+            (found.shape, found.error, found.known) = (own.to_vec(), error, Known::Measured);
+        }
+        Ok(found)
     }
-    Ok(found)
-}
-
-fn cells(shape: &[usize]) -> f64 {
-    shape.iter().map(|&n| n as f64).product()
 }
 
 #[cfg(test)]

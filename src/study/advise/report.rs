@@ -1,10 +1,11 @@
 //! Advice as people read it.
 
 use crate::base::text::bytes_text;
-use crate::problem::case::Method;
+use crate::problem::case::{Case, Method};
 use crate::study::advise::entry::{Advised, Entry, Parts};
 use crate::study::advise::order::Order;
 use crate::study::advise::reach::Known;
+use crate::study::advise::trials::cells;
 use crate::study::calibrate::seconds_text;
 use crate::study::grids::shape_text;
 use std::fmt;
@@ -13,21 +14,52 @@ use std::fmt;
 pub const MOST_SHOWN: f64 = 1e15;
 
 /// `128 x 128 = 1.638e4 cells`.
-pub fn grid(cells: &[usize]) -> String {
-    let all: f64 = cells.iter().map(|&n| n as f64).product();
+pub fn grid_text(shape: &[usize]) -> String {
+    let all = cells(shape);
     if all > MOST_SHOWN {
         return "more than 1e15 cells".to_owned();
     }
-    format!("{} = {all:.3e} cells", shape_text(cells))
+    format!("{} = {all:.3e} cells", shape_text(shape))
 }
 
 /// Orders by pairs of grids, coarsest first.
-pub fn pairs(order: &Order) -> String {
+fn pairs(order: &Order) -> String {
     if order.pairs.is_empty() {
         return "one pair of grids".to_owned();
     }
     let pairs: Vec<String> = order.pairs.iter().map(|q| format!("{q:.2}")).collect();
     pairs.join(", ")
+}
+
+/// What the user should know of `entries`.
+pub fn warnings(case: &Case, entries: &[Entry]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let can = || entries.iter().filter(|e| e.refused.is_none());
+    let unsettled: Vec<String> = can()
+        .filter(|e| !e.order.settled && e.known == Known::Extrapolated)
+        .map(|e| format!("{} ({})", e.name, pairs(&e.order)))
+        .collect();
+    if !unsettled.is_empty() {
+        warnings.push(format!(
+            "the order has not settled from grid to grid, the lower of the last two is counted on \
+             where errors fall, and the grid may be finer or coarser than it need be: {}",
+            unsettled.join("; ")
+        ));
+    }
+    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        if can().any(|e| e.moved_edges.contains(&axis)) {
+            warnings.push(format!(
+                "no grid nearby has faces on all edges of V across {name}; they are moved to the \
+                 nearest faces, which is part of the error"
+            ));
+        }
+    }
+    if case.readout.is_some() {
+        let what = "readout.cells are cells of the case's own grid: on another they lie elsewhere, \
+                    or nowhere";
+        warnings.push(what.to_owned());
+    }
+    warnings
 }
 
 fn known(known: Known) -> &'static str {
@@ -67,7 +99,7 @@ fn entry(f: &mut fmt::Formatter<'_>, entry: &Entry) -> fmt::Result {
         String::new()
     };
     let tolerance = entry.tolerance.map_or(String::new(), |t| format!(", tolerance {t:e}"));
-    writeln!(f, "  grid    {}{computed}{tolerance}", grid(&entry.shape))?;
+    writeln!(f, "  grid    {}{computed}{tolerance}", grid_text(&entry.shape))?;
     writeln!(f, "  error   {:.2e}, {}: {}", entry.error, known(entry.known), parts(&entry.parts))?;
     let settled = if entry.order.settled { "settled" } else { "not settled" };
     writeln!(f, "  order   {:.2}, {settled} ({})", entry.order.order, pairs(&entry.order))?;

@@ -1,0 +1,122 @@
+//! The settings and the command that lead from a case file to a set-up.
+
+use crate::base::error::Result;
+use crate::problem::case::{Case, Limiter, Method};
+use crate::study::knobs;
+use crate::study::trial::final_fields_only;
+
+/// Settings of a Schrödingerized run in which everything is planned.
+const DEFAULTS: [&str; 6] = [
+    "solver.method=schrodingerized",
+    "scheme.limiter=none",
+    "solver.verify=false",
+    "solver.warp={}",
+    "solver.propagator={}",
+    "output.warped_field=false",
+];
+
+/// `case` by Schrödingerization as it is planned, with no output but the fields at its end.
+///
+/// # Errors
+/// As [`Case::parse`].
+pub fn plain(case: &Case) -> Result<Case> {
+    let mut set = case.overrides.clone();
+    set.extend(DEFAULTS.map(str::to_owned));
+    let planned = Case::parse(&case.name, &case.text, &set)?;
+    Ok(Case { exact: None, ..final_fields_only(&planned) })
+}
+
+/// What `--set` takes to make `target` of `case`; `plain` is the case as it is planned.
+pub fn settings(case: &Case, plain: &Case, target: &Case) -> Vec<String> {
+    let mut set = knobs::settings(case, target);
+    let resets = match target.method {
+        Method::Classical => [
+            ("solver.verify=false", case.verify && target.limiter != Limiter::None),
+            ("output.warped_field=false", case.warped_field),
+        ],
+        Method::Schrodingerized => {
+            // A classical case does not show all that its tables hold.
+            let hidden = case.method == Method::Classical
+                && case.settings.keys().any(|key| key.starts_with("solver.warp"));
+            [
+                ("solver.warp={}", hidden || case.warp != plain.warp),
+                ("solver.propagator={}", case.propagator != plain.propagator),
+            ]
+        }
+    };
+    set.extend(
+        resets.into_iter().filter(|(_, differs)| *differs).map(|(reset, _)| reset.to_owned()),
+    );
+    set
+}
+
+/// `phasewarp run` with `settings`, to be pasted into a shell.
+pub fn command(case: &Case, settings: &[String]) -> String {
+    let key = |set: &str| set.split('=').next().unwrap_or_default().trim().to_owned();
+    let replaced = |old: &&String| settings.iter().any(|new| key(new) == key(old));
+    let kept = case.overrides.iter().filter(|old| !replaced(old));
+    let mut text = format!("phasewarp run {}", quoted(&case.name));
+    for set in kept.chain(settings) {
+        text += &format!(" --set {}", quoted(set));
+    }
+    text
+}
+
+/// A word as a shell takes it.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::case::{Integrator, Interface};
+    use crate::study::advise::scheme::Scheme;
+
+    #[test]
+    fn settings_lead_from_a_case_to_the_target() {
+        let text = r#"
+            axis = [{ x = { lower = -1, upper = 1, cells = 20 }, v = { lower = -1, upper = 1, cells = 20 } }]
+            potential = [{ where = "x < 0", value = "0.1" }, { value = "0" }]
+            initial.f = "exp(-20*(x^2 + v^2))"
+            time.end = 0.5
+            solver.tolerance = 1e-5
+            solver.warp = { profile = "smooth", order = 4 }
+            solver.propagator = { method = "crank-nicolson", step = 0.1 }
+        "#;
+        let read = |set: &[String]| Case::parse("case.toml", text, set);
+        let case = read(&["axis.0.v.cells=24".to_owned()]).unwrap();
+        let plain = plain(&case).unwrap();
+        for interface in Interface::ALL {
+            let scheme = Scheme { interface, limiter: Limiter::None };
+            let mut target = scheme.schrodingerized(&plain, &[40, 36]);
+            target.tolerance = 3e-4;
+            let set = settings(&case, &plain, &target);
+            let found = read(&set).unwrap();
+            assert_eq!(found.space, target.space);
+            assert_eq!((found.interface, found.tolerance), (interface, 3e-4));
+            assert_eq!((found.warp, found.propagator), (plain.warp, plain.propagator));
+            let command = command(&case, &set);
+            assert!(command.contains("--set 'solver.warp={}'"), "{command}");
+            assert!(!command.contains("cells=24"), "{command}");
+        }
+        let scheme = Scheme { interface: Interface::Hat, limiter: Limiter::VanLeer };
+        let found = read(&settings(&case, &plain, &scheme.classical(&plain, &[40, 36]))).unwrap();
+        assert_eq!(
+            (found.method, found.limiter, found.integrator),
+            (Method::Classical, Limiter::VanLeer, Integrator::SspRk3)
+        );
+    }
+
+    #[test]
+    fn shells_get_words() {
+        assert_eq!(quoted("axis.0.x.cells=12"), "axis.0.x.cells=12");
+        assert_eq!(quoted("initial.f=exp(-x*x)"), "'initial.f=exp(-x*x)'");
+        assert_eq!(quoted("it's"), "'it'\\''s'");
+    }
+}

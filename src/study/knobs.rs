@@ -1,0 +1,57 @@
+//! The choices of a case that studies vary: the cells of its grid, and a table of words and numbers.
+//!
+//! A choice that studies shall vary is one line of [`KNOBS`]: advice then writes it as a setting, and
+//! the cost model keeps apart the matrices that differ by it.
+
+use crate::base::text::word;
+use crate::problem::case::{Case, Method};
+
+/// A choice of a case.
+pub struct Knob {
+    /// The key that `--set` takes.
+    pub key: &'static str,
+    /// The value of a case, as `--set` takes it.
+    pub value: fn(&Case) -> String,
+    /// The method that has it; none where both do.
+    pub method: Option<Method>,
+    /// Whether the rows of `A` depend on it.
+    pub rows: bool,
+}
+
+/// All choices but the cells.
+#[rustfmt::skip]
+pub const KNOBS: [Knob; 5] = [
+    Knob { key: "solver.method", value: |c| word(&c.method), method: None, rows: false },
+    Knob { key: "scheme.interface", value: |c| word(&c.interface), method: None, rows: true },
+    Knob { key: "scheme.limiter", value: |c| word(&c.limiter), method: None, rows: false },
+    Knob { key: "solver.classical.integrator", value: |c| word(&c.integrator),
+           method: Some(Method::Classical), rows: false },
+    Knob { key: "solver.tolerance", value: |c| format!("{:e}", c.tolerance),
+           method: Some(Method::Schrodingerized), rows: false },
+];
+
+/// The choices that the rows of `A` depend on, beside grid and potential.
+pub fn row_choices(case: &Case) -> String {
+    let rows = KNOBS.iter().filter(|knob| knob.rows);
+    rows.map(|knob| (knob.value)(case)).collect::<Vec<_>>().join(" ")
+}
+
+/// What `--set` takes to give `case` the cells and the choices of `target`.
+pub fn settings(case: &Case, target: &Case) -> Vec<String> {
+    let mut set = Vec::new();
+    for axis in 0..case.space.dimension() {
+        let [own, new] = [case, target].map(|case| [&case.space.x[axis], &case.space.v[axis]]);
+        for (name, (own, new)) in ["x", "v"].into_iter().zip(own.into_iter().zip(new)) {
+            if own.cells != new.cells {
+                set.push(format!("axis.{axis}.{name}.cells={}", new.cells));
+            }
+        }
+    }
+    for knob in KNOBS.iter().filter(|k| k.method.is_none_or(|method| method == target.method)) {
+        let value = (knob.value)(target);
+        if value != (knob.value)(case) {
+            set.push(format!("{}={value}", knob.key));
+        }
+    }
+    set
+}

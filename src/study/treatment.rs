@@ -1,0 +1,55 @@
+//! Treatments of the growth at a jump of `V`: an interface law, with or without weights.
+
+use crate::base::text::word;
+use crate::problem::case::{Case, Interface};
+use crate::scheme::interface::law_of;
+
+/// An interface law, and whether the unknowns are weighted against the growth that it allows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Treatment {
+    /// The law.
+    pub interface: Interface,
+    /// Whether weights are dissipative.
+    pub weights: bool,
+}
+
+impl Treatment {
+    /// Each law without weights, then with them where it needs them.
+    pub fn all() -> Vec<Self> {
+        let of_law = |interface| {
+            let weighted = [false, true]
+                .into_iter()
+                .filter(move |weights| !weights || law_of(interface).may_grow());
+            weighted.map(move |weights| Self { interface, weights })
+        };
+        Interface::ALL.into_iter().flat_map(of_law).collect()
+    }
+
+    /// Whether its law allows growth, weighted or not.
+    pub fn has_growing_law(self) -> bool {
+        law_of(self.interface).may_grow()
+    }
+
+    /// Whether `λ⁺ > 0` is possible: neither the law nor weights prevent it.
+    pub fn may_grow(self) -> bool {
+        !self.weights && self.has_growing_law()
+    }
+
+    /// `case` treated so.
+    pub fn of(self, case: &Case) -> Case {
+        let mut case = case.clone();
+        case.interface = self.interface;
+        case.warp.weights = self.weights;
+        case
+    }
+
+    /// What it is, in words.
+    pub fn name(self) -> String {
+        let law = word(&self.interface);
+        match (self.has_growing_law(), self.weights) {
+            (false, _) => law,
+            (true, true) => format!("{law}, dissipative weights"),
+            (true, false) => format!("{law}, no weights"),
+        }
+    }
+}
