@@ -23,7 +23,6 @@ use crate::base::disk::{make, refused};
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
-use crate::results::writer::by_first;
 use std::path::Path;
 
 /// Makes the output directory and makes sure that it can be written and has room, before anything
@@ -42,7 +41,7 @@ pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<()> {
         }
         Ok(())
     };
-    by_first(world, || {
+    world.on_first_rank(|| {
         make(directory)?;
         attempt().map_err(|e| refused(directory, &e))?;
         crate::results::result_file::enough_room(directory, case)

@@ -267,26 +267,20 @@ impl Solution {
                 provenance: &provenance(world, case),
             },
         )?;
-        on_first_rank(world, || {
+        all.on_first_rank(|| {
             xdmf::write(directory, case.end, &grids)?;
             warped::remove_older(directory, case)
         })?;
         log.watch.lap("write");
-        on_first_rank(world, || match &summary.readout {
+        all.on_first_rank(|| match &summary.readout {
             Some(readout) => Readout::write(readout, directory),
             None => Ok(()),
         })?;
         summary.finish(&all, &log.watch);
-        on_first_rank(world, || summary.write(directory))?;
+        all.on_first_rank(|| summary.write(directory))?;
         if let Some(checkpointing) = self.checkpointing.filter(|_| log.speaks) {
             checkpointing.remove(&log);
         }
         Ok(summary)
     }
-}
-
-/// Does `write` on rank 0; all ranks get its outcome. Collective.
-fn on_first_rank(world: &World, write: impl FnOnce() -> Result<()>) -> Result<()> {
-    let all = world.group();
-    all.agree(if all.rank() == 0 { write() } else { Ok(()) })
 }

@@ -1,29 +1,26 @@
-//! `phasewarp chart`: runs the trials, writes the files.
+//! `phasewarp chart`: accuracy against cost, method by method.
 
+use crate::base::disk;
 use crate::base::error::Result;
+use crate::command::cli::ChartArgs;
+use crate::command::{default_directory_of, load, print};
 use crate::parallel::communicator::World;
-use crate::problem::case::Case;
 use crate::study::chart::measure;
-use crate::study::chart::result::Chart;
-use std::path::Path;
-use std::time::Duration;
 
-/// Makes the chart of `case` within `budget` and writes it into `directory`. Collective.
+/// Measures the case, writes the files and prints what was found. Collective.
 ///
 /// # Errors
-/// As [`measure`]; [`crate::base::error::Error::Directory`], [`crate::base::error::Error::Output`] where it cannot be written.
-pub fn chart(world: &World, case: &Case, budget: Duration, directory: &Path) -> Result<Chart> {
-    let all = world.group();
-    let writable = match all.rank() {
-        0 => crate::base::disk::make(directory),
-        _ => Ok(()),
-    };
-    all.agree(writable)?;
-    let chart = measure(world, case, budget)?;
-    let written = match all.rank() {
-        0 => chart.write(directory),
-        _ => Ok(()),
-    };
-    all.agree(written)?;
-    Ok(chart)
+/// As [`measure`]; [`crate::base::error::Error::Directory`] and [`crate::base::error::Error::Output`]
+/// where files cannot be written.
+pub fn execute(world: &World, args: &ChartArgs) -> Result<()> {
+    let (all, case) = (world.group(), load(world, &args.case)?);
+    let directory =
+        args.output.clone().unwrap_or_else(|| default_directory_of(&case.name, "chart"));
+    // Before minutes are spent.
+    all.on_first_rank(|| disk::make(&directory))?;
+    let chart = measure(world, &case, args.budget)?;
+    all.on_first_rank(|| chart.write(&directory))?;
+    print(world, &chart.to_string());
+    print(world, &format!("files in {}", directory.display()));
+    Ok(())
 }

@@ -1,6 +1,8 @@
 //! `phasewarp resources`: what the case takes on a quantum computer.
 
 use crate::base::error::{Error, Result};
+use crate::command::cli::{RecordFormat, ResourcesArgs};
+use crate::command::{load, print, print_as, print_json};
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
@@ -11,11 +13,36 @@ use crate::quantum::resources::Record;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 
+/// Counts for the case as it is, or ranks choices for it; prints what was found. Collective.
+///
+/// # Errors
+/// As [`count`]; [`Error::Input`] for `--optimise` in a format that holds one choice.
+pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
+    let case = load(world, &args.case)?;
+    if args.optimise {
+        if matches!(args.format, RecordFormat::Azure | RecordFormat::Qref) {
+            let what = "--optimise compares many choices: --format text and json show them, \
+                        azure and qref hold one";
+            return Err(Error::Input(what.to_owned()));
+        }
+        print_as(world, &optimise(world, &case)?, args.format == RecordFormat::Json);
+        return Ok(());
+    }
+    let record = count(world, &case)?;
+    match args.format {
+        RecordFormat::Text => print(world, &record.to_string()),
+        RecordFormat::Json => print_json(world, &record),
+        RecordFormat::Azure => print_json(world, &record.logical_counts()),
+        RecordFormat::Qref => print_json(world, &record.qref()),
+    }
+    Ok(())
+}
+
 /// Assembles `case` on all ranks and counts. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] for a classical case; as [`Prepared::new`] and [`Plan::new`].
-pub fn count(world: &World, case: &Case) -> Result<Record> {
+/// [`Error::Input`] for a classical case; as [`Prepared::new`] and [`Prepared::plan_modes`].
+fn count(world: &World, case: &Case) -> Result<Record> {
     has_counts(case)?;
     let mut prepared = prepare(world, case)?;
     let ratio = prepared.probe();
@@ -36,7 +63,7 @@ pub fn count(world: &World, case: &Case) -> Result<Record> {
 ///
 /// # Errors
 /// As [`count`].
-pub fn optimise(world: &World, case: &Case) -> Result<Ranking> {
+fn optimise(world: &World, case: &Case) -> Result<Ranking> {
     has_counts(case)?;
     let mut all = Vec::new();
     let own = prepare(world, case)?;

@@ -2,6 +2,8 @@
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::text::bytes_text;
+use crate::command::cli::SpectrumArgs;
+use crate::command::{load, print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
@@ -58,11 +60,25 @@ pub struct Found {
     sweeps: usize,
 }
 
+/// Measures the case and prints what was found. Collective.
+///
+/// # Errors
+/// As [`measure`].
+pub fn execute(world: &World, args: &SpectrumArgs) -> Result<()> {
+    let case = load(world, &args.case)?;
+    let found = measure(world, &case, &args.refine, args.steps as usize)?;
+    match args.json {
+        true => print_json(world, &found),
+        false => print(world, &table(&found)),
+    }
+    Ok(())
+}
+
 /// Measures `case` on its grid and on grids with `refine` times its cells. Collective.
 ///
 /// # Errors
 /// [`Error::Memory`] before anything is computed if one of the grids does not fit; as [`Prepared::new`].
-pub fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result<Vec<Found>> {
+fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result<Vec<Found>> {
     let grids: Vec<Case> = (refine.iter()).map(|&factor| refined(case, factor)).collect();
     let mut plans = Vec::new();
     for case in &grids {
@@ -160,7 +176,7 @@ fn number(x: f64) -> String {
 }
 
 /// What was found, for people: a line a grid and a line a matrix.
-pub fn table(list: &[Found]) -> String {
+fn table(list: &[Found]) -> String {
     let mut text = String::new();
     let mut last = 0;
     for found in list {

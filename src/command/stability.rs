@@ -1,35 +1,25 @@
-//! `phasewarp stability`: measures, writes, and says what was found.
+//! `phasewarp stability`: limits beyond which methods fail, measured beside theory.
 
+use crate::base::disk;
 use crate::base::error::Result;
+use crate::command::cli::StabilityArgs;
+use crate::command::{default_directory_of, load, print};
 use crate::parallel::communicator::World;
-use crate::problem::case::Case;
 use crate::study::stability;
-use crate::study::stability::panel::{Name, Stability};
-use std::path::Path;
-use std::time::Duration;
 
-/// The panels `only` of `case`, written into `directory`. Collective.
+/// Measures the panels, writes the files and prints the table. Collective.
 ///
 /// # Errors
-/// As [`stability::measure`] and [`Stability::write`].
-pub fn stability(
-    world: &World,
-    case: &Case,
-    directory: &Path,
-    (only, budget): (&[Name], Duration),
-) -> Result<Stability> {
-    let group = world.group();
-    // Before it takes a minute: whether there is a place for what is found.
-    let made = match group.rank() {
-        0 => crate::base::disk::make(directory),
-        _ => Ok(()),
-    };
-    group.agree(made)?;
-    let found = stability::measure(world, case, only, budget)?;
-    let written = match group.rank() {
-        0 => found.write(directory),
-        _ => Ok(()),
-    };
-    group.agree(written)?;
-    Ok(found)
+/// As [`stability::measure`] and [`stability::panel::Stability::write`].
+pub fn execute(world: &World, args: &StabilityArgs) -> Result<()> {
+    let (all, case) = (world.group(), load(world, &args.case)?);
+    let directory =
+        args.output.clone().unwrap_or_else(|| default_directory_of(&case.name, "stability"));
+    // Before minutes are spent.
+    all.on_first_rank(|| disk::make(&directory))?;
+    let found = stability::measure(world, &case, &args.only, args.budget)?;
+    all.on_first_rank(|| found.write(&directory))?;
+    print(world, &found.table());
+    print(world, &format!("files in {}", directory.display()));
+    Ok(())
 }

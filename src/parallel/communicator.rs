@@ -261,6 +261,14 @@ impl Group {
         self.sum(bound, count, terms.iter().copied())
     }
 
+    /// Does `work` on the first rank; the others get a default, or its error. Collective.
+    ///
+    /// # Errors
+    /// As `work`, the same on all ranks.
+    pub fn on_first_rank<T: Default>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
+        self.agree(if self.rank() == 0 { work() } else { Ok(T::default()) })
+    }
+
     /// Makes all ranks agree: `Ok` only if every rank has it, otherwise the lowest failing rank's
     /// error on all.
     ///

@@ -176,7 +176,7 @@ impl fmt::Display for Ranking {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "\n{:<22}{:>10}{:>8}{:>9}{:>12}{:>11}{:>11}{:>12}{:>12}",
+            "{:<22}{:>10}{:>8}{:>9}{:>12}{:>11}{:>11}{:>12}{:>12}",
             "profile",
             "delta",
             "p",

@@ -34,7 +34,7 @@ use crate::results::dataset::{About, PlateauPoint, Results};
 use crate::results::fields::{self, COMPONENT, DIRECTION, Layout, POINT};
 use crate::results::room::require_room;
 use crate::results::views::Grid;
-use crate::results::writer::{Outcome, Writer, attribute, by_first, text};
+use crate::results::writer::{Outcome, Writer, attribute, text};
 use crate::results::{history, readback, views};
 use std::path::Path;
 
@@ -45,7 +45,7 @@ use std::path::Path;
 /// [`crate::base::error::Error::Output`], the same on all ranks.
 pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<Vec<Grid>> {
     let path = directory.join("result.h5");
-    by_first(world, || enough_room(directory, results.case))?;
+    world.on_first_rank(|| enough_room(directory, results.case))?;
     put_in_place(world, &path, |partial| {
         let grids = write_all(world, partial, results)?;
         readback::check(world, partial)?;

@@ -24,17 +24,6 @@ use std::path::Path;
 /// What HDF5 says.
 pub type Outcome<T> = std::result::Result<T, hdf5::Error>;
 
-/// What the first rank does alone; all agree on how it went. Collective.
-///
-/// # Errors
-/// As `work`, the same on all ranks.
-pub fn by_first(world: &Group, work: impl FnOnce() -> Result<()>) -> Result<()> {
-    world.agree(match world.rank() {
-        0 => work(),
-        _ => Ok(()),
-    })
-}
-
 /// A dimension scale.
 struct Scale {
     /// Its length.
@@ -95,7 +84,7 @@ impl<'a> Writer<'a> {
             .create(path)
             .map_err(|e| failure(path, &e));
         let file = ManuallyDrop::new(world.agree(file)?);
-        by_first(world, || machine::reserve(path, bytes).map_err(|e| failure(path, &e)))?;
+        world.on_first_rank(|| machine::reserve(path, bytes).map_err(|e| failure(path, &e)))?;
         Ok(Self {
             world,
             path,
@@ -261,7 +250,8 @@ impl<'a> Writer<'a> {
         let closed = ManuallyDrop::into_inner(self.file).close();
         let closed = closed.map_err(|e| failure(self.path, &e));
         self.world.agree(closed)?;
-        by_first(self.world, || machine::give_back(self.path).map_err(|e| failure(self.path, &e)))
+        self.world
+            .on_first_rank(|| machine::give_back(self.path).map_err(|e| failure(self.path, &e)))
     }
 }
 

@@ -1,0 +1,43 @@
+//! `phasewarp check` and `phasewarp check-result`: cases and results without solving anything.
+
+use crate::base::error::Result;
+use crate::command::cli::{CaseArgs, CheckResultArgs};
+use crate::command::describe::describe;
+use crate::command::{load_reduced, print};
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::World;
+use crate::plan::here::refuse_hopeless_here;
+use crate::plan::layout::Resources;
+use crate::results::readback;
+use crate::run::{planning, warnings};
+
+/// Prints the case as it was read, and warnings about it. Collective.
+///
+/// # Errors
+/// As [`planning::plan`].
+pub fn execute(world: &World, args: &CaseArgs) -> Result<()> {
+    let case = load_reduced(world, args)?;
+    refuse_hopeless_here(world, &case)?;
+    let bounds = Bounds::new(&case)?;
+    let resources = Resources { ranks: world.group().size(), ..Resources::default() };
+    // Where the grid is small enough, planning finds formulas that are not finite and tolerances
+    // that cannot be met.
+    let plan = planning::plan(world, &case, &resources)?;
+    print(world, &describe(&case, &bounds));
+    let planned = plan.warp.map_or(Vec::new(), |w| w.warnings);
+    for warning in warnings::warnings(&case).iter().chain(&planned) {
+        print(world, &format!("warning: {warning}"));
+    }
+    Ok(())
+}
+
+/// Compares the datasets of a run with their checksums. Collective.
+///
+/// # Errors
+/// As [`readback::check_result`].
+pub fn execute_on_result(world: &World, args: &CheckResultArgs) -> Result<()> {
+    for (path, datasets) in readback::check_result(&world.group(), &args.directory)? {
+        print(world, &format!("{}: {datasets} datasets as written", path.display()));
+    }
+    Ok(())
+}

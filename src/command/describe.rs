@@ -1,0 +1,135 @@
+//! The case as the program read it: what `phasewarp check` prints.
+
+use crate::base::text::word;
+use crate::matrix::bounds::Bounds;
+use crate::problem::case;
+use crate::problem::case::{Case, Data, Method};
+use crate::problem::grid::axis_names;
+
+/// The case in lines: axes, formulas, method, what was reduced, cells and rates.
+pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
+    let title = if case.title.is_empty() { &case.name } else { &case.title };
+    let mut text = format!("{title}\n");
+    text += &axes(case);
+    text += &formulas(case);
+    text += &method(case);
+    if let Some(readout) = &case.readout {
+        text += &readout_line(readout);
+    }
+    for line in &case.reductions.dropped {
+        text += &format!("reduced {line}\n");
+    }
+    for line in &case.reductions.kept {
+        text += &format!("kept    {line}\n");
+    }
+    let growth = if bounds.growth.is_finite() {
+        format!("at most {:.4}", bounds.growth)
+    } else {
+        "known once it is assembled".to_owned()
+    };
+    text += &format!(
+        "{} cells; largest rate {:.4}; growth of S {growth}{}\n",
+        case.space.cells(),
+        bounds.rate,
+        if bounds.weighted { " with dissipative weights" } else { "" }
+    );
+    text
+}
+
+/// A line an axis.
+fn axes(case: &Case) -> String {
+    let dimension = case.space.dimension();
+    // Velocity axes are never periodic.
+    let periodic = case.space.periodic.iter().take(dimension).copied();
+    let periodic = periodic.chain(std::iter::repeat(false));
+    let names = axis_names(dimension);
+    let mut text = String::new();
+    for ((name, axis), periodic) in names.iter().zip(case.space.whole().axes()).zip(periodic) {
+        text += &format!(
+            "{name:<3} [{}, {}]  {} cells of {:.6}{}\n",
+            axis.lower,
+            axis.upper,
+            axis.cells,
+            axis.width(),
+            if periodic { ", periodic" } else { "" }
+        );
+    }
+    text
+}
+
+/// Potential, initial data and inflow.
+fn formulas(case: &Case) -> String {
+    let mut text = String::new();
+    for region in &case.potential {
+        let condition = region.condition.as_ref().map_or("elsewhere", |c| c.text());
+        text += &format!("V = {}  where {condition}\n", region.value.text());
+    }
+    if let Data::Measure { density, velocity } = &case.data {
+        let list: Vec<&str> = velocity.iter().map(|w| w.text()).collect();
+        let (density, list) = (density.text(), list.join("; "));
+        text +=
+            &format!("measure-valued: density {density}, velocity {list}; f = phi delta(psi)\n");
+    }
+    if let (Some(start), Some([lower, upper]), Some(points)) =
+        (&case.start, case.warp.interval, case.warp.points)
+    {
+        let file = start.path.display();
+        text += &format!(
+            "w(0) = {file}: {points} points in p from {lower}, {upper} is one period on; \
+             nothing enters\n"
+        );
+    }
+    for field in case.fields.iter().filter(|_| case.start.is_none()) {
+        text += &format!("{}(0) = {}\n", field.name, field.initial.text());
+        text += &match &field.inflow {
+            case::Inflow::Formula(f) => format!("inflow = {}\n", f.text()),
+            case::Inflow::Initial => format!("inflow = {}(0) at the ghost centres\n", field.name),
+        };
+    }
+    text
+}
+
+/// Time, interface law, method and its settings.
+fn method(case: &Case) -> String {
+    let common = format!(
+        "T = {}, interface {}, method {}, tolerance {:e}\n",
+        case.end,
+        word(&case.interface),
+        word(&case.method),
+        case.tolerance
+    );
+    let settings = match case.method {
+        Method::Classical => format!(
+            "integrator {}, cfl {}, limiter {}\n",
+            word(&case.integrator),
+            case.cfl,
+            word(&case.limiter)
+        ),
+        Method::Schrodingerized => format!(
+            "profile {}, coefficients {}, recovery by {}, inflow {}, delta {}, shift {}, \
+             propagator {}\n",
+            match case.start {
+                Some(_) => "that of initial.warped".to_owned(),
+                None => word(&case.warp.profile),
+            },
+            word(&case.warp.coefficients),
+            word(&case.warp.recovery_method),
+            word(&case.warp.inflow),
+            word(&case.warp.delta),
+            word(&case.warp.shift),
+            word(&case.propagator)
+        ),
+    };
+    common + &settings
+}
+
+/// What is measured.
+fn readout_line(readout: &case::Readout) -> String {
+    let effort = match readout.effort {
+        case::Effort::Given { shots, evaluations } => {
+            format!("{shots} shots, {evaluations} evaluations")
+        }
+        case::Effort::Accuracy(accuracy) => format!("to {accuracy:e}"),
+    };
+    format!("readout of {} cells: {effort}, seed {}\n", readout.cells.len(), readout.seed)
+}

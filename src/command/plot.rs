@@ -1,0 +1,140 @@
+//! `phasewarp plot` and `phasewarp report`: a finished run as pictures, and as a page.
+
+use crate::base::disk;
+use crate::base::error::{Error, Result};
+use crate::command::cli::PlotArgs;
+use crate::command::describe::describe;
+use crate::command::print;
+use crate::matrix::bounds::Bounds;
+use crate::parallel::communicator::World;
+use crate::problem::case::Case;
+use crate::results::pictures;
+use crate::results::pictures::Album;
+use crate::results::pictures::cut::Cut;
+use crate::results::pictures::stored::Stored;
+use crate::results::report::{Report, missing};
+use crate::run::planning::with_start;
+use crate::scheme::reduce::reduced;
+use std::path::PathBuf;
+
+/// Cells of space at most for which a report describes the case: `V` is evaluated on all of them.
+const MOST_POINTS: usize = 10_000_000;
+
+/// What was written.
+#[derive(Default)]
+struct Written {
+    files: Vec<PathBuf>,
+    /// Names of what was left out, and why.
+    left_out: Vec<(String, String)>,
+}
+
+impl Written {
+    /// Prints the names of the files and what was left out.
+    fn print(&self, world: &World) {
+        for (name, why) in &self.left_out {
+            print(world, &format!("{name}: left out: {why}"));
+        }
+        for file in &self.files {
+            print(world, &file.display().to_string());
+        }
+    }
+}
+
+/// Draws a run; the first rank reads and writes. Collective.
+///
+/// # Errors
+/// As [`Stored::open`], [`Cut::parse`], [`pictures::draw`] and [`Album::write`], the same on all
+/// ranks.
+pub fn execute(world: &World, args: &PlotArgs) -> Result<()> {
+    let written = world.group().on_first_rank(|| {
+        let (_, album) = album(args)?;
+        let directory = args.output.clone();
+        let directory = directory.unwrap_or_else(|| args.directory.join("plots"));
+        let files = album.write(&directory)?;
+        Ok(Written { files, left_out: album.left_out })
+    })?;
+    written.print(world);
+    Ok(())
+}
+
+/// Writes a report; the first rank reads and writes. Collective.
+///
+/// # Errors
+/// As [`execute`]; [`Error::Input`] where there is no `summary.json`.
+pub fn execute_report(world: &World, args: &PlotArgs) -> Result<()> {
+    let group = world.group();
+    let opened = group.on_first_rank(|| album(args).map(Some))?;
+    let description = description(world, opened.as_ref().map(|(run, _)| run));
+    let written = group.on_first_rank(|| match opened {
+        Some((run, album)) => write_report(args, &run, album, description),
+        None => Ok(Written::default()),
+    })?;
+    written.print(world);
+    Ok(())
+}
+
+/// Writes the page. On the first rank.
+fn write_report(
+    args: &PlotArgs,
+    run: &Stored,
+    album: Album,
+    description: std::result::Result<String, String>,
+) -> Result<Written> {
+    let summary = run.summary.as_ref().map_err(|why| {
+        let what = "a directory that `phasewarp run` wrote is expected";
+        Error::Input(format!("{why}; {what}"))
+    })?;
+    let missing = missing(summary);
+    let page = Report {
+        run,
+        summary,
+        album: &album,
+        understood: description.as_deref().map_err(String::as_str),
+    };
+    let page = page.html()?;
+    let directory = args.output.as_ref().unwrap_or(&args.directory);
+    disk::make(directory)?;
+    let path = directory.join("report.html");
+    std::fs::write(&path, page).map_err(|e| disk::failure(&path, &e))?;
+    let mut left_out = album.left_out;
+    left_out.extend(missing);
+    if let Err(why) = description {
+        left_out.push(("what was understood".to_owned(), why));
+    }
+    Ok(Written { files: vec![path], left_out })
+}
+
+/// What `phasewarp check` prints of the case of a run, which the first rank has; or why it cannot be
+/// printed. Collective.
+fn description(world: &World, run: Option<&Stored>) -> std::result::Result<String, String> {
+    /// Name, text and overrides of a case; or why it is not described.
+    type Source = std::result::Result<(String, String, Vec<String>), String>;
+    let group = world.group();
+    let source: Option<Source> = run.map(|run| match &run.case {
+        Ok(case) if case.space.space_cells() > MOST_POINTS => {
+            Err(format!("more than {MOST_POINTS} cells of space"))
+        }
+        Ok(case) => Ok((case.name.clone(), run.text.clone(), run.overrides.clone())),
+        Err(why) => Err(why.clone()),
+    });
+    let text = source.and_then(|source| serde_json::to_string(&source).ok());
+    let text = group.broadcast_text(&text.unwrap_or_default());
+    let source: Source = serde_json::from_str(&text).map_err(|e| e.to_string())?;
+    let (name, text, overrides) = source?;
+    let described = || -> Result<String> {
+        let case = Case::parse(&name, &text, &overrides)?;
+        let case = reduced(&group, &*with_start(&group, &case)?)?;
+        Ok(describe(&case, &Bounds::new(&case)?))
+    };
+    described().map_err(|e| e.to_string())
+}
+
+/// The run and its pictures.
+fn album(args: &PlotArgs) -> Result<(Stored, Album)> {
+    let run = Stored::open(&args.directory)?;
+    let beside = (args.beside.as_deref()).map(Stored::open).transpose()?;
+    let cuts = args.slices.iter().map(|text| Cut::parse(&run, text));
+    let cuts: Vec<Cut> = cuts.collect::<Result<_>>()?;
+    let album = pictures::draw(&run, beside.as_ref(), &cuts)?;
+    Ok((run, album))
+}

@@ -1,0 +1,66 @@
+//! `phasewarp run`: solves a case.
+
+use crate::base::error::Result;
+use crate::base::log::report;
+use crate::base::machine;
+use crate::command::cli::RunArgs;
+use crate::command::{default_directory, load, print};
+use crate::parallel::communicator::World;
+use crate::results::finished::is_finished;
+use crate::results::summary::Summary;
+use crate::run;
+use crate::run::options::Options;
+use std::path::Path;
+
+/// Solves the case, unless it is to be resumed and is finished. Collective.
+///
+/// # Errors
+/// As [`run::run`].
+pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
+    let case = load(world, &args.case)?;
+    let directory = args.output.clone().unwrap_or_else(|| default_directory(&case.name));
+    if args.resume && is_finished(&world.group(), &directory, &case) {
+        let shown = directory.display();
+        print(world, &format!("--resume: the run is finished; results in {shown}"));
+        return Ok(());
+    }
+    let options = Options {
+        ranks_x: args.ranks_x.clone(),
+        resume: args.resume,
+        walltime: args.walltime,
+        stop: machine::stop_flag(),
+    };
+    let summary = run::run(world, &case, &directory, &options)?;
+    if world.group().rank() == 0 {
+        for warning in &summary.warnings[summary.warnings_printed..] {
+            report(&format!("warning: {warning}"));
+        }
+    }
+    print(world, &closing_line(&summary, &directory));
+    Ok(())
+}
+
+/// Seconds, errors and where the results are.
+fn closing_line(summary: &Summary, directory: &Path) -> String {
+    let mut line = format!("done in {:.2} s", summary.wall_seconds);
+    if let Some(estimate) = summary.error_estimate {
+        line += &if summary.error_estimate_reliable {
+            format!(", error estimate {estimate:.1e} (tolerance {:e})", summary.tolerance)
+        } else {
+            let doubt = summary.doubt.as_deref();
+            format!(
+                ", no error estimate: {}",
+                doubt.unwrap_or("below what can be told from round-off")
+            )
+        };
+    }
+    if let (Some(density), Some(velocity)) = (summary.error_density_l1, summary.error_velocity_l1) {
+        line += &format!(
+            ", L1 distance to the exact density {density:.4}, mean velocity {velocity:.4}"
+        );
+    }
+    if let Some(l1) = summary.error_l1 {
+        line += &format!(", L1 distance to the exact solution {l1:.4}");
+    }
+    format!("{line}; results in {}", directory.display())
+}

@@ -1,0 +1,151 @@
+//! Values of options: accuracies, durations, sizes.
+
+use std::time::Duration;
+
+/// A number between 0 and 1.
+pub fn parse_accuracy(text: &str) -> Result<f64, String> {
+    match text.trim().parse() {
+        Ok(epsilon) if epsilon > 0.0 && epsilon < 1.0 => Ok(epsilon),
+        _ => Err("a number above 0 and below 1 expected".into()),
+    }
+}
+
+/// A whole number from 1 to 64.
+pub fn parse_refinement(text: &str) -> Result<usize, String> {
+    match text.trim().parse() {
+        Ok(n @ 1..=64) => Ok(n),
+        _ => Err("a whole number from 1 to 64 expected".into()),
+    }
+}
+
+/// Seconds; `90s`, `90m`, `1.5h`, `2d`, `1h30m`; Slurm's `MM:SS`, `HH:MM:SS`, `D-HH:MM:SS`.
+pub fn parse_duration(text: &str) -> Result<Duration, String> {
+    let text = text.trim();
+    let seconds = if text.contains(':') { clock_seconds(text)? } else { seconds(text)? };
+    if !(seconds.is_finite() && seconds > 0.0) {
+        return Err("must be above 0".into());
+    }
+    Duration::try_from_secs_f64(seconds).map_err(|e| e.to_string())
+}
+
+/// A number that begins with a digit or a point, of `unit`.
+fn number(text: &str, unit: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if text.starts_with(|c: char| c.is_ascii_digit() || c == '.') => Ok(value),
+        _ => Err(format!("\"{text}\" is no number of {unit}")),
+    }
+}
+
+/// Seconds of `MM:SS`, `HH:MM:SS` or `D-HH:MM:SS`.
+fn clock_seconds(text: &str) -> Result<f64, String> {
+    let (days, clock) = text.split_once('-').unwrap_or(("0", text));
+    let fields: Option<Vec<u32>> = clock.split(':').map(|field| field.parse().ok()).collect();
+    match fields {
+        Some(fields) if fields.len() <= 3 => {
+            let clock = fields.iter().fold(0.0, |sum, &field| 60.0 * sum + f64::from(field));
+            Ok(86400.0 * number(days, "days")? + clock)
+        }
+        _ => Err("HH:MM:SS or D-HH:MM:SS expected".into()),
+    }
+}
+
+/// Seconds of a number with or without a unit, or of several: `1h30m`.
+///
+/// `humantime` reads several; it refuses a plain number, `1e3s`, `.5h` and `1.2345h`.
+fn seconds(text: &str) -> Result<f64, String> {
+    const UNITS: [(char, f64, &str); 4] = [
+        ('s', 1.0, "seconds"),
+        ('m', 60.0, "minutes"),
+        ('h', 3600.0, "hours"),
+        ('d', 86400.0, "days"),
+    ];
+    let units = text.chars().filter(|c| UNITS.iter().any(|unit| unit.0 == *c)).count();
+    if units > 1
+        && let Ok(duration) = humantime::parse_duration(text)
+    {
+        return Ok(duration.as_secs_f64());
+    }
+    match UNITS.iter().find(|unit| text.ends_with(unit.0)) {
+        Some(&(unit, factor, name)) => {
+            Ok(factor * number(text.trim_end_matches(unit).trim(), name)?)
+        }
+        None => number(text, "seconds"),
+    }
+}
+
+/// Bytes of `4GiB`, `500MB`, `4G`, `1e9`.
+///
+/// `bytesize` takes `4G` for 4 GB; here it is 4 GiB, as Slurm's `--mem`.
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
+    let text = text.trim();
+    let split = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e').unwrap_or(text.len());
+    let (number, unit) = text.split_at(split);
+    let factor = match unit.trim().to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "kb" => 1e3,
+        "mb" => 1e6,
+        "gb" => 1e9,
+        "tb" => 1e12,
+        "k" | "kib" => 1024.0,
+        "m" | "mib" => 1024f64.powi(2),
+        "g" | "gib" => 1024f64.powi(3),
+        "t" | "tib" => 1024f64.powi(4),
+        other => {
+            return Err(format!("unknown unit \"{other}\"; KiB, MiB, GiB, TiB, kB, MB, GB, TB do"));
+        }
+    };
+    let value: f64 = number.trim().parse().map_err(|_| format!("\"{number}\" is not a number"))?;
+    if !(value.is_finite() && value > 0.0) {
+        return Err("must be above 0".into());
+    }
+    Ok((value * factor) as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn durations() {
+        for (text, seconds) in [
+            ("3600", 3600.0),
+            ("0.5", 0.5),
+            ("90s", 90.0),
+            ("90m", 5400.0),
+            ("1.5 h", 5400.0),
+            ("1.2345h", 4444.2),
+            (".5h", 1800.0),
+            ("1e3s", 1000.0),
+            ("1h30m", 5400.0),
+            ("1d 2h 3m 4s", 93_784.0),
+            ("2d", 172_800.0),
+            ("12:30", 750.0),
+            ("1:30:00", 5400.0),
+            ("2-01:00:05", 176_405.0),
+        ] {
+            assert_eq!(parse_duration(text), Ok(Duration::from_secs_f64(seconds)));
+        }
+        for text in [
+            "", "0", "-5", "m", "1:2:3:4", "1:-2", "nan", "inf", "1e400", "5 weeks", "1-5",
+            "+3:0x1",
+        ] {
+            assert!(parse_duration(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn sizes() {
+        for (text, bytes) in [
+            ("4GiB", 4 << 30),
+            ("4G", 4 << 30),
+            ("500 MB", 500_000_000),
+            ("1e9", 1_000_000_000),
+            ("12k", 12_288),
+        ] {
+            assert_eq!(parse_bytes(text), Ok(bytes));
+        }
+        for text in ["", "GiB", "4 parsecs", "-1GB", "nan"] {
+            assert!(parse_bytes(text).is_err(), "{text}");
+        }
+    }
+}
