@@ -1,4 +1,4 @@
-//! The quantum side: what a quantum computer would be given, what it would take, and what could be read from it.
+//! The quantum side: the input of a quantum computer, its resources, and what could be measured.
 //!
 //! | module | what it holds |
 //! |---|---|
@@ -6,11 +6,16 @@
 //! | [`sparsity`] | nonzeros of rows and columns, measured against the paper's bounds |
 //! | [`probability`] | with what probability a measurement gives the solution |
 //! | [`optimise`] | the cheapest profile, recovery point and `δ` |
-//! | [`export`] | states, `H` and circuits of a tiny case, for a simulator of quantum computers |
+//! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |
 //! | [`readout`] | density, momentum and mean velocity as they would be measured |
 //! | [`resources`] | queries, qubits, gates; records for other programs |
 //!
 //! Every number says what it is: see [`figure::Figure`].
+
+use crate::base::error::{Error, Result};
+use crate::plan::Plan;
+use crate::problem::case::Case;
+use crate::schrodingerization::warp_plan::WarpPlan;
 
 pub mod access;
 pub mod export;
@@ -20,3 +25,12 @@ pub mod probability;
 pub mod readout;
 pub mod resources;
 pub mod sparsity;
+
+/// The modes that `plan` has for `case`.
+///
+/// # Errors
+/// [`Error::Input`] for a plan of the classical method, which has none.
+fn planned_modes<'a>(case: &Case, plan: &'a Plan) -> Result<&'a WarpPlan> {
+    let none = || Error::Input(format!("{}: nothing is planned by modes", case.name));
+    plan.warp.as_ref().ok_or_else(none)
+}

@@ -1,6 +1,6 @@
 //! `phasewarp export-quantum`: a tiny case for a quantum simulator.
 
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::base::log::report;
 use crate::command::cli::ExportArgs;
 use crate::command::{default_directory, load, print};
@@ -53,13 +53,7 @@ fn export(world: &World, case: &Case, directory: &Path) -> Result<Description> {
     let mut prepared = Prepared::new(world, case, &here)?;
     let ratio = prepared.probe();
     prepared.plan_modes(&here, ratio)?;
-    let Some(warp) = &prepared.plan.warp else {
-        let what = "nothing is planned by modes";
-        return Err(Error::Input(format!("{}: {what}", case.name)));
-    };
-    let planned = (&prepared.bounds, warp);
-    let exported = Export::new(case, planned, &mut prepared.system, &prepared.communicator);
-    let exported = all.agree(exported)?;
+    let exported = all.agree(Export::new(&mut prepared))?;
     all.on_first_rank(|| exported.write(directory))?;
     Ok(exported.description().clone())
 }

@@ -48,15 +48,7 @@ fn count(world: &World, case: &Case) -> Result<Record> {
     let ratio = prepared.probe();
     prepared.plan_modes(&Resources::here(world), ratio)?;
     let norms = norms(&mut prepared);
-    let Some(warp) = &prepared.plan.warp else {
-        return Err(Error::Input(format!("{}: nothing is planned by modes", case.name)));
-    };
-    Record::new(
-        case,
-        (&prepared.bounds, warp),
-        (&prepared.system, norms),
-        &prepared.communicator.space,
-    )
+    Record::new(&prepared, norms)
 }
 
 /// Every choice of profile, recovery point and `δ`, the cheapest first. Collective.

@@ -64,7 +64,8 @@ impl<'a> SparseAccess<'a> {
     pub fn new(
         case: &'a Case,
         problem: &'a DiscreteSystem,
-        (points, period): (usize, f64),
+        points: usize,
+        period: f64,
     ) -> Result<Self> {
         let matrix = &problem.matrix;
         let shared = matrix.shared_row().is_some();
@@ -146,7 +147,7 @@ impl<'a> SparseAccess<'a> {
 
     /// `|H_jk⟩_m`: real and imaginary part of [`value`](Self::value) as whole multiples of `2^{1−m} ‖H‖_max`, nearest to them: `m` bits
     /// each, one of them the sign. `m` from 2 to 52.
-    pub fn value_bits(&self, scratch: &mut Scratch, (j, k): (usize, usize), m: u32) -> [i64; 2] {
+    pub fn value_bits(&self, scratch: &mut Scratch, j: usize, k: usize, m: u32) -> [i64; 2] {
         let value = self.value(scratch, j, k);
         let most = (1i64 << (m - 1)) - 1;
         [value.re, value.im].map(|x| {

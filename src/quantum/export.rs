@@ -1,11 +1,15 @@
-//! The circuit-level objects of a tiny case, for a simulator of quantum computers: states, `H`, and circuits where they are exact.
+//! The circuit-level objects of a tiny case, for a quantum simulator: states, `H`, and circuits where
+//! they are exact.
 //!
-//! **Qubits.** Amplitude `j = i N_p + k` is unknown `i` at the point `p_k` (or in the mode `l = k − N_p/2`). Qubit 0 is the last bit of `j`: the
-//! first `n_p` qubits are the p-register, then come the velocities, the last axis first, then space, then, where something enters, a label that is 0 in the block of
-//! `f`. Unknown `cells + m` is the auxiliary one `m`; what is left of that block is empty, its rows of `H` are zero.
+//! **Qubits.** Amplitude `j = i N_p + k` is unknown `i` at the point `p_k` (or in the mode
+//! `l = k − N_p/2`). Qubit 0 is the last bit of `j`. The first `n_p` qubits are the p-register. Then
+//! come the velocities, the last axis first, then space, then, where something enters, a label that is
+//! 0 in the block of `f`. Unknown `cells + m` is the auxiliary one `m`. The rest of that block is
+//! empty, its rows of `H` are zero.
 //!
-//! **Transform.** `Φ_{kl'} = e^{iμ_l(p_k − L)}/√N_p = (−1)^k e^{2πi kl'/N_p}/√N_p`, `l' = l + N_p/2`: the usual transform with the positive sign, then `Z` on
-//! qubit 0. The state in modes is `w̃ = (I ⊗ Φ⁻¹) w`, and `w̃(T) = e^{−iHT} w̃(0)`.
+//! **Transform.** `Φ_{kl'} = e^{iμ_l(p_k − L)}/√N_p = (−1)^k e^{2πi kl'/N_p}/√N_p`, `l' = l + N_p/2`:
+//! the usual transform with the positive sign, then `Z` on qubit 0. The state in modes is
+//! `w̃ = (I ⊗ Φ⁻¹) w`, and `w̃(T) = e^{−iHT} w̃(0)`.
 //!
 //! **Files** (NumPy's format 1.0, little-endian; states normalised):
 //!
@@ -17,12 +21,12 @@
 //! | `field.npy`, `weights.npy` | `f(T)` read at `p◇`, and `√π`, by cell |
 //! | `hamiltonian.mtx` | `H`, Matrix Market, the lower triangle of a Hermitian matrix |
 //! | `transform.qasm` | `Φ` on the p-register, OpenQASM 3 |
-//! | `preparation.qasm` | `w(0)` from zeros, by uniformly controlled rotations; where the amplitudes are real |
+//! | `preparation.qasm` | `w(0)` from zeros, by uniformly controlled rotations; for real amplitudes |
 
 pub mod circuit;
 pub mod numpy;
 
-use crate::base::disk::failure;
+use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::{LANES, Lanes};
@@ -32,9 +36,11 @@ use crate::problem::case::{Case, Data, Method};
 use crate::propagate::chebyshev::{Chebyshev, Interval, degree};
 use crate::propagate::method::{BatchSpec, Evolution, Initial, Propagator};
 use crate::quantum::access::{Scratch, SparseAccess};
+use crate::quantum::planned_modes;
 use crate::quantum::probability::points;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::prepared::Prepared;
 use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -82,8 +88,8 @@ pub struct Description {
     pub velocity_volume: f64,
     /// Velocities by velocity cell, one list an axis.
     pub velocities: Vec<Vec<f64>>,
-    /// `Re⟨χ|F⟩` of density, then momentum by axis, by space cell: `F` is the block of `f`, weights and all, and `χ` has `q/√π`. `null` where
-    /// every velocity is 0.
+    /// `Re⟨χ|F⟩` of density, then momentum by axis, by space cell. `F` is the weighted block of `f`,
+    /// and `χ` has `q/√π`. `null` where every velocity is 0.
     pub overlaps: Vec<Vec<f64>>,
     /// Why there is no `preparation.qasm`, if so.
     pub preparation: Option<String>,
@@ -113,7 +119,8 @@ pub fn refuse(case: &Case) -> Result<()> {
     }
     if !matches!(case.data, Data::Density) {
         return wrong(
-            "initial.density: phi and psi of measure-valued data are separate states; initial.f is one",
+            "initial.density: phi and psi of measure-valued data are separate states; \
+             initial.f is one",
         );
     }
     if case.varies() {
@@ -172,129 +179,187 @@ fn real(x: &[Complex64]) -> (Vec<f64>, f64) {
     (x.iter().map(|x| x.re).collect(), largest)
 }
 
-impl Export {
-    /// Of `case` on one rank, `problem` being the whole grid.
+/// Qubits of each register.
+struct Registers {
+    p: usize,
+    /// By axis, `(x1..xn, v1..vn)`.
+    phase_space: Vec<usize>,
+    /// 1 where something enters.
+    label: usize,
+}
+
+impl Registers {
+    /// Of `case` with `points` points in `p` and `rows` unknowns.
     ///
     /// # Errors
-    /// [`Error::Input`] for more than [`MOST_QUBITS`] qubits, or a number of points that is no power of two.
-    pub fn new(
-        case: &Case,
-        (bounds, warp): (&Bounds, &WarpPlan),
-        problem: &mut DiscreteSystem,
-        communicator: &Communicator,
-    ) -> Result<Self> {
-        let wrong = |what: String| Err(Error::Input(format!("{}: {what}", case.name)));
+    /// [`Error::Input`] for more than [`MOST_QUBITS`] qubits.
+    fn new(case: &Case, points: usize, rows: usize) -> Result<Self> {
+        let bits = |count: usize| count.trailing_zeros() as usize;
+        let registers = Self {
+            p: bits(points),
+            phase_space: case.space.axes().map(|a| bits(a.cells)).collect(),
+            label: usize::from(rows > case.space.cells()),
+        };
+        if registers.total() > MOST_QUBITS {
+            let Self { p, phase_space, label } = &registers;
+            return Err(Error::Input(format!(
+                "{}: {} qubits ({p} of p, {phase_space:?} of the axes, {label} for what enters); \
+                 at most {MOST_QUBITS} are exported: fewer cells, a shorter time.end or a larger \
+                 solver.tolerance take less",
+                case.name,
+                registers.total()
+            )));
+        }
+        Ok(registers)
+    }
+
+    /// All of them.
+    fn total(&self) -> usize {
+        self.p + self.phase_space.iter().sum::<usize>() + self.label
+    }
+}
+
+/// The grid in `p`: `p_k = lower + k · period/points`.
+struct PointGrid {
+    points: usize,
+    lower: f64,
+    period: f64,
+    /// `k◇`.
+    recovery_index: usize,
+    /// `p◇`.
+    recovery: f64,
+}
+
+impl PointGrid {
+    /// The grid of `warp`, with a point at `p◇`; of sampled coefficients the grid that is given.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a given number of points that is no power of two.
+    fn new(case: &Case, warp: &WarpPlan) -> Result<Self> {
         let series = &warp.series;
         let given = if series.alone { points(series) } else { 2 * series.modes() };
         let points = given.next_power_of_two();
         if series.alone && given != points {
-            return wrong(format!(
-                "{given} points in p; a register of qubits takes a power of two: solver.warp.points = {points}"
-            ));
+            return Err(Error::Input(format!(
+                "{}: {given} points in p; a register of qubits takes a power of two: \
+                 solver.warp.points = {points}",
+                case.name
+            )));
         }
-        let bits = |count: usize| count.trailing_zeros() as usize;
-        let (cells, rows) = (case.space.cells(), problem.matrix.rows());
-        let label = usize::from(rows > cells);
-        let phase_space: Vec<usize> = case.space.axes().map(|a| bits(a.cells)).collect();
-        let qubits = bits(points) + phase_space.iter().sum::<usize>() + label;
-        if qubits > MOST_QUBITS {
-            return wrong(format!(
-                "{qubits} qubits ({} of p, {phase_space:?} of the axes, {label} for what enters); at most {MOST_QUBITS} are exported: \
-                 fewer cells, a shorter time.end or a larger solver.tolerance take less",
-                bits(points)
-            ));
-        }
-        let unknowns = cells << label;
-
-        // The grid in p has a point at p◇, but for samples, whose grid is given.
         let (point, width) = (warp.readings[0].point, series.period / points as f64);
         let steps = (point - warp.interval[0]) / width;
         let (lower, index) = match series.alone {
             true => (warp.interval[0], (steps - 1e-9).ceil()),
             false => (point - steps.floor() * width, steps.floor()),
         };
-        let index = index.rem_euclid(points as f64) as usize;
-        let point = lower + index as f64 * width;
+        let recovery_index = index.rem_euclid(points as f64) as usize;
+        let recovery = lower + recovery_index as f64 * width;
+        Ok(Self { points, lower, period: series.period, recovery_index, recovery })
+    }
+}
 
-        let start = amplitudes(series, points, lower);
-        let mut initial = vec![Complex64::ZERO; unknowns * points];
-        for (line, u) in initial.chunks_exact_mut(points).zip(&problem.states[0][..rows]) {
-            for (w, a) in line.iter_mut().zip(&start) {
-                *w = a * u;
-            }
+/// The field that a measurement of the final state leaves, and its probabilities.
+struct Reading {
+    /// `√π f/C_w e^{−p◇}`: the real part of the state at `p◇`, in the block of `f`.
+    block: Vec<f64>,
+    /// Norm of that block with its imaginary part, squared.
+    in_block: f64,
+    /// Norm of the state at `p◇`, squared: `P_p`.
+    in_slice: f64,
+    /// `√π`.
+    weights: Vec<f64>,
+    /// `f(T)`.
+    field: Vec<f64>,
+}
+
+impl Reading {
+    /// Of the normalised `state`, whose norm was `norm_of_state`; `pi` are the weights of the cells.
+    fn new(state: &[Complex64], grid: &PointGrid, pi: &[f64], norm_of_state: f64) -> Self {
+        let slice: Vec<Complex64> =
+            state.iter().skip(grid.recovery_index).step_by(grid.points).copied().collect();
+        let cells = pi.len();
+        let square = |x: &[Complex64]| norm(x).powi(2);
+        let weights: Vec<f64> = pi.iter().map(|pi| pi.sqrt()).collect();
+        let (block, _) = real(&slice[..cells]);
+        let scale = grid.recovery.exp() * norm_of_state;
+        let field = block.iter().zip(&weights).map(|(v, d)| scale * v / d).collect();
+        Self { in_block: square(&slice[..cells]), in_slice: square(&slice), block, weights, field }
+    }
+
+    /// Real parts of the overlaps with the moment states, of density and momenta by space cell.
+    fn overlaps(&self, factors: &VelocityFactors, dimension: usize) -> Vec<Vec<f64>> {
+        let (velocities, size) = (factors.cells(), self.in_block.sqrt());
+        let of = |k: usize| {
+            let blocks = self.block.chunks_exact(velocities);
+            let cells = blocks.zip(self.weights.chunks_exact(velocities));
+            let overlap = |(v, d): (&[f64], &[f64])| {
+                let (mut product, mut square) = (0.0, 0.0);
+                for ((v, d), q) in v.iter().zip(d).zip(factors.each()) {
+                    product += q[k] / d * v;
+                    square += (q[k] / d).powi(2);
+                }
+                product / (square.sqrt() * size)
+            };
+            cells.map(overlap).collect()
+        };
+        (0..=dimension).map(of).collect()
+    }
+}
+
+impl Export {
+    /// Of a case whose whole grid is on this rank.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for more than [`MOST_QUBITS`] qubits, a number of points that is no power of
+    /// two, or a start that is zero.
+    pub fn new(prepared: &mut Prepared) -> Result<Self> {
+        let Prepared { case, plan, bounds, system, communicator, .. } = prepared;
+        let warp = planned_modes(case, plan)?;
+        let grid = PointGrid::new(case, warp)?;
+        let (cells, rows) = (case.space.cells(), system.matrix.rows());
+        let registers = Registers::new(case, grid.points, rows)?;
+        let unknowns = cells << registers.label;
+
+        let start = amplitudes(&warp.series, grid.points, grid.lower);
+        let initial = initial_modes(&start, &system.states[0][..rows], unknowns);
+        let norm_of_state = norm(&initial);
+        if norm_of_state == 0.0 {
+            let what = "the state at the start is zero, and no amplitudes of anything";
+            return Err(Error::Input(format!("{}: {what}", case.name)));
         }
-        let c_w = norm(&initial);
-        if c_w == 0.0 {
-            return wrong(
-                "the state at the start is zero, and no amplitudes of anything".to_owned(),
-            );
-        }
-        let evolved = evolved(case, bounds, (series, &start), problem, communicator)?;
-        let mut modes = [initial, evolved];
-        modes[1].resize(unknowns * points, Complex64::ZERO);
+        let evolution = ModeEvolution { case, bounds, series: &warp.series, start: &start };
+        let mut modes = [initial, evolution.run(system, communicator)?];
+        modes[1].resize(unknowns * grid.points, Complex64::ZERO);
         for state in &mut modes {
-            state.iter_mut().for_each(|w| *w /= c_w);
+            state.iter_mut().for_each(|w| *w /= norm_of_state);
         }
         let states = [0, 1].map(|k| {
-            let lines = modes[k].chunks_exact(points);
+            let lines = modes[k].chunks_exact(grid.points);
             lines.flat_map(transformed).collect::<Vec<Complex64>>()
         });
 
-        // What is read at p◇, and the probabilities of that.
-        let slice: Vec<Complex64> = states[1].iter().skip(index).step_by(points).copied().collect();
-        let square = |x: &[Complex64]| norm(x).powi(2);
-        let (in_slice, in_block) = (square(&slice), square(&slice[..cells]));
-        let weights: Vec<f64> = problem.weights.pi[..cells].iter().map(|pi| pi.sqrt()).collect();
-        let (block, _) = real(&slice[..cells]);
-        let scale = point.exp() * c_w;
-        let field: Vec<f64> = block.iter().zip(&weights).map(|(v, d)| scale * v / d).collect();
-
-        let profile: Vec<Complex64> = transformed(&start).collect();
-        let size = norm(&profile);
-        let (amplitudes, imaginary) = real(&profile);
-        let (preparation, reason) = if imaginary <= 1e-13 * size {
-            let mut system = problem.states[0][..rows].to_vec();
-            system.resize(unknowns, 0.0);
-            (Some(crate::quantum::export::circuit::preparation(&amplitudes, &system)), None)
-        } else {
-            let why = format!(
-                "the amplitudes in p are complex (imaginary parts up to {:.1e}): the coefficient of the mode -N_p/2 has no partner. \
-                 solver.warp.coefficients = \"sampled\", or no solver.warp.points",
-                imaginary / size
-            );
-            (None, Some(why))
+        let pi = &system.weights.pi[..cells];
+        let reading = Reading::new(&states[1], &grid, pi, norm_of_state);
+        let (preparation, refused) = match preparation(&start, &system.states[0][..rows], unknowns)
+        {
+            Ok(text) => (Some(text), None),
+            Err(why) => (None, Some(why)),
         };
-        let factors = VelocityFactors::new(&case.space);
-        let n = case.space.dimension();
         Ok(Self {
-            description: Description {
-                title: case.title.clone(),
-                qubits_p: bits(points),
-                qubits_phase_space: phase_space,
-                qubits_label: label,
-                qubits,
-                time: case.end,
-                lower,
-                period: series.period,
-                recovery_index: index,
-                recovery: point,
-                norm_of_state: c_w,
-                norm_of_field: field.iter().map(|f| f * f).sum::<f64>().sqrt(),
-                probability_p: in_slice,
-                probability_field_given_p: in_block / in_slice,
-                velocity_volume: case.space.velocity_volume(),
-                velocities: (1..=n)
-                    .map(|k| factors.each().iter().map(|q| q[k]).collect())
-                    .collect(),
-                overlaps: overlaps(&factors, n, (&block, in_block.sqrt()), &weights),
-                preparation: reason,
-            },
-            hamiltonian: hamiltonian(case, problem, (points, series.period), unknowns)?,
-            transform: crate::quantum::export::circuit::transform(bits(points)),
+            description: Description::new(
+                case,
+                &registers,
+                &grid,
+                &reading,
+                norm_of_state,
+                refused,
+            ),
+            hamiltonian: hamiltonian(case, system, &grid, unknowns)?,
+            transform: circuit::transform(registers.p),
             modes,
             states,
-            field,
-            weights,
+            field: reading.field,
+            weights: reading.weights,
             preparation,
         })
     }
@@ -304,25 +369,25 @@ impl Export {
     /// # Errors
     /// [`Error::Directory`], [`Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        crate::base::disk::make(directory)?;
+        disk::make(directory)?;
         let write = |name: &str, bytes: &[u8]| {
             let path = directory.join(name);
-            std::fs::write(&path, bytes).map_err(|e| failure(&path, &e))
+            std::fs::write(&path, bytes).map_err(|e| disk::failure(&path, &e))
         };
-        write("initial_modes.npy", &crate::quantum::export::numpy::complex(&self.modes[0]))?;
-        write("final_modes.npy", &crate::quantum::export::numpy::complex(&self.modes[1]))?;
-        write("initial.npy", &crate::quantum::export::numpy::complex(&self.states[0]))?;
-        write("final.npy", &crate::quantum::export::numpy::complex(&self.states[1]))?;
-        write("field.npy", &crate::quantum::export::numpy::real(&self.field))?;
-        write("weights.npy", &crate::quantum::export::numpy::real(&self.weights))?;
+        write("initial_modes.npy", &numpy::complex(&self.modes[0]))?;
+        write("final_modes.npy", &numpy::complex(&self.modes[1]))?;
+        write("initial.npy", &numpy::complex(&self.states[0]))?;
+        write("final.npy", &numpy::complex(&self.states[1]))?;
+        write("field.npy", &numpy::real(&self.field))?;
+        write("weights.npy", &numpy::real(&self.weights))?;
         write("hamiltonian.mtx", self.hamiltonian.as_bytes())?;
         write("transform.qasm", self.transform.as_bytes())?;
         if let Some(preparation) = &self.preparation {
             write("preparation.qasm", preparation.as_bytes())?;
         }
         let path = directory.join("description.json");
-        let text =
-            serde_json::to_string_pretty(&self.description).map_err(|e| failure(&path, &e))?;
+        let text = serde_json::to_string_pretty(&self.description)
+            .map_err(|e| disk::failure(&path, &e))?;
         write("description.json", (text + "\n").as_bytes())
     }
 
@@ -332,94 +397,151 @@ impl Export {
     }
 }
 
-/// `w̃(T)`, not normalised, of the unknowns there are: the modes `l ≥ 0` by Chebyshev series to round-off, the others their conjugates.
-fn evolved(
-    case: &Case,
-    bounds: &Bounds,
-    (series, start): (&Series, &[Complex64]),
-    problem: &mut DiscreteSystem,
-    communicator: &Communicator,
-) -> Result<Vec<Complex64>> {
-    let (points, rows) = (start.len(), problem.matrix.rows());
-    let mut evolved = vec![Complex64::ZERO; rows * points];
-    let mut scratch = Vec::new();
-    let mut work = |l: usize| {
-        let interval = Interval::new(series.wavenumber(l), bounds.rate, bounds.growth);
-        degree(&mut scratch, interval.half_width * case.end, TOLERANCE)
-    };
-    let modes = series.modes();
-    let works: Vec<usize> = (0..modes).map(&mut work).collect();
-    let most = works.iter().copied().max().unwrap_or(0);
-    let mut propagator = Chebyshev::new(&problem.matrix, most);
-    let norm = problem.norm(communicator, &problem.states[0], false);
-    let initial = Initial::real(&problem.states[0][..rows], norm);
-    let mut system = Evolution {
-        matrix: &problem.matrix,
-        exchange: &mut problem.exchange,
-        space: &communicator.space,
-        rate: bounds.rate,
-        growth: bounds.growth,
-        time: case.end,
-        terms: problem.terms,
-    };
-    for first in (0..modes).step_by(LANES) {
-        let used = LANES.min(modes - first);
-        let mode = |lane: usize| first + lane.min(used - 1);
-        let spec = BatchSpec {
-            modes: used,
-            wavenumbers: std::array::from_fn(|lane| series.wavenumber(mode(lane))),
-            tolerances: [TOLERANCE; LANES],
-            work: std::array::from_fn(|lane| works[mode(lane)]),
+impl Description {
+    fn new(
+        case: &Case,
+        registers: &Registers,
+        grid: &PointGrid,
+        reading: &Reading,
+        norm_of_state: f64,
+        preparation: Option<String>,
+    ) -> Self {
+        let factors = VelocityFactors::new(&case.space);
+        let n = case.space.dimension();
+        let velocities = |k: usize| factors.each().iter().map(|q| q[k]).collect();
+        Self {
+            title: case.title.clone(),
+            qubits_p: registers.p,
+            qubits_phase_space: registers.phase_space.clone(),
+            qubits_label: registers.label,
+            qubits: registers.total(),
+            time: case.end,
+            lower: grid.lower,
+            period: grid.period,
+            recovery_index: grid.recovery_index,
+            recovery: grid.recovery,
+            norm_of_state,
+            norm_of_field: reading.field.iter().map(|f| f * f).sum::<f64>().sqrt(),
+            probability_p: reading.in_slice,
+            probability_field_given_p: reading.in_block / reading.in_slice,
+            velocity_volume: case.space.velocity_volume(),
+            velocities: (1..=n).map(velocities).collect(),
+            overlaps: reading.overlaps(&factors, n),
+            preparation,
+        }
+    }
+}
+
+/// `w̃(0)`, not normalised: the amplitudes `start` in `p` times the vector `system`, zeros up to
+/// `unknowns`.
+fn initial_modes(start: &[Complex64], system: &[f64], unknowns: usize) -> Vec<Complex64> {
+    let mut initial = vec![Complex64::ZERO; unknowns * start.len()];
+    for (line, u) in initial.chunks_exact_mut(start.len()).zip(system) {
+        for (w, a) in line.iter_mut().zip(start) {
+            *w = a * u;
+        }
+    }
+    initial
+}
+
+/// The circuit that prepares `w(0)`; or why there is none.
+fn preparation(
+    start: &[Complex64],
+    system: &[f64],
+    unknowns: usize,
+) -> std::result::Result<String, String> {
+    let profile: Vec<Complex64> = transformed(start).collect();
+    let size = norm(&profile);
+    let (amplitudes, imaginary) = real(&profile);
+    if imaginary > 1e-13 * size {
+        return Err(format!(
+            "the amplitudes in p are complex (imaginary parts up to {:.1e}): the coefficient of \
+             the mode -N_p/2 has no partner. solver.warp.coefficients = \"sampled\", or no \
+             solver.warp.points",
+            imaginary / size
+        ));
+    }
+    let mut system = system.to_vec();
+    system.resize(unknowns, 0.0);
+    Ok(circuit::preparation(&amplitudes, &system))
+}
+
+/// The evolution of all modes of a case to round-off.
+struct ModeEvolution<'a> {
+    case: &'a Case,
+    bounds: &'a Bounds,
+    series: &'a Series,
+    /// Amplitudes of the modes at the start.
+    start: &'a [Complex64],
+}
+
+impl ModeEvolution<'_> {
+    /// `w̃(T)`, not normalised, of the rows of `problem`: the modes `l ≥ 0` by Chebyshev series, the
+    /// others their conjugates.
+    fn run(
+        &self,
+        problem: &mut DiscreteSystem,
+        communicator: &Communicator,
+    ) -> Result<Vec<Complex64>> {
+        let Self { case, bounds, series, start } = *self;
+        let (points, rows) = (start.len(), problem.matrix.rows());
+        let mut evolved = vec![Complex64::ZERO; rows * points];
+        let mut scratch = Vec::new();
+        let mut work = |l: usize| {
+            let interval = Interval::new(series.wavenumber(l), bounds.rate, bounds.growth);
+            degree(&mut scratch, interval.half_width * case.end, TOLERANCE)
         };
-        let report = propagator.propagate(&mut system, &spec, &initial)?;
-        for lane in 0..used {
-            let l = mode(lane);
-            for (i, Lanes(x)) in propagator.state()[..rows].iter().enumerate() {
-                let w = report.phases[lane] * Complex64::new(x[lane], x[LANES + lane]);
-                let line = &mut evolved[i * points..(i + 1) * points];
-                if l < points / 2 {
-                    line[points / 2 + l] = start[points / 2 + l] * w;
-                }
-                if l > 0 {
-                    line[points / 2 - l] = start[points / 2 - l] * w.conj();
+        let modes = series.modes();
+        let works: Vec<usize> = (0..modes).map(&mut work).collect();
+        let most = works.iter().copied().max().unwrap_or(0);
+        let mut propagator = Chebyshev::new(&problem.matrix, most);
+        let norm = problem.norm(communicator, &problem.states[0], false);
+        let initial = Initial::real(&problem.states[0][..rows], norm);
+        let mut system = Evolution {
+            matrix: &problem.matrix,
+            exchange: &mut problem.exchange,
+            space: &communicator.space,
+            rate: bounds.rate,
+            growth: bounds.growth,
+            time: case.end,
+            terms: problem.terms,
+        };
+        for first in (0..modes).step_by(LANES) {
+            let used = LANES.min(modes - first);
+            let mode = |lane: usize| first + lane.min(used - 1);
+            let spec = BatchSpec {
+                modes: used,
+                wavenumbers: std::array::from_fn(|lane| series.wavenumber(mode(lane))),
+                tolerances: [TOLERANCE; LANES],
+                work: std::array::from_fn(|lane| works[mode(lane)]),
+            };
+            let report = propagator.propagate(&mut system, &spec, &initial)?;
+            for lane in 0..used {
+                let l = mode(lane);
+                for (i, Lanes(x)) in propagator.state()[..rows].iter().enumerate() {
+                    let w = report.phases[lane] * Complex64::new(x[lane], x[LANES + lane]);
+                    let line = &mut evolved[i * points..(i + 1) * points];
+                    if l < points / 2 {
+                        line[points / 2 + l] = start[points / 2 + l] * w;
+                    }
+                    if l > 0 {
+                        line[points / 2 - l] = start[points / 2 - l] * w.conj();
+                    }
                 }
             }
         }
+        Ok(evolved)
     }
-    Ok(evolved)
-}
-
-/// Real parts of the overlaps of `√π f`, of norm `size` with its imaginary parts, with the moment states: for density and momenta, by space cell.
-fn overlaps(
-    factors: &VelocityFactors,
-    n: usize,
-    (block, size): (&[f64], f64),
-    weights: &[f64],
-) -> Vec<Vec<f64>> {
-    let velocities = factors.cells();
-    let of = |k: usize| {
-        let cells = block.chunks_exact(velocities).zip(weights.chunks_exact(velocities));
-        let overlap = |(v, d): (&[f64], &[f64])| {
-            let (mut product, mut square) = (0.0, 0.0);
-            for ((v, d), q) in v.iter().zip(d).zip(factors.each()) {
-                product += q[k] / d * v;
-                square += (q[k] / d).powi(2);
-            }
-            product / (square.sqrt() * size)
-        };
-        cells.map(overlap).collect()
-    };
-    (0..=n).map(of).collect()
 }
 
 /// `H` in Matrix Market, from its oracle; rows of empty amplitudes are zero.
 fn hamiltonian(
     case: &Case,
     problem: &DiscreteSystem,
-    (points, period): (usize, f64),
+    grid: &PointGrid,
     unknowns: usize,
 ) -> Result<String> {
-    let access = SparseAccess::new(case, problem, (points, period))?;
+    let access = SparseAccess::new(case, problem, grid.points, grid.period)?;
     let mut scratch = Scratch::default();
     let (mut entries, mut text) = (0, String::new());
     for j in 0..access.order() {
@@ -433,9 +555,10 @@ fn hamiltonian(
             entries += 1;
         }
     }
-    let order = unknowns * points;
+    let order = unknowns * grid.points;
+    let title = case.title.replace(['\n', '\r'], " ");
     Ok(format!(
-        "%%MatrixMarket matrix coordinate complex hermitian\n% {}\n{order} {order} {entries}\n{text}",
-        case.title.replace(['\n', '\r'], " ")
+        "%%MatrixMarket matrix coordinate complex hermitian\n\
+         % {title}\n{order} {order} {entries}\n{text}"
     ))
 }

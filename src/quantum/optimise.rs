@@ -6,7 +6,7 @@
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Coefficients, Delta, ProfileChoice};
 use crate::quantum::figure::Figure;
-use crate::quantum::probability::{Probabilities, points};
+use crate::quantum::probability::{PlannedState, Probabilities, points};
 use crate::quantum::resources::walk;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::system::StateNorms;
@@ -85,10 +85,17 @@ pub struct System<'a> {
     pub matrix: (f64, f64, usize),
 }
 
+impl System<'_> {
+    /// `δ`; none where nothing enters.
+    fn delta(&self) -> Option<Delta> {
+        self.case.enters().then_some(self.case.warp.delta)
+    }
+}
+
 /// Plans every profile and recovery point for one system; what cannot be planned says why.
 pub fn choices(system: &System<'_>) -> Vec<Choice> {
     let mut found = Vec::new();
-    let delta = system.case.enters().then_some(system.case.warp.delta);
+    let delta = system.delta();
     for profile in PROFILES {
         let mut case = system.case.clone();
         case.warp.profile = profile;
@@ -109,7 +116,7 @@ pub fn choices(system: &System<'_>) -> Vec<Choice> {
             match plan(&case).unwrap_or_else(|error| Err(error.to_string())) {
                 Ok(plan) => {
                     first.get_or_insert(plan.readings[0].point);
-                    found.push(choice(system, (profile, delta), &plan));
+                    found.push(choice(system, profile, &plan));
                 }
                 Err(why) => {
                     found.push(Choice::unavailable(profile, delta, &why));
@@ -121,11 +128,8 @@ pub fn choices(system: &System<'_>) -> Vec<Choice> {
     found
 }
 
-fn choice(
-    system: &System<'_>,
-    (profile, delta): (ProfileChoice, Option<Delta>),
-    plan: &WarpPlan,
-) -> Choice {
+/// The cost of `system` with `profile` as planned.
+fn choice(system: &System<'_>, profile: ProfileChoice, plan: &WarpPlan) -> Choice {
     let (time, tolerance) = (system.case.end, system.case.tolerance);
     let points = points(&plan.series).next_power_of_two();
     let highest = plan.series.wavenumber(points / 2);
@@ -133,8 +137,8 @@ fn choice(
     // An entry's S and K are at most the largest of each.
     let tau = nonzeros as f64 * (highest * s).hypot(k) * time;
     let label = |x: f64| Figure::estimate(x, "norms of the classical solution to three digits");
-    let measured = (system.bounds, plan, time);
-    let found = Probabilities::new(measured, points, system.norms, &label);
+    let planned = PlannedState { bounds: system.bounds, warp: plan, time, points };
+    let found = Probabilities::new(&planned, system.norms, &label);
     let steps = walk(tau, tolerance * found.amplitude()).1;
     let steps = steps.value().map_or(steps, Figure::bound);
     let chain = match found.window {
@@ -147,7 +151,7 @@ fn choice(
     };
     Choice {
         profile,
-        delta,
+        delta: system.delta(),
         recovery: Figure::exact(found.recovery),
         points: Figure::exact(found.points as f64),
         cost: [of(&chain.repetitions), of(&chain.amplified_evolutions)],

@@ -146,6 +146,19 @@ impl Chain {
     }
 }
 
+/// The state that a run prepares, as its plan knows it.
+#[derive(Clone, Copy)]
+pub struct PlannedState<'a> {
+    /// Bounds of the generator.
+    pub bounds: &'a Bounds,
+    /// The plan of the modes.
+    pub warp: &'a WarpPlan,
+    /// `T`.
+    pub time: f64,
+    /// Points in `p`: of the plan, or of the register that holds them.
+    pub points: usize,
+}
+
 impl Probabilities {
     /// `√P` of the window, or of the slice where there is none: what is left of an error in the whole state is so much larger beside the field. 1 where
     /// neither is known.
@@ -156,11 +169,11 @@ impl Probabilities {
 
     /// Those of a run planned as `warp` with these norms and `points` points in `p`; `label` makes figures of what follows from them, which are as good as they are.
     pub fn new(
-        (bounds, warp, time): (&Bounds, &WarpPlan, f64),
-        points: usize,
+        planned: &PlannedState<'_>,
         norms: StateNorms,
         label: &dyn Fn(f64) -> Figure,
     ) -> Self {
+        let PlannedState { bounds, warp, time, points } = *planned;
         let series = &warp.series;
         let point = warp.readings[0].point;
         let width = series.period / points as f64;

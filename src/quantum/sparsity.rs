@@ -6,9 +6,10 @@
 //! | `A^v`, force along all | `2n + 1` | `2n + 1` |
 //! | `H` | `Σ Q_a + 2n + 3` | the same |
 //!
-//! with `Q_a = 2⌈√(5/4 + (2/Δv_a) √((Δv_a/2)² + 2 max|V⁻ − V⁺|)) − ½⌉ + 2` over the faces normal to axis `a` (paper, section 4.2 and appendix A;
-//! `Q + 5` in one dimension, `Q_1 + Q_2 + 7` in two, both with a diagonal of the inflow). They are made for the hat function on a
-//! velocity axis whose cells lie symmetrically about zero; what else is measured is measured without a bound.
+//! with `Q_a = 2⌈√(5/4 + (2/Δv_a) √((Δv_a/2)² + 2 max|V⁻ − V⁺|)) − ½⌉ + 2` over the faces normal to
+//! axis `a` (paper, section 4.2 and appendix A; `Q + 5` in one dimension, `Q_1 + Q_2 + 7` in two, both
+//! with a diagonal of the inflow). The bounds are made for the hat function on a velocity axis whose
+//! cells lie symmetrically about zero; other cases are measured without a bound.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -94,7 +95,8 @@ impl Fullest {
     }
 }
 
-/// Counts the nonzeros of `case`'s matrices; `matrix` are this rank's rows of `(S, K)`, weighted as in a run. Collective over `space`.
+/// Counts the nonzeros of `case`'s matrices; `matrix` are this rank's rows of `(S, K)`, weighted as in
+/// a run. Collective over `space`.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Formula`] where `V` is not finite.
@@ -108,122 +110,188 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
     let symmetric = (case.space.v.iter())
         .all(|v| (v.lower + v.upper).abs() < 1e-9 * v.width() && v.cells % 2 == 0);
     let bounded = symmetric && case.interface == Interface::Hat;
+    let report = Report { case, space, bounded };
 
-    // A by parts: transport axis by axis, then force, then all. Rows of ghosts have entries in columns of this block.
-    let parts = n + 2;
-    let cells = block.cells();
-    let mut rows = vec![Fullest::NONE; parts];
-    let mut columns = vec![vec![0u16; cells]; parts];
-    let mut globals = vec![0; cells];
-    let mut entries = 0;
-    let mut starts = Vec::new();
-    block.for_each_own(|global, local| starts.push((global, Some(local))));
-    block.for_each_ghost(|global, _| starts.push((global, None)));
-    let (mut row, mut part_columns) = (Row::default(), vec![Vec::new(); parts]);
-    for &(start, own) in &starts {
-        for v in 0..block.velocity_cells {
-            let global = start + v;
-            if let Some(local) = own {
-                globals[local + v] = global;
-            }
-            let cell = case.space.cell(global);
-            part_columns.iter_mut().for_each(Vec::clear);
-            for axis in 0..2 * n {
-                let speed = scheme.speed(&cell, axis);
-                if speed == 0.0 {
-                    continue;
-                }
-                scheme.neighbour(&mut row, &cell, axis, speed < 0.0);
-                for part in [axis.min(n), n + 1] {
-                    let list: &mut Vec<usize> = &mut part_columns[part];
-                    list.push(global);
-                    list.extend(row.entries.iter().map(|e| e.0));
-                }
-            }
-            for (part, list) in part_columns.iter_mut().enumerate() {
-                list.sort_unstable();
-                list.dedup();
-                if own.is_some() {
-                    rows[part].see(list.len(), global);
-                    if part == n + 1 {
-                        entries += list.len();
-                    }
-                }
-                for &column in &*list {
-                    if let Some(LocalIndex::Own(j)) = block.local(column) {
-                        columns[part][j] += 1;
-                    }
-                }
-            }
-        }
-    }
-
-    let name = |part: usize| match part {
-        part if part < n => format!("A_{}", ["x", "y", "z"][part]),
-        part if part == n => "A_v".to_owned(),
-        _ => "A".to_owned(),
-    };
-    let all = case.space.cells();
-    let point = |global: usize| describe_point(n, &case.space.point(&case.space.cell(global)));
-    let describe = |Fullest(_, place): Fullest| match place {
-        usize::MAX => "no row".to_owned(),
-        place if place < all => point(place),
-        place if place == 2 * all => "the common auxiliary unknown".to_owned(),
-        place => format!("the auxiliary unknown of {}", point(place - all)),
-    };
-    let count = |found: Fullest, bound: Option<usize>| {
-        let found = found.over(space);
-        let bound = bound.filter(|_| bounded);
-        Count {
-            most: found.0,
-            place: describe(found),
-            bound,
-            holds: bound.is_none_or(|b| found.0 <= b),
-        }
-    };
-    let mut counts = Vec::new();
-    for part in 0..parts {
-        let mut fullest = Fullest::NONE;
-        for (&number, &global) in columns[part].iter().zip(&globals) {
-            fullest.see(usize::from(number), global);
-        }
-        let [of_rows, of_columns] = match part {
-            part if part < n => [Some(3), Some(q[part])],
-            part if part == n => [Some(2 * n + 1); 2],
-            _ => [None; 2],
-        };
-        counts.push(Counts {
-            matrix: name(part),
-            rows: count(rows[part], of_rows),
-            columns: count(fullest, of_columns),
-        });
-    }
-
-    // H1, H2 and their pattern together, which is H's wherever μ is not 0; they are symmetric but for signs.
-    let whole = q.iter().sum::<usize>() + 2 * n + 3;
-    // Auxiliary unknowns are numbered behind the cells, like their rows.
-    let place = |i: usize| match i.checked_sub(cells) {
-        None => globals[i],
-        Some(m) => all + globals[matrix.inflow[m].row as usize],
-    };
-    let own = matrix.shared_row().unwrap_or(matrix.rows());
+    let mut parts = Parts::new(n, block);
+    parts.count(case, &scheme, block);
+    let mut counts: Vec<Counts> = (0..=n + 1).map(|part| parts.counts(part, &q, &report)).collect();
+    // H1, H2 and their pattern together, which is H's wherever μ is not 0.
+    let bound = q.iter().sum::<usize>() + 2 * n + 3;
     type Present = fn(f64, f64) -> bool;
     let kinds: [(&str, Present, Option<usize>); 3] = [
         ("H1", |s, _| s != 0.0, None),
         ("H2", |_, k| k != 0.0, None),
-        ("H", |s, k| s != 0.0 || k != 0.0, Some(whole)),
+        ("H", |s, k| s != 0.0 || k != 0.0, Some(bound)),
     ];
-    for (matrix_name, present, bound) in kinds {
+    for (name, present, bound) in kinds {
+        let fullest = parts.fullest_hamiltonian_row(matrix, &report, present);
+        let found = report.count(fullest, bound);
+        // Symmetric but for signs.
+        counts.push(Counts { matrix: name.to_owned(), rows: found.clone(), columns: found });
+    }
+    Ok(Sparsity { q, jumps, bounded, entries: space.sum_count(parts.entries), counts })
+}
+
+/// Nonzeros of `A` by parts on this rank: transport axis by axis, then force (part `n`), then all.
+struct Parts {
+    dimension: usize,
+    /// By part.
+    rows: Vec<Fullest>,
+    /// By part, then by cell of the block.
+    columns: Vec<Vec<u16>>,
+    /// Global numbers of the cells of the block.
+    globals: Vec<usize>,
+    /// Nonzeros of `A`.
+    entries: usize,
+}
+
+impl Parts {
+    /// Nothing counted yet.
+    fn new(dimension: usize, block: &Block) -> Self {
+        let (parts, cells) = (dimension + 2, block.cells());
+        Self {
+            dimension,
+            rows: vec![Fullest::NONE; parts],
+            columns: vec![vec![0; cells]; parts],
+            globals: vec![0; cells],
+            entries: 0,
+        }
+    }
+
+    /// Counts the block's rows, and the entries of its ghosts' rows in its columns.
+    fn count(&mut self, case: &Case, scheme: &Scheme<'_>, block: &Block) {
+        let mut starts = Vec::new();
+        block.for_each_own(|global, local| starts.push((global, Some(local))));
+        block.for_each_ghost(|global, _| starts.push((global, None)));
+        let (mut row, mut columns) = (Row::default(), vec![Vec::new(); self.rows.len()]);
+        for &(start, own) in &starts {
+            for v in 0..block.velocity_cells {
+                let global = start + v;
+                if let Some(local) = own {
+                    self.globals[local + v] = global;
+                }
+                self.row_columns(case, scheme, global, &mut row, &mut columns);
+                for (part, list) in columns.iter().enumerate() {
+                    if own.is_some() {
+                        self.rows[part].see(list.len(), global);
+                    }
+                    for &column in list {
+                        if let Some(LocalIndex::Own(j)) = block.local(column) {
+                            self.columns[part][j] += 1;
+                        }
+                    }
+                }
+                if own.is_some() {
+                    self.entries += columns[self.dimension + 1].len();
+                }
+            }
+        }
+    }
+
+    /// Columns with entries in row `global`, by part.
+    fn row_columns(
+        &self,
+        case: &Case,
+        scheme: &Scheme<'_>,
+        global: usize,
+        row: &mut Row,
+        columns: &mut [Vec<usize>],
+    ) {
+        let n = self.dimension;
+        let cell = case.space.cell(global);
+        columns.iter_mut().for_each(Vec::clear);
+        for axis in 0..2 * n {
+            let speed = scheme.speed(&cell, axis);
+            if speed == 0.0 {
+                continue;
+            }
+            scheme.neighbour(row, &cell, axis, speed < 0.0);
+            for part in [axis.min(n), n + 1] {
+                let list = &mut columns[part];
+                list.push(global);
+                list.extend(row.entries.iter().map(|e| e.0));
+            }
+        }
+        for list in columns {
+            list.sort_unstable();
+            list.dedup();
+        }
+    }
+
+    /// The counts of a part over all ranks. Collective.
+    fn counts(&self, part: usize, q: &[usize], report: &Report<'_>) -> Counts {
+        let n = self.dimension;
+        let mut fullest_column = Fullest::NONE;
+        for (&number, &global) in self.columns[part].iter().zip(&self.globals) {
+            fullest_column.see(usize::from(number), global);
+        }
+        let (name, [of_rows, of_columns]) = match part {
+            part if part < n => (["A_x", "A_y", "A_z"][part], [Some(3), Some(q[part])]),
+            part if part == n => ("A_v", [Some(2 * n + 1); 2]),
+            _ => ("A", [None; 2]),
+        };
+        Counts {
+            matrix: name.to_owned(),
+            rows: report.count(self.rows[part], of_rows),
+            columns: report.count(fullest_column, of_columns),
+        }
+    }
+
+    /// The fullest of this rank's rows of `(S, K)`, and of the row that all ranks share, with the
+    /// entries that are `present`. Collective.
+    fn fullest_hamiltonian_row(
+        &self,
+        matrix: &BlockMatrix,
+        report: &Report<'_>,
+        present: fn(f64, f64) -> bool,
+    ) -> Fullest {
+        let all = report.case.space.cells();
+        // Auxiliary unknowns are numbered behind the cells, like their rows.
+        let place = |i: usize| match i.checked_sub(self.globals.len()) {
+            None => self.globals[i],
+            Some(m) => all + self.globals[matrix.inflow[m].row as usize],
+        };
         let mut fullest = Fullest::NONE;
         let number = |i: usize| matrix.row(i).filter(|&(_, s, k)| present(s, k)).count();
+        let own = matrix.shared_row().unwrap_or(matrix.rows());
         (0..own).for_each(|i| fullest.see(number(i), place(i)));
         if let Some(shared) = matrix.shared_row() {
-            fullest.see(space.sum_count(number(shared)), 2 * all);
+            fullest.see(report.space.sum_count(number(shared)), 2 * all);
         }
-        let found = count(fullest, bound);
-        counts.push(Counts { matrix: matrix_name.to_owned(), rows: found.clone(), columns: found });
+        fullest
     }
-    Ok(Sparsity { q, jumps, bounded, entries: space.sum_count(entries), counts })
+}
+
+/// Makes counts of all ranks' fullest rows.
+struct Report<'a> {
+    case: &'a Case,
+    space: &'a Group,
+    /// Whether the paper's bounds are made for this case.
+    bounded: bool,
+}
+
+impl Report<'_> {
+    /// The fullest over all ranks, beside its bound. Collective.
+    fn count(&self, found: Fullest, bound: Option<usize>) -> Count {
+        let Fullest(most, place) = found.over(self.space);
+        let bound = bound.filter(|_| self.bounded);
+        let place = self.describe(place);
+        Count { most, place, bound, holds: bound.is_none_or(|b| most <= b) }
+    }
+
+    /// The unknown with the global number `place`.
+    fn describe(&self, place: usize) -> String {
+        let space = &self.case.space;
+        let all = space.cells();
+        let point =
+            |global: usize| describe_point(space.dimension(), &space.point(&space.cell(global)));
+        match place {
+            usize::MAX => "no row".to_owned(),
+            place if place < all => point(place),
+            place if place == 2 * all => "the common auxiliary unknown".to_owned(),
+            place => format!("the auxiliary unknown of {}", point(place - all)),
+        }
+    }
 }
 
 /// The largest jump of `V` over the faces normal to each axis. Collective over `space`.

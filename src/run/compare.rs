@@ -11,7 +11,7 @@ use crate::problem::grid::PhaseSpace;
 use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::round_off;
 use crate::quantum::figure::Figure;
-use crate::quantum::probability::{Probabilities, points};
+use crate::quantum::probability::{PlannedState, Probabilities, points};
 use crate::results::dataset::PlateauPoint;
 use crate::results::summary::{FieldSummary, Summary};
 use crate::run::classical::{Integration, integrate};
@@ -136,8 +136,7 @@ pub(crate) fn compare(
     warnings.extend(include_step_error(plan, summary));
     let norms = state_norms(prepared, &solution.fields[0][0]);
     summary.probabilities = Some(Probabilities::new(
-        (&plan.bounds, warp, case.end),
-        points(&warp.series),
+        &PlannedState { bounds: &plan.bounds, warp, time: case.end, points: points(&warp.series) },
         norms,
         &Figure::exact,
     ));

@@ -29,7 +29,7 @@ pub fn oracles(world: &World) {
     for twin in Twin::all() {
         let mesh = one_block(world, &twin.case);
         let weighted = Weighted::new(world, &twin, &mesh);
-        let access = SparseAccess::new(&twin.case, &weighted.prepared.system, (POINTS, PERIOD));
+        let access = SparseAccess::new(&twin.case, &weighted.prepared.system, POINTS, PERIOD);
         let access = access.expect("V is finite");
         assert_eq!(access.unknowns(), twin.size(), "{}", twin.name);
         assert_eq!(access.order(), POINTS * twin.size());
@@ -113,7 +113,7 @@ impl Oracle<'_> {
     fn check_bits(&self, scratch: &mut Scratch, at: (usize, usize), value: Complex64, m: u32) {
         let access = self.access;
         let unit = access.unit(m);
-        let [re, im] = access.value_bits(scratch, at, m);
+        let [re, im] = access.value_bits(scratch, at.0, at.1, m);
         for (bits, x) in [(re, value.re), (im, value.im)] {
             let off = (bits as f64 * unit - x).abs();
             // The largest itself is one unit more than the bits hold.

@@ -6,7 +6,8 @@ use std::fmt::Write;
 /// The beginning of a program.
 const HEAD: &str = "OPENQASM 3.0;\ninclude \"stdgates.inc\";\n";
 
-/// `Φ` on a register `warped` of `qubits` qubits, the last bit first: the Fourier transform with the positive sign, then `(−1)^k`.
+/// `Φ` on a register `warped` of `qubits` qubits, the last bit first: the Fourier transform with the
+/// positive sign, then `(−1)^k`.
 pub fn transform(qubits: usize) -> String {
     let mut text = format!("{HEAD}qubit[{qubits}] warped;\n");
     for target in (0..qubits).rev() {
@@ -25,7 +26,8 @@ pub fn transform(qubits: usize) -> String {
     text
 }
 
-/// Prepares the product of the normalised real vectors `profile`, on a register `warped`, and `system`, on a register of that name, from zeros.
+/// Prepares the product of two normalised real vectors from zeros: `profile` on a register `warped`,
+/// `system` on a register of that name.
 pub fn preparation(profile: &[f64], system: &[f64]) -> String {
     let mut text = HEAD.to_owned();
     let registers = [("warped", profile), ("system", system)].map(|(name, values)| {
@@ -37,14 +39,15 @@ pub fn preparation(profile: &[f64], system: &[f64]) -> String {
     }
     for (name, values, qubits) in registers {
         for level in 0..qubits {
-            rotate(&mut text, name, (qubits, level), &angles(values, level));
+            rotate(&mut text, name, qubits - 1 - level, &angles(values, level));
         }
     }
     text
 }
 
-/// Angles of the rotation of bit `level`, counted from the first: of the vector's part with the bits before it as given, `2 atan(b/a)` for the
-/// norms `a` and `b` of its halves; of the last bit for the numbers themselves, signs and all.
+/// Angles of the rotations of bit `level`, counted from the first. Each value of the bits before it
+/// selects a part of the vector, whose halves have the norms `a` and `b`: the angle is
+/// `2 atan(b/a)`. For the last bit `a` and `b` are the numbers themselves, with their signs.
 fn angles(values: &[f64], level: usize) -> Vec<f64> {
     let size = values.len() >> level;
     let halves = |part: &[f64]| {
@@ -58,10 +61,11 @@ fn angles(values: &[f64], level: usize) -> Vec<f64> {
     values.chunks_exact(size).map(halves).collect()
 }
 
-/// Rotates qubit `qubits − 1 − level` about y by `angles[c]` where the `level` qubits above it are `c`: as many rotations by the angles' transform in
-/// the order of Gray's code, with a controlled not after each (Möttönen, Vartiainen, Bergholm and Salomaa 2004).
-fn rotate(text: &mut String, name: &str, (qubits, level): (usize, usize), angles: &[f64]) {
-    let (target, count) = (qubits - 1 - level, angles.len());
+/// Rotates qubit `target` about y by `angles[c]` where the qubits above it are `c`: as many rotations
+/// by the Walsh transform of the angles, in the order of the Gray code, each followed by a controlled
+/// not (Möttönen, Vartiainen, Bergholm and Salomaa 2004).
+fn rotate(text: &mut String, name: &str, target: usize, angles: &[f64]) {
+    let count = angles.len();
     let gray = |j: usize| j ^ j >> 1;
     for j in 0..count {
         let sign = |c: usize| {
@@ -82,7 +86,7 @@ mod tests {
     use super::*;
     use num_complex::Complex64;
 
-    /// Runs a program of these gates on one register, from basis state `start`, by going through all amplitudes.
+    /// Runs a program of these gates on all amplitudes of one register, from basis state `start`.
     fn run(text: &str, name: &str, qubits: usize, start: usize) -> Vec<Complex64> {
         let mut state = vec![Complex64::ZERO; 1 << qubits];
         state[start] = Complex64::ONE;

@@ -49,11 +49,35 @@ struct Overlap {
     prefactor: f64,
 }
 
+/// How long an overlap is measured.
+#[derive(Clone, Copy, Debug)]
+struct Repetitions {
+    /// Shots, or runs of amplitude estimation.
+    shots: f64,
+    /// Values of the register of amplitude estimation; 0 of other estimators.
+    evaluations: f64,
+}
+
 /// An observable at a cell by one estimator, with what the mean velocity needs of it.
 struct Moment {
     measured: Measured,
     estimate: Option<Estimate>,
     bound: Option<f64>,
+}
+
+impl Repetitions {
+    /// Bound on the error of an overlap, whatever the overlap.
+    fn bound(self, estimator: Estimator) -> f64 {
+        match estimator {
+            Estimator::Hadamard | Estimator::EnlargedHadamard => {
+                measurement::hadamard_bound(self.shots)
+            }
+            Estimator::AllZero => measurement::all_zero_bound(self.shots),
+            Estimator::AmplitudeEstimation | Estimator::EnlargedAmplitudeEstimation => {
+                measurement::amplitude_bound(0.0, self.evaluations)
+            }
+        }
+    }
 }
 
 /// What is computed from the field at a cell; known to all ranks.
@@ -163,56 +187,37 @@ impl Reader<'_> {
 
     /// Moment `k` at the cell of `row`.
     fn moment(&self, row: &Row, k: usize, sums: &CellSums, estimator: Estimator) -> Moment {
-        let none = |why: &str| Moment {
-            measured: Measured::unavailable(estimator, why),
-            estimate: None,
-            bound: None,
-        };
-        if estimator == Estimator::AllZero {
-            if row.observable != Observable::Density {
-                return none("a momentum may have either sign, and |overlap|^2 has none");
-            }
-            let allowed = -self.source.state_error.value().unwrap_or(0.0) * self.source.norm();
-            if self.source.least < allowed || sums.moments[0] < 0.0 {
-                return none("f is negative somewhere by more than its error");
-            }
+        let none = |measured| Moment { measured, estimate: None, bound: None };
+        if let Some(why) = self.not_squared(row, sums).filter(|_| estimator == Estimator::AllZero) {
+            return none(Measured::unavailable(estimator, why));
         }
         let Some((overlap, of_field)) = self.overlap(k, sums, estimator) else {
-            return none(
-                "there is no state to overlap with: every velocity is 0, or nothing of p is known",
-            );
+            let why =
+                "there is no state to overlap with: every velocity is 0, or nothing of p is known";
+            return none(Measured::unavailable(estimator, why));
         };
         let overlapping = |why: &str| Measured {
             overlap: Figure::exact(overlap.value),
             ..Measured::unavailable(estimator, why)
         };
         let from_state = (self.source.state_error.value()).map(|error| of_field * error);
-        let (shots, evaluations) = match self.effort(estimator, overlap.prefactor, from_state) {
-            Ok(effort) => effort,
-            Err(why) => {
-                return Moment { measured: overlapping(&why), estimate: None, bound: None };
-            }
+        let repetitions = match self.repetitions(estimator, overlap.prefactor, from_state) {
+            Ok(repetitions) => repetitions,
+            Err(why) => return none(overlapping(&why)),
         };
-        let error = match estimator {
-            Estimator::Hadamard | Estimator::EnlargedHadamard => measurement::hadamard_bound(shots),
-            Estimator::AllZero => measurement::all_zero_bound(shots),
-            // Whatever the overlap.
-            Estimator::AmplitudeEstimation | Estimator::EnlargedAmplitudeEstimation => {
-                measurement::amplitude_bound(0.0, evaluations)
-            }
-        };
+        let error = repetitions.bound(estimator);
         let bound = from_state.map(|from_state| overlap.prefactor * error + from_state);
-        let estimate = self.draw(row, estimator, overlap, (shots, evaluations));
-        let [repeated, coherent] = self.evolutions(estimator, (shots, evaluations));
+        let estimate = self.draw(row, estimator, overlap, repetitions);
+        let [repeated, coherent] = self.evolutions(estimator, repetitions);
         let mut measured = Measured {
-            shots: Figure::exact(shots),
+            shots: Figure::exact(repetitions.shots),
             bound: self.labelled(bound),
             evolutions_repeated: repeated,
             evolutions_coherent: coherent,
             ..overlapping("so many shots or evaluations are not emulated")
         };
         measured.evaluations = match estimator.coherent() {
-            true => Figure::exact(evaluations),
+            true => Figure::exact(repetitions.evaluations),
             false => Figure::unavailable("shots, and no amplitude estimation"),
         };
         if let Some(estimate) = estimate {
@@ -227,13 +232,23 @@ impl Reader<'_> {
         Moment { measured, estimate, bound }
     }
 
+    /// Why `|overlap|²` does not give the observable, if so: its sign is not known.
+    fn not_squared(&self, row: &Row, sums: &CellSums) -> Option<&'static str> {
+        if row.observable != Observable::Density {
+            return Some("a momentum may have either sign, and |overlap|^2 has none");
+        }
+        let allowed = -self.source.state_error.value().unwrap_or(0.0) * self.source.norm();
+        let negative = self.source.least < allowed || sums.moments[0] < 0.0;
+        negative.then_some("f is negative somewhere by more than its error")
+    }
+
     /// What is measured; nothing where it takes more than is emulated.
     fn draw(
         &self,
         row: &Row,
         estimator: Estimator,
         overlap: Overlap,
-        (shots, evaluations): (f64, f64),
+        Repetitions { shots, evaluations }: Repetitions,
     ) -> Option<Estimate> {
         if shots > MOST_SHOTS || evaluations > MOST_EVALUATIONS {
             return None;
@@ -270,46 +285,49 @@ impl Reader<'_> {
     }
 
     /// Shots and values of the register, or why there are none.
-    fn effort(
+    fn repetitions(
         &self,
         estimator: Estimator,
         prefactor: f64,
         from_state: Option<f64>,
-    ) -> Result<(f64, f64), String> {
-        let runs = measurement::RUNS as f64;
+    ) -> Result<Repetitions, String> {
+        let of_shots = |shots: f64| Repetitions { shots, evaluations: 0.0 };
+        let of_runs =
+            |evaluations: f64| Repetitions { shots: measurement::RUNS as f64, evaluations };
         let accuracy = match self.readout.effort {
             Effort::Given { shots, .. } if !estimator.coherent() => {
-                return Ok((shots as f64, 0.0));
+                return Ok(of_shots(shots as f64));
             }
-            Effort::Given { evaluations, .. } => return Ok((runs, evaluations as f64)),
+            Effort::Given { evaluations, .. } => return Ok(of_runs(evaluations as f64)),
             Effort::Accuracy(accuracy) => accuracy,
         };
         let from_state = from_state.ok_or("the state's own error is not known")?;
         if from_state >= accuracy {
             return Err(format!(
-                "the state's own error may be {from_state:.1e} of it, more than readout.accuracy = {accuracy:e} allows"
+                "the state's own error may be {from_state:.1e} of it, more than \
+                 readout.accuracy = {accuracy:e} allows"
             ));
         }
         let error = (accuracy - from_state) / prefactor;
         Ok(match estimator {
             Estimator::Hadamard | Estimator::EnlargedHadamard => {
-                (measurement::hadamard_shots(error), 0.0)
+                of_shots(measurement::hadamard_shots(error))
             }
-            Estimator::AllZero => (measurement::all_zero_shots(error), 0.0),
+            Estimator::AllZero => of_shots(measurement::all_zero_shots(error)),
             Estimator::AmplitudeEstimation | Estimator::EnlargedAmplitudeEstimation => {
-                (runs, measurement::evaluations(error))
+                of_runs(measurement::evaluations(error))
             }
         })
     }
 
     /// Evolutions by repetition and coherently.
-    fn evolutions(&self, estimator: Estimator, (shots, evaluations): (f64, f64)) -> [Figure; 2] {
+    fn evolutions(&self, estimator: Estimator, repetitions: Repetitions) -> [Figure; 2] {
         const WHY: &str = "the mean over postselections that fail";
         const ROUNDS: &str = "rounds of amplitude amplification, taken to succeed";
         let chain = &self.source.probabilities.at_slice;
         let uses = match estimator.coherent() {
-            true => measurement::preparations(evaluations),
-            false => shots,
+            true => measurement::preparations(repetitions.evaluations),
+            false => repetitions.shots,
         };
         let times = |figure: &Figure, each: &dyn Fn(f64) -> f64, why| match figure.value() {
             Some(x) => Figure::estimate(uses * each(x), why),

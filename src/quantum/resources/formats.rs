@@ -1,0 +1,93 @@
+//! The record in the formats of other programs: Azure's resource estimator and QREF.
+
+use crate::quantum::figure::Figure;
+use crate::quantum::resources::Record;
+use serde_json::{Value, json};
+
+impl Record {
+    /// For Azure's resource estimator: its `LogicalCounts` as far as they are known. What is not known
+    /// stands beside them with the reason, since the estimator takes an absent count for zero.
+    pub fn logical_counts(&self) -> Value {
+        // One qubit for the walk's sequence, a second register for columns, one for values, two for
+        // the block-encoding.
+        let fine = self.walk_tolerance.value().unwrap_or(self.tolerance);
+        let bits = (1.0 / fine).log2().ceil() as u64;
+        let qubits = 2 * self.qubits.total as u64 + bits + 3;
+        let rotations = self.walk_steps.value().map(|steps| steps as u64 + 1);
+        let not_compiled = "the oracles' circuits are not compiled";
+        json!({
+            "logicalCounts": {
+                "numQubits": qubits,
+                "rotationCount": rotations,
+                "rotationDepth": rotations,
+            },
+            "unavailable": {
+                "tCount": not_compiled,
+                "cczCount": not_compiled,
+                "ccixCount": not_compiled,
+                "measurementCount": "depends on what is read",
+            },
+            "note": "phases of the walk's sequence only: what the estimator makes of it is \
+                     without the oracles, whose absent counts it takes for zero",
+        })
+    }
+
+    /// As a program of QREF v1: the routines of the algorithm, their registers and what is known of
+    /// each.
+    pub fn qref(&self) -> Value {
+        let system = self.qubits.total - self.qubits.p;
+        let half = self.transform_gates.value().map(|x| Figure::bound(0.5 * x));
+        let transform = |name: &str| {
+            let gates = half.as_ref().and_then(|x| resource("gates_estimate", x));
+            json!({
+                "name": name,
+                "type": "transform_in_p",
+                "ports": ports("p", self.qubits.p),
+                "resources": Vec::from_iter(gates),
+            })
+        };
+        let resources: Vec<Value> =
+            [resource("walk_steps", &self.walk_steps), resource("queries_estimate", &self.queries)]
+                .into_iter()
+                .flatten()
+                .collect();
+        let ports = [ports("system", system), ports("p", self.qubits.p)].concat();
+        json!({
+            "version": "v1",
+            "program": {
+                "name": "schrodingerization",
+                "ports": ports,
+                "children": [
+                    transform("qft"),
+                    {
+                        "name": "hamiltonian_simulation",
+                        "type": "sparse_access_walk",
+                        "ports": ports,
+                        "resources": resources,
+                    },
+                    transform("inverse_qft"),
+                ],
+                "connections": [
+                    "in_p -> qft.in_p",
+                    "in_system -> hamiltonian_simulation.in_system",
+                    "qft.out_p -> hamiltonian_simulation.in_p",
+                    "hamiltonian_simulation.out_p -> inverse_qft.in_p",
+                    "hamiltonian_simulation.out_system -> out_system",
+                    "inverse_qft.out_p -> out_p",
+                ],
+            },
+        })
+    }
+}
+
+/// The two ports of a register of `size` qubits.
+fn ports(register: &str, size: usize) -> [Value; 2] {
+    let port = |prefix: &str, direction: &str| json!({"name": format!("{prefix}_{register}"), "size": size, "direction": direction});
+    [port("in", "input"), port("out", "output")]
+}
+
+/// A figure as a resource, if it has a number.
+fn resource(name: &str, figure: &Figure) -> Option<Value> {
+    let value = figure.value()?;
+    Some(json!({"name": name, "type": "additive", "value": value}))
+}

@@ -1,0 +1,171 @@
+//! The paper's asymptotic counts of queries, beside forward Euler's operations.
+//!
+//! Where the solution has discontinuities at interfaces only, `N = ε^{−1}` cells an axis, elsewhere
+//! `ε^{−2}` (paper, theorems of sections 4 to 6). `Δp = ε`, `‖H‖_max = Σ_a (N_xa + N_va)/Δp`,
+//! `d = Σ Q_a + n`. Forward Euler takes `n² T ε^{−(2n+1)}` or `n² T ε^{−(4n+2)}` operations.
+
+use crate::problem::case::Case;
+use crate::quantum::figure::Figure;
+use crate::quantum::sparsity::{Sparsity, q};
+use serde::Serialize;
+
+/// The paper's asymptotic count at a tolerance, with constants 1.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Regime {
+    /// Where the solution is discontinuous.
+    pub discontinuities: String,
+    /// Cells an axis.
+    pub cells_per_axis: Figure,
+    /// `(Σ Q_a + n) n T/ε^{2 or 3} + log(1/ε)/log log(1/ε)`.
+    pub queries: Figure,
+    /// Factor of other gates.
+    pub gates_factor: Figure,
+    /// Qubits, `p` not growing.
+    pub qubits: Figure,
+    /// Qubits, `p` growing with the spectrum.
+    pub qubits_with_growth: Figure,
+    /// Operations of forward Euler.
+    pub classical_operations: Figure,
+    /// The largest tolerance below which there are fewer queries than operations, in this number of dimensions.
+    pub crossover_tolerance: Figure,
+    /// The least number of dimensions with fewer queries than operations, at this tolerance.
+    pub crossover_dimension: Figure,
+}
+
+/// `log(1/ε)/log log(1/ε)`; natural logarithms, at least 1.
+pub(crate) fn logarithms(tolerance: f64) -> f64 {
+    let log = (1.0 / tolerance).ln();
+    if log > std::f64::consts::E { log / log.ln() } else { 1.0 }
+}
+
+/// `n + m log₂(m)²`, `m = log₂(1/ε)` bits.
+pub(crate) fn gates_factor(qubits: f64, tolerance: f64) -> f64 {
+    let bits = (1.0 / tolerance).log2().max(1.0);
+    qubits + bits * bits.log2().max(1.0).powi(2)
+}
+
+/// What the paper's counts depend on, beside the tolerance and the dimension.
+#[derive(Clone, Copy)]
+struct Scene {
+    /// Order of the scheme: 1, or ½ where the solution jumps anywhere.
+    order: f64,
+    /// `T`.
+    time: f64,
+    /// Largest jump of `V`.
+    jump: f64,
+    /// Largest extent of a velocity axis.
+    extent: f64,
+}
+
+/// The paper's count.
+struct Counts {
+    queries: f64,
+    /// Of forward Euler.
+    operations: f64,
+}
+
+impl Scene {
+    /// At tolerance `ε` in `n` space dimensions.
+    fn counts(&self, n: usize, tolerance: f64) -> Counts {
+        let (n, cells) = (n as f64, tolerance.powf(-1.0 / self.order));
+        let each = q(self.extent / cells, self.jump) as f64;
+        let queries = (n * each + n) * n * self.time * cells / tolerance + logarithms(tolerance);
+        // n nonzeros a row, N^{2n} cells, n T N steps.
+        let operations = n * n * self.time * cells.powf(2.0 * n + 1.0);
+        Counts { queries, operations }
+    }
+
+    /// Whether there are fewer queries than operations.
+    fn wins(&self, n: usize, tolerance: f64) -> bool {
+        let Counts { queries, operations } = self.counts(n, tolerance);
+        queries < operations
+    }
+}
+
+impl Regime {
+    /// Of the order (1 or ½) that the scheme then has.
+    pub(crate) fn new(case: &Case, sparsity: &Sparsity, order: f64) -> Self {
+        const WHY: &str = "the theorem's form with constants 1";
+        let (n, tolerance) = (case.space.dimension(), case.tolerance);
+        let scene = Scene {
+            order,
+            time: case.end,
+            jump: sparsity.jumps.iter().fold(0.0, |m: f64, j| m.max(*j)),
+            extent: case.space.v.iter().map(|v| v.upper - v.lower).fold(0.0, f64::max),
+        };
+        let Counts { queries, operations } = scene.counts(n, tolerance);
+        let bits = (1.0 / tolerance).log2();
+        let axis = bits / order;
+        let (each, with_growth) = (2.0 * n as f64 * axis, bits + axis);
+        let estimate = |x: f64| Figure::estimate(x, WHY);
+        let or_unavailable =
+            |x: Option<f64>, why: &str| x.map_or_else(|| Figure::unavailable(why), estimate);
+        // From large tolerances down, a twentieth of a decade at a time.
+        let crossover = (0..=240)
+            .map(|k| 10f64.powf(-f64::from(k) / 20.0))
+            .find(|&t| t < 0.5 && scene.wins(n, t));
+        let dimension = (1..=12).find(|&n| scene.wins(n, tolerance));
+        Self {
+            discontinuities: if order == 1.0 { "at interfaces only" } else { "anywhere" }
+                .to_owned(),
+            cells_per_axis: estimate(tolerance.powf(-1.0 / order)),
+            queries: estimate(queries),
+            gates_factor: estimate(gates_factor(each + bits, tolerance)),
+            qubits: estimate(each + bits),
+            qubits_with_growth: estimate(each + with_growth),
+            classical_operations: estimate(operations),
+            crossover_tolerance: or_unavailable(
+                crossover,
+                "more queries than operations at every tolerance down to 1e-12",
+            ),
+            crossover_dimension: or_unavailable(
+                dimension.map(|n| n as f64),
+                "more queries than operations in up to 12 dimensions",
+            ),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Slope of `ln y` against `ln x`, by least squares.
+    fn exponent(points: &[(f64, f64)]) -> f64 {
+        let n = points.len() as f64;
+        let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
+        let mean = |of: fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / n;
+        let (x, y) = (mean(|p| p.0), mean(|p| p.1));
+        let over: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
+        over / logs.iter().map(|p| (p.0 - x).powi(2)).sum::<f64>()
+    }
+
+    /// The theorems of sections 4 to 6: queries `(ΣQ + n) n T ε^{−2}` or `ε^{−3}`, where `Q` itself
+    /// grows like `ε^{−1/2}` or `ε^{−1}` with the number of velocity cells, and `n² T ε^{−(2n+1)}` or
+    /// `ε^{−(4n+2)}` operations of forward Euler.
+    #[test]
+    fn exponents_are_those_of_the_theorems() {
+        let inverse: Vec<f64> = (4..=9).map(|k| 10f64.powi(k)).collect();
+        for n in 1..=3 {
+            for (order, power) in [(1.0, 2.0), (0.5, 3.0)] {
+                let scene = Scene { order, time: 1.0, jump: 0.2, extent: 3.0 };
+                let of = |x: f64| scene.counts(n, 1.0 / x);
+                let q_of = |x: f64| q(3.0 / x.powf(1.0 / order), 0.2) as f64;
+                let queries: Vec<(f64, f64)> =
+                    inverse.iter().map(|&x| (x, of(x).queries / (q_of(x) + 1.0))).collect();
+                let found = exponent(&queries);
+                assert!((found - power).abs() < 1e-3, "{n} {order}: {found}");
+                let cells: Vec<(f64, f64)> = inverse.iter().map(|&x| (x, q_of(x))).collect();
+                let found = exponent(&cells);
+                assert!((found - 0.5 / order).abs() < 0.03, "Q, order {order}: {found}");
+                let operations: Vec<(f64, f64)> =
+                    inverse.iter().map(|&x| (x, of(x).operations)).collect();
+                let found = exponent(&operations);
+                let expected = (2.0 * n as f64 + 1.0) / order;
+                assert!((found - expected).abs() < 1e-9, "{n} {order}: {found}");
+            }
+        }
+        // Q of the paper's example 1: 128 cells on [-1.5, 1.5], a jump of 0.2.
+        assert_eq!(q(3.0 / 128.0, 0.2), 16);
+    }
+}

@@ -1,0 +1,147 @@
+//! The record as a table.
+
+use crate::quantum::figure::Figure;
+use crate::quantum::probability::Chain;
+use crate::quantum::resources::Record;
+use crate::quantum::resources::regime::Regime;
+use crate::quantum::sparsity::{Count, Sparsity};
+use std::fmt;
+
+impl fmt::Display for Record {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.heading(f)?;
+        nonzeros(f, &self.sparsity)?;
+        self.costs(f)?;
+        let found = &self.probabilities;
+        chain(f, &format!("the slice at p = {:.4}", found.recovery), &found.at_slice)?;
+        let window = found
+            .window
+            .map_or("the window".to_owned(), |[a, b]| format!("the window [{a:.4}, {b:.4})"));
+        chain(f, &window, &found.in_window)?;
+        self.regimes.iter().try_for_each(|regime| regime_table(f, regime, self.tolerance))
+    }
+}
+
+impl Record {
+    /// The grid and the matrix.
+    fn heading(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{}: {} = {} unknowns, N_p = {} on a length of {:.4}",
+            self.title,
+            list(&self.shape, " x "),
+            self.unknowns,
+            self.points,
+            self.period
+        )?;
+        let weights = if self.weighted { ", with dissipative weights" } else { "" };
+        let q = list(&self.sparsity.q, ", ");
+        writeln!(f, "interface {:?}{weights}; Q = {q}", self.interface)
+    }
+
+    /// Queries, gates and qubits.
+    fn costs(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f)?;
+        let rows = [
+            ("walk tolerance", &self.walk_tolerance),
+            ("nonzeros d", &self.nonzeros),
+            ("largest entry", &self.largest_entry),
+            ("tau = d |H| T", &self.tau),
+            ("degree K", &self.degree),
+            ("walk steps 2K", &self.walk_steps),
+            ("queries", &self.queries),
+            ("gates a query", &self.gates_factor),
+            ("QFT gates", &self.transform_gates),
+            ("T gates", &self.t_gates),
+            ("Euler operations", &self.classical_operations),
+        ];
+        figures(f, 18, &rows)?;
+        let r = &self.qubits;
+        writeln!(
+            f,
+            "qubits            {:>12}  exact: {} for phase space, {} for the inflow, {} for p",
+            r.total,
+            list(&r.phase_space, " + "),
+            r.auxiliary,
+            r.p
+        )?;
+        writeln!(f, "p not growing     {}", r.total_without_growth)
+    }
+}
+
+/// Numbers in a row.
+fn list(numbers: &[usize], between: &str) -> String {
+    numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(between)
+}
+
+/// A line a figure, behind names of `width` columns.
+fn figures(f: &mut fmt::Formatter<'_>, width: usize, rows: &[(&str, &Figure)]) -> fmt::Result {
+    rows.iter().try_for_each(|(name, figure)| writeln!(f, "{name:<width$}{figure}"))
+}
+
+/// Nonzeros of each matrix beside the paper's bounds, and where a bound does not hold.
+fn nonzeros(f: &mut fmt::Formatter<'_>, sparsity: &Sparsity) -> fmt::Result {
+    writeln!(f, "\n{:<6}{:>6}{:>8}{:>8}{:>8}", "", "s_r", "bound", "s_c", "bound")?;
+    let bound = |c: &Count| c.bound.map_or("-".to_owned(), |b| b.to_string());
+    for c in &sparsity.counts {
+        writeln!(
+            f,
+            "{:<6}{:>6}{:>8}{:>8}{:>8}",
+            c.matrix,
+            c.rows.most,
+            bound(&c.rows),
+            c.columns.most,
+            bound(&c.columns)
+        )?;
+    }
+    for c in &sparsity.counts {
+        for (kind, count) in [("row", &c.rows), ("column", &c.columns)] {
+            if !count.holds {
+                writeln!(
+                    f,
+                    "the paper's bound does not hold: {} nonzeros in {kind} {} of {}",
+                    count.most, count.place, c.matrix
+                )?;
+            }
+        }
+    }
+    if !sparsity.bounded {
+        writeln!(
+            f,
+            "the paper's bounds are for the hat interface and velocity cells symmetric about 0; \
+             this case is another"
+        )?;
+    }
+    Ok(())
+}
+
+/// Probabilities of what is postselected, and their cost.
+fn chain(f: &mut fmt::Formatter<'_>, what: &str, c: &Chain) -> fmt::Result {
+    writeln!(f, "\nprobability of {what}")?;
+    let rows = [
+        ("  in p", &c.in_p),
+        ("  field given that", &c.field_given_p),
+        ("  weights undone", &c.weights_given_field),
+        ("  all", &c.all),
+        ("  repetitions", &c.repetitions),
+        ("  amplifications", &c.amplification_rounds),
+        ("  evolutions so", &c.amplified_evolutions),
+    ];
+    figures(f, 22, &rows)
+}
+
+/// The paper's asymptotic count.
+fn regime_table(f: &mut fmt::Formatter<'_>, regime: &Regime, tolerance: f64) -> fmt::Result {
+    writeln!(f, "\ndiscontinuities {}, tolerance {tolerance:e}", regime.discontinuities)?;
+    let rows = [
+        ("  cells an axis", &regime.cells_per_axis),
+        ("  queries", &regime.queries),
+        ("  gates a query", &regime.gates_factor),
+        ("  qubits", &regime.qubits),
+        ("  with growing p", &regime.qubits_with_growth),
+        ("  Euler operations", &regime.classical_operations),
+        ("  fewer queries below", &regime.crossover_tolerance),
+        ("  and from dimension", &regime.crossover_dimension),
+    ];
+    figures(f, 22, &rows)
+}
