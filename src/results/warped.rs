@@ -108,21 +108,21 @@ pub fn all_bytes(case: &Case, points: usize) -> u64 {
     names(case).len() as u64 * bytes(case, points)
 }
 
-/// Writes `directory/name`: the field whose modes are `kept`, for the factors of `series` on the
+/// Writes the file `path`: the field whose modes are `kept`, for the factors of `series` on the
 /// period that begins at `lower`. Collective over the world.
 ///
 /// # Errors
 /// [`Error::Output`], the same on all ranks.
 pub fn write(
-    directory: &Path,
-    name: &str,
+    path: &Path,
     about: &About<'_>,
     spread: &Spread<'_>,
-    (series, lower): (&Series, f64),
+    series: &Series,
+    lower: f64,
     kept: &KeptModes,
 ) -> Result<()> {
     let world = &spread.communicator.world;
-    put_in_place(world, &directory.join(name), |partial| {
+    put_in_place(world, path, |partial| {
         let transform = Transform::new(series, lower).with_phases(&spread.phases(kept));
         write_all(partial, about, spread, transform, kept)?;
         readback::check(world, partial)

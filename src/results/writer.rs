@@ -349,6 +349,27 @@ fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Outcome<()> {
     Ok(())
 }
 
+/// The property list of a transfer, which the caller closes, and its status: below 0 for a failure.
+fn transfer_list(together: bool) -> (hdf5_sys::h5i::hid_t, i32) {
+    use hdf5_sys::h5p;
+    // SAFETY: plain calls on a handle that is alive.
+    unsafe {
+        let transfer = h5p::H5Pcreate(*h5p::H5P_CLS_DATASET_XFER);
+        if !together {
+            return (transfer, 0);
+        }
+        let collective =
+            h5p::H5Pset_dxpl_mpio(transfer, h5p::H5FD_mpio_xfer_t::H5FD_MPIO_COLLECTIVE);
+        // All chunks in one go, written last: in between, one rank's failure would keep the others
+        // waiting.
+        let at_once = h5p::H5Pset_dxpl_mpio_chunk_opt(
+            transfer,
+            h5p::H5FD_mpio_chunk_opt_t::H5FD_MPIO_CHUNK_ONE_IO,
+        );
+        (transfer, collective.min(at_once))
+    }
+}
+
 /// Writes this rank's slab; `together` with all ranks, and then also one with nothing to write.
 fn write_slab(dataset: &Dataset, slab: &Slab, values: &[f64], together: bool) -> Outcome<()> {
     use hdf5_sys::{h5d, h5p, h5s, h5t};
@@ -362,22 +383,7 @@ fn write_slab(dataset: &Dataset, slab: &Slab, values: &[f64], together: bool) ->
     // SAFETY: plain calls on handles that are alive; the memory space has as many elements as
     // `values`; each handle made here is closed here.
     unsafe {
-        let transfer = h5p::H5Pcreate(*h5p::H5P_CLS_DATASET_XFER);
-        let mut status = 0;
-        if together {
-            status = [
-                h5p::H5Pset_dxpl_mpio(transfer, h5p::H5FD_mpio_xfer_t::H5FD_MPIO_COLLECTIVE),
-                // All chunks in one go, written last: in between, one rank's failure would keep the
-                // others waiting.
-                h5p::H5Pset_dxpl_mpio_chunk_opt(
-                    transfer,
-                    h5p::H5FD_mpio_chunk_opt_t::H5FD_MPIO_CHUNK_ONE_IO,
-                ),
-            ]
-            .into_iter()
-            .min()
-            .unwrap_or(0);
-        }
+        let (transfer, mut status) = transfer_list(together);
         let there = h5d::H5Dget_space(dataset.id());
         let here = h5s::H5Screate_simple(1, &size.max(1), std::ptr::null());
         let selected = if values.is_empty() {

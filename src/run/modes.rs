@@ -233,8 +233,9 @@ impl<'a> WarpedFiles<'a> {
             provenance: self.provenance,
         };
         let name = warped::file_name(self.case.fields[field].name, number);
-        let series = (&self.warp.series, self.warp.interval[0]);
-        warped::write(self.directory, &name, &about, spread, series, kept)?;
+        let path = self.directory.join(name);
+        let WarpPlan { series, interval, .. } = self.warp;
+        warped::write(&path, &about, spread, series, interval[0], kept)?;
         self.took += started.elapsed().as_secs_f64();
         Ok(())
     }

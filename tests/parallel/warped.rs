@@ -158,8 +158,8 @@ impl WarpedField<'_> {
             provenance: &[],
         };
         let spread = self.rank.spread(self.case, &self.modes, self.buffers);
-        let field = (self.series, LOWER);
-        warped::write(directory, "warped_f.h5", &about, &spread, field, &kept).expect("a file");
+        let path = directory.join("warped_f.h5");
+        warped::write(&path, &about, &spread, self.series, LOWER, &kept).expect("a file");
         assert!(!directory.join("warped_f.h5.partial").exists());
     }
 

@@ -258,8 +258,9 @@ impl PlateauTable {
 }
 
 /// Why this HDF5 library cannot compress what several ranks write together, if so.
-fn compression_refused((major, minor, micro): (u8, u8, u8), deflate: bool) -> Option<String> {
-    if (major, minor, micro) < (1, 10, 2) {
+fn compression_refused(version: (u8, u8, u8), deflate: bool) -> Option<String> {
+    if version < (1, 10, 2) {
+        let (major, minor, micro) = version;
         return Some(format!(
             "HDF5 {major}.{minor}.{micro} cannot compress what several ranks write; 1.10.2 and \
              later can. Leave it out or 0"

@@ -148,19 +148,25 @@ fn titled(run: &Stored, name: &str, plane: [usize; 2], cut: &Cut) -> String {
     if place.is_empty() { name.to_owned() } else { format!("{name} at {place}") }
 }
 
+/// What a row of maps shows.
+#[derive(Clone, Copy)]
+struct Shown<'a> {
+    /// Name of the dataset.
+    name: &'a str,
+    /// Component of a vector.
+    component: Option<usize>,
+    /// What stands above the maps.
+    label: &'a str,
+}
+
 /// A row of maps: exact, computed, and the difference.
-fn row(
-    runs: &Runs<'_>,
-    (name, component): (&str, Option<usize>),
-    label: &str,
-    (plane, cut): ([usize; 2], &Cut),
-) -> Read<Vec<Panel>> {
-    let run = runs.run;
-    let at = (plane, &cut.0[..run.dimension()]);
+fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
+    let (run, Shown { name, component, label }) = (runs.run, shown);
+    let at = &cut.0[..run.dimension()];
     let read = |r: &Stored| -> Read<Plane> {
-        let mut found = r.plane(name, component, at)?;
+        let mut found = r.plane(name, component, plane, at)?;
         if name == "velocity" {
-            let density = r.plane("density", None, at)?;
+            let density = r.plane("density", None, plane, at)?;
             let nothing = nothing(r, largest([&density]));
             sensible(&mut found.values, &density.values, nothing);
         }
@@ -170,7 +176,7 @@ fn row(
     let computed = computed?;
     let named = format!("{name}_exact");
     let exact = match run.has(&named) {
-        true => Some(run.plane(&named, component, at)?),
+        true => Some(run.plane(&named, component, plane, at)?),
         false => None,
     };
     // What is there has the velocities of the box.
@@ -214,10 +220,11 @@ fn row(
 /// # Errors
 /// What the files lack.
 pub fn density(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
+    let shown = Shown { name: "density", component: None, label: "density" };
     let rows: Read<Vec<Vec<Panel>>> = (planes(runs.run.dimension()).into_iter())
-        .map(|plane| row(runs, ("density", None), "density", (plane, cut)))
+        .map(|plane| row(runs, shown, plane, cut))
         .collect();
-    Ok(figure(runs.run, "Density", rows?, ("∫f dv.", cut)))
+    Ok(figure(runs.run, "Density", rows?, cut, "∫f dv."))
 }
 
 /// In more dimensions: each component of the mean velocity, on the same planes.
@@ -231,15 +238,15 @@ pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         .flat_map(|plane| (0..n).map(move |component| (plane, component)))
         .map(|(plane, component)| {
             let label = ["u_x", "u_y", "u_z"][component];
-            row(runs, ("velocity", Some(component)), label, (plane, cut))
+            row(runs, Shown { name: "velocity", component: Some(component), label }, plane, cut)
         })
         .collect();
     let caption = "Momentum over density; white where there is nothing.";
-    Ok(figure(runs.run, "Mean velocity", rows?, (caption, cut)))
+    Ok(figure(runs.run, "Mean velocity", rows?, cut, caption))
 }
 
 /// Rows of maps; short ones side by side.
-fn figure(run: &Stored, what: &str, rows: Vec<Vec<Panel>>, (caption, cut): (&str, &Cut)) -> Figure {
+fn figure(run: &Stored, what: &str, rows: Vec<Vec<Panel>>, cut: &Cut, caption: &str) -> Figure {
     let width = rows.first().map_or(1, Vec::len);
     let columns = match width {
         1 => rows.len().min(3),

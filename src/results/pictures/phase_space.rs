@@ -72,11 +72,12 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
 /// `f`, the exact one, and differences.
 fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
     let run = runs.run;
-    let at = (plane, &cut.0[..]);
-    let computed: Read<Vec<Plane>> = runs.each().map(|(r, _)| r.plane("f", None, at)).collect();
+    let at = &cut.0[..];
+    let computed: Read<Vec<Plane>> =
+        runs.each().map(|(r, _)| r.plane("f", None, plane, at)).collect();
     let computed = computed?;
     let exact = match run.has("exact") {
-        true => Some(run.plane("exact", None, at)?),
+        true => Some(run.plane("exact", None, plane, at)?),
         false => None,
     };
     let scale = largest(computed.iter().chain(&exact));
@@ -107,7 +108,7 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
 fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
     let run = runs.run;
     let n = run.dimension();
-    let at = (plane, &cut.0[..]);
+    let at = &cut.0[..];
     let mut panels = Vec::new();
     if n == 1 {
         if run.has("multivalued") {
@@ -137,9 +138,9 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>>
     fields.extend((0..n).map(|a| (psi(a), "psi", Some(a))));
     let mut differences = Vec::new();
     for (label, name, component) in fields {
-        let field = run.plane(name, component, at)?;
+        let field = run.plane(name, component, plane, at)?;
         if let Some(beside) = runs.beside {
-            let other = difference(&field, &beside.plane(name, component, at)?);
+            let other = difference(&field, &beside.plane(name, component, plane, at)?);
             let title = format!("{label}, {} − {}", runs.names[0], runs.names[1]);
             differences.push(apart(run, plane, title, other, largest([&field])));
         }

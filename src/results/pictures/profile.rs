@@ -61,6 +61,70 @@ impl Modes {
         }))
     }
 
+    /// `p◇`.
+    fn point(&self) -> f64 {
+        self.readings[0].point
+    }
+
+    /// The domain of dependence of the field that is read at `p◇`.
+    fn domain(&self) -> [f64; 2] {
+        let [growth, decay] = self.reach;
+        [self.point() - growth, self.point() + decay]
+    }
+
+    /// `|g(p)|` over a period beside `e^{−p}`.
+    fn profile_panel(&self) -> Panel {
+        let domain = self.domain();
+        let ends = [self.interval[0].min(domain[0]), self.interval[1].max(domain[1])];
+        let coefficients: Vec<Complex64> =
+            (0..self.series.modes()).map(|l| self.series.factor(l)).collect();
+        let along = places(ends);
+        let g: Vec<f64> =
+            along.iter().map(|p| sum(&coefficients, self.series.period, *p)).collect();
+        let largest = g.iter().fold(1.0f64, |m, g| m.max(g.abs()));
+        let least = 1e-2 * self.tolerance * (-self.point()).exp();
+        let axis = Axis::log("|g(p)|").within(least, 10.0 * largest);
+        let curve = along.iter().zip(&g).map(|(p, g)| [*p, g.abs()]).collect();
+        let model = along.iter().map(|p| [*p, (-p).exp()]);
+        let model = model.filter(|[p, e]| *p >= ends[0] && (least..=10.0 * largest).contains(e));
+        Panel::new("profile over a period", Axis::linear("p"), axis)
+            .with(Layer::Band { label: "domain of dependence".to_owned(), from: domain })
+            .line("|g(p)|", Style::of(0).plain(), curve)
+            .line("e^−p", Style::theory(), model.collect())
+    }
+
+    /// The error of each reading over the domain of dependence.
+    fn error_panel(&self) -> Panel {
+        let [growth, decay] = self.reach;
+        let margin = BEYOND * (growth + decay);
+        let along = places([-growth - margin, decay + margin]);
+        let axis = Axis::log("|error| of what is read")
+            .within(1e-4 * self.tolerance, 1e4 * self.tolerance);
+        let mut panel = Panel::new("error of the profile", Axis::linear("p"), axis)
+            .with(Layer::Band { label: String::new(), from: self.domain() });
+        for (k, reading) in self.readings.iter().enumerate().rev() {
+            let read = self.read(reading, &along);
+            // A part that decays by e^{−s} is read off at p◇ + s.
+            let points = (along.iter().zip(read))
+                .map(|(s, read)| [self.point() + s, (read - (-s).exp()).abs()])
+                .collect();
+            let (label, style) = match k {
+                0 => ("read at p◇", Style::of(0).plain()),
+                _ => ("second reading", Style::of(1).plain().dashed(2)),
+            };
+            panel = panel.line(label, style, points);
+        }
+        panel.horizontal("tolerance of the state", self.tolerance)
+    }
+
+    /// With a vertical line at each reading.
+    fn marked(&self, mut panel: Panel) -> Panel {
+        for (k, reading) in self.readings.iter().enumerate() {
+            panel = panel.vertical(["p◇", "second reading"][k.min(1)], reading.point);
+        }
+        panel
+    }
+
     /// Weight of mode `l` in the field that `reading` reads.
     fn weight(&self, reading: &Reading, l: usize) -> Complex64 {
         self.series.factor(l) * reading.of_wave(self.series.wavenumber(l))
@@ -111,64 +175,19 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
         // The warped field came from a file, and need not be e^{−p} f.
         return Ok(None);
     };
-    let point = modes.readings[0].point;
-    let [growth, decay] = modes.reach;
-    let domain = [point - growth, point + decay];
-    let ends = [modes.interval[0].min(domain[0]), modes.interval[1].max(domain[1])];
-    let coefficients: Vec<Complex64> =
-        (0..modes.series.modes()).map(|l| modes.series.factor(l)).collect();
-    let along = places(ends);
-    let g: Vec<f64> = along.iter().map(|p| sum(&coefficients, modes.series.period, *p)).collect();
-    let largest = g.iter().fold(1.0f64, |m, g| m.max(g.abs()));
-    let least = 1e-2 * modes.tolerance * (-point).exp();
-    let axis = Axis::log("|g(p)|").within(least, 10.0 * largest);
-    let curve = along.iter().zip(&g).map(|(p, g)| [*p, g.abs()]).collect();
-    let model = along.iter().map(|p| [*p, (-p).exp()]);
-    let model = model.filter(|[p, e]| *p >= ends[0] && (least..=10.0 * largest).contains(e));
-    let band = |panel: Panel, label: &str| {
-        let label = label.to_owned();
-        panel.with(Layer::Band { label, from: domain })
-    };
-    let marked = |mut panel: Panel| {
-        for (k, reading) in modes.readings.iter().enumerate() {
-            panel = panel.vertical(["p◇", "second reading"][k.min(1)], reading.point);
-        }
-        panel
-    };
-    let whole = Panel::new("profile over a period", Axis::linear("p"), axis);
-    let whole = band(whole, "domain of dependence")
-        .line("|g(p)|", Style::of(0).plain(), curve)
-        .line("e^−p", Style::theory(), model.collect());
-
-    let margin = BEYOND * (growth + decay);
-    let along = places([-growth - margin, decay + margin]);
-    let error =
-        Axis::log("|error| of what is read").within(1e-4 * modes.tolerance, 1e4 * modes.tolerance);
-    let mut close = band(Panel::new("error of the profile", Axis::linear("p"), error), "");
-    for (k, reading) in modes.readings.iter().enumerate().rev() {
-        let read = modes.read(reading, &along);
-        // A part that decays by e^{−s} is read off at p◇ + s.
-        let points = (along.iter().zip(read))
-            .map(|(s, read)| [point + s, (read - (-s).exp()).abs()])
-            .collect();
-        let (label, style) = match k {
-            0 => ("read at p◇", Style::of(0).plain()),
-            _ => ("second reading", Style::of(1).plain().dashed(2)),
-        };
-        close = close.line(label, style, points);
-    }
-    close = close.horizontal("tolerance of the state", modes.tolerance);
+    let [lower, upper] = modes.domain();
     let caption = format!(
         "The {kind} profile as the sum of its {} modes l ≥ 0, read at p◇ = {}. Left: the field is \
          read right where g is e^−p on the domain of dependence, from p◇ − λ⁺T = {} to p◇ + λ⁻T = {}; \
          elsewhere g may be anything. Right: what is read of a part of the state that decays by e^−s, \
          less e^−s, at p = p◇ + s.",
         modes.series.modes(),
-        short(point),
-        short(domain[0]),
-        short(domain[1])
+        short(modes.point()),
+        short(lower),
+        short(upper)
     );
-    Ok(Some(Figure::new("Profile in p", vec![marked(whole), marked(close)]).caption(caption)))
+    let panels = [modes.profile_panel(), modes.error_panel()].map(|panel| modes.marked(panel));
+    Ok(Some(Figure::new("Profile in p", panels.into()).caption(caption)))
 }
 
 /// Weight and applications of every mode; nothing for runs without modes.

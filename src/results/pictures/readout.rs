@@ -1,10 +1,14 @@
-//! What a quantum computer would tell, with how far it may be off.
+//! Estimates of a quantum computer's measurements with their bounds.
 
 use crate::quantum::readout::row::Estimator;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
 use crate::results::pictures::stored::{Read, Stored};
 use std::collections::BTreeSet;
+
+/// An estimate whose bound exceeds so many times the largest value is left out: it says nothing, and
+/// would hide the others.
+const LARGEST_BOUND: f64 = 10.0;
 
 /// Estimates and their bounds beside the recovered values, by observable; nothing where nothing was
 /// read out.
@@ -15,93 +19,142 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
     if !run.has("readout") {
         return Ok(None);
     }
-    let column = |name: &str| run.list(&format!("readout/{name}"));
-    let (cell, observable, estimator) =
-        (column("cell")?, column("observable")?, column("estimator")?);
-    let (value, estimate, bound) = (column("value")?, column("estimate")?, column("bound")?);
-    // Numbers of cells and observables as they stand in the file: whole ones.
-    let whole = |list: &[f64]| list.iter().map(|c| *c as u64).collect::<BTreeSet<_>>();
-    let cells: Vec<u64> = whole(&cell).into_iter().collect();
-    let place = |row: usize| cells.iter().position(|c| *c == cell[row] as u64);
-    // What may be off by more than so many times the largest value tells nothing, and would hide
-    // the rest.
-    const TELLING: f64 = 10.0;
+    let table = Table::read(run)?;
     let mut hidden = 0;
-    let densest = (value.iter().zip(&observable))
-        .filter(|(v, o)| **o == 0.0 && v.is_finite())
-        .fold(0.0f64, |most, (v, _)| most.max(v.abs()));
-    // Density, momenta and mean velocities at most, by the velocities of the box.
-    let possible = |kind: u64| {
-        let fastest = |a: u64| {
-            let v = run.axis(run.dimension() + (a as usize).min(run.dimension() - 1));
-            v.lower.abs().max(v.upper.abs())
-        };
-        match kind {
-            0 => densest,
-            1..=3 => densest * fastest(kind - 1),
-            _ => fastest(kind - 4),
-        }
-    };
-    let mut panels = Vec::new();
-    for kind in whole(&observable) {
-        let of_kind = |r: &usize| observable[*r] as u64 == kind;
-        let rows: Vec<usize> = (0..cell.len()).filter(of_kind).collect();
-        let along = |first: u64| ["x", "y", "z"][(kind.saturating_sub(first) as usize).min(2)];
-        let name = match kind {
-            0 => "density".to_owned(),
-            1..=3 => format!("momentum along {}", along(1)),
-            _ => format!("mean velocity along {}", along(4)),
-        };
-        // The density has every estimator, and says which is which.
-        let said = |label: &str| {
-            if kind == 0 { label.to_owned() } else { String::new() }
-        };
-        let numbers = cells.iter().map(u64::to_string).collect();
-        let axis = Axis::named("number of the cell", numbers);
-        let mut panel = Panel::new(name.clone(), axis, Axis::linear(name));
-        let values = rows.iter().filter_map(|&r| Some([place(r)? as f64, value[r]]));
-        panel = panel.points(said("of the field"), Style::of(2), values.collect());
-        let found = rows.iter().fold(0.0f64, |most, &r| most.max(value[r].abs()));
-        // What is round-off is measured by what could be there.
-        let largest = if found > 1e-10 * possible(kind) { found } else { possible(kind) };
-        for (k, estimator_of) in Estimator::ALL.into_iter().enumerate() {
-            let mut points = Vec::new();
-            for &r in rows.iter().filter(|&&r| estimator[r] as u64 == k as u64) {
-                let (Some(at), true) = (place(r), (estimate[r] + bound[r]).is_finite()) else {
-                    continue;
-                };
-                if bound[r] > TELLING * largest {
-                    hidden += 1;
-                    continue;
-                }
-                // Side by side.
-                let at = at as f64 + 0.1 * (k as f64 + 1.0);
-                let ends = [estimate[r] - bound[r], estimate[r] + bound[r]];
-                points.push(([at, estimate[r]], ends));
-            }
-            if !points.is_empty() {
-                panel = panel.with(Layer::Intervals {
-                    label: said(estimator_of.name()),
-                    style: Style::of(if k < 2 { k } else { k + 1 }),
-                    points,
-                });
-            }
-        }
-        panels.push(panel);
-    }
+    let panels = numbers(&table.observable)
+        .into_iter()
+        .map(|observable| table.panel(observable, &mut hidden))
+        .collect();
     let left_out = match hidden {
         0 => String::new(),
         hidden => format!(
-            " Left out: {hidden} estimates that may be off by more than {TELLING} times the largest \
-             value (where all are zero, that there could be)."
+            " Left out: {hidden} estimates that may be off by more than {LARGEST_BOUND} times the \
+             largest value (where all are zero, that there could be)."
         ),
     };
-    let caption = "What a quantum computer would tell, with bounds that hold with probability 0.95 \
-                   (mean velocities: 0.90).";
+    let caption = "What a quantum computer would measure, with bounds that hold with probability \
+                   0.95 (mean velocities: 0.90).";
     Ok(Some(
         Figure::new("Readout", panels)
             .columns(3)
             .frame(320.0, 260.0)
             .caption(format!("{caption}{left_out}")),
     ))
+}
+
+/// The whole numbers in a column, each once.
+fn numbers(column: &[f64]) -> Vec<u64> {
+    let found: BTreeSet<u64> = column.iter().map(|c| *c as u64).collect();
+    found.into_iter().collect()
+}
+
+/// `/readout` of `result.h5`, by row.
+struct Table {
+    cell: Vec<f64>,
+    observable: Vec<f64>,
+    estimator: Vec<f64>,
+    value: Vec<f64>,
+    estimate: Vec<f64>,
+    bound: Vec<f64>,
+    /// Numbers of the cells, ascending.
+    cells: Vec<u64>,
+    /// Largest `|v|` along each velocity axis.
+    fastest: Vec<f64>,
+}
+
+impl Table {
+    fn read(run: &Stored) -> Read<Self> {
+        let column = |name: &str| run.list(&format!("readout/{name}"));
+        let cell = column("cell")?;
+        let fastest = |a: usize| {
+            let v = run.axis(run.dimension() + a);
+            v.lower.abs().max(v.upper.abs())
+        };
+        Ok(Self {
+            cells: numbers(&cell),
+            cell,
+            observable: column("observable")?,
+            estimator: column("estimator")?,
+            value: column("value")?,
+            estimate: column("estimate")?,
+            bound: column("bound")?,
+            fastest: (0..run.dimension()).map(fastest).collect(),
+        })
+    }
+
+    /// Values and estimates of one observable by cell. Counts those that are left out.
+    fn panel(&self, observable: u64, hidden: &mut usize) -> Panel {
+        let of_kind = |r: &usize| self.observable[*r] as u64 == observable;
+        let rows: Vec<usize> = (0..self.cell.len()).filter(of_kind).collect();
+        let along =
+            |first: u64| ["x", "y", "z"][(observable.saturating_sub(first) as usize).min(2)];
+        let name = match observable {
+            0 => "density".to_owned(),
+            1..=3 => format!("momentum along {}", along(1)),
+            _ => format!("mean velocity along {}", along(4)),
+        };
+        // The density has every estimator, and the legend.
+        let label = |text: &str| {
+            if observable == 0 { text.to_owned() } else { String::new() }
+        };
+        let names = self.cells.iter().map(u64::to_string).collect();
+        let axis = Axis::named("number of the cell", names);
+        let mut panel = Panel::new(name.clone(), axis, Axis::linear(name));
+        let values = rows.iter().filter_map(|&r| Some([self.place(r)?, self.value[r]]));
+        panel = panel.points(label("of the field"), Style::of(2), values.collect());
+        let largest = self.largest(observable, &rows);
+        for (k, estimator) in Estimator::ALL.into_iter().enumerate() {
+            let of_estimator = rows.iter().copied().filter(|&r| self.estimator[r] as usize == k);
+            let (shown, beyond): (Vec<usize>, Vec<usize>) = of_estimator
+                .filter(|&r| self.is_known(r))
+                .partition(|&r| self.bound[r] <= LARGEST_BOUND * largest);
+            *hidden += beyond.len();
+            if !shown.is_empty() {
+                panel = panel.with(Layer::Intervals {
+                    label: label(estimator.name()),
+                    style: Style::of(if k < 2 { k } else { k + 1 }),
+                    points: shown.into_iter().filter_map(|r| self.interval(r, k)).collect(),
+                });
+            }
+        }
+        panel
+    }
+
+    /// Where the cell of a row stands on the axis.
+    fn place(&self, row: usize) -> Option<f64> {
+        let place = self.cells.iter().position(|c| *c == self.cell[row] as u64)?;
+        Some(place as f64)
+    }
+
+    /// Whether a row has an estimate and a bound.
+    fn is_known(&self, row: usize) -> bool {
+        (self.estimate[row] + self.bound[row]).is_finite()
+    }
+
+    /// The estimate of a row with its interval, estimators side by side.
+    fn interval(&self, row: usize, estimator: usize) -> Option<([f64; 2], [f64; 2])> {
+        let at = self.place(row)? + 0.1 * (estimator as f64 + 1.0);
+        let (estimate, bound) = (self.estimate[row], self.bound[row]);
+        Some(([at, estimate], [estimate - bound, estimate + bound]))
+    }
+
+    /// The largest value in `rows`; where they are round-off, the largest that the box allows.
+    fn largest(&self, observable: u64, rows: &[usize]) -> f64 {
+        let found = rows.iter().fold(0.0f64, |most, &r| most.max(self.value[r].abs()));
+        let possible = self.possible(observable);
+        if found > 1e-10 * possible { found } else { possible }
+    }
+
+    /// Bound on density, momenta and mean velocities, by the velocities of the box.
+    fn possible(&self, observable: u64) -> f64 {
+        let densest = (self.value.iter().zip(&self.observable))
+            .filter(|(v, o)| **o == 0.0 && v.is_finite())
+            .fold(0.0f64, |most, (v, _)| most.max(v.abs()));
+        let fastest = |a: u64| self.fastest[(a as usize).min(self.fastest.len() - 1)];
+        match observable {
+            0 => densest,
+            1..=3 => densest * fastest(observable - 1),
+            _ => fastest(observable - 4),
+        }
+    }
 }

@@ -180,7 +180,8 @@ impl Stored {
         &self,
         name: &str,
         component: Option<usize>,
-        (plane, at): ([usize; 2], &[usize]),
+        plane: [usize; 2],
+        at: &[usize],
     ) -> Read<Plane> {
         let lengths = plane.map(|a| self.axis(a).cells);
         let shape = lengths.map(|n| n.min(FINEST));
