@@ -1,4 +1,4 @@
-//! The problem that a user states: the case file, formulas, the grid, the potential, the exact solution.
+//! The problem that a user states: case file, formulas, grid, potential, exact solution.
 //!
 //! [`case::Case`] is the case file, typed, with every default; [`grid::PhaseSpace`] is its grid.
 //!

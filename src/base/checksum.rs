@@ -1,14 +1,15 @@
-//! A sum over a dataset that tells whether it is what was written, by any ranks in any order.
+//! A checksum of a dataset, computed by any ranks in any order.
 //!
-//! With `b_i` the bits of element `i` (row-major, from 0) as an unsigned number — a byte of a text —
+//! With `b_i` the bits of element `i` (row-major, from 0) as an unsigned number — a byte of a text
+//! —
 //!
 //! ```text
 //! checksum = Σ_i mix(b_i + (i + 1) 0x9e3779b97f4a7c15)   mod 2^64
 //! mix(z):  z ← (z ⊕ z≫30) 0xbf58476d1ce4e5b9,  z ← (z ⊕ z≫27) 0x94d049bb133111eb,  z ⊕ z≫31
 //! ```
 //!
-//! `mix` is a permutation of the 64-bit numbers (that of SplitMix64: Steele, Lea, Flood 2014), so that any single changed
-//! element changes the sum, and other changes go unseen once in 2^64.
+//! `mix` is a permutation of the 64-bit numbers (that of SplitMix64: Steele, Lea, Flood 2014). Any
+//! single changed element changes the sum; other changes go undetected once in 2^64.
 
 /// The term of the element at `index`.
 fn term(index: u64, bits: u64) -> u64 {

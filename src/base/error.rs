@@ -1,9 +1,10 @@
-//! What can go wrong, in one place. A message names the key, the value and the limit, and says what to do.
+//! The errors, in one place. A message names the key, the value and the limit, and says what to do.
 
 use std::path::PathBuf;
 
 /// What takes less memory, whatever the run.
-pub const LESS_MEMORY: &str = "fewer cells (axis.N.x.cells, axis.N.v.cells), more ranks on more nodes, or a larger solver.tolerance";
+pub const LESS_MEMORY: &str = "fewer cells (axis.N.x.cells, axis.N.v.cells), more ranks on more \
+                               nodes, or a larger solver.tolerance";
 
 /// Everything that ends a command early.
 #[derive(Debug, thiserror::Error)]
@@ -41,8 +42,9 @@ pub enum Error {
     },
     /// No profile reaches the tolerance in double precision.
     #[error(
-        "{place} = {tolerance:e}: round-off allows no less than {smallest:.1e} here, where the norm falls by a \
-         factor {ratio:.3e} from state to field and growth x time is {growth:.3}; ask for at least that"
+        "{place} = {tolerance:e}: round-off allows no less than {smallest:.1e} here, where the \
+         norm falls by a factor {ratio:.3e} from state to field and growth x time is {growth:.3}; \
+         ask for at least that"
     )]
     Tolerance {
         /// File, line and key.
@@ -58,9 +60,10 @@ pub enum Error {
     },
     /// The generator grows too much for any tolerance.
     #[error(
-        "solver: growth x time {growth:.3} and a norm that falls by a factor {ratio:.3e} from state to field leave no digits \
-         in double precision; a smaller time.end does, and against growth solver.warp.weights = \"dissipative\" or \
-         scheme.interface = \"conservative\", and solver.warp.delta left out"
+        "solver: growth x time {growth:.3} and a norm that falls by a factor {ratio:.3e} from \
+         state to field leave no digits in double precision; a smaller time.end does, and against \
+         growth solver.warp.weights = \"dissipative\" or scheme.interface = \"conservative\", and \
+         solver.warp.delta left out"
     )]
     Growth {
         /// ‖ũ(0)‖/‖f(T)‖, see [`crate::plan`].
@@ -70,8 +73,9 @@ pub enum Error {
     },
     /// An interval in `p` too short for the tolerance.
     #[error(
-        "{place} = [{}, {}]: too short for solver.tolerance = {tolerance:e}, which takes a length of {needed:.4} and, read at \
-         p = {point:.4}, about [{}, {}]; a longer interval, a larger tolerance, or none given by hand",
+        "{place} = [{}, {}]: too short for solver.tolerance = {tolerance:e}, which takes a length \
+         of {needed:.4} and, read at p = {point:.4}, about [{}, {}]; a longer interval, a larger \
+         tolerance, or none given by hand",
         given[0], given[1], ends[0], ends[1]
     )]
     Interval {
@@ -90,8 +94,8 @@ pub enum Error {
     },
     /// A recovery point at which nothing is left but round-off.
     #[error(
-        "solver.warp.recovery = {point}: reading there amplifies round-off by exp({point}); solver.tolerance = {tolerance:e} allows \
-         no more than {highest:.3}"
+        "solver.warp.recovery = {point}: reading there amplifies round-off by exp({point}); \
+         solver.tolerance = {tolerance:e} allows no more than {highest:.3}"
     )]
     Recovery {
         /// `p◇`.
@@ -103,8 +107,9 @@ pub enum Error {
     },
     /// More modes than any machine can propagate.
     #[error(
-        "solver.warp.profile ({profile}): solver.tolerance = {tolerance:e} takes {modes:.3e} modes, at most {limit} are planned; \
-         a smoother profile (designed, gaussian, low-somma, smooth of higher order) or a larger tolerance"
+        "solver.warp.profile ({profile}): solver.tolerance = {tolerance:e} takes {modes:.3e} \
+         modes, at most {limit} are planned; a smoother profile (designed, gaussian, low-somma, \
+         smooth of higher order) or a larger tolerance"
     )]
     Modes {
         /// The profile.
@@ -121,8 +126,8 @@ pub enum Error {
     Ranks(String),
     /// The weights did not reach their certificate.
     #[error(
-        "dissipative weights: growth bound {certificate:.3e} after {sweeps} sweeps, {limit:.3e} wanted; \
-         set scheme.interface = \"conservative\""
+        "dissipative weights: growth bound {certificate:.3e} after {sweeps} sweeps, {limit:.3e} \
+         wanted; set scheme.interface = \"conservative\""
     )]
     Weights {
         /// ½ max (Aᵀπ)/π reached.
@@ -134,8 +139,8 @@ pub enum Error {
     },
     /// A generator for which dissipative weights prove nothing.
     #[error(
-        "dissipative weights need off-diagonal entries of the generator that are not negative; row {row}, column {column} holds {value:e}: \
-         solver.warp.weights = \"none\""
+        "dissipative weights need off-diagonal entries of the generator that are not negative; row \
+         {row}, column {column} holds {value:e}: solver.warp.weights = \"none\""
     )]
     Negative {
         /// Local row.
@@ -147,8 +152,8 @@ pub enum Error {
     },
     /// A mode's norm moved by more than its truncated series allows.
     #[error(
-        "mode {mode} (wavenumber {wavenumber:.6}): its norm changed by {defect:.3e}, {allowed:.3e} allowed; \
-         the run is not unitary and its result is not written"
+        "mode {mode} (wavenumber {wavenumber:.6}): its norm changed by {defect:.3e}, {allowed:.3e} \
+         allowed; the run is not unitary and its result is not written"
     )]
     Unitarity {
         /// Index of the mode.
@@ -162,9 +167,9 @@ pub enum Error {
     },
     /// The linear system of an implicit step was not solved.
     #[error(
-        "solver.propagator: the step's linear system for wavenumber {wavenumber:.6} has a relative residual of {residual:.1e} \
-         after {iterations} iterations, {limit:.1e} wanted; a smaller solver.propagator.step or fewer space blocks \
-         (--ranks-x 1) need fewer iterations"
+        "solver.propagator: the step's linear system for wavenumber {wavenumber:.6} has a relative \
+         residual of {residual:.1e} after {iterations} iterations, {limit:.1e} wanted; a smaller \
+         solver.propagator.step or fewer space blocks (--ranks-x 1) need fewer iterations"
     )]
     Solver {
         /// The mode's wavenumber μ.
@@ -178,8 +183,9 @@ pub enum Error {
     },
     /// The matrix of an implicit step could not be factorised.
     #[error(
-        "solver.propagator: the sparse factors of an implicit step: {0}; more space blocks (--ranks-x) make them smaller, \
-         solver.propagator.method = \"chebyshev\" or \"krylov\" need none"
+        "solver.propagator: the sparse factors of an implicit step: {0}; more space blocks \
+         (--ranks-x) make them smaller, solver.propagator.method = \"chebyshev\" or \"krylov\" \
+         need none"
     )]
     Factors(String),
     /// The result holds NaN or infinity.
@@ -211,7 +217,8 @@ pub enum Error {
     },
     /// The run was stopped before its end, as it was asked to, and can go on.
     #[error(
-        "{why}; {} holds {finished} of {modes} modes of stage {stage} of {stages}: the same command with --resume goes on from there",
+        "{why}; {} holds {finished} of {modes} modes of stage {stage} of {stages}: the same \
+         command with --resume goes on from there",
         path.display()
     )]
     Stopped {
@@ -230,7 +237,8 @@ pub enum Error {
     },
     /// Too short a time for anything to be finished.
     #[error(
-        "--walltime {seconds}: not one batch of modes was finished; it takes a longer time, or more ranks"
+        "--walltime {seconds}: not one batch of modes was finished; it takes a longer time, or \
+         more ranks"
     )]
     WallTime {
         /// The time given, in seconds.
@@ -238,8 +246,8 @@ pub enum Error {
     },
     /// A run too long for any machine.
     #[error(
-        "time.end = {end:e}: with the grid's largest rate {rate:.3e} the spectrum of S spans {span:.3e} times 1/T, \
-         at most {limit:e} is planned; a smaller time.end or wider cells"
+        "time.end = {end:e}: with the grid's largest rate {rate:.3e} the spectrum of S spans \
+         {span:.3e} times 1/T, at most {limit:e} is planned; a smaller time.end or wider cells"
     )]
     TooLong {
         /// `T`.
@@ -253,7 +261,8 @@ pub enum Error {
     },
     /// Numbers so large or small that their squares cannot be computed.
     #[error(
-        "{key}: the largest value on the grid is {value:e}; between 1e-100 and 1e100 (or 0) can be computed"
+        "{key}: the largest value on the grid is {value:e}; between 1e-100 and 1e100 (or 0) can be \
+         computed"
     )]
     Magnitude {
         /// The key.
@@ -290,8 +299,8 @@ impl Error {
         matches!(self, Error::Stopped { .. })
     }
 
-    /// The process's exit code: 2 when the user's input is wrong, 75 (what sendmail calls a temporary failure) when the same
-    /// command with `--resume` goes on, 1 otherwise.
+    /// The process's exit code: 2 when the user's input is wrong, 75 (sendmail's code of a
+    /// temporary failure) when the same command with `--resume` continues, 1 otherwise.
     pub fn exit_code(&self) -> i32 {
         match self {
             Error::Input(_)

@@ -1,14 +1,15 @@
 //! Sums that do not depend on order, hence neither on the number of ranks nor on the process mesh.
 //!
-//! Every term is cut into two fixed-point integers relative to a bound known beforehand; integers add exactly in any
-//! order. Each of the two keeps `BITS` bits of a term, fewer where there are so many terms that their sum would not fit:
-//! the sum of up to a thousand terms is exact but for `2^-100` of the bound a term.
+//! Every term is split into two fixed-point integers relative to a bound known beforehand. Integers
+//! add exactly in any order. Each of the two keeps `BITS` bits of a term, fewer where there are so
+//! many terms that their sum would overflow: the sum of up to a thousand terms is exact but for
+//! `2^-100` of the bound a term.
 
-/// Most bits of a part: below the place where a double has no fraction left, so that one addition rounds and converts.
+/// Most bits of a part: less than the digits of a double, so that one addition rounds and converts.
 const BITS: i32 = 51;
 
-/// `1.5 · 2^52`. Added to it, a number of magnitude up to `2^51` is rounded to an integer, ties to even, that stands in the last
-/// bits of the sum (Dekker 1971).
+/// `1.5 · 2^52`. Added to it, a number of magnitude up to `2^51` is rounded to an integer, ties to
+/// even, which is then in the last bits of the sum (Dekker 1971).
 const MAGIC: f64 = 6755399441055744.0;
 
 /// The fixed-point representation for at most `count` terms of magnitude at most `bound`.
@@ -24,7 +25,7 @@ fn power_of_two(exponent: i32) -> f64 {
 }
 
 impl FixedPoint {
-    /// A representation with room for `count` terms of magnitude at most `bound` (finite, not negative).
+    /// A representation for `count` terms of magnitude at most `bound` (finite, not negative).
     pub fn new(bound: f64, count: usize) -> Self {
         let room = (count.max(1) as f64).log2().ceil() as i32 + 1;
         let bits = BITS.min(61 - room);
@@ -36,7 +37,8 @@ impl FixedPoint {
         }
     }
 
-    /// The two integers of `x`; without branches, calls and conversions, so that loops over it are vectorised on any processor.
+    /// The two integers of `x`; without branches, calls and conversions, so that loops over it are
+    /// vectorised on any processor.
     #[inline(always)]
     pub fn split(&self, x: f64) -> [i64; 2] {
         let scaled = x * self.coarse;

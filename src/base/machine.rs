@@ -20,7 +20,8 @@ pub fn peak_memory() -> u64 {
     kilobytes("/proc/self/status", "VmHWM:").unwrap_or(0)
 }
 
-/// Gives freed memory back, and lets [`peak_memory`] begin anew; where the system cannot, the peak stays that of all that went before.
+/// Gives freed memory back and restarts [`peak_memory`]; where the system cannot, the peak stays
+/// that of the whole process.
 pub fn reset_peak_memory() {
     // SAFETY: a plain call; it may be made at any time.
     #[cfg(target_env = "gnu")]
@@ -31,7 +32,8 @@ pub fn reset_peak_memory() {
     let _ = std::fs::write("/proc/self/clear_refs", "5");
 }
 
-/// Memory that processes on this machine may still take, in bytes: what is free, within the control group's limit.
+/// Bytes that processes on this machine may still take: free memory, within the control group's
+/// limit.
 pub fn available_memory() -> u64 {
     let free = kilobytes("/proc/meminfo", "MemAvailable:").unwrap_or(u64::MAX);
     let read = |path: &str| std::fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
@@ -48,8 +50,8 @@ pub fn available_memory() -> u64 {
         .fold(free, u64::min)
 }
 
-/// Bytes of the largest cache that a core has to itself: its share of the second level; 1 MiB where the system does not
-/// say.
+/// Bytes of the largest cache that a core has to itself, its share of the second level; 1 MiB where
+/// the system does not say.
 pub fn cache_per_core() -> u64 {
     const USUAL: u64 = 1 << 20;
     let read = |index: usize, name: &str| {
@@ -73,11 +75,12 @@ pub fn cache_per_core() -> u64 {
     kilobytes * 1024 / sharing.max(1)
 }
 
-/// Bytes that a file in `directory` may grow to: what the file system has free and the process's file-size limit allows.
+/// Bytes that a file in `directory` may grow to: free space, within the process's file-size limit.
 pub fn room_for_file(directory: &Path) -> u64 {
     let mut room = u64::MAX;
     if let Ok(path) = CString::new(directory.as_os_str().as_bytes()) {
-        // SAFETY: the path is a terminated text, and the structure is only read where the call filled it.
+        // SAFETY: the path is a terminated text; the structure is read only where the call filled
+        // it.
         unsafe {
             let mut disk = std::mem::zeroed::<libc::statvfs>();
             if libc::statvfs(path.as_ptr(), &mut disk) == 0 {
@@ -95,7 +98,8 @@ pub fn room_for_file(directory: &Path) -> u64 {
     room
 }
 
-/// Reserves space on disk for a file that is to grow to `bytes`; its size stays. Does nothing where the file system cannot.
+/// Reserves space on disk for a file that is to grow to `bytes`; its size stays. Does nothing where
+/// the file system cannot.
 ///
 /// # Errors
 /// What the system says: that the disk is full, or the user's share of it.

@@ -1,7 +1,7 @@
 //! Version and commit of the program.
 
-/// The commit the program was built from, "-dirty" behind it where its sources were changed since; "unknown" outside of a
-/// repository.
+/// The commit the program was built from, with "-dirty" where its sources were changed since;
+/// "unknown" outside of a repository.
 pub const GIT: &str = env!("PHASEWARP_GIT");
 
 /// Version and commit.

@@ -10,8 +10,8 @@ use crate::study::chart::measure;
 /// Measures the case, writes the files and prints what was found. Collective.
 ///
 /// # Errors
-/// As [`measure`]; [`crate::base::error::Error::Directory`] and [`crate::base::error::Error::Output`]
-/// where files cannot be written.
+/// As [`measure`]; [`crate::base::error::Error::Directory`] and
+/// [`crate::base::error::Error::Output`] where files cannot be written.
 pub fn execute(world: &World, args: &ChartArgs) -> Result<()> {
     let (all, case) = (world.group(), load(world, &args.case)?);
     let directory =

@@ -104,8 +104,8 @@ fn write_report(
     Ok(Written { files: vec![path], left_out })
 }
 
-/// What `phasewarp check` prints of the case of a run, which the first rank has; or why it cannot be
-/// printed. Collective.
+/// What `phasewarp check` prints of the case of a run, which the first rank has; or why it cannot
+/// be printed. Collective.
 fn description(world: &World, run: Option<&Stored>) -> std::result::Result<String, String> {
     /// Name, text and overrides of a case; or why it is not described.
     type Source = std::result::Result<(String, String, Vec<String>), String>;

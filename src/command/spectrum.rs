@@ -1,4 +1,5 @@
-//! `phasewarp spectrum`: growth and decay of `S`, measured and guaranteed, with and without weights, by refinement.
+//! `phasewarp spectrum`: growth and decay of `S`, measured and guaranteed, with and without
+//! weights.
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::text::bytes_text;
@@ -25,7 +26,7 @@ pub enum System {
     Closed,
     /// `A` alone of a case in which something enters.
     Alone,
-    /// The system that the case's embedding of the inflow enlarges.
+    /// The homogeneous system augmented with inflow unknowns.
     Enlarged,
 }
 
@@ -77,7 +78,7 @@ pub fn execute(world: &World, args: &SpectrumArgs) -> Result<()> {
 /// Measures `case` on its grid and on grids with `refine` times its cells. Collective.
 ///
 /// # Errors
-/// [`Error::Memory`] before anything is computed if one of the grids does not fit; as [`Prepared::new`].
+/// [`Error::Memory`] before anything is computed if a grid does not fit; as [`Prepared::new`].
 fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result<Vec<Found>> {
     let grids: Vec<Case> = (refine.iter()).map(|&factor| refined(case, factor)).collect();
     let mut plans = Vec::new();
@@ -112,8 +113,8 @@ fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result
     Ok(found)
 }
 
-/// Bounds and layout of a grid, if it fits into the memory here. What is kept is what the classical method keeps: the
-/// matrix and a few real vectors.
+/// Bounds and layout of a grid, if it fits into the memory here. It keeps what the classical method
+/// keeps: the matrix and a few real vectors.
 fn plan(world: &World, case: &Case) -> Result<(Bounds, Plan)> {
     /// The largest number of cells that is looked at.
     const MOST_CELLS: f64 = 1e12;
@@ -210,7 +211,8 @@ impl Found {
         };
         format!(
             "{label:<32} lambda+ {} {}  lambda- {} {}  ({} unknowns, {steps} Lanczos steps)\n\
-             {:<32} Gershgorin: lambda+ <= {}, lambda- <= {}; certificate: lambda+ <= {}; a run relies on {}, {}\n\
+             {:<32} Gershgorin: lambda+ <= {}, lambda- <= {}; certificate: lambda+ <= {}; \
+             a run relies on {}, {}\n\
              {:<32} sqrt(pi) {} to {}, max/min {:.4}, {} sweeps\n",
             number(highest.value),
             within(&highest),

@@ -1,16 +1,17 @@
-//! Sparse access to `H = H1 ⊗ D_μ − H2 ⊗ I` (paper, section 3.2): a location and a value oracle, as functions.
+//! Sparse access to `H = H1 ⊗ D_μ − H2 ⊗ I` (paper, section 3.2): location and value oracle.
 //!
-//! Row `j = i N_p + l` of `H` is unknown `i` of the (weighted, enlarged) system in mode `l`, with the wavenumber
-//! `μ_l = 2π(l − N_p/2)/P`. With `H1 = S` and `iH2 = K`
+//! Row `j = i N_p + l` of `H` is unknown `i` of the (weighted, augmented) system in mode `l`, with
+//! the wavenumber `μ_l = 2π(l − N_p/2)/P`. With `H1 = S` and `iH2 = K`
 //!
 //! ```text
 //! H_{jk} = μ_l S_{ii'} + i K_{ii'}      where k = i' N_p + l,   0 in other modes.
 //! ```
 //!
-//! Both oracles evaluate rows of the scheme, [`Scheme::row`], and nothing else: row `i` of `S` and `K` takes row `i` of `A` and those
-//! rows `i'` that may draw on `i`, which are the cells next to it and, across the faces of its space cell, all velocities along the axis
-//! of the face. What is not computed on the fly is data that a quantum computer would load: the weights `π`, one number a cell, and
-//! the couplings of the inflow.
+//! Both oracles evaluate only rows of the scheme, [`Scheme::row`]. Row `i` of `S` and `K` takes row
+//! `i` of `A` and the rows `i'` that may have an entry in column `i`: the neighbouring cells and,
+//! across the faces of its space cell, all velocities along the axis of the face. A quantum
+//! computer would load as data what is not computed: the weights `π`, one number a cell, and the
+//! couplings of the inflow.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -57,7 +58,8 @@ pub struct Scratch {
 }
 
 impl<'a> SparseAccess<'a> {
-    /// The oracles of `case` for `points` modes on a period `period`; `problem` is its whole grid on this rank.
+    /// The oracles of `case` for `points` modes on the period `period`; `problem` is the whole grid
+    /// on this rank.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Formula`] where `V` is not finite.
@@ -119,8 +121,8 @@ impl<'a> SparseAccess<'a> {
         TAU * (l as f64 - (self.points / 2) as f64) / self.period
     }
 
-    /// `f_H(j, ℓ)`: the column of the `ℓ`-th entry of row `j` that is not zero, in ascending order; [`order`](Self::order), the
-    /// dummy, where the row has no more.
+    /// `f_H(j, ℓ)`: the column of the `ℓ`-th nonzero entry of row `j`, in ascending order;
+    /// [`order`](Self::order), the dummy, where the row has no more.
     pub fn location(&self, scratch: &mut Scratch, j: usize, entry: usize) -> usize {
         let (i, l) = (j / self.points, j % self.points);
         self.row(scratch, i);
@@ -145,8 +147,8 @@ impl<'a> SparseAccess<'a> {
         })
     }
 
-    /// `|H_jk⟩_m`: real and imaginary part of [`value`](Self::value) as whole multiples of `2^{1−m} ‖H‖_max`, nearest to them: `m` bits
-    /// each, one of them the sign. `m` from 2 to 52.
+    /// `|H_jk⟩_m`: real and imaginary part of [`value`](Self::value) as the nearest whole multiples
+    /// of `2^{1−m} ‖H‖_max`: `m` bits each, one of them the sign. `m` from 2 to 52.
     pub fn value_bits(&self, scratch: &mut Scratch, j: usize, k: usize, m: u32) -> [i64; 2] {
         let value = self.value(scratch, j, k);
         let most = (1i64 << (m - 1)) - 1;
@@ -243,7 +245,8 @@ pub fn largest_parts(matrix: &BlockMatrix) -> (f64, f64, usize) {
     (largest, symmetric.0, symmetric.1)
 }
 
-/// `‖H‖_max` for wavenumbers up to `highest`, and the entries of the fullest row; of this rank's rows.
+/// `‖H‖_max` for wavenumbers up to `highest`, and the entries of the fullest row; of this rank's
+/// rows.
 pub fn extremes(matrix: &BlockMatrix, highest: f64) -> (f64, usize) {
     let (mut largest, mut fullest) = (0.0f64, 0);
     for i in 0..matrix.counted_rows() {

@@ -1,15 +1,15 @@
-//! The circuit-level objects of a tiny case, for a quantum simulator: states, `H`, and circuits where
-//! they are exact.
+//! The circuit-level objects of a tiny case, for a quantum simulator: states, `H`, and circuits
+//! where they are exact.
 //!
 //! **Qubits.** Amplitude `j = i N_p + k` is unknown `i` at the point `p_k` (or in the mode
-//! `l = k − N_p/2`). Qubit 0 is the last bit of `j`. The first `n_p` qubits are the p-register. Then
-//! come the velocities, the last axis first, then space, then, where something enters, a label that is
-//! 0 in the block of `f`. Unknown `cells + m` is the auxiliary one `m`. The rest of that block is
-//! empty, its rows of `H` are zero.
+//! `l = k − N_p/2`). Qubit 0 is the last bit of `j`. The first `n_p` qubits are the p-register.
+//! Then come the velocities, the last axis first, then space, then, where something enters, a label
+//! that is 0 in the block of `f`. Unknown `cells + m` is the auxiliary one `m`. The rest of that
+//! block is empty, its rows of `H` are zero.
 //!
-//! **Transform.** `Φ_{kl'} = e^{iμ_l(p_k − L)}/√N_p = (−1)^k e^{2πi kl'/N_p}/√N_p`, `l' = l + N_p/2`:
-//! the usual transform with the positive sign, then `Z` on qubit 0. The state in modes is
-//! `w̃ = (I ⊗ Φ⁻¹) w`, and `w̃(T) = e^{−iHT} w̃(0)`.
+//! **Transform.** `Φ_{kl'} = e^{iμ_l(p_k − L)}/√N_p = (−1)^k e^{2πi kl'/N_p}/√N_p`,
+//! `l' = l + N_p/2`: the usual transform with the positive sign, then `Z` on qubit 0. The state in
+//! modes is `w̃ = (I ⊗ Φ⁻¹) w`, and `w̃(T) = e^{−iHT} w̃(0)`.
 //!
 //! **Files** (NumPy's format 1.0, little-endian; states normalised):
 //!
@@ -21,7 +21,7 @@
 //! | `field.npy`, `weights.npy` | `f(T)` read at `p◇`, and `√π`, by cell |
 //! | `hamiltonian.mtx` | `H`, Matrix Market, the lower triangle of a Hermitian matrix |
 //! | `transform.qasm` | `Φ` on the p-register, OpenQASM 3 |
-//! | `preparation.qasm` | `w(0)` from zeros, by uniformly controlled rotations; for real amplitudes |
+//! | `preparation.qasm` | `w(0)` from zeros, by uniformly controlled rotations; real `w(0)` only |
 
 pub mod circuit;
 pub mod numpy;
@@ -88,8 +88,8 @@ pub struct Description {
     pub velocity_volume: f64,
     /// Velocities by velocity cell, one list an axis.
     pub velocities: Vec<Vec<f64>>,
-    /// `Re⟨χ|F⟩` of density, then momentum by axis, by space cell. `F` is the weighted block of `f`,
-    /// and `χ` has `q/√π`. `null` where every velocity is 0.
+    /// `Re⟨χ|F⟩` of density, then momentum by axis, by space cell. `F` is the weighted block of
+    /// `f`, and `χ` has `q/√π`. `null` where every velocity is 0.
     pub overlaps: Vec<Vec<f64>>,
     /// Why there is no `preparation.qasm`, if so.
     pub preparation: Option<String>,
@@ -273,7 +273,8 @@ struct Reading {
 }
 
 impl Reading {
-    /// Of the normalised `state`, whose norm was `norm_of_state`; `pi` are the weights of the cells.
+    /// Of the normalised `state`, whose norm was `norm_of_state`; `pi` are the weights of the
+    /// cells.
     fn new(state: &[Complex64], grid: &PointGrid, pi: &[f64], norm_of_state: f64) -> Self {
         let slice: Vec<Complex64> =
             state.iter().skip(grid.recovery_index).step_by(grid.points).copied().collect();
@@ -310,8 +311,8 @@ impl Export {
     /// Of a case whose whole grid is on this rank.
     ///
     /// # Errors
-    /// [`Error::Input`] for more than [`MOST_QUBITS`] qubits, a number of points that is no power of
-    /// two, or a start that is zero.
+    /// [`Error::Input`] for more than [`MOST_QUBITS`] qubits, a number of points that is no power
+    /// of two, or a start that is zero.
     pub fn new(prepared: &mut Prepared) -> Result<Self> {
         let Prepared { case, plan, bounds, system, communicator, .. } = prepared;
         let warp = planned_modes(case, plan)?;
@@ -476,8 +477,8 @@ struct ModeEvolution<'a> {
 }
 
 impl ModeEvolution<'_> {
-    /// `w̃(T)`, not normalised, of the rows of `problem`: the modes `l ≥ 0` by Chebyshev series, the
-    /// others their conjugates.
+    /// `w̃(T)`, not normalised, of the rows of `problem`: the modes `l ≥ 0` by Chebyshev series,
+    /// the others their conjugates.
     fn run(
         &self,
         problem: &mut DiscreteSystem,

@@ -1,7 +1,9 @@
-//! Which `δ`, profile and recovery point make the product of queries and repetitions smallest (`phasewarp resources --optimise`).
+//! The `δ`, profile and recovery point with the smallest product of queries and repetitions
+//! (`phasewarp resources --optimise`).
 //!
-//! They pull apart: a profile with few modes has a low `‖H‖_max` and hides the solution deep in its state; a large `δ` fills the state with
-//! auxiliary unknowns, a small one couples them strongly. Every choice is planned as a run would be, to the same tolerance.
+//! The two factors conflict. A profile with few modes has a low `‖H‖_max` and a small probability
+//! of the solution. A large `δ` fills the state with auxiliary unknowns, a small one couples them
+//! strongly. Every choice is planned as a run would be, to the same tolerance.
 
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Coefficients, Delta, ProfileChoice};
@@ -26,10 +28,10 @@ const PROFILES: [ProfileChoice; 8] = [
 ];
 /// More modes than this are not planned in full.
 const MOST_MODES: usize = 1 << 14;
-/// How far above the planned recovery point it is read, too.
+/// How far above the planned recovery point others are tried.
 const FURTHER: [f64; 3] = [0.0, 0.5, 1.0];
 
-/// Values of `δ` that are tried where something enters, as [`Delta`] for a largest inflow `largest`.
+/// Values of `δ` that are tried where something enters, `largest` being the largest inflow.
 pub fn deltas(case: &Case, largest: f64) -> Vec<Delta> {
     if !case.enters() {
         return vec![case.warp.delta];
@@ -52,7 +54,8 @@ pub struct Choice {
     pub walk_steps: Figure,
     /// Probability of slice and window, all conditions met.
     pub probability: [Figure; 2],
-    /// Walk steps until it succeeds in the window, or in the slice where there is none, repeated naively and by amplitude amplification.
+    /// Walk steps until it succeeds in the window, or in the slice where there is none: repeated,
+    /// and by amplitude amplification.
     pub cost: [Figure; 2],
 }
 
@@ -108,7 +111,7 @@ pub fn choices(system: &System<'_>) -> Vec<Choice> {
                 false => Ok(Err(format!("{modes} modes; up to {MOST_MODES} are compared"))),
             }
         };
-        // Where g = e^{−p} begins is up to these two: another recovery point is the same thing moved.
+        // These two may begin e^{−p} anywhere: another recovery point only shifts them.
         let moves = matches!(profile, ProfileChoice::Designed | ProfileChoice::Gaussian);
         let mut first = None;
         for further in FURTHER.into_iter().take(if moves { 1 } else { FURTHER.len() }) {
@@ -160,7 +163,8 @@ fn choice(system: &System<'_>, profile: ProfileChoice, plan: &WarpPlan) -> Choic
     }
 }
 
-/// All choices, the cheapest first, repeated naively or by amplitude amplification; those without a number last.
+/// All choices, the cheapest first, by repetition or amplitude amplification; those without a
+/// number last.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Ranking(pub Vec<Choice>);
 
@@ -219,7 +223,8 @@ impl fmt::Display for Ranking {
         }
         writeln!(
             f,
-            "cost: walk steps until the field is in the window, repeated until it is (naive) or by amplitude amplification; estimates"
+            "cost: walk steps until the field is in the window, repeated until it is (naive) or by \
+             amplitude amplification; estimates"
         )
     }
 }

@@ -1,19 +1,22 @@
-//! With what probability a measurement gives the solution (paper, section 7.1).
+//! The probability that a measurement gives the solution (paper, section 7.1).
 //!
-//! The state after the inverse transform in `p` is `|w(T)⟩ = C_w^{−1} Σ_k v(T, p_k)|k⟩`, and where the profile is `e^{−p}`, `v(T, p) = e^{−p} u(T)`,
-//! `u = (√π f, r)`: the weighted field and the auxiliary unknowns. Three things are postselected:
+//! The state after the inverse transform in `p` is `|w(T)⟩ = C_w^{−1} Σ_k v(T, p_k)|k⟩`. Where the
+//! profile is `e^{−p}`, `v(T, p) = e^{−p} u(T)`, `u = (√π f, r)`: the weighted field and the
+//! auxiliary unknowns. Three things are postselected:
 //!
 //! ```text
-//! P_p   = Σ_k e^{−2p_k} ‖u‖²/C_w²       the p-register at p◇, or in the window p◇ ≤ p_k < p_e;   C_w² = N_p ‖u(0)‖² Σ_l |c_l|²
-//! P_f   = ‖√π f‖²/‖u‖²                  the block of f
-//! P_π   = ‖f‖²/‖√π f‖²                  with weights: success of the contraction π^{−½}, as a block-encoding
+//! P_p   = Σ_k e^{−2p_k} ‖u‖²/C_w²    the p-register at p◇, or in the window p◇ ≤ p_k < p_e
+//! P_f   = ‖√π f‖²/‖u‖²               the block of f
+//! P_π   = ‖f‖²/‖√π f‖²               the contraction π^{−½}, as a block-encoding (with weights)
 //! ```
 //!
-//! and `C_f = ‖f‖ = e^{p◇} C_w √P` (paper, the equation for `C_f`), `P` being their product at the slice. All three conditions are met in one of
-//! `1/P` repetitions, or after `⌊π/(4 arcsin √P)⌋` rounds of amplitude amplification.
+//! with `C_w² = N_p ‖u(0)‖² Σ_l |c_l|²`, and `C_f = ‖f‖ = e^{p◇} C_w √P` (paper, the equation for
+//! `C_f`), `P` being their product at the slice. All three conditions are met in one of `1/P`
+//! repetitions, or after `⌊π/(4 arcsin √P)⌋` rounds of amplitude amplification.
 //!
-//! **The window** ends where the field is no longer read right: at `p` the state's part at rate `s` of the spectrum of `−ST` is read from
-//! `g(p + s)`, so that `g` must be `e^{−p}` within `ε e^{−p}` on `[p − Λ⁺, p + Λ⁻]`. That is looked up in the series itself.
+//! **The window** ends where the field is no longer read correctly. At `p` the state's part at rate
+//! `s` of the spectrum of `−ST` is read from `g(p + s)`, so `g` must be `e^{−p}` within `ε e^{−p}`
+//! on `[p − Λ⁺, p + Λ⁻]`. This is checked on the series itself.
 
 use crate::matrix::bounds::Bounds;
 use crate::quantum::figure::Figure;
@@ -39,7 +42,8 @@ pub struct Chain {
     pub repetitions: Figure,
     /// Rounds of amplitude amplification, each with the evolution and its inverse.
     pub amplification_rounds: Figure,
-    /// Evolutions until it succeeds, on average: `(2r + 1)/sin²((2r + 1) arcsin √P)` with `r` rounds.
+    /// Evolutions until it succeeds, on average: `(2r + 1)/sin²((2r + 1) arcsin √P)` with `r`
+    /// rounds.
     pub amplified_evolutions: Figure,
 }
 
@@ -60,7 +64,8 @@ pub struct Probabilities {
     pub at_slice: Chain,
     /// Of the window.
     pub in_window: Chain,
-    /// `C_f` from the probability of the slice: the norm of the field that a quantum computer would find.
+    /// `C_f` from the probability of the slice: the norm of the field as a quantum computer finds
+    /// it.
     pub norm_of_field: Figure,
 }
 
@@ -79,8 +84,8 @@ pub fn square_sum(series: &Series) -> f64 {
         .sum()
 }
 
-/// Where the window that begins at `point` ends: the field is read within `tolerance` from every `p` in it. `None` where not even
-/// `point` is such a place.
+/// The end of the window that begins at `point`: the field is read within `tolerance` from every
+/// `p` in it. `None` where not even `point` is such a place.
 pub fn window_end(
     series: &Series,
     point: f64,
@@ -99,7 +104,7 @@ pub fn window_end(
         *value = series.factor(l) * Complex64::new(0.0, series.wavenumber(l) * lower).exp();
     }
     FftPlanner::new().plan_fft_inverse(samples).process(&mut values);
-    // The first place, going up, where g is not good enough for the lowest p whose field it is part of.
+    // The first place, upwards, where g is not accurate enough for the lowest p that reads it.
     let good = |(k, value): (usize, &Complex64)| {
         let q = lower + k as f64 * step;
         let p = (q - decay).max(point);
@@ -160,14 +165,15 @@ pub struct PlannedState<'a> {
 }
 
 impl Probabilities {
-    /// `√P` of the window, or of the slice where there is none: what is left of an error in the whole state is so much larger beside the field. 1 where
-    /// neither is known.
+    /// `√P` of the window, or of the slice where there is none; 1 where neither is known. Relative
+    /// to the field, an error of the whole state is `1/√P` times as large.
     pub fn amplitude(&self) -> f64 {
         let known = self.in_window.all.value().or(self.at_slice.all.value());
         known.map_or(1.0, f64::sqrt)
     }
 
-    /// Those of a run planned as `warp` with these norms and `points` points in `p`; `label` makes figures of what follows from them, which are as good as they are.
+    /// Probabilities of a planned state with these norms. `label` makes figures of what follows
+    /// from the norms, which is as accurate as they are.
     pub fn new(
         planned: &PlannedState<'_>,
         norms: StateNorms,

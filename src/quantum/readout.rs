@@ -1,27 +1,35 @@
-//! What a quantum computer would tell of density, momentum and mean velocity at some cells of space (paper, section 7.2).
+//! Density, momentum and mean velocity at some cells, as a quantum computer measures them (paper,
+//! section 7.2).
 //!
-//! Moments are overlaps. With `q = 1` for the density and `q = v_a` for momentum `a`, at the space cell `i`
+//! Moments are overlaps. With `q = 1` for the density and `q = v_a` for momentum `a`, at the space
+//! cell `i`
 //!
 //! ```text
-//! m_i = Δv Σ_j q_j f_ij = C_f Δv ‖q‖ ⟨χ_i|F⟩          |χ_i⟩ = |i⟩ ⊗ Σ_j q_j|j⟩/‖q‖,   |F⟩ = f/C_f            postselected
-//!                       = e^{p◇} C_w Δv ‖q/√π‖ ⟨ζ_i|w⟩  |ζ_i⟩ = |0⟩ ⊗ |i⟩ ⊗ Σ_j q_j π_ij^{−½}|j⟩/‖q/√π‖ ⊗ |k◇⟩    enlarged
+//! m_i = Δv Σ_j q_j f_ij
+//!     = C_f Δv ‖q‖ ⟨χ_i|F⟩               |χ_i⟩ = |i⟩ ⊗ Σ_j q_j|j⟩/‖q‖,  |F⟩ = f/C_f
+//!     = e^{p◇} C_w Δv ‖q/√π‖ ⟨ζ_i|w⟩     |ζ_i⟩ = |0⟩ ⊗ |i⟩ ⊗ Σ_j q_j π_ij^{−½}|j⟩/‖q/√π‖ ⊗ |k◇⟩
 //! ```
 //!
-//! The enlarged state holds `√π f`: there the weights are undone in `ζ`, which costs nothing, and as `π ≥ 1` never more than to undo them in the
-//! state, which has a probability of its own ([`crate::quantum::probability`]). Without weights these are the paper's.
+//! from the postselected and from the enlarged state. The enlarged state holds `√π f`. There the
+//! weights are undone in `ζ`: since `π ≥ 1`, this never costs more than undoing them in the state,
+//! which has a probability of its own ([`crate::quantum::probability`]). Without weights these are
+//! the paper's formulas.
 //!
-//! Each overlap is measured as [`measurement`] says, the counts drawn at random from their exact distributions. What is drawn depends on the seed, the
-//! cell, the observable and the estimator only, so that it is the same on any ranks and beside any other cells.
+//! Each overlap is measured as in [`measurement`], with counts drawn from their exact
+//! distributions. What is drawn depends on the seed, the cell, the observable and the estimator
+//! only: it is the same on any ranks and for any other selection of cells.
 //!
-//! **Accuracy.** An overlap known to `ε_obs` of a state known to `ε_F` gives a moment to `prefactor · ε_obs + C_f Δv ‖q‖ ε_F`, both ways; `ε_F` is the
-//! tolerance of the run. Bounds hold with probability [`CONFIDENCE`], those of a mean velocity, which take two of them, with that
-//! of both.
+//! **Accuracy.** An overlap with error `ε_obs` of a state with error `ε_F` gives a moment with
+//! error `prefactor · ε_obs + C_f Δv ‖q‖ ε_F`; `ε_F` is the tolerance of the run. Bounds hold with
+//! probability [`CONFIDENCE`]; those of a mean velocity need two such bounds to hold.
 //!
-//! **Cost**, in evolutions `e^{−iHT}` of the whole state: a shot from the postselected state takes `1/P` of them by repetition, `2r + 1` with `r` rounds of amplitude
-//! amplification; from the enlarged one, one. Amplitude estimation needs the preparation and its inverse, which repetition is not.
+//! **Cost**, in evolutions `e^{−iHT}` of the whole state. A shot from the postselected state takes
+//! `1/P` of them by repetition, `2r + 1` with `r` rounds of amplitude amplification; a shot from
+//! the enlarged state takes one. Amplitude estimation inverts the preparation, which excludes
+//! repetition.
 //!
-//! A measurement of the x-register alone is none of the density: it gives the cell `i` with probability `Σ_j f_ij²/C_f²` (the paper's last
-//! remark there), which is told as `basis_probability`.
+//! A measurement of the x-register alone does not give the density: it finds the cell `i` with
+//! probability `Σ_j f_ij²/C_f²` (the paper's last remark there), reported as `basis_probability`.
 
 pub mod files;
 pub mod measurement;
@@ -53,7 +61,7 @@ pub struct Readout {
     pub amplification_rounds: Figure,
     /// `ε_F`.
     pub state_error: Figure,
-    /// By cell, the probability that a measurement of the x-register gives it: `Σ_j f_ij²/C_f²`, which is no density.
+    /// By cell, the probability that a measurement of the x-register finds it: `Σ_j f_ij²/C_f²`.
     pub basis_probability: Vec<Figure>,
     /// The rows, cell by cell.
     pub rows: Vec<Row>,

@@ -1,5 +1,5 @@
-//! What the algorithm takes on a quantum computer, in the model of sparse access, and forward Euler's
-//! cost beside it.
+//! What the algorithm takes on a quantum computer, in the model of sparse access, and forward
+//! Euler's cost beside it.
 //!
 //! **Queries.** With `τ = d ‖H‖_max T`, `H` is block-encoded as `H/(d‖H‖_max)` by a walk, and
 //! `e^{−iHT}` by a sequence of `2K` phased steps of it. `K` is the degree at which the Jacobi–Anger
@@ -8,8 +8,8 @@
 //! qubits and values of `m = log₂(1/ε)` bits (its lemma in section 3.2); with constants 1 it is an
 //! estimate.
 //!
-//! The paper's asymptotic counts are in [`regime`], the printed table in `text`, the formats of other
-//! programs in `formats`.
+//! The paper's asymptotic counts are in [`regime`], the printed table in `text`, the formats of
+//! other programs in `formats`.
 
 mod formats;
 pub mod regime;
@@ -106,7 +106,8 @@ fn qubits(count: usize) -> usize {
     count.next_power_of_two().trailing_zeros() as usize
 }
 
-/// The degree `K` of the Jacobi–Anger series for `τ` to `tolerance`, and the `2K` steps of the walk.
+/// The degree `K` of the Jacobi–Anger series for `τ` to `tolerance`, and the `2K` steps of the
+/// walk.
 pub fn walk(tau: f64, tolerance: f64) -> (Figure, Figure) {
     /// Up to here the series is summed, beyond it is bounded (see [`degree`]).
     const SUMMED: f64 = 1e4;
@@ -119,7 +120,8 @@ pub fn walk(tau: f64, tolerance: f64) -> (Figure, Figure) {
 const NORMS: &str = "norms of the classical solution to three digits";
 
 impl Record {
-    /// What a case takes, with its plan of the modes and this rank's part of the system. Collective.
+    /// What a case takes, with its plan of the modes and this rank's part of the system.
+    /// Collective.
     ///
     /// # Errors
     /// As [`sparsity::measure`]; [`crate::base::error::Error::Input`] for a plan without modes.

@@ -7,9 +7,9 @@
 //! | `H` | `Σ Q_a + 2n + 3` | the same |
 //!
 //! with `Q_a = 2⌈√(5/4 + (2/Δv_a) √((Δv_a/2)² + 2 max|V⁻ − V⁺|)) − ½⌉ + 2` over the faces normal to
-//! axis `a` (paper, section 4.2 and appendix A; `Q + 5` in one dimension, `Q_1 + Q_2 + 7` in two, both
-//! with a diagonal of the inflow). The bounds are made for the hat function on a velocity axis whose
-//! cells lie symmetrically about zero; other cases are measured without a bound.
+//! axis `a` (paper, section 4.2 and appendix A; `Q + 5` in one dimension, `Q_1 + Q_2 + 7` in two,
+//! both with a diagonal of the inflow). The bounds are made for the hat function on a velocity axis
+//! whose cells lie symmetrically about zero; other cases are measured without a bound.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -52,7 +52,8 @@ pub struct Sparsity {
     pub q: Vec<usize>,
     /// Largest jump of `V` over the faces normal to each axis.
     pub jumps: Vec<f64>,
-    /// Whether the bounds are made for this case: the hat interface, velocity cells symmetric about zero.
+    /// Whether the bounds are made for this case: hat interface, velocity cells symmetric about
+    /// zero.
     pub bounded: bool,
     /// Nonzeros of `A` in all.
     pub entries: usize,
@@ -95,8 +96,8 @@ impl Fullest {
     }
 }
 
-/// Counts the nonzeros of `case`'s matrices; `matrix` are this rank's rows of `(S, K)`, weighted as in
-/// a run. Collective over `space`.
+/// Counts the nonzeros of `case`'s matrices; `matrix` are this rank's rows of `(S, K)`, weighted as
+/// in a run. Collective over `space`.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Formula`] where `V` is not finite.

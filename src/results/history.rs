@@ -7,7 +7,7 @@
 //! | `/history/momentum`, `/history/velocity` | (N_t, n, N_x1, …) | as `/momentum`, `/velocity` |
 //! | `/history/mass`, `/history/kinetic_energy` | (N_t) | sums over all of space |
 //! | `/axis/field_time` | (N_f) | `output.field_times` |
-//! | `/history/f`; `/history/phi`, `/history/psi` | (N_f, as `/f`, `/phi`); (N_f, n, …) | the fields there |
+//! | `/history/f`; `/history/phi`, `psi` | (N_f, as `/f`, `/phi`); (N_f, n, …) | fields there |
 
 use crate::base::checksum::Slab;
 use crate::base::error::Result;

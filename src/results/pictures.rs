@@ -5,9 +5,9 @@
 //! | `phase_space` | fields on the planes (x_a, v_a), beside the exact ones | `phase_space` |
 //! | `moments`; `density`, `velocity` | in one dimension as lines, in more as maps | `moments` |
 //! | `history` | mass, energy and, in one dimension, density at the output times | `history` |
-//! | `profile` | `g(p)`, where it is read, and how it differs from `e^{−p}` where that matters | `profile` |
+//! | `profile` | `g(p)`, where it is read, and its error against `e^{−p}` there | `profile` |
 //! | `modes` | weights and applications by wavenumber | `profile` |
-//! | `plateau`, `readout` | readings at other `p`; what a quantum computer would tell | `profile`, `readout` |
+//! | `plateau`, `readout` | readings at other `p`; quantum measurements | `profile`, `readout` |
 //! | `time` | seconds by step | `history` |
 //!
 //! What a run has none of (a classical one of profiles) has no picture. What its files lack is left

@@ -212,8 +212,8 @@ impl Report<'_> {
             _ => "by the classical scheme itself",
         };
         format!(
-            "The Liouville equation f_t + v·∇_x f − ∇V·∇_v f = 0 in {} space dimension{}, on {} cells, \
-             solved from t = 0 to {} {method}.",
+            "The Liouville equation f_t + v·∇_x f − ∇V·∇_v f = 0 in {} space dimension{}, on {} \
+             cells, solved from t = 0 to {} {method}.",
             run.dimension(),
             if run.dimension() == 1 { "" } else { "s" },
             shape.join(" × "),
@@ -229,8 +229,8 @@ impl Report<'_> {
                 _ => ", which is not reliable here",
             };
             format!(
-                "The estimated distance to the exact solution of the scheme's equations is {}{trust}; \
-                 {} was asked for.",
+                "The estimated distance to the exact solution of the scheme's equations is \
+                 {}{trust}; {} was asked for.",
                 short(estimate),
                 short(tolerance)
             )
@@ -239,7 +239,8 @@ impl Report<'_> {
         let exact = exact.map(|(error, exact)| {
             let part = short(error / exact);
             format!(
-                "The distance to the exact solution, which is that of the grid, is {part} of it (L1)."
+                "The distance to the exact solution, which is that of the grid, is {part} of it \
+                 (L1)."
             )
         });
         let both: Vec<String> = estimate.into_iter().chain(exact).collect();
@@ -288,7 +289,9 @@ impl Report<'_> {
                     tr { @for (_, label) in OF_A_FIELD { th { (label) } } }
                     @for field in fields {
                         tr {
-                            @for (key, _) in OF_A_FIELD { td class="number" { (shown(&field[key])) } }
+                            @for (key, _) in OF_A_FIELD {
+                                td class="number" { (shown(&field[key])) }
+                            }
                         }
                     }
                 }

@@ -4,17 +4,17 @@
 //! |---|---|---|
 //! | `/f` | (N_x1, …, N_xn, N_v1, …, N_vn) | cell values at the final time |
 //! | `/density` | (N_x1, …, N_xn) | ρ = ∫ f dv |
-//! | `/momentum`, `/velocity` | (n, N_x1, …, N_xn) | ∫ v f dv and its mean; NaN where there is nothing |
-//! | `/phi`, `/psi` | as `/f`; (n, …) | instead of `/f` for measure-valued data: `f = φ Π_a δ(ψ_a)` |
+//! | `/momentum`, `/velocity` | (n, N_x1, …, N_xn) | ∫ v f dv and its mean; NaN in vacuum |
+//! | `/phi`, `/psi` | as `/f`; (n, …) | measure-valued, instead of `/f`: `f = φ Π_a δ(ψ_a)` |
 //! | `/exact` | as `/f` | the exact solution, where one is named |
-//! | `/density_exact`, `/velocity_exact` | as `/density`, `/velocity` | instead of it for measure-valued data: cell averages |
-//! | `/multivalued/x`, `v`, `density`, `branch` | points | the branches of the exact velocity, in one dimension |
-//! | `/axis/x`, … `/axis/vz` | cell centres | dimension scales; `/axis/component` numbers vector components; also found in the root |
-//! | `/case`, `/plan` | text | the case file; the plan as JSON, as far as it does not depend on ranks |
-//! | `/plateau/p`, `/plateau/distance`, `/plateau/norm` | (K) | `f` read at other points `p`: relative l2 distance to `/f`, l2 norm |
-//! | `/readout/…` | (R) | what a quantum computer would tell, a number for every row and estimator, see [`crate::quantum::readout`] |
-//! | `/timings` | group | seconds by step, as attributes: datasets are the same bits for any ranks |
-//! | `/history/…` | a time first | moments and fields at earlier times, see [`crate::results::history`] |
+//! | `/density_exact`, `/velocity_exact` | as `/density` … | measure-valued: cell averages |
+//! | `/multivalued/x`, `v`, `density`, `branch` | points | branches of the exact velocity (1D) |
+//! | `/axis/x`, … `/axis/vz`, `component` | cell centres | dimension scales; also in the root |
+//! | `/case`, `/plan` | text | case file; plan as JSON, without what depends on ranks |
+//! | `/plateau/p`, `distance`, `norm` | (K) | `f` read at other `p`: l2 distance to `/f`, norm |
+//! | `/readout/…` | (R) | measurements by row and estimator, see [`crate::quantum::readout`] |
+//! | `/timings` | group | seconds by step, as attributes: datasets are the same on any ranks |
+//! | `/history/…` | a time first | moments and fields earlier, see [`crate::results::history`] |
 //! | `/xdmf/…` | axes reversed | what `fields.xdmf` shows, see [`crate::results::views`] |
 //!
 //! Every dataset has its [`crate::base::checksum`] as an attribute; the file is read back before it

@@ -55,7 +55,8 @@ fn document(time: f64, grids: &[Grid]) -> String {
             let (kind, components) = if *vector { ("Vector", " 3") } else { ("Scalar", "") };
             let _ = write!(
                 text,
-                "<Attribute Name=\"{name}\" AttributeType=\"{kind}\" Center=\"Cell\">\n{}</Attribute>\n",
+                "<Attribute Name=\"{name}\" AttributeType=\"{kind}\" \
+                 Center=\"Cell\">\n{}</Attribute>\n",
                 item(&(counts(0) + components), "HDF", &format!("result.h5:{dataset}")),
             );
         }
@@ -67,6 +68,7 @@ fn document(time: f64, grids: &[Grid]) -> String {
 /// Numbers, or where they are.
 fn item(dimensions: &str, format: &str, content: &str) -> String {
     format!(
-        "<DataItem Dimensions=\"{dimensions}\" NumberType=\"Float\" Precision=\"8\" Format=\"{format}\">{content}</DataItem>\n"
+        "<DataItem Dimensions=\"{dimensions}\" NumberType=\"Float\" Precision=\"8\" \
+         Format=\"{format}\">{content}</DataItem>\n"
     )
 }

@@ -6,8 +6,8 @@ use std::fmt::Write;
 /// The beginning of a program.
 const HEAD: &str = "OPENQASM 3.0;\ninclude \"stdgates.inc\";\n";
 
-/// `Φ` on a register `warped` of `qubits` qubits, the last bit first: the Fourier transform with the
-/// positive sign, then `(−1)^k`.
+/// `Φ` on a register `warped` of `qubits` qubits, the last bit first: the Fourier transform with
+/// the positive sign, then `(−1)^k`.
 pub fn transform(qubits: usize) -> String {
     let mut text = format!("{HEAD}qubit[{qubits}] warped;\n");
     for target in (0..qubits).rev() {
@@ -26,8 +26,8 @@ pub fn transform(qubits: usize) -> String {
     text
 }
 
-/// Prepares the product of two normalised real vectors from zeros: `profile` on a register `warped`,
-/// `system` on a register of that name.
+/// Prepares the product of two normalised real vectors from zeros: `profile` on a register
+/// `warped`, `system` on a register of that name.
 pub fn preparation(profile: &[f64], system: &[f64]) -> String {
     let mut text = HEAD.to_owned();
     let registers = [("warped", profile), ("system", system)].map(|(name, values)| {
@@ -61,9 +61,9 @@ fn angles(values: &[f64], level: usize) -> Vec<f64> {
     values.chunks_exact(size).map(halves).collect()
 }
 
-/// Rotates qubit `target` about y by `angles[c]` where the qubits above it are `c`: as many rotations
-/// by the Walsh transform of the angles, in the order of the Gray code, each followed by a controlled
-/// not (Möttönen, Vartiainen, Bergholm and Salomaa 2004).
+/// Rotates qubit `target` about y by `angles[c]` where the qubits above it are `c`: as many
+/// rotations by the Walsh transform of the angles, in the order of the Gray code, each followed by
+/// a controlled not (Möttönen, Vartiainen, Bergholm and Salomaa 2004).
 fn rotate(text: &mut String, name: &str, target: usize, angles: &[f64]) {
     let count = angles.len();
     let gray = |j: usize| j ^ j >> 1;

@@ -15,7 +15,8 @@ const COLUMNS: [(&str, &str); 12] = [
     ("observable", "0 density, 1 to 3 momentum along x, y, z, 4 to 6 mean velocity"),
     (
         "estimator",
-        "0 Hadamard test, 1 amplitude estimation, 2 all-zero outcome; 3, 4 as 0, 1 of the enlarged state",
+        "0 Hadamard test, 1 amplitude estimation, 2 all-zero outcome; 3, 4 as 0, 1 of the enlarged \
+         state",
     ),
     ("value", "of the recovered field"),
     ("overlap", "overlap of the moment's state"),
@@ -36,7 +37,8 @@ pub fn numbers(case: &Case) -> usize {
 }
 
 impl Readout {
-    /// The columns of `/readout`: name, a number for every row and estimator (NaN where it is not known), what they are.
+    /// The columns of `/readout`: name, a number for every row and estimator (NaN where it is not
+    /// known), description.
     pub fn columns(&self) -> Vec<(&'static str, Vec<f64>, &'static str)> {
         let known = |figure: &Figure| figure.value().unwrap_or(f64::NAN);
         let mut columns: Vec<(&'static str, Vec<f64>, &'static str)> =
@@ -67,10 +69,11 @@ impl Readout {
         std::fs::write(&path, self.csv()).map_err(|e| failure(&path, &e))
     }
 
-    /// A line for every row and estimator, with a heading. Numbers that are not known are empty; the last column says why.
+    /// A heading, then a line for every row and estimator. Numbers that are not known are empty;
+    /// the last column says why.
     pub fn csv(&self) -> String {
-        let mut text = "cell,point,observable,value,estimator,overlap,shots,evaluations,estimate,standard_error,bound,\
-                        evolutions_repeated,evolutions_coherent,unavailable\n"
+        let mut text = "cell,point,observable,value,estimator,overlap,shots,evaluations,estimate,\
+                        standard_error,bound,evolutions_repeated,evolutions_coherent,unavailable\n"
             .to_owned();
         let number = |figure: &Figure| figure.value().map_or(String::new(), |x| format!("{x:?}"));
         let joined = |list: Vec<String>| list.join(" ");

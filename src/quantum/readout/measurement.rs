@@ -1,4 +1,4 @@
-//! What measurements of a quantum computer would say, drawn from their exact distributions, and how far off they may be.
+//! Measurements of a quantum computer, drawn from their exact distributions, and their errors.
 //!
 //! An overlap `o = Re⟨χ|F⟩` is measured as a probability of one qubit or outcome:
 //!
@@ -8,18 +8,21 @@
 //! | its amplitude estimation, M evaluations | `(1 + o)/2 = sin² θ` | `−cos(2πy/M)` | below |
 //! | all-zero outcome, where `o ≥ 0`, N shots | `o²` | `√(k/N)` | `k` binomial |
 //!
-//! **Amplitude estimation** (Brassard, Høyer, Mosca and Tapp 2002) is phase estimation of the Grover iterate, whose eigenvalues are `e^{±2iθ}`, by a
-//! register of `M` values. With `ω = θ/π` or `1 − θ/π`, each half of the time, it gives `y` with probability
+//! **Amplitude estimation** (Brassard, Høyer, Mosca and Tapp 2002) is phase estimation of the
+//! Grover iterate, whose eigenvalues are `e^{±2iθ}`, by a register of `M` values. With `ω = θ/π` or
+//! `1 − θ/π`, each half of the time, it gives `y` with probability
 //!
 //! ```text
 //! sin²(πMd) / (M² sin²(πd)),   d = ω − y/M,
 //! ```
 //!
-//! and `|sin²(πy/M) − a| ≤ 2π√(a(1−a))/M + π²/M²` with probability at least `8/π²`. The median of [`RUNS`] of them holds to that unless
-//! more than half of them fail. It takes `M − 1` iterates, each with the preparation and its inverse, and one preparation: `2M − 1`.
+//! and `|sin²(πy/M) − a| ≤ 2π√(a(1−a))/M + π²/M²` with probability at least `8/π²`. The median of
+//! [`RUNS`] of them keeps this bound unless more than half of them fail. A run takes `M − 1`
+//! iterates, each with the preparation and its inverse, and one preparation: `2M − 1`.
 //!
-//! **Shots.** Hoeffding: `|2k/N − 1 − o| > ε` has probability at most `2e^{−Nε²/2}`. Chernoff: `|√(k/N) − o| > ε` at most `2e^{−Nε²}`, as the relative
-//! entropy of two coins is at least the square of the distance of the roots.
+//! **Shots.** Hoeffding: `|2k/N − 1 − o| > ε` has probability at most `2e^{−Nε²/2}`. Chernoff:
+//! `|√(k/N) − o| > ε` has probability at most `2e^{−Nε²}`, as the relative entropy of two coins is
+//! at least the square of the distance of the roots.
 
 use crate::quantum::readout::random::Stream;
 use std::f64::consts::PI;
@@ -27,7 +30,8 @@ use std::f64::consts::PI;
 /// Probability with which a bound of this file holds, at least.
 pub const CONFIDENCE: f64 = 0.95;
 
-/// Runs of amplitude estimation whose median is taken: with fewer the median fails more often than `1 − CONFIDENCE`.
+/// Runs of amplitude estimation whose median is taken: with fewer the median fails more often than
+/// `1 − CONFIDENCE`.
 pub const RUNS: usize = 7;
 
 /// `ln(2/(1 − CONFIDENCE))`.
@@ -63,7 +67,8 @@ pub fn all_zero(stream: &mut Stream, overlap: f64, shots: u64) -> Estimate {
     Estimate { value, error: 0.5 * ((1.0 - p) / n).sqrt() }
 }
 
-/// Amplitude estimation of `overlap`: the median of [`RUNS`] runs with `evaluations` values of the register.
+/// Amplitude estimation of `overlap`: the median of [`RUNS`] runs with `evaluations` values of the
+/// register.
 pub fn amplitude_estimation(stream: &mut Stream, overlap: f64, evaluations: u64) -> Estimate {
     let theta = (0.5 * (1.0 + overlap)).clamp(0.0, 1.0).sqrt().asin();
     let mut values: [f64; RUNS] = std::array::from_fn(|_| {
@@ -78,8 +83,8 @@ pub fn amplitude_estimation(stream: &mut Stream, overlap: f64, evaluations: u64)
 
 /// An outcome of canonical phase estimation of `e^{2πi phase}` with a register of `size` values.
 ///
-/// Outcomes are gone through from the nearest to the phase on, by which after a few terms all but a small part of the probability is
-/// passed: the tail beyond `k` of them is about `1/k`.
+/// Outcomes are visited from the nearest to the phase outwards: the probability beyond the first
+/// `k` is about `1/k`.
 fn phase_estimation(stream: &mut Stream, phase: f64, size: u64) -> u64 {
     let m = size as f64;
     let scaled = phase * m;
@@ -131,7 +136,8 @@ pub fn all_zero_shots(error: f64) -> f64 {
     (log_of_doubt() / (error * error)).ceil().max(1.0)
 }
 
-/// Evaluations, a power of two, that bring [`amplitude_bound`] down to `error` whatever the overlap.
+/// Evaluations, a power of two, that bring [`amplitude_bound`] down to `error` whatever the
+/// overlap.
 pub fn evaluations(error: f64) -> f64 {
     // 2(π/m + π²/m²) ≤ e at m ≥ π(1 + √(1 + 2e))/e.
     let least = PI * (1.0 + (1.0 + 2.0 * error).sqrt()) / error;
@@ -199,7 +205,7 @@ mod tests {
         for o in OVERLAPS {
             let points: Vec<(f64, f64)> = (4..14)
                 .map(|m| {
-                    // Averaged over a step of the register: a phase that lies on its grid is found exactly.
+                    // Averaged over a step of the register: a phase on its grid is found exactly.
                     let theta = (0.5 * (1.0 + o)).sqrt().asin();
                     let square: f64 = (0..20)
                         .map(|k| {

@@ -1,8 +1,8 @@
 //! Streams of random numbers for what is drawn of a measurement.
 //!
 //! Each estimate of each observable at each cell has a stream of its own: ChaCha with 8 rounds, the
-//! seed, observable and estimator in its key and the cell as the number of the stream. What is drawn
-//! for a cell thus depends neither on other cells nor on ranks.
+//! seed, observable and estimator in its key and the cell as the number of the stream. What is
+//! drawn for a cell thus depends neither on other cells nor on ranks.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -103,7 +103,8 @@ mod tests {
         assert_eq!(first(1, ANY), all[0]);
     }
 
-    /// χ² of counts against a binomial's probabilities, over the outcomes expected at least 10 times; and how many there are.
+    /// χ² of counts against a binomial's probabilities, over the outcomes expected at least 10
+    /// times; and the number of these outcomes.
     fn chi_square(n: u64, p: f64, seeds: u64) -> (f64, usize) {
         let mut counts = vec![0u64; n as usize + 1];
         for seed in 0..seeds {

@@ -353,7 +353,8 @@ impl Reader<'_> {
     }
 }
 
-/// The mean velocity from measured density and momentum: with errors `δρ` and `δm`, `|δu| ≤ (δm + |û|δρ)/(|ρ̂| − δρ)`. It costs both.
+/// The mean velocity from measured density and momentum. With errors `δρ` and `δm` its error is
+/// `|δu| ≤ (δm + |û|δρ)/(|ρ̂| − δρ)`. It costs both measurements.
 fn ratio(rho: &Moment, m: &Moment) -> Measured {
     let estimator = m.measured.estimator;
     let sum = |pick: fn(&Measured) -> &Figure| {

@@ -104,7 +104,8 @@ pub struct Measured {
     pub evaluations: Figure,
     /// What was measured.
     pub estimate: Figure,
-    /// Its standard error, told from the counts; of amplitude estimation, which has none in closed form, unavailable.
+    /// Its standard error, from the counts; unavailable for amplitude estimation, which has none in
+    /// closed form.
     pub standard_error: Figure,
     /// Bound on its distance to the moment of the exact semi-discrete solution.
     pub bound: Figure,

@@ -216,7 +216,8 @@ fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
             assert!(grown.1.contains(&grown.0), "{grown:?}");
         }
     }
-    // From the enlarged state 1/P times the shots and 1/√P times the evaluations, less what the weights give.
+    // From the enlarged state 1/P times the shots and 1/√P times the evaluations, less what the
+    // weights give.
     let density = &fine[0].measured;
     let undone = norm(pi[..6].iter().map(|pi| 1.0 / pi.sqrt())) / 6f64.sqrt();
     let shots = number(&density[3].shots) / number(&density[0].shots);

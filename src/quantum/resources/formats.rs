@@ -5,8 +5,9 @@ use crate::quantum::resources::Record;
 use serde_json::{Value, json};
 
 impl Record {
-    /// For Azure's resource estimator: its `LogicalCounts` as far as they are known. What is not known
-    /// stands beside them with the reason, since the estimator takes an absent count for zero.
+    /// For Azure's resource estimator: its `LogicalCounts` as far as they are known. What is not
+    /// known stands beside them with the reason, since the estimator takes an absent count for
+    /// zero.
     pub fn logical_counts(&self) -> Value {
         // One qubit for the walk's sequence, a second register for columns, one for values, two for
         // the block-encoding.
@@ -82,7 +83,10 @@ impl Record {
 
 /// The two ports of a register of `size` qubits.
 fn ports(register: &str, size: usize) -> [Value; 2] {
-    let port = |prefix: &str, direction: &str| json!({"name": format!("{prefix}_{register}"), "size": size, "direction": direction});
+    let port = |prefix: &str, direction: &str| {
+        let name = format!("{prefix}_{register}");
+        json!({"name": name, "size": size, "direction": direction})
+    };
     [port("in", "input"), port("out", "output")]
 }
 

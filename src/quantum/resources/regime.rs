@@ -26,7 +26,8 @@ pub struct Regime {
     pub qubits_with_growth: Figure,
     /// Operations of forward Euler.
     pub classical_operations: Figure,
-    /// The largest tolerance below which there are fewer queries than operations, in this number of dimensions.
+    /// The largest tolerance below which there are fewer queries than operations, in this
+    /// dimension.
     pub crossover_tolerance: Figure,
     /// The least number of dimensions with fewer queries than operations, at this tolerance.
     pub crossover_dimension: Figure,
@@ -141,8 +142,8 @@ mod tests {
     }
 
     /// The theorems of sections 4 to 6: queries `(ΣQ + n) n T ε^{−2}` or `ε^{−3}`, where `Q` itself
-    /// grows like `ε^{−1/2}` or `ε^{−1}` with the number of velocity cells, and `n² T ε^{−(2n+1)}` or
-    /// `ε^{−(4n+2)}` operations of forward Euler.
+    /// grows like `ε^{−1/2}` or `ε^{−1}` with the number of velocity cells, and `n² T ε^{−(2n+1)}`
+    /// or `ε^{−(4n+2)}` operations of forward Euler.
     #[test]
     fn exponents_are_those_of_the_theorems() {
         let inverse: Vec<f64> = (4..=9).map(|k| 10f64.powi(k)).collect();

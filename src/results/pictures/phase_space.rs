@@ -50,7 +50,8 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
     };
     let time = short(run.time);
     let what = if measure {
-        "Measure-valued data: f = φ δ(ψ), with the paper's discrete delta function in one dimension."
+        "Measure-valued data: f = φ δ(ψ), with the paper's discrete delta function in one \
+         dimension."
     } else {
         "Cell averages of f."
     };

@@ -178,9 +178,9 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
     let [lower, upper] = modes.domain();
     let caption = format!(
         "The {kind} profile as the sum of its {} modes l ≥ 0, read at p◇ = {}. Left: the field is \
-         read right where g is e^−p on the domain of dependence, from p◇ − λ⁺T = {} to p◇ + λ⁻T = {}; \
-         elsewhere g may be anything. Right: what is read of a part of the state that decays by e^−s, \
-         less e^−s, at p = p◇ + s.",
+         read right where g is e^−p on the domain of dependence, from p◇ − λ⁺T = {} to p◇ + λ⁻T = \
+         {}; elsewhere g may be anything. Right: what is read of a part of the state that decays \
+         by e^−s, less e^−s, at p = p◇ + s.",
         modes.series.modes(),
         short(modes.point()),
         short(lower),
