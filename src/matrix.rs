@@ -16,6 +16,7 @@ pub mod embedding;
 pub mod inflow;
 pub mod kernel;
 pub mod lanes;
+pub mod line_bounds;
 pub mod observables;
 pub mod rows;
 pub mod weights;

@@ -5,6 +5,7 @@
 //! Uses: base. Paper: section 2.1 and the examples of section 4.
 
 pub mod case;
+pub mod element;
 pub mod exact;
 pub mod formula;
 pub mod grid;

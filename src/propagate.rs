@@ -28,7 +28,6 @@ use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Propagation, PropagatorMethod};
-use crate::propagate::chebyshev::Interval;
 use crate::propagate::commutator_free::CommutatorFree;
 use crate::propagate::implicit::{BACKWARD_EULER, CRANK_NICOLSON};
 use crate::propagate::method::{Descriptor, ModeDemand, Propagator, Setting};
@@ -96,7 +95,7 @@ pub fn work(
     scratch: &mut Vec<f64>,
 ) -> usize {
     let demand = ModeDemand {
-        half_width: Interval::new(mu, bounds.rate, bounds.growth).half_width,
+        half_width: bounds.interval(mu).half_width,
         time: span.time,
         tolerance: span.tolerance,
         step: propagation.step,

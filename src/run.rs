@@ -25,7 +25,7 @@ pub mod warnings;
 
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
-use crate::matrix::observables::{integral, moments};
+use crate::matrix::observables::{CellVolumes, moments};
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::layout::{Resources, refuse_hopeless};
@@ -232,7 +232,8 @@ fn initial_mass(prepared: &mut Prepared) -> Option<f64> {
     let mine: Vec<&[f64]> =
         (initial.iter()).map(|field| &field[prepared.place.mine.clone()]).collect();
     let density = moments(world, case, &mine).density;
-    Some(integral(world, &case.space, &density))
+    let volumes = CellVolumes::new(&case.space, &prepared.place.share);
+    Some(volumes.integral(world, &density))
 }
 
 impl Solution {

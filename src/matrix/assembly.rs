@@ -6,6 +6,8 @@
 //! contributions to three layers are collected at a time. Each row of `A`, those of ghosts
 //! included, is evaluated once, and at most three layers are kept that are not yet compressed.
 //!
+//! A layer is one of elements: the rows of a cell draw on its element's other cells.
+//!
 //! Where the first axis is periodic, the last layer is next to the first. What the first gives to
 //! the last waits; rows of the last are evaluated beforehand for what they give to the first.
 
@@ -96,7 +98,7 @@ fn inflow_rows(case: &Case, scheme: &Scheme<'_>, block: &Block, row: &mut Row) -
         Embedding::Boundary | Embedding::Scalar if case.enters() => {
             row.inflow.iter().any(|&b| b != 0.0)
         }
-        Embedding::Boundary | Embedding::Scalar => row.draw > 0.0,
+        Embedding::Boundary | Embedding::Scalar => row.draw != 0.0,
     };
     let mut rows = InflowRows {
         list: Vec::new(),
@@ -113,7 +115,8 @@ fn inflow_rows(case: &Case, scheme: &Scheme<'_>, block: &Block, row: &mut Row) -
                 rows.list.push(Inflow {
                     row: (local + v) as u32,
                     values: row.inflow,
-                    draw: row.draw,
+                    damping: row.damping,
+                    strength: scheme.inflow_strength(row),
                     coupling: 0.0,
                 });
                 if varies {
@@ -136,7 +139,7 @@ struct Numbers {
 struct Layers {
     /// The first unknown of each space cell, layer by layer.
     cells: Vec<Numbers>,
-    /// The block's layers.
+    /// The block's layers, by element of the first x-axis.
     range: Range<usize>,
     /// Unknowns of a layer of the whole grid.
     global_size: usize,
@@ -150,10 +153,12 @@ impl Layers {
     /// Those of `block`, whose ghosts are numbered from `rows` on.
     fn new(case: &Case, block: &Block, rows: usize) -> Self {
         let velocities = block.velocity_cells;
-        let range = block.ranges[0].clone();
+        let leading = &case.space.x[0];
+        let count = leading.nodes.count();
+        let range = block.ranges[0].start / count..block.ranges[0].end / count;
         let mut this = Self {
             cells: Vec::with_capacity(block.space_cells() + block.ghosts() / velocities),
-            global_size: case.space.cells() / case.space.x[0].cells,
+            global_size: case.space.cells() / leading.elements(),
             local_size: block.cells() / range.len(),
             range,
             velocities,
@@ -338,6 +343,8 @@ impl BlockMatrix {
             }
         }
         let rows = builder.finish();
-        Ok(Self::new(block, rows, inflow))
+        let mut this = Self::new(block, rows, inflow);
+        this.by_elements = case.space.degree() > 0;
+        Ok(this)
     }
 }

@@ -42,6 +42,10 @@ pub struct BlockMatrix {
     pub(crate) shared: bool,
     /// Whether that has couplings, which its row sums over all ranks.
     pub(crate) summed: bool,
+    /// Growth that these couplings add at most, of a degree above 0.
+    pub(crate) summed_growth: f64,
+    /// Whether an axis has a degree above 0.
+    pub(crate) by_elements: bool,
     /// Whether this rank's copy of it counts in sums: that of the block with the lowest corner.
     pub(crate) counts_shared: bool,
     /// Rows of `inflow` over all ranks.
@@ -65,6 +69,8 @@ impl BlockMatrix {
             entering,
             shared,
             summed: false,
+            summed_growth: 0.0,
+            by_elements: false,
             inflow_rows: 0,
             uncoupled: 0.0,
             rows,
@@ -323,6 +329,17 @@ impl BlockMatrix {
         apply(&self.border, y, x);
     }
 
+    /// Half the norm of the couplings `couplings` to auxiliary unknowns, row by row of
+    /// [`inflow`](Self::inflow). Collective over `space`.
+    pub fn coupling_norm(&self, space: &Group, couplings: impl Iterator<Item = f64>) -> f64 {
+        if self.shared {
+            let squares = couplings.map(|k| [k * k]);
+            let [sum] = space.sum_lanes(self.inflow_rows, squares.collect::<Vec<_>>().into_iter());
+            return 0.5 * sum.sqrt();
+        }
+        0.5 * space.max(couplings.fold(0.0, |most, k| most.max(k.abs())))
+    }
+
     /// Sum over all unknowns of the group of `term(local row)`, not negative and at most `bound` a
     /// space cell: first over the velocities at one point of space, which are always together, then
     /// exactly.
@@ -358,7 +375,7 @@ fn add_coupled(
     }
 }
 
-/// `value` at the centres of the block's cells `cells`.
+/// `value` at the centres of the block's cells `cells`, of those on a face just inside.
 pub fn sample_with(
     space: &PhaseSpace,
     block: &Block,
@@ -369,7 +386,7 @@ pub fn sample_with(
     block.for_each_own(|global, local| {
         for v in 0..block.velocity_cells {
             if cells.contains(&(local + v)) {
-                values.push(value(&space.point(&space.cell(global + v))));
+                values.push(value(&space.inner_point(&space.cell(global + v))));
             }
         }
     });

@@ -1,9 +1,24 @@
 //! Guaranteed bounds of the spectra of `S` and of `H_l`.
+//!
+//! Of degree 0, let `A = B − diag(d)`, `B ≥ 0`, in weighted unknowns with growth bound `γ` (see
+//! [`crate::matrix::weights`]). For a unit vector, `x*(D A D⁻¹)x = −δ + β` with `δ = Σ d_i |x_i|²`
+//! in `[0, d]` and `|β| ≤ δ + γ`; and `x*Hx = μ Re(β − δ) − Im β`, so
+//!
+//! ```text
+//! −μ d − √(1+μ²)(d + γ)  ≤  x*Hx  ≤  d (√(1+μ²) − μ) + √(1+μ²) γ
+//! ```
+//!
+//! `d` being the largest of the `d_i`. It is narrower than the sum of the bounds for `μS` and `iK`,
+//! and needs no reduction over ranks. Of a higher degree the bounds are those of
+//! [`line_bounds`](crate::matrix::line_bounds), summed over the axes, and couplings to auxiliary
+//! unknowns add `½ ‖C‖ √(1+μ²)` on either side.
 
 use crate::base::error::Result;
+use crate::matrix::line_bounds::{LineBounds, LineKind};
 use crate::problem::case::{Case, Delta, Method};
-use crate::problem::grid::MAX_DIMENSION;
+use crate::problem::grid::{MAX_DIMENSION, axis_names};
 use crate::problem::potential::Potential;
+use crate::scheme::interface::energy::check_axis;
 use crate::scheme::interface::law_of;
 use crate::scheme::rows::{fastest, transport_rate};
 use serde::Serialize;
@@ -31,12 +46,24 @@ pub(crate) const LONGEST_SPAN: f64 = 1e6;
 /// Bounds on the generator that hold without computing it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Bounds {
-    /// `max |A_ii|`.
+    /// `max |A_ii|`; of a higher degree than 0 a bound on `‖A‖`.
     pub rate: f64,
     /// `γ ≥ λ⁺`.
     pub growth: f64,
-    /// `2 max |A_ii| + γ ≥ λ⁻`.
+    /// `γ` and [`dissipation`](Self::dissipation): at least `λ⁻`.
     pub decay: f64,
+    /// Bound on the spectrum of `−S` of the scheme itself; of degree 0, `2 max |A_ii|`.
+    #[serde(skip)]
+    pub dissipation: f64,
+    /// Whether `V` has slopes.
+    #[serde(skip)]
+    pub forces: bool,
+    /// Of a higher degree than 0: bounds by axis.
+    #[serde(skip)]
+    pub lines: Vec<LineBounds>,
+    /// Of a higher degree than 0: half the norm of the couplings to auxiliary unknowns.
+    #[serde(skip)]
+    pub coupling: f64,
     /// Whether `V` jumps.
     pub jumps: bool,
     /// Kinds of space cells by slopes and jumps of `V`, up to [`MOST_KINDS`]: rows of the matrix
@@ -62,11 +89,15 @@ impl Bounds {
         // Layer by layer, so that the whole potential is never kept.
         let mut ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
         let (mut force, mut jumps) = (0.0f64, [false; MAX_DIMENSION]);
+        let mut steepest = [0.0f64; MAX_DIMENSION];
         let mut kinds = HashSet::new();
         for i in 0..case.space.x[0].cells {
             ranges[0] = i..i + 1;
             let layer = Potential::new(case, &ranges)?;
             force = force.max(layer.force_rate(&case.space));
+            for (a, most) in steepest.iter_mut().enumerate() {
+                *most = most.max(layer.steepest(a));
+            }
             let found = layer.jumps();
             (jumps.iter_mut().zip(found)).for_each(|(j, found)| *j |= found);
             layer.collect_kinds(&mut kinds, MOST_KINDS);
@@ -76,10 +107,20 @@ impl Bounds {
             .filter(|&a| jumps[a] && case.space.is_single(a))
             .map(|a| fastest(&case.space, a))
             .sum();
-        let rate = transport_rate(&case.space) + single + force;
+        let lines = line_bounds(case, jumps, steepest)?;
+        let (rate, dissipation) = match lines.is_empty() {
+            true => {
+                let rate = transport_rate(&case.space) + single + force;
+                (rate, 2.0 * rate)
+            }
+            false => (
+                lines.iter().map(LineBounds::norm).sum(),
+                lines.iter().map(LineBounds::dissipation).sum(),
+            ),
+        };
         let jumps = jumps.contains(&true);
         let inflow = case.embeds();
-        let grows = jumps && law_of(case.interface).may_grow();
+        let grows = jumps && case.space.degree() == 0 && law_of(case.interface).may_grow();
         let weights = match (grows, case.warp.weights) {
             (false, _) => 0.0,
             (true, true) => WEIGHT_GROWTH,
@@ -94,7 +135,11 @@ impl Bounds {
         Ok(Self {
             rate,
             growth,
-            decay: 2.0 * rate + growth,
+            decay: dissipation + growth,
+            dissipation,
+            forces: force > 0.0,
+            lines,
+            coupling: if inflow { 0.5 * f64::sqrt(INFLOW_GROWTH * rate / case.end) } else { 0.0 },
             jumps,
             kinds: kinds.len(),
             stages: 0,
@@ -109,8 +154,69 @@ impl Bounds {
     pub fn expected(&self) -> Self {
         Self {
             growth: if self.growth.is_finite() { self.growth } else { 0.0 },
-            decay: 2.0 * self.rate,
+            decay: self.dissipation,
             ..self.clone()
         }
     }
+
+    /// The interval that holds the spectrum of `H = μS + iK` for wavenumber `mu`. As
+    /// `H_{−l} = −conj(H_l)`, that of `−mu` is its mirror image.
+    pub fn interval(&self, mu: f64) -> Interval {
+        if mu < 0.0 {
+            let mirrored = self.interval(-mu);
+            return Interval { centre: -mirrored.centre, ..mirrored };
+        }
+        let root = (1.0 + mu * mu).sqrt();
+        let (lower, upper) = if self.lines.is_empty() {
+            let Self { rate, growth, .. } = *self;
+            (-mu * rate - root * (rate + growth), rate / (root + mu) + root * growth)
+        } else {
+            let [mut lower, mut upper] = [-root * self.coupling, root * self.coupling];
+            for line in &self.lines {
+                let [low, high] = line.interval(mu);
+                lower += low;
+                upper += high;
+            }
+            (lower, upper)
+        };
+        Interval { centre: 0.5 * (lower + upper), half_width: 0.5 * (upper - lower) }
+    }
+}
+
+/// Bounds of the lines along each axis, space and velocity, where an axis has a degree above 0.
+fn line_bounds(
+    case: &Case,
+    jumps: [bool; MAX_DIMENSION],
+    steepest: [f64; MAX_DIMENSION],
+) -> Result<Vec<LineBounds>> {
+    let space = &case.space;
+    let mut lines = Vec::new();
+    if space.degree() == 0 {
+        return Ok(lines);
+    }
+    let n = space.dimension();
+    for a in 0..n {
+        let (x, v) = (&space.x[a], &space.v[a]);
+        if jumps[a] {
+            check_axis(v, &format!("axis.{a}.v ({})", axis_names(n)[n + a]))?;
+        }
+        if !space.is_single(a) || jumps[a] {
+            let kind = LineKind { nodes: x.nodes, flux: case.flux, ends: !space.is_periodic(a) };
+            lines.push(LineBounds::new(&kind, fastest(space, a)));
+        }
+        if steepest[a] > 0.0 {
+            let kind = LineKind { nodes: v.nodes, flux: case.flux, ends: true };
+            lines.push(LineBounds::new(&kind, steepest[a] / v.width()));
+        }
+    }
+    Ok(lines)
+}
+
+/// Interval that holds the spectrum of `H = μS + iK`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// `c`.
+    pub centre: f64,
+    /// `h`.
+    pub half_width: f64,
 }

@@ -17,7 +17,12 @@
 //! scalar:          the root of λ = ¼ Σ κ_i²/(λ − c_i) above all c_i
 //! ```
 //!
-//! which is at most `γ` or `θ = max κ_i²/(2 g_i)` or, for the scalar, `θ = Σ κ_i²/(2 g_i)`,
+//! Of a degree above 0, what enters through a face may be spread over several rows, so that `g_i` is
+//! only what a row loses on its own account, and may be zero. Planned couplings are then
+//! `κ_i² = 2 g_i θ + 4θ²`, and the scalar's growth is `Σ_i π_i Σ rate b²/(2 δ² π_r)` by Cauchy–Schwarz over the
+//! points at which something enters.
+//!
+//! Of degree 0 `λ` is at most `γ` or `θ = max κ_i²/(2 g_i)` or, for the scalar, `θ = Σ κ_i²/(2 g_i)`,
 //! whichever is larger.
 //!
 //! **`δ`.** A given one means `κ_i = |b_i|/δ`, so `r_i(0) = ±δ` (the paper's `diag(b)/δ`, up to the
@@ -57,8 +62,7 @@ impl BlockMatrix {
         if self.shared {
             // Σ b_i²/(2 g_i), and the same with the rows' weights; one field has inflow.
             let share = |aux: &Inflow| {
-                let b: f64 = aux.values.iter().sum();
-                let term = b * b / (2.0 * aux.draw);
+                let term = 0.5 * aux.strength;
                 [term, pi[aux.row as usize] * term]
             };
             let [sum, weighted] = space.sum_lanes(self.inflow_rows, self.inflow.iter().map(share));
@@ -72,11 +76,12 @@ impl BlockMatrix {
             }
             self.set_couplings();
             self.summed = true;
+            self.summed_growth = sum / (delta * delta);
             return;
         }
         for aux in self.inflow.iter_mut().filter(|aux| aux.enters()) {
             aux.coupling = match given {
-                None => (2.0 * aux.draw * allowed).sqrt(),
+                None => aux.planned_coupling(allowed, self.by_elements),
                 Some(delta) => aux.largest() / delta,
             };
         }
@@ -96,8 +101,11 @@ impl BlockMatrix {
         let couplings: Vec<f64> = couplings.collect();
         let rows = || {
             let coupled = self.inflow.iter().zip(&couplings).filter(|(_, k)| **k != 0.0);
-            coupled.map(|(aux, k)| (gamma - 0.5 * aux.draw, k * k))
+            coupled.map(|(aux, k)| (gamma - 0.5 * aux.damping, k * k))
         };
+        if self.shared && self.by_elements {
+            return least.max(self.summed_growth);
+        }
         if !self.shared {
             // ½ (c + √(c² + κ²)), without cancellation.
             let own = |(c, square): (f64, f64)| {

@@ -27,13 +27,23 @@ pub struct Inflow {
     pub row: u32,
     /// `b_i` of each field; at time zero, if it varies.
     pub values: [f64; MOST_FIELDS],
-    /// `g_i`.
-    pub draw: f64,
+    /// `g_i`: the row adds `−½ g_i x_i²` to `xᵀSx` on its own account.
+    pub damping: f64,
+    /// `Σ rate b²` over what enters: of degree 0, `b_i²/g_i`. Times the row's weight, summed over
+    /// rows, twice what the inflow adds at most to half the square of the norm a unit of time.
+    pub strength: f64,
     /// `κ_i`, in weighted unknowns; zero where it varies with time.
     pub coupling: f64,
 }
 
 impl Inflow {
+    /// The coupling that lets this row and its unknown grow by at most `growth`: of degree 0 that
+    /// of `κ² = 2 g θ`; of a higher degree, where `g` may be zero, the root of `λ_i = θ`.
+    pub fn planned_coupling(&self, growth: f64, by_elements: bool) -> f64 {
+        let rate = if by_elements { self.damping + 2.0 * growth } else { self.damping };
+        (2.0 * rate * growth).sqrt()
+    }
+
     /// Whether anything enters, of any field.
     pub fn enters(&self) -> bool {
         self.values.iter().any(|&b| b != 0.0)

@@ -7,7 +7,7 @@ pub mod level_sets;
 
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
-use crate::problem::grid::{PhaseSpace, for_each_cell};
+use crate::problem::grid::{Axis, PhaseSpace, for_each_cell};
 use crate::scheme::interface::velocity;
 use std::ops::Range;
 
@@ -30,7 +30,8 @@ pub struct Moments {
 /// Moments that are kept at a point: density, momentum along three axes, kinetic energy.
 pub const MOMENTS: usize = 5;
 
-/// What a velocity cell adds to the moments, for each unit of `f` in it.
+/// What a velocity cell adds to the moments, for each unit of `f` in it: `(1, v, ½|v|²)` times its
+/// volume beside the mean one.
 pub struct VelocityFactors {
     each: Vec<[f64; MOMENTS]>,
     volume: f64,
@@ -48,7 +49,9 @@ impl VelocityFactors {
                 square += axis.mean_square().unwrap_or(*v * *v);
             }
             let energy = 0.5 * square;
-            each.push([1.0, v[0], v[1], v[2], energy]);
+            let weights = space.v.iter().zip(j).map(|(axis, j)| axis.relative_weight(*j));
+            let part: f64 = weights.product();
+            each.push([1.0, v[0], v[1], v[2], energy].map(|q| part * q));
         });
         Self { each, volume: space.velocity_volume() }
     }
@@ -58,7 +61,7 @@ impl VelocityFactors {
         self.each.len()
     }
 
-    /// `(1, v_x, v_y, v_z, ½|v|²)` of each; missing axes are 0.
+    /// `(1, v_x, v_y, v_z, ½|v|²)` of each times its volume beside the mean; missing axes are 0.
     pub fn each(&self) -> &[[f64; MOMENTS]] {
         &self.each
     }
@@ -146,27 +149,73 @@ pub fn moments(world: &Group, case: &Case, fields: &[&[f64]]) -> Moments {
     Moments::of_sums(world, space.dimension(), &factors, sums)
 }
 
-/// Sum over space of a moment times the volume of a space cell. Collective over `world`.
-pub fn integral(world: &Group, space: &PhaseSpace, moment: &[f64]) -> f64 {
-    let volume: f64 = space.x.iter().map(|a| a.width()).product();
-    world.sum_terms(moment) * volume
+/// Volumes of the cells of a share of the grid beside their mean: 1 of degree 0.
+#[derive(Clone, Debug)]
+pub struct CellVolumes {
+    /// Of each space cell of the share.
+    space: Vec<f64>,
+    /// Of each velocity cell.
+    velocity: Vec<f64>,
+    /// Mean volume of a space cell.
+    mean_space: f64,
+    /// Mean volume of a cell of phase space.
+    mean: f64,
 }
 
-/// Mass and kinetic energy in all of space. Collective over `world`.
-pub fn totals(world: &Group, space: &PhaseSpace, moments: &Moments) -> [f64; 2] {
-    [&moments.density, &moments.kinetic].map(|moment| integral(world, space, moment))
+/// Products of the relative widths of the cells `ranges` of `axes`, row-major.
+fn relative_volumes(axes: &[Axis], ranges: &[Range<usize>]) -> Vec<f64> {
+    let mut volumes = Vec::new();
+    for_each_cell(ranges, |i| {
+        volumes.push(axes.iter().zip(i).map(|(axis, j)| axis.relative_weight(*j)).product());
+    });
+    volumes
 }
 
-/// `Σ |a_i|^power` by point of space, then exactly over all. Collective over `world`.
-pub fn power_sum(
-    world: &Group,
-    velocities: usize,
-    count: usize,
-    power: i32,
-    term: impl Fn(usize) -> f64,
-) -> f64 {
-    let terms: Vec<f64> = (0..count / velocities)
-        .map(|c| (c * velocities..(c + 1) * velocities).map(|i| term(i).abs().powi(power)).sum())
-        .collect();
-    world.sum_terms(&terms)
+impl CellVolumes {
+    /// Of the space cells `share` of `space`, with all velocities.
+    pub fn new(space: &PhaseSpace, share: &[Range<usize>]) -> Self {
+        let velocities: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.cells).collect();
+        Self {
+            space: relative_volumes(&space.x, share),
+            velocity: relative_volumes(&space.v, &velocities),
+            mean_space: space.x.iter().map(|a| a.width() / a.nodes.count() as f64).product(),
+            mean: space.cell_volume(),
+        }
+    }
+
+    /// Mean volume of a cell of phase space.
+    pub fn mean(&self) -> f64 {
+        self.mean
+    }
+
+    /// Volume of cell `i` of the share, velocities fastest, beside the mean.
+    pub fn relative(&self, i: usize) -> f64 {
+        let nv = self.velocity.len();
+        self.space[i / nv] * self.velocity[i % nv]
+    }
+
+    /// Integral over space of a moment on the share. Collective over `world`.
+    pub fn integral(&self, world: &Group, moment: &[f64]) -> f64 {
+        let terms: Vec<f64> = moment.iter().zip(&self.space).map(|(m, w)| m * w).collect();
+        world.sum_terms(&terms) * self.mean_space
+    }
+
+    /// Mass and kinetic energy in all of space. Collective over `world`.
+    pub fn totals(&self, world: &Group, moments: &Moments) -> [f64; 2] {
+        [&moments.density, &moments.kinetic].map(|moment| self.integral(world, moment))
+    }
+
+    /// `Σ |a_i|^power` over the cells of the share, each with its relative volume, by point of
+    /// space, then exactly over all. Collective over `world`.
+    pub fn power_sum(&self, world: &Group, power: i32, term: impl Fn(usize) -> f64) -> f64 {
+        let nv = self.velocity.len();
+        let terms: Vec<f64> = (self.space.iter().enumerate())
+            .map(|(c, part)| {
+                let here = self.velocity.iter().enumerate();
+                let terms = here.map(|(v, w)| w * term(c * nv + v).abs().powi(power));
+                part * terms.sum::<f64>()
+            })
+            .collect();
+        world.sum_terms(&terms)
+    }
 }

@@ -18,6 +18,7 @@
 use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::parallel::communicator::{GhostExchange, Group};
+use crate::problem::grid::{Axis, PhaseSpace};
 
 /// Jacobi contracts by `d/(d + s)` a sweep; after this many times `d/s` sweeps nothing is left to
 /// gain.
@@ -57,6 +58,8 @@ pub struct Weights {
     pub sweeps: usize,
     /// `max √π / min √π`.
     pub spread: f64,
+    /// Whether they are the volumes of the cells, beside their mean.
+    pub are_volumes: bool,
 }
 
 /// What weights are asked for.
@@ -71,11 +74,39 @@ pub struct WeightGoal {
 }
 
 impl Weights {
+    /// The quadrature weights of a scheme of a degree above 0, beside their mean: in these unknowns
+    /// `S ≤ 0` by construction (see [`crate::scheme::galerkin`]), and the square of their norm is
+    /// the integral of `f²`.
+    pub fn volumes(matrix: &BlockMatrix, space: &PhaseSpace) -> Self {
+        let mut pi = vec![1.0; matrix.length()];
+        let (rows, nv) = (matrix.rows(), matrix.block.velocity_cells);
+        let mut set = |global: usize, local: usize| {
+            for v in 0..nv {
+                pi[local + v] = space.relative_volume(&space.cell(global + v));
+            }
+        };
+        matrix.block.for_each_own(&mut set);
+        matrix.block.for_each_ghost(|global, ghost| set(global, rows + ghost));
+        let range = |axis: &Axis| {
+            let weights = (0..axis.nodes.count()).map(|m| axis.relative_weight(m));
+            let most = weights.clone().fold(0.0, f64::max);
+            most / weights.fold(f64::INFINITY, f64::min)
+        };
+        let spread = space.axes().map(range).product::<f64>().sqrt();
+        Self { pi, certificate: 0.0, sweeps: 0, spread, are_volumes: true }
+    }
+
     /// `π = 1`, with its certificate, for `matrix` as it is.
     pub fn none(matrix: &BlockMatrix, exchange: &mut GhostExchange, space: &Group) -> Self {
         let mut state = State::new(matrix);
         let certificate = state.certificate(matrix, exchange, space);
-        Self { pi: vec![1.0; matrix.length()], certificate, sweeps: 0, spread: 1.0 }
+        Self {
+            pi: vec![1.0; matrix.length()],
+            certificate,
+            sweeps: 0,
+            spread: 1.0,
+            are_volumes: false,
+        }
     }
 
     /// Weights that reach `goal`, better where it costs little. Collective over the space group.
@@ -116,7 +147,7 @@ impl Weights {
         let own = &pi[..cells];
         let most = space.max(largest(own.iter().copied()));
         let least = -space.max(largest(own.iter().map(|p| -p)));
-        Ok(Self { pi, certificate, sweeps, spread: (most / least).sqrt() })
+        Ok(Self { pi, certificate, sweeps, spread: (most / least).sqrt(), are_volumes: false })
     }
 }
 

@@ -5,7 +5,7 @@
 //! is not split. Rank `r` has space block `r mod S` and mode group `r / S`.
 
 use crate::base::error::{Error, Result};
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
 use std::ops::Range;
 
 /// The process mesh.
@@ -21,6 +21,13 @@ pub struct Mesh {
 pub fn split(range: &Range<usize>, parts: usize, part: usize) -> Range<usize> {
     let at = |k: usize| range.start + range.len() * k / parts;
     at(part)..at(part + 1)
+}
+
+/// `part` of `parts` nearly equal pieces of the cells `range` of `axis`, all of whole elements.
+fn split_elements(axis: &Axis, range: &Range<usize>, parts: usize, part: usize) -> Range<usize> {
+    let count = axis.nodes.count();
+    let elements = split(&(range.start / count..range.end / count), parts, part);
+    elements.start * count..elements.end * count
 }
 
 impl Mesh {
@@ -46,10 +53,11 @@ impl Mesh {
                     ["x", "y", "z"][a]
                 )));
             }
-            if parts == 0 || parts > axis.cells {
+            let elements = axis.elements();
+            if parts == 0 || parts > elements {
                 return Err(Error::Ranks(format!(
-                    "--ranks-x: {parts} blocks along x-axis {a} of {} cells; 1 to {} do",
-                    axis.cells, axis.cells
+                    "--ranks-x: {parts} blocks along x-axis {a} of {elements} cells; 1 to \
+                     {elements} do"
                 )));
             }
         }
@@ -73,7 +81,7 @@ impl Mesh {
             .x
             .iter()
             .enumerate()
-            .map(|(a, axis)| split(&(0..axis.cells), self.space[a], position[a]))
+            .map(|(a, axis)| split_elements(axis, &(0..axis.cells), self.space[a], position[a]))
             .collect()
     }
 
@@ -81,7 +89,7 @@ impl Mesh {
     /// first x-axis.
     pub fn share(&self, space: &PhaseSpace, block: usize, group: usize) -> Vec<Range<usize>> {
         let mut ranges = self.ranges(space, block);
-        ranges[0] = split(&ranges[0], self.groups, group);
+        ranges[0] = split_elements(&space.x[0], &ranges[0], self.groups, group);
         ranges
     }
 }
@@ -300,7 +308,6 @@ impl Block {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::grid::Axis;
 
     fn space(x: &[usize], v: &[usize]) -> PhaseSpace {
         let axis = |&cells: &usize| Axis::new(0.0, 1.0, cells);

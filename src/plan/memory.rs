@@ -10,7 +10,6 @@ use crate::problem::exact::sheet::curve_points;
 use crate::propagate::descriptor;
 use crate::propagate::method::{BatchCoupling, MatrixShare};
 use crate::scheme::reduce::grid;
-use crate::scheme::rows::transport_rate;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
 
@@ -83,7 +82,7 @@ pub(crate) fn arrays(
     };
     let rows = cells + inflow;
     let length = rows + ghosts;
-    let force = u64::from(bounds.rate > transport_rate(&case.space));
+    let force = u64::from(bounds.forces);
     let entries = rows * (1 + 2 * n + 2 * n * force);
     // Rows that repeat are stored once: those of cells of a kind whose neighbours are of a kind. Weights differ from cell to cell.
     let around = bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32);

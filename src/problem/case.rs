@@ -91,6 +91,8 @@ pub struct Case {
     pub end: f64,
     /// `scheme.interface`.
     pub interface: Interface,
+    /// `scheme.flux`: `α` of the numerical flux between elements, 1 upwind, 0 central.
+    pub flux: f64,
     /// `scheme.limiter`.
     pub limiter: Limiter,
     /// `solver.method`.
@@ -169,7 +171,8 @@ impl Case {
 
     /// The case of `tables`, each section checked by itself.
     fn new(file: &CaseFile<'_>, tables: Tables) -> Result<Self> {
-        let space = axes::space(file, &tables.axis.0)?;
+        let space = axes::space(file, &tables.axis.0, tables.scheme.degree)?;
+        let degree = space.degree();
         let n = space.dimension();
         let potential = data::potential(file, &tables.potential.0, n)?;
         let (data, fields) = tables.initial.check(file, n, &tables.inflow)?;
@@ -187,7 +190,8 @@ impl Case {
             fields,
             start: tables.initial.start(file)?,
             end,
-            interface: tables.scheme.interface,
+            interface: tables.scheme.interface(file, degree)?,
+            flux: tables.scheme.flux(file, degree)?,
             limiter: tables.scheme.limiter,
             method: solver.method,
             tolerance: solver.tolerance(file)?,
@@ -224,6 +228,9 @@ impl Case {
         }
         self.warp.check_embedding(file, &self.fields)?;
         self.check_limiter(file)?;
+        if self.space.degree() > 0 {
+            self.check_degree(file)?;
+        }
         if self.varies() {
             self.check_varying_inflow(file)?;
         }
@@ -275,6 +282,29 @@ impl Case {
             return Ok(());
         };
         file.refuse(key, format!("{conflict}; {wanted}, or leave limiter = \"none\""))
+    }
+
+    /// Refuses what is not known of elements of a degree above 0.
+    fn check_degree(&self, file: &CaseFile<'_>) -> Result<()> {
+        if self.limiter != Limiter::None {
+            return file.refuse(
+                "scheme.limiter",
+                "slopes are those of cells of degree 0; leave it out, or scheme.degree",
+            );
+        }
+        if let Data::Measure { .. } = self.data {
+            return file.refuse(
+                "initial.velocity",
+                "the discrete delta function is that of cells of degree 0; leave scheme.degree out",
+            );
+        }
+        if self.varies() && self.warp.inflow == Embedding::Scalar {
+            return file.refuse(
+                "solver.warp.inflow",
+                "\"scalar\" takes no t in inflow.value of a degree above 0; \"boundary\" does",
+            );
+        }
+        Ok(())
     }
 
     /// Refuses methods that do not know of an inflow that depends on time.

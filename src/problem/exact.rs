@@ -75,6 +75,8 @@ pub struct Followed {
 #[derive(Clone, Debug)]
 pub struct Tracer<'a> {
     case: &'a Case,
+    /// The case's box in elements of degree 0: `V` is linear in each.
+    space: PhaseSpace,
     potential: Potential,
     /// `w = direction · v`: −1 back in time, 1 forward.
     direction: f64,
@@ -188,31 +190,46 @@ fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32> {
     distance.iter().map(|d| d.saturating_sub(1)).collect()
 }
 
+/// Cells of space in which a curved potential is traced at most.
+const MOST_TRACED_CELLS: usize = 1 << 21;
+/// Parts of an element that is traced in a curved potential, along each axis.
+const MOST_PARTS: usize = 64;
+
+/// The grid on which `V` is linear in each cell: that of a case of degree 0. Elements of a higher
+/// degree are cells where `V` is linear in them; where it is curved they are cut into as many as
+/// [`MOST_TRACED_CELLS`] allows, and the error of the trace falls like their square.
+fn traced_space(case: &Case) -> Result<PhaseSpace> {
+    let mut space = case.space.by_elements();
+    if case.space.degree() > 0 && Potential::whole(case)?.is_curved(&case.space) {
+        let room = MOST_TRACED_CELLS as f64 / space.space_cells() as f64;
+        let parts = (room.powf(1.0 / space.dimension() as f64) as usize).clamp(1, MOST_PARTS);
+        for axis in &mut space.x {
+            *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
+        }
+    }
+    Ok(space)
+}
+
 impl<'a> Tracer<'a> {
     /// Prepares tracing in `case`'s potential.
     ///
     /// # Errors
     /// [`Error::Formula`](crate::base::error::Error::Formula) where `V` is not finite.
     pub fn new(case: &'a Case) -> Result<Self> {
-        let potential = Potential::whole(case)?;
+        let space = traced_space(case)?;
+        let potential = Potential::whole(&Case { space: space.clone(), ..case.clone() })?;
         let rate = |a: usize| {
-            let (x, v) = (case.space.x[a].width(), &case.space.v[a]);
+            let (x, v) = (space.x[a].width(), &space.v[a]);
             let fastest = v.lower.abs().max(v.upper.abs());
             // The shortest way back to a face without resting on it takes the time √(8 · REST · Δx
             // / slope).
             fastest / x + (potential.steepest(a) / (8.0 * REST * x)).sqrt()
         };
-        let face_rate = (0..case.space.dimension()).map(rate).sum();
-        let free = free_layers(&case.space, &potential);
+        let face_rate = (0..space.dimension()).map(rate).sum();
+        let free = free_layers(&space, &potential);
         let faces = |axis: &Axis| (0..=axis.cells as i64).map(|i| axis.face(i)).collect();
-        Ok(Self {
-            case,
-            potential,
-            direction: -1.0,
-            faces: case.space.x.iter().map(faces).collect(),
-            free,
-            face_rate,
-        })
+        let faces = space.x.iter().map(faces).collect();
+        Ok(Self { case, space, potential, direction: -1.0, faces, free, face_rate })
     }
 
     /// The same, but [`follow`](Self::follow) goes forward in time.
@@ -301,7 +318,7 @@ impl<'a> Tracer<'a> {
     }
 
     fn start(&self, point: &[f64; 6]) -> Option<Particle> {
-        let space = &self.case.space;
+        let space = &self.space;
         let mut particle = Particle {
             cell: [0; MAX_DIMENSION],
             x: [0.0; MAX_DIMENSION],
@@ -325,7 +342,7 @@ impl<'a> Tracer<'a> {
 
     fn followed(&self, particle: &Particle, left: Option<f64>) -> Followed {
         let mut point = [0.0; 6];
-        for a in 0..self.case.space.dimension() {
+        for a in 0..self.space.dimension() {
             point[a] = particle.x[a];
             // Zero added, so that −0 does not come out for a particle at rest.
             point[3 + a] = 0.0 + self.direction * particle.w[a];
@@ -334,13 +351,13 @@ impl<'a> Tracer<'a> {
     }
 
     fn speed_is_inside(&self, particle: &Particle, a: usize) -> bool {
-        let v = &self.case.space.v[a];
+        let v = &self.space.v[a];
         (v.lower..=v.upper).contains(&(self.direction * particle.w[a]))
     }
 
     /// The cell along axis `a` that holds `x`, the upper one on a face.
     fn cell_at(&self, a: usize, x: f64) -> usize {
-        let (axis, faces) = (&self.case.space.x[a], &self.faces[a]);
+        let (axis, faces) = (&self.space.x[a], &self.faces[a]);
         let last = axis.cells - 1;
         // At most one off, by round-off.
         let i = (((x - axis.lower) / axis.width()) as usize).min(last);
@@ -355,7 +372,7 @@ impl<'a> Tracer<'a> {
 
     /// First and last cell along axis `a` of the block the particle crosses in one step.
     fn block(&self, particle: &Particle, a: usize) -> (usize, usize) {
-        let axes = &self.case.space.x;
+        let axes = &self.space.x;
         let flat = |k: usize, (axis, i): (&Axis, &usize)| k * axis.cells + i;
         let free = self.free[axes.iter().zip(&particle.cell).fold(0, flat)] as usize;
         let i = particle.cell[a];
@@ -384,12 +401,12 @@ impl<'a> Tracer<'a> {
             }
         };
         let slopes = self.potential.slopes(&particle.cell);
-        let moving = || (0..self.case.space.dimension()).filter(|&a| !particle.rests[a]);
+        let moving = || (0..self.space.dimension()).filter(|&a| !particle.rests[a]);
         for a in moving() {
             take(self.face_event(particle, a, slopes[a]));
         }
         for a in moving().filter(|&a| slopes[a] != 0.0) {
-            let (v, slope) = (&self.case.space.v[a], slopes[a]);
+            let (v, slope) = (&self.space.v[a], slopes[a]);
             // w falls where V rises.
             let ends = [v.lower, v.upper].map(|v| self.direction * v);
             let end = if slope > 0.0 { ends[0].min(ends[1]) } else { ends[0].max(ends[1]) };
@@ -401,7 +418,7 @@ impl<'a> Tracer<'a> {
     /// Moves on all axes for a time in which no face is met, but for round-off.
     fn advance(&self, particle: &mut Particle, time: f64) {
         let slopes = self.potential.slopes(&particle.cell).iter().enumerate();
-        for (a, slope) in slopes.take(self.case.space.dimension()) {
+        for (a, slope) in slopes.take(self.space.dimension()) {
             if !particle.rests[a] {
                 let (lower, upper) = self.faces(particle, a);
                 let x = particle.x[a] + time * (particle.w[a] - 0.5 * slope * time);
@@ -424,7 +441,7 @@ impl<'a> Tracer<'a> {
         };
         let outward = f64::from(step);
         let beyond = i as i64 + i64::from(step);
-        let Some(there) = self.case.space.wrap(a, beyond) else {
+        let Some(there) = self.space.wrap(a, beyond) else {
             return false;
         };
         let reach_before = self.reach(particle, a, outward);
@@ -450,7 +467,7 @@ impl<'a> Tracer<'a> {
             particle.w[a] = -particle.w[a];
             reach_before
         };
-        particle.rests[a] = reach_before.max(reach_after) < REST * self.case.space.x[a].width();
+        particle.rests[a] = reach_before.max(reach_after) < REST * self.space.x[a].width();
         self.speed_is_inside(particle, a)
     }
 
@@ -458,7 +475,7 @@ impl<'a> Tracer<'a> {
     /// lower face along `a`.
     fn cell_at_face(&self, particle: &Particle, a: usize, upper: bool) -> [usize; MAX_DIMENSION] {
         let mut cell = particle.cell;
-        for (b, i) in cell.iter_mut().enumerate().take(self.case.space.dimension()) {
+        for (b, i) in cell.iter_mut().enumerate().take(self.space.dimension()) {
             let (first, last) = self.block(particle, b);
             *i = if b != a {
                 self.cell_at(b, particle.x[b]).clamp(first, last)

@@ -1,18 +1,26 @@
 //! The phase-space grid: axes, cells, and the one ordering of unknowns.
 //!
+//! An axis has elements of equal width with `degree + 1` nodes each (see
+//! [`element`](crate::problem::element)). A *cell* is what belongs to one node: one unknown along
+//! the axis, with the node as its centre and the quadrature weight as its width. Of degree 0 an
+//! element is a cell.
+//!
 //! Cells are ordered `(x1..xn, v1..vn)` row-major, the last velocity axis running fastest.
 
+use crate::problem::element::Nodes;
 use std::ops::Range;
 
-/// A uniform axis: cells `[lower + j h, lower + (j+1) h]`, `h = (upper − lower)/cells`.
+/// An axis of elements `[lower + e h, lower + (e+1) h]`, `h = (upper − lower)/elements`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
     /// Lower end of the box.
     pub lower: f64,
     /// Upper end of the box.
     pub upper: f64,
-    /// Number of cells.
+    /// Number of cells: unknowns along the axis, `degree + 1` in each element.
     pub cells: usize,
+    /// The nodes of an element.
+    pub nodes: Nodes,
     /// What it is of the axis that the case gives.
     pub part: Part,
 }
@@ -23,46 +31,60 @@ pub enum Part {
     /// All of it.
     #[default]
     Whole,
-    /// Some of its cells, with the same bits in their centres and faces.
+    /// Some of its elements, with the same bits in their centres and faces.
     Window {
         /// Ends of the whole axis.
         ends: [f64; 2],
-        /// Its cells.
+        /// Its elements.
         of: usize,
         /// The one of them that is the first here.
         first: usize,
     },
-    /// One cell that stands for all of them, as they hold the same.
+    /// One cell that stands for all elements, as they hold the same.
     Merged {
         /// How many.
         of: usize,
+        /// Their nodes.
+        nodes: Nodes,
     },
 }
 
 impl Axis {
-    /// The whole axis `[lower, upper]`.
+    /// The whole axis `[lower, upper]` with cells of degree 0.
     pub fn new(lower: f64, upper: f64, cells: usize) -> Self {
-        Self { lower, upper, cells, part: Part::Whole }
+        Self { lower, upper, cells, nodes: Nodes::default(), part: Part::Whole }
+    }
+
+    /// The same axis with these nodes in each element.
+    pub fn with_nodes(self, nodes: Nodes) -> Self {
+        Self { cells: self.elements() * nodes.count(), nodes, ..self }
+    }
+
+    /// The same elements, of degree 0.
+    pub fn by_elements(&self) -> Self {
+        self.clone().with_nodes(Nodes::default())
     }
 
     /// The axis that the case gives.
     pub fn whole(&self) -> Self {
+        let new = |ends: [f64; 2], of, nodes| Self::new(ends[0], ends[1], of).with_nodes(nodes);
         match self.part {
             Part::Whole => self.clone(),
-            Part::Window { ends, of, .. } => Self::new(ends[0], ends[1], of),
-            Part::Merged { of } => Self::new(self.lower, self.upper, of),
+            Part::Window { ends, of, .. } => new(ends, of, self.nodes),
+            Part::Merged { of, nodes } => new([self.lower, self.upper], of, nodes),
         }
     }
 
-    /// The cells `range` of a whole axis.
+    /// The elements `range` of a whole axis.
     pub fn window(&self, range: &std::ops::Range<usize>) -> Self {
         Self {
             lower: self.face(range.start as i64),
             upper: self.face(range.end as i64),
-            cells: range.len(),
+            cells: range.len() * self.nodes.count(),
+            nodes: self.nodes,
             part: Part::Window {
                 ends: [self.lower, self.upper],
-                of: self.cells,
+                of: self.elements(),
                 first: range.start,
             },
         }
@@ -70,20 +92,41 @@ impl Axis {
 
     /// One cell in the place of all of a whole axis.
     pub fn merged(&self) -> Self {
-        Self { cells: 1, part: Part::Merged { of: self.cells }, ..self.clone() }
+        Self {
+            cells: 1,
+            nodes: Nodes::default(),
+            part: Part::Merged { of: self.elements(), nodes: self.nodes },
+            ..self.clone()
+        }
     }
 
-    /// Of a cell that stands for others the mean of the squares of their centres: that of its own
+    /// Number of elements.
+    pub fn elements(&self) -> usize {
+        self.cells / self.nodes.count()
+    }
+
+    /// The element of cell `j` and the cell's number in it; also of cells off the axis.
+    pub fn split(&self, j: i64) -> (i64, usize) {
+        let count = self.nodes.count() as i64;
+        (j.div_euclid(count), j.rem_euclid(count) as usize)
+    }
+
+    /// Of a cell that stands for others the mean of `v²` over them: the square of its own centre
     /// says less.
     pub fn mean_square(&self) -> Option<f64> {
-        let Part::Merged { of } = self.part else {
+        let Part::Merged { .. } = self.part else {
             return None;
         };
-        let centres = self.whole().centres();
-        Some(centres.iter().map(|v| v * v).sum::<f64>() / of as f64)
+        let whole = self.whole();
+        let squares = whole.centres().into_iter().map(|v| v * v);
+        if whole.nodes.degree == 0 {
+            return Some(squares.sum::<f64>() / whole.cells as f64);
+        }
+        let terms = squares.enumerate().map(|(j, square)| square * whole.weight(j));
+        Some(terms.sum::<f64>() / (whole.upper - whole.lower))
     }
 
-    /// Number of the first cell on the whole axis.
+    /// Number of the first element on the whole axis.
     fn first(&self) -> i64 {
         match self.part {
             Part::Window { first, .. } => first as i64,
@@ -91,53 +134,94 @@ impl Axis {
         }
     }
 
-    /// Whether cell `j` is none of these, but one of the whole axis: a cell that holds nothing.
-    pub fn leaves_out(&self, j: i64) -> bool {
+    /// Number of the first cell on the whole axis.
+    pub fn first_cell(&self) -> usize {
+        self.first() as usize * self.nodes.count()
+    }
+
+    /// Whether element `e` is none of these, but one of the whole axis: one that holds nothing.
+    pub fn leaves_out(&self, e: i64) -> bool {
         let Part::Window { of, .. } = self.part else {
             return false;
         };
-        let whole = (0..of as i64).contains(&(j + self.first()));
-        whole && !(0..self.cells as i64).contains(&j)
+        let whole = (0..of as i64).contains(&(e + self.first()));
+        whole && !(0..self.elements() as i64).contains(&e)
     }
 
-    /// Cell width `h`.
-    pub fn width(&self) -> f64 {
+    /// Ends and number of elements of the axis that this is a window of.
+    fn extent(&self) -> (f64, f64, usize) {
         match self.part {
-            Part::Window { ends, of, .. } => (ends[1] - ends[0]) / of as f64,
-            _ => (self.upper - self.lower) / self.cells as f64,
+            Part::Window { ends, of, .. } => (ends[0], ends[1], of),
+            _ => (self.lower, self.upper, self.elements()),
         }
     }
 
-    /// A point `j/denominator` of the way along the axis, in units of cells; mirror images of an
-    /// axis give exact mirror images of its points. `twice` counts half cells: an odd number is a
-    /// centre, an even one a face.
+    /// Element width `h`.
+    pub fn width(&self) -> f64 {
+        let (lower, upper, elements) = self.extent();
+        (upper - lower) / elements as f64
+    }
+
+    /// Width of cell `j`: its quadrature weight. Of degree 0 that of the element.
+    pub fn weight(&self, j: usize) -> f64 {
+        match self.nodes.degree {
+            0 => self.width(),
+            _ => 0.5 * self.width() * self.nodes.reference().weights[j % self.nodes.count()],
+        }
+    }
+
+    /// Width of cell `j` beside the mean width: 1 exactly of degree 0.
+    pub fn relative_weight(&self, j: usize) -> f64 {
+        match self.nodes.degree {
+            0 => 1.0,
+            _ => {
+                let count = self.nodes.count();
+                0.5 * count as f64 * self.nodes.reference().weights[j % count]
+            }
+        }
+    }
+
+    /// The widths of all cells.
+    pub fn weights(&self) -> Vec<f64> {
+        (0..self.cells).map(|j| self.weight(j)).collect()
+    }
+
+    /// A point `j/denominator` of the way along the axis, in units of elements; mirror images of an
+    /// axis give exact mirror images of its points. `twice` counts half elements: an odd number is
+    /// a centre, an even one a face.
     fn point(&self, twice: f64) -> f64 {
-        let (lower, upper, cells) = match self.part {
-            Part::Window { ends, of, .. } => (ends[0], ends[1], of),
-            _ => (self.lower, self.upper, self.cells),
-        };
-        let (n, twice) = (2.0 * cells as f64, twice + 2.0 * self.first() as f64);
+        let (lower, upper, elements) = self.extent();
+        let (n, twice) = (2.0 * elements as f64, twice + 2.0 * self.first() as f64);
         ((n - twice) * lower + twice * upper) / n
     }
 
-    /// Centre of cell `j`; `j` may lie outside `0..cells` (ghost cells).
+    /// Centre of cell `j`, its node; `j` may lie outside `0..cells` (ghost cells).
     pub fn centre(&self, j: i64) -> f64 {
-        self.point(2.0 * j as f64 + 1.0)
+        if self.nodes.degree == 0 {
+            return self.point(2.0 * j as f64 + 1.0);
+        }
+        let (e, m) = self.split(j);
+        self.at(e, self.nodes.reference().nodes[m])
     }
 
-    /// Lower face of cell `j`, the upper face of cell `j − 1`.
-    pub fn face(&self, j: i64) -> f64 {
-        self.point(2.0 * j as f64)
+    /// The point `ξ ∈ [−1, 1]` of element `e`; its faces exactly.
+    pub fn at(&self, e: i64, xi: f64) -> f64 {
+        match xi {
+            -1.0 => self.face(e),
+            1.0 => self.face(e + 1),
+            _ => self.point(2.0 * e as f64 + 1.0) + 0.5 * self.width() * xi,
+        }
     }
 
-    /// How many cells `point` lies above the lower end; the same for a window as for the whole axis
-    /// but for the cells before.
+    /// Lower face of element `e`, the upper face of element `e − 1`.
+    pub fn face(&self, e: i64) -> f64 {
+        self.point(2.0 * e as f64)
+    }
+
+    /// How many elements `point` lies above the lower end; the same for a window as for the whole
+    /// axis but for the elements before.
     pub fn position(&self, point: f64) -> f64 {
-        let lower = match self.part {
-            Part::Window { ends, .. } => ends[0],
-            _ => self.lower,
-        };
-        (point - lower) / self.width() - self.first() as f64
+        (point - self.extent().0) / self.width() - self.first() as f64
     }
 
     /// Cell centres, in order.
@@ -203,14 +287,40 @@ impl PhaseSpace {
         self.space_cells() * self.velocity_cells()
     }
 
-    /// Volume of a phase-space cell, `Π Δx Δv`.
+    /// Mean volume of a phase-space cell; of degree 0 that of each, `Π Δx Δv`.
     pub fn cell_volume(&self) -> f64 {
-        self.axes().map(Axis::width).product()
+        self.axes().map(|a| a.width() / a.nodes.count() as f64).product()
     }
 
-    /// Volume of a velocity cell, `Π Δv`.
+    /// Mean volume of a velocity cell; of degree 0 that of each, `Π Δv`.
     pub fn velocity_volume(&self) -> f64 {
-        self.v.iter().map(Axis::width).product()
+        self.v.iter().map(|a| a.width() / a.nodes.count() as f64).product()
+    }
+
+    /// Volume of a cell beside the mean: 1 exactly of degree 0. The product over the axes of
+    /// `w_m (k + 1)/2` with the quadrature weights `w_m`.
+    pub fn relative_volume(&self, cell: &Cell) -> f64 {
+        self.axes().zip(cell).map(|(axis, &j)| axis.relative_weight(j)).product()
+    }
+
+    /// The least [`relative_volume`](Self::relative_volume) of a cell.
+    pub fn least_relative_volume(&self) -> f64 {
+        let least = |axis: &Axis| {
+            let weights = (0..axis.nodes.count()).map(|m| axis.relative_weight(m));
+            weights.fold(f64::INFINITY, f64::min)
+        };
+        self.axes().map(least).product()
+    }
+
+    /// Largest degree of an axis.
+    pub fn degree(&self) -> usize {
+        self.axes().map(|a| a.nodes.degree).max().unwrap_or(0)
+    }
+
+    /// The same elements, of degree 0.
+    pub fn by_elements(&self) -> Self {
+        let all = |axes: &[Axis]| axes.iter().map(Axis::by_elements).collect();
+        Self { x: all(&self.x), v: all(&self.v), periodic: self.periodic }
     }
 
     /// Multi-index of global unknown `index`.
@@ -251,10 +361,10 @@ impl PhaseSpace {
         self.periodic[a] && self.x[a].cells == 1
     }
 
-    /// Most space blocks along space axis `a`. A periodic axis stays whole, so that the cell behind
+    /// Most space blocks along space axis `a`, each of whole elements. A periodic axis stays whole, so that the cell behind
     /// its end is on the same rank.
     pub fn most_blocks(&self, a: usize) -> usize {
-        if self.periodic[a] { 1 } else { self.x[a].cells }
+        if self.periodic[a] { 1 } else { self.x[a].elements() }
     }
 
     /// How far apart in the ordering two cells are that differ by one along axis `axis` (of the
@@ -273,7 +383,24 @@ impl PhaseSpace {
         }
         point
     }
+
+    /// The [`point`](Self::point) of a cell, moved inside its element by a billionth of its width
+    /// where it is on a face: functions that jump there have one value on either side.
+    pub fn inner_point(&self, cell: &Cell) -> [f64; 6] {
+        let mut point = self.point(cell);
+        for (a, axis) in self.x.iter().enumerate() {
+            let (e, m) = axis.split(cell[a] as i64);
+            let xi = axis.nodes.reference().nodes[m];
+            if xi.abs() == 1.0 {
+                point[a] = axis.at(e, xi * (1.0 - INSIDE));
+            }
+        }
+        point
+    }
 }
+
+/// How far inside of an element a point on its face is moved, in half widths.
+const INSIDE: f64 = 2e-9;
 
 /// A point written for people: `x = 0.1, v = -0.2`.
 pub fn describe_point(dimension: usize, point: &[f64]) -> String {

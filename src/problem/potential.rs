@@ -1,12 +1,15 @@
 //! The potential on the grid: jumps at faces, slopes in cells.
 //!
-//! `V`'s one-sided limits at a face are the two neighbouring cells' own formulas, evaluated at the
-//! face's centre; a cell's formula is that of the first region whose `where` holds at the cell's
-//! centre. So jumps lie on faces by construction (paper, section 4.1: discontinuities at grid
-//! points), and in between `V` is piecewise linear.
+//! `V`'s one-sided limits at a face are the two neighbouring elements' own formulas, evaluated on
+//! the face at the other axes' nodes; an element's formula is that of the first region whose
+//! `where` holds at its centre. So jumps lie on faces by construction (paper, section 4.1:
+//! discontinuities at grid points). In between, along an axis of degree 0 `V` is linear; of a
+//! higher degree it is the polynomial of degree 8 through the formula's values at Gauss–Lobatto
+//! points of the element, whose derivative at a node is the slope there.
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Region};
+use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point, for_each_cell};
 use std::collections::HashSet;
@@ -20,11 +23,11 @@ const KINK: f64 = 1e-13;
 pub struct Potential {
     /// Box of space cells covered, one range an axis.
     ranges: Vec<Range<usize>>,
-    /// `V⁺ − V⁻` at the lower face of each cell, by axis; zero at the ends of the box (the paper's
-    /// assumption). At the lower end of a periodic axis, `V` of the first cell minus that of the
+    /// `V⁺ − V⁻` at the lower face of each element, by axis, kept at its first cell; zero at others
+    /// and at the ends of the box (the paper's assumption). At the lower end of a periodic axis, `V` of the first cell minus that of the
     /// last.
     jump: Vec<[f64; MAX_DIMENSION]>,
-    /// `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`, by axis.
+    /// `∂V/∂x_a` at each cell, by axis; of degree 0 `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`.
     slope: Vec<[f64; MAX_DIMENSION]>,
     /// Cell indices run row-major over `ranges`.
     strides: [usize; MAX_DIMENSION],
@@ -50,11 +53,20 @@ fn region<'r>(
     Ok(regions.len() - 1)
 }
 
-/// Centre of space cell `i` as formulas take it.
+/// Centre of space cell `i`, its node, as formulas take it.
 fn space_point(axes: &[Axis], i: &[usize]) -> [f64; 6] {
     let mut point = [0.0; 6];
     for (a, axis) in axes.iter().enumerate() {
         point[a] = axis.centre(i[a] as i64);
+    }
+    point
+}
+
+/// Centre of the element that holds space cell `i`: of degree 0 that of the cell.
+fn element_centre(axes: &[Axis], i: &[usize]) -> [f64; 6] {
+    let mut point = [0.0; 6];
+    for (a, axis) in axes.iter().enumerate() {
+        point[a] = axis.at(axis.split(i[a] as i64).0, 0.0);
     }
     point
 }
@@ -86,8 +98,9 @@ impl Values<'_> {
         value
     }
 
-    /// The jump at the lower face along axis `a` of space cell `i`, and the slope in it; `own` is
-    /// its region, `below` that of the cell below, if there is one.
+    /// The jump at the lower face along axis `a` of the element of space cell `i`, if the cell is
+    /// its first, and the slope at the cell; `own` is its region, `below` that of the element
+    /// below, if there is one.
     fn jump_and_slope(
         &mut self,
         i: &[usize; MAX_DIMENSION],
@@ -97,29 +110,62 @@ impl Values<'_> {
     ) -> [f64; 2] {
         let axes = &self.case.space.x;
         let axis = &axes[a];
+        let (element, node) = axis.split(i[a] as i64);
         let centre = space_point(axes, i);
         let (mut lower, mut upper) = (centre, centre);
-        lower[a] = axis.face(i[a] as i64);
-        upper[a] = axis.face(i[a] as i64 + 1);
+        lower[a] = axis.face(element);
+        upper[a] = axis.face(element + 1);
         let at_lower = self.value(own, &lower);
-        let slope = (self.value(own, &upper) - at_lower) / axis.width();
-        // The face below the first cell of a periodic axis is that above the last one.
+        let drop = self.value(own, &upper) - at_lower;
+        let slope = match axis.nodes.degree {
+            0 => drop / axis.width(),
+            _ => self.derivative(&centre, a, own, element, node),
+        };
+        // The face below the first element of a periodic axis is that above the last one.
         let turns = i[a] == 0;
         if turns {
-            lower[a] = axis.face(axis.cells as i64);
+            lower[a] = axis.face(axis.elements() as i64);
         }
-        let Some(below) = below.filter(|&r| r != own || turns) else {
+        let Some(below) = below.filter(|&r| node == 0 && (r != own || turns)) else {
             return [0.0, slope];
         };
         let behind = self.value(below, &lower);
         let jump = at_lower - behind;
         // A kink, not a jump: the formulas meet here to round-off.
-        let drop = (slope * axis.width()).abs();
+        let drop = match axis.nodes.degree {
+            0 => (slope * axis.width()).abs(),
+            _ => drop.abs(),
+        };
         let scale = at_lower.abs().max(behind.abs()).max(drop);
         match jump.abs() <= KINK * scale {
             true => [0.0, slope],
             false => [jump, slope],
         }
+    }
+
+    /// `∂V/∂x_a` at node `node` of `element`, on the line along axis `a` through `point`, from
+    /// values at the Gauss–Lobatto points of the largest degree. Exactly zero where `V` is constant.
+    fn derivative(
+        &mut self,
+        point: &[f64; 6],
+        a: usize,
+        region: usize,
+        element: i64,
+        node: usize,
+    ) -> f64 {
+        let axis = &self.case.space.x[a];
+        let fine = Nodes::of_space(LARGEST_DEGREE).reference();
+        let mut point = *point;
+        let values: Vec<f64> = (fine.nodes.iter())
+            .map(|&xi| {
+                point[a] = axis.at(element, xi);
+                self.value(region, &point)
+            })
+            .collect();
+        let slopes: Vec<f64> = (fine.derivative.iter())
+            .map(|row| row.iter().zip(&values).map(|(d, v)| d * (v - values[0])).sum())
+            .collect();
+        fine.interpolate(&slopes, axis.nodes.reference().nodes[node]) * 2.0 / axis.width()
     }
 }
 
@@ -148,13 +194,14 @@ impl Potential {
         };
         let mut values = Values { case, failure: None };
         for_each_cell(ranges, |i| {
-            let centre = space_point(axes, i);
-            let own = values.region(&centre);
-            // Regions of the cells below.
+            let own = values.region(&element_centre(axes, i));
+            // Regions of the elements below.
             let below: [Option<usize>; MAX_DIMENSION] = std::array::from_fn(|a| {
                 let mut below = *i;
-                below[a] = (a < n).then(|| case.space.wrap(a, i[a] as i64 - 1))??;
-                Some(values.region(&space_point(axes, &below)))
+                let element = (a < n).then(|| axes[a].split(i[a] as i64).0)?;
+                let last = element * axes[a].nodes.count() as i64 - 1;
+                below[a] = case.space.wrap(a, last)?;
+                Some(values.region(&element_centre(axes, &below)))
             });
             let (mut jump, mut slope) = ([0.0; MAX_DIMENSION], [0.0; MAX_DIMENSION]);
             for a in 0..n {
@@ -182,8 +229,8 @@ impl Potential {
         self.ranges.iter().enumerate().map(|(a, r)| (i[a] - r.start) * self.strides[a]).sum()
     }
 
-    /// `V⁺ − V⁻` at the lower face, along `axis`, of space cell `i`. Zero at the lower end of the
-    /// box, unless the axis is periodic.
+    /// `V⁺ − V⁻` at the lower face, along `axis`, of space cell `i`, if it is the first of its
+    /// element. Zero at the lower end of the box, unless the axis is periodic.
     pub fn jump_below(&self, i: &[usize], axis: usize) -> f64 {
         self.jump[self.position(i)][axis]
     }
@@ -201,7 +248,7 @@ impl Potential {
         }
     }
 
-    /// `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx` along `axis` in space cell `i`.
+    /// `∂V/∂x_a` along `axis` at space cell `i`; of degree 0 `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`.
     pub fn slope(&self, i: &[usize], axis: usize) -> f64 {
         self.slope[self.position(i)][axis]
     }
@@ -214,6 +261,27 @@ impl Potential {
     /// Largest `|slope|` along `axis`.
     pub fn steepest(&self, axis: usize) -> f64 {
         self.slope.iter().fold(0.0, |most, s| most.max(s[axis].abs()))
+    }
+
+    /// Whether `V` bends within an element of a higher degree: whether its slope differs from node
+    /// to node by more than round-off.
+    pub fn is_curved(&self, space: &PhaseSpace) -> bool {
+        (0..space.dimension()).any(|a| {
+            let count = space.x[a].nodes.count();
+            let steepest = self.steepest(a);
+            (0..self.slope.len()).any(|p| {
+                let i = p / self.strides[a] % self.ranges[a].len();
+                let first = p - i % count * self.strides[a];
+                (self.slope[p][a] - self.slope[first][a]).abs() > 1e-9 * steepest
+            })
+        })
+    }
+
+    /// The distinct jumps along `axis`, by their bits, each with the largest of the element faces.
+    pub fn distinct_jumps(&self, axis: usize) -> impl Iterator<Item = f64> + '_ {
+        let mut seen = HashSet::new();
+        let jumps = self.jump.iter().map(move |jump| jump[axis]);
+        jumps.filter(move |jump| *jump != 0.0 && seen.insert(jump.to_bits()))
     }
 
     /// Whether `V` jumps anywhere, by axis.
@@ -272,7 +340,8 @@ pub struct Overlooked {
 /// for an axis along which it does so at more than some dozens of places, as a curved edge does.
 pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     const MOST: usize = 64;
-    let axes = &case.space.x;
+    let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
+    let axes = &axes;
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
     let mut found: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); axes.len()];
     if case.potential.len() == 1 {
@@ -314,7 +383,8 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
 /// Looks for region edges along lines through cell centres, and for regions between the centres.
 pub fn overlooked(case: &Case) -> Overlooked {
     const MOST: usize = 8;
-    let axes = &case.space.x;
+    let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
+    let axes = &axes;
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
     let mut found: Vec<StrayEdge> = Vec::new();
     let mut used = vec![false; case.potential.len()];

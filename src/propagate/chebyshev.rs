@@ -22,17 +22,7 @@
 //! mostly real and common to the modes of a batch. Each lane has a degree of its own, with zeros
 //! above it, so its bits do not depend on the others'.
 //!
-//! **The interval is guaranteed, not estimated.** Let `A = B − diag(d)`, `B ≥ 0`, in weighted
-//! unknowns with growth bound `γ` (see [`crate::matrix::weights`]). For a unit vector,
-//! `x*(D A D⁻¹)x = −δ + β` with `δ = Σ d_i |x_i|²` in `[0, d]` and `|β| ≤ δ + γ`; and
-//! `x*Hx = μ Re(β − δ) − Im β`, so
-//!
-//! ```text
-//! −μ d − √(1+μ²)(d + γ)  ≤  x*Hx  ≤  d (√(1+μ²) − μ) + √(1+μ²) γ
-//! ```
-//!
-//! `d` being the largest of the `d_i`. It is narrower than the sum of the bounds for `μS` and `iK`,
-//! and needs no reduction over ranks.
+//! The interval is guaranteed, not estimated: see [`crate::matrix::bounds`].
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -44,30 +34,6 @@ use crate::propagate::method::{
     Propagator, RunWork, Setting, Start,
 };
 use num_complex::Complex64;
-
-/// Interval that holds the spectrum of `H = μS + iK`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Interval {
-    /// `c`.
-    pub centre: f64,
-    /// `h`.
-    pub half_width: f64,
-}
-
-impl Interval {
-    /// The interval for wavenumber `mu`, largest rate `d` and growth bound `γ`. As
-    /// `H_{−l} = −conj(H_l)`, that of `−mu` is its mirror image.
-    pub fn new(mu: f64, rate: f64, growth: f64) -> Self {
-        if mu < 0.0 {
-            let mirrored = Self::new(-mu, rate, growth);
-            return Self { centre: -mirrored.centre, ..mirrored };
-        }
-        let root = (1.0 + mu * mu).sqrt();
-        let lower = -mu * rate - root * (rate + growth);
-        let upper = rate / (root + mu) + root * growth;
-        Self { centre: 0.5 * (lower + upper), half_width: 0.5 * (upper - lower) }
-    }
-}
 
 /// Below this the first three Bessel functions are their leading terms to round-off.
 const SMALL_ARGUMENT: f64 = 1e-8;
@@ -209,7 +175,7 @@ impl Chebyshev {
             coefficient: [0.0; LANES],
         };
         for l in 0..LANES {
-            let interval = Interval::new(batch.wavenumbers[l], system.rate, system.growth);
+            let interval = system.bounds.interval(batch.wavenumbers[l]);
             // Where nothing moves the spectrum is one point, and the series its first term.
             let still = interval.half_width == 0.0;
             constants.scale[l] = if still { 0.0 } else { 1.0 / interval.half_width };

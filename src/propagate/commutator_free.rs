@@ -3,7 +3,7 @@
 
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
-use crate::propagate::chebyshev::{Chebyshev, Interval, bessel_series, degree};
+use crate::propagate::chebyshev::{Chebyshev, bessel_series, degree};
 use crate::propagate::method::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
 use crate::propagate::time_dependent_inflow::Schedule;
 use num_complex::Complex64;
@@ -58,7 +58,7 @@ impl Propagator for CommutatorFree<'_> {
         let most = self.chebyshev.largest_degree();
         let stage = BatchSpec {
             work: std::array::from_fn(|l| {
-                let interval = Interval::new(batch.wavenumbers[l], system.rate, system.growth);
+                let interval = system.bounds.interval(batch.wavenumbers[l]);
                 let tau = interval.half_width * system.time;
                 stage_degree(&mut self.series, tau, batch.work[l], stages).min(most)
             }),

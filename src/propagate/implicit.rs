@@ -22,7 +22,6 @@
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
-use crate::propagate::chebyshev::Interval;
 use crate::propagate::method::{
     BatchCoupling, BatchReport, BatchSpec, Descriptor, Evolution, Initial, MatrixShare, ModeDemand,
     Propagator, RunWork, Setting,
@@ -144,7 +143,7 @@ impl Propagator for Implicit {
     }
 
     fn largest_step_error(&self, system: &Evolution<'_>, mu: f64, steps: usize) -> f64 {
-        let interval = Interval::new(mu, system.rate, system.growth);
+        let interval = system.bounds.interval(mu);
         let size = interval.centre.abs() + interval.half_width;
         self.leading(system.time, steps) * size.powi(self.order as i32 + 1)
     }

@@ -29,8 +29,9 @@
 use crate::base::bisect::bisect;
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::bounds::Interval;
 use crate::matrix::lanes::{LANES, Lanes, StepConstants};
-use crate::propagate::chebyshev::{Interval, bessel_series};
+use crate::propagate::chebyshev::bessel_series;
 use crate::propagate::method::{
     BatchCoupling, BatchReport, BatchSpec, Descriptor, Evolution, Initial, MatrixShare, ModeDemand,
     Propagator, RunWork, Setting,
@@ -366,7 +367,7 @@ impl Propagator for Krylov {
         initial: &Initial<'_>,
     ) -> Result<BatchReport> {
         let time = system.time;
-        let intervals = (batch.wavenumbers).map(|mu| Interval::new(mu, system.rate, system.growth));
+        let intervals = (batch.wavenumbers).map(|mu| system.bounds.interval(mu));
         let phases = intervals.map(|i| Complex64::new(0.0, -i.centre * time).exp());
         let mut report = BatchReport::unitary(phases);
         let mut constants = StepConstants {

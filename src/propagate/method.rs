@@ -22,10 +22,8 @@ pub struct Evolution<'a> {
     pub exchange: &'a mut GhostExchange,
     /// The ranks that split space.
     pub space: &'a Group,
-    /// Bound on `max |A_ii|`.
-    pub rate: f64,
-    /// Bound on `λ⁺`.
-    pub growth: f64,
+    /// Bounds of its spectrum.
+    pub bounds: &'a Bounds,
     /// `T`.
     pub time: f64,
     /// Space cells and auxiliary unknowns over the space group: terms of a norm.

@@ -13,9 +13,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::fixed_point::FixedPoint;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::propagate::chebyshev::Interval;
 use crate::propagate::method::{Evolution, MatrixShare, pieces};
-use crate::scheme::rows::transport_rate;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::lu::{LuRef, NumericLu, SymbolicLu, factorize_symbolic_lu};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
@@ -44,7 +42,7 @@ pub fn factor_bytes(share: &MatrixShare<'_>) -> f64 {
     let MatrixShare { case, bounds, mesh, .. } = share;
     let x = case.space.x.iter().zip(&mesh.space).map(|(a, p)| a.cells.div_ceil(*p));
     let mut lengths: Vec<f64> = x.map(|cells| cells as f64).collect();
-    if bounds.rate > transport_rate(&case.space) {
+    if bounds.forces {
         lengths.extend(case.space.v.iter().map(|a| a.cells as f64));
     }
     let points: f64 = lengths.iter().product();
@@ -231,7 +229,7 @@ impl Shifted {
     ) -> Result<Solved> {
         let (local, gmres) = (&mut self.local, &mut self.gmres);
         let rows = local.count();
-        let interval = Interval::new(local.wavenumber, system.rate, system.growth);
+        let interval = system.bounds.interval(local.wavenumber);
         // ‖M‖, and what round-off leaves of a residual.
         let size = 1.0 + local.shift * (interval.centre.abs() + interval.half_width);
         let round_off = f64::EPSILON * size;

@@ -205,7 +205,11 @@ impl Search<'_> {
 
     /// `‖f‖` of what `f` gives in weighted unknowns. Collective over the space group.
     fn norm(&self, f: impl Fn(usize) -> f64) -> f64 {
-        let unweighted = |i: usize| f(i) / self.start.weights[i].sqrt();
+        // Of a degree above 0 the weights are volumes, which the norm has.
+        let unweighted = |i: usize| match self.matrix.by_elements {
+            true => f(i),
+            false => f(i) / self.start.weights[i].sqrt(),
+        };
         norm(self.communicator, self.case, self.matrix, unweighted)
     }
 
@@ -305,7 +309,7 @@ impl Schedule {
                 let weighted = root * b;
                 [match *b {
                     0.0 => 0.0,
-                    _ => weighted * weighted / (2.0 * aux.draw),
+                    _ => weighted * weighted / (2.0 * aux.damping),
                 }]
             };
             let terms = inflow.iter().zip(roots).zip(&most).map(share);
@@ -317,7 +321,7 @@ impl Schedule {
             let own = |(aux, most): (&Inflow, &f64)| match given {
                 Some(delta) => delta,
                 None if *most == 0.0 => 0.0,
-                None => most / (2.0 * aux.draw * allowed).sqrt(),
+                None => most / aux.planned_coupling(allowed, search.matrix.by_elements),
             };
             let deltas: Vec<f64> = inflow.iter().zip(&most).map(own).collect();
             self.unknowns = deltas.iter().zip(roots).map(|(d, root)| d * root).collect();

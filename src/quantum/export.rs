@@ -33,7 +33,7 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Communicator;
 use crate::problem::case::{Case, Data, Method};
-use crate::propagate::chebyshev::{Chebyshev, Interval, degree};
+use crate::propagate::chebyshev::{Chebyshev, degree};
 use crate::propagate::method::{BatchSpec, Evolution, Initial, Propagator};
 use crate::quantum::access::{Scratch, SparseAccess};
 use crate::quantum::planned_modes;
@@ -489,7 +489,7 @@ impl ModeEvolution<'_> {
         let mut evolved = vec![Complex64::ZERO; rows * points];
         let mut scratch = Vec::new();
         let mut work = |l: usize| {
-            let interval = Interval::new(series.wavenumber(l), bounds.rate, bounds.growth);
+            let interval = bounds.interval(series.wavenumber(l));
             degree(&mut scratch, interval.half_width * case.end, TOLERANCE)
         };
         let modes = series.modes();
@@ -502,8 +502,7 @@ impl ModeEvolution<'_> {
             matrix: &problem.matrix,
             exchange: &mut problem.exchange,
             space: &communicator.space,
-            rate: bounds.rate,
-            growth: bounds.growth,
+            bounds,
             time: case.end,
             terms: problem.terms,
         };

@@ -100,8 +100,10 @@ fn put(axes: &[(&Axis, &Axis)], ranges: &[Range<usize>], values: Vec<f64>) -> Ve
             let value = |place: usize| Some(place * step);
             match from.part {
                 _ if from == to => (0..range.len()).map(value).collect(),
-                Part::Window { first, .. } => (0..to.cells)
-                    .map(|j| j.checked_sub(first).filter(|j| *j < from.cells).and_then(value))
+                Part::Window { .. } => (0..to.cells)
+                    .map(|j| {
+                        j.checked_sub(from.first_cell()).filter(|j| *j < from.cells).and_then(value)
+                    })
                     .collect(),
                 _ => vec![Some(0); to.cells],
             }

@@ -2,12 +2,11 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
-use crate::matrix::observables::{Moments, integral, power_sum};
+use crate::matrix::observables::{CellVolumes, Moments};
 use crate::parallel::communicator::Group;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Integrator};
 use crate::problem::exact::sheet::ExactMoments;
-use crate::problem::grid::PhaseSpace;
 use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::round_off;
 use crate::quantum::figure::Figure;
@@ -30,8 +29,8 @@ const ROUND_OFF_MARGIN: f64 = 4.0;
 pub struct FieldNorms<'a> {
     /// All ranks.
     pub world: &'a Group,
-    /// Velocity cells.
-    pub velocities: usize,
+    /// Volumes of the share's cells.
+    pub volumes: CellVolumes,
     /// The field, on this rank's share.
     pub f: &'a [f64],
 }
@@ -41,20 +40,20 @@ impl<'a> FieldNorms<'a> {
     pub fn new(prepared: &'a Prepared, f: &'a [f64]) -> Self {
         Self {
             world: &prepared.communicator.world,
-            velocities: prepared.case.space.velocity_cells(),
+            volumes: CellVolumes::new(&prepared.case.space, &prepared.place.share),
             f,
         }
     }
 
-    /// `Σ |f − other|^power`.
+    /// `Σ |f − other|^power`, each cell with its volume beside the mean.
     pub fn difference(&self, other: &[f64], power: i32) -> f64 {
         let f = self.f;
-        power_sum(self.world, self.velocities, f.len(), power, |i| f[i] - other[i])
+        self.volumes.power_sum(self.world, power, |i| f[i] - other[i])
     }
 
-    /// `Σ f²`.
+    /// `Σ f²`, each cell with its volume beside the mean.
     pub fn square(&self, f: &[f64]) -> f64 {
-        power_sum(self.world, self.velocities, f.len(), 2, |i| f[i])
+        self.volumes.power_sum(self.world, 2, |i| f[i])
     }
 
     /// Relative l2 distance to `other`.
@@ -78,14 +77,14 @@ impl<'a> FieldNorms<'a> {
 /// has none there, it counts as zero. Collective.
 pub fn moment_errors(
     world: &Group,
-    space: &PhaseSpace,
+    volumes: &CellVolumes,
     found: &Moments,
     exact: &ExactMoments,
 ) -> [f64; 2] {
     let difference = |a: &[f64], b: &[f64]| -> Vec<f64> {
         a.iter().zip(b).map(|(a, b)| (a - b).abs()).collect()
     };
-    let density = integral(world, space, &difference(&found.density, &exact.density));
+    let density = volumes.integral(world, &difference(&found.density, &exact.density));
     let present = |u: &f64| if u.is_nan() { 0.0 } else { *u };
     let mut velocity = 0.0;
     for (u, exact) in found.velocity.iter().zip(&exact.velocity) {
@@ -94,7 +93,7 @@ pub fn moment_errors(
             if known { (present(u) - exact).abs() } else { 0.0 }
         };
         let terms: Vec<f64> = u.iter().zip(exact).map(distance).collect();
-        velocity += integral(world, space, &terms);
+        velocity += volumes.integral(world, &terms);
     }
     [density, velocity]
 }
@@ -146,16 +145,17 @@ pub(crate) fn compare(
 /// Norms of the first field that the probabilities of measuring it follow from. Collective.
 fn state_norms(prepared: &Prepared, field: &[f64]) -> StateNorms {
     let Prepared { communicator, system, place, .. } = prepared;
-    let velocities = system.matrix.block.velocity_cells;
     let pi = &system.weights.pi[place.mine.clone()];
     let world = &communicator.world;
-    let norm =
-        |term: &dyn Fn(usize) -> f64| power_sum(world, velocities, field.len(), 2, term).sqrt();
+    let volumes = CellVolumes::new(&prepared.case.space, &place.share);
+    let norm = |term: &dyn Fn(usize) -> f64| volumes.power_sum(world, 2, term).sqrt();
+    // Of a degree above 0 the weights are the volumes, which the norm has.
+    let weight = |i: usize| if system.weights.are_volumes { 1.0 } else { pi[i].sqrt() };
     let start = &system.states[0];
     let [_, auxiliary] = system.norms_of_parts(communicator, start);
     StateNorms {
         start: system.norm(communicator, start, false),
-        weighted: norm(&|i| pi[i].sqrt() * field[i]),
+        weighted: norm(&|i| weight(i) * field[i]),
         field: norm(&|i| field[i]),
         auxiliary,
     }
@@ -216,13 +216,12 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
     let Some(warp) = &prepared.plan.warp else {
         return Vec::new();
     };
-    let volume = prepared.case.space.cell_volume();
     let norms = FieldNorms::new(prepared, &solution.fields[0][0]);
     (warp.plateau.iter().zip(&solution.plateau))
         .map(|(reading, field)| PlateauPoint {
             p: reading.point,
             distance: norms.distance_of(field),
-            norm: (norms.square(field) * volume).sqrt(),
+            norm: (norms.square(field) * norms.volumes.mean()).sqrt(),
         })
         .collect()
 }

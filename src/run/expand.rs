@@ -1,6 +1,6 @@
 //! Results on the user's grid: fields, moments, totals, and their distance to the exact solution.
 
-use crate::matrix::observables::{Moments, integral, moments, totals};
+use crate::matrix::observables::{CellVolumes, Moments, moments};
 use crate::results::dataset::{Early, ExactSolution, slices};
 use crate::results::shown::Shown;
 use crate::results::summary::Summary;
@@ -34,14 +34,15 @@ pub(crate) fn expand(
         .collect();
     let early = (solution.early.into_iter()).map(|early| shown.early(share, early)).collect();
     let (world, case) = (&prepared.communicator.world, &shown.case);
-    let norms = |f| FieldNorms { world, velocities: case.space.velocity_cells(), f };
+    let volumes = CellVolumes::new(&case.space, &shown.share(share));
+    let norms = |f| FieldNorms { world, volumes: volumes.clone(), f };
     for (field, summary) in fields.iter().zip(&mut summary.fields) {
         let norms = norms(field);
         summary.minimum = -norms.largest(|x| -x);
         summary.maximum = norms.largest(|x| x);
     }
     let moments = moments(world, case, &slices(&fields));
-    let totals = totals(world, &case.space, &moments);
+    let totals = volumes.totals(world, &moments);
     [summary.mass, summary.kinetic_energy] = totals;
     summary.minimum = summary.fields[0].minimum;
     summary.maximum = summary.fields[0].maximum;
@@ -49,11 +50,11 @@ pub(crate) fn expand(
         None => {}
         Some(ExactSolution::Field(exact)) => {
             let (found, exact) = (norms(&fields[0]), norms(exact));
-            field_errors(&found, &exact, case.space.cell_volume(), summary);
+            field_errors(&found, &exact, volumes.mean(), summary);
         }
         Some(ExactSolution::Moments(exact)) => {
-            let [density, velocity] = moment_errors(world, &case.space, &moments, exact);
-            summary.mass_exact = Some(integral(world, &case.space, &exact.density));
+            let [density, velocity] = moment_errors(world, &volumes, &moments, exact);
+            summary.mass_exact = Some(volumes.integral(world, &exact.density));
             summary.error_density_l1 = Some(density);
             summary.error_velocity_l1 = Some(velocity);
         }

@@ -1,7 +1,7 @@
 //! From the semi-discrete system to the fields at `T` and what is wanted before: by modes, or classically.
 
 use crate::base::error::Result;
-use crate::matrix::observables::{MOMENTS, Moments, VelocityFactors, moments, totals};
+use crate::matrix::observables::{CellVolumes, MOMENTS, Moments, VelocityFactors, moments};
 use crate::results::dataset::{Early, slices};
 use crate::results::summary::Summary;
 use crate::run::files::{Files, SolvedFields};
@@ -34,6 +34,7 @@ pub(crate) fn solve(
 /// Moments and fields at the output times, from what was recovered there: `[field][leg]`. Collective.
 fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) -> Vec<Early> {
     let case = &prepared.case;
+    let volumes = CellVolumes::new(&case.space, &prepared.place.share);
     let legs = Leg::all(case);
     let at_leg = |leg: usize| {
         let found = (recovered.iter_mut()).map(|legs| std::mem::take(&mut legs[leg])).collect();
@@ -44,7 +45,7 @@ fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) -> Vec<Early>
         };
         Early {
             time: time.time,
-            totals: totals(&prepared.communicator.world, &case.space, &moments),
+            totals: volumes.totals(&prepared.communicator.world, &moments),
             moments,
             fields,
         }

@@ -91,7 +91,11 @@ pub(crate) fn by_modes(
     let made = propagator(&setting, system.schedule.as_ref(), &system.matrix);
     let mut propagator = communicator.world.agree(made)?;
     let factors = VelocityFactors::new(&case.space);
-    let moments = MomentsOf { factors: &factors, pi: spread.pi };
+    let moments = MomentsOf {
+        factors: &factors,
+        pi: spread.pi,
+        least: case.space.least_relative_volume().min(1.0),
+    };
     let task = Task {
         communicator,
         warp,
@@ -105,8 +109,7 @@ pub(crate) fn by_modes(
         matrix: &system.matrix,
         exchange: &mut system.exchange,
         space: &communicator.space,
-        rate: plan.bounds.rate,
-        growth: plan.bounds.growth,
+        bounds: &plan.bounds,
         time: case.end,
         terms: system.terms,
     };

@@ -1,9 +1,10 @@
 //! Transmission and reflection at a face: where the velocity `ξ_j` that leaves the face comes from.
 //!
-//! An interface law is a file of this folder that implements [`InterfaceLaw`]. [`law_of`] is the
-//! table.
+//! Of degree 0, an interface law is a file of this folder that implements [`InterfaceLaw`];
+//! [`law_of`] is the table. Of a higher degree traces are coupled by [`energy::FaceCoupling`].
 
 pub mod conservative;
+pub mod energy;
 pub mod hat;
 pub mod law;
 

@@ -9,11 +9,14 @@
 //!
 //! Off-diagonal entries are not negative, row sums not positive; what is missing from a row sum is
 //! what the row takes from the inflow.
+//!
+//! That is degree 0. Rows of a higher degree are those of [`galerkin`](crate::scheme::galerkin).
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Interface, MOST_FIELDS};
 use crate::problem::grid::{Cell, PhaseSpace, describe_point};
 use crate::problem::potential::Potential;
+use crate::scheme::galerkin::Elements;
 use crate::scheme::interface::{Side, Source, sources, velocity};
 use std::ops::Range;
 
@@ -29,6 +32,9 @@ pub struct Row {
     /// Where the inflow is taken, `(rate, ghost centre)`:
     /// `b_i(t) = Σ rate · value(ghost centre, t)`.
     pub ghosts: Vec<(f64, [f64; 6])>,
+    /// `g_i ≥ 0`: by taking inflow, the row adds `−½ g_i x_i²` to `xᵀSx` on its own account. Of
+    /// degree 0 all of `draw`.
+    pub damping: f64,
     /// First place where an inflow formula was not finite.
     bad: Option<(usize, f64, [f64; 6])>,
     scratch: Vec<Source>,
@@ -40,11 +46,12 @@ impl Row {
         self.entries.clear();
         self.inflow = [0.0; MOST_FIELDS];
         self.draw = 0.0;
+        self.damping = 0.0;
         self.ghosts.clear();
     }
 
     /// Sorts by column and adds up entries of the same column.
-    fn finish(&mut self) {
+    pub(super) fn finish(&mut self) {
         self.entries.sort_unstable_by_key(|e| e.0);
         self.entries.dedup_by(|next, kept| {
             let same = next.0 == kept.0;
@@ -59,11 +66,13 @@ impl Row {
 /// The scheme on a part of the grid.
 #[derive(Clone, Debug)]
 pub struct Scheme<'a> {
-    case: &'a Case,
-    space: &'a PhaseSpace,
+    pub(super) case: &'a Case,
+    pub(super) space: &'a PhaseSpace,
     interface: Interface,
-    potential: Potential,
+    pub(super) potential: Potential,
     no_inflow: bool,
+    /// Of a higher degree than 0: what is common to its rows.
+    pub(super) elements: Option<Elements>,
 }
 
 impl<'a> Scheme<'a> {
@@ -78,12 +87,15 @@ impl<'a> Scheme<'a> {
             .zip(&case.space.x)
             .map(|(r, axis)| r.start..(r.end + 1).min(axis.cells))
             .collect();
+        let potential = Potential::new(case, &wider)?;
+        let elements = (case.space.degree() > 0).then(|| Elements::new(case, &potential));
         Ok(Self {
             case,
             space: &case.space,
             interface: case.interface,
-            potential: Potential::new(case, &wider)?,
+            potential,
             no_inflow: !case.enters(),
+            elements,
         })
     }
 
@@ -100,6 +112,9 @@ impl<'a> Scheme<'a> {
     pub fn row(&self, row: &mut Row, index: usize) {
         row.clear();
         let cell = self.space.cell(index);
+        if let Some(elements) = &self.elements {
+            return self.row_of_elements(elements, row, &cell);
+        }
         let n = self.space.dimension();
         let mut diagonal = 0.0;
         for axis in (0..n).flat_map(|a| [a, n + a]) {
@@ -199,13 +214,22 @@ impl<'a> Scheme<'a> {
             return;
         }
         row.draw += rate;
+        row.damping += rate;
         // Nothing is in a cell of the box that was left out.
-        if self.no_inflow || (inside.is_some() && v.leaves_out(j)) {
+        if inside.is_some() && v.leaves_out(j) {
             return;
         }
         let mut point = self.space.point(cell);
         point[a] = x.centre(inside.map_or(i, |place| place as i64));
         point[3 + a] = v.centre(j);
+        self.enter(row, rate, point);
+    }
+
+    /// Adds `rate` times the inflow at `point`.
+    pub(super) fn enter(&self, row: &mut Row, rate: f64, point: [f64; 6]) {
+        if self.no_inflow {
+            return;
+        }
         row.ghosts.push((rate, point));
         for (f, field) in self.case.fields.iter().enumerate() {
             let value = field.entering().at_point(&point, 0.0);
@@ -214,6 +238,21 @@ impl<'a> Scheme<'a> {
             }
             row.inflow[f] += rate * value;
         }
+    }
+
+    /// `Σ rate b²` over the ghosts of a row, of the field with inflow; of degree 0, `b²/g` with the
+    /// whole `b`, which is at most that.
+    pub fn inflow_strength(&self, row: &Row) -> f64 {
+        if self.elements.is_none() {
+            let b: f64 = row.inflow.iter().sum();
+            return if b == 0.0 { 0.0 } else { b * b / row.draw };
+        }
+        let square = |point: &[f64; 6]| {
+            let values = self.case.fields.iter().map(|f| f.entering().at_point(point, 0.0));
+            let b: f64 = values.sum();
+            b * b
+        };
+        row.ghosts.iter().map(|(rate, point)| rate * square(point)).sum()
     }
 
     /// The error of a row whose inflow was not finite, if there was one among the rows computed

@@ -281,7 +281,8 @@ fn relaxed(
             },
         });
     };
-    let transport = Demand { decay: 2.0 * bounds.rate * case.end + shift(case, bounds), ..*demand };
+    let transport =
+        Demand { decay: bounds.dissipation * case.end + shift(case, bounds), ..*demand };
     if let Some(planned) = Profile::plan(choice, &transport) {
         warnings.push(format!(
             "solver.warp.interval has a length of {:.4}; {:.4} guarantees the tolerance, with the decay x time of at most {:.4} \

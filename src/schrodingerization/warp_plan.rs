@@ -5,7 +5,6 @@ use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
 use crate::problem::case::Case;
 use crate::propagate;
-use crate::propagate::chebyshev::Interval;
 use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::method::BatchCoupling;
 use crate::propagate::{Span, descriptor};
@@ -240,7 +239,7 @@ fn total_work(case: &Case, bounds: &Bounds, modes: &Modes<'_>, work: &[usize]) -
         return work.iter().sum();
     }
     let of_mode = |(l, &work): (usize, &usize)| {
-        let interval = Interval::new(modes.wavenumber(l), bounds.rate, bounds.growth);
+        let interval = bounds.interval(modes.wavenumber(l));
         stages * stage_degree(&mut scratch, interval.half_width * case.end, work, stages)
     };
     work.iter().enumerate().map(of_mode).sum()

@@ -25,8 +25,10 @@ pub struct Sum<'a> {
 pub struct MomentsOf<'a> {
     /// What of each velocity cell is in each moment.
     pub factors: &'a VelocityFactors,
-    /// `π`, at least 1, of the block's cells.
+    /// `π` of the block's cells.
     pub pi: &'a [f64],
+    /// A bound from below on `π` over all cells; the same on all ranks.
+    pub least: f64,
 }
 
 impl<'a> Sum<'a> {
@@ -57,7 +59,7 @@ impl<'a> Sum<'a> {
         moments: &'a MomentsOf<'a>,
     ) -> Self {
         // A sum over velocities is at most the norm of its factors times that of what is summed.
-        let bound = 1.01 * size * warp.amplification(reading);
+        let bound = 1.01 * size * warp.amplification(reading) / moments.least.sqrt();
         let fixed = moments.factors.norms().map(|q| FixedPoint::new(q * bound, warp.modes));
         Self {
             reading: *reading,
@@ -84,7 +86,7 @@ impl<'a> Sum<'a> {
             sum[0] += coarse.iter().sum::<i64>();
             sum[1] += fine.iter().sum::<i64>();
         };
-        let Some(MomentsOf { factors, pi }) = self.moments else {
+        let Some(MomentsOf { factors, pi, .. }) = self.moments else {
             for (sum, row) in self.parts.chunks_exact_mut(2).zip(state) {
                 put(&self.fixed[0], sum, read(row));
             }

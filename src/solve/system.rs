@@ -35,6 +35,8 @@ pub struct DiscreteSystem {
     pub schedule: Option<Schedule>,
     /// Bound on the growth of the system with its auxiliary unknowns.
     pub coupled_growth: f64,
+    /// Half the norm of the couplings to auxiliary unknowns.
+    pub coupling: f64,
     /// Exchange of ghosts.
     pub exchange: GhostExchange,
     /// Seconds that the weights took.
@@ -80,6 +82,10 @@ impl DiscreteSystem {
                 max_weight_sweeps: max_weight_sweeps.min(2 * width),
             };
             let weights = Weights::dissipative(&matrix, &mut exchange, space, goal)?;
+            matrix.scale(&weights.pi);
+            weights
+        } else if case.space.degree() > 0 {
+            let weights = Weights::volumes(&matrix, &case.space);
             matrix.scale(&weights.pi);
             weights
         } else {
@@ -138,6 +144,11 @@ impl DiscreteSystem {
                 matrix.coupled_growth(space, weights.certificate, largest)
             }
         };
+        let fixed = matrix.inflow.iter().map(|aux| aux.coupling);
+        let coupling = match &schedule {
+            None => matrix.coupling_norm(space, fixed),
+            Some(s) => matrix.coupling_norm(space, s.envelope.iter().copied()),
+        };
         let counted = matrix.counted_rows() - cells;
         let terms = case.space.space_cells() + space.sum_count(counted);
         Ok(Self {
@@ -148,6 +159,7 @@ impl DiscreteSystem {
             terms,
             schedule,
             coupled_growth,
+            coupling,
             exchange,
             weight_seconds,
         })
@@ -165,7 +177,8 @@ impl DiscreteSystem {
             inflow,
             stages: self.schedule.as_ref().map_or(0, Schedule::stages),
             growth,
-            decay: 2.0 * bounds.rate + growth,
+            decay: bounds.dissipation + growth,
+            coupling: self.coupling,
             ..bounds.clone()
         }
     }
@@ -174,7 +187,10 @@ impl DiscreteSystem {
     pub fn norm(&self, communicator: &Communicator, x: &[f64], field_only: bool) -> f64 {
         let cells = self.matrix.block.cells();
         self.root_of_sum(communicator, |i| match (field_only, i < cells) {
-            (true, true) => x[i] * x[i] / self.weights.pi[i],
+            (true, true) => match self.weights.are_volumes {
+                true => x[i] * x[i],
+                false => x[i] * x[i] / self.weights.pi[i],
+            },
             (true, false) => 0.0,
             _ => x[i] * x[i],
         })

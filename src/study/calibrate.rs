@@ -28,7 +28,6 @@ use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::problem::case::{Case, Integrator};
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate;
-use crate::propagate::chebyshev::Interval;
 use crate::propagate::classical::{Classical, EXACT, ROUGH, classical_steps, poisson_window};
 use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::limiter::Reconstruction;
@@ -317,6 +316,7 @@ impl Trials<'_> {
         let moments = MomentsOf {
             factors: &factors,
             pi: &problem.weights.pi[..problem.matrix.block.cells()],
+            least: case.space.least_relative_volume().min(1.0),
         };
         let making = Instant::now();
         let world = &communicator.world;
@@ -332,8 +332,7 @@ impl Trials<'_> {
                 matrix,
                 exchange: &mut *exchange,
                 space: &communicator.space,
-                rate: plan.bounds.rate,
-                growth: plan.bounds.growth,
+                bounds: &plan.bounds,
                 time: case.end,
                 terms,
             };
@@ -518,8 +517,7 @@ impl<'a> Shortened<'a> {
             let works = batch.modes.iter().map(|&l| match &self.schedule {
                 None => work[l],
                 Some(schedule) => {
-                    let interval =
-                        Interval::new(self.warp.wavenumber(l), bounds.rate, bounds.growth);
+                    let interval = bounds.interval(self.warp.wavenumber(l));
                     let (tau, stages) = (interval.half_width * leg.time, schedule.stages());
                     stages * stage_degree(&mut scratch, tau, work[l], stages)
                 }

@@ -14,7 +14,7 @@ use phasewarp::matrix::lanes::{LANES, Lanes};
 use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::Mesh;
 use phasewarp::problem::case::{Propagation, PropagatorMethod};
-use phasewarp::propagate::chebyshev::{Chebyshev, Interval, bessel_series};
+use phasewarp::propagate::chebyshev::{Chebyshev, bessel_series};
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::method::{BatchReport, BatchSpec, Propagator};
@@ -137,7 +137,7 @@ pub fn chebyshev_propagation(world: &World) {
 fn degrees(bounds: &Bounds, time: f64, tail: f64) -> [usize; LANES] {
     let mut series = Vec::new();
     WAVENUMBERS.map(|mu| {
-        let tau = Interval::new(mu, bounds.rate, bounds.growth).half_width * time;
+        let tau = bounds.interval(mu).half_width * time;
         bessel_series(&mut series, tau, tail);
         series.len() - 1
     })

@@ -8,8 +8,8 @@ use faer::{Mat, Side};
 use num_complex::Complex64;
 use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::matrix::bounds::Bounds;
+use phasewarp::matrix::bounds::Interval;
 use phasewarp::parallel::communicator::{GhostExchange, Group, World};
-use phasewarp::propagate::chebyshev::Interval;
 use phasewarp::solve::spectrum::{extremes, gershgorin};
 
 /// Least and largest eigenvalue of `μS + iK`.
@@ -59,7 +59,7 @@ fn spectrum_of_a_mode(weighted: &Weighted, name: &str, mu: f64) {
     let (s, k) = (weighted.generator.symmetric(), weighted.generator.skew());
     let [low, high] = ends_of_spectrum(&s, &k, mu);
     let holds = |growth: f64| {
-        let Interval { centre, half_width } = Interval::new(mu, rate, growth);
+        let Interval { centre, half_width } = weighted.prepared.bounds.interval(mu);
         let slack = 1e-13 * half_width;
         centre - half_width - slack <= low && high <= centre + half_width + slack
     };

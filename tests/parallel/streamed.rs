@@ -63,7 +63,7 @@ impl<'a> StreamedRun<'a> {
         let factors = VelocityFactors::new(&self.case.space);
         let mut parts = parts(prepared, self.case.end);
         let mut propagator = parts.propagator(&plan);
-        let moments = MomentsOf { factors: &factors, pi: parts.pi };
+        let moments = MomentsOf { factors: &factors, pi: parts.pi, least: 1.0 };
         let recovered = modes::run(
             &Task {
                 communicator: parts.communicator,

@@ -3,6 +3,7 @@
 use crate::base::error::Result;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::Item;
+use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::problem::limits::{MOST, MOST_CELLS, MOST_SPACE_CELLS};
 use serde::Deserialize;
@@ -24,6 +25,7 @@ struct AxisTable {
     lower: Option<f64>,
     upper: Option<f64>,
     cells: Option<i64>,
+    degree: Option<i64>,
     boundary: Option<Boundary>,
 }
 
@@ -71,8 +73,17 @@ impl AxisTable {
     }
 }
 
-/// The grid.
-pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair]) -> Result<PhaseSpace> {
+/// A degree of polynomials that there is.
+fn checked_degree(file: &CaseFile<'_>, key: &str, degree: i64) -> Result<usize> {
+    if !(0..=LARGEST_DEGREE as i64).contains(&degree) {
+        return file.refuse(key, format!("must be between 0 and {LARGEST_DEGREE}"));
+    }
+    Ok(degree as usize)
+}
+
+/// The grid; `degree` is that of axes that give none.
+pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair], degree: i64) -> Result<PhaseSpace> {
+    checked_degree(file, "scheme.degree", degree)?;
     if pairs.is_empty() || pairs.len() > MAX_DIMENSION {
         let message = format!(
             "{} tables given; one [[axis]] a space dimension, 1 to {MAX_DIMENSION}",
@@ -95,8 +106,13 @@ pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair]) -> Result<PhaseSpace> {
             );
         }
         space.periodic[a] = x.boundary == Some(Boundary::Periodic);
-        space.x.push(x.check(file, &x_key)?);
-        space.v.push(v.check(file, &v_key)?);
+        let degree_of = |table: &AxisTable, key: &str| match table.degree {
+            None => checked_degree(file, "scheme.degree", degree),
+            Some(own) => checked_degree(file, &format!("{key}.degree"), own),
+        };
+        let (kx, kv) = (degree_of(x, &x_key)?, degree_of(v, &v_key)?);
+        space.x.push(x.check(file, &x_key)?.with_nodes(Nodes::of_space(kx)));
+        space.v.push(v.check(file, &v_key)?.with_nodes(Nodes::of_velocity(kv)));
     }
     let cells: f64 = space.axes().map(|a| a.cells as f64).product();
     if cells > MOST_CELLS {

@@ -121,8 +121,46 @@ impl TimeTable {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct SchemeTable {
-    pub interface: Interface,
+    pub interface: Option<Interface>,
     pub limiter: Limiter,
+    /// `degree`: of every axis that gives none of its own.
+    pub degree: i64,
+    flux: Option<f64>,
+}
+
+/// Default of `scheme.flux`, of a degree above 0: half of the dissipation of the upwind flux for
+/// hardly more error (docs/high-order.md).
+pub const DEFAULT_FLUX: f64 = 0.5;
+
+impl SchemeTable {
+    /// `interface`: of a degree above 0 energies are matched exactly, in the way of `conservative`.
+    pub fn interface(&self, file: &CaseFile<'_>, degree: usize) -> Result<Interface> {
+        match self.interface {
+            Some(Interface::Hat) if degree > 0 => file.refuse(
+                "scheme.interface",
+                "\"hat\" is the paper's law of degree 0; of a higher one traces are matched by \
+                 energy, \"conservative\"",
+            ),
+            Some(interface) => Ok(interface),
+            None if degree > 0 => Ok(Interface::Conservative),
+            None => Ok(Interface::default()),
+        }
+    }
+
+    /// `flux`: `α`, from 0, central, to 1, upwind.
+    pub fn flux(&self, file: &CaseFile<'_>, degree: usize) -> Result<f64> {
+        match self.flux {
+            Some(_) if degree == 0 => file.refuse(
+                "scheme.flux",
+                "of degree 0 the flux is upwind; leave it out, or choose scheme.degree above 0",
+            ),
+            Some(flux) => {
+                file.within("scheme.flux", flux, 0.0..=1.0, || "must be between 0 and 1".to_owned())
+            }
+            None if degree == 0 => Ok(1.0),
+            None => Ok(DEFAULT_FLUX),
+        }
+    }
 }
 
 /// `[solver]`.

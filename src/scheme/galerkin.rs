@@ -1,0 +1,300 @@
+//! Rows of `A` and `b` of degree `k ≥ 1`: a discontinuous Galerkin scheme, linear and dissipative
+//! by construction.
+//!
+//! Unknowns are the values at the nodes of the elements, Gauss–Lobatto along space axes and
+//! Gauss–Legendre along velocity axes (see [`element`](crate::problem::element)). Every term acts
+//! along a line of one axis: with the speed `c` (`v_a` in space, `−∂V/∂x_a` in velocity, constant
+//! on the line) and `s = |c|`, node `m` of an element of width `h` has, in strong form,
+//!
+//! ```text
+//! f_m' = − c (2/h) Σ_n D_mn f_n
+//!        + s ½(1 + α) l_m (f_o − f_i) (2/h)/w_m          at the face where the flow comes in
+//!        + s ½(1 − α) r_m (f_o − f_i) (2/h)/w_m          at the face where it goes out
+//! ```
+//!
+//! with the traces `f_o` before the face and `f_i` behind it, and `l`, `r` the values of the
+//! polynomials at the two faces. `α = 1` is the upwind flux, `α = 0` the central one. At the ends
+//! of the box the flux is upwind: `f_o` is the inflow, and nothing comes back from outside. At a
+//! jump of `V`, `f_o` behind the face and `f_i` before it are coupled by the energy-matched
+//! [`FaceCoupling`].
+//!
+//! With the weights `π`, the products of quadrature weights, and `D = diag(√π)`, the symmetric part
+//! of `D A D⁻¹` is `−½ Σ_faces α s (f_o − f_i)² − ½ Σ_outflow s f² ≤ 0` in any dimension.
+
+use crate::problem::case::Case;
+use crate::problem::element::ReferenceElement;
+use crate::problem::grid::{Axis, Cell, MAX_DIMENSION};
+use crate::problem::potential::Potential;
+use crate::scheme::interface::energy::{FaceCoupling, FaceSide};
+use crate::scheme::interface::velocity;
+use crate::scheme::rows::{Row, Scheme};
+use std::collections::HashMap;
+
+/// What is common to the rows of elements.
+#[derive(Clone, Debug)]
+pub(super) struct Elements {
+    /// `½(1 + α)` and `½(1 − α)`.
+    inflow_part: f64,
+    outflow_part: f64,
+    /// The couplings at jumps along each axis, by the bits of the jump.
+    couplings: [HashMap<u64, FaceCoupling>; MAX_DIMENSION],
+}
+
+impl Elements {
+    /// For `case`, with the jumps of `potential`.
+    pub fn new(case: &Case, potential: &Potential) -> Self {
+        let couplings = std::array::from_fn(|a| {
+            let Some(axis) = case.space.v.get(a) else {
+                return HashMap::new();
+            };
+            let coupling = |jump: f64| (jump.to_bits(), FaceCoupling::new(axis, jump, &|_| 0.0));
+            potential.distinct_jumps(a).map(coupling).collect()
+        });
+        Self {
+            inflow_part: 0.5 * (1.0 + case.flux),
+            outflow_part: 0.5 * (1.0 - case.flux),
+            couplings,
+        }
+    }
+}
+
+/// A line of nodes through a cell, along one axis.
+struct Line<'a> {
+    reference: &'static ReferenceElement,
+    axis: &'a Axis,
+    /// The element of the cell, and the cell's node in it.
+    element: i64,
+    node: usize,
+    /// Whether the flow goes up.
+    up: bool,
+    /// `s (2/h)`.
+    rate: f64,
+}
+
+impl<'a> Line<'a> {
+    fn new(axis: &'a Axis, cell: usize, speed: f64) -> Self {
+        let (element, node) = axis.split(cell as i64);
+        Self {
+            reference: axis.nodes.reference(),
+            axis,
+            element,
+            node,
+            up: speed > 0.0,
+            rate: speed.abs() * 2.0 / axis.width(),
+        }
+    }
+
+    /// Values of the polynomials at the face where the flow comes in.
+    fn entry(&self) -> &'static [f64] {
+        if self.up { &self.reference.left } else { &self.reference.right }
+    }
+
+    /// Values of the polynomials at the face where the flow goes out.
+    fn exit(&self) -> &'static [f64] {
+        if self.up { &self.reference.right } else { &self.reference.left }
+    }
+
+    /// `s (2/h)/w_m`.
+    fn lifted_rate(&self) -> f64 {
+        self.rate / self.reference.weights[self.node]
+    }
+
+    /// The element against the flow, and the one with it.
+    fn neighbours(&self) -> [i64; 2] {
+        let step = if self.up { 1 } else { -1 };
+        [self.element - step, self.element + step]
+    }
+
+    /// The first cell of an element.
+    fn first(&self, element: i64) -> i64 {
+        element * self.axis.nodes.count() as i64
+    }
+
+    /// The face where the flow comes in.
+    fn entry_face(&self) -> f64 {
+        self.axis.face(if self.up { self.element } else { self.element + 1 })
+    }
+}
+
+impl Scheme<'_> {
+    /// The row of `cell`.
+    pub(super) fn row_of_elements(&self, elements: &Elements, row: &mut Row, cell: &Cell) {
+        row.entries.push((self.space.index(cell), 0.0));
+        for a in 0..self.space.dimension() {
+            self.add_transport(elements, row, cell, a);
+            self.add_force(elements, row, cell, a);
+        }
+        row.finish();
+    }
+
+    /// Adds `value` times the cell that has `cells[..]` along the axes of the pair.
+    fn couple(&self, row: &mut Row, cell: &Cell, [axis, j]: [usize; 2], value: f64) {
+        let mut source = *cell;
+        source[axis] = j;
+        row.entries.push((self.space.index(&source), value));
+    }
+
+    /// Adds the derivative along a line of axis `axis` of the `2n`.
+    fn add_derivative(&self, row: &mut Row, cell: &Cell, axis: usize, line: &Line<'_>) {
+        let sign = if line.up { -1.0 } else { 1.0 };
+        let first = line.first(line.element) as usize;
+        for (n, d) in line.reference.derivative[line.node].iter().enumerate() {
+            if *d != 0.0 {
+                self.couple(row, cell, [axis, first + n], sign * line.rate * d);
+            }
+        }
+    }
+
+    /// Adds the transport along space axis `a`.
+    fn add_transport(&self, elements: &Elements, row: &mut Row, cell: &Cell, a: usize) {
+        let n = self.space.dimension();
+        let speed = velocity(&self.space.v[a], cell[n + a] as i64);
+        let single = self.space.is_single(a) && self.potential.jump_below(cell, a) == 0.0;
+        if speed == 0.0 || single {
+            return;
+        }
+        let line = Line::new(&self.space.x[a], cell[a], speed);
+        self.add_derivative(row, cell, a, &line);
+        // Of Gauss–Lobatto nodes one has a trace.
+        if line.entry()[line.node] != 0.0 {
+            self.add_entry(elements, row, cell, a, &line);
+        }
+        if line.exit()[line.node] != 0.0 && elements.outflow_part != 0.0 {
+            self.add_exit(elements, row, cell, a, &line);
+        }
+    }
+
+    /// The jump of `V` at the lower face of the element of `cell` along `a`, or at the upper one.
+    fn jump(&self, cell: &Cell, a: usize, upper: bool) -> f64 {
+        match upper {
+            true => self.potential.jump_above(cell, a),
+            false => self.potential.jump_below(cell, a),
+        }
+    }
+
+    /// The cell next to the element of `line` against the flow or, if `with`, with the flow; `None`
+    /// beyond the box.
+    fn across(&self, a: usize, line: &Line<'_>, with: bool) -> Option<usize> {
+        let up = line.up == with;
+        let beyond = match up {
+            true => line.first(line.element + 1),
+            false => line.first(line.element) - 1,
+        };
+        self.space.wrap(a, beyond)
+    }
+
+    /// Adds the flux through the face where the flow comes in along space axis `a`.
+    fn add_entry(
+        &self,
+        elements: &Elements,
+        row: &mut Row,
+        cell: &Cell,
+        a: usize,
+        line: &Line<'_>,
+    ) {
+        let (n, rate) = (self.space.dimension(), line.lifted_rate());
+        let Some(across) = self.across(a, line, false) else {
+            let mut point = self.space.point(cell);
+            point[a] = line.entry_face();
+            self.couple(row, cell, [a, cell[a]], -rate);
+            row.draw += rate;
+            row.damping += rate;
+            return self.enter(row, rate, point);
+        };
+        let inner = elements.inflow_part * rate;
+        self.couple(row, cell, [a, cell[a]], -inner);
+        let jump = self.jump(cell, a, !line.up);
+        let Some(coupling) = elements.couplings[a].get(&jump.to_bits()) else {
+            return self.couple(row, cell, [a, across], inner);
+        };
+        let side = if line.up { FaceSide::Above } else { FaceSide::Below };
+        let trace = coupling.trace(side, cell[n + a]);
+        for share in &trace.partners {
+            let mut source = *cell;
+            source[a] = if share.side == side { cell[a] } else { across };
+            source[n + a] = share.node;
+            row.entries.push((self.space.index(&source), inner * share.weight));
+        }
+        // What comes from beyond the velocity box comes in upwind.
+        for &(node, weight) in &trace.unpaired {
+            self.couple(row, cell, [n + a, node], -(rate - inner) * weight);
+        }
+        let v = &self.space.v[a];
+        for &(beyond, weight) in &trace.beyond {
+            row.draw += rate * weight;
+            if v.leaves_out(v.position(beyond).floor() as i64) {
+                continue;
+            }
+            let mut point = self.space.point(cell);
+            point[a] = line.entry_face();
+            point[3 + a] = beyond;
+            self.enter(row, rate * weight, point);
+        }
+    }
+
+    /// Adds the flux through the face where the flow goes out along space axis `a`.
+    fn add_exit(&self, elements: &Elements, row: &mut Row, cell: &Cell, a: usize, line: &Line<'_>) {
+        let n = self.space.dimension();
+        let Some(across) = self.across(a, line, true) else {
+            return;
+        };
+        let outer = elements.outflow_part * line.lifted_rate();
+        self.couple(row, cell, [a, cell[a]], outer);
+        let jump = self.jump(cell, a, line.up);
+        let Some(coupling) = elements.couplings[a].get(&jump.to_bits()) else {
+            return self.couple(row, cell, [a, across], -outer);
+        };
+        let side = if line.up { FaceSide::Below } else { FaceSide::Above };
+        let trace = coupling.trace(side, cell[n + a]);
+        for share in &trace.partners {
+            let mut target = *cell;
+            target[a] = if share.side == side { cell[a] } else { across };
+            target[n + a] = share.node;
+            row.entries.push((self.space.index(&target), -outer * share.weight));
+        }
+        // What goes beyond the velocity box goes out upwind.
+        for &(node, weight) in &trace.unpaired {
+            self.couple(row, cell, [n + a, node], -outer * weight);
+        }
+    }
+
+    /// Adds the force along velocity axis `a`.
+    fn add_force(&self, elements: &Elements, row: &mut Row, cell: &Cell, a: usize) {
+        let speed = -self.potential.slope(cell, a);
+        if speed == 0.0 {
+            return;
+        }
+        let axis = self.space.dimension() + a;
+        let v = &self.space.v[a];
+        let line = Line::new(v, cell[axis], speed);
+        self.add_derivative(row, cell, axis, &line);
+        let [against, with] = line.neighbours();
+        let inside = |e: i64| (0..v.elements() as i64).contains(&e);
+        let (entry, exit) = (line.entry(), line.exit());
+        let own = line.first(line.element) as usize;
+        let add = |row: &mut Row, first: usize, trace: &[f64], rate: f64| {
+            for (m, value) in trace.iter().enumerate().filter(|t| *t.1 != 0.0) {
+                self.couple(row, cell, [axis, first + m], rate * value);
+            }
+        };
+        let rate = line.lifted_rate() * entry[line.node];
+        if inside(against) {
+            let inner = elements.inflow_part * rate;
+            add(row, line.first(against) as usize, exit, inner);
+            add(row, own, entry, -inner);
+        } else {
+            add(row, own, entry, -rate);
+            row.draw += rate;
+            if !v.leaves_out(against) {
+                let mut point = self.space.point(cell);
+                point[3 + a] = line.entry_face();
+                self.enter(row, rate, point);
+            }
+        }
+        let outer = elements.outflow_part * line.lifted_rate() * exit[line.node];
+        if outer != 0.0 && inside(with) {
+            add(row, own, exit, outer);
+            add(row, line.first(with) as usize, entry, -outer);
+        }
+    }
+}
