@@ -201,7 +201,9 @@ fn line_bounds(
             check_axis(v, &format!("axis.{a}.v ({})", axis_names(n)[n + a]))?;
         }
         if !space.is_single(a) || jumps[a] {
-            let kind = LineKind { nodes: x.nodes, flux: case.flux, ends: !space.is_periodic(a) };
+            // Behind a jump, what comes from beyond the velocity box comes as through an end.
+            let ends = !space.is_periodic(a) || jumps[a];
+            let kind = LineKind { nodes: x.nodes, flux: case.flux, ends };
             lines.push(LineBounds::new(&kind, fastest(space, a)));
         }
         if steepest[a] > 0.0 {

@@ -38,7 +38,7 @@ pub struct LineKind {
     pub nodes: Nodes,
     /// `α` of the flux.
     pub flux: f64,
-    /// Whether the line has ends; a periodic one has none.
+    /// Whether the line has ends; a periodic one has none, unless `V` jumps on it.
     pub ends: bool,
 }
 

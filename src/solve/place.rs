@@ -1,7 +1,7 @@
 //! This rank's part of the grid.
 
 use crate::parallel::communicator::Communicator;
-use crate::parallel::partition::{Block, split};
+use crate::parallel::partition::Block;
 use crate::plan::Plan;
 use crate::problem::case::Case;
 use std::ops::Range;
@@ -24,12 +24,12 @@ impl Place {
         let mesh = &plan.layout.mesh;
         let (in_space, group) = (communicator.space.rank(), communicator.modes.rank());
         let block = Block::new(&case.space, mesh, in_space);
-        let leading = 0..block.ranges[0].len();
-        let layer = block.cells() / leading.len();
+        let first = block.ranges[0].start;
+        let layer = block.cells() / block.ranges[0].len();
         let ranges: Vec<Range<usize>> = (0..mesh.groups)
             .map(|g| {
-                let piece = split(&leading, mesh.groups, g);
-                piece.start * layer..piece.end * layer
+                let piece = &mesh.share(&case.space, in_space, g)[0];
+                (piece.start - first) * layer..(piece.end - first) * layer
             })
             .collect();
         Self {
