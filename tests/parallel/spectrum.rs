@@ -55,11 +55,13 @@ pub fn spectrum_in_its_interval(world: &World) {
 }
 
 fn spectrum_of_a_mode(weighted: &Weighted, name: &str, mu: f64) {
-    let Bounds { rate, growth, .. } = weighted.prepared.bounds;
+    let bounds = &weighted.prepared.bounds;
+    let growth = bounds.growth;
     let (s, k) = (weighted.generator.symmetric(), weighted.generator.skew());
     let [low, high] = ends_of_spectrum(&s, &k, mu);
     let holds = |growth: f64| {
-        let Interval { centre, half_width } = weighted.prepared.bounds.interval(mu);
+        let bounds = Bounds { growth, ..bounds.clone() };
+        let Interval { centre, half_width } = bounds.interval(mu);
         let slack = 1e-13 * half_width;
         centre - half_width - slack <= low && high <= centre + half_width + slack
     };
