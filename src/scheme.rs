@@ -9,4 +9,5 @@
 pub mod galerkin;
 pub mod interface;
 pub mod reduce;
+pub mod row;
 pub mod rows;

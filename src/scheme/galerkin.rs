@@ -21,13 +21,13 @@
 //! With the weights `π`, the products of quadrature weights, and `D = diag(√π)`, the symmetric part
 //! of `D A D⁻¹` is `−½ Σ_faces α s (f_o − f_i)² − ½ Σ_outflow s f² ≤ 0` in any dimension.
 
-use crate::problem::case::Case;
+use crate::problem::case::{Case, Field};
 use crate::problem::element::ReferenceElement;
-use crate::problem::grid::{Axis, Cell, MAX_DIMENSION};
+use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::Potential;
 use crate::scheme::interface::energy::{FaceCoupling, FaceSide};
 use crate::scheme::interface::velocity;
-use crate::scheme::rows::{Row, Scheme};
+use crate::scheme::row::Row;
 use std::collections::HashMap;
 
 /// What is common to the rows of elements.
@@ -116,13 +116,25 @@ impl<'a> Line<'a> {
     }
 }
 
-impl Scheme<'_> {
+/// The terms along the lines of a grid.
+pub(super) struct Lines<'a> {
+    /// The grid.
+    pub space: &'a PhaseSpace,
+    /// Jumps and slopes of `V`.
+    pub potential: &'a Potential,
+    /// What is common to all rows.
+    pub elements: &'a Elements,
+    /// The fields of which something enters.
+    pub entering: &'a [Field],
+}
+
+impl Lines<'_> {
     /// The row of `cell`.
-    pub(super) fn row_of_elements(&self, elements: &Elements, row: &mut Row, cell: &Cell) {
+    pub fn row(&self, row: &mut Row, cell: &Cell) {
         row.entries.push((self.space.index(cell), 0.0));
         for a in 0..self.space.dimension() {
-            self.add_transport(elements, row, cell, a);
-            self.add_force(elements, row, cell, a);
+            self.add_transport(row, cell, a);
+            self.add_force(row, cell, a);
         }
         row.finish();
     }
@@ -146,7 +158,7 @@ impl Scheme<'_> {
     }
 
     /// Adds the transport along space axis `a`.
-    fn add_transport(&self, elements: &Elements, row: &mut Row, cell: &Cell, a: usize) {
+    fn add_transport(&self, row: &mut Row, cell: &Cell, a: usize) {
         let n = self.space.dimension();
         let speed = velocity(&self.space.v[a], cell[n + a] as i64);
         let single = self.space.is_single(a) && self.potential.jump_below(cell, a) == 0.0;
@@ -157,10 +169,10 @@ impl Scheme<'_> {
         self.add_derivative(row, cell, a, &line);
         // Of Gauss–Lobatto nodes one has a trace.
         if line.entry()[line.node] != 0.0 {
-            self.add_entry(elements, row, cell, a, &line);
+            self.add_entry(row, cell, a, &line);
         }
-        if line.exit()[line.node] != 0.0 && elements.outflow_part != 0.0 {
-            self.add_exit(elements, row, cell, a, &line);
+        if line.exit()[line.node] != 0.0 && self.elements.outflow_part != 0.0 {
+            self.add_exit(row, cell, a, &line);
         }
     }
 
@@ -184,14 +196,7 @@ impl Scheme<'_> {
     }
 
     /// Adds the flux through the face where the flow comes in along space axis `a`.
-    fn add_entry(
-        &self,
-        elements: &Elements,
-        row: &mut Row,
-        cell: &Cell,
-        a: usize,
-        line: &Line<'_>,
-    ) {
+    fn add_entry(&self, row: &mut Row, cell: &Cell, a: usize, line: &Line<'_>) {
         let (n, rate) = (self.space.dimension(), line.lifted_rate());
         let Some(across) = self.across(a, line, false) else {
             let mut point = self.space.point(cell);
@@ -199,12 +204,12 @@ impl Scheme<'_> {
             self.couple(row, cell, [a, cell[a]], -rate);
             row.draw += rate;
             row.damping += rate;
-            return self.enter(row, rate, point);
+            return row.enter(self.entering, rate, point);
         };
-        let inner = elements.inflow_part * rate;
+        let inner = self.elements.inflow_part * rate;
         self.couple(row, cell, [a, cell[a]], -inner);
         let jump = self.jump(cell, a, !line.up);
-        let Some(coupling) = elements.couplings[a].get(&jump.to_bits()) else {
+        let Some(coupling) = self.elements.couplings[a].get(&jump.to_bits()) else {
             return self.couple(row, cell, [a, across], inner);
         };
         let side = if line.up { FaceSide::Above } else { FaceSide::Below };
@@ -228,20 +233,20 @@ impl Scheme<'_> {
             let mut point = self.space.point(cell);
             point[a] = line.entry_face();
             point[3 + a] = beyond;
-            self.enter(row, rate * weight, point);
+            row.enter(self.entering, rate * weight, point);
         }
     }
 
     /// Adds the flux through the face where the flow goes out along space axis `a`.
-    fn add_exit(&self, elements: &Elements, row: &mut Row, cell: &Cell, a: usize, line: &Line<'_>) {
+    fn add_exit(&self, row: &mut Row, cell: &Cell, a: usize, line: &Line<'_>) {
         let n = self.space.dimension();
         let Some(across) = self.across(a, line, true) else {
             return;
         };
-        let outer = elements.outflow_part * line.lifted_rate();
+        let outer = self.elements.outflow_part * line.lifted_rate();
         self.couple(row, cell, [a, cell[a]], outer);
         let jump = self.jump(cell, a, line.up);
-        let Some(coupling) = elements.couplings[a].get(&jump.to_bits()) else {
+        let Some(coupling) = self.elements.couplings[a].get(&jump.to_bits()) else {
             return self.couple(row, cell, [a, across], -outer);
         };
         let side = if line.up { FaceSide::Below } else { FaceSide::Above };
@@ -259,7 +264,7 @@ impl Scheme<'_> {
     }
 
     /// Adds the force along velocity axis `a`.
-    fn add_force(&self, elements: &Elements, row: &mut Row, cell: &Cell, a: usize) {
+    fn add_force(&self, row: &mut Row, cell: &Cell, a: usize) {
         let speed = -self.potential.slope(cell, a);
         if speed == 0.0 {
             return;
@@ -279,7 +284,7 @@ impl Scheme<'_> {
         };
         let rate = line.lifted_rate() * entry[line.node];
         if inside(against) {
-            let inner = elements.inflow_part * rate;
+            let inner = self.elements.inflow_part * rate;
             add(row, line.first(against) as usize, exit, inner);
             add(row, own, entry, -inner);
         } else {
@@ -288,10 +293,10 @@ impl Scheme<'_> {
             if !v.leaves_out(against) {
                 let mut point = self.space.point(cell);
                 point[3 + a] = line.entry_face();
-                self.enter(row, rate, point);
+                row.enter(self.entering, rate, point);
             }
         }
-        let outer = elements.outflow_part * line.lifted_rate() * exit[line.node];
+        let outer = self.elements.outflow_part * line.lifted_rate() * exit[line.node];
         if outer != 0.0 && inside(with) {
             add(row, own, exit, outer);
             add(row, line.first(with) as usize, entry, -outer);

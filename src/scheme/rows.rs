@@ -13,66 +13,24 @@
 //! That is degree 0. Rows of a higher degree are those of [`galerkin`](crate::scheme::galerkin).
 
 use crate::base::error::Result;
-use crate::problem::case::{Case, Interface, MOST_FIELDS};
+use crate::problem::case::{Case, Field, Interface};
 use crate::problem::grid::{Cell, PhaseSpace, describe_point};
 use crate::problem::potential::Potential;
-use crate::scheme::galerkin::Elements;
-use crate::scheme::interface::{Side, Source, sources, velocity};
+use crate::scheme::galerkin::{Elements, Lines};
+use crate::scheme::interface::{Side, sources, velocity};
+pub use crate::scheme::row::Row;
 use std::ops::Range;
-
-/// One row of `A` and `b`.
-#[derive(Clone, Debug, Default)]
-pub struct Row {
-    /// `(column, value)`, ascending and distinct columns.
-    pub entries: Vec<(usize, f64)>,
-    /// `b_i` of each field, at time zero: what enters through the boundary.
-    pub inflow: [f64; MOST_FIELDS],
-    /// `−Σ_j A_ij ≥ 0`: the rate at which the row draws on the inflow.
-    pub draw: f64,
-    /// Where the inflow is taken, `(rate, ghost centre)`:
-    /// `b_i(t) = Σ rate · value(ghost centre, t)`.
-    pub ghosts: Vec<(f64, [f64; 6])>,
-    /// `g_i ≥ 0`: by taking inflow, the row adds `−½ g_i x_i²` to `xᵀSx` on its own account. Of
-    /// degree 0 all of `draw`.
-    pub damping: f64,
-    /// First place where an inflow formula was not finite.
-    bad: Option<(usize, f64, [f64; 6])>,
-    scratch: Vec<Source>,
-}
-
-impl Row {
-    /// Empties it; keeps what was not finite.
-    pub(crate) fn clear(&mut self) {
-        self.entries.clear();
-        self.inflow = [0.0; MOST_FIELDS];
-        self.draw = 0.0;
-        self.damping = 0.0;
-        self.ghosts.clear();
-    }
-
-    /// Sorts by column and adds up entries of the same column.
-    pub(super) fn finish(&mut self) {
-        self.entries.sort_unstable_by_key(|e| e.0);
-        self.entries.dedup_by(|next, kept| {
-            let same = next.0 == kept.0;
-            if same {
-                kept.1 += next.1;
-            }
-            same
-        });
-    }
-}
 
 /// The scheme on a part of the grid.
 #[derive(Clone, Debug)]
 pub struct Scheme<'a> {
-    pub(super) case: &'a Case,
-    pub(super) space: &'a PhaseSpace,
+    case: &'a Case,
+    space: &'a PhaseSpace,
     interface: Interface,
-    pub(super) potential: Potential,
+    potential: Potential,
     no_inflow: bool,
     /// Of a higher degree than 0: what is common to its rows.
-    pub(super) elements: Option<Elements>,
+    elements: Option<Elements>,
 }
 
 impl<'a> Scheme<'a> {
@@ -113,7 +71,13 @@ impl<'a> Scheme<'a> {
         row.clear();
         let cell = self.space.cell(index);
         if let Some(elements) = &self.elements {
-            return self.row_of_elements(elements, row, &cell);
+            let lines = Lines {
+                space: self.space,
+                potential: &self.potential,
+                elements,
+                entering: self.entering(),
+            };
+            return lines.row(row, &cell);
         }
         let n = self.space.dimension();
         let mut diagonal = 0.0;
@@ -222,22 +186,12 @@ impl<'a> Scheme<'a> {
         let mut point = self.space.point(cell);
         point[a] = x.centre(inside.map_or(i, |place| place as i64));
         point[3 + a] = v.centre(j);
-        self.enter(row, rate, point);
+        row.enter(self.entering(), rate, point);
     }
 
-    /// Adds `rate` times the inflow at `point`.
-    pub(super) fn enter(&self, row: &mut Row, rate: f64, point: [f64; 6]) {
-        if self.no_inflow {
-            return;
-        }
-        row.ghosts.push((rate, point));
-        for (f, field) in self.case.fields.iter().enumerate() {
-            let value = field.entering().at_point(&point, 0.0);
-            if !value.is_finite() && row.bad.is_none() {
-                row.bad = Some((f, value, point));
-            }
-            row.inflow[f] += rate * value;
-        }
+    /// The fields of which something enters.
+    fn entering(&self) -> &[Field] {
+        if self.no_inflow { &[] } else { &self.case.fields }
     }
 
     /// `Σ rate b²` over the ghosts of a row, of the field with inflow; of degree 0, `b²/g` with the

@@ -1,0 +1,62 @@
+//! One row of `A` and `b`, whatever the degree.
+
+use crate::problem::case::{Field, MOST_FIELDS};
+use crate::scheme::interface::Source;
+
+/// One row of `A` and `b`.
+#[derive(Clone, Debug, Default)]
+pub struct Row {
+    /// `(column, value)`, ascending and distinct columns.
+    pub entries: Vec<(usize, f64)>,
+    /// `b_i` of each field, at time zero: what enters through the boundary.
+    pub inflow: [f64; MOST_FIELDS],
+    /// `−Σ_j A_ij ≥ 0`: the rate at which the row draws on the inflow.
+    pub draw: f64,
+    /// Where the inflow is taken, `(rate, ghost centre)`:
+    /// `b_i(t) = Σ rate · value(ghost centre, t)`.
+    pub ghosts: Vec<(f64, [f64; 6])>,
+    /// `g_i ≥ 0`: by taking inflow, the row adds `−½ g_i x_i²` to `xᵀSx` on its own account. Of
+    /// degree 0 all of `draw`.
+    pub damping: f64,
+    /// First place where an inflow formula was not finite.
+    pub(super) bad: Option<(usize, f64, [f64; 6])>,
+    pub(super) scratch: Vec<Source>,
+}
+
+impl Row {
+    /// Empties it; keeps what was not finite.
+    pub(crate) fn clear(&mut self) {
+        self.entries.clear();
+        self.inflow = [0.0; MOST_FIELDS];
+        self.draw = 0.0;
+        self.damping = 0.0;
+        self.ghosts.clear();
+    }
+
+    /// Sorts by column and adds up entries of the same column.
+    pub(super) fn finish(&mut self) {
+        self.entries.sort_unstable_by_key(|e| e.0);
+        self.entries.dedup_by(|next, kept| {
+            let same = next.0 == kept.0;
+            if same {
+                kept.1 += next.1;
+            }
+            same
+        });
+    }
+
+    /// Adds `rate` times the inflow of `fields` at `point`; of none if nothing enters.
+    pub(super) fn enter(&mut self, fields: &[Field], rate: f64, point: [f64; 6]) {
+        if fields.is_empty() {
+            return;
+        }
+        self.ghosts.push((rate, point));
+        for (f, field) in fields.iter().enumerate() {
+            let value = field.entering().at_point(&point, 0.0);
+            if !value.is_finite() && self.bad.is_none() {
+                self.bad = Some((f, value, point));
+            }
+            self.inflow[f] += rate * value;
+        }
+    }
+}
