@@ -34,30 +34,58 @@ use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::budget::Budget;
-use crate::study::stability::panel::{Found, LeftOut, Name, Stability, Sweep};
+use crate::study::stability::panel::{
+    Findings, Found, LeftOut, Name, Panel, Scale, Stability, Sweep,
+};
 use crate::study::trial::title;
 use std::time::Duration;
 
-/// A panel and its function.
+/// A panel: what is varied along `x`, what is measured along `y`, and how.
 struct Entry {
     name: Name,
+    title: &'static str,
     /// Whether it seldom takes an eighth of the budget, so that it may get two shares.
     cheap: bool,
+    x: Scale,
+    y: Scale,
     measure: fn(&Sweep<'_>) -> Found,
 }
 
 /// All panels in the order in which they are measured, the cheap ones first.
 #[rustfmt::skip]
 const PANELS: [Entry; 8] = [
-    Entry { name: Name::Delta, cheap: true, measure: inflow::panel },
-    Entry { name: Name::Cfl, cheap: true, measure: explicit::panel },
-    Entry { name: Name::Interval, cheap: true, measure: interval::panel },
-    Entry { name: Name::Recovery, cheap: true, measure: recovery::panel },
-    Entry { name: Name::Step, cheap: false, measure: implicit::panel },
-    Entry { name: Name::Tolerance, cheap: false, measure: tolerance::panel },
-    Entry { name: Name::Grazing, cheap: false, measure: grazing::panel },
-    Entry { name: Name::Growth, cheap: false, measure: growth::panel },
+    Entry { name: Name::Delta, title: "Delta of the inflow", cheap: true,
+            x: Scale::log("delta"), y: Scale::log("factor"), measure: inflow::panel },
+    Entry { name: Name::Cfl, title: "Step of the explicit methods", cheap: true,
+            x: Scale::linear("cfl = step x largest rate"), y: Scale::log(explicit::GROWTH),
+            measure: explicit::panel },
+    Entry { name: Name::Interval, title: "Error against the interval", cheap: true,
+            x: Scale::linear("end of the interval in p"), y: Scale::log("relative l2 error"),
+            measure: interval::panel },
+    Entry { name: Name::Recovery, title: "Error against the recovery point", cheap: true,
+            x: Scale::linear("recovery point p"), y: Scale::log("relative l2 error"),
+            measure: recovery::panel },
+    Entry { name: Name::Step, title: "Step of the implicit methods", cheap: false,
+            x: Scale::log("step"), y: Scale::log("relative l2 error"), measure: implicit::panel },
+    Entry { name: Name::Tolerance, title: "Tolerance against round-off", cheap: false,
+            x: Scale::log("tolerance asked"), y: Scale::log("relative l2 error reached"),
+            measure: tolerance::panel },
+    Entry { name: Name::Grazing, title: "Grazing: growth against the jump", cheap: false,
+            x: Scale::linear("largest jump of V"), y: Scale::linear("lambda+ T, hat, no weights"),
+            measure: grazing::panel },
+    Entry { name: Name::Growth, title: "Growth against refinement", cheap: false,
+            x: Scale::log("cells along x"), y: Scale::log("amplification exp(lambda+ T)"),
+            measure: growth::panel },
 ];
+
+impl Entry {
+    fn panel(&self, found: Findings) -> Panel {
+        let Findings { shape, curves, borders, verdict, notes } = found;
+        let Self { name, title, .. } = *self;
+        let [x, y] = [self.x.clone(), self.y.clone()];
+        Panel { name, title, shape, x, y, curves, borders, verdict, notes }
+    }
+}
 
 /// Measures the panels `only` of `case`, all if there are none, within about `limit`. Collective.
 ///
@@ -82,7 +110,7 @@ pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Re
             false => (entry.measure)(&Sweep { world, case: &swept, budget: &budget }),
         };
         match found {
-            Ok(panel) => panels.push(panel),
+            Ok(found) => panels.push(entry.panel(found)),
             Err(reason) => left_out.push(LeftOut { name: entry.name, reason: reason.0 }),
         }
     }

@@ -12,7 +12,7 @@ use crate::propagate::classical::Classical;
 use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Found, Name, Panel, Point, Scale, Sweep};
+use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Sweep};
 use crate::study::stability::scene::{assembled, notes};
 use crate::study::stability::search::{Located, Search};
 use num_complex::Complex64;
@@ -22,6 +22,8 @@ use std::f64::consts::PI;
 const CELLS: usize = 2048;
 /// Steps after which something has exploded or has not.
 const STEPS: usize = 200;
+/// What is measured: in [`STEPS`] steps.
+pub const GROWTH: &str = "largest value in 200 steps / at the start";
 /// Steps in which a maximum that can be exceeded is.
 const FEW: usize = 8;
 /// Growth that is called an explosion.
@@ -70,16 +72,10 @@ impl<'a> Steps<'a> {
         matrix.block.for_each_own(|global, local| {
             for v in 0..matrix.block.velocity_cells {
                 let cell = space.cell(global + v);
-                let along = |axis: usize| {
-                    let speed = scheme.speed(&cell, axis);
-                    let steps = cell[axis] as i64;
-                    if speed > 0.0 {
-                        steps
-                    } else if speed < 0.0 {
-                        -steps
-                    } else {
-                        0
-                    }
+                let along = |axis: usize| match scheme.speed(&cell, axis) {
+                    speed if speed > 0.0 => cell[axis] as i64,
+                    speed if speed < 0.0 => -(cell[axis] as i64),
+                    _ => 0,
                 };
                 let place: i64 = (0..2 * space.dimension()).map(along).sum();
                 patterns[0][local + v] = if place % 2 == 0 { 1.0 } else { -1.0 };
@@ -230,15 +226,9 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     });
     let verdicts: String = all.iter().map(Limits::verdict).collect();
     let mut notes = notes(whole, &case);
-    if budget.is_over() {
-        notes.push("curves end where the budget did".to_owned());
-    }
-    Ok(Panel {
-        name: Name::Cfl,
-        title: "Step of the explicit methods".to_owned(),
+    sweep.is_over(&mut notes);
+    Ok(Findings {
         shape: case.space.shape(),
-        x: Scale::linear("cfl = step x largest rate"),
-        y: Scale::log(format!("largest value in {STEPS} steps / at the start")),
         curves: curves.into(),
         borders: all.iter().flat_map(Limits::borders).collect(),
         verdict: verdicts + "Runs refuse solver.classical.cfl above 1.",

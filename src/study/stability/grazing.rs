@@ -17,6 +17,7 @@
 //! How close a velocity cell comes to the threshold `√(2ΔV)` decides: hence spikes. Other targets that share the sources, short chains and
 //! forces are left out.
 
+use crate::base::bisect::bisect;
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Interface};
@@ -24,10 +25,9 @@ use crate::problem::grid::for_each_cell;
 use crate::problem::potential::Potential;
 use crate::scheme::interface::{sources, velocity};
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Found, Name, Panel, Point, Scale, Sweep};
-use crate::study::stability::scene::{
-    assembled, growth, notes, with_interface, with_potential_times,
-};
+use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Sweep};
+use crate::study::stability::scene::{assembled, growth, notes, with_potential_times};
+use crate::study::treatment::Treatment;
 
 /// Cells that are enough.
 const CELLS: usize = 4096;
@@ -48,43 +48,42 @@ fn face_growth(own: f64, list: &[(f64, f64)]) -> f64 {
         let drawn: f64 = (list.iter()).map(|&(half, lost)| half * half / chain(lambda, lost)).sum();
         chain(lambda, own) < drawn
     };
-    let (mut low, mut high) = (0.0, list.iter().map(|(half, _)| half).sum::<f64>());
-    if !grows(low) {
+    if !grows(0.0) {
         return 0.0;
     }
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if grows(middle) {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
+    let [_, high] = bisect(0.0, list.iter().map(|(half, _)| half).sum(), 60, grows);
     high
 }
 
-/// What theory says of `λ⁺` of hat rows without weights: the largest over all targets behind all jumps; none where `V` does not jump.
+/// Heights of the jumps of `V` across axis `a`, each once.
+fn jumps(case: &Case, potential: &Potential, a: usize) -> Vec<f64> {
+    let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
+    let mut jumps: Vec<f64> = Vec::new();
+    for_each_cell(&ranges, |i| {
+        let jump = potential.jump_below(i, a).abs();
+        if jump > 0.0 && !jumps.contains(&jump) {
+            jumps.push(jump);
+        }
+    });
+    jumps
+}
+
+/// What theory says of `λ⁺` of rows without weights: the largest over all targets behind all jumps;
+/// none where `V` does not jump.
 ///
 /// # Errors
 /// As [`Potential::whole`].
 pub fn expected_growth(case: &Case) -> Result<Option<f64>> {
     let potential = Potential::whole(case)?;
-    let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
     let mut best: Option<f64> = None;
     let mut list = Vec::new();
     for (a, (x, v)) in case.space.x.iter().zip(&case.space.v).enumerate() {
-        let mut jumps: Vec<f64> = Vec::new();
-        for_each_cell(&ranges, |i| {
-            let jump = potential.jump_below(i, a).abs();
-            if jump > 0.0 && !jumps.contains(&jump) {
-                jumps.push(jump);
-            }
-        });
+        let lattice = 0..v.cells as i64;
         let rate = |j: i64| velocity(v, j).abs() / x.width();
-        for rise in jumps.iter().flat_map(|&jump| [jump, -jump]) {
-            for j in (0..v.cells as i64).filter(|&j| rate(j) > 0.0) {
-                sources(&mut list, v, Interface::Hat, j, rise);
-                let inside = list.iter().filter(|s| (0..v.cells as i64).contains(&s.velocity));
+        for rise in jumps(case, &potential, a).into_iter().flat_map(|jump| [jump, -jump]) {
+            for j in lattice.clone().filter(|&j| rate(j) > 0.0) {
+                sources(&mut list, v, case.interface, j, rise);
+                let inside = list.iter().filter(|s| lattice.contains(&s.velocity));
                 let sources: Vec<(f64, f64)> =
                     inside.map(|s| (0.5 * rate(j) * s.weight, rate(s.velocity))).collect();
                 let found = face_growth(rate(j), &sources);
@@ -98,14 +97,8 @@ pub fn expected_growth(case: &Case) -> Result<Option<f64>> {
 /// Largest jump of `V`.
 fn highest_jump(case: &Case) -> Result<f64> {
     let potential = Potential::whole(case)?;
-    let ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
-    let mut most = 0.0f64;
-    for_each_cell(&ranges, |i| {
-        for a in 0..case.space.dimension() {
-            most = most.max(potential.jump_below(i, a).abs());
-        }
-    });
-    Ok(most)
+    let all = (0..case.space.dimension()).flat_map(|a| jumps(case, &potential, a));
+    Ok(all.fold(0.0, f64::max))
 }
 
 /// The numbers below `count` in an order in which each prefix is spread evenly: bits reversed.
@@ -126,10 +119,9 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     if !Bounds::new(&coarse)?.jumps {
         return Err("V does not jump: no particle grazes a threshold".into());
     }
-    let case = with_interface(&coarse, Interface::Hat, false);
+    let case = Treatment { interface: Interface::Hat, weights: false }.of(&coarse);
     let height = highest_jump(&case)?;
     let mut notes = notes(whole, &coarse);
-    let mut points = Vec::new();
     let at = |factor: f64| -> Result<Point> {
         let scaled = with_potential_times(&case, factor);
         let mut found = assembled(world, &scaled)?;
@@ -140,7 +132,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         })
     };
     let own = at(1.0)?;
-    points.push(own);
+    let mut points = vec![own];
     for k in spread(HEIGHTS) {
         if budget.is_over() {
             notes.push(format!("{} of {HEIGHTS} heights tried", points.len() - 1));
@@ -151,12 +143,23 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     }
     points.sort_by(|a, b| a.x.total_cmp(&b.x));
     points.dedup_by(|a, b| a.x == b.x);
-    let highest = |of: fn(&Point) -> f64| points.iter().max_by(|a, b| of(a).total_cmp(&of(b)));
-    let (measured, theory) = (highest(|p| p.measured), highest(|p| p.theory));
-    let place = measured.map_or(f64::NAN, |p| p.x);
-    let borders = vec![
+    let shape = case.space.shape();
+    let (verdict, borders) = (verdict(&points, own), borders(&points, own));
+    let curves = vec![Curve::new("hat, no weights", points)];
+    Ok(Findings { shape, curves, borders, verdict, notes })
+}
+
+/// The point where `of` is largest.
+fn highest(points: &[Point], of: fn(&Point) -> f64) -> Option<Point> {
+    points.iter().max_by(|a, b| of(a).total_cmp(&of(b))).copied()
+}
+
+fn borders(points: &[Point], own: Point) -> Vec<Border> {
+    let measured = highest(points, |p| p.measured);
+    let theory = highest(points, |p| p.theory);
+    vec![
         Border::place(
-            format!("lambda+ T at the case's jump of {height:.4}"),
+            format!("lambda+ T at the case's jump of {:.4}", own.x),
             Some(own.measured),
             Some(own.theory),
         ),
@@ -166,28 +169,20 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
             theory.map(|p| p.theory),
         ),
         Border::new("height at which it is largest", measured.map(|p| p.x), theory.map(|p| p.x)),
-        Border::new("the case's jump", None, Some(height)).drawn("this case"),
-    ];
-    let amplified = own.measured.exp();
-    let verdict = format!(
-        "Without weights lambda+ T is {:.3} at this case's jump, an amplification of \
-         {amplified:.3e}, and up to {:.3} at a jump of {place:.4}: it spikes where a velocity cell \
-         almost rests beyond a threshold. Dissipative weights or a conservative interface take the \
-         spikes away.",
+        Border::new("the case's jump", None, Some(own.x)).drawn("this case"),
+    ]
+}
+
+fn verdict(points: &[Point], own: Point) -> String {
+    let [place, most] =
+        highest(points, |p| p.measured).map_or([f64::NAN; 2], |p| [p.x, p.measured]);
+    format!(
+        "Without weights lambda+ T is {:.3} at this case's jump, an amplification of {:.3e}, and up \
+         to {most:.3} at a jump of {place:.4}: it spikes where a velocity cell almost rests beyond a \
+         threshold. Dissipative weights or a conservative interface take the spikes away.",
         own.measured,
-        measured.map_or(f64::NAN, |p| p.measured)
-    );
-    Ok(Panel {
-        name: Name::Grazing,
-        title: "Grazing: growth against the jump".to_owned(),
-        shape: case.space.shape(),
-        x: Scale::linear("largest jump of V"),
-        y: Scale::linear("lambda+ T, hat, no weights"),
-        curves: vec![Curve::new("hat, no weights", points)],
-        borders,
-        verdict,
-        notes,
-    })
+        own.measured.exp()
+    )
 }
 
 #[cfg(test)]

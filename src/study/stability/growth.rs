@@ -1,12 +1,13 @@
 //! The recovery's amplification `e^{λ⁺T}` against refinement, for each kind of interface row.
 
+use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
-use crate::problem::case::Interface;
-use crate::study::grids::coarsened;
-use crate::study::grids::refined;
+use crate::problem::case::Case;
+use crate::study::grids::{coarsened, refined};
 use crate::study::stability::grazing::expected_growth;
-use crate::study::stability::panel::{Border, Curve, Found, Name, Panel, Point, Scale, Sweep};
-use crate::study::stability::scene::{assembled, growth, with_interface};
+use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Reason, Sweep};
+use crate::study::stability::scene::{assembled, growth};
+use crate::study::treatment::Treatment;
 
 /// Cells that the sweep begins with.
 const FEWEST: usize = 256;
@@ -72,81 +73,71 @@ fn sentence(curve: &Curve) -> String {
     )
 }
 
+/// Measured growth of a treatment on a grid, beside what theory says.
+struct Growth {
+    measured: f64,
+    theory: f64,
+}
+
+impl Growth {
+    /// Of `case`, treated so. Collective.
+    fn of(sweep: &Sweep<'_>, case: &Case, treatment: Treatment) -> Result<Self> {
+        let mut found = assembled(sweep.world, case)?;
+        let measured = growth(&mut found)?;
+        let theory = match treatment {
+            // S ≤ 0.
+            of if !of.has_growing_law() => 0.0,
+            // The certificate is above λ⁺.
+            of if of.weights => found.system.weights.certificate,
+            _ => expected_growth(case)?.unwrap_or(f64::NAN),
+        };
+        Ok(Self { measured, theory })
+    }
+}
+
 /// The panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].
 pub fn panel(sweep: &Sweep<'_>) -> Found {
-    let Sweep { world, case: whole, budget } = *sweep;
-    let start = coarsened(&whole.without_inflow(), FEWEST);
-    if !Bounds::new(&start)?.jumps && !Bounds::new(whole)?.jumps {
+    let start = coarsened(&sweep.case.without_inflow(), FEWEST);
+    if !Bounds::new(&start)?.jumps && !Bounds::new(sweep.case)?.jumps {
         let why = "V does not jump: S has no positive eigenvalues on any grid, nor needs weights";
         return Err(why.into());
     }
-    let kinds = [
-        ("hat, no weights", Interface::Hat, false),
-        ("hat, dissipative weights", Interface::Hat, true),
-        ("conservative", Interface::Conservative, false),
-    ];
-    let mut curves: Vec<Curve> = kinds
-        .map(|(name, interface, weights)| Curve {
-            name: name.to_owned(),
-            points: Vec::new(),
-            // Theory has the growth itself only of unweighted hat rows.
-            bound: weights || interface == Interface::Conservative,
-        })
-        .into();
+    let treatments = Treatment::all();
+    let mut curves: Vec<Curve> = (treatments.iter())
+        // Theory has the growth itself only of unweighted rows that may grow.
+        .map(|of| Curve { bound: !of.may_grow(), ..Curve::new(of.name(), Vec::new()) })
+        .collect();
     let (mut borders, mut notes) = (Vec::new(), Vec::new());
-    let mut last = start.space.shape();
+    let mut shape = start.space.shape();
     for factor in FACTORS {
         let grid = refined(&start, factor);
-        if grid.space.cells() > MOST || budget.is_over() {
+        if grid.space.cells() > MOST || sweep.budget.is_over() {
             notes.push("finer grids take too long here".to_owned());
             break;
         }
-        last = grid.space.shape();
-        let x = grid.space.x[0].cells as f64;
+        shape = grid.space.shape();
+        let x = shape[0] as f64;
         borders.clear();
-        for ((name, interface, weights), curve) in kinds.iter().zip(&mut curves) {
-            let case = with_interface(&grid, *interface, *weights);
-            let mut found = assembled(world, &case)?;
-            let measured = growth(&mut found)?;
-            // The certificate is above λ⁺; conservative rows have S ≤ 0.
-            let theory = match (interface, weights) {
-                (Interface::Conservative, _) => 0.0,
-                (Interface::Hat, true) => found.system.weights.certificate,
-                (Interface::Hat, false) => expected_growth(&case)?.unwrap_or(f64::NAN),
-            };
-            curve.points.push(Point {
-                x,
-                measured: (measured * case.end).exp(),
-                theory: (theory * case.end).exp(),
-            });
-            let border = Border::place(
-                format!("{name}: lambda+ at {x} cells"),
-                Some(measured),
-                Some(theory),
-            );
-            borders.push(if curve.bound { border.bounded() } else { border });
+        for (treatment, curve) in treatments.iter().zip(&mut curves) {
+            let case = treatment.of(&grid);
+            let Growth { measured, theory } = Growth::of(sweep, &case, *treatment)?;
+            let [measured_factor, by_theory] = [measured, theory].map(|of| (of * case.end).exp());
+            curve.points.push(Point { x, measured: measured_factor, theory: by_theory });
+            let name = format!("{}: lambda+ at {x} cells", curve.name);
+            let border = Border::place(name, Some(measured), Some(theory));
+            borders.push(Border { bound: curve.bound, ..border });
         }
     }
     if curves.iter().all(|c| c.points.is_empty()) {
-        return Err("nothing could be tried within the budget".into());
+        return Err(Reason::nothing_tried());
     }
     let sentences: Vec<String> = curves.iter().map(sentence).collect();
     let verdict = format!(
         "By how much reading f amplifies what is wrong with the modes. {}",
         sentences.join(" ")
     );
-    Ok(Panel {
-        name: Name::Growth,
-        title: "Growth against refinement".to_owned(),
-        shape: last,
-        x: Scale::log("cells along x"),
-        y: Scale::log("amplification exp(lambda+ T)"),
-        curves,
-        borders,
-        verdict,
-        notes,
-    })
+    Ok(Findings { shape, curves, borders, verdict, notes })
 }

@@ -1,15 +1,10 @@
 //! The step of the implicit methods: Crank–Nicolson is of second order, backward Euler of first.
 
-use crate::plan::Plan;
 use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
-use crate::run::planning;
-use crate::study::cost::planned_work;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{
-    Border, Curve, Found, Name, Panel, Point, Reason, Scale, Sweep,
-};
+use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Reason, Sweep};
 use crate::study::stability::scene::notes;
-use crate::study::trial::{plan_series, propagation, ranks, trial};
+use crate::study::trial::{plan_series, propagation};
 
 /// Cells that are enough: each mode and step solves a system.
 const CELLS: usize = 256;
@@ -72,17 +67,11 @@ impl Steps {
         for steps in (FEWEST..=MOST).map(|power| 1u32 << power) {
             let mut case = case.clone();
             case.propagator = propagation(&case, method, Some(steps as usize));
-            let planned = match sweep.budget.is_over() {
-                true => None,
-                false => Some(planning::plan(sweep.world, &case, &ranks(sweep.world))),
-            };
-            let updates = |plan: &Plan| planned_work(&case, plan) * case.space.cells() as f64;
-            let holds = |plan: &Plan| sweep.budget.holds(updates(plan), 1.0);
-            let Some(planned) = planned.filter(|plan| plan.as_ref().map_or(true, holds)) else {
+            let Some(tried) = sweep.trial(&case) else {
                 found.fewer = Some(steps / 2);
                 break;
             };
-            match planned.and_then(|_| trial(sweep.world, &case)) {
+            match tried {
                 Ok(trial) => found.points.push(Point {
                     x: case.end / f64::from(steps),
                     measured: trial.summary.error_semidiscrete.unwrap_or(f64::NAN),
@@ -167,12 +156,8 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     notes.extend(refused);
     let verdicts: String = all.iter().map(Steps::verdict).collect();
     let last = "Runs say when the step's error exceeds the tolerance, and which step would do.";
-    Ok(Panel {
-        name: Name::Step,
-        title: "Step of the implicit methods".to_owned(),
+    Ok(Findings {
         shape: case.space.shape(),
-        x: Scale::log("step"),
-        y: Scale::log("relative l2 error"),
         borders: all.iter().flat_map(Steps::borders).collect(),
         curves: (all.into_iter()).map(|steps| Curve::new(steps.name, steps.points)).collect(),
         verdict: verdicts + last,

@@ -9,7 +9,7 @@ use crate::matrix::inflow::Inflow;
 use crate::problem::case::Delta;
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Found, Name, Panel, Point, Scale, Sweep};
+use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Sweep};
 use crate::study::stability::scene::{assembled, growth, notes};
 
 /// Cells that are enough.
@@ -53,12 +53,35 @@ impl Loss {
     }
 }
 
+/// Curves over `δ`.
+#[derive(Default)]
+struct Curves {
+    total: Vec<Point>,
+    growth: Vec<Point>,
+    state: Vec<Point>,
+}
+
+impl Curves {
+    fn push(&mut self, delta: f64, loss: &Loss, bound: f64) {
+        let point = |measured: f64, theory: f64| Point { x: delta, measured, theory };
+        self.growth.push(point(loss.exponent.exp(), loss.least_exponent.exp()));
+        self.state.push(point(loss.ratio, f64::NAN));
+        self.total.push(point(loss.total(), bound.exp() * loss.ratio));
+    }
+
+    /// The point of least loss.
+    fn least(&self, of: fn(&Point) -> f64) -> Option<Point> {
+        let finite = self.total.iter().filter(|p| of(p).is_finite());
+        finite.min_by(|a, b| of(a).total_cmp(&of(b))).copied()
+    }
+}
+
 /// The panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].
 pub fn panel(sweep: &Sweep<'_>) -> Found {
-    let Sweep { world, case: whole, budget } = *sweep;
+    let Sweep { world, case: whole, .. } = *sweep;
     if !whole.enters() {
         return Err("nothing enters".into());
     }
@@ -69,60 +92,47 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     let with = |delta: Delta| {
         let mut case = case.clone();
         case.warp.delta = delta;
-        case
+        assembled(world, &case)
     };
-    let planned = assembled(world, &with(Delta::Planned))?;
+    let mut planned = with(Delta::Planned)?;
     let largest =
         over_rows(&planned, |aux| aux.values.iter().fold(0.0, |m: f64, b| m.max(b.abs())));
     if largest == 0.0 {
         return Err("what enters is zero on this grid".into());
     }
-    let chosen = Loss::of(&mut assembled(world, &with(Delta::Planned))?, case.end)?.total();
-    let mut notes = notes(whole, &case);
-    let [mut total, mut growing, mut state] = [Vec::new(), Vec::new(), Vec::new()];
+    let chosen = Loss::of(&mut planned, case.end)?.total();
+    let (mut notes, mut curves) = (notes(whole, &case), Curves::default());
     for k in -PER_DECADE * DECADES..=PER_DECADE * DECADES {
-        if budget.is_over() {
-            notes.push("curves end where the budget did".to_owned());
+        if sweep.is_over(&mut notes) {
             break;
         }
         let delta = largest * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));
-        let mut found = assembled(world, &with(Delta::Given(delta)))?;
+        let mut found = with(Delta::Given(delta))?;
         let bound = found.bounds.growth * case.end;
-        let loss = Loss::of(&mut found, case.end)?;
-        let point = |measured: f64, theory: f64| Point { x: delta, measured, theory };
-        growing.push(point(loss.exponent.exp(), loss.least_exponent.exp()));
-        state.push(point(loss.ratio, f64::NAN));
-        total.push(point(loss.total(), bound.exp() * loss.ratio));
+        curves.push(delta, &Loss::of(&mut found, case.end)?, bound);
     }
-    let least = |of: fn(&Point) -> f64| {
-        let finite = total.iter().filter(|p| of(p).is_finite());
-        finite.min_by(|a, b| of(a).total_cmp(&of(b))).copied()
-    };
-    let (measured, theory) = (least(|p| p.measured), least(|p| p.theory));
-    let best = measured.map_or(f64::NAN, |p| p.measured);
-    let borders = vec![
-        Border::new("delta of least loss", measured.map(|p| p.x), theory.map(|p| p.x)),
-        Border::new("loss with the planned couplings, beside the least", Some(chosen), Some(best)),
-    ];
-    let verdict = format!(
-        "The least that a single delta loses is a factor {best:.3e}, at delta = {:.3e}; below it \
-         lambda+ T explodes, above it the auxiliary unknowns dwarf the field. The planned couplings \
-         lose {chosen:.3e}.",
-        measured.map_or(f64::NAN, |p| p.x)
-    );
-    Ok(Panel {
-        name: Name::Delta,
-        title: "Delta of the inflow".to_owned(),
+    let (measured, theory) = (curves.least(|p| p.measured), curves.least(|p| p.theory));
+    let [at, best] = measured.map_or([f64::NAN; 2], |p| [p.x, p.measured]);
+    Ok(Findings {
         shape: case.space.shape(),
-        x: Scale::log("delta"),
-        y: Scale::log("factor"),
-        curves: vec![
-            Curve::bounded("loss: growth x state", total),
-            Curve::bounded("growth exp(lambda+ T)", growing),
-            Curve::bounded("state over field", state),
+        borders: vec![
+            Border::new("delta of least loss", measured.map(|p| p.x), theory.map(|p| p.x)),
+            Border::new(
+                "loss with the planned couplings, beside the least",
+                Some(chosen),
+                Some(best),
+            ),
         ],
-        borders,
-        verdict,
+        verdict: format!(
+            "The least that a single delta loses is a factor {best:.3e}, at delta = {at:.3e}; below \
+             it lambda+ T explodes, above it the auxiliary unknowns dwarf the field. The planned \
+             couplings lose {chosen:.3e}."
+        ),
+        curves: vec![
+            Curve::bounded("loss: growth x state", curves.total),
+            Curve::bounded("growth exp(lambda+ T)", curves.growth),
+            Curve::bounded("state over field", curves.state),
+        ],
         notes,
     })
 }

@@ -1,5 +1,6 @@
 //! The interval: how long it must be in `p`.
 
+use crate::base::bisect::bisect;
 use crate::base::error::Result;
 use crate::problem::case::{Case, Coefficients, LARGEST_TOLERANCE, ProfileChoice};
 use crate::schrodingerization::profile::gaussian::Gaussian;
@@ -7,7 +8,7 @@ use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::shape::Shape;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Found, Name, Panel, Point, Scale, Sweep};
+use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Sweep};
 use crate::study::stability::reading::{
     Extent, LEVEL, Switched, expected, plateau, refuse_varying,
 };
@@ -20,7 +21,7 @@ const CELLS: usize = 1024;
 /// Intervals of each end, beside the first.
 const LENGTHS: u32 = 20;
 /// Halvings that find the shortest interval of a run.
-const HALVINGS: u32 = 12;
+const HALVINGS: usize = 12;
 
 /// Points of an interval of this length that resolve the profile.
 fn points(profile: &Gaussian, period: f64) -> usize {
@@ -97,14 +98,11 @@ impl Intervals {
             let part = f64::from(k) / f64::from(LENGTHS);
             let lower = -longest + part * (longest - 1.0);
             let upper = 1.0 + part * (far - 1.0);
-            match self.error(sweep, [lower, far], lower)? {
-                Some(point) => errors.left.push(point),
-                None => errors.skipped += 1,
-            }
-            match self.error(sweep, [-longest, upper], upper)? {
-                Some(point) => errors.right.push(point),
-                None => errors.skipped += 1,
-            }
+            let left = self.error(sweep, [lower, far], lower)?;
+            let right = self.error(sweep, [-longest, upper], upper)?;
+            errors.skipped += [left, right].iter().filter(|error| error.is_none()).count();
+            errors.left.extend(left);
+            errors.right.extend(right);
         }
         Ok(errors)
     }
@@ -117,17 +115,11 @@ impl Intervals {
             case.warp.interval = Some([far - length, far]);
             WarpPlan::modes_of(case, bounds, ratio).is_ok()
         };
-        let (mut short, mut enough) = (1.0, 4.0 * (self.needed + far));
-        if !accepts(&mut case, enough) || sweep.budget.is_over() {
+        let longest = 4.0 * (self.needed + far);
+        if !accepts(&mut case, longest) || sweep.budget.is_over() {
             return Ok(None);
         }
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (short + enough);
-            match accepts(&mut case, middle) {
-                true => enough = middle,
-                false => short = middle,
-            }
-        }
+        let [_, enough] = bisect(1.0, longest, HALVINGS, |length| !accepts(&mut case, length));
         case.warp.interval = Some([far - enough, far]);
         let error = trial(sweep.world, &case)?.summary.error_semidiscrete;
         let left_end = far - enough;
@@ -212,12 +204,8 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         Border::new("right end R: exp(-p) is cut off", right, right_theory),
         Border::new(accepted, shortest.map(|s| s.error), Some(tolerance)),
     ];
-    Ok(Panel {
-        name: Name::Interval,
-        title: "Error against the interval".to_owned(),
+    Ok(Findings {
         shape: case.space.shape(),
-        x: Scale::linear("end of the interval in p"),
-        y: Scale::log("relative l2 error"),
         curves: vec![
             Curve::bounded("left end L", errors.left),
             Curve::bounded("right end R", errors.right),

@@ -1,9 +1,12 @@
 //! The parts of a stability map: panels of curves and borders.
 
-use crate::base::error::Error;
+use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
+use crate::run::planning;
 use crate::study::budget::Budget;
+use crate::study::cost::planned_updates;
+use crate::study::trial::{Trial, ranks, trial};
 use serde::Serialize;
 
 /// The arguments of a panel.
@@ -20,6 +23,13 @@ pub struct Sweep<'a> {
 #[derive(Debug)]
 pub struct Reason(pub String);
 
+impl Reason {
+    /// The budget ended before anything was tried.
+    pub fn nothing_tried() -> Self {
+        "nothing could be tried within the budget".into()
+    }
+}
+
 impl From<&str> for Reason {
     fn from(reason: &str) -> Self {
         Self(reason.to_owned())
@@ -32,8 +42,50 @@ impl From<Error> for Reason {
     }
 }
 
-/// A panel, or why a case does not have it.
-pub type Found = std::result::Result<Panel, Reason>;
+/// What a panel shows; its name, title and axes are those of its line in the table of panels.
+pub struct Findings {
+    /// Cells along each axis that it was measured on.
+    pub shape: Vec<usize>,
+    /// The curves.
+    pub curves: Vec<Curve>,
+    /// The borders.
+    pub borders: Vec<Border>,
+    /// Conclusions, in a sentence or two.
+    pub verdict: String,
+    /// What was left out or changed, and why.
+    pub notes: Vec<String>,
+}
+
+/// What a panel shows, or why a case does not have it.
+pub type Found = std::result::Result<Findings, Reason>;
+
+impl Sweep<'_> {
+    /// Whether the time of the panel is over: `notes` then say so. Collective.
+    pub fn is_over(&self, notes: &mut Vec<String>) -> bool {
+        let over = self.budget.is_over();
+        if over {
+            notes.push("curves end where the budget did".to_owned());
+        }
+        over
+    }
+
+    /// A trial of `case`; none where the budget does not hold it. Collective.
+    ///
+    /// # Errors
+    /// As [`planning::plan`] and [`trial`].
+    pub fn trial(&self, case: &Case) -> Option<Result<Trial>> {
+        if self.budget.is_over() {
+            return None;
+        }
+        match planning::plan(self.world, case, &ranks(self.world)) {
+            Err(Error::Modes { .. }) => None,
+            Err(error) => Some(Err(error)),
+            Ok(plan) => (self.budget)
+                .holds(planned_updates(case, &plan), 1.0)
+                .then(|| trial(self.world, case)),
+        }
+    }
+}
 
 /// A point of a curve; NaN where there is no number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -122,20 +174,20 @@ impl Border {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Scale {
     /// What it is.
-    pub label: String,
+    pub label: &'static str,
     /// Whether its axis is logarithmic.
     pub logarithmic: bool,
 }
 
 impl Scale {
     /// In proportion.
-    pub fn linear(label: impl Into<String>) -> Self {
-        Self { label: label.into(), logarithmic: false }
+    pub const fn linear(label: &'static str) -> Self {
+        Self { label, logarithmic: false }
     }
 
     /// By logarithms.
-    pub fn log(label: impl Into<String>) -> Self {
-        Self { label: label.into(), logarithmic: true }
+    pub const fn log(label: &'static str) -> Self {
+        Self { label, logarithmic: true }
     }
 }
 
@@ -145,7 +197,7 @@ pub struct Panel {
     /// As `--only` calls it.
     pub name: Name,
     /// For people.
-    pub title: String,
+    pub title: &'static str,
     /// Cells along each axis that it was measured on.
     pub shape: Vec<usize>,
     /// What is varied.

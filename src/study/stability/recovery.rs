@@ -1,16 +1,18 @@
 //! The recovery point: where `f` may be read from the warped field.
 
+use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
-use crate::problem::case::{Case, Interface};
+use crate::problem::case::Case;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::shape::Shape;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{Border, Curve, Found, Name, Panel, Point, Scale, Sweep};
+use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Reason, Sweep};
 use crate::study::stability::reading::{
     Extent, LEVEL, Switched, expected, plateau, refuse_varying,
 };
-use crate::study::stability::scene::{notes, with_interface};
+use crate::study::stability::scene::notes;
 use crate::study::stability::yardstick::Yardstick;
+use crate::study::treatment::Treatment;
 
 /// Cells that are enough: the growth shows on finer grids.
 const CELLS: usize = 4096;
@@ -19,18 +21,19 @@ const FROM: f64 = -4.0;
 const TO: f64 = 22.0;
 const APART: f64 = 0.5;
 
-/// Kinds of interface rows, with the case of each.
-fn kinds(case: &Case, jumps: bool) -> Vec<(&'static str, Case)> {
-    let hat = |weights| with_interface(case, Interface::Hat, weights);
-    match jumps {
-        true => vec![("hat, dissipative weights", hat(true)), ("hat, no weights", hat(false))],
-        false => vec![("no jump", case.clone())],
+/// Kinds of interface rows, with the case of each: where `V` jumps those by laws that may grow, the
+/// weighted first.
+fn kinds(case: &Case, jumps: bool) -> Vec<(String, Case)> {
+    if !jumps {
+        return vec![("no jump".to_owned(), case.clone())];
     }
+    let growing = Treatment::all().into_iter().rev().filter(|kind| kind.has_growing_law());
+    growing.map(|kind| (kind.name(), kind.of(case))).collect()
 }
 
 /// The readings of one kind.
 struct Readings {
-    name: &'static str,
+    name: String,
     points: Vec<Point>,
     extent: Extent,
     /// The bound of a run on `λ⁺T`.
@@ -64,7 +67,7 @@ impl Readings {
 
     fn borders(&self) -> [Border; 3] {
         let [[left, right], [left_theory, right_theory]] = self.ends();
-        let name = self.name;
+        let name = &self.name;
         let growth = format!("{name}: lambda+ T, beside the bound of a run");
         [
             Border::place(growth, Some(self.extent.growth), Some(self.growth_bound)),
@@ -75,12 +78,14 @@ impl Readings {
     }
 }
 
-/// Reads one kind at every point, or says why not. Collective.
+/// Reads one kind at every point; none where the budget does not hold it, as `notes` then say.
+/// Collective.
 fn read(
     sweep: &Sweep<'_>,
-    name: &'static str,
+    name: String,
     case: &Case,
-) -> crate::base::error::Result<std::result::Result<Readings, String>> {
+    notes: &mut Vec<String>,
+) -> Result<Option<Readings>> {
     let Switched { profile, room } = Switched::new();
     let at: Vec<f64> =
         (0..).map(|k| FROM + APART * f64::from(k)).take_while(|p| *p <= TO).collect();
@@ -90,7 +95,8 @@ fn read(
     let modes = (profile.cutoff * period / std::f64::consts::TAU).ceil() as usize + 1;
     let series = Series::analytic(period, modes, |mu| profile.coefficient(mu));
     if !sweep.budget.holds(yardstick.updates(&series)?, 1.0) {
-        return Ok(Err(format!("{name}: {modes} modes take too long here")));
+        notes.push(format!("{name}: {modes} modes take too long here"));
+        return Ok(None);
     }
     let ratio = yardstick.ratio;
     let errors = yardstick.errors(&series, &at)?;
@@ -99,7 +105,7 @@ fn read(
         measured,
         theory: expected(&series, x, extent, ratio),
     };
-    Ok(Ok(Readings {
+    Ok(Some(Readings {
         name,
         points: at.iter().zip(&errors).map(point).collect(),
         extent,
@@ -124,21 +130,14 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
             notes.push(format!("{name}: the budget is used up"));
             break;
         }
-        match read(sweep, name, &case)? {
-            Ok(readings) => all.push(readings),
-            Err(note) => notes.push(note),
-        }
+        all.extend(read(sweep, name, &case, &mut notes)?);
     }
     if all.is_empty() {
-        return Err("nothing could be tried within the budget".into());
+        return Err(Reason::nothing_tried());
     }
     let verdicts: String = all.iter().map(Readings::verdict).collect();
-    Ok(Panel {
-        name: Name::Recovery,
-        title: "Error against the recovery point".to_owned(),
+    Ok(Findings {
         shape: coarse.space.shape(),
-        x: Scale::linear("recovery point p"),
-        y: Scale::log("relative l2 error"),
         borders: all.iter().flat_map(Readings::borders).collect(),
         curves: (all.into_iter())
             .map(|readings| Curve::bounded(readings.name, readings.points))

@@ -147,7 +147,7 @@ impl Stability {
 
 /// An axis of a panel.
 fn axis(scale: &Scale) -> Axis {
-    if scale.logarithmic { Axis::log(&*scale.label) } else { Axis::linear(&*scale.label) }
+    if scale.logarithmic { Axis::log(scale.label) } else { Axis::linear(scale.label) }
 }
 
 /// A panel as it is drawn.
@@ -155,7 +155,7 @@ fn drawn(panel: &Panel) -> figure::Panel {
     let line = |curve: &Curve, of: fn(&Point) -> f64| -> Vec<[f64; 2]> {
         curve.points.iter().map(|p| [p.x, of(p)]).collect()
     };
-    let mut out = figure::Panel::new(&*panel.title, axis(&panel.x), axis(&panel.y));
+    let mut out = figure::Panel::new(panel.title, axis(&panel.x), axis(&panel.y));
     for (k, curve) in panel.curves.iter().enumerate() {
         out = out.line(&*curve.name, Style::of(k), line(curve, |p| p.measured));
     }

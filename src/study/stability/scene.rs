@@ -2,7 +2,7 @@
 
 use crate::base::error::Result;
 use crate::parallel::communicator::World;
-use crate::problem::case::{Case, Interface, Limiter, Method};
+use crate::problem::case::{Case, Limiter, Method};
 use crate::problem::potential::overlooked;
 use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
@@ -42,14 +42,6 @@ pub fn with_potential_times(case: &Case, factor: f64) -> Case {
     for region in &mut case.potential {
         region.value = region.value.times(factor);
     }
-    case
-}
-
-/// `case` with an interface, and weights if so.
-pub fn with_interface(case: &Case, interface: Interface, weights: bool) -> Case {
-    let mut case = case.clone();
-    case.interface = interface;
-    case.warp.weights = weights;
     case
 }
 

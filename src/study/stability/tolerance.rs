@@ -2,19 +2,16 @@
 
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
-use crate::plan::{ASSUMED_RATIO, Plan};
+use crate::plan::ASSUMED_RATIO;
 use crate::problem::case::{
     Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, ProfileChoice, PropagatorMethod,
 };
 use crate::run::planning;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::study::cost::planned_work;
 use crate::study::grids::coarsened;
-use crate::study::stability::panel::{
-    Border, Curve, Found, Name, Panel, Point, Reason, Scale, Sweep,
-};
+use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Reason, Sweep};
 use crate::study::stability::scene::notes;
-use crate::study::trial::{plan_series, propagation, ranks, trial};
+use crate::study::trial::{Trial, plan_series, propagation, ranks};
 
 /// Cells that are enough.
 const CELLS: usize = 1024;
@@ -67,11 +64,11 @@ impl Errors {
         let asked: Vec<f64> = (ASKED.into_iter().filter(larger)).chain(found.smallest).collect();
         for tolerance in asked {
             case.tolerance = tolerance;
-            let Some(planned) = affordable(sweep, &case)? else {
+            let Some(tried) = trial_within(sweep, &case)? else {
                 found.too_long = true;
                 break;
             };
-            match planned.and_then(|_| trial(sweep.world, &case)) {
+            match tried {
                 Ok(trial) => found.points.push(Point {
                     x: tolerance,
                     measured: trial.summary.error_semidiscrete.unwrap_or(f64::NAN),
@@ -108,26 +105,14 @@ impl Errors {
     }
 }
 
-/// The plan of `case`, or its error; none where the budget does not hold its trial. Collective.
-fn affordable(sweep: &Sweep<'_>, case: &Case) -> Result<Option<Result<Plan>>> {
-    if sweep.budget.is_over() {
-        return Ok(None);
-    }
+/// A trial of `case`; none where the budget does not hold it. Collective.
+fn trial_within(sweep: &Sweep<'_>, case: &Case) -> Result<Option<Result<Trial>>> {
     // With very many modes even the plan takes too long.
     let modes = WarpPlan::modes_of(case, &Bounds::new(case)?, ASSUMED_RATIO);
-    if modes.is_ok_and(|modes| modes > MOST_MODES) {
-        return Ok(None);
-    }
-    let planned = planning::plan(sweep.world, case, &ranks(sweep.world));
-    let affordable = match &planned {
-        Ok(plan) => {
-            let updates = planned_work(case, plan) * case.space.cells() as f64;
-            sweep.budget.holds(updates, 1.0)
-        }
-        Err(Error::Modes { .. }) => false,
-        Err(_) => true,
-    };
-    Ok(affordable.then_some(planned))
+    Ok(match modes.is_ok_and(|modes| modes > MOST_MODES) {
+        true => None,
+        false => sweep.trial(case),
+    })
 }
 
 /// Which tolerances were reached, which were not, and which were not tried.
@@ -192,15 +177,10 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         .map(|errors| Curve::bounded(errors.name, errors.points.into_iter().rev().collect()))
         .collect();
     if curves.is_empty() {
-        let none = || "nothing could be tried within the budget".to_owned();
-        return Err(Reason(refused.unwrap_or_else(none)));
+        return Err(refused.map_or_else(Reason::nothing_tried, Reason));
     }
-    Ok(Panel {
-        name: Name::Tolerance,
-        title: "Tolerance against round-off".to_owned(),
+    Ok(Findings {
         shape: case.space.shape(),
-        x: Scale::log("tolerance asked"),
-        y: Scale::log("relative l2 error reached"),
         curves,
         borders,
         verdict,
