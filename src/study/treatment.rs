@@ -25,6 +25,13 @@ impl Treatment {
         Interface::ALL.into_iter().flat_map(of_law).collect()
     }
 
+    /// The same, those that prevent growth first.
+    pub fn by_growth() -> Vec<Self> {
+        let mut all = Self::all();
+        all.sort_by_key(|treatment| treatment.may_grow());
+        all
+    }
+
     /// Whether its law allows growth, weighted or not.
     pub fn has_growing_law(self) -> bool {
         law_of(self.interface).may_grow()

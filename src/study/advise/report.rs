@@ -6,8 +6,8 @@ use crate::study::advise::entry::{Advised, Entry, Parts};
 use crate::study::advise::order::Order;
 use crate::study::advise::reach::Known;
 use crate::study::advise::trials::cells;
-use crate::study::calibrate::seconds_text;
 use crate::study::grids::shape_text;
+use crate::study::text::seconds_text;
 use std::fmt;
 
 /// Grids of more cells are not spelled out.

@@ -13,10 +13,12 @@ use crate::problem::grid::PhaseSpace;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
 use crate::study::budget::Budget;
-use crate::study::chart::entry::{Entry, Status, time_text};
+use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::setup::{Setup, refused};
 use crate::study::cost::{CostModel, Seconds};
+use crate::study::knobs::row_choices;
+use crate::study::text::time_text;
 use crate::study::trial::{Trial, trial};
 use std::time::Instant;
 
@@ -51,7 +53,7 @@ impl SceneKey {
         let slopes = case.limiter != Limiter::None;
         Self {
             shape: case.space.shape(),
-            scheme: format!("{:?} {:?} {slopes}", case.interface, case.method),
+            scheme: format!("{} {:?} {slopes}", row_choices(case), case.method),
         }
     }
 

@@ -231,15 +231,3 @@ impl Entry {
         parts.join(" ")
     }
 }
-
-/// Seconds with a unit.
-pub fn time_text(seconds: f64) -> String {
-    match seconds {
-        s if s < 1e-3 => format!("{:.2} ms", 1e3 * s),
-        s if s < 1.0 => format!("{:.1} ms", 1e3 * s),
-        s if s < 100.0 => format!("{s:.1} s"),
-        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
-        s if s < 3.6e6 => format!("{:.0} h", s / 3600.0),
-        s => format!("{:.0e} h", s / 3600.0),
-    }
-}

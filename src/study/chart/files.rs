@@ -1,11 +1,11 @@
 //! `chart.csv`, `chart.json`, and the table on the terminal.
 
-use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::picture;
 use crate::study::chart::result::Chart;
 use crate::study::chart::verdict::expected;
+use crate::study::files::Files;
 use serde_json::Value;
 use std::fmt;
 use std::path::Path;
@@ -55,14 +55,8 @@ impl Chart {
     /// # Errors
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        let json = directory.join("chart.json");
-        let text = serde_json::to_string_pretty(self).map_err(|e| failure(&json, &e))?;
-        let csv_path = directory.join("chart.csv");
-        for (path, text) in [(json, text + "\n"), (csv_path, csv(&self.entries))] {
-            std::fs::write(&path, text).map_err(|e| failure(&path, &e))?;
-        }
-        picture::figure(self).write(directory, "chart")?;
-        Ok(())
+        let (table, figure) = (csv(&self.entries), picture::figure(self));
+        Files { name: "chart", found: self, table, figure }.write(directory)
     }
 }
 

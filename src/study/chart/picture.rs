@@ -1,24 +1,25 @@
 //! The chart as a figure.
 //!
-//! Colour and marker tell the profile or the method; whole lines with filled markers are what each panel is about, dashes and open markers the
-//! other treatments of growth. A thin grey line is a front, or what theory says.
+//! Colour and marker stand for the profile or the method; whole lines with filled markers are the
+//! subject of each panel, dashes and open markers the other treatments of growth. A thin grey line is
+//! a front, or theory.
 
-use crate::problem::case::Method;
+use crate::base::text::word;
+use crate::problem::case::{DEFAULT_CFL, Method};
 use crate::results::figure::palette::{Marker, Style};
 use crate::results::figure::{Axis, Figure, Panel};
 use crate::study::chart::entry::Entry;
+use crate::study::chart::programme::TOLERANCES;
 use crate::study::chart::result::Chart;
 use crate::study::chart::verdict::ends;
+use crate::study::treatment::Treatment;
 
 /// Coordinates of an entry in a panel.
 type Point = fn(&Entry) -> Option<[f64; 2]>;
-/// What belongs to a series.
-type Belongs<'a> = &'a dyn Fn(&Entry) -> bool;
 
 const SEMIDISCRETE: &str = "error to the semi-discrete solution";
-
-/// Which trials are of a series, where nothing but they themselves tells.
-type Choice = fn(&Entry) -> bool;
+const APPLICATIONS: &str = "applications of the matrix";
+const MIB: f64 = 1048576.0;
 
 /// All panels, and the sentences below.
 pub fn figure(chart: &Chart) -> Figure {
@@ -35,19 +36,63 @@ pub fn figure(chart: &Chart) -> Figure {
         .caption(chart.sentences.join("\n"))
 }
 
-/// The points of what belongs to a series: from coarse grids to fine ones, on a grid from large errors to small ones.
-fn points(entries: &[&Entry], belongs: Belongs<'_>, point: Point) -> Vec<[f64; 2]> {
-    let error = |e: &Entry| e.error_semidiscrete.unwrap_or(0.0);
-    let mut of: Vec<&Entry> = entries.iter().filter(|e| belongs(e)).copied().collect();
-    of.sort_by(|a, b| (a.cells.cmp(&b.cells)).then(error(b).total_cmp(&error(a))));
-    of.into_iter().filter_map(point).collect()
+/// A panel that is drawn series by series.
+struct Plot<'a> {
+    panel: Panel,
+    entries: &'a [&'a Entry],
+    point: Point,
 }
 
-/// A panel with one series more, if it has any points.
-fn series(panel: Panel, label: &str, style: Style, points: Vec<[f64; 2]>) -> Panel {
-    match points.is_empty() {
-        true => panel,
-        false => panel.line(label, style, points),
+impl<'a> Plot<'a> {
+    fn new(
+        title: impl Into<String>,
+        axes: [Axis; 2],
+        entries: &'a [&'a Entry],
+        point: Point,
+    ) -> Self {
+        let [x, y] = axes;
+        Self { panel: Panel::new(title, x, y), entries, point }
+    }
+
+    /// A series of the entries that belong to it: from coarse grids to fine ones, on a grid from
+    /// large errors to small ones.
+    fn series(self, label: &str, style: Style, belongs: impl Fn(&Entry) -> bool) -> Self {
+        let error = |e: &Entry| e.error_semidiscrete.unwrap_or(0.0);
+        let mut of: Vec<&Entry> = self.entries.iter().filter(|e| belongs(e)).copied().collect();
+        of.sort_by(|a, b| (a.cells.cmp(&b.cells)).then(error(b).total_cmp(&error(a))));
+        let points = of.into_iter().filter_map(self.point).collect();
+        self.line(label, style, points)
+    }
+
+    /// A thin line along a front, with an open marker at each of its entries.
+    fn front(self, label: &str, belongs: impl Fn(&Entry) -> bool) -> Self {
+        let on = self.entries.iter().filter(|e| belongs(e)).copied();
+        let mut along: Vec<[f64; 2]> = on.filter_map(self.point).collect();
+        along.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        let style = Style { marker: Some(Marker::Circle), ..Style::theory() };
+        self.line(label, style, along)
+    }
+
+    /// A series a profile, treated as most trials are.
+    fn profiles(
+        mut self,
+        profiles: &[String],
+        suffix: &str,
+        style: impl Fn(Style) -> Style,
+    ) -> Self {
+        for (k, profile) in profiles.iter().enumerate() {
+            let belongs = |e: &Entry| of_profile(e, profile) && usual(e);
+            self = self.series(&format!("{profile}{suffix}"), style(Style::of(k)), belongs);
+        }
+        self
+    }
+
+    /// A line, if it has any points.
+    fn line(mut self, label: &str, style: Style, points: Vec<[f64; 2]>) -> Self {
+        if !points.is_empty() {
+            self.panel = self.panel.line(label, style, points);
+        }
+        self
     }
 }
 
@@ -60,9 +105,20 @@ fn planned(e: &Entry) -> bool {
     e.method == Method::Schrodingerized && !e.paper && !e.as_given
 }
 
+/// Planned with this profile, by Chebyshev series.
+fn of_profile(e: &Entry, profile: &str) -> bool {
+    planned(e) && is(&e.profile, profile) && is(&e.propagator, "chebyshev")
+}
+
 /// The treatment that most trials have: weights where there is anything to weight.
 fn usual(e: &Entry) -> bool {
     e.weights == Some(true) || e.no_jump
+}
+
+/// By modes where `V` jumps, treated so.
+fn treated(e: &Entry, treatment: Treatment) -> bool {
+    let interface = word(&treatment.interface);
+    e.weights == Some(treatment.weights) && e.interface == interface && !e.no_jump
 }
 
 /// Profiles of the trials, in the order in which they were tried.
@@ -76,156 +132,96 @@ fn profiles(entries: &[&Entry]) -> Vec<String> {
     found
 }
 
-/// Applications, probability and their quotient against the error; what was asked for against what was reached.
+/// Applications, probability and their quotient against the error; tolerances against errors.
 fn by_profile(entries: &[&Entry], grid: &str) -> Vec<Panel> {
-    let panels: [(&str, Axis, Axis, Point); 4] = [
-        (
-            "Applications, by profile",
-            Axis::log("applications of the matrix"),
-            Axis::log(SEMIDISCRETE),
-            |e| Some([e.applications? as f64, e.error_semidiscrete?]),
-        ),
-        (
-            "Asked for and reached, by profile",
-            Axis::log("tolerance"),
-            Axis::log(SEMIDISCRETE),
-            |e| Some([e.tolerance?, e.error_semidiscrete?]),
-        ),
-        (
-            "Probability of finding the field: in the window whole, in the slice dashed",
-            Axis::log("applications of the matrix"),
-            Axis::log("probability"),
-            |e| Some([e.applications? as f64, e.probability_window?]),
-        ),
-        (
-            "Until it is measured (window or slice, the likelier), by profile",
-            Axis::log("applications / probability"),
-            Axis::log(SEMIDISCRETE),
-            |e| Some([e.until_measured?, e.error_semidiscrete?]),
-        ),
-    ];
     let profiles = profiles(entries);
-    let draw = |(k, (title, x, y, point)): (usize, (&str, Axis, Axis, Point))| {
-        let mut panel = Panel::new(format!("{title} ({grid})"), x, y);
-        for (style, profile) in profiles.iter().enumerate() {
-            let belongs = |e: &Entry| {
-                planned(e) && usual(e) && is(&e.propagator, "chebyshev") && is(&e.profile, profile)
-            };
-            let drawn = points(entries, &belongs, point);
-            panel = series(panel, profile, Style::of(style), drawn);
-            if k == 2 {
-                let slice: Point = |e| Some([e.applications? as f64, e.probability_slice?]);
-                panel = series(
-                    panel,
-                    &format!("{profile}, slice"),
-                    Style::of(style).hollow().dashed(1),
-                    points(entries, &belongs, slice),
-                );
-            }
-        }
-        match k {
-            0 => front(
-                panel,
-                "front, all by modes",
-                entries,
-                &|e| e.front_applications && planned(e),
-                point,
-            ),
-            1 => {
-                let asked = |e: &&Entry| {
-                    e.tolerance.filter(|_| planned(e) && e.error_semidiscrete.is_some())
-                };
-                let all: Vec<f64> = entries.iter().filter_map(asked).collect();
-                let [least, most] = ends(&all);
-                let line = vec![[least, least], [most, most]];
-                match all.is_empty() {
-                    true => panel,
-                    false => panel.line("as asked for", Style::theory(), line),
-                }
-            }
-            3 => front(panel, "front, all by modes", entries, &|e| e.front_until_measured, point),
-            _ => panel,
-        }
+    let plot = |title: &str, axes: [&str; 2], point: Point| {
+        let title = format!("{title} ({grid})");
+        Plot::new(title, axes.map(Axis::log), entries, point).profiles(&profiles, "", |of| of)
     };
-    panels.into_iter().enumerate().map(draw).collect()
-}
-
-/// A thin line along a front, with an open marker at each of its trials.
-fn front(
-    panel: Panel,
-    label: &str,
-    entries: &[&Entry],
-    belongs: Belongs<'_>,
-    point: Point,
-) -> Panel {
-    let mut along = points(entries, belongs, point);
-    along.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let style = Style { marker: Some(Marker::Circle), ..Style::theory() };
-    series(panel, label, style, along)
-}
-
-/// Seconds: propagators of the designed profile, classical steps, the paper's set-up.
-fn by_propagator(entries: &[&Entry], grid: &str) -> Panel {
-    let point: Point = |e| Some([e.seconds?, e.error_semidiscrete?]);
-    let mut panel = Panel::new(
-        format!("Seconds, by propagator ({grid})"),
-        Axis::log("seconds"),
-        Axis::log(SEMIDISCRETE),
+    let applications = plot("Applications, by profile", [APPLICATIONS, SEMIDISCRETE], |e| {
+        Some([e.applications? as f64, e.error_semidiscrete?])
+    });
+    let asked = plot("Asked for and reached, by profile", ["tolerance", SEMIDISCRETE], |e| {
+        Some([e.tolerance?, e.error_semidiscrete?])
+    });
+    let probability = plot(
+        "Probability of finding the field: in the window whole, in the slice dashed",
+        [APPLICATIONS, "probability"],
+        |e| Some([e.applications? as f64, e.probability_window?]),
     );
+    let slice: Point = |e| Some([e.applications? as f64, e.probability_slice?]);
+    let probability = Plot { point: slice, ..probability };
+    let probability = probability.profiles(&profiles, ", slice", |of| of.hollow().dashed(1));
+    let until = plot(
+        "Until it is measured (window or slice, the likelier), by profile",
+        ["applications / probability", SEMIDISCRETE],
+        |e| Some([e.until_measured?, e.error_semidiscrete?]),
+    );
+    let front = "front, all by modes";
+    [
+        applications.front(front, |e| e.front_applications && planned(e)),
+        asked.line("as asked for", Style::theory(), diagonal(entries)),
+        probability,
+        until.front(front, |e| e.front_until_measured),
+    ]
+    .map(|plot| plot.panel)
+    .into()
+}
+
+/// Errors that equal the tolerances of `entries`.
+fn diagonal(entries: &[&Entry]) -> Vec<[f64; 2]> {
+    let reached = entries.iter().filter(|e| planned(e) && e.error_semidiscrete.is_some());
+    let all: Vec<f64> = reached.filter_map(|e| e.tolerance).collect();
+    match all.is_empty() {
+        true => Vec::new(),
+        false => ends(&all).map(|end| [end, end]).into(),
+    }
+}
+
+/// Seconds: propagators of the first profile, classical steps, the paper's set-up.
+fn by_propagator(entries: &[&Entry], grid: &str) -> Panel {
+    let title = format!("Seconds, by propagator ({grid})");
+    let axes = ["seconds", SEMIDISCRETE].map(Axis::log);
+    let mut plot = Plot::new(title, axes, entries, |e| Some([e.seconds?, e.error_semidiscrete?]));
     let first = profiles(entries).into_iter().next().unwrap_or_default();
     let propagators = ["chebyshev", "krylov", "crank-nicolson", "backward-euler"];
     for (k, name) in propagators.into_iter().enumerate() {
-        let belongs =
-            |e: &Entry| planned(e) && usual(e) && is(&e.profile, &first) && is(&e.propagator, name);
-        let label = format!("{first}, {name}");
-        panel = series(panel, &label, Style::of(k), points(entries, &belongs, point));
+        plot = plot.series(&format!("{first}, {name}"), Style::of(k), |e| {
+            planned(e) && usual(e) && is(&e.profile, &first) && is(&e.propagator, name)
+        });
     }
     for (k, name) in ["forward-euler", "ssp-rk3"].into_iter().enumerate() {
-        let belongs = |e: &Entry| is(&e.integrator, name);
-        let points = points(entries, &belongs, point);
-        panel = series(panel, name, Style::of(4 + k).hollow(), points);
+        plot = plot.series(name, Style::of(4 + k).hollow(), |e| is(&e.integrator, name));
     }
-    for (label, name, dash) in [
-        ("the paper's, crank-nicolson", "crank-nicolson", 1),
-        ("the paper's, chebyshev", "chebyshev", 2),
-    ] {
-        let belongs = |e: &Entry| e.paper && is(&e.propagator, name);
-        let points = points(entries, &belongs, point);
-        panel = series(panel, label, Style::of(6).dashed(dash), points);
+    for (dash, name) in [(1, "crank-nicolson"), (2, "chebyshev")] {
+        let label = format!("the paper's, {name}");
+        plot =
+            plot.series(&label, Style::of(6).dashed(dash), |e| e.paper && is(&e.propagator, name));
     }
-    panel
+    plot.panel
 }
 
-/// Weights, the conservative interface and neither, of two profiles.
+/// Each treatment of growth, of two profiles.
 fn by_treatment(entries: &[&Entry], grid: &str) -> Panel {
+    let title = format!("Against growth at a jump ({grid})");
+    let axes = [APPLICATIONS, SEMIDISCRETE].map(Axis::log);
     let point: Point = |e| Some([e.applications? as f64, e.error_semidiscrete?]);
-    let mut panel = Panel::new(
-        format!("Against growth at a jump ({grid})"),
-        Axis::log("applications of the matrix"),
-        Axis::log(SEMIDISCRETE),
-    );
-    let treatments: [(&str, Choice); 4] = [
-        ("weights", |e| e.weights == Some(true) && !e.no_jump),
-        ("conservative", |e| {
-            e.weights == Some(false) && e.interface == "conservative" && !e.no_jump
-        }),
-        ("neither", |e| e.weights == Some(false) && e.interface == "hat" && !e.no_jump),
-        ("no jump", |e| e.no_jump),
-    ];
+    let mut plot = Plot::new(title, axes, entries, point);
     for (k, profile) in profiles(entries).iter().take(2).enumerate() {
-        for (dash, (name, has)) in treatments.into_iter().enumerate() {
-            let belongs = |e: &Entry| {
-                planned(e) && has(e) && is(&e.profile, profile) && is(&e.propagator, "chebyshev")
-            };
+        for (dash, treatment) in Treatment::by_growth().into_iter().enumerate() {
             let style = match dash {
-                0 | 3 => Style::of(k),
+                0 => Style::of(k),
                 dash => Style::of(k).hollow().dashed(dash),
             };
-            let points = points(entries, &belongs, point);
-            panel = series(panel, &format!("{profile}, {name}"), style, points);
+            let label = format!("{profile}, {}", treatment.name());
+            plot = plot.series(&label, style, |e| of_profile(e, profile) && treated(e, treatment));
         }
+        plot = plot.series(&format!("{profile}, no jump"), Style::of(k), |e| {
+            of_profile(e, profile) && e.no_jump
+        });
     }
-    panel
+    plot.panel
 }
 
 /// The axis of memory: by logarithms where it spans more than a power of ten.
@@ -247,60 +243,41 @@ fn by_grid(entries: &[Entry], of: &str) -> Vec<Panel> {
         "f" => "relative L1 error to the exact solution",
         _ => "relative L1 error to the exact density",
     };
-    let panels: [(&str, Axis, Point); 2] = [
-        ("Exact solution, each method over the grids", Axis::log("seconds"), |e| {
-            Some([e.seconds?, e.error_exact?])
-        }),
-        ("The same in memory", memory_axis(&all), |e| {
-            Some([e.memory_bytes_per_rank? as f64 / 1048576.0, e.error_exact?])
-        }),
+    let axes = |x: Axis| [x, Axis::log(what)];
+    let title = "Exact solution, each method over the grids";
+    let seconds =
+        Plot::new(title, axes(Axis::log("seconds")), &all, |e| Some([e.seconds?, e.error_exact?]));
+    let memory = Plot::new("The same in memory", axes(memory_axis(&all)), &all, |e| {
+        Some([e.memory_bytes_per_rank? as f64 / MIB, e.error_exact?])
+    });
+    let seconds = methods(seconds)
+        .front("front, classical", |e| e.front_exact && e.method == Method::Classical);
+    vec![seconds.panel, methods(memory).panel]
+}
+
+/// Each method with the settings that all grids have.
+fn methods(mut plot: Plot<'_>) -> Plot<'_> {
+    let classical = [
+        ("forward-euler", "none"),
+        ("ssp-rk3", "none"),
+        ("ssp-rk3", "minmod"),
+        ("ssp-rk3", "van-leer"),
     ];
-    let steps = |e: &Entry| e.cfl.is_none_or(|cfl| cfl == crate::problem::case::DEFAULT_CFL);
-    let loosest = crate::study::chart::programme::TOLERANCES[0];
-    let first = profiles(&all).into_iter().next().unwrap_or_default();
-    let draw = |(k, (title, x, point)): (usize, (&str, Axis, Point))| {
-        let mut panel = Panel::new(title, x, Axis::log(what));
-        for (k, (name, limiter)) in [
-            ("forward-euler", "none"),
-            ("ssp-rk3", "none"),
-            ("ssp-rk3", "minmod"),
-            ("ssp-rk3", "van-leer"),
-        ]
-        .into_iter()
-        .enumerate()
-        {
-            let belongs = |e: &Entry| {
-                is(&e.integrator, name) && is(&e.limiter, limiter) && steps(e) && !e.as_given
-            };
-            let label = match limiter {
-                "none" => name,
-                limiter => limiter,
-            };
-            panel = series(panel, label, Style::of(k), points(&all, &belongs, point));
-        }
-        let treatments: [(&str, Choice); 2] = [
-            ("", usual),
-            (", conservative", |e| {
-                e.weights == Some(false) && e.interface == "conservative" && !e.no_jump
-            }),
-        ];
-        for (dash, (name, has)) in treatments.into_iter().enumerate() {
-            let belongs = |e: &Entry| {
-                planned(e)
-                    && has(e)
-                    && is(&e.profile, &first)
-                    && is(&e.propagator, "chebyshev")
-                    && e.tolerance == Some(loosest)
-            };
-            let style = Style::of(4 + dash).hollow().dashed(1 + dash);
-            let points = points(&all, &belongs, point);
-            panel = series(panel, &format!("{first}{name}"), style, points);
-        }
-        let belongs = |e: &Entry| e.front_exact && e.method == Method::Classical;
-        match k {
-            0 => front(panel, "front, classical", &all, &belongs, point),
-            _ => panel,
-        }
-    };
-    panels.into_iter().enumerate().map(draw).collect()
+    for (k, (integrator, limiter)) in classical.into_iter().enumerate() {
+        let label = if limiter == "none" { integrator } else { limiter };
+        plot = plot.series(label, Style::of(k), |e| {
+            let usual = e.cfl.is_none_or(|cfl| cfl == DEFAULT_CFL) && !e.as_given;
+            usual && is(&e.integrator, integrator) && is(&e.limiter, limiter)
+        });
+    }
+    let first = profiles(plot.entries).into_iter().next().unwrap_or_default();
+    let by_modes = |e: &Entry| of_profile(e, &first) && e.tolerance == Some(TOLERANCES[0]);
+    let style = |dash: usize| Style::of(3 + dash).hollow().dashed(dash);
+    plot = plot.series(&first, style(1), |e| by_modes(e) && usual(e));
+    let unweighted = Treatment::by_growth().into_iter().filter(|of| !of.has_growing_law());
+    for (k, treatment) in unweighted.enumerate() {
+        let label = format!("{first}, {}", treatment.name());
+        plot = plot.series(&label, style(2 + k), |e| by_modes(e) && treated(e, treatment));
+    }
+    plot
 }

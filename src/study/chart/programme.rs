@@ -5,8 +5,9 @@ use crate::problem::case::{
     DEFAULT_BETA, DEFAULT_ORDER, Integrator, Limiter, ProfileChoice, PropagatorMethod,
 };
 use crate::problem::grid::PhaseSpace;
-use crate::study::chart::setup::{Modes, Setup, Treatment};
+use crate::study::chart::setup::{Modes, Setup};
 use crate::study::grids::{Grids, with_cells};
+use crate::study::treatment::Treatment;
 
 /// What the cells of an axis are divided by on coarser grids, and multiplied by on finer ones.
 const FACTORS: [usize; 2] = [2, 4];
@@ -63,8 +64,8 @@ pub struct Programme {
     pub grids: Vec<PhaseSpace>,
     /// Which of them is the case's own.
     pub own: usize,
-    /// Whether `V` jumps.
-    pub jumps: bool,
+    /// Treatments of growth, those that prevent it first.
+    treatments: Vec<Option<Treatment>>,
 }
 
 impl Programme {
@@ -94,18 +95,18 @@ impl Programme {
             let shape: Option<Vec<usize>> = own.iter().map(|n| n.checked_mul(factor)).collect();
             grids.extend(shape.map(|shape| with_cells(space, &shape)));
         }
-        Self { grids, own: index, jumps }
-    }
-
-    fn treatments(&self) -> &'static [Treatment] {
-        Treatment::all(self.jumps)
+        let treatments = match jumps {
+            true => Treatment::by_growth().into_iter().map(Some).collect(),
+            false => vec![None],
+        };
+        Self { grids, own: index, treatments }
     }
 
     /// The first profile, treatment and propagator at the first tolerance.
     fn base(&self) -> Modes {
         Modes {
             profile: PROFILES[0],
-            treatment: self.treatments()[0],
+            treatment: self.treatments[0],
             propagator: PropagatorMethod::Chebyshev,
             steps: None,
             tolerance: FIRST,
@@ -175,7 +176,7 @@ impl Programme {
         let base = self.base();
         let mut setups = Vec::new();
         let mut extend = |of: Modes| {
-            for &treatment in self.treatments() {
+            for &treatment in &self.treatments {
                 setups.extend(of_profiles(Modes { treatment, ..of }));
             }
         };
@@ -194,8 +195,8 @@ impl Programme {
 
     /// `base` with each treatment but the first.
     fn other_treatments(&self, base: Modes) -> impl Iterator<Item = Setup> {
-        let with = move |&treatment: &Treatment| Setup::from(Modes { treatment, ..base });
-        self.treatments()[1..].iter().map(with)
+        let with = move |&treatment: &Option<Treatment>| Setup::from(Modes { treatment, ..base });
+        self.treatments[1..].iter().map(with)
     }
 }
 

@@ -1,44 +1,21 @@
 //! A method with its settings, and the case that it makes of a case file.
 
 use crate::matrix::bounds::Bounds;
-use crate::problem::case::Coefficients;
 use crate::problem::case::{
-    Case, DEFAULT_CFL, Delta, Embedding, Integrator, Interface, LARGEST_TOLERANCE, Limiter, Method,
-    ProfileChoice, PropagatorMethod, RecoveryMethod, Shift,
+    Case, Coefficients, DEFAULT_CFL, Delta, Embedding, Integrator, Interface, LARGEST_TOLERANCE,
+    Limiter, Method, ProfileChoice, PropagatorMethod, RecoveryMethod, Shift,
 };
 use crate::problem::grid::PhaseSpace;
+use crate::study::treatment::Treatment;
 use crate::study::trial::{final_fields_only, plan_series, propagation};
-
-/// The measure against the growth that the hat interface brings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Treatment {
-    /// The hat interface and dissipative weights.
-    Weights,
-    /// The conservative interface, which has no growth.
-    Conservative,
-    /// The hat interface without weights.
-    Neither,
-    /// `V` does not jump: the interfaces are the same, and weights are not needed.
-    NoJump,
-}
-
-impl Treatment {
-    /// The treatments that differ where `V` jumps, or where it does not.
-    pub fn all(jumps: bool) -> &'static [Self] {
-        match jumps {
-            true => &[Self::Weights, Self::Conservative, Self::Neither],
-            false => &[Self::NoJump],
-        }
-    }
-}
 
 /// Schrödingerization by modes, planned from the tolerance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Modes {
     /// `g(p)`.
     pub profile: ProfileChoice,
-    /// Against growth.
-    pub treatment: Treatment,
+    /// Against growth at jumps; none where `V` does not jump, so that none is needed.
+    pub treatment: Option<Treatment>,
     /// Of a mode.
     pub propagator: PropagatorMethod,
     /// Steps of an implicit propagator.
@@ -120,12 +97,10 @@ impl Modes {
         case.warp.profile = self.profile;
         case.tolerance = self.tolerance;
         case.propagator = propagation(case, self.propagator, self.steps);
-        match self.treatment {
-            Treatment::Weights | Treatment::Neither => case.interface = Interface::Hat,
-            Treatment::Conservative => case.interface = Interface::Conservative,
-            Treatment::NoJump => {}
+        case.warp.weights = false;
+        if let Some(treatment) = self.treatment {
+            *case = treatment.of(case);
         }
-        case.warp.weights = self.treatment == Treatment::Weights;
     }
 }
 

@@ -4,8 +4,9 @@ use super::*;
 use crate::problem::case::{Integrator, Limiter, ProfileChoice, PropagatorMethod};
 use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::files::{COLUMNS, csv};
-use crate::study::chart::setup::{Modes, Treatment};
+use crate::study::chart::setup::Modes;
 use crate::study::chart::verdict::winners;
+use crate::study::treatment::Treatment;
 use serde_json::Value;
 
 fn case() -> Case {
@@ -33,7 +34,7 @@ fn made_up(designed: bool, [seconds, error]: [f64; 2], applications: usize) -> E
     let setup = if designed {
         Setup::from(Modes {
             profile: ProfileChoice::Designed,
-            treatment: Treatment::Weights,
+            treatment: Some(Treatment::all()[1]),
             propagator: PropagatorMethod::Chebyshev,
             steps: None,
             tolerance: error,

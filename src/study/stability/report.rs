@@ -1,10 +1,10 @@
 //! A stability map as a table, as CSV, as JSON and as a figure.
 
-use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::results::figure;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure};
+use crate::study::files::Files;
 use crate::study::grids::shape_text;
 use crate::study::stability::panel::{Border, Curve, Name, Panel, Point, Scale, Stability};
 use std::fmt::Write as _;
@@ -115,14 +115,8 @@ impl Stability {
     /// # Errors
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        let path = directory.join("stability.json");
-        let json = serde_json::to_string_pretty(self).map_err(|e| failure(&path, &e))? + "\n";
-        for (name, text) in [("stability.csv", self.csv()), ("stability.json", json)] {
-            let path = directory.join(name);
-            std::fs::write(&path, text).map_err(|e| failure(&path, &e))?;
-        }
-        self.figure().write(directory, "stability")?;
-        Ok(())
+        let (table, figure) = (self.csv(), self.figure());
+        Files { name: "stability", found: self, table, figure }.write(directory)
     }
 
     /// A frame a panel: what was measured with markers, theory dashed.

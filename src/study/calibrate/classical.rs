@@ -1,0 +1,52 @@
+//! The classical steps of a run for a part of the time.
+
+use crate::base::error::Result;
+use crate::problem::case::Case;
+use crate::propagate::classical::{Classical, classical_steps};
+use crate::propagate::limiter::Reconstruction;
+use crate::run::classical::{Integration, integrate};
+use crate::solve::prepared::Prepared;
+use crate::study::calibrate::timing::{Expected, PARTS, Timed, line};
+use std::time::Instant;
+
+/// What the classical steps take on the block of `prepared`. Collective.
+///
+/// # Errors
+/// As [`Reconstruction::new`].
+pub fn expected(prepared: &mut Prepared) -> Result<Expected> {
+    let Prepared { case, plan, communicator, system, .. } = prepared;
+    let (case, world) = (&*case, &communicator.world);
+    let fields = case.fields.len();
+    let mut trial = |part: usize| -> Result<Timed> {
+        let shortened = of_part(case, part);
+        let (legs, steps) = (shortened.legs(), classical_steps(&shortened, &plan.bounds));
+        world.barrier();
+        let started = Instant::now();
+        for (k, start) in system.states.iter().enumerate() {
+            let slopes = world.agree(Reconstruction::new(case, &system.matrix, k))?;
+            let mut classical =
+                Classical::of(case, &system.matrix, &system.weights.pi).with_slopes(slopes);
+            let mut state = start.clone();
+            for (&time, &steps) in legs.iter().zip(&steps) {
+                let (integrator, rate) = (case.integrator, plan.bounds.rate);
+                let span = Integration { integrator, rate, time, steps };
+                integrate(&mut classical, &mut system.exchange, span, &mut state);
+            }
+        }
+        let seconds = world.max(started.elapsed().as_secs_f64());
+        Ok(Timed { seconds, cost: (fields * steps.iter().sum::<usize>()) as f64 })
+    };
+    let line = line(&mut trial)?;
+    let all = (fields * plan.classical_steps) as f64;
+    let application = line.rate / case.integrator.stages() as f64;
+    Ok(Expected { solve: line.fixed + line.rate * all, application })
+}
+
+/// `case` with every leg cut down to `part` of [`PARTS`] equal parts.
+fn of_part(case: &Case, part: usize) -> Case {
+    let fraction = part as f64 / PARTS as f64;
+    let mut case = case.clone();
+    case.end *= fraction;
+    case.times.iter_mut().for_each(|at| at.time *= fraction);
+    case
+}

@@ -1,0 +1,287 @@
+//! The modes of a run for a part of the time.
+
+use crate::base::error::Result;
+use crate::base::progress::Progress;
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::observables::VelocityFactors;
+use crate::parallel::communicator::{Communicator, GhostExchange};
+use crate::plan::Plan;
+use crate::plan::balance::Batch;
+use crate::problem::case::Case;
+use crate::propagate;
+use crate::propagate::commutator_free::stage_degree;
+use crate::propagate::method::{BatchCoupling, Evolution, Initial, Propagator};
+use crate::propagate::time_dependent_inflow::Schedule;
+use crate::propagate::{Span, descriptor, propagator};
+use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::kept::{KeptModes, ModeProgress};
+use crate::solve::modes;
+use crate::solve::modes::{Keeping, Leg, RunHooks, Task};
+use crate::solve::place::Place;
+use crate::solve::prepared::Prepared;
+use crate::solve::sum::MomentsOf;
+use crate::solve::system::DiscreteSystem;
+use crate::study::calibrate::timing::{Expected, LONG_ENOUGH, Line, PARTS, Timed, line, repeated};
+use num_complex::Complex64;
+use std::time::Instant;
+
+/// Pieces that are tried, where not all of them run at one rate.
+const PIECES: usize = 3;
+
+/// What the modes of `warp` take on the block of `prepared`, which is that of the run itself if
+/// `whole`. Collective.
+///
+/// # Errors
+/// As [`modes::run`].
+pub fn expected(prepared: &mut Prepared, warp: &WarpPlan, whole: bool) -> Result<Expected> {
+    let given = GivenMode::new(prepared);
+    let norms: Vec<f64> = match &given {
+        Some(given) if given.norm > 0.0 => vec![given.norm; prepared.system.states.len()],
+        _ => (prepared.system.states.iter())
+            .map(|state| prepared.system.norm(&prepared.communicator, state, false))
+            .collect(),
+    };
+    let Prepared { case, plan, communicator, place, system, .. } = prepared;
+    let DiscreteSystem { matrix, exchange, states, weights, schedule, terms, .. } = system;
+    let rows = matrix.rows();
+    let factors = VelocityFactors::new(&case.space);
+    let mut trials = Trials {
+        case,
+        plan,
+        warp,
+        communicator,
+        place,
+        initial: (states.iter().zip(norms))
+            .map(|(state, norm)| Initial::real(&state[..rows], norm))
+            .collect(),
+        moments: MomentsOf {
+            factors: &factors,
+            pi: &weights.pi[..matrix.block.cells()],
+            least: case.space.least_relative_volume().min(1.0),
+        },
+        matrix,
+        exchange,
+        schedule: schedule.as_ref(),
+        terms: *terms,
+        given,
+        coupling: descriptor(plan.propagation.method).batch_coupling(),
+    };
+    trials.expected(whole)
+}
+
+/// A mode that stands for those of a file.
+struct GivenMode {
+    state: Vec<Complex64>,
+    norm: f64,
+}
+
+impl GivenMode {
+    /// None where a run starts from fields. Collective.
+    fn new(prepared: &Prepared) -> Option<Self> {
+        prepared.case.start.as_ref()?;
+        let system = &prepared.system;
+        // Of no length scale, and zero nowhere, as zeros take no time.
+        let mode = |i: usize| Complex64::cis((i * i % 257) as f64);
+        let state: Vec<Complex64> = (0..system.matrix.rows()).map(mode).collect();
+        let norm = |of: fn(&Complex64) -> f64| {
+            let part: Vec<f64> = state.iter().map(of).collect();
+            system.norm(&prepared.communicator, &part, false)
+        };
+        let norm = norm(|x| x.re).hypot(norm(|x| x.im));
+        Some(Self { state, norm })
+    }
+}
+
+/// Trials of the modes on a block.
+struct Trials<'a> {
+    case: &'a Case,
+    plan: &'a Plan,
+    warp: &'a WarpPlan,
+    communicator: &'a Communicator,
+    place: &'a Place,
+    matrix: &'a BlockMatrix,
+    exchange: &'a mut GhostExchange,
+    schedule: Option<&'a Schedule>,
+    terms: usize,
+    initial: Vec<Initial<'a>>,
+    given: Option<GivenMode>,
+    moments: MomentsOf<'a>,
+    coupling: BatchCoupling,
+}
+
+impl<'a> Trials<'a> {
+    fn expected(&mut self, whole: bool) -> Result<Expected> {
+        let (plan, world) = (self.plan, &self.communicator.world);
+        let groups = &plan.layout.groups;
+        let mine = &groups[self.communicator.modes.rank() % groups.len()];
+        let tried = pieces(mine, self.coupling);
+        let making = Instant::now();
+        let all = self.shortened(PARTS);
+        drop(world.agree(all.propagator(self.matrix))?);
+        let making = world.max(making.elapsed().as_secs_f64());
+        let nothing = repeated(&mut || self.trial(1, &[]))?.seconds;
+        let Line { rate, fixed } = line(&mut |part| self.trial(part, &tried))?;
+        // Pieces of the group with most to do.
+        let tried = world.max(tried.len() as f64).max(1.0);
+        let piece = ((fixed - nothing) / tried).max(0.0);
+        let most = groups.iter().map(|group| {
+            let pieces = match self.coupling {
+                BatchCoupling::Sequential => group.iter().map(|b| b.modes.len()).sum(),
+                _ => group.len(),
+            };
+            let cost: f64 = group.iter().map(|b| all.cost(b, self.coupling)).sum();
+            piece * pieces as f64 + rate * cost
+        });
+        let mut seconds = nothing + most.fold(0.0, f64::max);
+        if whole && seconds < LONG_ENOUGH {
+            // What takes so little is tried as it is.
+            seconds = repeated(&mut || self.trial(PARTS, mine))?.seconds;
+        }
+        let application = rate / self.case.fields.len() as f64;
+        Ok(Expected { solve: making + seconds, application })
+    }
+
+    fn shortened(&self, part: usize) -> Shortened<'a> {
+        Shortened::new(self.case, self.plan, self.warp, self.schedule, part)
+    }
+
+    /// Runs `batches` for a part of the time, as a full run does but for the files. Collective.
+    fn trial(&mut self, part: usize, batches: &[Batch]) -> Result<Timed> {
+        let (short, world) = (self.shortened(part), &self.communicator.world);
+        let mut propagator = world.agree(short.propagator(self.matrix))?;
+        let mut system = Evolution {
+            matrix: self.matrix,
+            exchange: &mut *self.exchange,
+            space: &self.communicator.space,
+            bounds: &self.plan.bounds,
+            time: self.case.end,
+            terms: self.terms,
+        };
+        let mut kept = self.warp.points.map(|_| {
+            let modes = batches.iter().flat_map(|b| b.modes.clone());
+            KeptModes::new(self.matrix.rows(), modes.collect())
+        });
+        if let (Some(kept), Some(given)) = (&mut kept, &self.given) {
+            kept.progress_mut().fill(ModeProgress::start(given.norm));
+            let all = kept.values_mut().chunks_exact_mut(given.state.len().max(1));
+            all.for_each(|mode| mode.copy_from_slice(&given.state));
+        }
+        world.barrier();
+        let started = Instant::now();
+        let task = Task {
+            communicator: self.communicator,
+            warp: &short.warp,
+            legs: &short.legs,
+            batches,
+            initial: &self.initial,
+            shares: &self.place.ranges,
+            moments: Some(&self.moments),
+        };
+        let mut unwritten = |_: usize, _: usize, _: &KeptModes| Ok(());
+        let mut keeping = kept.as_mut().map(|kept| Keeping {
+            kept,
+            begun: self.given.is_some(),
+            after: &mut unwritten,
+        });
+        let hooks = RunHooks { keeping: keeping.as_mut(), checkpoints: None };
+        modes::run(&task, &mut system, &mut *propagator, &mut Progress::silent(), hooks)?;
+        let seconds = world.max(started.elapsed().as_secs_f64());
+        let cost: f64 = batches.iter().map(|b| short.cost(b, self.coupling)).sum();
+        Ok(Timed { seconds, cost: world.max(cost) })
+    }
+}
+
+/// A run of the modes with every leg cut down.
+struct Shortened<'a> {
+    plan: &'a Plan,
+    warp: WarpPlan,
+    legs: Vec<Leg>,
+    schedule: Option<Schedule>,
+}
+
+impl<'a> Shortened<'a> {
+    /// Of `plan` to `part` of [`PARTS`] equal parts, or as many whole steps as that takes; each mode is allowed its part of the
+    /// error, too.
+    fn new(
+        case: &Case,
+        plan: &'a Plan,
+        warp: &WarpPlan,
+        schedule: Option<&Schedule>,
+        part: usize,
+    ) -> Self {
+        let fraction = part as f64 / PARTS as f64;
+        let mut legs = Leg::all(case);
+        let mut warp = warp.clone();
+        let mut scratch = Vec::new();
+        let schedule = schedule.map(|all| {
+            let steps = (all.steps * part).div_ceil(PARTS);
+            Schedule {
+                steps,
+                couplings: all.couplings[..2 * steps * all.envelope.len()].to_vec(),
+                ..all.clone()
+            }
+        });
+        for (k, leg) in legs.iter_mut().enumerate() {
+            let steps = match &schedule {
+                // One leg, two stages a step.
+                Some(_) => plan.bounds.stages / 2,
+                None => propagate::steps(&plan.propagation, leg.time),
+            };
+            let fraction = match steps {
+                0 => fraction,
+                steps => (steps * part).div_ceil(PARTS) as f64 / steps as f64,
+            };
+            leg.time *= fraction;
+            if part == PARTS {
+                continue;
+            }
+            for l in 0..warp.modes {
+                let span = Span { time: leg.time, tolerance: warp.leg_tolerance(l) * fraction };
+                let (mu, bounds) = (warp.wavenumber(l), &plan.bounds);
+                let work = propagate::work(&case.propagator, bounds, mu, span, &mut scratch);
+                warp.leg_work[k][l] = work;
+            }
+        }
+        warp.state_tolerance *= fraction;
+        Self { plan, warp, legs, schedule }
+    }
+
+    fn propagator(&self, matrix: &BlockMatrix) -> Result<Box<dyn Propagator + '_>> {
+        let setting = self.plan.propagator_setting(&self.warp);
+        propagator(&setting, self.schedule.as_ref(), matrix)
+    }
+
+    /// What a batch costs, as the plan counts it leg by leg, each exponential of an inflow that varies with its own degree.
+    fn cost(&self, batch: &Batch, coupling: BatchCoupling) -> f64 {
+        let mut scratch = Vec::new();
+        let bounds = &self.plan.bounds;
+        let mut sum = 0;
+        for (leg, work) in self.legs.iter().zip(&self.warp.leg_work) {
+            let works = batch.modes.iter().map(|&l| match &self.schedule {
+                None => work[l],
+                Some(schedule) => {
+                    let interval = bounds.interval(self.warp.wavenumber(l));
+                    let (tau, stages) = (interval.half_width * leg.time, schedule.stages());
+                    stages * stage_degree(&mut scratch, tau, work[l], stages)
+                }
+            });
+            sum += coupling.cost(works);
+        }
+        sum as f64
+    }
+}
+
+/// The pieces of a group that are tried: one, where all run at one rate, otherwise some from the longest to the shortest.
+fn pieces(group: &[Batch], coupling: BatchCoupling) -> Vec<Batch> {
+    let all: Vec<Batch> = match coupling {
+        BatchCoupling::Independent => return group.iter().take(1).cloned().collect(),
+        BatchCoupling::Coupled => group.to_vec(),
+        BatchCoupling::Sequential => (group.iter())
+            .flat_map(|batch| &batch.modes)
+            .map(|&mode| Batch { modes: vec![mode], cost: 1 })
+            .collect(),
+    };
+    let count = all.len().min(PIECES);
+    let at = |k: usize| all[k * (all.len() - 1) / (count - 1).max(1)].clone();
+    (0..count).map(at).collect()
+}

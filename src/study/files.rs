@@ -1,0 +1,36 @@
+//! The files of a study: a JSON file, a table, and the figure.
+
+use crate::base::disk::failure;
+use crate::base::error::Result;
+use crate::results::figure::Figure;
+use serde::Serialize;
+use std::path::Path;
+
+/// What is written of a study.
+pub struct Files<'a, T> {
+    /// Name of the files, without an ending.
+    pub name: &'a str,
+    /// For the JSON file.
+    pub found: &'a T,
+    /// The CSV file.
+    pub table: String,
+    /// The figure.
+    pub figure: Figure,
+}
+
+impl<T: Serialize> Files<'_, T> {
+    /// Writes NAME.json, NAME.csv, NAME.svg and NAME.png into `directory`. On one rank.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`].
+    pub fn write(self, directory: &Path) -> Result<()> {
+        let at = |ending: &str| directory.join(format!("{}.{ending}", self.name));
+        let (json, csv) = (at("json"), at("csv"));
+        let text = serde_json::to_string_pretty(self.found).map_err(|e| failure(&json, &e))?;
+        for (path, text) in [(json, text + "\n"), (csv, self.table)] {
+            std::fs::write(&path, text).map_err(|e| failure(&path, &e))?;
+        }
+        self.figure.write(directory, self.name)?;
+        Ok(())
+    }
+}
