@@ -3,12 +3,12 @@
 //!
 //! The error is `∫|ρ − ρ_exact| dx / ∫|ρ_exact| dx` at the end, `ρ_exact` averaged over the cells.
 //! Schemes are tried on coarse grids without Schrödingerization, each grid twice as fine as the one
-//! before. Without `[exact]` the error is that of Richardson: from the distance `d` to a grid twice as
-//! fine, `e = d/(1 − 2^{−q})`. The order `q` is measured and not assumed: discontinuous solutions have
-//! about 1/2. The grid that reaches the accuracy lies between two that were tried, or follows from the
-//! order; it is tried itself where the budget allows ([`reach`]). Schrödingerization adds at most a
-//! tenth of the accuracy: its tolerance follows from the norms of `f` ([`density::spread`]) and is
-//! tried on a coarse grid.
+//! before. Without `[exact]` the error is that of Richardson: from the distance `d` to a grid twice
+//! as fine, `e = d/(1 − 2^{−q})`. The order `q` is measured and not assumed: discontinuous
+//! solutions have about 1/2. The grid that reaches the accuracy lies between two that were tried,
+//! or follows from the order; it is tried itself where the budget allows ([`reach`]).
+//! Schrödingerization adds at most a tenth of the accuracy: its tolerance follows from the norms of
+//! `f` ([`density::spread`]) and is tried on a coarse grid.
 //!
 //! Counted work decides what is tried; rank 0's clock only stops what takes far longer than counted
 //! ([`crate::study::budget`]).
@@ -328,15 +328,15 @@ impl<'a> Study<'a> {
         Ok(coarsest.clone())
     }
 
-    /// A tolerance by which Schrödingerization adds no more to the error on the grid `coarse` than it
-    /// may. Collective.
+    /// A tolerance by which Schrödingerization adds no more to the error on the grid `coarse` than
+    /// it may. Collective.
     fn tolerance(&mut self, scheme: Scheme, coarse: &[usize]) -> Result<Tolerance> {
         let allowed = SCHRODINGERIZATION * self.wanted.accuracy;
         let reference = self.trials.run(scheme, coarse)?;
         let (density, spread) = (reference.density.clone(), reference.spread);
         let guaranteed = matches!(self.case.data, Data::Density);
-        // Level sets enter the density through a delta function as wide as a cell: a tenth of what a
-        // field may have, and it is tried.
+        // Level sets enter the density through a delta function as wide as a cell: a tenth of what
+        // a field may have, and it is tried.
         let mut tolerance = if guaranteed { allowed / spread } else { 0.1 * allowed };
         let mut measured = None;
         let mut target = scheme.schrodingerized(&self.trials.plain, coarse);

@@ -1,18 +1,20 @@
 //! How long a run will take, from a few steps of it: `phasewarp plan --calibrate`.
 //!
-//! What comes before the modes (assembling, weights, probe, exact solution) is done as a run does it, and timed. Then the modes
-//! themselves are run for a part of the time, by the code that a run uses and on all ranks at once, so that ghost exchange and a
-//! memory that the ranks share count. With `t(n)` the seconds that take pieces of the work to `n` parts of `T`,
+//! What comes before the modes (assembling, weights, probe, exact solution) is done as a run does
+//! it, and timed. Then the modes themselves are run for a part of the time, by the code that a run
+//! uses and on all ranks at once, so that ghost exchange and a memory that the ranks share count.
+//! With `t(n)` the seconds that take pieces of the work to `n` parts of `T`,
 //!
 //! ```text
 //! t(0) = fixed,     t(n) = fixed + piece · pieces + rate · cost(n)
 //! ```
 //!
-//! and a run takes `fixed + piece · pieces + rate · cost` with the pieces and the cost of the mode group with most to do. A piece
-//! is a batch of modes, where modes go one after the other a mode; cost is what the plan counts, applications or solves.
+//! and a run takes `fixed + piece · pieces + rate · cost` with the pieces and the cost of the mode
+//! group with most to do. A piece is a batch of modes, where modes go one after the other a mode;
+//! cost is what the plan counts, applications or solves.
 //!
-//! The ranks at hand need not be as many as the run will have. Each then takes a block of the size that a rank of the run has: the box
-//! is cut down to as many blocks as there are ranks for.
+//! The ranks at hand need not be as many as the run will have. Each then takes a block of the size
+//! that a rank of the run has: the box is cut down to as many blocks as there are ranks for.
 
 pub mod classical;
 pub mod modes;
@@ -45,8 +47,8 @@ use std::time::Instant;
 
 /// Seconds to write results, measured on a local disk: files and their metadata, a byte that is
 /// written and read back, and one of the warped field, which is transposed and transformed before;
-/// and a byte of a warped field that the run starts from, of which norms are taken. All depend on the
-/// file system.
+/// and a byte of a warped field that the run starts from, of which norms are taken. All depend on
+/// the file system.
 const SECONDS_TO_WRITE: f64 = 0.01;
 const SECONDS_PER_BYTE: f64 = 2e-9;
 const SECONDS_PER_WARPED_BYTE: f64 = 5e-9;
@@ -218,8 +220,8 @@ impl Run<'_> {
     }
 }
 
-/// Times the moments of the fields at the start and at the end; the fields at the start are dropped.
-/// Collective.
+/// Times the moments of the fields at the start and at the end; the fields at the start are
+/// dropped. Collective.
 fn time_observables(block: &mut Prepared, watch: &mut Stopwatch) {
     let initial = std::mem::take(&mut block.system.initial);
     let mine: Vec<&[f64]> = (initial.iter()).map(|f| &f[block.place.mine.clone()]).collect();
@@ -247,7 +249,8 @@ fn seconds_to_write(case: &Case, plan: &Plan) -> f64 {
         + SECONDS_PER_WARPED_BYTE * warped as f64
 }
 
-/// `case` on the middle of its box, cut down to blocks as large as those of `mesh` on at most `ranks` ranks, and the mesh of them.
+/// `case` on the middle of its box, cut down to blocks as large as those of `mesh` on at most
+/// `ranks` ranks, and the mesh of them.
 fn part_of(case: &Case, mesh: &Mesh, ranks: usize) -> (Case, Mesh) {
     // As many blocks as divide the ranks, none more along an axis than the run has.
     let mut parts = vec![1; mesh.space.len()];

@@ -1,13 +1,14 @@
 //! `phasewarp chart`: accuracy against cost, method by method.
 //!
-//! The methods are run on one case over a range of their knobs (`programme`) within a budget of time:
-//! breadth first, each trial only where its expected time fits (`attempts`, [`crate::study::cost`]).
-//! What ran, what was refused and what was left out are the `entry`s. From these follow Pareto fronts
-//! (`front`), sentences that say which method to take (`verdict`), files (`files`) and the picture
-//! (`picture`).
+//! The methods are run on one case over a range of their knobs (`programme`) within a budget of
+//! time: breadth first, each trial only where its expected time fits (`attempts`,
+//! [`crate::study::cost`]). What ran, what was refused and what was left out are the `entry`s. From
+//! these follow Pareto fronts (`front`), sentences that say which method to take (`verdict`), files
+//! (`files`) and the picture (`picture`).
 //!
-//! There are two errors: the distance to the exact solution, where one is named, which is mostly the
-//! grid's; and the distance to the exact solution of the semi-discrete system, which is the method's.
+//! There are two errors: the distance to the exact solution, where one is named, which is mostly
+//! the grid's; and the distance to the exact solution of the semi-discrete system, which is the
+//! method's.
 
 pub mod attempts;
 pub mod entry;
@@ -41,8 +42,8 @@ mod tests;
 /// Runs the trials of `case` that fit into `limit`. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] for a case that starts from a warped field; the first trial's error where nothing
-/// could be run.
+/// [`Error::Input`] for a case that starts from a warped field; the first trial's error where
+/// nothing could be run.
 pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     if case.start.is_some() {
         return Err(Error::Input(format!(

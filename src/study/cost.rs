@@ -1,15 +1,15 @@
 //! The work of runs, and a model of the seconds that they take.
 //!
-//! Work is counted in applications of the matrix over all modes and fields: a linear solve or a step
-//! with slopes counts as several. With the cells of the grid,
+//! Work is counted in applications of the matrix over all modes and fields: a linear solve or a
+//! step with slopes counts as several. With the cells of the grid,
 //!
 //! ```text
 //! seconds = a + b · cells + rate · work · cells
 //! ```
 //!
-//! The rate of a kind of work is that of the longest trial of it so far. The overhead `a + b · cells`
-//! (matrix, weights, plan, comparisons) follows from the quickest trials of the coarsest and of the
-//! finest grid.
+//! The rate of a kind of work is that of the longest trial of it so far. The overhead
+//! `a + b · cells` (matrix, weights, plan, comparisons) follows from the quickest trials of the
+//! coarsest and of the finest grid.
 
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
@@ -207,7 +207,8 @@ impl CostModel {
         Ok(found)
     }
 
-    /// Whether the bounds of the case's matrix were measured: its predicted work is then the plan's.
+    /// Whether the bounds of the case's matrix were measured: its predicted work is then the
+    /// plan's.
     pub fn is_measured(&self, case: &Case) -> bool {
         case.method == Method::Classical || self.measured.contains_key(&MatrixKey::of(case))
     }
@@ -264,8 +265,8 @@ impl CostModel {
 }
 
 /// `a + b · cells` through the seconds known of the fewest and of the most cells. It grows with the
-/// cells, at least by [`OVERHEAD`] a cell where that is not more than what is known. Beyond them the
-/// steps of a comparison grow with the cells of an axis.
+/// cells, at least by [`OVERHEAD`] a cell where that is not more than what is known. Beyond them
+/// the steps of a comparison grow with the cells of an axis.
 fn overhead(known: &BTreeMap<usize, f64>, cells: f64, axes: usize) -> f64 {
     let ends = known.first_key_value().zip(known.last_key_value());
     let Some(((&few, &little), (&many, &much))) = ends else {

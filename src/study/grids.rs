@@ -45,8 +45,8 @@ pub fn stray_edges(case: &Case) -> usize {
     found.edges.len() + found.empty.len()
 }
 
-/// `case` on at most `most` cells: axes are halved, the longest first; those that keep as many edges
-/// of `V` on faces are preferred.
+/// `case` on at most `most` cells: axes are halved, the longest first; those that keep as many
+/// edges of `V` on faces are preferred.
 pub fn coarsened(case: &Case, most: usize) -> Case {
     /// Fewest cells along an axis.
     const LEAST: usize = 4;
@@ -75,9 +75,11 @@ pub fn coarsened(case: &Case, most: usize) -> Case {
 /// Grids over the box of a case.
 pub struct Grids {
     x: Vec<Axis>,
-    /// Where regions of `V` end, by space axis; `None` where there are too many places: a curved edge is on no faces.
+    /// Where regions of `V` end, by space axis; `None` where there are too many places: a curved
+    /// edge is on no faces.
     edges: Vec<Option<Vec<f64>>>,
-    /// The axes of the `2n` along which nothing varies: a run has one cell there, so that they keep the case's.
+    /// The axes of the `2n` along which nothing varies: a run has one cell there, so that they keep
+    /// the case's.
     merged: Vec<bool>,
 }
 
@@ -101,19 +103,21 @@ impl Grids {
         &self.merged
     }
 
+    /// `cells(k, n)` along each axis `k` that has `n` in `shape`, merged axes as they are.
+    fn with(&self, shape: &[usize], cells: impl Fn(usize, usize) -> usize) -> Vec<usize> {
+        let of = |(k, &n)| if self.merged[k] { n } else { cells(k, n) };
+        shape.iter().enumerate().map(of).collect()
+    }
+
     /// `shape`, twice as fine along the axes that are not merged.
     pub fn twice(&self, shape: &[usize]) -> Vec<usize> {
-        (shape.iter().zip(&self.merged))
-            .map(|(&cells, merged)| if *merged { cells } else { 2 * cells })
-            .collect()
+        self.with(shape, |_, n| 2 * n)
     }
 
     /// `shape`, its axes of space (`of_space`) or of velocity twice as fine but for merged ones.
     pub fn doubled(&self, shape: &[usize], of_space: bool) -> Vec<usize> {
-        let twice = self.twice(shape);
-        (0..shape.len())
-            .map(|k| if (k < self.x.len()) == of_space { twice[k] } else { shape[k] })
-            .collect()
+        let is_space = |k| k < self.x.len();
+        self.with(shape, |k, n| if is_space(k) == of_space { 2 * n } else { n })
     }
 
     /// Number of space dimensions.
@@ -138,8 +142,9 @@ impl Grids {
         (0..self.x.len()).filter(|&a| !self.keeps(a, shape[a])).collect()
     }
 
-    /// About `wanted` cells along axis `k` of the `2n`, at least `fewest`: along x such that edges are on faces, if there is such a number nearby; along v an even number,
-    /// as the error differs where a cell stands still.
+    /// About `wanted` cells along axis `k` of the `2n`, at least `fewest`: along x such that edges
+    /// are on faces, if there is such a number nearby; along v an even number, as the error differs
+    /// where a cell stands still.
     fn near(&self, k: usize, wanted: f64, fewest: usize) -> usize {
         let wanted = (wanted.ceil().min(1e15) as usize).max(fewest);
         if k >= self.x.len() {
@@ -162,47 +167,33 @@ impl Grids {
         };
         let halvings = (0..=COARSEST).rev().find(|&k| enough(k)).unwrap_or(0);
         let divisor = f64::from(1u32 << halvings);
-        (own.iter().enumerate())
-            .map(|(k, &n)| match self.merged[k] {
-                true => n,
-                false => self.near(k, n as f64 / divisor, fewest.min(n)),
-            })
-            .collect()
+        self.with(own, |k, n| self.near(k, n as f64 / divisor, fewest.min(n)))
     }
 
     /// About `scale` times `shape`.
     pub fn scaled(&self, shape: &[usize], scale: f64) -> Vec<usize> {
-        (shape.iter().enumerate())
-            // Not a cell more where a product misses a whole number by round-off.
-            .map(|(k, &n)| match self.merged[k] {
-                true => n,
-                false => self.near(k, n as f64 * scale * (1.0 - 1e-12), 2),
-            })
-            .collect()
+        // Not a cell more where a product misses a whole number by round-off.
+        self.with(shape, |k, n| self.near(k, n as f64 * scale * (1.0 - 1e-12), 2))
+    }
+
+    /// Whether axis `k` has half of `cells`, an even number of velocities, without losing an edge.
+    fn halves(&self, k: usize, cells: usize) -> bool {
+        match k < self.x.len() {
+            true => cells.is_multiple_of(2) && self.keeps(k, cells / 2),
+            false => cells.is_multiple_of(4),
+        }
     }
 
     /// Half of `shape`, where it has one that is not too coarse and loses no edge.
     pub fn halved(&self, shape: &[usize]) -> Option<Vec<usize>> {
-        let n = self.x.len();
-        if self.merged.iter().all(|&merged| merged) {
-            return None;
-        }
-        let halves = (shape.iter().enumerate()).all(|(k, &cells)| {
-            if self.merged[k] {
-                return true;
-            }
-            let (divisor, edges) = if k < n { (2, self.keeps(k, cells / 2)) } else { (4, true) };
-            cells.is_multiple_of(divisor) && edges
-        });
-        halves.then(|| {
-            (shape.iter().zip(&self.merged))
-                .map(|(&n, merged)| if *merged { n } else { n / 2 })
-                .collect()
-        })
+        let mut free = (0..shape.len()).filter(|&k| !self.merged[k]).peekable();
+        free.peek()?;
+        free.all(|k| self.halves(k, shape[k])).then(|| self.with(shape, |_, n| n / 2))
     }
 
-    /// `shape` with space axes so many times finer against the velocity axes, a power of two: the velocity axes coarser if they can
-    /// be, the space axes finer otherwise, or the other way round.
+    /// `shape` with space axes so many times finer against the velocity axes, a power of two: the
+    /// velocity axes coarser if they can be, the space axes finer otherwise, or the other way
+    /// round.
     pub fn stretched(&self, shape: &[usize], ratio: f64) -> Vec<usize> {
         let n = self.x.len();
         let mut shape = shape.to_vec();
@@ -216,11 +207,7 @@ impl Grids {
         for _ in 0..ratio.log2().abs().round() as usize {
             let (finer, coarser) =
                 if ratio > 1.0 { (&space, &velocity) } else { (&velocity, &space) };
-            let halves = coarser.iter().all(|&k| {
-                shape[k].is_multiple_of(if k < n { 2 } else { 4 })
-                    && shape[k] >= 8
-                    && (k >= n || self.keeps(k, shape[k] / 2))
-            });
+            let halves = coarser.iter().all(|&k| shape[k] >= 8 && self.halves(k, shape[k]));
             if halves {
                 coarser.iter().for_each(|&k| shape[k] /= 2);
             } else {
@@ -231,8 +218,8 @@ impl Grids {
     }
 }
 
-/// Averages of cell values on a box of `from` cells an axis over the cells of the same box cut into `to`; what a cell of the one
-/// has in common with one of the other counts by its volume.
+/// Averages of cell values on a box of `from` cells an axis over the cells of the same box cut into
+/// `to`; what a cell of the one has in common with one of the other counts by its volume.
 pub fn averaged(values: &[f64], from: &[usize], to: &[usize]) -> Vec<f64> {
     let mut shape = from.to_vec();
     let mut values = values.to_vec();
@@ -242,7 +229,8 @@ pub fn averaged(values: &[f64], from: &[usize], to: &[usize]) -> Vec<f64> {
         let outer: usize = shape[..a].iter().product();
         let mut result = vec![0.0; outer * new * inner];
         for j in 0..new {
-            // Cell j of the new axis is [j old, (j + 1) old) in units of 1/(old new); cell i of the old one [i new, (i + 1) new).
+            // Cell j of the new axis is [j old, (j + 1) old) in units of 1/(old new); cell i of the
+            // old one [i new, (i + 1) new).
             for i in j * old / new..((j + 1) * old).div_ceil(new).min(old) {
                 let common = ((i + 1) * new).min((j + 1) * old) - (i * new).max(j * old);
                 let share = common as f64 / old as f64;

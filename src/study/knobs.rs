@@ -1,10 +1,13 @@
-//! The choices of a case that studies vary: the cells of its grid, and a table of words and numbers.
+//! The choices of a case that studies vary: the cells of its grid, a table of words and numbers,
+//! and the values that are compared.
 //!
-//! A choice that studies shall vary is one line of [`KNOBS`]: advice then writes it as a setting, and
-//! the cost model keeps apart the matrices that differ by it.
+//! A choice that studies shall vary is one line of [`KNOBS`]: advice then writes it as a setting,
+//! and the cost model keeps apart the matrices that differ by it.
 
 use crate::base::text::word;
-use crate::problem::case::{Case, Method};
+use crate::problem::case::{
+    Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Method, ProfileChoice, PropagatorMethod,
+};
 
 /// A choice of a case.
 pub struct Knob {
@@ -29,6 +32,35 @@ pub const KNOBS: [Knob; 5] = [
     Knob { key: "solver.tolerance", value: |c| format!("{:e}", c.tolerance),
            method: Some(Method::Schrodingerized), rows: false },
 ];
+
+/// Profiles that are compared, with their names; the first one is that of comparisons of other
+/// choices.
+pub const PROFILES: [(&str, ProfileChoice); 6] = [
+    ("designed", ProfileChoice::Designed),
+    ("gaussian", ProfileChoice::Gaussian),
+    ("smooth", ProfileChoice::Smooth { order: DEFAULT_ORDER }),
+    ("low-somma", ProfileChoice::LowSomma { c: None }),
+    ("acl", ProfileChoice::Acl { beta: DEFAULT_BETA }),
+    ("exponential", ProfileChoice::Exponential { alpha: DEFAULT_ALPHA }),
+];
+
+/// Propagators that are compared, with their names.
+const PROPAGATORS: [(&str, PropagatorMethod); 4] = [
+    ("Chebyshev", PropagatorMethod::Chebyshev),
+    ("Krylov", PropagatorMethod::Krylov),
+    ("Crank-Nicolson", PropagatorMethod::CrankNicolson),
+    ("backward Euler", PropagatorMethod::BackwardEuler),
+];
+
+/// Propagators that meet a tolerance by themselves.
+pub fn exact_propagators() -> impl Iterator<Item = PropagatorMethod> {
+    PROPAGATORS.into_iter().map(|(_, method)| method).filter(|method| method.order() == 0)
+}
+
+/// Propagators whose error is that of their step, with their names.
+pub fn implicit_propagators() -> impl Iterator<Item = (&'static str, PropagatorMethod)> {
+    PROPAGATORS.into_iter().filter(|(_, method)| method.order() > 0)
+}
 
 /// The choices that the rows of `A` depend on, beside grid and potential.
 pub fn row_choices(case: &Case) -> String {

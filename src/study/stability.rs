@@ -1,8 +1,8 @@
 //! Where methods fail: borders found by running up to and beyond them, each beside its theory.
 //!
-//! A [`Panel`](panel::Panel) varies one thing and measures another; its points have values by theory
-//! where there is a theory. A [`Border`](panel::Border) is where the method begins to fail, measured and
-//! by theory. Grids are coarsened so that a sweep takes seconds, which the notes say.
+//! A [`Panel`](panel::Panel) varies one thing and measures another; its points have values by
+//! theory where there is a theory. A [`Border`](panel::Border) is where the method begins to fail,
+//! measured and by theory. Grids are coarsened so that a sweep takes seconds, which the notes say.
 //!
 //! | panel | varied | measured | theory |
 //! |---|---|---|---|
@@ -90,8 +90,8 @@ impl Entry {
 /// Measures the panels `only` of `case`, all if there are none, within about `limit`. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] for a case that starts from a warped field. A panel that fails is left out with the
-/// reason.
+/// [`Error::Input`] for a case that starts from a warped field. A panel that fails is left out with
+/// the reason.
 pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Result<Stability> {
     if case.start.is_some() {
         let what = "initial.warped: stability takes a case whose field at the start is a formula";

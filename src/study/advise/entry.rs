@@ -1,4 +1,5 @@
-//! What is advised: set-ups, each with its grid, its error and how that is known, its cost and its command.
+//! What is advised: set-ups, each with its grid, its error and how that is known, its cost and its
+//! command.
 
 use crate::problem::case::{Interface, Limiter, Method};
 use crate::study::advise::order::Order;
@@ -12,7 +13,8 @@ pub struct Parts {
     pub space: f64,
     /// Discretisation in velocity.
     pub velocity: f64,
-    /// Schrödingerization, as measured on a coarse grid or guaranteed by the tolerance, whichever is known and larger.
+    /// Schrödingerization, as measured on a coarse grid or guaranteed by the tolerance, whichever
+    /// is known and larger.
     pub schrodingerization: Option<f64>,
     /// The step of an implicit propagator.
     pub step: Option<f64>,
@@ -83,8 +85,8 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// Why it is an estimate and no advice, if it is: from one pair of grids, or of more seconds than
-    /// `longest`.
+    /// Why it is an estimate and no advice, if it is: from one pair of grids, or of more seconds
+    /// than `longest`.
     pub fn not_settled(&self, longest: f64) -> Option<String> {
         let open = "not settled within this budget; ";
         if self.refused.is_some() {
@@ -121,7 +123,8 @@ pub struct Advised {
     pub accuracy: f64,
     /// Ranks that seconds and memory are for.
     pub ranks: usize,
-    /// Whether errors are against the exact solution; otherwise they are by Richardson's extrapolation.
+    /// Whether errors are against the exact solution; otherwise they are by Richardson's
+    /// extrapolation.
     pub exact: bool,
     /// The case as it stands.
     pub given: Option<Given>,

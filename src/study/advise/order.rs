@@ -11,7 +11,8 @@ pub const ASSUMED: f64 = 0.5;
 /// No scheme here is of a higher order for long.
 const HIGHEST: f64 = 2.0;
 
-/// The order in the cells' width that a sequence of errors shows, each grid twice as fine as the one before.
+/// The order in the cells' width that a sequence of errors shows, each grid twice as fine as the
+/// one before.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Order {
     /// From each grid to the next.

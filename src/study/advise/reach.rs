@@ -163,8 +163,8 @@ pub fn look(
 /// How many times finer space should be against velocities where its part of the error is `part`.
 ///
 /// With an error `E_x h_x^q + E_v h_v^q` and a cost `h_x^{−(n+1)} h_v^{−n}`, the least cost has
-/// `E_x h_x^q : E_v h_v^q = n + 1 : n`. A power of two; `q = 1` is assumed, and the ratio is rounded
-/// towards 1, as parts on coarse grids are not those on fine ones.
+/// `E_x h_x^q : E_v h_v^q = n + 1 : n`. A power of two; `q = 1` is assumed, and the ratio is
+/// rounded towards 1, as parts on coarse grids are not those on fine ones.
 fn stretch(part: f64, dimension: usize) -> f64 {
     let n = dimension as f64;
     let ratio = part / (1.0 - part).max(1e-6) * n / (n + 1.0);
@@ -252,8 +252,8 @@ impl Search<'_, '_> {
         Ok(Some(if both > 0.0 { space / both } else { 0.5 }))
     }
 
-    /// Grids from `first` on: finer ones until one reaches the wanted error, coarser ones while they
-    /// reach it too. Collective.
+    /// Grids from `first` on: finer ones until one reaches the wanted error, coarser ones while
+    /// they reach it too. Collective.
     fn climb(&mut self, first: Vec<usize>) -> Result<Ladder> {
         let Goal { scheme, share, .. } = self.goal;
         let share = FOR_LEVELS * share;
@@ -298,8 +298,8 @@ impl Search<'_, '_> {
         Ok(ladder)
     }
 
-    /// The coarsest grid that reaches the wanted error between a coarse one that does not and a fine
-    /// one that does, by the order that these two show. Collective.
+    /// The coarsest grid that reaches the wanted error between a coarse one that does not and a
+    /// fine one that does, by the order that these two show. Collective.
     fn between(&mut self, [coarse, fine]: &[Level; 2], result: &mut Reach) -> Result<()> {
         let wanted = self.wanted;
         // All finer grids reach it too, not one by chance.
@@ -323,8 +323,8 @@ impl Search<'_, '_> {
         Ok(())
     }
 
-    /// A grid beyond the `finest` one tried that reaches the wanted error: as the order predicts, and
-    /// tried where the budget allows. Collective.
+    /// A grid beyond the `finest` one tried that reaches the wanted error: as the order predicts,
+    /// and tried where the budget allows. Collective.
     fn beyond(&mut self, finest: &Level, result: &mut Reach) -> Result<()> {
         let mut scale = result.order.refinement(finest.error, self.wanted);
         for _ in 0..MOST_CANDIDATES {
@@ -342,8 +342,8 @@ impl Search<'_, '_> {
         Ok(())
     }
 
-    /// The case's own grid instead, where it was tried and reaches the wanted error, if it has fewer
-    /// cells or nothing else reaches it. Collective.
+    /// The case's own grid instead, where it was tried and reaches the wanted error, if it has
+    /// fewer cells or nothing else reaches it. Collective.
     fn or_own_grid(&mut self, mut found: Reach) -> Result<Reach> {
         let Goal { scheme, own, .. } = self.goal;
         let better = found.error > self.wanted || cells(own) < cells(&found.shape);

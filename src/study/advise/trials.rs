@@ -170,8 +170,8 @@ impl<'a> Trials<'a> {
         self.cost.seconds(&merged, planned_work(&merged, plan))
     }
 
-    /// The relative L1 error of the density of `scheme` on `shape`; `None` where no exact solution is
-    /// known. Collective.
+    /// The relative L1 error of the density of `scheme` on `shape`; `None` where no exact solution
+    /// is known. Collective.
     ///
     /// # Errors
     /// As [`Trials::run`] and [`exact_density`].

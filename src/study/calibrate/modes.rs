@@ -200,8 +200,8 @@ struct Shortened<'a> {
 }
 
 impl<'a> Shortened<'a> {
-    /// Of `plan` to `part` of [`PARTS`] equal parts, or as many whole steps as that takes; each mode is allowed its part of the
-    /// error, too.
+    /// Of `plan` to `part` of [`PARTS`] equal parts, or as many whole steps as that takes; each
+    /// mode is allowed its part of the error, too.
     fn new(
         case: &Case,
         plan: &'a Plan,
@@ -251,7 +251,8 @@ impl<'a> Shortened<'a> {
         propagator(&setting, self.schedule.as_ref(), matrix)
     }
 
-    /// What a batch costs, as the plan counts it leg by leg, each exponential of an inflow that varies with its own degree.
+    /// What a batch costs, as the plan counts it leg by leg, each exponential of an inflow that
+    /// varies with its own degree.
     fn cost(&self, batch: &Batch, coupling: BatchCoupling) -> f64 {
         let mut scratch = Vec::new();
         let bounds = &self.plan.bounds;
@@ -271,7 +272,8 @@ impl<'a> Shortened<'a> {
     }
 }
 
-/// The pieces of a group that are tried: one, where all run at one rate, otherwise some from the longest to the shortest.
+/// The pieces of a group that are tried: one, where all run at one rate, otherwise some from the
+/// longest to the shortest.
 fn pieces(group: &[Batch], coupling: BatchCoupling) -> Vec<Batch> {
     let all: Vec<Batch> = match coupling {
         BatchCoupling::Independent => return group.iter().take(1).cloned().collect(),

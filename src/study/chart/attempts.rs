@@ -1,7 +1,7 @@
 //! The attempts of a chart: each setting is run, refused or left out, one after the other.
 //!
-//! Rank 0's clock decides. Predictions use numbers that all ranks share, so that leaving a setting out
-//! costs two short messages; once the budget is used up, no messages are exchanged.
+//! Rank 0's clock decides. Predictions use numbers that all ranks share, so that leaving a setting
+//! out costs two short messages; once the budget is used up, no messages are exchanged.
 
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
@@ -287,8 +287,8 @@ impl<'a> Attempts<'a> {
         self.has_results() && (spent || !self.fits(setup, least + seconds))
     }
 
-    /// Expected seconds of a trial of `case`, and the error where it cannot be planned. Without time to
-    /// plan it, or if it takes much too long anyway, a lower bound.
+    /// Expected seconds of a trial of `case`, and the error where it cannot be planned. Without
+    /// time to plan it, or if it takes much too long anyway, a lower bound.
     fn expect(&mut self, case: &Case) -> (Expected, Option<Error>) {
         let least = self.cost.overhead(case, case.space.cells() as f64);
         let at_least = |seconds| Expected { seconds, at_least: true };
@@ -371,8 +371,8 @@ impl<'a> Attempts<'a> {
         Ok(Prepared::new(self.world, case, &here)?.bounds)
     }
 
-    /// The finest grid, up to the case's own, on which comparing methods is affordable on rank 0, and
-    /// the reason why it is not the case's own. Collective.
+    /// The finest grid, up to the case's own, on which comparing methods is affordable on rank 0,
+    /// and the reason why it is not the case's own. Collective.
     pub fn grid_for_comparison(&mut self, programme: &Programme) -> (PhaseSpace, Option<String>) {
         let candidates = &programme.grids[..=programme.own];
         let mut finest = 0;

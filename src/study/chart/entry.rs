@@ -22,7 +22,8 @@ pub enum Status {
     LeftOut,
 }
 
-/// A trial: its settings, then its numbers. What a method does not have, or what is unknown, is none.
+/// A trial: its settings, then its numbers. What a method does not have, or what is unknown, is
+/// none.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Entry {
     /// The result.
@@ -97,8 +98,8 @@ pub struct Entry {
     pub until_measured: Option<f64>,
     /// Which of the two that is: `window` or `slice`.
     pub measured_by: Option<String>,
-    /// Whether no other of its kind (classical, by modes) is as close to the exact solution in as few
-    /// seconds.
+    /// Whether no other of its kind (classical, by modes) is as close to the exact solution in as
+    /// few seconds.
     pub front_exact: bool,
     /// Whether no other of its kind on its grid is as close to the semi-discrete solution in as few
     /// seconds.

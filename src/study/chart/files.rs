@@ -90,44 +90,54 @@ impl fmt::Display for Chart {
     }
 }
 
-/// A line of names, then one a trial.
+/// A number of the table; a dash where there is none.
+fn error(x: Option<f64>) -> String {
+    x.map_or("-".to_owned(), |x| format!("{x:.2e}"))
+}
+
+/// A column of the table on the terminal.
+struct Column {
+    title: &'static str,
+    width: usize,
+    text: fn(&Entry) -> String,
+}
+
+/// Columns between the method and the fronts.
+#[rustfmt::skip]
+const TABLE: [Column; 7] = [
+    Column { title: "exact", width: 9, text: |e| error(e.error_exact) },
+    Column { title: "semi-discrete", width: 13, text: |e| error(e.error_semidiscrete) },
+    Column { title: "seconds", width: 9,
+             text: |e| e.seconds.map_or("-".to_owned(), |s| format!("{s:.4}")) },
+    Column { title: "applications", width: 12,
+             text: |e| e.applications.map_or("-".to_owned(), |n| n.to_string()) },
+    Column { title: "MiB", width: 7,
+             text: |e| e.memory_bytes_per_rank.map_or("-".to_owned(), mib_text) },
+    Column { title: "P(window)", width: 9, text: |e| error(e.probability_window) },
+    Column { title: "P(slice)", width: 8, text: |e| error(e.probability_slice) },
+];
+
+fn mib_text(bytes: u64) -> String {
+    format!("{:.0}", bytes as f64 / 1048576.0)
+}
+
+/// A line of titles, then one an entry.
 fn table(
     f: &mut fmt::Formatter<'_>,
     rows: &[&Entry],
     fronts: &dyn Fn(&Entry) -> String,
 ) -> fmt::Result {
-    let error = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.2e}"));
     let names: Vec<String> = rows.iter().map(|e| e.name()).collect();
     let width = names.iter().map(|n| n.chars().count()).max().unwrap_or(0).max(6);
     let grid = rows.iter().map(|e| e.grid.len()).max().unwrap_or(0).max(4);
-    writeln!(
-        f,
-        "{:<grid$}  {:<width$}  {:>9}  {:>13}  {:>9}  {:>12}  {:>7}  {:>9}  {:>8}  front",
-        "grid",
-        "method",
-        "exact",
-        "semi-discrete",
-        "seconds",
-        "applications",
-        "MiB",
-        "P(window)",
-        "P(slice)"
-    )?;
+    let columns = |text: &dyn Fn(&Column) -> String| -> String {
+        TABLE.iter().map(|c| format!("  {:>1$}", text(c), c.width)).collect()
+    };
+    let titles = columns(&|c| c.title.to_owned());
+    writeln!(f, "{:<grid$}  {:<width$}{titles}  front", "grid", "method")?;
     for (e, name) in rows.iter().zip(&names) {
-        let applications = e.applications.map_or("-".to_owned(), |n| n.to_string());
-        let memory = e.memory_bytes_per_rank;
-        let memory = memory.map_or("-".to_owned(), |m| format!("{:.0}", m as f64 / 1048576.0));
-        writeln!(
-            f,
-            "{:<grid$}  {name:<width$}  {:>9}  {:>13}  {:>9}  {applications:>12}  {memory:>7}  {:>9}  {:>8}  {}",
-            e.grid,
-            error(e.error_exact),
-            error(e.error_semidiscrete),
-            e.seconds.map_or("-".to_owned(), |s| format!("{s:.4}")),
-            error(e.probability_window),
-            error(e.probability_slice),
-            fronts(e)
-        )?;
+        let numbers = columns(&|c| (c.text)(e));
+        writeln!(f, "{:<grid$}  {name:<width$}{numbers}  {}", e.grid, fronts(e))?;
     }
     writeln!(
         f,

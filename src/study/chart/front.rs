@@ -1,7 +1,7 @@
 //! Pareto fronts: what nothing else beats in both respects.
 
-/// Whether each of `points` is on the front of the smallest: no other is at most as large in both and smaller in one. Points that are not
-/// known, or not finite, are not on it.
+/// Whether each of `points` is on the front of the smallest: no other is at most as large in both
+/// and smaller in one. Points that are not known, or not finite, are not on it.
 pub fn front(points: &[Option<[f64; 2]>]) -> Vec<bool> {
     let known = |p: &[f64; 2]| p.iter().all(|x| x.is_finite());
     let mut order: Vec<(usize, [f64; 2])> =

@@ -1,8 +1,8 @@
 //! The chart as a figure.
 //!
 //! Colour and marker stand for the profile or the method; whole lines with filled markers are the
-//! subject of each panel, dashes and open markers the other treatments of growth. A thin grey line is
-//! a front, or theory.
+//! subject of each panel, dashes and open markers the other treatments of growth. A thin grey line
+//! is a front, or theory.
 
 use crate::base::text::word;
 use crate::problem::case::{DEFAULT_CFL, Method};

@@ -1,12 +1,11 @@
 //! The settings that are tried, in order: every method once on the coarsest grid, then grids, then
 //! the knobs of each method, then all combinations.
 
-use crate::problem::case::{
-    DEFAULT_BETA, DEFAULT_ORDER, Integrator, Limiter, ProfileChoice, PropagatorMethod,
-};
+use crate::problem::case::{Integrator, Limiter, PropagatorMethod};
 use crate::problem::grid::PhaseSpace;
 use crate::study::chart::setup::{Modes, Setup};
 use crate::study::grids::{Grids, with_cells};
+use crate::study::knobs::{PROFILES, exact_propagators, implicit_propagators};
 use crate::study::treatment::Treatment;
 
 /// What the cells of an axis are divided by on coarser grids, and multiplied by on finer ones.
@@ -14,15 +13,6 @@ const FACTORS: [usize; 2] = [2, 4];
 /// Coarser grids have at least so many cells on an axis.
 const FEWEST: usize = 3;
 
-/// Profiles that are compared.
-pub const PROFILES: [ProfileChoice; 6] = [
-    ProfileChoice::Designed,
-    ProfileChoice::Gaussian,
-    ProfileChoice::LowSomma { c: None },
-    ProfileChoice::Smooth { order: DEFAULT_ORDER },
-    ProfileChoice::Acl { beta: DEFAULT_BETA },
-    ProfileChoice::Exponential { alpha: 1.0 },
-];
 /// Integrators and limiters that are compared.
 const CLASSICAL: [(Integrator, Limiter); 5] = [
     (Integrator::ForwardEuler, Limiter::None),
@@ -45,8 +35,6 @@ const PAPER_STEPS: usize = 50;
 const POINTS: [usize; 7] = [256, 512, 1024, 2048, 4096, 8192, 16384];
 /// Steps over the largest stable one, besides the default.
 const SHORTER: [f64; 4] = [0.3, 0.1, 0.03, 0.01];
-const IMPLICIT: [PropagatorMethod; 2] =
-    [PropagatorMethod::CrankNicolson, PropagatorMethod::BackwardEuler];
 
 /// A setup on a grid.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,8 +58,8 @@ pub struct Programme {
 
 impl Programme {
     /// For a case on `space`. Finer grids have all its faces; coarser ones have nearly half and a
-    /// quarter of its cells, with the edges of `V` on faces where possible. `usable` tells whether a
-    /// coarser grid shows `V` as the case's own does.
+    /// quarter of its cells, with the edges of `V` on faces where possible. `usable` tells whether
+    /// a coarser grid shows `V` as the case's own does.
     pub fn new(
         space: &PhaseSpace,
         near: &Grids,
@@ -105,7 +93,7 @@ impl Programme {
     /// The first profile, treatment and propagator at the first tolerance.
     fn base(&self) -> Modes {
         Modes {
-            profile: PROFILES[0],
+            profile: PROFILES[0].1,
             treatment: self.treatments[0],
             propagator: PropagatorMethod::Chebyshev,
             steps: None,
@@ -181,12 +169,12 @@ impl Programme {
             }
         };
         for tolerance in TOLERANCES {
-            for propagator in [PropagatorMethod::Chebyshev, PropagatorMethod::Krylov] {
+            for propagator in exact_propagators() {
                 extend(Modes { tolerance, propagator, ..base });
             }
         }
         for steps in STEPS {
-            for propagator in IMPLICIT {
+            for (_, propagator) in implicit_propagators() {
                 extend(stepped(base, propagator, steps));
             }
         }
@@ -212,7 +200,7 @@ fn classical() -> Vec<Setup> {
 
 /// `base` with every profile.
 fn of_profiles(base: Modes) -> [Setup; PROFILES.len()] {
-    PROFILES.map(|profile| Modes { profile, ..base }.into())
+    PROFILES.map(|(_, profile)| Modes { profile, ..base }.into())
 }
 
 fn krylov(base: Modes) -> Setup {
@@ -224,8 +212,8 @@ fn stepped(base: Modes, propagator: PropagatorMethod, steps: usize) -> Modes {
     Modes { propagator, steps: Some(steps), tolerance: BELOW_STEPS, ..base }
 }
 
-fn implicit(base: Modes, steps: usize) -> [Setup; IMPLICIT.len()] {
-    IMPLICIT.map(|method| stepped(base, method, steps).into())
+fn implicit(base: Modes, steps: usize) -> impl Iterator<Item = Setup> {
+    implicit_propagators().map(move |(_, method)| stepped(base, method, steps).into())
 }
 
 fn paper(points: usize) -> Setup {

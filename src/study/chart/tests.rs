@@ -28,7 +28,8 @@ fn case() -> Case {
     Case::parse("made-up.toml", text, &[]).unwrap()
 }
 
-/// A trial by the designed profile, or classical, that reached `error` in `seconds` with `applications`.
+/// A trial by the designed profile, or classical, that reached `error` in `seconds` with
+/// `applications`.
 fn made_up(designed: bool, [seconds, error]: [f64; 2], applications: usize) -> Entry {
     let case = case();
     let setup = if designed {

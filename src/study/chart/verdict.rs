@@ -19,8 +19,8 @@ fn figures(x: f64) -> String {
     if (0.01..10.0).contains(&x) { format!("{x:.2}") } else { format!("{x:.1e}") }
 }
 
-/// The cheapest of `entries` at each of `accuracies`: the tightest accuracy that each winner is the winner of, and the one that nothing
-/// reaches.
+/// The cheapest of `entries` at each of `accuracies`: the tightest accuracy that each winner is the
+/// winner of, and the one that nothing reaches.
 pub fn winners<'a>(
     entries: &[&'a Entry],
     accuracies: &[f64],
@@ -56,8 +56,8 @@ struct Ladder<'a> {
 }
 
 impl Ladder<'_> {
-    /// `within 0.1 …, 0.02 s; within 0.03 …; none came within 0.01 (closest …)`; none where no entry
-    /// has an error.
+    /// `within 0.1 …, 0.02 s; within 0.03 …; none came within 0.01 (closest …)`; none where no
+    /// entry has an error.
     fn text(&self, chart: &Chart) -> Option<String> {
         let error = |e: &Entry| (self.point)(e).map(|[_, error]| error).filter(|e| e.is_finite());
         let closest = (self.entries.iter())

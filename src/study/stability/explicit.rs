@@ -1,10 +1,12 @@
 //! The step of the explicit methods, in units of the largest rate: `cfl = Δt max |A_ii|`.
 //!
-//! With row sums ≤ 0, forward Euler's `‖I + ΔtA‖_∞` is 1 up to `cfl = 1` and `2 cfl − 1` beyond. For upwind transport along a line, where
-//! `A` is a shift, SSP-RK3's `R(cfl (E − 1))` has the coefficients `1 − c + c²/2 − c³/6`, `c − c² + c³/2`, `(c² − c³)/2`, `c³/6`: of
-//! one sign up to `c = 1`. What is larger than at the start need not explode: `A` is not normal, and where particles leave the box a wave
-//! that grows by von Neumann's `|R(c (e^{−iθ} − 1))|` a step is gone when it has crossed it. So two borders: the last step at which no
-//! value ever exceeds the largest at the start, and the one from which values grow by [`EXPLODED`].
+//! With row sums ≤ 0, forward Euler's `‖I + ΔtA‖_∞` is 1 up to `cfl = 1` and `2 cfl − 1` beyond.
+//! For upwind transport along a line, where `A` is a shift, SSP-RK3's `R(cfl (E − 1))` has the
+//! coefficients `1 − c + c²/2 − c³/6`, `c − c² + c³/2`, `(c² − c³)/2`, `c³/6`: of one sign up to
+//! `c = 1`. What is larger than at the start need not explode: `A` is not normal, and where
+//! particles leave the box a wave that grows by von Neumann's `|R(c (e^{−iθ} − 1))|` a step is gone
+//! when it has crossed it. So two borders: the last step at which no value ever exceeds the largest
+//! at the start, and the one from which values grow by [`EXPLODED`].
 
 use crate::base::error::Result;
 use crate::problem::case::{Case, Integrator, Method};
@@ -59,7 +61,8 @@ const LONG: Test = Test { steps: STEPS, patterns: 1 };
 /// The matrix that is stepped, and its initial values.
 struct Steps<'a> {
     found: &'a mut Prepared,
-    /// Initial values of ±1 that a step makes largest: signs that alternate against the motion, and one minus in four.
+    /// Initial values of ±1 that a step makes largest: signs that alternate against the motion, and
+    /// one minus in four.
     patterns: [Vec<f64>; 2],
     rate: f64,
 }

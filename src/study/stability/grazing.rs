@@ -1,8 +1,9 @@
 //! Grazing particles: `λ⁺` of hat rows against the height of the jumps.
 //!
-//! A target velocity `ξ_j` whose source `√(ξ_j² + 2ΔV)` on the other side is almost at rest draws `|ξ_j|/Δx` from a cell that loses only
-//! `|ξ_k|/Δx` itself. Upstream of each source `k`, and downstream of the target, lies a chain of cells on which `S` has the diagonal
-//! `−d = −|ξ|/Δx` and `d/2` beside it; a long one answers at its end like the number
+//! A target velocity `ξ_j` whose source `√(ξ_j² + 2ΔV)` on the other side is almost at rest draws
+//! `|ξ_j|/Δx` from a cell that loses only `|ξ_k|/Δx` itself. Upstream of each source `k`, and
+//! downstream of the target, lies a chain of cells on which `S` has the diagonal `−d = −|ξ|/Δx` and
+//! `d/2` beside it; a long one answers at its end like the number
 //!
 //! ```text
 //! E(λ, d) = ½ (λ + d + √((λ + d)² − d²)),      E(0, d) = d/2
@@ -14,8 +15,8 @@
 //! E(λ, |ξ_j|/Δx) = Σ_k (w_k |ξ_j|/2Δx)² / E(λ, |ξ_k|/Δx),      which is positive where  Σ_k w_k² |ξ_j|/|ξ_k| > 1.
 //! ```
 //!
-//! How close a velocity cell comes to the threshold `√(2ΔV)` decides: hence spikes. Other targets that share the sources, short chains and
-//! forces are left out.
+//! How close a velocity cell comes to the threshold `√(2ΔV)` decides: hence spikes. Other targets
+//! that share the sources, short chains and forces are left out.
 
 use crate::base::bisect::bisect;
 use crate::base::error::Result;
@@ -31,7 +32,8 @@ use crate::study::treatment::Treatment;
 
 /// Cells that are enough.
 const CELLS: usize = 4096;
-/// Heights, as parts of the case's, and how many are tried: as many as the budget allows, in an order that fills them evenly.
+/// Heights, as parts of the case's, and how many are tried: as many as the budget allows, in an
+/// order that fills them evenly.
 const FROM: f64 = 0.05;
 const TO: f64 = 2.0;
 const HEIGHTS: usize = 64;
@@ -42,7 +44,8 @@ fn chain(lambda: f64, d: f64) -> f64 {
     0.5 * (sum + (lambda * (sum + d)).sqrt())
 }
 
-/// Largest root of `E(λ, own) = Σ half²/E(λ, lost)` over `(half, lost)`, 0 where there is no positive one.
+/// Largest root of `E(λ, own) = Σ half²/E(λ, lost)` over `(half, lost)`, 0 where there is no
+/// positive one.
 fn face_growth(own: f64, list: &[(f64, f64)]) -> f64 {
     let grows = |lambda: f64| {
         let drawn: f64 = (list.iter()).map(|&(half, lost)| half * half / chain(lambda, lost)).sum();

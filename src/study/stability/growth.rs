@@ -16,8 +16,9 @@ const MOST: usize = 1 << 17;
 /// What they are multiplied by along every axis.
 const FACTORS: [usize; 6] = [1, 2, 3, 4, 6, 8];
 
-/// Whether `λ⁺T` rises or falls over the logarithm of the cells: a line by least squares, whose slope counts where it is [`SURE`] times its
-/// standard error and changes `λ⁺T` by [`LITTLE`] over the grids.
+/// Whether `λ⁺T` rises or falls over the logarithm of the cells: a line by least squares, whose
+/// slope counts where it is [`SURE`] times its standard error and changes `λ⁺T` by [`LITTLE`] over
+/// the grids.
 fn trend(points: &[Point]) -> &'static str {
     /// Fewer grids show no trend.
     const GRIDS: usize = 4;

@@ -2,6 +2,7 @@
 
 use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
 use crate::study::grids::coarsened;
+use crate::study::knobs::implicit_propagators;
 use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Reason, Sweep};
 use crate::study::stability::scene::notes;
 use crate::study::trial::{plan_series, propagation};
@@ -16,12 +17,9 @@ const FEWEST: u32 = 4;
 const MOST: u32 = 12;
 /// The error at which measured and expected steps are compared: both can tell there.
 const COMPARED: f64 = 1e-3;
-const METHODS: [(&str, PropagatorMethod); 2] = [
-    ("Crank-Nicolson", PropagatorMethod::CrankNicolson),
-    ("backward Euler", PropagatorMethod::BackwardEuler),
-];
 
-/// The slope of `ln y` over `ln x` between the points with the two shortest steps whose error is that of the step, and those steps.
+/// The slope of `ln y` over `ln x` between the points with the two shortest steps whose error is
+/// that of the step, and those steps.
 fn slope(points: &[Point]) -> Option<(f64, [f64; 2])> {
     let mut fine = points.iter().filter(|p| p.measured > 20.0 * TOLERANCE && p.measured < 0.3);
     let (a, b) = (fine.next()?, fine.next()?);
@@ -29,7 +27,8 @@ fn slope(points: &[Point]) -> Option<(f64, [f64; 2])> {
     Some((slope, [a.x, b.x]))
 }
 
-/// Of points by rising step, the one with the longest step of which no shorter one makes the error smaller by a tenth.
+/// Of points by rising step, the one with the longest step of which no shorter one makes the error
+/// smaller by a tenth.
 fn stalled(points: &[Point]) -> Option<usize> {
     let shorter = |k: usize| points[..k].iter().map(|p| p.measured);
     (1..points.len())
@@ -87,7 +86,8 @@ impl Steps {
         found
     }
 
-    /// The order of convergence, and the steps that it is from. Beyond where the error stalls it is not the step's.
+    /// The order of convergence, and the steps that it is from. Beyond where the error stalls it is
+    /// not the step's.
     fn order(&self) -> Option<(f64, [f64; 2])> {
         slope(&self.points[stalled(&self.points).unwrap_or(0)..])
     }
@@ -142,7 +142,9 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     (case.tolerance, case.verify) = (TOLERANCE, true);
     plan_series(&mut case);
     (case.warp.weights, case.warp.profile) = (true, ProfileChoice::Planned);
-    let all = METHODS.map(|(name, method)| Steps::tried(sweep, &case, name, method));
+    let all: Vec<Steps> = implicit_propagators()
+        .map(|(name, method)| Steps::tried(sweep, &case, name, method))
+        .collect();
     let refused = all.iter().rev().find_map(|steps| steps.refused.clone());
     if all.iter().all(|steps| steps.points.is_empty()) {
         let none = || "no step could be tried within the budget".to_owned();

@@ -1,8 +1,11 @@
-//! `δ` of the inflow: small, it couples strongly and grows; large, the auxiliary unknowns dwarf the field.
+//! `δ` of the inflow: small, it couples strongly and grows; large, the auxiliary unknowns dwarf the
+//! field.
 //!
-//! A row `i` and its unknown have the block `(−d_i, κ_i/2; κ_i/2, 0)` of `S`, so `λ⁺ ≥ ½(√(d_i² + κ_i²) − d_i)`, `κ_i = b_i/δ`; the certificate
-//! `γ` of the weights and the row's draw bound it from above ([`crate::matrix::block_matrix`]). The tolerance of the state is that of the field times
-//! `‖f(T)‖/‖ũ(0)‖`. What is lost by both is `e^{λ⁺T} ‖ũ(0)‖/‖f(T)‖`: the factor by which round-off and everything left out appear in the field.
+//! A row `i` and its unknown have the block `(−d_i, κ_i/2; κ_i/2, 0)` of `S`, so
+//! `λ⁺ ≥ ½(√(d_i² + κ_i²) − d_i)`, `κ_i = b_i/δ`; the certificate `γ` of the weights and the row's
+//! draw bound it from above ([`crate::matrix::block_matrix`]). The tolerance of the state is that
+//! of the field times `‖f(T)‖/‖ũ(0)‖`. What is lost by both is `e^{λ⁺T} ‖ũ(0)‖/‖f(T)‖`: the factor
+//! by which round-off and everything left out appear in the field.
 
 use crate::base::error::Result;
 use crate::matrix::inflow::Inflow;

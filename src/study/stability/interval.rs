@@ -86,7 +86,8 @@ impl Intervals {
         }))
     }
 
-    /// Errors of all intervals, each end from one that is needed to one that is far too short. Collective.
+    /// Errors of all intervals, each end from one that is needed to one that is far too short.
+    /// Collective.
     fn errors(&mut self, sweep: &Sweep<'_>) -> Result<Errors> {
         let mut errors = Errors::default();
         let (far, longest) = (self.far, 1.25 * self.needed);

@@ -1,14 +1,16 @@
 //! Where `f` is read from the warped field, and how long the interval in `p` must be.
 //!
-//! A component of the state that `S` multiplies by `−s/T` moves by `s` in `p`: with the periodic series `G` it is read at `p◇` as
-//! `e^{p◇} G(p◇ + s)` and should be `e^{−s}`. So the error relative to the field is about
+//! A component of the state that `S` multiplies by `−s/T` moves by `s` in `p`: with the periodic
+//! series `G` it is read at `p◇` as `e^{p◇} G(p◇ + s)` and should be `e^{−s}`. So the error
+//! relative to the field is about
 //!
 //! ```text
 //! ‖ũ(0)‖/‖f(T)‖ · ( max |e^{p◇} G(p◇ + s) − e^{−s}|  over s in [−λ⁺T, λ⁻T]  +  ε_machine e^{p◇} Σ|c_l| )
 //! ```
 //!
-//! in which everything shows: below `λ⁺T` what comes from where `g` is not `e^{−p}`, the ends of the interval, modes left out, and
-//! round-off. (`K` does not commute with `S` and mixes the components; they stay within the same bounds.)
+//! in which everything shows: below `λ⁺T` what comes from where `g` is not `e^{−p}`, the ends of
+//! the interval, modes left out, and round-off. (`K` does not commute with `S` and mixes the
+//! components; they stay within the same bounds.)
 
 use crate::base::error::Result;
 use crate::problem::case::Case;
@@ -91,7 +93,8 @@ pub fn expected(series: &Series, p: f64, extent: Extent, ratio: f64) -> f64 {
     ratio * (worst + f64::EPSILON * p.exp() * amplified)
 }
 
-/// Where `of` falls to `level` first and where it rises above it last, between the points on a line in logarithms.
+/// Where `of` falls to `level` first and where it rises above it last, between the points on a line
+/// in logarithms.
 pub fn plateau(points: &[Point], level: f64, of: fn(&Point) -> f64) -> [Option<f64>; 2] {
     let between = |a: &Point, b: &Point| {
         let part = (level / of(a)).ln() / (of(b) / of(a)).ln();

@@ -3,12 +3,11 @@
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::plan::ASSUMED_RATIO;
-use crate::problem::case::{
-    Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, ProfileChoice, PropagatorMethod,
-};
+use crate::problem::case::{Case, PropagatorMethod};
 use crate::run::planning;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
+use crate::study::knobs::PROFILES;
 use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Reason, Sweep};
 use crate::study::stability::scene::notes;
 use crate::study::trial::{Trial, plan_series, propagation, ranks};
@@ -21,16 +20,6 @@ const ASKED: [f64; 8] = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-13, 1e-14];
 const MOST_MODES: usize = 1 << 13;
 /// Below every error.
 const NONE: f64 = 1e-16;
-
-/// The profiles, with their names.
-const PROFILES: [(&str, ProfileChoice); 6] = [
-    ("designed", ProfileChoice::Designed),
-    ("gaussian", ProfileChoice::Gaussian),
-    ("smooth", ProfileChoice::Smooth { order: DEFAULT_ORDER }),
-    ("low-somma", ProfileChoice::LowSomma { c: None }),
-    ("acl", ProfileChoice::Acl { beta: DEFAULT_BETA }),
-    ("exponential", ProfileChoice::Exponential { alpha: DEFAULT_ALPHA }),
-];
 
 /// The trials of one profile.
 #[derive(Default)]

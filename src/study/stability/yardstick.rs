@@ -1,14 +1,12 @@
-//! A discrete problem and its exact solution `exp(AT) f(0)`, against which any series in `p` is held, planned or not.
+//! A discrete problem and its exact solution `exp(AT) f(0)`, against which any series in `p` is
+//! held, planned or not.
 
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::{Communicator, World};
 use crate::plan::Plan;
 use crate::plan::layout::{Resources, refuse_hopeless};
-use crate::problem::case::{
-    Case, Coefficients, Method, ProfileChoice, Propagation, PropagatorMethod, RecoveryMethod,
-    Shift, Warp,
-};
+use crate::problem::case::{Case, ProfileChoice, Propagation, RecoveryMethod, Shift};
 use crate::propagate::classical::{Classical, EXACT};
 use crate::results::summary::Summary;
 use crate::run::compare::FieldNorms;
@@ -17,6 +15,7 @@ use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::DiscreteSystem;
+use crate::study::trial::plan_series;
 
 /// Relative error that a mode is allowed: small beside everything that is looked for.
 const MODE_TOLERANCE: f64 = 1e-16;
@@ -34,61 +33,44 @@ pub struct Yardstick {
 }
 
 impl Yardstick {
-    /// Of `case` with its weights, its interface and its inflow, which must not depend on time; what it says of `p` is not asked.
-    /// Collective.
+    /// Of `case`, by Schrödingerization, with its weights, interface and inflow, which must not
+    /// depend on time; its choices about `p` are ignored. Collective.
     ///
     /// # Errors
     /// As [`Prepared::new`].
     pub fn new(world: &World, case: &Case) -> Result<Self> {
-        let case = Case {
-            method: Method::Schrodingerized,
-            tolerance: TOLERANCE,
-            warp: Warp {
-                profile: ProfileChoice::Planned,
-                coefficients: Coefficients::Analytic,
-                interval: None,
-                points: None,
-                recovery: None,
-                recovery_method: RecoveryMethod::Point,
-                shift: Shift::Given(0.0),
-                ..case.warp
-            },
-            propagator: Propagation { method: PropagatorMethod::Chebyshev, step: None },
-            recovery_points: 1,
-            plateau: None,
-            times: Vec::new(),
-            warped_field: false,
-            start: None,
-            ..case.clone()
-        };
+        let mut case = Case { tolerance: TOLERANCE, recovery_points: 1, ..case.clone() };
+        let delta = case.warp.delta;
+        plan_series(&mut case);
+        case.warp.delta = delta;
+        (case.warp.profile, case.warp.shift) = (ProfileChoice::Planned, Shift::Given(0.0));
+        case.warp.recovery_method = RecoveryMethod::Point;
+        case.propagator = Propagation::default();
         let resources = Resources::here(world);
         refuse_hopeless(&case, &resources)?;
         let mut prepared = Prepared::new(world, &case, &resources)?;
         let resources =
             Resources { ranks_x: Some(prepared.plan.layout.mesh.space.clone()), ..resources };
         prepared.plan.bounds = prepared.bounds.clone();
-        let (system, communicator) = (&mut prepared.system, &prepared.communicator);
-        let (mut exact, mut ratio) = (Vec::new(), 0.0f64);
-        for start in system.states.clone() {
-            let before = system.norm(communicator, &start, false);
-            let mut state = start;
-            let span = (prepared.bounds.rate, case.end);
-            Classical::new(&system.matrix).exponential(
-                &mut system.exchange,
-                &mut state,
-                span,
-                EXACT,
-            );
+        let mut yardstick = Self { prepared, resources, exact: Vec::new(), ratio: 0.0 };
+        yardstick.propagate(case.end);
+        Ok(yardstick)
+    }
+
+    /// Finds `f(T)` of each field and the largest ratio. Collective.
+    fn propagate(&mut self, time: f64) {
+        let Prepared { system, communicator, place, bounds, .. } = &mut self.prepared;
+        for mut state in system.states.clone() {
+            let before = system.norm(communicator, &state, false);
+            let (exchange, span) = (&mut system.exchange, (bounds.rate, time));
+            Classical::new(&system.matrix).exponential(exchange, &mut state, span, EXACT);
             let after = system.norm(communicator, &state, true);
             if after > 0.0 {
-                ratio = ratio.max(before / after);
+                self.ratio = self.ratio.max(before / after);
             }
-            exact.push(
-                system
-                    .unweighted(&prepared.place.mine, state[prepared.place.mine.clone()].to_vec()),
-            );
+            let mine = state[place.mine.clone()].to_vec();
+            self.exact.push(system.unweighted(&place.mine, mine));
         }
-        Ok(Self { prepared, resources, exact, ratio })
     }
 
     /// Bounds on the generator, with the growth that was found.
@@ -117,7 +99,8 @@ impl Yardstick {
         plan.with_series(case, read, MODE_TOLERANCE, &self.resources)
     }
 
-    /// Relative l2 distance to `f(T)` of what is read from `series` at each of the `points`, the largest over the fields. Collective.
+    /// Relative l2 distance to `f(T)` of what is read from `series` at each of the `points`, the
+    /// largest over the fields. Collective.
     ///
     /// # Errors
     /// As [`Plan::with_series`] and [`crate::solve::modes::run`].
