@@ -6,9 +6,9 @@
 //!
 //! | panel | varied | measured | theory |
 //! |---|---|---|---|
-//! | `cfl` | step of forward Euler and SSP-RK3 | growth of the largest value | norm of one step, von Neumann's symbol |
+//! | `cfl` | step of forward Euler and SSP-RK3 | growth of the largest value | norm of a step, von Neumann |
 //! | `growth` | cells | `e^{λ⁺T}` | chains at a face; the weights' certificate; 0 |
-//! | `recovery` | `p◇` | error of the field read there | the same of the profile alone, for any spectrum; round-off |
+//! | `recovery` | `p◇` | error of the field read there | the same of the profile alone; round-off |
 //! | `interval` | `L` and `R` | error | the same |
 //! | `delta` | `δ` of the inflow | `e^{λ⁺T} ‖ũ(0)‖/‖f(T)‖` | one row and its unknown; norms |
 //! | `grazing` | height of the jumps | `λ⁺` | chains at a face |

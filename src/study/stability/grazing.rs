@@ -12,7 +12,9 @@
 //! so that, with the weights `w_k`, the largest eigenvalue that lives at the face is the root of
 //!
 //! ```text
-//! E(λ, |ξ_j|/Δx) = Σ_k (w_k |ξ_j|/2Δx)² / E(λ, |ξ_k|/Δx),      which is positive where  Σ_k w_k² |ξ_j|/|ξ_k| > 1.
+//! E(λ, |ξ_j|/Δx) = Σ_k (w_k |ξ_j|/2Δx)² / E(λ, |ξ_k|/Δx),
+//!
+//! which is positive where  Σ_k w_k² |ξ_j|/|ξ_k| > 1.
 //! ```
 //!
 //! How close a velocity cell comes to the threshold `√(2ΔV)` decides: hence spikes. Other targets
@@ -180,9 +182,9 @@ fn verdict(points: &[Point], own: Point) -> String {
     let [place, most] =
         highest(points, |p| p.measured).map_or([f64::NAN; 2], |p| [p.x, p.measured]);
     format!(
-        "Without weights lambda+ T is {:.3} at this case's jump, an amplification of {:.3e}, and up \
-         to {most:.3} at a jump of {place:.4}: it spikes where a velocity cell almost rests beyond a \
-         threshold. Dissipative weights or a conservative interface take the spikes away.",
+        "Without weights lambda+ T is {:.3} at this case's jump, an amplification of {:.3e}, and \
+         up to {most:.3} at a jump of {place:.4}: it spikes where a velocity cell almost rests beyond \
+         a threshold. Dissipative weights or a conservative interface take the spikes away.",
         own.measured,
         own.measured.exp()
     )

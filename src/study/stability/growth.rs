@@ -57,7 +57,8 @@ fn sentence(curve: &Curve) -> String {
     let grids = points.len();
     if most.measured <= 1.0 + ROUND_OFF {
         return format!(
-            "{name}: does not amplify on any of {grids} grids (a factor {:.4} at {} cells along x).",
+            "{name}: does not amplify on any of {grids} grids (a factor {:.4} at {} cells along \
+             x).",
             finest.measured, finest.x
         );
     }

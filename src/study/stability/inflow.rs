@@ -127,9 +127,9 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
             ),
         ],
         verdict: format!(
-            "The least that a single delta loses is a factor {best:.3e}, at delta = {at:.3e}; below \
-             it lambda+ T explodes, above it the auxiliary unknowns dwarf the field. The planned \
-             couplings lose {chosen:.3e}."
+            "The least that a single delta loses is a factor {best:.3e}, at delta = {at:.3e}; \
+             below it lambda+ T explodes, above it the auxiliary unknowns dwarf the field. The \
+             planned couplings lose {chosen:.3e}."
         ),
         curves: vec![
             Curve::bounded("loss: growth x state", curves.total),

@@ -191,9 +191,9 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     };
     let verdict = format!(
         "The error is below {level:.1e} for L up to {} (bound {}), beyond which the field wraps \
-         around, and for R from {} on (bound {}), short of which e^(-p) is cut off. The bounds hold \
-         for any data; a case's may do with shorter intervals. Runs refuse what is too short for \
-         their own profile{refused}",
+         around, and for R from {} on (bound {}), short of which e^(-p) is cut off. The bounds \
+         hold for any data; a case's may do with shorter intervals. Runs refuse what is too short \
+         for their own profile{refused}",
         number(left),
         number(left_theory),
         number(right),

@@ -5,7 +5,8 @@
 //! relative to the field is about
 //!
 //! ```text
-//! ‖ũ(0)‖/‖f(T)‖ · ( max |e^{p◇} G(p◇ + s) − e^{−s}|  over s in [−λ⁺T, λ⁻T]  +  ε_machine e^{p◇} Σ|c_l| )
+//! ‖ũ(0)‖/‖f(T)‖ · ( max |e^{p◇} G(p◇ + s) − e^{−s}|  over s in [−λ⁺T, λ⁻T]
+//!                    +  ε_machine e^{p◇} Σ|c_l| )
 //! ```
 //!
 //! in which everything shows: below `λ⁺T` what comes from where `g` is not `e^{−p}`, the ends of

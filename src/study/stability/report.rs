@@ -124,7 +124,8 @@ impl Stability {
         let panels: Vec<figure::Panel> = self.panels.iter().map(drawn).collect();
         let columns = if panels.len() > 4 { 3 } else { panels.len().clamp(1, 2) };
         let caption = format!(
-            "{}: where methods fail. Markers: measured; grey dashes: theory, or bounds by theory. {}",
+            "{}: where methods fail. Markers: measured; grey dashes: theory, or bounds by theory. \
+             {}",
             self.title,
             self.left_out
                 .iter()
