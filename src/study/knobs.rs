@@ -23,9 +23,10 @@ pub struct Knob {
 
 /// All choices but the cells.
 #[rustfmt::skip]
-pub const KNOBS: [Knob; 5] = [
+pub const KNOBS: [Knob; 6] = [
     Knob { key: "solver.method", value: |c| word(&c.method), method: None, rows: false },
     Knob { key: "scheme.interface", value: |c| word(&c.interface), method: None, rows: true },
+    Knob { key: "scheme.flux", value: |c| c.flux.to_string(), method: None, rows: true },
     Knob { key: "scheme.limiter", value: |c| word(&c.limiter), method: None, rows: false },
     Knob { key: "solver.classical.integrator", value: |c| word(&c.integrator),
            method: Some(Method::Classical), rows: false },
