@@ -10,7 +10,7 @@
 //! | [`readout`] | density, momentum and mean velocity as they would be measured |
 //! | [`resources`] | queries, qubits, gates; records for other programs |
 //!
-//! Every number says what it is: see [`figure::Figure`].
+//! Every number is labelled exact, bound, estimate or unavailable: see [`figure::Figure`].
 
 use crate::base::error::{Error, Result};
 use crate::plan::Plan;

@@ -76,7 +76,7 @@ impl Slab {
 
     /// Boxes of about `most` elements that make up a dataset of this shape, in its order.
     pub fn pieces(shape: &[usize], most: usize) -> impl Iterator<Item = Self> {
-        // Whole beyond `axis`, so many along it, one by one before it.
+        // Whole beyond `axis`, a range along it, one by one before it.
         let mut axis = shape.len().saturating_sub(1);
         let mut beyond = 1;
         while axis > 0 && beyond * shape[axis] <= most {

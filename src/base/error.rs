@@ -92,7 +92,7 @@ pub enum Error {
         /// What was asked.
         tolerance: f64,
     },
-    /// A recovery point at which nothing is left but round-off.
+    /// A recovery point at which the field is lost in round-off.
     #[error(
         "solver.warp.recovery = {point}: reading there amplifies round-off by exp({point}); \
          solver.tolerance = {tolerance:e} allows no more than {highest:.3}"
@@ -215,7 +215,7 @@ pub enum Error {
         /// What is wrong.
         reason: String,
     },
-    /// The run was stopped before its end, as it was asked to, and can go on.
+    /// The run was stopped before its end on request, and can be resumed.
     #[error(
         "{why}; {} holds {finished} of {modes} modes of stage {stage} of {stages}: the same \
          command with --resume goes on from there",

@@ -1,4 +1,4 @@
-//! What rank 0 says while a run goes on: a bar on a terminal, a line every few seconds otherwise.
+//! Progress output of rank 0: a bar on a terminal, a line every few seconds otherwise.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;

@@ -18,7 +18,7 @@ use crate::solve::spectrum::{End, Extremes};
 use crate::study::grids::refined;
 use serde::Serialize;
 
-/// The system whose `S` is looked at.
+/// The system whose `S` is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum System {
@@ -116,7 +116,7 @@ fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result
 /// Bounds and layout of a grid, if it fits into the memory here. It keeps what the classical method
 /// keeps: the matrix and a few real vectors.
 fn plan(world: &World, case: &Case) -> Result<(Bounds, Plan)> {
-    /// The largest number of cells that is looked at.
+    /// The largest number of cells that is measured.
     const MOST_CELLS: f64 = 1e12;
     let cells: f64 = case.space.axes().map(|a| a.cells as f64).product();
     if cells > MOST_CELLS {

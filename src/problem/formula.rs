@@ -469,7 +469,7 @@ impl<'a> Parser<'a> {
         Err(format!("\"{text}\" at character {at} where a number, a name or \"(\" is expected"))
     }
 
-    /// That `name` is none, and which there are.
+    /// The error that `name` is unknown, with the known names.
     fn unknown(&self, name: &str, at: usize) -> String {
         let coordinates = self.names.iter().flat_map(|names| names.iter().copied());
         let coordinates: Vec<&str> = coordinates.chain(["pi"]).collect();

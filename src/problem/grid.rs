@@ -139,7 +139,7 @@ impl Axis {
         self.first() as usize * self.nodes.count()
     }
 
-    /// Whether element `e` is none of these, but one of the whole axis: one that holds nothing.
+    /// Whether element `e` of the whole axis was left out because it holds nothing.
     pub fn leaves_out(&self, e: i64) -> bool {
         let Part::Window { of, .. } = self.part else {
             return false;

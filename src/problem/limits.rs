@@ -31,7 +31,7 @@ pub const LARGEST_TOLERANCE: f64 = 0.1;
 /// Largest `|σT|` of a spectral shift.
 pub const LARGEST_SHIFT: f64 = 25.0;
 
-/// Most phase-space cells that are looked at; memory is checked against the machine by the plan.
+/// Most phase-space cells of a case; the plan checks memory against the machine.
 pub const MOST_CELLS: f64 = 1e12;
 
 /// Most space cells: `V` is evaluated on all of them before anything else.

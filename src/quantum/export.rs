@@ -445,7 +445,7 @@ fn initial_modes(start: &[Complex64], system: &[f64], unknowns: usize) -> Vec<Co
     initial
 }
 
-/// The circuit that prepares `w(0)`; or why there is none.
+/// The circuit that prepares `w(0)`, or the reason why there is none.
 fn preparation(
     start: &[Complex64],
     system: &[f64],

@@ -94,7 +94,7 @@ pub fn window_end(
 ) -> Option<f64> {
     /// Samples of the shortest wave, about.
     const SAMPLES: usize = 8;
-    /// Beyond this length nothing is added to the probability that can be seen.
+    /// Beyond this length the window adds nothing visible to the probability.
     const LONGEST: f64 = 12.0;
     let lower = point - growth;
     let samples = (SAMPLES * series.modes()).next_power_of_two();

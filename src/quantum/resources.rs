@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn steps_of_the_walk() {
-        // J_k(τ) falls off beyond τ: as many terms as that, and the more the smaller the tolerance.
+        // J_k(τ) falls off beyond k = τ: at least τ terms, more for smaller tolerances.
         let count = |tau: f64, tolerance: f64| walk(tau, tolerance).0.value().expect("a number");
         assert_eq!(walk(50.0, 1e-6).1.value(), Some(2.0 * count(50.0, 1e-6)));
         assert!(count(50.0, 1e-3) > 50.0 && count(50.0, 1e-9) > count(50.0, 1e-3));

@@ -26,7 +26,7 @@ use serde::Serialize;
 pub struct Count {
     /// The number.
     pub most: usize,
-    /// The cell of the first row (column) that has as many; of an auxiliary unknown its number.
+    /// The first such row (column): its cell, or the number of the auxiliary unknown.
     pub place: String,
     /// The paper's bound; none where it has none.
     pub bound: Option<usize>,
@@ -91,7 +91,7 @@ impl Fullest {
     fn over(self, group: &Group) -> Self {
         let most = group.max_count(self.0);
         let mine = if self.0 == most { self.1 } else { usize::MAX };
-        // The least place: the largest of what is left to the top.
+        // The least place, by a maximum.
         Self(most, usize::MAX - group.max_count(usize::MAX - mine))
     }
 }

@@ -44,7 +44,7 @@ pub struct Results<'a> {
     pub provenance: &'a [(&'static str, String)],
 }
 
-/// What is said about a file as a whole.
+/// Attributes of a file as a whole.
 pub struct About<'a> {
     /// The case.
     pub case: &'a Case,

@@ -33,7 +33,7 @@ pub struct Axis {
     pub label: String,
     /// Its scale.
     pub scale: Scale,
-    /// Its ends, lower first; those of the data where there are none.
+    /// Its ends, lower first; by default those of the data.
     pub range: Option<[f64; 2]>,
     /// Names at 0, 1, … instead of numbers.
     pub names: Vec<String>,
@@ -87,7 +87,7 @@ pub struct Map {
     pub shape: [usize; 2],
     /// A value for each cell, the vertical axis fastest.
     pub values: Vec<f64>,
-    /// Values at the ends of the colours; those of the data where there are none.
+    /// Values at the ends of the colours; by default those of the data.
     pub range: Option<[f64; 2]>,
     /// Whether they are differences, with zero in the middle of the range: other colours, and white
     /// for zero.
@@ -238,7 +238,7 @@ impl Figure {
         }
     }
 
-    /// So many panels side by side.
+    /// With `columns` panels side by side.
     pub fn columns(mut self, columns: usize) -> Self {
         self.columns = columns.max(1);
         self
@@ -250,7 +250,7 @@ impl Figure {
         self
     }
 
-    /// With frames of so many points.
+    /// With frames of `width` by `height` points.
     pub fn frame(mut self, width: f64, height: f64) -> Self {
         self.frame = [width, height];
         self

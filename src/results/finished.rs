@@ -20,7 +20,7 @@ pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> bool {
     world.max_count(usize::from(same)) > 0
 }
 
-/// Whether everything is there, the summary written last, and no checkpoint to go on from.
+/// Whether all files are there, the summary last, and no checkpoint is left to continue from.
 fn is_whole(directory: &Path, case: &Case) -> bool {
     let written = |name: &str| modified(&directory.join(name));
     let (Some(result), Some(summary)) = (written("result.h5"), written("summary.json")) else {

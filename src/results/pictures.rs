@@ -41,7 +41,7 @@ pub struct Picture {
 
 /// The pictures of a run.
 pub struct Album {
-    /// In the order in which they are to be looked at.
+    /// In the order in which they are shown.
     pub pictures: Vec<Picture>,
     /// Names of those that could not be drawn, and why.
     pub left_out: Vec<(String, String)>,

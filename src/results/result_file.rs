@@ -126,7 +126,7 @@ pub fn most_bytes(case: &Case) -> u64 {
     const CHUNK_ENTRY: usize = 160;
     let (space, storage) = (&case.space, &case.storage);
     let n = space.dimension();
-    // As many datasets over phase space, planes in it, and space, as many points.
+    // Datasets over phase space, over planes in it and over space, each with its points.
     let (mut fields, mut moments, mut points) = (case.fields.len(), 1 + 2 * n, 0);
     match (&case.exact, &case.data) {
         (None, _) => {}

@@ -60,7 +60,7 @@ impl Shown {
         put(&axes, &ranges, values)
     }
 
-    /// The same of what is known at points of space.
+    /// The same for values at points of space.
     fn points(&self, share: &[Range<usize>], values: Vec<f64>) -> Vec<f64> {
         let axes: Vec<(&Axis, &Axis)> = self.from.x.iter().zip(&self.case.space.x).collect();
         put(&axes, share, values)
@@ -146,7 +146,7 @@ mod tests {
             assert_eq!(*value, expected, "{k}");
         }
         assert_eq!(out.len(), 54);
-        // Nothing is here, and nothing is put.
+        // A rank without cells changes nothing.
         assert!(put(&axes, &[1..1, 0..1, 0..2], Vec::new()).is_empty());
         assert_eq!(put(&axes[..1], std::slice::from_ref(&(1..4)), vec![1.0; 3]), [1.0; 3]);
     }

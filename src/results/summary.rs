@@ -9,7 +9,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What is said about one of the fields of a run.
+/// Numbers of one field of a run.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct FieldSummary {
     /// `f`; or `phi`, `psi_x`, `psi_y`, `psi_z`.
@@ -24,7 +24,7 @@ pub struct FieldSummary {
     pub error_semidiscrete: Option<f64>,
 }
 
-/// Everything that is said about a finished run. Absent numbers are `null`, never zero.
+/// All numbers of a finished run. Absent ones are `null`, never zero.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Summary {
     /// Title of the case.
@@ -110,7 +110,7 @@ pub struct Summary {
     #[serde(skip)]
     pub doubt: Option<String>,
     /// Whether the estimate can tell: false where round-off hides the difference, where there is
-    /// one point only, or where a step is too long for its error to be told.
+    /// one point only, or where a step is too long to estimate its error.
     pub error_estimate_reliable: bool,
     /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`), the
     /// largest over the fields.

@@ -65,7 +65,7 @@ impl Grid {
     }
 }
 
-/// Writes the copies and tells what is where. Collective.
+/// Writes the copies and lists the grids with their datasets. Collective.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].

@@ -84,7 +84,7 @@ pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
     Ok(())
 }
 
-/// Bytes of a file of so many points, without the plan's text.
+/// Bytes of a file with `points` points, without the plan's text.
 fn bytes(case: &Case, points: usize) -> u64 {
     let cells = case.space.cells() as u64;
     let axes: usize = case.space.axes().map(|axis| axis.cells).sum();

@@ -63,7 +63,7 @@ pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Outcome<()>
 pub const CHECKSUM: &str = "checksum";
 
 impl<'a> Writer<'a> {
-    /// Creates the file, of at most so many bytes. Collective over `world`, as all that follows.
+    /// Creates the file, of at most `bytes` bytes. Collective over `world`, as all other methods.
     ///
     /// Space is reserved before anything is written, where the file system can: a disk that is full
     /// is told by one call on one rank, not in the middle of what ranks do together, where HDF5
@@ -213,7 +213,7 @@ impl<'a> Writer<'a> {
     ) -> Result<()> {
         let mut field = self.slabs(name, axes, what)?;
         for (slab, values) in slabs {
-            // Each on its own: nobody begins with the next before all are through with this one.
+            // One after the other: no rank begins with the next before all have written this one.
             field.write(slab, values)?;
         }
         field.finish()

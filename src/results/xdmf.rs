@@ -1,4 +1,4 @@
-//! `fields.xdmf`: tells ParaView and VTK what of `result.h5` to show where.
+//! `fields.xdmf`: describes the grids and fields of `result.h5` for ParaView and VTK.
 
 use crate::base::disk::failure;
 use crate::base::error::Result;

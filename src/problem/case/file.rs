@@ -194,7 +194,7 @@ impl<'t> CaseFile<'t> {
     /// `value`, if it lies in `range`.
     ///
     /// # Errors
-    /// [`Error::Input`] with `message`, which says what is allowed.
+    /// [`Error::Input`] with `message`, which names what is allowed.
     pub fn within(
         &self,
         key: &str,

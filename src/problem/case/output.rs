@@ -56,7 +56,7 @@ pub struct Storage {
 }
 
 impl Storage {
-    /// At most so many chunks has a dataset; 0 where there are none.
+    /// Most chunks of a dataset; 0 for contiguous storage.
     pub fn most_chunks(&self, space: &PhaseSpace) -> usize {
         match &self.chunks {
             Some(chunks) => {

@@ -205,7 +205,7 @@ impl<'de> Deserializer<'de> for Entry<'de> {
         visitor.visit_newtype_struct(self.formula()?.into_deserializer())
     }
 
-    /// All keys are looked at before any value is read, so that a misspelt one is named before what
+    /// All keys are checked before any value is read, so that a misspelt one is named before what
     /// it stands for is missed.
     fn deserialize_struct<V: Visitor<'de>>(
         self,

@@ -286,7 +286,7 @@ impl WarpTable {
                 return file.refuse(&key, message);
             }
         }
-        // Beyond 100 and 16 the profile is as good as a jump, or read where nothing is left of it.
+        // Beyond 100 and 16 the profile is practically a jump, or read where it is round-off.
         let within = |name: &str, value: f64, least: f64, most: f64| {
             let key = format!("solver.warp.{name}");
             file.within(&key, value, least..=most, || format!("must be between {least} and {most}"))

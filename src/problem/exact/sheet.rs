@@ -220,7 +220,7 @@ impl ExactMoments {
     }
 }
 
-/// About how many points the curve of a case has: those of its first boxes, and half as many again.
+/// Estimated number of points of the curve of a case: those of its first boxes, times 1.5.
 /// Zero in more than one dimension.
 pub fn curve_points(case: &Case) -> usize {
     if case.space.dimension() > 1 {

@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn the_transform_is_what_is_said() {
+    fn the_transform_is_phi() {
         for qubits in 1..6 {
             let n = 1usize << qubits;
             let text = transform(qubits);

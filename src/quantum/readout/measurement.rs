@@ -48,7 +48,7 @@ pub struct Estimate {
     pub error: f64,
 }
 
-/// A Hadamard test of `overlap` with so many shots.
+/// A Hadamard test of `overlap`.
 pub fn hadamard(stream: &mut Stream, overlap: f64, shots: u64) -> Estimate {
     let count = stream.binomial(shots, 0.5 * (1.0 + overlap));
     let n = shots as f64;
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_hold_as_often_as_they_say() {
+    fn bounds_hold_with_the_stated_probability() {
         let seeds = 1000;
         // Three standard deviations of a count that should be CONFIDENCE or more.
         let least = CONFIDENCE - 3.0 * (CONFIDENCE * (1.0 - CONFIDENCE) / seeds as f64).sqrt();
@@ -262,11 +262,14 @@ mod tests {
     }
 
     #[test]
-    fn standard_errors_are_told_from_the_counts() {
+    fn standard_errors_follow_from_the_counts() {
         for o in OVERLAPS {
             let n = 4000;
-            let told = hadamard(&mut stream(1), o, n).error;
-            assert!((told / ((1.0 - o * o) / n as f64).sqrt() - 1.0).abs() < 0.1, "{o}: {told:e}");
+            let found = hadamard(&mut stream(1), o, n).error;
+            assert!(
+                (found / ((1.0 - o * o) / n as f64).sqrt() - 1.0).abs() < 0.1,
+                "{o}: {found:e}"
+            );
         }
         // All shots alike, and still not certain.
         assert!(hadamard(&mut stream(1), 1.0, 100).error > 0.0);
@@ -304,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_planned_is_enough_and_little_more() {
+    fn planned_shots_meet_the_bound_and_are_the_fewest() {
         for error in [0.9, 0.1, 1e-3, 1e-6] {
             let n = hadamard_shots(error);
             assert!(hadamard_bound(n) <= error && (n == 1.0 || hadamard_bound(n - 1.0) > error));
@@ -316,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn so_many_runs_make_the_median_as_sure_as_is_said() {
+    fn the_median_of_all_runs_has_the_stated_confidence() {
         let fails = 1.0 - 8.0 / (PI * PI);
         let choose =
             |n: usize, k: usize| (0..k).fold(1.0, |c, i| c * (n - i) as f64 / (i + 1) as f64);

@@ -96,7 +96,7 @@ impl Estimator {
 pub struct Measured {
     /// Which.
     pub estimator: Estimator,
-    /// The overlap as it is; of a mean velocity, which is none, unavailable.
+    /// The overlap; unavailable for a mean velocity, which is a quotient.
     pub overlap: Figure,
     /// Shots: of an overlap, or of amplitude estimation the runs whose median is taken.
     pub shots: Figure,

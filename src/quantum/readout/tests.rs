@@ -181,7 +181,7 @@ fn bounds_and_costs_of_the_paper() {
     // Ξ₂ = N_vy Σ v_x² = 2 (0.25 + 0.25 + 2.25).
     let expected = c_f * 0.5 * 5.5f64.sqrt() * (measurement::hadamard_bound(1000.0) + 1e-8);
     assert!((number(&momentum[0].bound) - expected).abs() < 1e-12);
-    // The enlarged state: as many shots, 1/√P times the error but for the weights.
+    // The enlarged state: the same shots, 1/√P times the error but for the weights.
     let ratio = number(&density[3].bound) / number(&density[0].bound);
     let (six, undone) = (6f64.sqrt(), norm(pi[..6].iter().map(|pi| 1.0 / pi.sqrt())));
     assert!((ratio - undone / six / p_all.sqrt()).abs() < 1e-4 * ratio, "{ratio}");
@@ -228,7 +228,7 @@ fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
     // What the state itself does not allow.
     let why = |rows: &[Row]| rows[0].measured[0].estimate.to_string();
     assert!(why(&at(1e-9)).contains("the state's own error"), "{}", why(&at(1e-9)));
-    // What is too long to be emulated is still told, with its cost.
+    // What is too long to be emulated still has its cost.
     let long = at(3e-7);
     let hadamard = &long[0].measured[0];
     assert!(hadamard.estimate.to_string().contains("not emulated"), "{hadamard:?}");
@@ -240,7 +240,7 @@ fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
 }
 
 #[test]
-fn bounds_hold_as_often_as_they_say() {
+fn bounds_hold_with_the_stated_probability() {
     let seeds = 300;
     let mut missed = vec![vec![0; 5]; 5];
     for seed in 0..seeds {

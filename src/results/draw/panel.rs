@@ -131,7 +131,7 @@ impl<'a> Frame<'a> {
         self.legend(area, beside)
     }
 
-    /// The title; a long one goes on in a second, smaller line.
+    /// The title; a long one continues in a second, smaller line.
     fn heading<DB: DrawingBackend>(&self, area: &Area<DB>, left: f64) -> Drawn {
         let title = &self.panel.title;
         let lines = match text::width(title, HEADING) * BOLD <= self.size[0] {

@@ -215,7 +215,7 @@ mod tests {
             texts.dedup();
             assert_eq!(texts.len(), found.len(), "{found:?}");
         }
-        // An axis without length has no ticks, and does not go on for ever.
+        // An axis without length has no ticks, and ends.
         assert!(ticks([1.0, 1.0], Scale::Linear, 5).len() <= 1);
     }
 

@@ -1,4 +1,4 @@
-//! Colours, markers and dashes that are told apart by the colour-blind and in grey.
+//! Colours, markers and dashes that can be distinguished by the colour-blind and in grey.
 
 use plotters::style::RGBColor;
 use plotters::style::colors::colormaps::{ColorMap, DerivedColorMap};
@@ -148,7 +148,7 @@ pub fn diverging(fraction: f64) -> RGBColor {
 mod tests {
     use super::*;
 
-    /// Relative luminance after WCAG 2, near enough: what is left in grey.
+    /// Approximate relative luminance (WCAG 2): the lightness in grey.
     fn lightness(colour: RGBColor) -> f64 {
         let RGBColor(r, g, b) = colour;
         let [r, g, b] = [r, g, b].map(|c| (f64::from(c) / 255.0).powf(2.2));
@@ -165,7 +165,7 @@ mod tests {
                 assert!(a.marker != b.marker || a.colour != b.colour);
             }
         }
-        // Neighbours are told apart in grey.
+        // Neighbours can be distinguished in grey.
         for pair in SERIES.windows(2) {
             assert!((lightness(pair[0]) - lightness(pair[1])).abs() > 0.05);
         }

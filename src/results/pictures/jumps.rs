@@ -46,7 +46,7 @@ pub fn closing(run: &Stored, a: usize, jumps: &[f64]) -> String {
 
 /// Borders in a plane of two space axes along which `V` jumps, as pieces of lines with NaN between.
 pub fn borders(run: &Stored, plane: [usize; 2], cut: &Cut) -> Vec<[f64; 2]> {
-    /// Beyond so many cells borders are a matter of seconds.
+    /// With more cells the search for borders takes seconds.
     const MOST: usize = 1 << 22;
     let lengths = plane.map(|a| run.axis(a).cells);
     let Ok(case) = &run.case else {

@@ -55,7 +55,7 @@ pub fn difference(a: &Plane, b: &Plane) -> Plane {
 /// Smallest and largest finite value of all; wider where they differ by round-off of `scale` or a
 /// tolerance only, so that what is constant looks so.
 pub fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>, scale: f64) -> Option<[f64; 2]> {
-    /// Part of the values that must differ to be told apart.
+    /// Relative difference of values that can be distinguished.
     const SEEN: f64 = 1e-3;
     let all = planes.into_iter().flat_map(|p| &p.values);
     let finite = all.filter(|v| v.is_finite());

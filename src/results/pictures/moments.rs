@@ -96,7 +96,7 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
             .into_iter()
             .enumerate()
     {
-        // What stands for what is said once.
+        // One panel has the legend.
         let said = |text: &str| {
             if name == "velocity" { text.to_owned() } else { String::new() }
         };

@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 const POINTS: usize = 800;
 /// Most points that stand for modes one by one.
 const DISTINCT: usize = 200;
-/// Most modes of a curve; of more, every so manieth.
+/// Most modes of a curve; of more modes, every k-th is shown.
 const MOST: usize = 2000;
 /// Part of the domain of dependence that is shown beyond its ends.
 const BEYOND: f64 = 0.04;
@@ -162,7 +162,7 @@ fn places([from, to]: [f64; 2]) -> Vec<f64> {
     (0..POINTS).map(|k| from + part(k) * (to - from)).collect()
 }
 
-/// `g(p)` over its interval, and how it is told from `e^{−p}` where the field is read; nothing for
+/// `g(p)` over its interval, and its difference to `e^{−p}` where the field is read; nothing for
 /// runs without modes.
 ///
 /// # Errors

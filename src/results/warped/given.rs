@@ -142,7 +142,7 @@ impl Given {
 /// What a file holds, or what is wrong with it.
 type Found<T> = std::result::Result<T, String>;
 
-/// How far a point of an axis of so many steps may be off.
+/// Largest accepted error of a point of an axis with that many steps.
 fn allowed(step: f64, count: usize) -> f64 {
     step * (SAME * count as f64).min(OF_A_STEP)
 }
@@ -164,7 +164,7 @@ fn look(path: &Path, space: &PhaseSpace) -> Found<([f64; 2], usize)> {
         return Err("is no file".to_owned());
     }
     std::fs::File::open(path).map_err(|e| e.to_string())?;
-    // HDF5 tells every function that it passed through.
+    // HDF5 lists every function that the error passed.
     let file = File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?")?;
     let w = file.dataset("w").map_err(|_| missing("w"))?;
     let kind = w.dtype().and_then(|kind| kind.to_descriptor());

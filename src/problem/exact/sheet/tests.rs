@@ -82,7 +82,7 @@ fn averages(axis: &Axis, pieces: &[Piece]) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// Time at which the straight beams are looked at.
+/// Time at which the straight beams are compared.
 const BEAM_TIME: f64 = 0.7;
 
 /// The exact moments of a straight beam are those of `pieces`.
