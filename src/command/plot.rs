@@ -89,7 +89,7 @@ fn write_report(
         run,
         summary,
         album: &album,
-        understood: description.as_deref().map_err(String::as_str),
+        description: description.as_deref().map_err(String::as_str),
     };
     let page = page.html()?;
     let directory = args.output.as_ref().unwrap_or(&args.directory);
@@ -99,7 +99,7 @@ fn write_report(
     let mut left_out = album.left_out;
     left_out.extend(missing);
     if let Err(why) = description {
-        left_out.push(("what was understood".to_owned(), why));
+        left_out.push(("the case as it was read".to_owned(), why));
     }
     Ok(Written { files: vec![path], left_out })
 }

@@ -32,7 +32,7 @@ pub enum System {
 
 /// What is known of the spectrum of `S` on one grid.
 #[derive(Clone, Debug, Serialize)]
-pub struct Found {
+pub struct GridSpectrum {
     /// The case's cells were multiplied by this on every axis.
     refinement: usize,
     /// Cells along each axis, `(x1..xn, v1..vn)`.
@@ -79,7 +79,12 @@ pub fn execute(world: &World, args: &SpectrumArgs) -> Result<()> {
 ///
 /// # Errors
 /// [`Error::Memory`] before anything is computed if a grid does not fit; as [`Prepared::new`].
-fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result<Vec<Found>> {
+fn measure(
+    world: &World,
+    case: &Case,
+    refine: &[usize],
+    steps: usize,
+) -> Result<Vec<GridSpectrum>> {
     let grids: Vec<Case> = (refine.iter()).map(|&factor| refined(case, factor)).collect();
     let mut plans = Vec::new();
     for case in &grids {
@@ -102,7 +107,7 @@ fn measure(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result
             }
             let bounds = Bounds { weighted, ..bounds.clone() };
             for (system, case) in &systems {
-                found.push(Found {
+                found.push(GridSpectrum {
                     refinement,
                     system: *system,
                     ..on_grid(world, case, &bounds, plan, steps)?
@@ -142,7 +147,7 @@ fn on_grid(
     bounds: &Bounds,
     plan: &Plan,
     steps: usize,
-) -> Result<Found> {
+) -> Result<GridSpectrum> {
     let mut prepared = Prepared::with_sweeps(world, case, bounds, plan.clone(), usize::MAX)?;
     let space = &prepared.communicator.space;
     let (lanczos, bound) = spectrum::of(&mut prepared.system, space, steps)?;
@@ -154,7 +159,7 @@ fn on_grid(
         sqrt_pi = [sqrt_pi[0].max(pi.sqrt()), sqrt_pi[1].max(-pi.sqrt())];
     }
     space.max_into(&mut sqrt_pi);
-    Ok(Found {
+    Ok(GridSpectrum {
         refinement: 1,
         system: System::Closed,
         shape: case.space.shape(),
@@ -177,7 +182,7 @@ fn number(x: f64) -> String {
 }
 
 /// What was found, for people: a line a grid and a line a matrix.
-fn table(list: &[Found]) -> String {
+fn table(list: &[GridSpectrum]) -> String {
     let mut text = String::new();
     let mut last = 0;
     for found in list {
@@ -195,7 +200,7 @@ fn table(list: &[Found]) -> String {
     text
 }
 
-impl Found {
+impl GridSpectrum {
     fn line(&self) -> String {
         let Extremes { highest, lowest, steps } = self.lanczos;
         let within = |end: &End| {

@@ -8,8 +8,9 @@
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Coefficients, Delta, ProfileChoice};
 use crate::quantum::figure::Figure;
-use crate::quantum::probability::{PlannedState, Probabilities, points};
+use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::quantum::resources::walk;
+use crate::schrodingerization::profile::series::points;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::system::StateNorms;
 use serde::Serialize;

@@ -69,11 +69,6 @@ pub struct Probabilities {
     pub norm_of_field: Figure,
 }
 
-/// `N_p` of a plan: its own, or both signs of the modes it has.
-pub fn points(series: &Series) -> usize {
-    crate::schrodingerization::profile::series::points(series)
-}
-
 /// `Σ_l |c_l|²` over the modes of both signs.
 pub fn square_sum(series: &Series) -> f64 {
     (0..series.modes())

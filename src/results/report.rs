@@ -102,7 +102,7 @@ pub struct Report<'a> {
     /// Its pictures.
     pub album: &'a Album,
     /// What `phasewarp check` says of the case; why nothing can be said.
-    pub understood: std::result::Result<&'a str, &'a str>,
+    pub description: std::result::Result<&'a str, &'a str>,
 }
 
 /// What a summary lacks, by the section that misses it, and why that is so.
@@ -177,7 +177,7 @@ impl Report<'_> {
             ("pictures", "Pictures", self.pictures()?),
             ("cost", "Cost", self.cost()),
             ("probabilities", "Probabilities on a quantum computer", self.probabilities()),
-            ("understood", "What was understood", self.understood()),
+            ("understood", "The case as it was read", self.description()),
             ("plan", "Plan", plan::table(&self.run.plan)),
             ("case", "Case", self.case()),
             ("provenance", "Provenance", self.provenance()),
@@ -367,11 +367,11 @@ impl Report<'_> {
         }
     }
 
-    fn understood(&self) -> Markup {
-        match self.understood {
+    fn description(&self) -> Markup {
+        match self.description {
             Ok(text) => html! { pre { (Text(text)) } },
             Err(why) => {
-                html! { p { "Nothing can be said of the case by this program: " (Text(why)) "." } }
+                html! { p { "This program cannot describe the case: " (Text(why)) "." } }
             }
         }
     }

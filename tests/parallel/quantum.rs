@@ -11,9 +11,10 @@ use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::ProfileChoice;
 use phasewarp::quantum::access::{Scratch, SparseAccess};
-use phasewarp::quantum::probability::{points, square_sum, window_end};
+use phasewarp::quantum::probability::{square_sum, window_end};
 use phasewarp::quantum::sparsity::{Sparsity, measure};
 use phasewarp::schrodingerization::profile::series::Series;
+use phasewarp::schrodingerization::profile::series::points;
 use std::f64::consts::TAU;
 
 /// Points in `p` of the oracles.
