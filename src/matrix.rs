@@ -19,4 +19,5 @@ pub mod lanes;
 pub mod line_bounds;
 pub mod observables;
 pub mod rows;
+pub mod sampling;
 pub mod weights;

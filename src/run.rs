@@ -11,6 +11,7 @@
 mod checkpointing;
 pub mod classical;
 pub mod compare;
+pub mod errors;
 pub mod exact;
 pub mod expand;
 pub mod fields;
@@ -35,7 +36,7 @@ use crate::results;
 use crate::results::dataset::{ExactSolution, PlateauPoint, Results, slices};
 use crate::results::provenance::provenance;
 use crate::results::shown::Shown;
-use crate::results::summary::Summary;
+use crate::results::summary::{Accuracy, Summary};
 use crate::results::{result_file, warped, xdmf};
 use crate::run::checkpointing::Checkpointing;
 use crate::run::exact::exact_solution;
@@ -108,7 +109,11 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let resources = resources(world, output);
     let mut prepared = prepare(world, case, &shown, &resources, output, &mut log)?;
     let place = shown.place(&prepared.place, &prepared.plan, &prepared.communicator);
-    let exact = (prepared.communicator.world).agree(exact_solution(&shown.case, &place))?;
+    let exact = (prepared.communicator.world).agree(exact_solution(
+        &prepared.communicator.world,
+        &shown.case,
+        &place,
+    ))?;
     if exact.is_some() {
         log.watch.lap("exact");
     }
@@ -139,7 +144,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
         log.watch.lap("verify");
     }
     let plateau = compare::plateau(&prepared, &solution);
-    let results = expand::expand(&prepared, solution, &shown, exact.as_ref(), &mut summary);
+    let results = expand::expand(&prepared, solution, &shown, exact.as_ref(), &mut summary)?;
     log.watch.lap("observables");
     if shown.case.readout.is_some() {
         summary.readout =
@@ -147,6 +152,10 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
         log.watch.lap("readout");
     }
     summary.fill(&prepared, &log);
+    let measured = [summary.error_l2_relative, summary.error_density_l2_relative];
+    let asked = prepared.plan.warp.as_ref().map(|_| prepared.case.tolerance);
+    let told = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
+    summary.accuracy = Accuracy::new(asked, told, measured, exact.is_some());
     Ok(Solution {
         case: shown.case,
         summary,

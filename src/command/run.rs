@@ -37,7 +37,29 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         }
     }
     print(world, &closing_line(&summary, &directory));
+    if let Some(line) = resolution_line(&summary) {
+        print(world, &line);
+    }
     Ok(())
+}
+
+/// What limits the accuracy, where that is the grid.
+fn resolution_line(summary: &Summary) -> Option<String> {
+    let accuracy = &summary.accuracy;
+    if !accuracy.under_resolved {
+        return None;
+    }
+    let percent =
+        |name: &str, error: Option<f64>| error.map(|e| format!("{name} {:.2} %", 100.0 * e));
+    let errors = [percent("f", accuracy.grid), percent("density", accuracy.grid_density)];
+    let how = if accuracy.grid_measured { "measured" } else { "estimated" };
+    let of_algorithm = (accuracy.algorithm.or(accuracy.asked))
+        .map_or(String::new(), |e| format!(", the algorithm's {e:.1e}"));
+    Some(format!(
+        "UNDER-RESOLVED: error of the grid ({how}, relative L2) {}{of_algorithm}; more cells or a \
+         higher scheme.degree would lower it",
+        errors.into_iter().flatten().collect::<Vec<_>>().join(", ")
+    ))
 }
 
 /// Seconds, errors and where the results are.

@@ -8,14 +8,12 @@
 //! Unknowns of a rank: its cells, then its auxiliary unknowns (see [`crate::matrix::embedding`]),
 //! then its ghosts.
 
-use crate::base::error::Result;
 use crate::matrix::inflow::{Entering, Inflow, InflowRows};
 use crate::matrix::kernel;
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::matrix::rows::Rows;
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::Block;
-use crate::problem::grid::{PhaseSpace, describe_point};
 use num_complex::Complex64;
 use std::ops::Range;
 
@@ -372,51 +370,5 @@ fn add_coupled(
         let (re, im) = (x[l], x[LANES + l]);
         y[l] += a * (mu * im + sign * re);
         y[LANES + l] += a * (sign * im - mu * re);
-    }
-}
-
-/// `value` at the centres of the block's cells `cells`, of those on a face just inside.
-pub fn sample_with(
-    space: &PhaseSpace,
-    block: &Block,
-    cells: &Range<usize>,
-    value: impl Fn(&[f64; 6]) -> f64,
-) -> Vec<f64> {
-    let mut values = Vec::with_capacity(cells.len());
-    block.for_each_own(|global, local| {
-        for v in 0..block.velocity_cells {
-            if cells.contains(&(local + v)) {
-                values.push(value(&space.inner_point(&space.cell(global + v))));
-            }
-        }
-    });
-    values
-}
-
-/// A formula at the centres of this rank's cells.
-///
-/// # Errors
-/// [`crate::base::error::Error::Formula`] where `f0` is not finite. Not collective.
-pub fn sample(
-    space: &PhaseSpace,
-    block: &Block,
-    formula: &crate::problem::formula::Expression,
-    time: f64,
-) -> Result<Vec<f64>> {
-    let mut values = Vec::with_capacity(block.cells());
-    let mut failure = None;
-    block.for_each_own(|global, _| {
-        for v in 0..block.velocity_cells {
-            let point = space.point(&space.cell(global + v));
-            let value = formula.at_point(&point, time);
-            if !value.is_finite() && failure.is_none() {
-                failure = Some(formula.undefined(value, describe_point(space.dimension(), &point)));
-            }
-            values.push(value);
-        }
-    });
-    match failure {
-        Some(error) => Err(error),
-        None => Ok(values),
     }
 }

@@ -190,7 +190,7 @@ impl Case {
             fields,
             start: tables.initial.start(file)?,
             end,
-            interface: tables.scheme.interface(file, degree)?,
+            interface: tables.scheme.interface(degree),
             flux: tables.scheme.flux(file, degree)?,
             limiter: tables.scheme.limiter,
             method: solver.method,

@@ -24,6 +24,82 @@ pub struct FieldSummary {
     pub error_semidiscrete: Option<f64>,
 }
 
+/// Norms of a distance to the exact solution, and of the exact solution.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ErrorNorms {
+    /// `∫ |a − a_exact|`.
+    pub l1: f64,
+    /// `(∫ |a − a_exact|²)^½`.
+    pub l2: f64,
+    /// `∫ |a_exact|`.
+    pub exact_l1: f64,
+    /// `(∫ a_exact²)^½`.
+    pub exact_l2: f64,
+}
+
+impl ErrorNorms {
+    /// `∫ |a − a_exact| / ∫ |a_exact|`; none where there is nothing.
+    pub fn relative_l1(&self) -> Option<f64> {
+        Some(self.l1 / self.exact_l1).filter(|e| e.is_finite())
+    }
+
+    /// The same of the L2 norms.
+    pub fn relative_l2(&self) -> Option<f64> {
+        Some(self.l2 / self.exact_l2).filter(|e| e.is_finite())
+    }
+}
+
+/// Distances to the exact solution.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GridErrors {
+    /// Of `f`; none of measure-valued data.
+    pub field: Option<ErrorNorms>,
+    /// Of the density.
+    pub density: ErrorNorms,
+    /// Of the momentum, summed over its components.
+    pub momentum: Option<ErrorNorms>,
+}
+
+/// How far a run may be trusted: what the algorithm adds to the semi-discrete solution, and how far
+/// that is from the exact one.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Accuracy {
+    /// `solver.tolerance`; none of the classical method.
+    pub asked: Option<f64>,
+    /// Estimate of the relative l2 distance to the semi-discrete solution, where there is one.
+    pub algorithm: Option<f64>,
+    /// Relative L2 distance of `f` to the exact solution.
+    pub grid: Option<f64>,
+    /// The same of the density.
+    pub grid_density: Option<f64>,
+    /// Whether the grid's errors were measured against an exact solution; estimated otherwise.
+    pub grid_measured: bool,
+    /// Whether the grid's error is above a tenth, or ten times the algorithm's.
+    pub under_resolved: bool,
+}
+
+/// A grid's error above this is large by itself.
+const MUCH: f64 = 0.1;
+/// A grid's error above this many times the algorithm's is what limits a run.
+const MANY_TIMES: f64 = 10.0;
+
+impl Accuracy {
+    /// From what was asked and estimated of the algorithm, and the relative errors of the grid.
+    pub fn new(
+        asked: Option<f64>,
+        algorithm: Option<f64>,
+        grid: [Option<f64>; 2],
+        grid_measured: bool,
+    ) -> Self {
+        let worst = grid.into_iter().flatten().fold(0.0, f64::max);
+        let of_algorithm = algorithm.into_iter().chain(asked).fold(0.0, f64::max);
+        let dominates = of_algorithm > 0.0 && worst > MANY_TIMES * of_algorithm;
+        let [grid, grid_density] = grid;
+        let under_resolved = worst > MUCH || dominates;
+        Self { asked, algorithm, grid, grid_density, grid_measured, under_resolved }
+    }
+}
+
 /// All numbers of a finished run. Absent ones are `null`, never zero.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Summary {
@@ -151,10 +227,30 @@ pub struct Summary {
     pub exact_l1: Option<f64>,
     /// (∫ f_exact² dx dv)^½.
     pub exact_l2: Option<f64>,
+    /// `error_l1` relative to `exact_l1`.
+    pub error_l1_relative: Option<f64>,
+    /// `error_l2` relative to `exact_l2`.
+    pub error_l2_relative: Option<f64>,
     /// ∫ ρ_exact dx, for measure-valued data.
     pub mass_exact: Option<f64>,
-    /// ∫ |ρ − ρ_exact| dx, for measure-valued data.
+    /// ∫ |ρ − ρ_exact| dx.
     pub error_density_l1: Option<f64>,
+    /// (∫ |ρ − ρ_exact|² dx)^½.
+    pub error_density_l2: Option<f64>,
+    /// `error_density_l1` relative to ∫ |ρ_exact| dx.
+    pub error_density_l1_relative: Option<f64>,
+    /// `error_density_l2` relative to (∫ ρ_exact² dx)^½.
+    pub error_density_l2_relative: Option<f64>,
+    /// Σ_a ∫ |m_a − m_exact,a| dx.
+    pub error_momentum_l1: Option<f64>,
+    /// (Σ_a ∫ |m_a − m_exact,a|² dx)^½.
+    pub error_momentum_l2: Option<f64>,
+    /// `error_momentum_l1` relative to Σ_a ∫ |m_exact,a| dx.
+    pub error_momentum_l1_relative: Option<f64>,
+    /// `error_momentum_l2` relative to (Σ_a ∫ m_exact,a² dx)^½.
+    pub error_momentum_l2_relative: Option<f64>,
+    /// The algorithm's error and the grid's.
+    pub accuracy: Accuracy,
     /// Σ_a ∫ |u_a − u_exact,a| dx where ρ_exact > 0, for measure-valued data.
     pub error_velocity_l1: Option<f64>,
     /// With what probability the first field would be measured.
@@ -169,6 +265,26 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// Puts the distances to the exact solution in their places.
+    pub fn set_errors(&mut self, errors: &GridErrors) {
+        if let Some(field) = &errors.field {
+            (self.error_l1, self.error_l2) = (Some(field.l1), Some(field.l2));
+            (self.exact_l1, self.exact_l2) = (Some(field.exact_l1), Some(field.exact_l2));
+            self.error_l1_relative = field.relative_l1();
+            self.error_l2_relative = field.relative_l2();
+        }
+        let density = &errors.density;
+        (self.error_density_l1, self.error_density_l2) = (Some(density.l1), Some(density.l2));
+        self.error_density_l1_relative = density.relative_l1();
+        self.error_density_l2_relative = density.relative_l2();
+        if let Some(momentum) = &errors.momentum {
+            (self.error_momentum_l1, self.error_momentum_l2) =
+                (Some(momentum.l1), Some(momentum.l2));
+            self.error_momentum_l1_relative = momentum.relative_l1();
+            self.error_momentum_l2_relative = momentum.relative_l2();
+        }
+    }
+
     /// Writes `summary.json` into `directory`.
     ///
     /// # Errors

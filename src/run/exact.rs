@@ -1,23 +1,24 @@
 //! The exact solution on a rank's share, where the case names one.
 
 use crate::base::error::Result;
-use crate::matrix::block_matrix::{sample, sample_with};
+use crate::matrix::sampling::{sample, sample_with};
+use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
 use crate::problem::exact::Tracer;
 use crate::problem::exact::sheet::exact_moments;
 use crate::results::dataset::ExactSolution;
 use crate::solve::place::Place;
 
-/// The exact solution at `T` on `place`: `f` at cell centres, or density and velocity as cell averages. Not collective.
+/// The exact solution at `T` on `place`: `f` at cell centres, or density and velocity as cell averages. Collective over `world`.
 ///
 /// # Errors
 /// A formula or a start of a characteristic that is not finite.
-pub fn exact_solution(case: &Case, place: &Place) -> Result<Option<ExactSolution>> {
+pub fn exact_solution(world: &Group, case: &Case, place: &Place) -> Result<Option<ExactSolution>> {
     let (space, block) = (&case.space, &place.block);
     Ok(match &case.exact {
         None => None,
         Some(Exact::Formula(f)) => {
-            let all = sample(space, block, f, case.end)?;
+            let all = sample(world, space, block, f, case.end)?;
             Some(ExactSolution::Field(all[place.mine.clone()].to_vec()))
         }
         Some(Exact::Characteristics) => {

@@ -1,10 +1,12 @@
 //! Results on the user's grid: fields, moments, totals, and their distance to the exact solution.
 
+use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, Moments, moments};
 use crate::results::dataset::{Early, ExactSolution, slices};
 use crate::results::shown::Shown;
-use crate::results::summary::Summary;
+use crate::results::summary::{ErrorNorms, GridErrors, Summary};
 use crate::run::compare::{FieldNorms, moment_errors};
+use crate::run::errors;
 use crate::run::files::SolvedFields;
 use crate::solve::prepared::Prepared;
 
@@ -21,13 +23,16 @@ pub struct Expanded {
 }
 
 /// Puts `solution` onto the user's grid `shown`, and its ranges, totals and errors into `summary`. Collective.
+///
+/// # Errors
+/// Where `V` is not finite.
 pub(crate) fn expand(
     prepared: &Prepared,
     solution: SolvedFields,
     shown: &Shown,
     exact: Option<&ExactSolution>,
     summary: &mut Summary,
-) -> Expanded {
+) -> Result<Expanded> {
     let share = &prepared.place.share;
     let fields: Vec<Vec<f64>> = (solution.fields.into_iter())
         .map(|mut readings| shown.field(share, readings.swap_remove(0)))
@@ -49,31 +54,39 @@ pub(crate) fn expand(
     match exact {
         None => {}
         Some(ExactSolution::Field(exact)) => {
-            let (found, exact) = (norms(&fields[0]), norms(exact));
-            field_errors(&found, &exact, volumes.mean(), summary);
+            let errors = match (&case.exact, case.space.degree()) {
+                (Some(kind), 1..) => {
+                    errors::by_elements(world, case, kind, &shown.share(share), &fields[0])?
+                }
+                _ => {
+                    let field = field_errors(&norms(&fields[0]), &norms(exact), volumes.mean());
+                    errors::by_cells(world, case, &volumes, field, &moments, exact)
+                }
+            };
+            summary.set_errors(&errors);
         }
         Some(ExactSolution::Moments(exact)) => {
             let [density, velocity] = moment_errors(world, &volumes, &moments, exact);
             summary.mass_exact = Some(volumes.integral(world, &exact.density));
-            summary.error_density_l1 = Some(density);
+            let pair = (&moments.density, &exact.density);
+            let norms = errors::over_space(world, &volumes, &[pair]);
+            let density = ErrorNorms { l1: density, ..norms };
+            summary.set_errors(&GridErrors { field: None, density, momentum: None });
             summary.error_velocity_l1 = Some(velocity);
         }
     }
-    Expanded { fields, moments, totals, early }
+    Ok(Expanded { fields, moments, totals, early })
 }
 
 /// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and the same of `f_exact`. Collective.
-fn field_errors(
-    found: &FieldNorms<'_>,
-    exact: &FieldNorms<'_>,
-    volume: f64,
-    summary: &mut Summary,
-) {
+fn field_errors(found: &FieldNorms<'_>, exact: &FieldNorms<'_>, volume: f64) -> ErrorNorms {
     let zero = vec![0.0; exact.f.len()];
     let l1 = |of: &FieldNorms<'_>, other: &[f64]| of.difference(other, 1) * volume;
     let l2 = |of: &FieldNorms<'_>, other: &[f64]| (of.difference(other, 2) * volume).sqrt();
-    summary.error_l1 = Some(l1(found, exact.f));
-    summary.error_l2 = Some(l2(found, exact.f));
-    summary.exact_l1 = Some(l1(exact, &zero));
-    summary.exact_l2 = Some(l2(exact, &zero));
+    ErrorNorms {
+        l1: l1(found, exact.f),
+        l2: l2(found, exact.f),
+        exact_l1: l1(exact, &zero),
+        exact_l2: l2(exact, &zero),
+    }
 }

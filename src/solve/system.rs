@@ -1,9 +1,9 @@
 //! The discrete problem on a rank: matrix, weights, initial state.
 
 use crate::base::error::{Error, Result};
-use crate::matrix::block_matrix;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
+use crate::matrix::sampling;
 use crate::matrix::weights::{WeightGoal, Weights};
 use crate::parallel::communicator::{Communicator, GhostExchange, Group};
 use crate::parallel::partition::Block;
@@ -96,7 +96,13 @@ impl DiscreteSystem {
         let cells = matrix.block.cells();
         let (mut states, mut initial) = (Vec::new(), Vec::new());
         for (k, field) in case.fields.iter().enumerate() {
-            let sampled = block_matrix::sample(&case.space, &matrix.block, &field.initial, 0.0);
+            let sampled = sampling::sample(
+                &communicator.world,
+                &case.space,
+                &matrix.block,
+                &field.initial,
+                0.0,
+            );
             let values = communicator.world.agree(sampled)?;
             let entering = matrix.inflow.iter().map(|aux| aux.values[k]);
             let world = &communicator.world;

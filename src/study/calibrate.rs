@@ -176,7 +176,11 @@ impl Run<'_> {
         let block = Prepared::with_plan(self.world, &part, &self.bounds, plan)?;
         watch.part("weights", block.system.weight_seconds);
         watch.lap("assemble");
-        let exact = block.communicator.world.agree(exact_solution(&part, &block.place))?;
+        let exact = block.communicator.world.agree(exact_solution(
+            &block.communicator.world,
+            &part,
+            &block.place,
+        ))?;
         if exact.is_some() {
             watch.lap("exact");
         }

@@ -121,7 +121,7 @@ impl TimeTable {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct SchemeTable {
-    pub interface: Option<Interface>,
+    interface: Interface,
     pub limiter: Limiter,
     /// `degree`: of every axis that gives none of its own.
     pub degree: i64,
@@ -133,18 +133,10 @@ pub struct SchemeTable {
 pub const DEFAULT_FLUX: f64 = 0.5;
 
 impl SchemeTable {
-    /// `interface`: of a degree above 0 energies are matched exactly, in the way of `conservative`.
-    pub fn interface(&self, file: &CaseFile<'_>, degree: usize) -> Result<Interface> {
-        match self.interface {
-            Some(Interface::Hat) if degree > 0 => file.refuse(
-                "scheme.interface",
-                "\"hat\" is the paper's law of degree 0; of a higher one traces are matched by \
-                 energy, \"conservative\"",
-            ),
-            Some(interface) => Ok(interface),
-            None if degree > 0 => Ok(Interface::Conservative),
-            None => Ok(Interface::default()),
-        }
+    /// `interface`: the law of degree 0. Of a higher degree traces are matched by energy, whatever is
+    /// given: that law keeps what `conservative` keeps.
+    pub fn interface(&self, degree: usize) -> Interface {
+        if degree > 0 { Interface::Conservative } else { self.interface }
     }
 
     /// `flux`: `α`, from 0, central, to 1, upwind.
