@@ -144,6 +144,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
         log.watch.lap("verify");
     }
     let plateau = compare::plateau(&prepared, &solution);
+    let estimated = errors::estimated(&mut prepared, &solution.fields[0][0])?;
     let results = expand::expand(&prepared, solution, &shown, exact.as_ref(), &mut summary)?;
     log.watch.lap("observables");
     if shown.case.readout.is_some() {
@@ -155,7 +156,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let measured = [summary.error_l2_relative, summary.error_density_l2_relative];
     let asked = prepared.plan.warp.as_ref().map(|_| prepared.case.tolerance);
     let told = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
-    summary.accuracy = Accuracy::new(asked, told, measured, exact.is_some());
+    summary.accuracy = Accuracy::new(asked, told, measured, estimated);
     Ok(Solution {
         case: shown.case,
         summary,

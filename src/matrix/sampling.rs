@@ -8,7 +8,7 @@
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::Block;
-use crate::problem::element::{Nodes, gauss_legendre};
+use crate::problem::element::{Family, Nodes, gauss_legendre};
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Cell, MAX_DIMENSION, PhaseSpace, describe_point, for_each_cell};
 use std::ops::Range;
@@ -294,6 +294,21 @@ fn projector(nodes: Nodes, rule: &[(f64, f64)]) -> Vec<Vec<f64>> {
         .collect()
 }
 
+/// `[j][m]`: what the value at node `m` adds to the coefficient of the Legendre polynomial `P_j` of
+/// the polynomial through all nodes: `w_m P_j(ξ_m)/γ_j` with the discrete norms `γ_j = 2/(2j + 1)`,
+/// and `2/k` of `P_k` at Gauss–Lobatto nodes.
+pub fn legendre_transform(nodes: Nodes) -> Vec<Vec<f64>> {
+    let (k, reference) = (nodes.degree, nodes.reference());
+    (0..=k)
+        .map(|j| {
+            let lobatto = j == k && k > 0 && nodes.family == Family::Lobatto;
+            let norm = if lobatto { 2.0 / k as f64 } else { 2.0 / (2 * j + 1) as f64 };
+            let rule = reference.nodes.iter().zip(&reference.weights);
+            rule.map(|(xi, w)| w * legendre_values(k, *xi)[j] / norm).collect()
+        })
+        .collect()
+}
+
 /// `P_0(x), …, P_k(x)`.
 fn legendre_values(degree: usize, x: f64) -> Vec<f64> {
     let mut values = vec![1.0, x];
@@ -313,7 +328,7 @@ fn is_rough(values: &[f64], points: &[Vec<f64>], largest: f64) -> bool {
         let stride: usize = shape[a + 1..].iter().product();
         let rows = highest_coefficients(&points[a]);
         rows.iter().any(|row| {
-            (0..values.len()).filter(|at| at / stride % shape[a] == 0).any(|at| {
+            (0..values.len()).filter(|at| (at / stride).is_multiple_of(shape[a])).any(|at| {
                 let line = row.iter().enumerate().map(|(q, c)| c * values[at + q * stride]);
                 line.sum::<f64>().abs() > ROUGH * largest
             })
@@ -382,7 +397,7 @@ mod tests {
     }
 
     fn projection(space: &PhaseSpace, f: impl Fn(f64, f64) -> f64) -> Vec<f64> {
-        let ranges = [0..space.x[0].cells];
+        let ranges: Vec<_> = space.x.iter().map(|x| 0..x.cells).collect();
         let mut values = vec![0.0; space.cells()];
         for_each_element(space, &ranges, |element| {
             let found = element.projection(&mut |p: &[f64; 6]| f(p[0], p[3]), 1.0);

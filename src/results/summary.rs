@@ -74,6 +74,10 @@ pub struct Accuracy {
     pub grid_density: Option<f64>,
     /// Whether the grid's errors were measured against an exact solution; estimated otherwise.
     pub grid_measured: bool,
+    /// The estimate of the grid's error of `f`, where there is one; also where it was measured.
+    pub grid_estimate: Option<f64>,
+    /// The same of the density.
+    pub grid_density_estimate: Option<f64>,
     /// Whether the grid's error is above a tenth, or ten times the algorithm's.
     pub under_resolved: bool,
 }
@@ -84,19 +88,32 @@ const MUCH: f64 = 0.1;
 const MANY_TIMES: f64 = 10.0;
 
 impl Accuracy {
-    /// From what was asked and estimated of the algorithm, and the relative errors of the grid.
+    /// From what was asked and estimated of the algorithm, and the relative errors of the grid, of
+    /// `f` and of the density, as they were measured and estimated.
     pub fn new(
         asked: Option<f64>,
         algorithm: Option<f64>,
-        grid: [Option<f64>; 2],
-        grid_measured: bool,
+        measured: [Option<f64>; 2],
+        estimated: [Option<f64>; 2],
     ) -> Self {
+        let grid_measured = measured.iter().any(Option::is_some);
+        let grid = if grid_measured { measured } else { estimated };
         let worst = grid.into_iter().flatten().fold(0.0, f64::max);
         let of_algorithm = algorithm.into_iter().chain(asked).fold(0.0, f64::max);
         let dominates = of_algorithm > 0.0 && worst > MANY_TIMES * of_algorithm;
         let [grid, grid_density] = grid;
         let under_resolved = worst > MUCH || dominates;
-        Self { asked, algorithm, grid, grid_density, grid_measured, under_resolved }
+        let [grid_estimate, grid_density_estimate] = estimated;
+        Self {
+            asked,
+            algorithm,
+            grid,
+            grid_density,
+            grid_measured,
+            grid_estimate,
+            grid_density_estimate,
+            under_resolved,
+        }
     }
 }
 
