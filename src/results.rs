@@ -1,5 +1,6 @@
 //! What a run leaves behind: `result.h5`, written by all ranks, `fields.xdmf` and `summary.json`.
 
+pub mod averages;
 pub mod dataset;
 pub mod draw;
 pub mod fields;

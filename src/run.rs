@@ -20,6 +20,7 @@ mod log;
 mod modes;
 pub mod options;
 pub mod planning;
+mod positive;
 mod readout;
 mod summarise;
 pub mod warnings;

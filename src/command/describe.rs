@@ -45,11 +45,15 @@ fn axes(case: &Case) -> String {
     let names = axis_names(dimension);
     let mut text = String::new();
     for ((name, axis), periodic) in names.iter().zip(case.space.whole().axes()).zip(periodic) {
+        let nodes = match axis.nodes.degree {
+            0 => String::new(),
+            degree => format!(" and degree {degree} ({} nodes)", axis.cells),
+        };
         text += &format!(
-            "{name:<3} [{}, {}]  {} cells of {:.6}{}\n",
+            "{name:<3} [{}, {}]  {} cells of {:.6}{nodes}{}\n",
             axis.lower,
             axis.upper,
-            axis.cells,
+            axis.elements(),
             axis.width(),
             if periodic { ", periodic" } else { "" }
         );
@@ -91,10 +95,13 @@ fn formulas(case: &Case) -> String {
 
 /// Time, interface law, method and its settings.
 fn method(case: &Case) -> String {
+    let interface = match case.space.degree() {
+        0 => format!("interface {}", word(&case.interface)),
+        _ => format!("flux {}, interface matched by energy", case.flux),
+    };
     let common = format!(
-        "T = {}, interface {}, method {}, tolerance {:e}\n",
+        "T = {}, {interface}, method {}, tolerance {:e}\n",
         case.end,
-        word(&case.interface),
         word(&case.method),
         case.tolerance
     );
@@ -105,22 +112,42 @@ fn method(case: &Case) -> String {
             case.cfl,
             word(&case.limiter)
         ),
-        Method::Schrodingerized => format!(
-            "profile {}, coefficients {}, recovery by {}, inflow {}, delta {}, shift {}, \
+        Method::Schrodingerized => {
+            format!(
+                "profile {}, coefficients {}, recovery by {}, inflow {}, delta {}, shift {}, \
              propagator {}\n",
-            match case.start {
-                Some(_) => "that of initial.warped".to_owned(),
-                None => word(&case.warp.profile),
-            },
-            word(&case.warp.coefficients),
-            word(&case.warp.recovery_method),
-            word(&case.warp.inflow),
-            word(&case.warp.delta),
-            word(&case.warp.shift),
-            word(&case.propagator)
-        ),
+                match case.start {
+                    Some(_) => "that of initial.warped".to_owned(),
+                    None => word(&case.warp.profile),
+                },
+                word(&case.warp.coefficients),
+                word(&case.warp.recovery_method),
+                word(&case.warp.inflow),
+                word(&case.warp.delta),
+                word(&case.warp.shift),
+                word(&case.propagator)
+            ) + &schrodingerized(case)
+        }
     };
     common + &settings
+}
+
+/// What makes `S` other than zero, so that `A` is not skew and needs Schrödingerization.
+fn schrodingerized(case: &Case) -> String {
+    let space = &case.space;
+    let mut causes = Vec::new();
+    match space.degree() {
+        0 => causes.push("dissipation of the upwind scheme"),
+        _ if case.flux > 0.0 => causes.push("dissipation of the flux between elements"),
+        _ => {}
+    }
+    if (0..space.dimension()).any(|a| !space.is_periodic(a)) {
+        causes.push("the open ends of the box");
+    }
+    match causes.is_empty() {
+        true => "S is zero but for the ends of the velocity box\n".to_owned(),
+        false => format!("Schrödingerized: {}\n", causes.join(", ")),
+    }
 }
 
 /// What is measured.

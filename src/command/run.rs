@@ -84,5 +84,8 @@ fn closing_line(summary: &Summary, directory: &Path) -> String {
     if let Some(l1) = summary.error_l1 {
         line += &format!(", L1 distance to the exact solution {l1:.4}");
     }
+    if let Some(least) = summary.minimum_before_limiting {
+        line += &format!(", least value {least:.1e} before output.positive");
+    }
     format!("{line}; results in {}", directory.display())
 }

@@ -17,6 +17,8 @@ use std::ops::Range;
 const MORE_POINTS: usize = 2;
 /// Points of a rule for a whole grid at most; beyond, elements that look smooth have nodal values.
 const MOST_POINTS: f64 = 4e7;
+/// Points beyond which nothing is cut once more in two and three dimensions, if all were.
+const MOST_CUT_POINTS: f64 = 1e8;
 /// How often an element is cut where a formula jumps, by space dimension.
 const MOST_CUTS: [usize; MAX_DIMENSION] = [6, 2, 1];
 /// A part whose highest Legendre coefficients are above this fraction of the largest value on the
@@ -92,15 +94,24 @@ fn projected(
     let points: f64 =
         space.axes().map(|a| (a.elements() * (a.nodes.count() + MORE_POINTS)) as f64).product();
     let always = points <= MOST_POINTS;
+    let cuts = most_cuts(space.dimension(), points);
     for_each_element(space, &block.ranges, |element| {
         let mut at_nodes = vec![0.0; element.shape().iter().product()];
         element.for_each_cell(&block.ranges, |cell, node| at_nodes[node] = nodal[cell]);
         if always || element.is_rough(&at_nodes, largest) {
-            at_nodes = element.projection(value, largest);
+            at_nodes = element.projection(value, largest, cuts);
         }
         element.for_each_cell(&block.ranges, |cell, node| values[cell] = at_nodes[node]);
     });
     values
+}
+
+/// How often an element of a grid may be cut whose rules have `points` points in all.
+fn most_cuts(dimension: usize, points: f64) -> usize {
+    let most = MOST_CUTS[dimension - 1];
+    let after = |cuts: usize| points * f64::powi(4.0, (dimension * cuts) as i32);
+    let few = |cuts: &usize| dimension == 1 || after(*cuts) <= MOST_CUT_POINTS;
+    (0..=most).rev().find(few).unwrap_or(0)
 }
 
 /// An element of the grid: one of each axis.
@@ -163,6 +174,14 @@ impl Element<'_> {
         self.nodes().map(|nodes| nodes.count()).collect()
     }
 
+    /// Products of the quadrature weights of its nodes on `[−1, 1]`, the last axis fastest.
+    pub fn weights(&self) -> Vec<f64> {
+        self.nodes().fold(vec![1.0], |products, nodes| {
+            let weights = &nodes.reference().weights;
+            products.iter().flat_map(|p| weights.iter().map(move |w| p * w)).collect()
+        })
+    }
+
     /// The point that has the coordinates `xi` in the reference element.
     pub fn point(&self, xi: &[f64]) -> [f64; 6] {
         let n = self.space.dimension();
@@ -204,8 +223,13 @@ impl Element<'_> {
         is_rough(nodal, &rules, largest)
     }
 
-    /// The `L2` projection of `value`: values at the nodes.
-    fn projection(&self, value: &mut impl FnMut(&[f64; 6]) -> f64, largest: f64) -> Vec<f64> {
+    /// The `L2` projection of `value`: values at the nodes. Parts are cut at most `cuts` times.
+    fn projection(
+        &self,
+        value: &mut impl FnMut(&[f64; 6]) -> f64,
+        largest: f64,
+        cuts: usize,
+    ) -> Vec<f64> {
         let axes = 2 * self.space.dimension();
         let mut sum = vec![0.0; self.shape().iter().product()];
         let mut open = vec![[Part::WHOLE; 2 * MAX_DIMENSION]];
@@ -216,7 +240,7 @@ impl Element<'_> {
                 rules.iter().map(|rule| rule.iter().map(|p| p.0).collect()).collect();
             let values = self.values_at(&points, value);
             let level = parts[0].level;
-            if level < MOST_CUTS[axes / 2 - 1] && is_rough(&values, &points, largest) {
+            if level < cuts && is_rough(&values, &points, largest) {
                 for child in 0..1usize << axes {
                     let mut halves = parts;
                     for (a, part) in halves.iter_mut().enumerate().take(axes) {
@@ -362,9 +386,15 @@ fn highest_coefficients(points: &[f64]) -> Vec<Vec<f64>> {
 
 /// Applies a matrix along each axis to `values`, whose last axis runs fastest.
 pub fn apply_along_all(values: &[f64], matrices: &[Vec<Vec<f64>>]) -> Vec<f64> {
+    apply_in_elements(values, &matrices.iter().map(|m| (1, &m[..])).collect::<Vec<_>>())
+}
+
+/// Applies a matrix along each axis in each of its elements: `values` has along an axis so many
+/// elements of as many cells as the matrix has columns, and the last axis runs fastest.
+pub fn apply_in_elements(values: &[f64], axes: &[(usize, &[Vec<f64>])]) -> Vec<f64> {
     let mut values = values.to_vec();
     let mut stride = 1;
-    for matrix in matrices.iter().rev() {
+    for (elements, matrix) in axes.iter().rev() {
         let (rows, columns) = (matrix.len(), matrix[0].len());
         let outer = values.len() / (columns * stride);
         let mut next = vec![0.0; outer * rows * stride];
@@ -378,7 +408,7 @@ pub fn apply_along_all(values: &[f64], matrices: &[Vec<Vec<f64>>]) -> Vec<f64> {
             }
         }
         values = next;
-        stride *= rows;
+        stride *= rows * elements;
     }
     values
 }
@@ -400,7 +430,7 @@ mod tests {
         let ranges: Vec<_> = space.x.iter().map(|x| 0..x.cells).collect();
         let mut values = vec![0.0; space.cells()];
         for_each_element(space, &ranges, |element| {
-            let found = element.projection(&mut |p: &[f64; 6]| f(p[0], p[3]), 1.0);
+            let found = element.projection(&mut |p: &[f64; 6]| f(p[0], p[3]), 1.0, 6);
             element.for_each_cell(&ranges, |cell, node| values[cell] = found[node]);
         });
         values

@@ -129,6 +129,8 @@ pub struct Case {
     pub warped_field: bool,
     /// `output.expand`: whether results are shown on axes that were left out.
     pub expand: bool,
+    /// `output.positive`: whether `f` is limited to positive values before it is written.
+    pub positive: bool,
     /// `output.delta_width`, for measure-valued data.
     pub delta_width: DeltaWidth,
     /// How the fields are stored.
@@ -209,6 +211,7 @@ impl Case {
             times: output.times(file, end)?,
             warped_field: output.warped_field,
             expand: output.expand,
+            positive: output.positive,
             delta_width: output.delta_width,
             storage: output.storage(file, &space)?,
             checkpoint_every: tables.checkpoint.check(file)?,
@@ -230,6 +233,9 @@ impl Case {
         self.check_limiter(file)?;
         if self.space.degree() > 0 {
             self.check_degree(file)?;
+        }
+        if self.positive {
+            self.check_positive(file)?;
         }
         if self.varies() {
             self.check_varying_inflow(file)?;
@@ -305,6 +311,21 @@ impl Case {
             );
         }
         Ok(())
+    }
+
+    /// Refuses `output.positive` where there is nothing to scale, or more than the field at the end.
+    fn check_positive(&self, file: &CaseFile<'_>) -> Result<()> {
+        let conflict = if self.space.degree() == 0 {
+            "a cell of degree 0 has one value, its average, which is kept: there is nothing to \
+             scale; leave it out, or choose scheme.degree above 0"
+        } else if !self.times.is_empty() {
+            "limits the field at the end only; leave it or the output times out"
+        } else if self.readout.is_some() {
+            "limits what is written, not the state that [readout] measures; leave one of them out"
+        } else {
+            return Ok(());
+        };
+        file.refuse("output.positive", conflict)
     }
 
     /// Refuses methods that do not know of an inflow that depends on time.

@@ -186,6 +186,31 @@ impl Axis {
         (0..self.cells).map(|j| self.weight(j)).collect()
     }
 
+    /// Faces of the cells, one more than there are: sums of the weights, between which the nodes
+    /// lie. The ends of elements are exact.
+    pub fn cell_faces(&self) -> Vec<f64> {
+        let count = self.nodes.count();
+        let mut faces = Vec::with_capacity(self.cells + 1);
+        for j in 0..self.cells {
+            match j % count {
+                0 => faces.push(self.face((j / count) as i64)),
+                _ => faces.push(faces[j - 1] + self.weight(j - 1)),
+            }
+        }
+        faces.push(self.upper);
+        faces
+    }
+
+    /// The cell nearest to `point` in the element that holds it; the last one beyond the axis.
+    pub fn cell_at(&self, point: f64) -> usize {
+        let place = ((point - self.lower) / self.width()).floor() as usize;
+        let element = place.min(self.elements() - 1);
+        let count = self.nodes.count();
+        let off = |j: &usize| (self.centre((element * count + j) as i64) - point).abs();
+        let nearest = (0..count).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
+        element * count + nearest
+    }
+
     /// A point `j/denominator` of the way along the axis, in units of elements; mirror images of an
     /// axis give exact mirror images of its points. `twice` counts half elements: an odd number is
     /// a centre, an even one a face.
@@ -479,6 +504,25 @@ mod tests {
         }
         let odd = Axis::new(-1.5, 1.5, 33);
         assert_eq!(odd.centre(16), 0.0);
+    }
+
+    #[test]
+    fn nodes_lie_between_the_faces_of_their_cells() {
+        use crate::problem::element::LARGEST_DEGREE;
+        for degree in 0..=LARGEST_DEGREE {
+            for nodes in [Nodes::of_space(degree), Nodes::of_velocity(degree)] {
+                let axis = Axis::new(-0.3, 1.7, 5).with_nodes(nodes);
+                let (faces, centres) = (axis.cell_faces(), axis.centres());
+                assert_eq!((faces[0], faces[axis.cells]), (-0.3, 1.7));
+                for (j, centre) in centres.iter().enumerate() {
+                    assert!(faces[j] <= *centre && *centre <= faces[j + 1], "{nodes:?} {j}");
+                    let inside = faces[j] + 0.5 * (faces[j + 1] - faces[j]);
+                    let found = axis.cell_at(inside);
+                    assert_eq!(found / nodes.count(), j / nodes.count(), "{nodes:?} {j}");
+                }
+                assert_eq!(axis.cell_at(axis.upper), axis.cells - 1);
+            }
+        }
     }
 
     #[test]

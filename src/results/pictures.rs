@@ -17,6 +17,7 @@ pub mod cut;
 pub mod history;
 pub mod jumps;
 pub mod maps;
+mod mesh;
 pub mod moments;
 pub mod phase_space;
 pub mod profile;

@@ -10,6 +10,8 @@
 //! | `/density_exact`, `/velocity_exact` | as `/density` … | measure-valued: cell averages |
 //! | `/multivalued/x`, `v`, `density`, `branch` | points | branches of the exact velocity (1D) |
 //! | `/axis/x`, … `/axis/vz`, `component` | cell centres | dimension scales; also in the root |
+//! | `/axis/weights_x`, … | as `/axis/x` | of a degree above 0: quadrature weights of the nodes |
+//! | `/averages/f`, `/averages/density` | elements | the same: [`crate::results::averages`] |
 //! | `/case`, `/plan` | text | case file; plan as JSON, without what depends on ranks |
 //! | `/plateau/p`, `distance`, `norm` | (K) | `f` read at other `p`: l2 distance to `/f`, norm |
 //! | `/readout/…` | (R) | measurements by row and estimator, see [`crate::quantum::readout`] |
@@ -35,7 +37,7 @@ use crate::results::fields::{self, COMPONENT, DIRECTION, Layout, POINT};
 use crate::results::room::require_room;
 use crate::results::views::Grid;
 use crate::results::writer::{Outcome, Writer, attribute, text};
-use crate::results::{history, readback, views};
+use crate::results::{averages, history, readback, views};
 use std::path::Path;
 
 /// Writes `directory/result.h5`; gives what `fields.xdmf` is to show of it. Collective over
@@ -94,6 +96,7 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Gr
         let (kind, slabs) = (field.kind, layout.slabs(&field));
         writer.field(kind.name, &layout.axes(kind), &slabs, kind.what)?;
     }
+    averages::write(&writer, results)?;
     if let Some(curve) = results.curve() {
         multivalued(&writer, curve)?;
     }
@@ -149,6 +152,7 @@ pub fn most_bytes(case: &Case) -> u64 {
     };
     let cells: Vec<usize> = space.axes().map(|a| a.cells).collect();
     let (mut numbers, mut chunks) = (all(&cells), 0);
+    let elements = averages::numbers(space);
     if let Some(given) = &storage.chunks {
         let each = || cells.iter().zip(given);
         chunks = all(&each().map(|(n, c)| n.div_ceil(*c)).collect::<Vec<_>>());
@@ -161,7 +165,7 @@ pub fn most_bytes(case: &Case) -> u64 {
         // As in `Storage::most_chunks`.
         chunks = 4 * numbers / CHUNK;
     }
-    (8 * (numbers + points + 4 * case.times.len() + readout_numbers(case))
+    (8 * (numbers + elements + points + 4 * case.times.len() + readout_numbers(case))
         + CHUNK_ENTRY * chunks
         + MARGIN
         + 2 * case.text.len()) as u64
@@ -203,7 +207,15 @@ pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Outcome<()> {
     let chunk = |axis: usize| chunks.as_ref().map(|chunks| chunks[axis]);
     let names = axis_names(case.space.dimension());
     for (axis, (name, a)) in names.into_iter().zip(case.space.axes()).enumerate() {
-        writer.scale(name, &a.centres(), chunk(axis))?;
+        let dataset = writer.scale(name, &a.centres(), chunk(axis))?;
+        if a.nodes.degree > 0 {
+            attribute(&dataset, "degree", &(a.nodes.degree as u64))?;
+            attribute(&dataset, "elements", &(a.elements() as u64))?;
+            attribute(&dataset, "lower", &a.lower)?;
+            attribute(&dataset, "upper", &a.upper)?;
+            let what = format!("quadrature weights of the nodes of {name}");
+            writer.list(&format!("axis/weights_{name}"), &a.weights(), Some(&what))?;
+        }
     }
     Ok(())
 }
@@ -211,6 +223,7 @@ pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Outcome<()> {
 /// The dimension scales. To be agreed on.
 fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Outcome<()> {
     phase_axes(writer, results.case)?;
+    averages::axes(writer, results.case)?;
     let n = results.case.space.dimension();
     let numbers = |count: usize| -> Vec<f64> { (0..count).map(|c| c as f64).collect() };
     writer.scale(COMPONENT, &numbers(n), None)?;

@@ -234,6 +234,9 @@ pub struct Summary {
     pub kinetic_energy: f64,
     /// Smallest value of f, or of φ.
     pub minimum: f64,
+    /// Smallest value of f before `output.positive`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub minimum_before_limiting: Option<f64>,
     /// Largest value of f, or of φ.
     pub maximum: f64,
     /// ∫ |f − f_exact| dx dv.

@@ -15,7 +15,7 @@ use crate::results::fields::{self, DIRECTION, Field, Over};
 use crate::results::writer::Writer;
 use std::ops::Range;
 
-/// Cells of equal size, and datasets over them.
+/// Cells along three axes, and datasets over them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
     /// Its name.
@@ -26,6 +26,9 @@ pub struct Grid {
     pub spacing: [f64; 3],
     /// Numbers of cells.
     pub cells: [usize; 3],
+    /// Faces of the cells of all axes, where a degree above 0 makes them unequal: a cell is as wide
+    /// as the quadrature weight of its node.
+    pub faces: Option<[Vec<f64>; 3]>,
     /// What is shown there.
     pub fields: Vec<View>,
 }
@@ -51,11 +54,17 @@ impl Grid {
             origin: [-0.5 * width; 3],
             spacing: [width; 3],
             cells: [1; 3],
+            faces: None,
             fields: Vec::new(),
         };
         for (a, axis) in axes.iter().enumerate() {
             (grid.origin[a], grid.spacing[a]) = (axis.lower, axis.width());
             grid.cells[a] = axis.cells;
+        }
+        if axes.iter().any(|axis| axis.nodes.degree > 0) {
+            let flat = || vec![-0.5 * width, 0.5 * width];
+            grid.faces =
+                Some(std::array::from_fn(|a| axes.get(a).map_or_else(flat, |a| a.cell_faces())));
         }
         grid
     }
@@ -104,6 +113,9 @@ fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
         // A strip along the velocity axis, so that it fills the frame of the plane (x, v).
         let v = &space.v[0];
         (grid.origin[1], grid.spacing[1]) = (v.lower, v.upper - v.lower);
+        if let Some(faces) = &mut grid.faces {
+            faces[1] = vec![v.lower, v.upper];
+        }
         for Field { kind, .. } in fields {
             grid.show(kind.name, format!("/{}", kind.name), false);
         }

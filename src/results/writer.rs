@@ -162,14 +162,14 @@ impl<'a> Writer<'a> {
         name: &'static str,
         values: &[f64],
         chunk: Option<usize>,
-    ) -> Outcome<()> {
+    ) -> Outcome<Dataset> {
         let dataset = self.list(name, values, None)?;
         terminated_text(&dataset, "CLASS", c"DIMENSION_SCALE")?;
         terminated_text(&dataset, "NAME", &CString::new(name).unwrap_or_default())?;
         self.file.link_hard(&format!("/{name}"), &format!("/axis/{name}"))?;
         let length = values.len();
         self.scales.insert(name, Scale { length, chunk });
-        Ok(())
+        Ok(dataset)
     }
 
     fn create_field(&self, name: &str, axes: &[&str], what: &str) -> Outcome<Dataset> {

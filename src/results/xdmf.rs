@@ -40,16 +40,22 @@ fn document(time: f64, grids: &[Grid]) -> String {
             let [x, y, z] = grid.cells.map(|n| n + extra);
             format!("{z} {y} {x}")
         };
+        let (topology, geometry, places) = match &grid.faces {
+            None => (
+                "3DCoRectMesh",
+                "ORIGIN_DXDYDZ",
+                item("3", "XML", &numbers(grid.origin)) + &item("3", "XML", &numbers(grid.spacing)),
+            ),
+            Some(faces) => ("3DRectMesh", "VXVYVZ", faces.iter().map(|f| places(f)).collect()),
+        };
         let _ = write!(
             text,
             "<Grid Name=\"{}\" GridType=\"Uniform\">\n\
              <Time Value=\"{time}\"/>\n\
-             <Topology TopologyType=\"3DCoRectMesh\" Dimensions=\"{}\"/>\n\
-             <Geometry GeometryType=\"ORIGIN_DXDYDZ\">\n{}{}</Geometry>\n",
+             <Topology TopologyType=\"{topology}\" Dimensions=\"{}\"/>\n\
+             <Geometry GeometryType=\"{geometry}\">\n{places}</Geometry>\n",
             grid.name,
             counts(1),
-            item("3", "XML", &numbers(grid.origin)),
-            item("3", "XML", &numbers(grid.spacing)),
         );
         for View { name, dataset, vector } in &grid.fields {
             let (kind, components) = if *vector { ("Vector", " 3") } else { ("Scalar", "") };
@@ -63,6 +69,12 @@ fn document(time: f64, grids: &[Grid]) -> String {
         text += "</Grid>\n";
     }
     text + "</Domain>\n</Xdmf>\n"
+}
+
+/// The faces along an axis, which XDMF lists from the first axis on.
+fn places(faces: &[f64]) -> String {
+    let numbers: Vec<String> = faces.iter().map(f64::to_string).collect();
+    item(&faces.len().to_string(), "XML", &numbers.join(" "))
 }
 
 /// Numbers, or where they are.

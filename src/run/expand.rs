@@ -8,6 +8,7 @@ use crate::results::summary::{ErrorNorms, GridErrors, Summary};
 use crate::run::compare::{FieldNorms, moment_errors};
 use crate::run::errors;
 use crate::run::files::SolvedFields;
+use crate::run::positive;
 use crate::solve::prepared::Prepared;
 
 /// Fields and moments on this rank's share of the user's grid.
@@ -34,12 +35,17 @@ pub(crate) fn expand(
     summary: &mut Summary,
 ) -> Result<Expanded> {
     let share = &prepared.place.share;
-    let fields: Vec<Vec<f64>> = (solution.fields.into_iter())
+    let mut fields: Vec<Vec<f64>> = (solution.fields.into_iter())
         .map(|mut readings| shown.field(share, readings.swap_remove(0)))
         .collect();
     let early = (solution.early.into_iter()).map(|early| shown.early(share, early)).collect();
     let (world, case) = (&prepared.communicator.world, &shown.case);
     let volumes = CellVolumes::new(&case.space, &shown.share(share));
+    if case.positive {
+        let norms = FieldNorms { world, volumes: volumes.clone(), f: &fields[0] };
+        summary.minimum_before_limiting = Some(-norms.largest(|x| -x));
+        positive::limit(&case.space, &shown.share(share), &mut fields[0]);
+    }
     let norms = |f| FieldNorms { world, volumes: volumes.clone(), f };
     for (field, summary) in fields.iter().zip(&mut summary.fields) {
         let norms = norms(field);

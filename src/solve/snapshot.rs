@@ -11,13 +11,14 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Beginnings of the keys that change no bit of a checkpoint.
-pub(crate) const WITHOUT_EFFECT: [&str; 8] = [
+pub(crate) const WITHOUT_EFFECT: [&str; 9] = [
     "title",
     "reference",
     "initial.warped",
     "output.compression",
     "output.chunks",
     "output.expand",
+    "output.positive",
     "output.xdmf",
     "checkpoint.",
 ];

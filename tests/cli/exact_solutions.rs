@@ -1,7 +1,8 @@
 //! Runs against exact solutions: errors, their orders, bounds, refraction and mass.
 
 use crate::support::{
-    INTERFACES, Job, SLOPES, at_most, cases, check_all, datasets, directory, near, run, shrunk,
+    INTERFACES, Job, SLOPES, at_most, check_all, datasets, directory, finite_volumes, near, run,
+    shrunk,
 };
 
 /// L1 error against the exact solution and its order, about ½: the solution jumps.
@@ -145,7 +146,7 @@ fn slopes_are_of_second_order() {
 fn slopes_keep_the_bounds() {
     let mut rows = Vec::new();
     // Slopes do not go with an inflow that varies.
-    for name in (cases().into_iter()).filter(|name| name != "pulsed_inflow.toml") {
+    for name in (finite_volumes().into_iter()).filter(|name| name != "pulsed_inflow.toml") {
         for (limiter, integrator) in
             [("minmod", "forward-euler"), ("van-leer", "forward-euler"), ("van-leer", "ssp-rk3")]
         {

@@ -1,7 +1,9 @@
 //! Files of results: older ones stay when a run is refused, storage, attributes, checksums, where
 //! they go.
 
-use crate::support::{Job, case, check_all, datasets, differences, directory, refused, run};
+use crate::support::{
+    Job, Mistake, case, check_all, datasets, differences, directory, near, refused, run,
+};
 use std::collections::BTreeMap;
 
 /// A refused run leaves older results as they are; a good one replaces them.
@@ -185,4 +187,83 @@ fn results_have_a_place_by_default() {
     run("step3d.toml").inside(place.path()).succeed().unwrap();
     assert!(place.path().join("results/step3d/summary.json").is_file());
     assert!(place.path().join("results/step3d/result.h5").is_file());
+}
+
+/// A case of degree 2 with odd numbers of elements, on which `V` jumps, and its settings.
+const ELEMENTS: [&str; 5] = [
+    "scheme.degree=2",
+    "axis.0.x.cells=9",
+    "axis.0.v.cells=7",
+    "axis.0.v.lower=-1.5",
+    "axis.0.v.upper=2.0",
+];
+
+/// Of a degree above 0 the weights of the nodes integrate to the density and the mass, and averages
+/// over elements are those of the nodes, on any ranks with the same bits.
+#[test]
+fn nodes_weights_and_averages() {
+    let one = directory();
+    let summary = run("smooth-beams.toml").set(&ELEMENTS).solve(one.path()).unwrap();
+    let all = datasets(one.path()).unwrap();
+    let list = |name: &str| all[&format!("/{name}")].numbers();
+    let (f, density) = (list("f"), list("density"));
+    let (wx, wv) = (list("axis/weights_x"), list("axis/weights_vx"));
+    assert_eq!((f.len(), density.len(), wx.len(), wv.len()), (27 * 21, 27, 27, 21));
+    let sums: Vec<f64> =
+        f.chunks(21).map(|line| line.iter().zip(&wv).map(|(f, w)| f * w).sum()).collect();
+    let most = density.iter().fold(0.0f64, |m, d| m.max(d.abs()));
+    assert!(sums.iter().zip(&density).all(|(a, b)| (a - b).abs() < 1e-13 * most));
+    let mass: f64 = sums.iter().zip(&wx).map(|(d, w)| d * w).sum();
+    near("mass", mass / summary.number("mass").unwrap(), 1.0, 1e-12).unwrap();
+    let (averages, mean) = (list("averages/f"), list("averages/density"));
+    assert_eq!((averages.len(), mean.len()), (9 * 7, 9));
+    let total: f64 = averages.iter().sum::<f64>() * (3.0 / 9.0) * (3.5 / 7.0);
+    near("mass of the averages", total / mass, 1.0, 1e-12).unwrap();
+    let total: f64 = mean.iter().sum::<f64>() * (3.0 / 9.0);
+    near("mass of the mean densities", total / mass, 1.0, 1e-12).unwrap();
+    assert_eq!(list("axis/element_vx")[3], 0.25);
+    for ranks in [2, 3] {
+        let place = directory();
+        let storage = ["output.chunks=[4,5]", "output.compression=1"];
+        run("smooth-beams.toml")
+            .set(&ELEMENTS)
+            .set(&storage)
+            .on(ranks)
+            .solve(place.path())
+            .unwrap();
+        let found = differences(&all, &datasets(place.path()).unwrap());
+        assert!(found.is_empty(), "{ranks} ranks: {found:?}");
+    }
+}
+
+/// `output.positive` leaves no node below zero, keeps the averages of elements and with them the
+/// mass, and says the least value before it; degree 0, output times and readout refuse it.
+#[test]
+fn what_is_written_can_be_made_positive() {
+    let (plain, limited) = (directory(), directory());
+    let job = || run("smooth-beams.toml").set(&ELEMENTS);
+    let before = job().solve(plain.path()).unwrap();
+    let after = job().set(&["output.positive=true"]).on(2).solve(limited.path()).unwrap();
+    let least = before.number("minimum").unwrap();
+    assert!(least < -1e-3, "{least}");
+    assert_eq!(after.number("minimum_before_limiting").unwrap(), least);
+    let [old, new] = [&plain, &limited].map(|place| datasets(place.path()).unwrap());
+    let [f, g] = [&old, &new].map(|all| all["/averages/f"].numbers());
+    let positive = f.iter().zip(&g).filter(|(f, _)| **f >= 0.0);
+    assert!(positive.clone().count() > 10);
+    assert!(positive.clone().all(|(f, g)| (f - g).abs() < 1e-14));
+    let negative = f.iter().any(|f| *f < 0.0);
+    let minimum = after.number("minimum").unwrap();
+    assert!(if negative { minimum > least } else { minimum >= 0.0 }, "{minimum}");
+    let [m0, m1] = [&before, &after].map(|summary| summary.number("mass").unwrap());
+    near("mass", m1 / m0, 1.0, 1e-13).unwrap();
+    let rows: [(&[&str], &str); 3] = [
+        (&["scheme.degree=0"], "degree 0"),
+        (&["output.moments_every=0.2"], "output times"),
+        (&["readout={points=[[0.4]],shots=10}"], "readout"),
+    ];
+    check_all(&rows, |(settings, says)| {
+        let settings = [&["output.positive=true"], *settings].concat();
+        Mistake::set("smooth-beams.toml", &settings, &["output.positive", says]).refused_by_reader()
+    });
 }

@@ -47,8 +47,7 @@ impl Cut {
                 let name = names[a];
                 return Err(wrong(format!("{name} goes from {lower} to {upper}")));
             }
-            let cell = ((place - axis.lower) / axis.width()).floor() as usize;
-            cut.0[a] = cell.min(axis.cells - 1);
+            cut.0[a] = axis.cell_at(place);
         }
         Ok(cut)
     }

@@ -4,6 +4,7 @@ use crate::base::checksum::Slab;
 use crate::base::text::short;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
+use crate::results::pictures::mesh;
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Read, Stored};
 
@@ -46,15 +47,15 @@ pub fn draw(runs: &Runs<'_>) -> Read<Option<Figure>> {
 /// The density at some of the output times, evenly chosen, the last one among them.
 fn densities(run: &Stored) -> Read<Panel> {
     let times = run.list("axis/time")?;
-    let x = run.axis(0).centres();
+    let x = run.axis(0);
     let last = times.len().saturating_sub(1);
     let count = times.len().min(TIMES);
     let mut panel = Panel::new("density", Axis::linear("x"), Axis::linear("density"));
     for k in 0..count {
         let at = if count > 1 { k * last / (count - 1) } else { last };
-        let slab = Slab::of(&[at..at + 1, 0..x.len()]);
+        let slab = Slab::of(&[at..at + 1, 0..x.cells]);
         let values = run.slab("history/density", &slab)?;
-        let points = x.iter().zip(values).map(|(x, v)| [*x, v]).collect();
+        let points = mesh::line(x, &values);
         let label = format!("t = {}", short(times[at]));
         panel = panel.line(label, Style::of(k).plain().dashed(k % 4), points);
     }

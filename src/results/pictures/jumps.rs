@@ -32,7 +32,8 @@ pub fn jumps(run: &Stored, a: usize, cut: &Cut) -> Vec<f64> {
     if found.first() == Some(&0) {
         found.push(run.axis(a).cells);
     }
-    found.into_iter().map(|i| run.axis(a).face(i as i64)).collect()
+    let axis = run.axis(a);
+    found.into_iter().map(|i| axis.face(axis.split(i as i64).0)).collect()
 }
 
 /// Of faces where `V` jumps along axis `a`: the sentence for those at the frame, which hides their
@@ -48,7 +49,9 @@ pub fn closing(run: &Stored, a: usize, jumps: &[f64]) -> String {
 pub fn borders(run: &Stored, plane: [usize; 2], cut: &Cut) -> Vec<[f64; 2]> {
     /// With more cells the search for borders takes seconds.
     const MOST: usize = 1 << 22;
-    let lengths = plane.map(|a| run.axis(a).cells);
+    // V jumps between elements; it is kept at the first cell of each.
+    let lengths = plane.map(|a| run.axis(a).elements());
+    let nodes = plane.map(|a| run.axis(a).nodes.count());
     let Ok(case) = &run.case else {
         return Vec::new();
     };
@@ -67,7 +70,7 @@ pub fn borders(run: &Stored, plane: [usize; 2], cut: &Cut) -> Vec<[f64; 2]> {
     let mut cell = cut.0[..n].to_vec();
     for i in 0..lengths[0] {
         for j in 0..lengths[1] {
-            (cell[plane[0]], cell[plane[1]]) = (i, j);
+            (cell[plane[0]], cell[plane[1]]) = (i * nodes[0], j * nodes[1]);
             let corner = |di: usize, dj: usize| {
                 let face = |a: usize, k: usize| run.axis(a).face(k as i64);
                 [face(plane[0], i + di), face(plane[1], j + dj)]

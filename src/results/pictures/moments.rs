@@ -2,11 +2,13 @@
 
 use crate::base::checksum::Slab;
 use crate::base::text::short;
+use crate::problem::grid;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, closing, jumps};
 use crate::results::pictures::maps::{apart, difference, largest, map, range};
+use crate::results::pictures::mesh;
 use crate::results::pictures::phase_space::branches;
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Plane, Read, Stored};
@@ -24,7 +26,7 @@ fn nothing(run: &Stored, largest: f64) -> f64 {
     largest.max(mean) * estimate.max(ROUND_OFF)
 }
 
-/// A mean velocity without what is round-off over round-off.
+/// A mean velocity without what is round-off over round-off, by the `density` there.
 fn sensible(velocity: &mut [f64], density: &[f64], nothing: f64) {
     for (velocity, density) in velocity.iter_mut().zip(density) {
         if density.abs() <= nothing {
@@ -33,21 +35,36 @@ fn sensible(velocity: &mut [f64], density: &[f64], nothing: f64) {
     }
 }
 
-/// The list `name` of a run in one dimension; velocities where there is something.
-fn listed(run: &Stored, name: &str) -> Read<Vec<f64>> {
-    let mut values = run.list(name)?;
-    if name == "velocity" {
-        let density = run.list("density")?;
-        let most = density.iter().fold(0.0f64, |m, d| m.max(d.abs()));
-        sensible(&mut values, &density, nothing(run, most));
-    }
-    Ok(values)
+/// A mean velocity; NaN beyond the velocities of `axis`, where the density is an oscillation.
+fn possible(velocity: f64, axis: &grid::Axis) -> f64 {
+    if (axis.lower..=axis.upper).contains(&velocity) { velocity } else { f64::NAN }
 }
 
-/// Values over the space axis, as points.
+/// The moment `name` of a run in one dimension as points; velocities where there is something.
+fn listed(run: &Stored, name: &str) -> Read<Vec<[f64; 2]>> {
+    if name != "velocity" {
+        return Ok(over_space(run, &run.list(name)?));
+    }
+    let density = over_space(run, &run.list("density")?);
+    // Of elements the ratio of two polynomials is drawn, not one through the nodes' ratios.
+    let elements = run.space.degree() > 0;
+    let mut points = over_space(run, &run.list(if elements { "momentum" } else { name })?);
+    let most = density.iter().fold(0.0f64, |m, d| m.max(d[1].abs()));
+    let nothing = nothing(run, most);
+    for (point, [_, density]) in points.iter_mut().zip(density) {
+        if elements {
+            point[1] = possible(point[1] / density, run.axis(1));
+        }
+        if density.abs() <= nothing {
+            point[1] = f64::NAN;
+        }
+    }
+    Ok(points)
+}
+
+/// Values at the nodes of the space axis, as points of a line.
 fn over_space(run: &Stored, values: &[f64]) -> Vec<[f64; 2]> {
-    let centres = run.axis(0).centres();
-    (centres.into_iter().zip(values)).map(|(x, value)| [x, *value]).collect()
+    mesh::line(run.axis(0), values)
 }
 
 /// Exact density, momentum and mean velocity in one dimension, where the file has what they follow
@@ -60,13 +77,13 @@ fn exact(run: &Stored) -> Read<Option<[Vec<f64>; 3]>> {
     } else if run.has("exact") {
         // Its cells are summed as those of f are.
         let v = run.axis(1);
-        let centres = v.centres();
+        let (centres, weights) = (v.centres(), v.weights());
         let (mut density, mut momentum) = (Vec::new(), Vec::new());
         for i in 0..run.axis(0).cells {
             let line = run.slab("exact", &Slab::of(&[i..i + 1, 0..v.cells]))?;
-            density.push(line.iter().sum::<f64>() * v.width());
-            let moment = line.iter().zip(&centres).map(|(f, v)| f * v);
-            momentum.push(moment.sum::<f64>() * v.width());
+            let held = || line.iter().zip(&weights).map(|(f, w)| f * w);
+            density.push(held().sum::<f64>());
+            momentum.push(held().zip(&centres).map(|(held, v)| held * v).sum::<f64>());
         }
         (density, momentum)
     } else {
@@ -108,14 +125,14 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
         }
         // Points, and below the lines, so that all are seen where they agree.
         if let Some(beside) = runs.beside {
-            let points = over_space(run, &listed(beside, name)?);
+            let points = listed(beside, name)?;
             panel = panel.points(said(&runs.names[1]), Style::of(1).hollow(), points);
         }
         if let Some(exact) = &exact {
             let points = over_space(run, &exact[k]);
             panel = panel.line(said("exact"), Style::of(2).plain(), points);
         }
-        let points = over_space(run, &listed(run, name)?);
+        let points = listed(run, name)?;
         panel = panel.line(said(&runs.names[0]), Style::of(0).plain(), points);
         for &at in &faces {
             panel = panel.vertical("", at);
@@ -164,12 +181,23 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
     let (run, Shown { name, component, label }) = (runs.run, shown);
     let at = &cut.0[..run.dimension()];
     let read = |r: &Stored| -> Read<Plane> {
-        let mut found = r.plane(name, component, plane, at)?;
-        if name == "velocity" {
-            let density = r.plane("density", None, plane, at)?;
-            let nothing = nothing(r, largest([&density]));
-            sensible(&mut found.values, &density.values, nothing);
+        if name != "velocity" {
+            return r.plane(name, component, plane, at);
         }
+        let density = r.plane("density", None, plane, at)?;
+        // Of elements the ratio of two polynomials is drawn, not one through the nodes' ratios.
+        let mut found = match r.space.degree() {
+            0 => r.plane(name, component, plane, at)?,
+            _ => {
+                let mut plane = r.plane("momentum", component, plane, at)?;
+                let axis = r.axis(r.dimension() + component.unwrap_or(0));
+                for (value, density) in plane.values.iter_mut().zip(&density.values) {
+                    *value = possible(*value / density, axis);
+                }
+                plane
+            }
+        };
+        sensible(&mut found.values, &density.values, nothing(r, largest([&density])));
         Ok(found)
     };
     let computed: Read<Vec<Plane>> = runs.each().map(|(r, _)| read(r)).collect();

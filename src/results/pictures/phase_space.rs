@@ -52,6 +52,8 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
     let what = if measure {
         "Measure-valued data: f = φ δ(ψ), with the paper's discrete delta function in one \
          dimension."
+    } else if run.space.degree() > 0 {
+        "The polynomials of f in each element."
     } else {
         "Cell averages of f."
     };
@@ -59,7 +61,7 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         lines += " The case file is not understood by this program: jumps of V are not shown.";
     }
     let averaged =
-        if (0..2 * n).any(|a| run.axis(a).cells > crate::results::pictures::stored::FINEST) {
+        if (0..2 * n).any(|a| run.axis(a).elements() > crate::results::pictures::stored::FINEST) {
             " Finer grids than can be shown are averaged."
         } else {
             ""

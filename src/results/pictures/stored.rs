@@ -3,7 +3,9 @@
 use crate::base::checksum::Slab;
 use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
+use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
+use crate::results::pictures::mesh::{FineMesh, drawn};
 use crate::results::readback::{read_slab, read_text, text_attribute};
 use hdf5::{Dataset, File, Location};
 use serde::Deserialize;
@@ -44,10 +46,11 @@ pub struct Stored {
     file: File,
 }
 
-/// A dataset over two axes, averaged where the grid is finer than `FINEST`.
+/// A dataset over two axes, on equal parts of the elements, averaged where those are more than
+/// `FINEST`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plane {
-    /// Cells along both.
+    /// Parts along both.
     pub shape: [usize; 2],
     /// A value for each, the second axis fastest.
     pub values: Vec<f64>,
@@ -184,33 +187,41 @@ impl Stored {
         at: &[usize],
     ) -> Read<Plane> {
         let lengths = plane.map(|a| self.axis(a).cells);
-        let shape = lengths.map(|n| n.min(FINEST));
+        let meshes = plane.map(|a| FineMesh::new(self.axis(a), FINEST));
+        let fine = [meshes[0].len(), meshes[1].len()];
+        let shape = fine.map(|n| n.min(FINEST));
         let dataset = self.dataset(name)?;
         if dataset.ndim() != at.len() + usize::from(component.is_some()) {
             return Err(format!("/{name} of result.h5 has {} dimensions", dataset.ndim()));
         }
         let mut values = Vec::with_capacity(shape[0] * shape[1]);
         // Lines of the map that fit into a piece, at least one.
-        let (ends, column) = (ends(lengths[0], shape[0]), ends(lengths[1], shape[1]));
+        let (ends, column) = (ends(fine[0], shape[0]), ends(fine[1], shape[1]));
+        let parts = fine[0] / meshes[0].elements();
         let together = (PIECE * shape[0] / (lengths[0] * lengths[1]).max(1)).max(1);
         for lines in ends.chunks(together) {
             let (Some(first), Some(last)) = (lines.first(), lines.last()) else {
                 continue;
             };
+            // The elements that hold these lines.
+            let elements = [first[0] / parts, last[1].div_ceil(parts)];
+            let nodes = meshes[0].nodes();
             let mut slab = Slab {
                 start: component.iter().chain(at).copied().collect(),
                 count: vec![1; at.len() + usize::from(component.is_some())],
             };
             let skip = usize::from(component.is_some());
-            slab.start[skip + plane[0]] = first[0];
-            slab.count[skip + plane[0]] = last[1] - first[0];
+            slab.start[skip + plane[0]] = elements[0] * nodes;
+            slab.count[skip + plane[0]] = (elements[1] - elements[0]) * nodes;
             slab.start[skip + plane[1]] = 0;
             slab.count[skip + plane[1]] = lengths[1];
             let read = read_slab(&dataset, &slab);
             let read = read.map_err(|e| format!("/{name} of result.h5: {e}"))?;
+            let read = drawn(&read, elements[1] - elements[0], &meshes);
             for line in lines {
                 for column in &column {
-                    let rows = (line[0]..line[1]).map(|i| (i - first[0]) * lengths[1]);
+                    let before = elements[0] * parts;
+                    let rows = (line[0]..line[1]).map(|i| (i - before) * fine[1]);
                     let cells = rows.flat_map(|row| &read[row + column[0]..row + column[1]]);
                     values.push(average(cells.copied()));
                 }
@@ -253,10 +264,12 @@ fn as_stored(whole: &PhaseSpace, found: &PhaseSpace) -> Option<PhaseSpace> {
 /// The grid from the centres of its cells, where the case is not understood.
 fn grid(file: &File) -> Read<PhaseSpace> {
     let axis = |name: &str| -> Read<Axis> {
-        let centres = file
-            .dataset(&format!("axis/{name}"))
-            .and_then(|d| d.read_raw::<f64>())
-            .map_err(|e| format!("/axis/{name}: {e}"))?;
+        let dataset =
+            file.dataset(&format!("axis/{name}")).map_err(|e| format!("/axis/{name}: {e}"))?;
+        if let Some(axis) = by_elements(name, &dataset) {
+            return Ok(axis);
+        }
+        let centres = dataset.read_raw::<f64>().map_err(|e| format!("/axis/{name}: {e}"))?;
         let (Some(first), Some(last)) = (centres.first(), centres.last()) else {
             return Err(format!("/axis/{name}: is empty"));
         };
@@ -278,6 +291,19 @@ fn grid(file: &File) -> Read<PhaseSpace> {
         return Err("/axis: no axes".to_owned());
     }
     Ok(PhaseSpace { x, v, periodic: [false; MAX_DIMENSION] })
+}
+
+/// The axis of elements that a dataset's attributes describe; none of degree 0.
+fn by_elements(name: &str, dataset: &Dataset) -> Option<Axis> {
+    let number = |key: &str| number(dataset, key).ok();
+    let (degree, elements) = (number("degree")? as usize, number("elements")? as usize);
+    let nodes = match name.starts_with('v') {
+        true => Nodes::of_velocity(degree),
+        false => Nodes::of_space(degree),
+    };
+    let sound = (1..=LARGEST_DEGREE).contains(&degree) && elements > 0;
+    sound.then_some(())?;
+    Some(Axis::new(number("lower")?, number("upper")?, elements).with_nodes(nodes))
 }
 
 /// `summary.json` of a directory.

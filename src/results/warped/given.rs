@@ -209,7 +209,7 @@ fn same_centres(name: &str, found: &[f64], expected: &Axis) -> Found<()> {
         return Err(format!("{}: {} numbers", other(), found.len()));
     }
     let (off, i) = furthest(found, &centres);
-    let most = allowed(expected.width(), centres.len());
+    let most = allowed(expected.width() / expected.nodes.count() as f64, centres.len());
     match off > most {
         true => Err(format!(
             "{}: number {i} is off by {off:.1e}, at most {most:.1e} is allowed",

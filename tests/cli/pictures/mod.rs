@@ -70,6 +70,7 @@ fn every_case_is_drawn() {
     rows.push(("example1.toml".to_owned(), 3, MORE));
     rows.push(("example1.toml".to_owned(), 2, CLASSICAL));
     rows.push(("step3d.toml".to_owned(), 2, CLASSICAL));
+    rows.push(("smooth-beams.toml".to_owned(), 2, MORE));
     check_all(&rows, |(name, ranks, settings)| {
         let place = directory();
         let path = place.path().display().to_string();

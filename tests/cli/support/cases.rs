@@ -17,6 +17,12 @@ pub fn cases() -> Vec<String> {
     names
 }
 
+/// The cases of degree 0, which alone has slopes and two interface laws.
+pub fn finite_volumes() -> Vec<String> {
+    let of_degree_0 = |name: &String| parsed(name, &[]).is_ok_and(|c| c.space.degree() == 0);
+    cases().into_iter().filter(of_degree_0).collect()
+}
+
 /// What makes a case small enough for tests that go through all of them, faces still on the jumps;
 /// nothing for most.
 pub fn shrunk(name: &str) -> &'static [&'static str] {
@@ -39,6 +45,17 @@ pub fn shrunk(name: &str) -> &'static [&'static str] {
         "quantum_dot2d.toml" => {
             &["axis.0.x.cells=12", "axis.0.v.cells=8", "axis.1.x.cells=12", "axis.1.v.cells=7"]
         }
+        "quadrant2d.toml" => {
+            &["axis.0.x.cells=4", "axis.0.v.cells=4", "axis.1.x.cells=4", "axis.1.v.cells=2"]
+        }
+        "smooth-beams.toml" => &["axis.0.x.cells=10", "axis.0.v.cells=12"],
+        "smooth_step3d.toml" => &[
+            "axis.0.v.cells=2",
+            "axis.1.x.cells=1",
+            "axis.1.v.cells=1",
+            "axis.2.x.cells=1",
+            "axis.2.v.cells=1",
+        ],
         "step_slope3d.toml" => &[
             "axis.0.x.cells=6",
             "axis.0.v.cells=5",

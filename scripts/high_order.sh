@@ -1,0 +1,108 @@
+#!/usr/bin/env bash
+# Prints the tables of docs/high-order.md: errors, modes, applications and seconds by degree, one
+# rank. Needs `make build` and Python 3.
+#
+#   scripts/high_order.sh [--program PATH] [smooth|order|example1|limited]…
+#
+# smooth    smooth beams through a step, about 128 unknowns an axis
+# order     the same under refinement, classical, so that only the grid's error is seen
+# example1  quarter discs at a step, about 256 unknowns an axis
+# limited   both cases: modes of high degree beside van Leer's slopes with SSP-RK3, by error
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+program=target/release/phasewarp
+if [ "${1:-}" = --program ]; then
+    program=$2 && shift 2
+fi
+[ $# -gt 0 ] || set -- smooth order example1 limited
+results=$(mktemp -d)
+trap 'rm -rf "$results"' EXIT
+
+# run CASE DEGREE ELEMENTS [OPTION…]: leaves summary.json and result.h5 in $results.
+run() {
+    local case=$1 degree=$2 elements=$3
+    shift 3
+    "$program" run "cases/$case.toml" -o "$results" --set "scheme.degree=$degree" \
+        --set "axis.0.x.cells=$elements" --set "axis.0.v.cells=$elements" "$@" \
+        >"$results/log" 2>&1 || { cat "$results/log" >&2 && exit 1; }
+}
+
+# row FORMAT LABEL…: a line of a table; FORMAT is a Python format over the summary `s`.
+row() {
+    python3 - "$results/summary.json" "$@" <<'P'
+import json, sys
+path, form, *label = sys.argv[1:]
+s = json.load(open(path))
+print("| " + " | ".join(label + [form.format(s=s)]) + " |", flush=True)
+P
+}
+
+# Even numbers of elements: faces on x = 0 and v = 0.
+smooth() {
+    echo "| degree | flux | elements | relative L2: f | density | modes | applications | seconds |"
+    echo "|---|---|---|---|---|---|---|---|"
+    local figures="{s[error_l2_relative]:.2e} | {s[error_density_l2_relative]:.2e} | "
+    figures+="{s[modes]} | {s[matvecs]} | {s[solve_seconds]:.2f}"
+    for pair in 0:128 1:64 2:42 3:32 4:26 6:18; do
+        for flux in 1 0.5; do
+            # Degree 0 has no choice of flux.
+            [ "$pair" != 0:128 ] || [ $flux = 1 ] || continue
+            local options=()
+            [ "$pair" = 0:128 ] || options=(--set "scheme.flux=$flux")
+            run smooth-beams "${pair%:*}" "${pair#*:}" "${options[@]}"
+            row "$figures" "${pair%:*}" "$flux" "${pair#*:}"
+        done
+    done
+}
+
+order() {
+    echo "| degree | elements | relative L2 of f |"
+    echo "|---|---|---|"
+    for pair in 1:64 1:128 1:256 2:42 2:84 2:168 3:32 3:64 3:128 4:26 4:52 4:104; do
+        run smooth-beams "${pair%:*}" "${pair#*:}" --set solver.method=classical \
+            --set scheme.flux=1
+        row "{s[error_l2_relative]:.3e}" "${pair%:*}" "${pair#*:}"
+    done
+}
+
+example1() {
+    echo "| degree | elements | relative L1 of f | density | modes | applications | seconds |"
+    echo "|---|---|---|---|---|---|---|"
+    local figures="{s[error_l1_relative]:.3f} | {s[error_density_l1_relative]:.4f} | "
+    figures+="{s[modes]} | {s[matvecs]} | {s[solve_seconds]:.2f}"
+    for pair in 0:256 1:128 2:86 3:64; do
+        run example1 "${pair%:*}" "${pair#*:}"
+        row "$figures" "${pair%:*}" "${pair#*:}"
+    done
+}
+
+# against CASE ERROR DEGREE:ELEMENTS…: van Leer's slopes on three grids, then modes.
+against() {
+    local case=$1 norm=$2 cells pair
+    local figures="{s[$norm]:.2e} | {s[matvecs]} | {s[solve_seconds]:.2f}"
+    shift 2
+    for cells in 128 256 512; do
+        run "$case" 0 "$cells" --set solver.method=classical \
+            --set solver.classical.integrator=ssp-rk3 --set scheme.limiter=van-leer
+        row "$figures" "$case" "van Leer, SSP-RK3" "$cells cells"
+    done
+    for pair in "$@"; do
+        run "$case" "${pair%:*}" "${pair#*:}"
+        row "$figures" "$case" "modes, degree ${pair%:*}" "${pair#*:} elements"
+    done
+}
+
+limited() {
+    echo "| case | method | an axis | relative error | applications | seconds |"
+    echo "|---|---|---|---|---|---|"
+    against smooth-beams error_l2_relative 4:18 4:26 4:38 6:14 6:18 6:26
+    against example1 error_l1_relative 2:42 2:86 3:32 3:64 3:128
+}
+
+for table in "$@"; do
+    case $table in
+    smooth | order | example1 | limited) "$table" && echo ;;
+    *) echo "high_order: $table is none of smooth, order, example1, limited" >&2 && exit 2 ;;
+    esac
+done

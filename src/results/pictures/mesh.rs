@@ -1,0 +1,115 @@
+//! Uniform meshes on which the polynomials of elements are drawn.
+
+use crate::matrix::sampling::apply_in_elements;
+use crate::problem::grid::Axis;
+
+/// Points that are drawn for each node of an element.
+const POINTS_A_NODE: usize = 2;
+
+/// Equal parts of the elements of an axis, and what is drawn in each. Of degree 0 the cells.
+pub struct FineMesh {
+    /// Elements of the axis.
+    elements: usize,
+    /// By part of an element, the weights of its nodes.
+    matrix: Vec<Vec<f64>>,
+}
+
+impl FineMesh {
+    /// Of `axis`, with about `most` parts in all at most, but one an element at least.
+    pub fn new(axis: &Axis, most: usize) -> Self {
+        let (nodes, element) = (axis.nodes.count(), axis.nodes.reference());
+        let parts = match axis.nodes.degree {
+            0 => 1,
+            _ => (most / axis.elements()).clamp(1, POINTS_A_NODE * nodes),
+        };
+        let middle = |part: usize| (2 * part + 1) as f64 / parts as f64 - 1.0;
+        let matrix = match parts {
+            1 => vec![element.weights.iter().map(|w| 0.5 * w).collect()],
+            _ => (0..parts).map(|part| element.values_at(middle(part))).collect(),
+        };
+        Self { elements: axis.elements(), matrix }
+    }
+
+    /// Parts of the whole axis.
+    pub fn len(&self) -> usize {
+        self.elements * self.matrix.len()
+    }
+
+    /// Nodes of an element.
+    pub fn nodes(&self) -> usize {
+        self.matrix[0].len()
+    }
+
+    /// Elements of the axis.
+    pub fn elements(&self) -> usize {
+        self.elements
+    }
+}
+
+/// What is drawn of the nodal `values` on the first `elements` elements of the first mesh and all of
+/// the second, the second axis fastest.
+pub fn drawn(values: &[f64], elements: usize, meshes: &[FineMesh; 2]) -> Vec<f64> {
+    let [first, second] = meshes;
+    apply_in_elements(values, &[(elements, &first.matrix), (second.elements, &second.matrix)])
+}
+
+/// Values at the nodes of `axis` as points of a line: of degree 0 the values, else the polynomial of
+/// each element from face to face.
+pub fn line(axis: &Axis, values: &[f64]) -> Vec<[f64; 2]> {
+    if axis.nodes.degree == 0 {
+        return axis.centres().into_iter().zip(values).map(|(x, value)| [x, *value]).collect();
+    }
+    let (count, element) = (axis.nodes.count(), axis.nodes.reference());
+    let steps = POINTS_A_NODE * count;
+    let mut points = Vec::with_capacity(axis.elements() * (steps + 1));
+    for (e, nodal) in values.chunks_exact(count).enumerate() {
+        for step in 0..=steps {
+            let xi = 2.0 * step as f64 / steps as f64 - 1.0;
+            points.push([axis.at(e as i64, xi), element.interpolate(nodal, xi)]);
+        }
+    }
+    points
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::element::Nodes;
+
+    /// What is drawn of a polynomial of the degree of the elements is that polynomial.
+    #[test]
+    fn polynomials_are_drawn_as_they_are() {
+        let f = |x: f64, v: f64| 1.0 - x + 2.0 * x * x * v - v * v;
+        let x = Axis::new(-1.0, 2.0, 3).with_nodes(Nodes::of_space(2));
+        let v = Axis::new(-1.0, 1.0, 5).with_nodes(Nodes::of_velocity(2));
+        let nodal: Vec<f64> =
+            x.centres().iter().flat_map(|x| v.centres().into_iter().map(|v| f(*x, v))).collect();
+        let meshes = [&x, &v].map(|axis| FineMesh::new(axis, 100));
+        let [nx, nv] = [meshes[0].len(), meshes[1].len()];
+        assert_eq!([nx, nv], [18, 30]);
+        let found = drawn(&nodal, 3, &meshes);
+        for i in 0..nx {
+            for j in 0..nv {
+                let at = |k: usize, n: usize, axis: &Axis| {
+                    axis.lower + (k as f64 + 0.5) / n as f64 * (axis.upper - axis.lower)
+                };
+                let exact = f(at(i, nx, &x), at(j, nv, &v));
+                assert!((found[i * nv + j] - exact).abs() < 1e-13, "{i} {j}");
+            }
+        }
+        let points = line(&x, &x.centres().iter().map(|x| f(*x, 0.5)).collect::<Vec<_>>());
+        assert_eq!((points[0][0], points[points.len() - 1][0]), (-1.0, 2.0));
+        assert!(points.iter().all(|[x, value]| (f(*x, 0.5) - value).abs() < 1e-13));
+    }
+
+    /// Many elements are averaged, and a cell of degree 0 stays as it is.
+    #[test]
+    fn fine_grids_have_a_part_an_element() {
+        let axis = Axis::new(0.0, 1.0, 7).with_nodes(Nodes::of_velocity(3));
+        let mesh = FineMesh::new(&axis, 5);
+        assert_eq!((mesh.len(), mesh.nodes()), (7, 4));
+        assert!((mesh.matrix[0].iter().sum::<f64>() - 1.0).abs() < 1e-15);
+        let cells = FineMesh::new(&Axis::new(0.0, 1.0, 7), 100);
+        assert_eq!((cells.len(), cells.matrix), (7, vec![vec![1.0]]));
+    }
+}
