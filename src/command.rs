@@ -14,7 +14,7 @@ pub mod spectrum;
 pub mod stability;
 pub mod values;
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::log::say;
 use crate::command::cli::{CaseArgs, Cli, Command, Mode};
 use crate::parallel::communicator::World;
@@ -44,6 +44,23 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         Command::Resources(args) => resources::execute(world, args),
         Command::Stability(args) => stability::execute(world, args),
         Command::Spectrum(args) => spectrum::execute(world, args),
+    }
+}
+
+/// The case of a study, which varies grids and methods of degree 0. Collective.
+///
+/// # Errors
+/// As [`load`]; a degree above 0.
+fn load_finite_volumes(world: &World, args: &CaseArgs, command: &str) -> Result<Case> {
+    let case = load(world, args)?;
+    match case.space.degree() {
+        0 => Ok(case),
+        degree => Err(Error::Input(format!(
+            "{}: phasewarp {command} compares grids and methods of degree 0, and the case has \
+             elements of degree {degree}; give the cells of degree 0 by --set, and \
+             scheme.degree=0",
+            case.name
+        ))),
     }
 }
 

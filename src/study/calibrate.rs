@@ -264,10 +264,11 @@ fn part_of(case: &Case, mesh: &Mesh, ranks: usize) -> (Case, Mesh) {
         left /= *part;
     }
     let cut = |((axis, &of), &parts): ((&Axis, &usize), &usize)| {
-        let cells = (axis.cells.div_ceil(of) * parts).min(axis.cells);
-        let first = ((axis.cells - cells) / 2) as i64;
-        let (lower, upper) = (axis.face(first), axis.face(first + cells as i64));
-        Axis::new(lower, upper, cells)
+        let all = axis.elements();
+        let elements = (all.div_ceil(of) * parts).min(all);
+        let first = ((all - elements) / 2) as i64;
+        let (lower, upper) = (axis.face(first), axis.face(first + elements as i64));
+        Axis::new(lower, upper, elements).with_nodes(axis.nodes)
     };
     let x = (case.space.x.iter().zip(&mesh.space).zip(&parts)).map(cut).collect();
     let space = PhaseSpace {

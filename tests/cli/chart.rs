@@ -1,7 +1,7 @@
 //! `phasewarp chart` from outside: every case, alone and under mpirun, within its budget; what the
 //! files hold.
 
-use crate::support::{Job, case, cases, check_all, directory, shrunk};
+use crate::support::{Job, case, check_all, directory, finite_volumes, shrunk};
 use serde_json::Value;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -102,7 +102,7 @@ fn png_size(path: &Path) -> Result<[u32; 2], String> {
 fn every_case_has_a_chart_within_its_budget() {
     let papers = ["paper/example1.toml", "paper/example2.toml", "paper/example3.toml"];
     let all: Vec<(usize, String)> =
-        (cases().into_iter()).chain(papers.map(str::to_owned)).enumerate().collect();
+        (finite_volumes().into_iter()).chain(papers.map(str::to_owned)).enumerate().collect();
     let both = AtomicUsize::new(0);
     check_all(&all, |(k, name)| {
         const BUDGET: f64 = 2.5;
