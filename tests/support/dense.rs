@@ -159,11 +159,22 @@ pub struct System {
     pub inflow: Vec<f64>,
     /// The rate at which each row draws on the inflow.
     pub draw: Vec<f64>,
+    /// `g_i`: what each row loses by that on its own account; of degree 0 all of it.
+    pub damping: Vec<f64>,
+    /// `Σ rate b²` over what enters a row; of degree 0, `b²/g`.
+    pub strength: Vec<f64>,
 }
 
 impl System {
     pub fn zero(size: usize) -> Self {
-        Self { generator: Dense::zero(size), inflow: vec![0.0; size], draw: vec![0.0; size] }
+        let zeros = || vec![0.0; size];
+        Self {
+            generator: Dense::zero(size),
+            inflow: zeros(),
+            draw: zeros(),
+            damping: zeros(),
+            strength: zeros(),
+        }
     }
 
     /// From the crate's rows.
@@ -178,6 +189,14 @@ impl System {
             }
             system.inflow[i] = row.inflow[0];
             system.draw[i] = row.draw;
+            system.damping[i] = row.damping;
+            let entering = case.fields[0].entering();
+            let square = |point: &[f64; 6]| entering.at_point(point, 0.0).powi(2);
+            system.strength[i] = match case.space.degree() {
+                0 if row.draw == 0.0 => 0.0,
+                0 => row.inflow[0].powi(2) / row.draw,
+                _ => row.ghosts.iter().map(|(rate, point)| rate * square(point)).sum(),
+            };
         }
         system
     }

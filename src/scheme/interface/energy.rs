@@ -21,8 +21,12 @@ use crate::problem::element::gauss_legendre;
 use crate::problem::grid::Axis;
 use std::collections::BTreeMap;
 
-/// Edges of pieces nearer than this fraction of the fastest velocity are one.
-const SNAP: f64 = 1e-13;
+#[cfg(test)]
+mod tests;
+
+/// Edges of pieces nearer than this fraction of the fastest velocity are one: a few units of the
+/// last place, as an element may be a small part of the box.
+const SNAP: f64 = 1e-15;
 /// Distance of `v = 0` from a face, in elements, that is round-off.
 const ON_FACE: f64 = 1e-9;
 /// Quadrature errors below this are round-off.
@@ -101,7 +105,7 @@ impl FaceCoupling {
         // Transmission both ways, and the part of it that is reflected on either side.
         for side in [slow, fast] {
             let sign = side.approaching();
-            let edges = transmission_edges(axis, sign, drop);
+            let edges = transmission_edges(axis, drop);
             for_each_point(&edges, drop, axis.nodes.degree, |u, weight| {
                 let w = (u * u + drop).sqrt();
                 let (arrives, leaves) = if side == slow { (u, w) } else { (w, u) };
@@ -168,23 +172,22 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
     )))
 }
 
-/// Magnitudes of the faces of elements with velocities of `sign`.
-fn face_speeds(axis: &Axis, sign: f64) -> impl Iterator<Item = f64> + '_ {
-    (0..=axis.elements() as i64).map(move |e| sign * axis.face(e)).filter(|speed| *speed > 0.0)
+/// Magnitudes of the faces of elements, of both signs: what is reflected moves with the other one.
+fn face_speeds(axis: &Axis) -> impl Iterator<Item = f64> + '_ {
+    (0..=axis.elements() as i64).map(|e| axis.face(e).abs()).filter(|speed| *speed > 0.0)
 }
 
-/// Edges in `u` of the pieces on which slow and fast velocity stay in an element each, for what
-/// moves with `sign`.
-fn transmission_edges(axis: &Axis, sign: f64, drop: f64) -> Vec<f64> {
-    let slow = face_speeds(axis, sign);
-    let fast = face_speeds(axis, sign).map(|w| w * w - drop).filter(|s| *s > 0.0).map(f64::sqrt);
+/// Edges in `u` of the pieces on which slow and fast velocity stay in an element each.
+fn transmission_edges(axis: &Axis, drop: f64) -> Vec<f64> {
+    let slow = face_speeds(axis);
+    let fast = face_speeds(axis).map(|w| w * w - drop).filter(|s| *s > 0.0).map(f64::sqrt);
     merged(axis, slow.chain(fast).chain([0.0]).collect())
 }
 
 /// Edges of the pieces of reflected speeds, which end at the threshold.
 fn reflection_edges(axis: &Axis, threshold: f64) -> Vec<f64> {
-    let faces = face_speeds(axis, 1.0).chain(face_speeds(axis, -1.0));
-    merged(axis, faces.filter(|w| *w < threshold).chain([0.0, threshold]).collect())
+    let faces = face_speeds(axis).filter(|w| *w < threshold);
+    merged(axis, faces.chain([0.0, threshold]).collect())
 }
 
 /// Ascending, without those that are the same but for round-off, and none beyond the box.
@@ -260,9 +263,11 @@ impl<'a> Sums<'a> {
         if !(0.0..axis.elements() as f64).contains(&position) {
             return None;
         }
-        let element = position.floor();
-        axis.nodes.reference().values_into(2.0 * (position - element) - 1.0, values);
-        Some(element as usize * axis.nodes.count())
+        let element = position.floor() as usize;
+        // From the face: `position` counts from the end of the box and is rounded accordingly.
+        let above = (velocity - axis.face(element as i64)) / axis.width();
+        axis.nodes.reference().values_into(2.0 * above - 1.0, values);
+        Some(element * axis.nodes.count())
     }
 
     /// Adds a point of weight `weight` on the path from `arriving` to `leaving`.

@@ -233,6 +233,7 @@ fn the_mirror_image_of_a_case_has_the_mirror_image_of_its_matrix() {
                     generator: Dense::from_fn(size, |i, j| image.generator.at(index(i), index(j))),
                     inflow: (0..size).map(|i| image.inflow[index(i)]).collect(),
                     draw: (0..size).map(|i| image.draw[index(i)]).collect(),
+                    ..System::zero(size)
                 };
                 let name = format!("{}, {interface:?}, axis {a}", hat.name);
                 let tolerance = 1e-14 * system.generator.largest();

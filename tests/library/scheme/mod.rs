@@ -1,6 +1,7 @@
 //! The scheme against its definition in the paper, and exact identities of its matrix.
 
 mod convergence;
+mod elements;
 mod identities;
 mod paper;
 

@@ -94,6 +94,7 @@ fn paper_in_one_dimension(scene: &Scene) -> System {
         generator: Dense::from_fn(nx * nv, |i, j| -a1.at(i, j) - a2.at(i, j)),
         inflow: b1.iter().zip(&b2).map(|(b1, b2)| -b1 - b2).collect(),
         draw,
+        ..System::zero(nx * nv)
     }
 }
 

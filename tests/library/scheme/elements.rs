@@ -1,0 +1,389 @@
+//! Elements of any degree, mixed by axis: on random scenes the sums of rows and columns, `S ≤ 0`,
+//! and the intervals of the spectrum.
+
+use crate::dense::{Dense, System, case};
+use faer::{Mat, Side};
+use num_complex::Complex64;
+use phasewarp::matrix::bounds::Bounds;
+use phasewarp::problem::case::Case;
+use phasewarp::problem::grid::Cell;
+use phasewarp::problem::potential::Potential;
+use phasewarp::scheme::interface::energy::{FaceCoupling, FaceSide};
+use phasewarp::scheme::interface::velocity;
+use phasewarp::scheme::rows::{Row, Scheme};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use std::collections::HashMap;
+use std::fmt::Write;
+
+/// Most unknowns of a random scene.
+const MOST_CELLS: usize = 300;
+
+/// Random choices.
+struct Dice(ChaCha8Rng);
+
+impl Dice {
+    /// Uniform in `[0, 1)`.
+    fn part(&mut self) -> f64 {
+        (self.0.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn below(&mut self, count: usize) -> usize {
+        (self.part() * count as f64) as usize
+    }
+
+    fn chance(&mut self, part: f64) -> bool {
+        self.part() < part
+    }
+
+    /// In `[low, high)`, with few digits.
+    fn number(&mut self, low: f64, high: f64) -> f64 {
+        ((low + (high - low) * self.part()) * 1e4).round() / 1e4
+    }
+}
+
+/// Elements and degree of each of the `2n` axes: few enough unknowns, not all of degree 0.
+fn random_sizes(dice: &mut Dice, n: usize) -> Vec<[usize; 2]> {
+    let (elements, degrees) = ([6, 3, 2][n - 1], [9, 6, 4][n - 1]);
+    loop {
+        let mut size = || [1 + dice.below(elements), dice.below(degrees)];
+        let list: Vec<[usize; 2]> = (0..2 * n).map(|_| size()).collect();
+        let cells: usize = list.iter().map(|[elements, k]| elements * (k + 1)).product();
+        if (4..=MOST_CELLS).contains(&cells) && list.iter().any(|[_, k]| *k > 0) {
+            return list;
+        }
+    }
+}
+
+/// A box of velocities with 0 on a face, or of one sign, or of both.
+fn random_velocities(dice: &mut Dice, elements: usize, on_face: bool) -> [f64; 2] {
+    let width = dice.number(0.2, 1.5);
+    let lower = match dice.below(3) {
+        0 if !on_face => -dice.number(0.0, 1.0) * elements as f64,
+        1 => 1.0 + dice.number(-1.0, 1.0),
+        _ => -(dice.below(elements + 1) as f64),
+    };
+    [lower * width, (lower + elements as f64) * width]
+}
+
+/// A case with slopes and jumps of `V`, ends and periodic axes, inflow.
+fn random_case(dice: &mut Dice, n: usize) -> (String, f64) {
+    let sizes = random_sizes(dice, n);
+    let names = ["x", "y", "z"];
+    let mut text =
+        format!("[scheme]\nflux = {}\n", [0.0, 1.0, 0.5, dice.number(0.0, 1.0)][dice.below(4)]);
+    let jumps = dice.chance(0.7);
+    let slopes = dice.below(3);
+    for a in 0..n {
+        let ([x, kx], [v, kv]) = (sizes[2 * a], sizes[2 * a + 1]);
+        let periodic = dice.chance(0.4);
+        let boundary = if periodic { ", boundary = 'periodic'" } else { "" };
+        // Slopes jump at the end of a periodic axis.
+        let [lower, upper] = random_velocities(dice, v, jumps || periodic && slopes > 0);
+        writeln!(
+            text,
+            "[[axis]]\nx = {{ lower = {}, upper = {}, cells = {x}, degree = {kx}{boundary} }}\n\
+             v = {{ lower = {lower}, upper = {upper}, cells = {v}, degree = {kv} }}",
+            -dice.number(0.2, 2.0),
+            dice.number(0.2, 2.0)
+        )
+        .expect("a string");
+    }
+    for region in 0..if jumps { 1 + dice.below(3) } else { 0 } {
+        let name = names[dice.below(n)];
+        let side = if dice.chance(0.5) { '<' } else { '>' };
+        let at = dice.number(-0.4, 0.4);
+        let value = random_potential(dice, n, slopes, region as f64);
+        writeln!(text, "[[potential]]\nwhere = '{name} {side} {at}'\nvalue = '{value}'")
+            .expect("a string");
+    }
+    let value = random_potential(dice, n, slopes, -0.3);
+    let inflow = if dice.chance(0.5) { 1.7 } else { 0.0 };
+    writeln!(
+        text,
+        "[[potential]]\nvalue = '{value}'\n[initial]\nf = '1'\n[inflow]\nvalue = '{inflow}'\n\
+         [time]\nend = 1.0"
+    )
+    .expect("a string");
+    (text, inflow)
+}
+
+/// Constant, linear, or curved.
+fn random_potential(dice: &mut Dice, n: usize, slopes: usize, offset: f64) -> String {
+    let mut value = format!("{}", offset + dice.number(0.0, 0.7));
+    for name in &["x", "y", "z"][..n] {
+        if slopes > 0 && dice.chance(0.7) {
+            write!(value, " + {}*{name}", dice.number(-0.5, 0.5)).expect("a string");
+        }
+        if slopes > 1 && dice.chance(0.7) {
+            write!(value, " + {}*{name}^2*sin(2*x)", dice.number(-0.5, 0.5)).expect("a string");
+        }
+    }
+    value
+}
+
+/// Least and largest eigenvalue of `μS + iK`.
+fn ends_of_spectrum(a: &Dense, mu: f64) -> [f64; 2] {
+    let (s, k) = (a.symmetric(), a.skew());
+    let h = Mat::from_fn(s.size, s.size, |i, j| Complex64::new(mu * s.at(i, j), k.at(i, j)));
+    let values = h.self_adjoint_eigenvalues(Side::Lower).expect("finite entries");
+    [values[0], values[s.size - 1]]
+}
+
+/// The same of a symmetric matrix.
+fn ends_of_symmetric(s: &Dense) -> [f64; 2] {
+    let s = Mat::from_fn(s.size, s.size, |i, j| s.at(i, j));
+    let values = s.self_adjoint_eigenvalues(Side::Lower).expect("finite entries");
+    [values[0], values[values.len() - 1]]
+}
+
+/// A case as a dense system.
+struct Dissected<'a> {
+    name: &'a str,
+    case: &'a Case,
+    system: System,
+    /// What each row loses on its own account.
+    damping: Vec<f64>,
+    /// Volumes of the cells beside their mean.
+    pi: Vec<f64>,
+    /// `D A D⁻¹`.
+    weighted: Dense,
+}
+
+impl<'a> Dissected<'a> {
+    fn new(name: &'a str, case: &'a Case) -> Self {
+        let system = System::of_rows(case);
+        let space = &case.space;
+        let pi: Vec<f64> =
+            (0..space.cells()).map(|i| space.relative_volume(&space.cell(i))).collect();
+        let scheme = Scheme::whole(case).expect("V is finite");
+        let mut row = Row::default();
+        let damping = (0..space.cells()).map(|i| {
+            scheme.row(&mut row, i);
+            assert!(row.entries.windows(2).all(|pair| pair[0].0 < pair[1].0), "{name}: row {i}");
+            row.damping
+        });
+        Self {
+            damping: damping.collect(),
+            weighted: system.generator.weighted(&pi),
+            name,
+            case,
+            system,
+            pi,
+        }
+    }
+
+    /// Constants change by what enters alone.
+    fn check_rows(&self, inflow: f64) {
+        let System { generator, draw, inflow: entering, .. } = &self.system;
+        let round_off = 1e-13 * generator.largest();
+        for i in 0..generator.size {
+            let (sum, draw) = (generator.row_sum(i), draw[i]);
+            assert!((sum + draw).abs() <= round_off, "{}: row {i}: {sum}, draws {draw}", self.name);
+            let off = entering[i] - inflow * draw;
+            assert!(off.abs() <= round_off * inflow, "{}: row {i}: {off}", self.name);
+        }
+    }
+
+    /// `Σ_i π_i A_ij` is what leaves cell `j` through the ends of the box.
+    fn check_columns(&self) {
+        let leaving = Leaving::new(self.case);
+        let a = &self.system.generator;
+        let most = (0..a.size).map(|j| self.pi[j]).fold(0.0, f64::max);
+        for j in 0..a.size {
+            let sum: f64 = (0..a.size).map(|i| self.pi[i] * a.at(i, j)).sum();
+            let expected = -self.pi[j] * leaving.rate(&self.case.space.cell(j));
+            let off = (sum - expected).abs();
+            assert!(
+                off <= 1e-13 * most * a.largest(),
+                "{}: column {j}: {sum}, {expected} expected",
+                self.name
+            );
+        }
+    }
+
+    /// `S ≤ 0`, by what rows lose on their own account too.
+    fn check_dissipation(&self) {
+        let mut s = self.weighted.symmetric();
+        let scale = self.weighted.largest();
+        let [low, high] = ends_of_symmetric(&s);
+        assert!(high <= 1e-12 * scale, "{}: {high:e} of {scale}", self.name);
+        let allowed = Bounds::new(self.case).expect("V is finite").dissipation;
+        assert!(-low <= allowed * (1.0 + 1e-12) + 1e-12 * scale, "{}: {low} {allowed}", self.name);
+        self.damping.iter().enumerate().for_each(|(i, g)| s.add(i, i, 0.5 * g));
+        let [_, high] = ends_of_symmetric(&s);
+        assert!(high <= 1e-12 * scale, "{}: damped {high:e} of {scale}", self.name);
+    }
+
+    fn check_intervals(&self) {
+        let bounds = Bounds::new(self.case).expect("V is finite");
+        for mu in [0.0, 0.03, 0.7, -2.0, 11.0, -300.0] {
+            let [low, high] = ends_of_spectrum(&self.weighted, mu);
+            let interval = bounds.interval(mu);
+            let (centre, half) = (interval.centre, interval.half_width);
+            let slack = 1e-12 * half;
+            let holds = centre - half - slack <= low && high <= centre + half + slack;
+            assert!(holds, "{}, mu = {mu}: [{low}, {high}] in {interval:?}", self.name);
+        }
+        let norm = ends_of_spectrum(&self.weighted, 0.0)[1];
+        assert!(norm <= bounds.rate * (1.0 + 1e-12), "{}: {norm} {}", self.name, bounds.rate);
+    }
+}
+
+/// What leaves through the ends of the box, by the formulas.
+struct Leaving<'a> {
+    case: &'a Case,
+    potential: Potential,
+    couplings: Vec<HashMap<u64, FaceCoupling>>,
+}
+
+impl<'a> Leaving<'a> {
+    fn new(case: &'a Case) -> Self {
+        let potential = Potential::whole(case).expect("V is finite");
+        let along = |a: usize| {
+            let coupling =
+                |jump: f64| (jump.to_bits(), FaceCoupling::new(&case.space.v[a], jump, &|_| 0.0));
+            potential.distinct_jumps(a).map(coupling).collect()
+        };
+        let couplings = (0..case.space.dimension()).map(along).collect();
+        Self { case, potential, couplings }
+    }
+
+    /// The part of a cell that leaves in a unit of time.
+    fn rate(&self, cell: &Cell) -> f64 {
+        let space = &self.case.space;
+        let n = space.dimension();
+        (0..n).map(|a| self.through_space(cell, a) + self.through_velocity(cell, n, a)).sum()
+    }
+
+    /// The flux through the upper or lower face of the element, of a function that is 1 at `node`.
+    fn flux(axis: &phasewarp::problem::grid::Axis, node: usize, speed: f64) -> f64 {
+        let reference = axis.nodes.reference();
+        let trace = if speed > 0.0 { &reference.right } else { &reference.left };
+        speed.abs() * trace[node] / axis.weight(node)
+    }
+
+    fn through_space(&self, cell: &Cell, a: usize) -> f64 {
+        let space = &self.case.space;
+        let (x, j) = (&space.x[a], cell[space.dimension() + a]);
+        let (speed, (element, node)) = (velocity(&space.v[a], j as i64), x.split(cell[a] as i64));
+        let flux = Self::flux(x, node, speed);
+        let last = if speed > 0.0 { x.elements() as i64 - 1 } else { 0 };
+        if element == last && !space.is_periodic(a) {
+            return flux;
+        }
+        let jump = match speed > 0.0 {
+            true => self.potential.jump_above(cell, a),
+            false => self.potential.jump_below(cell, a),
+        };
+        let side = if speed > 0.0 { FaceSide::Below } else { FaceSide::Above };
+        let beyond = |coupling: &FaceCoupling| {
+            let beyond = &coupling.trace(side, j).beyond;
+            beyond.iter().map(|(_, part)| part).sum::<f64>()
+        };
+        // Nodes that have no trace see no face.
+        if flux == 0.0 {
+            0.0
+        } else {
+            flux * self.couplings[a].get(&jump.to_bits()).map_or(0.0, beyond)
+        }
+    }
+
+    fn through_velocity(&self, cell: &Cell, n: usize, a: usize) -> f64 {
+        let v = &self.case.space.v[a];
+        let (element, node) = v.split(cell[n + a] as i64);
+        let speed = -self.potential.slope(cell, a);
+        let last = if speed > 0.0 { v.elements() as i64 - 1 } else { 0 };
+        if element == last && speed != 0.0 { Self::flux(v, node, speed) } else { 0.0 }
+    }
+}
+
+#[test]
+fn random_scenes() {
+    let mut dice = Dice(ChaCha8Rng::seed_from_u64(15));
+    let (mut jumps, mut forces, mut open) = (0, 0, 0);
+    for number in 0..100 {
+        let n = [1, 1, 2, 2, 3][number % 5];
+        let (text, inflow) = random_case(&mut dice, n);
+        let case = Case::parse("random", &text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"));
+        let name = format!("scene {number}\n{text}");
+        let bounds = Bounds::new(&case).unwrap_or_else(|e| panic!("{e}\n{text}"));
+        let scene = Dissected::new(&name, &case);
+        scene.check_rows(inflow);
+        scene.check_columns();
+        scene.check_dissipation();
+        scene.check_intervals();
+        jumps += usize::from(bounds.jumps);
+        forces += usize::from(bounds.forces);
+        open += usize::from(scene.damping.iter().any(|g| *g > 0.0));
+    }
+    println!("of 100 scenes {jumps} have jumps, {forces} slopes, {open} ends");
+    assert!(jumps > 30 && forces > 30 && open > 30, "{jumps} {forces} {open}");
+}
+
+/// The bound on `−S` beside its largest eigenvalue, where `V` is constant.
+#[test]
+fn the_bound_on_the_dissipation_is_sharp() {
+    for degree in 1..=8 {
+        for flux in [0.0, 0.1, 0.5, 1.0] {
+            for boundary in ["inflow", "periodic"] {
+                let text = format!(
+                    "[scheme]\nflux = {flux}\n[[axis]]\n\
+                     x = {{ lower = -1.0, upper = 1.0, cells = 8, degree = {degree}, boundary = '{boundary}' }}\n\
+                     v = {{ lower = -1.0, upper = 1.0, cells = 2, degree = 1 }}\n\
+                     [[potential]]\nvalue = '0'\n[initial]\nf = '1'\n[time]\nend = 1.0\n"
+                );
+                sharp(&format!("degree {degree}, flux {flux}, {boundary}"), &text);
+            }
+        }
+    }
+}
+
+/// In two dimensions, of other degrees along each axis.
+#[test]
+fn the_bound_on_the_dissipation_is_sharp_in_two_dimensions() {
+    for flux in [0.3, 1.0] {
+        let axis = |cells: usize, degree: usize, v: usize| {
+            format!(
+                "[[axis]]\nx = {{ lower = -1.0, upper = 1.0, cells = {cells}, degree = {degree} }}\n\
+                 v = {{ lower = -1.0, upper = 0.5, cells = {v}, degree = {} }}\n",
+                v % 2
+            )
+        };
+        let text = format!(
+            "[scheme]\nflux = {flux}\n{}{}[[potential]]\nvalue = '0'\n[initial]\nf = '1'\n\
+             [time]\nend = 1.0\n",
+            axis(6, 2, 1),
+            axis(4, 3, 2)
+        );
+        sharp(&format!("two dimensions, flux {flux}"), &text);
+    }
+}
+
+fn sharp(name: &str, text: &str) {
+    let case = Case::parse(name, text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"));
+    let scene = Dissected::new(name, &case);
+    let [low, _] = ends_of_symmetric(&scene.weighted.symmetric());
+    let allowed = Bounds::new(&case).expect("V is finite").dissipation;
+    if allowed < 1e-12 {
+        assert!(low.abs() < 1e-10, "{name}: {low}");
+        println!("{name}: A is skew");
+        return;
+    }
+    let ratio = allowed / -low;
+    println!("{name}: bound {allowed:.3}, largest {:.3}, ratio {ratio:.4}", -low);
+    assert!((1.0 - 1e-12..1.15).contains(&ratio), "{name}: {ratio}");
+}
+
+/// `V` that jumps inside of an element around `v = 0` is refused, with a box that does.
+#[test]
+fn rest_inside_of_an_element_is_refused_at_jumps() {
+    let of = |velocities: &str| {
+        let conservative = "scheme.interface='conservative'";
+        case("example1.toml", &["axis.0.x.cells=4", velocities, "scheme.degree=2", conservative])
+    };
+    let odd = of("axis.0.v.cells=5");
+    let message = Bounds::new(&odd).map(|_| ()).map_err(|e| e.to_string());
+    assert!(message.as_ref().is_err_and(|m| m.contains("axis.0.v")), "{message:?}");
+    assert!(Bounds::new(&of("axis.0.v.cells=4")).is_ok());
+}
