@@ -216,14 +216,17 @@ impl<'a> SparseAccess<'a> {
         }
     }
 
-    /// The cells whose rows of `A` may have an entry in column `i`, ascending, each once.
+    /// The cells whose rows of `A` may have an entry in column `i`, ascending, each once: those of
+    /// its element and the nearest beyond its two faces.
     fn drawing_on(&self, candidates: &mut Vec<usize>, i: usize) {
         candidates.clear();
         let n = self.space.dimension();
         let cell = self.space.cell(i);
         for a in 0..n {
-            let v = &self.space.v[a];
-            let near = (-1..=1).filter_map(|step| self.space.wrap(a, cell[a] as i64 + step));
+            let (x, v) = (&self.space.x[a], &self.space.v[a]);
+            let count = x.nodes.count() as i64;
+            let first = x.split(cell[a] as i64).0 * count;
+            let near = (first - 1..=first + count).filter_map(|i| self.space.wrap(a, i));
             for (place, velocity) in near.flat_map(|p| (0..v.cells).map(move |j| (p, j))) {
                 let mut other = cell;
                 (other[a], other[n + a]) = (place, velocity);

@@ -114,7 +114,7 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
     let report = Report { case, space, bounded };
 
     let mut parts = Parts::new(n, block);
-    parts.count(case, &scheme, block);
+    parts.count(&scheme, block);
     let mut counts: Vec<Counts> = (0..=n + 1).map(|part| parts.counts(part, &q, &report)).collect();
     // H1, H2 and their pattern together, which is H's wherever μ is not 0.
     let bound = q.iter().sum::<usize>() + 2 * n + 3;
@@ -160,7 +160,7 @@ impl Parts {
     }
 
     /// Counts the block's rows, and the entries of its ghosts' rows in its columns.
-    fn count(&mut self, case: &Case, scheme: &Scheme<'_>, block: &Block) {
+    fn count(&mut self, scheme: &Scheme<'_>, block: &Block) {
         let mut starts = Vec::new();
         block.for_each_own(|global, local| starts.push((global, Some(local))));
         block.for_each_ghost(|global, _| starts.push((global, None)));
@@ -171,7 +171,7 @@ impl Parts {
                 if let Some(local) = own {
                     self.globals[local + v] = global;
                 }
-                self.row_columns(case, scheme, global, &mut row, &mut columns);
+                self.row_columns(scheme, global, &mut row, &mut columns);
                 for (part, list) in columns.iter().enumerate() {
                     if own.is_some() {
                         self.rows[part].see(list.len(), global);
@@ -192,25 +192,17 @@ impl Parts {
     /// Columns with entries in row `global`, by part.
     fn row_columns(
         &self,
-        case: &Case,
         scheme: &Scheme<'_>,
         global: usize,
         row: &mut Row,
         columns: &mut [Vec<usize>],
     ) {
         let n = self.dimension;
-        let cell = case.space.cell(global);
         columns.iter_mut().for_each(Vec::clear);
         for axis in 0..2 * n {
-            let speed = scheme.speed(&cell, axis);
-            if speed == 0.0 {
-                continue;
-            }
-            scheme.neighbour(row, &cell, axis, speed < 0.0);
+            scheme.part(row, global, axis);
             for part in [axis.min(n), n + 1] {
-                let list = &mut columns[part];
-                list.push(global);
-                list.extend(row.entries.iter().map(|e| e.0));
+                columns[part].extend(row.entries.iter().map(|e| e.0));
             }
         }
         for list in columns {

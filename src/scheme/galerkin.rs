@@ -132,11 +132,17 @@ impl Lines<'_> {
     /// The row of `cell`.
     pub fn row(&self, row: &mut Row, cell: &Cell) {
         row.entries.push((self.space.index(cell), 0.0));
-        for a in 0..self.space.dimension() {
-            self.add_transport(row, cell, a);
-            self.add_force(row, cell, a);
-        }
+        let n = self.space.dimension();
+        (0..n).flat_map(|a| [a, n + a]).for_each(|axis| self.add_axis(row, cell, axis));
         row.finish();
+    }
+
+    /// Adds the terms along axis `axis` of the `2n`.
+    pub fn add_axis(&self, row: &mut Row, cell: &Cell, axis: usize) {
+        match axis.checked_sub(self.space.dimension()) {
+            None => self.add_transport(row, cell, axis),
+            Some(a) => self.add_force(row, cell, a),
+        }
     }
 
     /// Adds `value` times the cell that has `cells[..]` along the axes of the pair.

@@ -70,13 +70,7 @@ impl<'a> Scheme<'a> {
     pub fn row(&self, row: &mut Row, index: usize) {
         row.clear();
         let cell = self.space.cell(index);
-        if let Some(elements) = &self.elements {
-            let lines = Lines {
-                space: self.space,
-                potential: &self.potential,
-                elements,
-                entering: self.entering(),
-            };
+        if let Some(lines) = self.lines() {
             return lines.row(row, &cell);
         }
         let n = self.space.dimension();
@@ -93,7 +87,35 @@ impl<'a> Scheme<'a> {
         row.finish();
     }
 
-    /// Cells a unit of time that particles in `cell` cross along `axis` of the `2n`: `v_a/Δx_a` in
+    /// The terms along lines of elements; none of degree 0.
+    fn lines(&self) -> Option<Lines<'_>> {
+        self.elements.as_ref().map(|elements| Lines {
+            space: self.space,
+            potential: &self.potential,
+            elements,
+            entering: self.entering(),
+        })
+    }
+
+    /// What axis `axis` of the `2n` adds to row `index` of `A` and `b`: transport along a space
+    /// axis, force along a velocity axis. Entries that are not zero.
+    pub fn part(&self, row: &mut Row, index: usize, axis: usize) {
+        row.clear();
+        let cell = self.space.cell(index);
+        if let Some(lines) = self.lines() {
+            lines.add_axis(row, &cell, axis);
+        } else {
+            let speed = self.speed(&cell, axis);
+            if speed != 0.0 {
+                self.behind_face(row, &cell, axis, speed < 0.0, speed.abs());
+                row.entries.push((index, -speed.abs()));
+            }
+        }
+        row.finish();
+        row.entries.retain(|e| e.1 != 0.0);
+    }
+
+    /// Of degree 0, cells a unit of time that particles in `cell` cross along `axis` of the `2n`: `v_a/Δx_a` in
     /// space, `d_a` in velocity. Zero where the cell is its own neighbour and what leaves it comes
     /// back as it was.
     pub fn speed(&self, cell: &Cell, axis: usize) -> f64 {
@@ -123,7 +145,7 @@ impl<'a> Scheme<'a> {
         (jump == 0.0).then_some(behind)
     }
 
-    /// What the scheme finds behind the lower face of `cell` along `axis` of the `2n`, or behind
+    /// What the scheme of degree 0 finds behind the lower face of `cell` along `axis` of the `2n`, or behind
     /// the upper one if `above`, at the same energy: `Σ entries f + inflow`, weights of sum 1, of
     /// which `draw` lies off the grid. In a cell that particles leave through this face, that is
     /// where they will be, time reversed: transmitted or reflected alike.
