@@ -7,6 +7,7 @@ use crate::matrix::observables::MOMENTS;
 use crate::parallel::partition::Mesh;
 use crate::problem::case::{Case, Data, Embedding, Limiter};
 use crate::problem::exact::sheet::curve_points;
+use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::descriptor;
 use crate::propagate::method::{BatchCoupling, MatrixShare};
 use crate::scheme::reduce::grid;
@@ -57,15 +58,15 @@ pub(crate) fn arrays(
     (mesh, most): (&Mesh, usize),
 ) -> Vec<(String, u64)> {
     let n = case.space.dimension() as u64;
-    let space_block: u64 =
-        case.space.x.iter().zip(&mesh.space).map(|(a, p)| a.cells.div_ceil(*p) as u64).product();
+    let along = |a: usize| largest_part(&case.space.x[a], mesh.space[a]);
+    let space_block: u64 = (0..case.space.dimension()).map(along).product();
     let velocities = case.space.velocity_cells() as u64;
     let cells = space_block * velocities;
-    let ghosts: u64 = (case.space.x.iter().zip(&mesh.space))
+    let ghosts: u64 = (mesh.space.iter().enumerate())
         .filter(|(_, p)| **p > 1)
         .map(|(a, p)| {
             let sides = if *p > 2 { 2 } else { 1 };
-            sides * cells / a.cells.div_ceil(*p) as u64
+            sides * cells / along(a)
         })
         .sum();
     // Inflow rows lie on the box's ends: half of each of the two x-ends of an axis that has ends.
@@ -73,6 +74,11 @@ pub(crate) fn arrays(
         .filter(|(_, periodic)| !periodic)
         .map(|(a, _)| cells / a.cells as u64)
         .sum();
+    // Elements have all their nodes at the end of a velocity axis at which a force lets enter.
+    let ends = match bounds.forces && case.space.degree() > 0 {
+        true => ends + case.space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>(),
+        false => ends,
+    };
     // Rows that are listed as inflow, and auxiliary unknowns.
     let (listed, inflow) = match (bounds.inflow, case.warp.inflow) {
         (false, _) => (0, 0),
@@ -83,9 +89,11 @@ pub(crate) fn arrays(
     let rows = cells + inflow;
     let length = rows + ghosts;
     let force = u64::from(bounds.forces);
-    let entries = rows * (1 + 2 * n + 2 * n * force);
-    // Rows that repeat are stored once: those of cells of a kind whose neighbours are of a kind. Weights differ from cell to cell.
-    let around = bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32);
+    let entries = rows * entries_of_a_row(&case.space, bounds);
+    // Rows that repeat are stored once: those of cells of a kind whose neighbours are of a kind. Weights differ from cell to cell,
+    // rows of elements from node to node.
+    let nodes: u64 = case.space.x.iter().map(|a| a.nodes.count() as u64).product();
+    let around = nodes * (bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32));
     let distinct = match bounds.weighted {
         true => rows,
         false => rows.min(velocities * around + 2 * inflow),
@@ -122,8 +130,7 @@ pub(crate) fn arrays(
         let fields = case.fields.len() as u64;
         let (readings, plateau) = (warp.readings.len() as u64, warp.plateau.len() as u64);
         let steps = u64::from(case.propagator.method.order() > 0);
-        let layers = case.space.x[0].cells.div_ceil(mesh.space[0]);
-        let share = cells / layers as u64 * layers.div_ceil(mesh.groups) as u64;
+        let share = cells / along(0) * largest_share(&case.space.x[0], mesh);
         let sums = 16 * (readings + plateau + steps) * cells;
         list.push(("recovery sums".to_owned(), sums));
         if case.start.is_some() && case.times.is_empty() {
@@ -155,13 +162,14 @@ pub(crate) fn arrays(
     }
     // The results on the grid on which they are shown, where that is another; of the exact solution there is no other.
     let shown = grid(case);
-    let layers = (shown.x.iter().zip(&mesh.space)).map(|(a, p)| a.cells.div_ceil(*p) as u64);
+    let layers = (shown.x.iter().zip(&mesh.space)).map(|(a, p)| largest_part(a, *p));
     let there = layers.product::<u64>() * shown.velocity_cells() as u64;
     if shown != case.space {
-        let layers = shown.x[0].cells.div_ceil(mesh.space[0]);
+        let layers = largest_part(&shown.x[0], mesh.space[0]);
         // One cell is not shared among the groups.
         let groups = mesh.groups.min(case.space.x[0].cells);
-        let share = there / layers as u64 * layers.div_ceil(groups) as u64;
+        let mesh = Mesh { space: mesh.space.clone(), groups };
+        let share = there / layers * largest_share(&shown.x[0], &mesh);
         let times = 1 + case.times.iter().filter(|t| t.fields).count() as u64;
         let fields = case.fields.len() as u64;
         list.push(("results as shown".to_owned(), 8 * fields * times * share));
@@ -176,6 +184,41 @@ pub(crate) fn arrays(
         list.push(("exact solution".to_owned(), values + 80 * points));
     }
     list
+}
+
+/// Cells of the largest of so many parts of an axis, each of whole elements.
+fn largest_part(axis: &Axis, parts: usize) -> u64 {
+    (axis.elements().div_ceil(parts) * axis.nodes.count()) as u64
+}
+
+/// Cells along the first space axis of the largest share of a rank of a block.
+fn largest_share(axis: &Axis, mesh: &Mesh) -> u64 {
+    let elements = axis.elements().div_ceil(mesh.space[0]).div_ceil(mesh.groups);
+    (elements * axis.nodes.count()) as u64
+}
+
+/// Entries of a row of `(S, K)` away from jumps of `V`, couplings to auxiliary unknowns aside; of
+/// elements with jumps as many as there.
+fn entries_of_a_row(space: &PhaseSpace, bounds: &Bounds) -> u64 {
+    let along = |x: &Axis, v: &Axis| {
+        // The element's other nodes, and the one across a face.
+        let transport = match x.nodes.degree {
+            0 => 2,
+            k => k + 1,
+        };
+        // Also all of both neighbours, as traces are those of Gauss nodes.
+        let force = match v.nodes.degree {
+            0 => 2,
+            k => 3 * (k + 1) - 1,
+        };
+        // Energies of an element lie in two or three others, and the reflected ones in one.
+        let jump = match space.degree() {
+            0 => 0,
+            _ => 3 * v.nodes.count(),
+        };
+        transport + usize::from(bounds.forces) * force + usize::from(bounds.jumps) * jump
+    };
+    1 + space.x.iter().zip(&space.v).map(|(x, v)| along(x, v) as u64).sum::<u64>()
 }
 
 /// Sums, of one field at a time, and results at the output times, on a rank with so many points of space in its block (none

@@ -22,6 +22,17 @@ fn memory_is_what_was_planned() {
         "solver.tolerance=0.01",
     ];
     let slopes = [SLOPES[0], SLOPES[1], "scheme.limiter=minmod"];
+    let elements = ["axis.0.x.cells=170", "axis.0.v.cells=170", "time.end=0.02", "scheme.degree=2"];
+    let quick = ["solver.tolerance=0.01", "scheme.flux=1"];
+    let element_plane = [
+        "axis.0.x.cells=15",
+        "axis.1.x.cells=15",
+        "axis.0.v.cells=8",
+        "axis.1.v.cells=8",
+        "time.end=0.02",
+        "solver.tolerance=0.01",
+        "scheme.degree=1",
+    ];
     let rows: &[(&str, &[&str], &[&str], usize)] = &[
         ("example1.toml", &grid, &[], 1),
         ("example1.toml", &grid, &["scheme.interface=conservative"], 2),
@@ -34,6 +45,12 @@ fn memory_is_what_was_planned() {
         ("slope_jump.toml", &grid, &["solver.propagator.method=krylov"], 1),
         ("example2.toml", &grid, &[], 1),
         ("example3.toml", &plane, &[], 2),
+        ("example1.toml", &elements, &quick, 1),
+        ("slope_jump.toml", &elements, &quick, 2),
+        ("inflow_barrier.toml", &elements, &quick, 1),
+        ("example1.toml", &elements, &["solver.method=classical"], 1),
+        ("barrier2d.toml", &element_plane, &[], 1),
+        ("barrier2d.toml", &element_plane, &["axis.1.v.degree=3", "axis.1.v.cells=4"], 2),
     ];
     check_all(rows, |(name, size, settings, ranks)| {
         let place = directory();
