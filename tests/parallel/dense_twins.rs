@@ -26,8 +26,8 @@ pub struct Twin {
 pub struct Coupling {
     pub row: usize,
     pub unknown: usize,
-    /// `g_i`: the rate at which the row draws on the inflow.
-    pub draw: f64,
+    /// `g_i`: what the row loses on its own account by taking inflow.
+    pub damping: f64,
 }
 
 impl Twin {
@@ -75,43 +75,51 @@ impl Twin {
         INFLOW_GROWTH / self.case.end
     }
 
-    /// One unknown `r = δ` for all rows, `κ_i = b_i/δ`; a planned `δ² = Σ b_i²/(2 g_i θ)`.
+    /// One unknown `r = δ` for all rows, `κ_i = b_i/δ`; a planned `δ² = Σ b_i²/(2 g_i θ)`, of a
+    /// degree above 0 `Σ rate b²/(2θ)` over all that enters.
     fn share_unknown(&mut self, system: &System) {
-        let (b, draw) = (&system.inflow, &system.draw);
+        let (b, damping) = (&system.inflow, &system.damping);
         let enters: Vec<usize> = (0..self.cells).filter(|&i| b[i] != 0.0).collect();
         let delta = self.given_delta(system).unwrap_or_else(|| {
-            let sum: f64 = enters.iter().map(|&i| b[i] * b[i] / (2.0 * draw[i])).sum();
+            let sum: f64 = enters.iter().map(|&i| 0.5 * system.strength[i]).sum();
             (sum / self.planned_growth()).sqrt()
         });
         for i in enters {
-            self.couple(i, self.cells, b[i] / delta, draw[i]);
+            self.couple(i, self.cells, b[i] / delta, damping[i]);
         }
         self.state.push(delta);
     }
 
-    /// An unknown `r_i = b_i/κ_i` for each row in `inflow`; `κ_i = |b_i|/δ`, or `κ_i² = 2 g_i θ`
-    /// where `δ` is planned.
+    /// An unknown `r_i = b_i/κ_i` for each row in `inflow`; `κ_i = |b_i|/δ`, or where `δ` is
+    /// planned `κ_i² = 2 g_i θ`, of a degree above 0 `κ_i² = 2 (g_i + 2θ) θ`.
     fn add_unknowns(&mut self, system: &System) {
-        let (b, draw) = (&system.inflow, &system.draw);
+        let (b, damping) = (&system.inflow, &system.damping);
+        let theta = self.planned_growth();
+        let more = if self.by_elements() { 2.0 * theta } else { 0.0 };
         let given = self.given_delta(system);
         for (m, i) in self.inflow.clone().into_iter().enumerate() {
             if b[i] == 0.0 {
                 self.state.push(given.unwrap_or(0.0));
                 continue;
             }
-            let planned = (2.0 * draw[i] * self.planned_growth()).sqrt();
+            let planned = (2.0 * (damping[i] + more) * theta).sqrt();
             let coupling = given.map_or(planned, |delta| b[i].abs() / delta);
-            self.couple(i, self.cells + m, coupling, draw[i]);
+            self.couple(i, self.cells + m, coupling, damping[i]);
             self.state.push(b[i] / coupling);
         }
     }
 
-    fn couple(&mut self, row: usize, unknown: usize, coupling: f64, draw: f64) {
+    fn couple(&mut self, row: usize, unknown: usize, coupling: f64, damping: f64) {
         self.generator.add(row, unknown, coupling);
-        self.coupled.push(Coupling { row, unknown, draw });
+        self.coupled.push(Coupling { row, unknown, damping });
     }
 
-    /// `θ`: the largest `κ²/(2g)` of the auxiliary unknowns, summed over the rows that share one.
+    /// Whether an axis has a degree above 0.
+    pub fn by_elements(&self) -> bool {
+        self.case.space.degree() > 0
+    }
+
+    /// Of degree 0, `θ`: the largest `κ²/(2g)` of the auxiliary unknowns, summed over the rows that share one.
     pub fn theta(&self) -> f64 {
         let mut added = vec![0.0; self.size()];
         for coupling in &self.coupled {
@@ -129,15 +137,28 @@ impl Twin {
         &state[..self.cells]
     }
 
+    /// A field as the norm of the scheme sees it: of elements each value times the root of its
+    /// cell's volume, beside their mean; of degree 0 the field itself.
+    pub fn in_norm(&self, field: &[f64]) -> Vec<f64> {
+        let space = &self.case.space;
+        let root = |i| space.relative_volume(&space.cell(i)).sqrt();
+        field.iter().enumerate().map(|(i, f)| f * root(i)).collect()
+    }
+
     /// A vector in [-1, 1) that is the same on any ranks.
     pub fn noise(&self, seed: u64) -> Vec<f64> {
         (0..self.size()).map(|i| noise(i, seed)).collect()
     }
 
+    /// Whether one auxiliary unknown serves all rows; elsewhere the matrix couples every unknown
+    /// to neighbours only.
+    pub fn is_shared(&self) -> bool {
+        self.case.warp.inflow == Embedding::Scalar
+    }
+
     /// Those whose matrix couples every unknown to neighbours only.
     pub fn unshared() -> Vec<Self> {
-        let neighbours = |twin: &Self| twin.case.warp.inflow != Embedding::Scalar;
-        Self::all().into_iter().filter(neighbours).collect()
+        Self::all().into_iter().filter(|twin| !twin.is_shared()).collect()
     }
 
     /// The twin called `name`.
@@ -145,10 +166,103 @@ impl Twin {
         Self::all().into_iter().find(|twin| twin.name == name).expect("a twin")
     }
 
-    /// Scenes in one, two and three dimensions, with both interfaces, with and without inflow. No
-    /// length is divisible by 2, 3 and 4.
+    /// Scenes in one, two and three dimensions, with both interfaces, with and without inflow, of
+    /// degree 0 and of others. No number of elements is divisible by 2, 3 and 4.
     pub fn all() -> Vec<Self> {
+        Self::of_degree_0().into_iter().chain(Self::elements()).collect()
+    }
+
+    /// Those of finite volumes.
+    pub fn of_degree_0() -> Vec<Self> {
         [Self::plain(), Self::periodic(), Self::embeddings()].into_iter().flatten().collect()
+    }
+
+    /// Elements of degrees that differ from axis to axis, 0 among them: jumps, slopes that vary,
+    /// one element an axis, all embeddings of the inflow.
+    fn elements() -> Vec<Self> {
+        let degree = |axis: &str, degree: usize| format!("axis.{axis}.degree={degree}");
+        let degrees = |list: &[(&str, usize)]| -> Vec<String> {
+            list.iter().map(|(axis, k)| degree(axis, *k)).collect()
+        };
+        let with = |name, file, cells: &[usize], list: &[(&str, usize)], set: &[&str]| {
+            let own = degrees(list);
+            let own = own.iter().map(String::as_str);
+            let conservative = ["scheme.interface='conservative'"];
+            let set: Vec<&str> = own.chain(conservative).chain(set.iter().copied()).collect();
+            scene(name, file, cells, &set)
+        };
+        let velocities = "axis.0.v={lower=-1.0,upper=1.5,cells=5,degree=1}";
+        let curved = "potential.1.value='0.2 - 0.3*x^2'";
+        let (full, scalar) = ("solver.warp.inflow='full'", "solver.warp.inflow='scalar'");
+        let (largest, slopes) = ("solver.warp.delta='max'", "slope_jump.toml");
+        let around = [
+            "axis.0.x={lower=-1.5,upper=1.5,cells=3,boundary='periodic',degree=2}",
+            "axis.0.v={lower=-1.0,upper=1.0,cells=4,degree=2}",
+            "scheme.flux=0",
+        ];
+        let plane = ["potential.0.value='0.2 + 0.1*x - 0.1*y*x'", PLANE_INFLOW, "scheme.flux=0.3"];
+        let (degree_1, degree_2) = ([("0.x", 1)], [("0.x", 2)]);
+        vec![
+            with(
+                "elements",
+                "example1.toml",
+                &[5, 2],
+                &[("0.x", 2), ("0.v", 3)],
+                &["scheme.flux=1"],
+            ),
+            with(
+                "elements, slopes, inflow",
+                slopes,
+                &[3],
+                &[("0.x", 3)],
+                &[velocities, curved, SLOPE_INFLOW],
+            ),
+            with(
+                "elements, well, velocities of degree 0",
+                "well.toml",
+                &[7, 6],
+                &[("0.x", 1)],
+                &[],
+            ),
+            with(
+                "elements, one cell in space",
+                "example1.toml",
+                &[1, 2],
+                &[("0.x", 6), ("0.v", 4)],
+                &[],
+            ),
+            with("elements, periodic, central flux", "example1.toml", &[], &[], &around),
+            with("elements, full", slopes, &[5], &degree_1, &[velocities, SLOPE_INFLOW, full]),
+            with(
+                "elements, given",
+                slopes,
+                &[3],
+                &degree_2,
+                &[velocities, SLOPE_INFLOW, "solver.warp.delta=4.5"],
+            ),
+            with("elements, scalar", slopes, &[5], &degree_1, &[velocities, SLOPE_INFLOW, scalar]),
+            with(
+                "elements, scalar, largest",
+                slopes,
+                &[3],
+                &degree_2,
+                &[velocities, SLOPE_INFLOW, scalar, largest],
+            ),
+            with(
+                "elements, two dimensions, inflow",
+                "barrier2d.toml",
+                &[3, 2, 3, 2],
+                &[("0.x", 1), ("0.v", 1), ("1.v", 1)],
+                &plane,
+            ),
+            with(
+                "elements, three dimensions",
+                "step3d.toml",
+                &[3, 2, 1, 2, 1, 2],
+                &[("0.x", 1), ("0.v", 1), ("1.x", 1)],
+                &["potential.1.value='0.1 + 0.05*y'"],
+            ),
+        ]
     }
 
     /// No axis closes on itself; the default embedding of the inflow.
@@ -239,7 +353,7 @@ impl Twin {
 impl Coupling {
     /// `κ²/(2g)`.
     pub fn growth(&self, generator: &Dense) -> f64 {
-        generator.at(self.row, self.unknown).powi(2) / (2.0 * self.draw)
+        generator.at(self.row, self.unknown).powi(2) / (2.0 * self.damping)
     }
 }
 

@@ -79,6 +79,7 @@ checks! {
     propagators::long_implicit_steps on EVERY;
     spectrum::spectrum_in_its_interval on EVERY;
     weights::dissipative_weights on EVERY;
+    weights::volumes on EVERY;
     classical::classical_exponential on EVERY;
     classical::orders_of_the_integrators on EVERY;
     classical::limited_slopes on EVERY;

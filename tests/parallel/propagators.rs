@@ -310,7 +310,7 @@ fn order_of_convergence(
             SLOW[l]
         );
         assert!((found - order as f64).abs() < 0.1, "{at}");
-        assert!(error > 1e-7 && missed < 0.2, "{at}");
+        assert!(error > 1e-8 && missed < 0.2, "{at}");
         if order == 2 {
             assert!(change.abs() <= 1e-13 + tail && tail < 1e-10, "{at}");
         } else {

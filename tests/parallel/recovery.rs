@@ -142,11 +142,13 @@ fn check_norms(run: &Streamed, method: PropagatorMethod, name: &str) {
 
 /// The streamed run by every profile and propagator: within its tolerance of `exp(AT) f0`, or as
 /// far from it as the step's error says; with the same bits on every mesh, or for every number of
-/// mode groups.
+/// mode groups. One element alone has so few frequencies that the two readings may err alike: its
+/// field is checked before the end and in any batches.
 pub fn recovered_field(world: &World) {
-    for mut twin in Twin::all() {
+    let several = |twin: &Twin| twin.case.space.x[0].elements() > 1;
+    for mut twin in Twin::all().into_iter().filter(several) {
         let expected = exponential(&twin.generator, &twin.state, twin.case.end);
-        let expected = twin.field(&expected).to_vec();
+        let expected = twin.in_norm(twin.field(&expected));
         let recoveries = RECOVERIES.iter().filter(|r| applies(r.method, &twin.case));
         let recoveries: Vec<&Recovery> = recoveries.collect();
         // By recovery, the field on the mesh that does not split space, which comes first.
@@ -162,12 +164,12 @@ pub fn recovered_field(world: &World) {
                 let name = format!("the field of {} by {}", twin.name, recovery.name());
                 let at = format!("{name}, {mesh:?}");
                 let run = StreamedRun::new(&twin.case, &mesh, ratio);
-                let found = exact.compare(world, &run, &mut weighted.prepared);
+                let found = exact.compare(world, &twin, &run, &mut weighted.prepared);
                 check_work(&found.run, recovery.method, &at);
                 check_norms(&found.run, recovery.method, &at);
                 assert_eq!(found.fields.len(), 2, "{at}");
                 if mesh.blocks() == 1 {
-                    unsplit.push(found.fields[0].clone());
+                    unsplit.push(found.scaled[0].clone());
                 }
                 if let Some(steps) = recovery.steps {
                     found.check_step_error(&unsplit[k], steps, &at);
@@ -190,7 +192,7 @@ fn check_probe(found: f64, exact: f64, name: &str) {
 
 /// What a recovered field is compared with.
 struct Exact<'a> {
-    /// `exp(AT) f0`.
+    /// `exp(AT) f0`, as the norm sees it.
     field: &'a [f64],
     /// `‖u(0)‖`.
     size: f64,
@@ -201,6 +203,8 @@ struct RecoveredField {
     run: Streamed,
     /// The whole field by each reading.
     fields: Vec<Vec<f64>>,
+    /// The same as the norm sees them.
+    scaled: Vec<Vec<f64>>,
     /// Relative distance of the first from `exp(AT) f0`.
     error: f64,
     /// Norm of the leading term of the error that the time step leaves, relative to the field's.
@@ -216,15 +220,25 @@ impl Exact<'_> {
         self.size / norm(self.field)
     }
 
-    fn compare(&self, world: &World, run: &StreamedRun<'_>, on: &mut Prepared) -> RecoveredField {
+    fn compare(
+        &self,
+        world: &World,
+        twin: &Twin,
+        run: &StreamedRun<'_>,
+        on: &mut Prepared,
+    ) -> RecoveredField {
         let run = run.run(world, on);
         let fields = run.fields(world, on);
-        let relative = |share: &Vec<f64>| norm(&gather_field(world, on, share)) / norm(self.field);
+        let scaled: Vec<Vec<f64>> = fields.iter().map(|field| twin.in_norm(field)).collect();
+        let relative = |share: &Vec<f64>| {
+            norm(&twin.in_norm(&gather_field(world, on, share))) / norm(self.field)
+        };
         RecoveredField {
-            error: distance(&fields[0], self.field),
+            error: distance(&scaled[0], self.field),
             step_error: run.recovered.step_errors.first().map(relative),
             amplification: run.plan.amplification * self.ratio(),
             fields,
+            scaled,
             run,
         }
     }
@@ -237,7 +251,7 @@ impl RecoveredField {
         let (error, leading) = (self.error, self.step_error.expect("a leading term"));
         let close = (0.5..2.0).contains(&(leading / error));
         assert!(close, "{name}: {leading:e} {error:e}");
-        let difference = distance(&self.fields[0], unsplit);
+        let difference = distance(&self.scaled[0], unsplit);
         let allowed = 2e-16 * f64::from(steps) * self.amplification;
         assert!(difference <= allowed, "{name}: {difference:e} {allowed:e}");
     }
@@ -248,7 +262,7 @@ impl RecoveredField {
         let error = self.error;
         assert!(error <= recovery.tolerance, "{name}: error {error:e}");
         let estimate =
-            distance(&self.fields[1], &self.fields[0]) / self.run.plan.estimator_efficiency / error;
+            distance(&self.scaled[1], &self.scaled[0]) / self.run.plan.estimator_efficiency / error;
         let gaussian = recovery.profile == ProfileChoice::Gaussian;
         let factor = if gaussian { 3.0 } else { 5.0 };
         let close = (1.0 / factor..factor).contains(&estimate);
@@ -278,7 +292,7 @@ pub fn results_before_the_end(world: &World) {
         for mesh in meshes(world, &twin.case) {
             let mut weighted = Weighted::new(world, &twin, &mesh);
             let ratio = weighted.prepared.probe();
-            let ratios = exact.iter().map(|f| norm(&weighted.state) / norm(f));
+            let ratios = exact.iter().map(|f| norm(&weighted.state) / norm(&twin.in_norm(f)));
             let at = format!("{}, {mesh:?}", twin.name);
             check_probe(ratio, ratios.fold(1.0, f64::max), &at);
             for (method, tolerance) in [(Chebyshev, 1e-9), (Krylov, 1e-5), (CrankNicolson, 1e-3)] {
@@ -318,7 +332,7 @@ fn results_of_a_run(
         [(&early[0], &exact[0]), (&early[2], &exact[2]), (&run.recovered.fields[0][0], &exact[3])]
     {
         let found = gather_field(world, prepared, found);
-        let error = distance(&found, exact);
+        let error = distance(&twin.in_norm(&found), &twin.in_norm(exact));
         assert!(error <= tolerance, "{name}: {error:e}");
         // The tolerance is not met by standing still.
         let moved = distance(twin.field(&twin.state), exact);
@@ -343,7 +357,7 @@ fn check_moments(
     let points = point_numbers(prepared);
     let (sums, _) = share.as_chunks::<MOMENTS>();
     assert_eq!(sums.len(), points.len(), "{name}");
-    let size = norm(exact);
+    let size = norm(&twin.in_norm(exact));
     let exact: Vec<[f64; MOMENTS]> = factors.at_points(exact).collect();
     let mut all = Vec::new();
     for m in 0..MOMENTS {

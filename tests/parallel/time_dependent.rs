@@ -44,11 +44,20 @@ impl Varying {
         };
         let full = ["solver.warp.inflow='full'", "solver.warp.delta='max'"];
         let plane = "1 if x < -1.2 else 0";
+        let elements = ["axis.0.v={lower=-1.0,upper=1.5,cells=5,degree=1}", "axis.0.x.degree=2"];
         vec![
             slopes("varying", "1 + x + 2*v", &[]),
             slopes("varying, full", "0.9 + x + 2*v", &full),
             slopes("varying, scalar", "1.1 + x + 2*v", &["solver.warp.inflow='scalar'"]),
             Self::new("varying, two dimensions", "barrier2d.toml", &[5, 3, 4, 4], plane, &[]),
+            Self::new("varying, elements", "slope_jump.toml", &[3], "1 + x + 2*v", &elements),
+            Self::new(
+                "varying, elements, full",
+                "slope_jump.toml",
+                &[3],
+                "1.1 + x + 2*v",
+                &[elements[0], elements[1], full[0], full[1]],
+            ),
         ]
     }
 }
@@ -131,6 +140,9 @@ fn solve(
     let mut classical =
         Classical::new(&system.matrix).with_source(&case.fields[0], &system.weights.pi);
     work(&mut classical, &mut system.exchange, &mut state);
+    let cells = 0..system.matrix.block.cells();
+    state.truncate(cells.end);
+    let state = system.unweighted(&cells, state);
     gather_cells(prepared, &state)
 }
 
@@ -145,10 +157,12 @@ fn commutator_free(
     let part = case.end / (2 * steps) as f64;
     let values = time_dependent_inflow::stage_values(case, matrix, steps);
     let rows = matrix.inflow.len();
+    let root = |m: usize| prepared.system.weights.pi[matrix.inflow[m].row as usize].sqrt();
+    let roots: Vec<f64> = (0..rows).map(root).collect();
     solve(prepared, case, |classical, exchange, state| {
         for stage in 0..2 * steps {
             let held = &values[stage * rows..(stage + 1) * rows];
-            classical.hold(held.iter().copied());
+            classical.hold(held.iter().zip(&roots).map(|(b, root)| b * root));
             classical.exponential(exchange, state, (rate, part), EXACT);
         }
     })

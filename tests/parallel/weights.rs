@@ -22,9 +22,10 @@ fn certificate(twin: &Twin, pi: &[f64]) -> f64 {
     cells.clone().map(column).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// On every mesh of every twin.
+/// On every mesh of every twin of degree 0: elements have the volumes of their cells, see
+/// [`volumes`].
 pub fn dissipative_weights(world: &World) {
-    for twin in Twin::all() {
+    for twin in Twin::of_degree_0() {
         let mut highest = None;
         for mesh in meshes(world, &twin.case) {
             let name = format!("{}, {mesh:?}", twin.name);
@@ -98,5 +99,43 @@ fn compared_with_none(world: &World, twin: &Twin, mesh: &Mesh, weighted: &Weight
         report_bits(world, &format!("weights of {}", twin.name), &weighted.pi);
     } else {
         assert_eq!((most, weights.certificate), (1.0, none.certificate), "{name}");
+    }
+}
+
+/// The weights of elements are the volumes of the cells; with them nothing grows but by the
+/// couplings of the inflow, by no more than the bound.
+pub fn volumes(world: &World) {
+    for twin in Twin::all().into_iter().filter(Twin::by_elements) {
+        let space = &twin.case.space;
+        let volume = |i: usize| {
+            let cell = space.cell(i);
+            let widths = space.axes().zip(cell).map(|(axis, j)| axis.weight(j));
+            widths.product::<f64>() / space.cell_volume()
+        };
+        let mut highest = None;
+        for mesh in meshes(world, &twin.case) {
+            let name = format!("{}, {mesh:?}", twin.name);
+            let weighted = Weighted::new(world, &twin, &mesh);
+            for i in 0..twin.cells {
+                let (found, expected) = (weighted.pi[i], volume(i));
+                assert!((found - expected).abs() <= 1e-14 * expected, "{name}: {found} {expected}");
+            }
+            let weights = &weighted.prepared.system.weights;
+            for (pi, &i) in weights.pi.iter().zip(&weighted.number) {
+                assert_eq!(*pi, weighted.pi[i], "{name}: ghosts too");
+            }
+            assert_eq!((weights.certificate, weights.sweeps), (0.0, 0), "{name}");
+            let cells = &weighted.pi[..twin.cells];
+            let most = cells.iter().copied().fold(0.0, f64::max);
+            let least = cells.iter().copied().fold(f64::INFINITY, f64::min);
+            let spread = (most / least).sqrt();
+            assert!((weights.spread / spread - 1.0).abs() < 1e-14, "{name}: {spread}");
+            let highest = *highest
+                .get_or_insert_with(|| ends_of_symmetric(&weighted.generator.symmetric())[1]);
+            let allowed = weighted.prepared.bounds.growth;
+            let round_off = 1e-13 * weighted.generator.largest();
+            assert!(highest <= allowed + round_off, "{name}: {highest} {allowed}");
+            assert!(!twin.coupled.is_empty() || allowed == 0.0, "{name}: {allowed}");
+        }
     }
 }
