@@ -161,10 +161,15 @@ fn numbered(axis: &Axis, x: f64) -> Option<usize> {
     known.then_some(x as usize)
 }
 
-/// The cell of `axis` that holds the point `x`; the upper end belongs to the last one.
+/// The cell of `axis` that holds the point `x`: of elements, the one whose node is nearest in the
+/// element that holds it. The upper end belongs to the last element.
 fn holding(axis: &Axis, x: f64) -> Option<usize> {
-    match x == axis.upper {
-        true => Some(axis.cells - 1),
-        false => numbered(axis, ((x - axis.lower) / axis.width()).floor()),
+    if x == axis.upper {
+        return Some(axis.cells - 1);
     }
+    let element = numbered(&axis.by_elements(), ((x - axis.lower) / axis.width()).floor())?;
+    let count = axis.nodes.count();
+    let cells = element * count..(element + 1) * count;
+    let distance = |cell: &usize| (axis.centre(*cell as i64) - x).abs();
+    cells.min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
