@@ -187,7 +187,13 @@ impl Twin {
         let with = |name, file, cells: &[usize], list: &[(&str, usize)], set: &[&str]| {
             let own = degrees(list);
             let own = own.iter().map(String::as_str);
-            let conservative = ["scheme.interface='conservative'"];
+            // Of degree 1 along every axis, so that its projection has its values at the nodes.
+            let initial = match file {
+                "barrier2d.toml" => "initial.f='(2 + x)*(2 - y)*(3 + vx)*(2 + vy)'",
+                "step3d.toml" => "initial.f='(2 + x)*(3 + vx)*(2 - vy)*(3 + vz)'",
+                _ => "initial.f='(2 + x)*(3 + v)'",
+            };
+            let conservative = ["scheme.interface='conservative'", initial];
             let set: Vec<&str> = own.chain(conservative).chain(set.iter().copied()).collect();
             scene(name, file, cells, &set)
         };

@@ -44,7 +44,11 @@ impl Varying {
         };
         let full = ["solver.warp.inflow='full'", "solver.warp.delta='max'"];
         let plane = "1 if x < -1.2 else 0";
-        let elements = ["axis.0.v={lower=-1.0,upper=1.5,cells=5,degree=1}", "axis.0.x.degree=2"];
+        let elements = [
+            "axis.0.v={lower=-1.0,upper=1.5,cells=5,degree=1}",
+            "axis.0.x.degree=2",
+            "initial.f='(2 + x)*(3 + v)'",
+        ];
         vec![
             slopes("varying", "1 + x + 2*v", &[]),
             slopes("varying, full", "0.9 + x + 2*v", &full),
@@ -56,7 +60,7 @@ impl Varying {
                 "slope_jump.toml",
                 &[3],
                 "1.1 + x + 2*v",
-                &[elements[0], elements[1], full[0], full[1]],
+                &[elements[0], elements[1], elements[2], full[0], full[1]],
             ),
         ]
     }

@@ -1,10 +1,10 @@
 //! The operator at a face, for itself: sums, contraction, energy, polynomials, slivers.
 
 use super::{FaceCoupling, FaceSide, Share, TraceCoupling, check_axis};
-use crate::problem::case::Interface;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::Axis;
-use crate::scheme::interface::{Side, sources};
+use crate::scheme::interface::conservative::Conservative;
+use crate::scheme::interface::law::{InterfaceLaw, Side};
 use faer::Mat;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -372,7 +372,8 @@ fn degree_0_is_the_conservative_law() {
         let face = Face::new(axis.clone(), rise, |_| 0.0);
         for trace in face.traces(true) {
             let towards = if trace.0 == FaceSide::Above { rise } else { -rise };
-            sources(&mut list, &axis, Interface::Conservative, trace.1 as i64, towards);
+            list.clear();
+            Conservative.sources(&mut list, &axis, trace.1 as i64, towards);
             let mut beyond = 0.0;
             for source in &list {
                 let side = if source.side == Side::Same { trace.0 } else { trace.0.opposite() };
