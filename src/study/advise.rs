@@ -38,7 +38,7 @@ use crate::study::advise::report::{MOST_SHOWN, grid_text, warnings};
 use crate::study::advise::scheme::Scheme;
 use crate::study::advise::settings::{command, plain, settings};
 use crate::study::advise::trials::{Trials, cells, mode_updates};
-use crate::study::grids::{refuse_elements, shape_text};
+use crate::study::grids::shape_text;
 use crate::study::trial::final_fields_only;
 
 /// Most of the accuracy that Schrödingerization may take.
@@ -78,14 +78,13 @@ pub struct Wanted {
 /// Finds the set-ups of `case` that are as exact as `wanted`. Collective; the same on all ranks.
 ///
 /// # Errors
-/// [`Error::Input`] where nothing reaches the accuracy, and for a case of elements or that starts from a warped
+/// [`Error::Input`] where nothing reaches the accuracy, and for a case that starts from a warped
 /// field; the error of a trial where none succeeds.
 pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
     if let Some(start) = &case.start {
         let what = "advice takes other grids, and the file holds one; give initial.f";
         return Err(Error::Input(format!("{}: {what}", start.place)));
     }
-    refuse_elements(case, "advise")?;
     let mut study = Study::new(world, case, wanted)?;
     study.try_as_it_stands()?;
     let found = study.reach_by_schemes()?;

@@ -32,7 +32,7 @@ use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::result::{Chart, mark_fronts};
 use crate::study::chart::setup::Setup;
 use crate::study::chart::verdict::sentences;
-use crate::study::grids::{Grids, on_grid, refuse_elements, shape_text, stray_edges};
+use crate::study::grids::{Grids, on_grid, shape_text, stray_edges};
 use crate::study::trial::title;
 use std::time::Duration;
 
@@ -42,7 +42,7 @@ mod tests;
 /// Runs the trials of `case` that fit into `limit`. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] for a case of elements, or that starts from a warped field; the first trial's error where
+/// [`Error::Input`] for a case that starts from a warped field; the first trial's error where
 /// nothing could be run.
 pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     if case.start.is_some() {
@@ -52,7 +52,6 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
             case.name
         )));
     }
-    refuse_elements(case, "chart")?;
     refuse_hopeless_here(world, case)?;
     let jumps = Bounds::new(case)?.jumps;
     let stray = stray_edges(case);

@@ -1,6 +1,5 @@
 //! Coarser and finer grids over the box of a case, with the edges of `V` on faces where possible.
 
-use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::potential::{overlooked, region_edges};
@@ -14,21 +13,6 @@ const FARTHEST: f64 = 0.3;
 const FEWEST: [usize; 3] = [8, 4, 4];
 /// The coarsest grid has the case's cells over at most two to this power.
 const COARSEST: u32 = 3;
-
-/// Refuses elements for `study`, which tries grids and schemes of degree 0.
-///
-/// # Errors
-/// [`Error::Input`], naming the key.
-pub fn refuse_elements(case: &Case, study: &str) -> Result<()> {
-    if case.space.degree() == 0 {
-        return Ok(());
-    }
-    Err(Error::Input(format!(
-        "{}: scheme.degree, or the degree of an axis, is above 0, and {study} tries grids and \
-         schemes of degree 0; leave it out",
-        case.name
-    )))
-}
 
 /// `shape` cells as text: `64 x 48`.
 pub fn shape_text(shape: &[usize]) -> String {

@@ -34,7 +34,6 @@ use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::budget::Budget;
-use crate::study::grids::refuse_elements;
 use crate::study::stability::panel::{
     Findings, Found, LeftOut, Name, Panel, Scale, Stability, Sweep,
 };
@@ -91,14 +90,13 @@ impl Entry {
 /// Measures the panels `only` of `case`, all if there are none, within about `limit`. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] for a case of elements, or that starts from a warped field. A panel that fails is left out with
+/// [`Error::Input`] for a case that starts from a warped field. A panel that fails is left out with
 /// the reason.
 pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Result<Stability> {
     if case.start.is_some() {
         let what = "initial.warped: stability takes a case whose field at the start is a formula";
         return Err(Error::Input(what.to_owned()));
     }
-    refuse_elements(case, "stability")?;
     let mut budget = Budget::new(world, limit.as_secs_f64());
     let wanted: Vec<&Entry> =
         (PANELS.iter()).filter(|entry| only.is_empty() || only.contains(&entry.name)).collect();
