@@ -222,6 +222,13 @@ fn nodes_weights_and_averages() {
     let total: f64 = mean.iter().sum::<f64>() * (3.0 / 9.0);
     near("mass of the mean densities", total / mass, 1.0, 1e-12).unwrap();
     assert_eq!(list("axis/element_vx")[3], 0.25);
+    // A cell of ParaView is as wide as the weight of its node.
+    let shown = std::fs::read_to_string(one.path().join("fields.xdmf")).unwrap();
+    assert_eq!(shown.matches("3DRectMesh").count(), 2, "{shown}");
+    let faces = shown.lines().find(|line| line.contains("Dimensions=\"28\"")).unwrap();
+    let faces = faces.split(['<', '>']).nth(2).unwrap().split(' ');
+    let faces: Vec<f64> = faces.map(|face| face.parse().unwrap()).collect();
+    assert!(faces.windows(2).zip(&wx).all(|(f, w)| (f[1] - f[0] - w).abs() < 1e-14));
     for ranks in [2, 3] {
         let place = directory();
         let storage = ["output.chunks=[4,5]", "output.compression=1"];

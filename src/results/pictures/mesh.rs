@@ -3,8 +3,10 @@
 use crate::matrix::sampling::apply_in_elements;
 use crate::problem::grid::Axis;
 
-/// Points that are drawn for each node of an element.
+/// Points that are drawn for each node of an element, at least.
 const POINTS_A_NODE: usize = 2;
+/// Points along an axis that few elements have together.
+const SMOOTH: usize = 128;
 
 /// Equal parts of the elements of an axis, and what is drawn in each. Of degree 0 the cells.
 pub struct FineMesh {
@@ -20,7 +22,10 @@ impl FineMesh {
         let (nodes, element) = (axis.nodes.count(), axis.nodes.reference());
         let parts = match axis.nodes.degree {
             0 => 1,
-            _ => (most / axis.elements()).clamp(1, POINTS_A_NODE * nodes),
+            _ => {
+                let wanted = (POINTS_A_NODE * nodes).max(SMOOTH.div_ceil(axis.elements()));
+                (most / axis.elements()).clamp(1, wanted)
+            }
         };
         let middle = |part: usize| (2 * part + 1) as f64 / parts as f64 - 1.0;
         let matrix = match parts {
@@ -60,7 +65,7 @@ pub fn line(axis: &Axis, values: &[f64]) -> Vec<[f64; 2]> {
         return axis.centres().into_iter().zip(values).map(|(x, value)| [x, *value]).collect();
     }
     let (count, element) = (axis.nodes.count(), axis.nodes.reference());
-    let steps = POINTS_A_NODE * count;
+    let steps = (POINTS_A_NODE * count).max(SMOOTH.div_ceil(axis.elements()));
     let mut points = Vec::with_capacity(axis.elements() * (steps + 1));
     for (e, nodal) in values.chunks_exact(count).enumerate() {
         for step in 0..=steps {
@@ -86,7 +91,7 @@ mod tests {
             x.centres().iter().flat_map(|x| v.centres().into_iter().map(|v| f(*x, v))).collect();
         let meshes = [&x, &v].map(|axis| FineMesh::new(axis, 100));
         let [nx, nv] = [meshes[0].len(), meshes[1].len()];
-        assert_eq!([nx, nv], [18, 30]);
+        assert_eq!([nx, nv], [99, 100]);
         let found = drawn(&nodal, 3, &meshes);
         for i in 0..nx {
             for j in 0..nv {
