@@ -344,7 +344,7 @@ impl BlockMatrix {
         }
         let rows = builder.finish();
         let mut this = Self::new(block, rows, inflow);
-        this.by_elements = case.space.degree() > 0;
+        this.by_elements = case.is_galerkin();
         Ok(this)
     }
 }

@@ -120,7 +120,7 @@ impl Bounds {
         };
         let jumps = jumps.contains(&true);
         let inflow = case.embeds();
-        let grows = jumps && case.space.degree() == 0 && law_of(case.interface).may_grow();
+        let grows = jumps && !case.is_galerkin() && law_of(case.interface).may_grow();
         let weights = match (grows, case.warp.weights) {
             (false, _) => 0.0,
             (true, true) => WEIGHT_GROWTH,
@@ -191,7 +191,7 @@ fn line_bounds(
 ) -> Result<Vec<LineBounds>> {
     let space = &case.space;
     let mut lines = Vec::new();
-    if space.degree() == 0 {
+    if !case.is_galerkin() {
         return Ok(lines);
     }
     let n = space.dimension();

@@ -177,6 +177,7 @@ impl Case {
         let degree = space.degree();
         let n = space.dimension();
         let potential = data::potential(file, &tables.potential.0, n)?;
+        let reflects = potential.iter().any(|region| region.reflection.is_some());
         let (data, fields) = tables.initial.check(file, n, &tables.inflow)?;
         let end = tables.time.check(file)?;
         let solver = tables.solver;
@@ -192,7 +193,7 @@ impl Case {
             fields,
             start: tables.initial.start(file)?,
             end,
-            interface: tables.scheme.interface(degree),
+            interface: tables.scheme.interface(degree > 0 || reflects),
             flux: tables.scheme.flux(file, degree)?,
             limiter: tables.scheme.limiter,
             method: solver.method,
@@ -231,8 +232,8 @@ impl Case {
         }
         self.warp.check_embedding(file, &self.fields)?;
         self.check_limiter(file)?;
-        if self.space.degree() > 0 {
-            self.check_degree(file)?;
+        if self.is_galerkin() {
+            self.check_galerkin(file)?;
         }
         if self.positive {
             self.check_positive(file)?;
@@ -290,24 +291,41 @@ impl Case {
         file.refuse(key, format!("{conflict}; {wanted}, or leave limiter = \"none\""))
     }
 
-    /// Refuses what is not known of elements of a degree above 0.
-    fn check_degree(&self, file: &CaseFile<'_>) -> Result<()> {
+    /// Whether the scheme is the one of [`galerkin`](crate::scheme::galerkin): of a degree above 0, or
+    /// with partial reflection.
+    pub fn is_galerkin(&self) -> bool {
+        self.space.degree() > 0 || self.potential.iter().any(|region| region.reflection.is_some())
+    }
+
+    /// Refuses what is not known of elements of a degree above 0, or of partial reflection.
+    fn check_galerkin(&self, file: &CaseFile<'_>) -> Result<()> {
+        let reflects = self.potential.iter().position(|region| region.reflection.is_some());
+        if let (Some(i), Some(Exact::Characteristics)) = (reflects, &self.exact) {
+            return file.refuse(
+                &format!("potential.{i}.reflection"),
+                "a particle that is reflected in part has no single characteristic; give exact.f, \
+                 or no [exact]",
+            );
+        }
         if self.limiter != Limiter::None {
             return file.refuse(
                 "scheme.limiter",
-                "slopes are those of cells of degree 0; leave it out, or scheme.degree",
+                "slopes are those of cells of degree 0 without partial reflection; leave it out, or \
+                 scheme.degree and potential.reflection",
             );
         }
         if let Data::Measure { .. } = self.data {
             return file.refuse(
                 "initial.velocity",
-                "the discrete delta function is that of cells of degree 0; leave scheme.degree out",
+                "the discrete delta function is that of cells of degree 0 without partial reflection; \
+                 leave scheme.degree and potential.reflection out",
             );
         }
         if self.varies() && self.warp.inflow == Embedding::Scalar {
             return file.refuse(
                 "solver.warp.inflow",
-                "\"scalar\" takes no t in inflow.value of a degree above 0; \"boundary\" does",
+                "\"scalar\" takes no t in inflow.value of a degree above 0 or with partial \
+                 reflection; \"boundary\" does",
             );
         }
         Ok(())

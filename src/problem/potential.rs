@@ -27,12 +27,31 @@ pub struct Potential {
     /// and at the ends of the box (the paper's assumption). At the lower end of a periodic axis, `V` of the first cell minus that of the
     /// last.
     jump: Vec<[f64; MAX_DIMENSION]>,
+    /// The region on the higher side of those jumps, by axis; kept only where a region reflects in
+    /// part what could be transmitted.
+    higher: Vec<[usize; MAX_DIMENSION]>,
     /// `∂V/∂x_a` at each cell, by axis; of degree 0 `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`.
     slope: Vec<[f64; MAX_DIMENSION]>,
     /// Cell indices run row-major over `ranges`.
     strides: [usize; MAX_DIMENSION],
     /// Along which axes the first cell covered comes behind the last one.
     closed: [bool; MAX_DIMENSION],
+}
+
+/// What tells jumps of `V` apart: the height, and the region on the higher side where that may
+/// reflect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct JumpKind {
+    bits: u64,
+    /// The region, where any reflects.
+    pub higher: Option<usize>,
+}
+
+impl JumpKind {
+    /// `V⁺ − V⁻`.
+    pub fn jump(&self) -> f64 {
+        f64::from_bits(self.bits)
+    }
 }
 
 /// The region a space cell belongs to; or the condition that is undefined there.
@@ -186,12 +205,14 @@ impl Potential {
         let mut this = Self {
             ranges: ranges.to_vec(),
             jump: Vec::with_capacity(cells),
+            higher: Vec::new(),
             slope: Vec::with_capacity(cells),
             strides,
             closed: std::array::from_fn(|a| {
                 a < n && case.space.is_periodic(a) && ranges[a] == (0..axes[a].cells)
             }),
         };
+        let reflects = case.potential.iter().any(|region| region.reflection.is_some());
         let mut values = Values { case, failure: None };
         for_each_cell(ranges, |i| {
             let own = values.region(&element_centre(axes, i));
@@ -206,6 +227,10 @@ impl Potential {
             let (mut jump, mut slope) = ([0.0; MAX_DIMENSION], [0.0; MAX_DIMENSION]);
             for a in 0..n {
                 [jump[a], slope[a]] = values.jump_and_slope(i, a, own, below[a]);
+            }
+            if reflects {
+                let side = |a: usize| if jump[a] > 0.0 { own } else { below[a].unwrap_or(own) };
+                this.higher.push(std::array::from_fn(side));
             }
             this.jump.push(jump);
             this.slope.push(slope);
@@ -238,14 +263,7 @@ impl Potential {
     /// `V⁺ − V⁻` at the upper face, along `axis`, of space cell `i`. Zero at the upper end of what
     /// is covered, unless that is all of a periodic axis.
     pub fn jump_above(&self, i: &[usize], axis: usize) -> f64 {
-        let (position, stride) = (self.position(i), self.strides[axis]);
-        if i[axis] + 1 < self.ranges[axis].end {
-            self.jump[position + stride][axis]
-        } else if self.closed[axis] {
-            self.jump[position - i[axis] * stride][axis]
-        } else {
-            0.0
-        }
+        self.face(i, axis, true).map_or(0.0, |at| self.jump[at][axis])
     }
 
     /// `∂V/∂x_a` along `axis` at space cell `i`; of degree 0 `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`.
@@ -277,11 +295,37 @@ impl Potential {
         })
     }
 
-    /// The distinct jumps along `axis`, by their bits, each with the largest of the element faces.
-    pub fn distinct_jumps(&self, axis: usize) -> impl Iterator<Item = f64> + '_ {
+    /// The kinds of jumps along `axis`, each once.
+    pub fn jump_kinds(&self, axis: usize) -> impl Iterator<Item = JumpKind> + '_ {
         let mut seen = HashSet::new();
-        let jumps = self.jump.iter().map(move |jump| jump[axis]);
-        jumps.filter(move |jump| *jump != 0.0 && seen.insert(jump.to_bits()))
+        let kinds = (0..self.jump.len()).map(move |at| self.kind_at(at, axis));
+        kinds.filter(move |kind| kind.jump() != 0.0 && seen.insert(*kind))
+    }
+
+    fn kind_at(&self, at: usize, axis: usize) -> JumpKind {
+        let higher = self.higher.get(at).map(|regions| regions[axis]);
+        JumpKind { bits: self.jump[at][axis].to_bits(), higher }
+    }
+
+    /// The jump at the lower face, along `axis`, of the element of space cell `i` if it is its first,
+    /// or at the upper one if it is its last and `upper`.
+    pub fn jump_kind(&self, i: &[usize], axis: usize, upper: bool) -> JumpKind {
+        match self.face(i, axis, upper) {
+            Some(at) => self.kind_at(at, axis),
+            None => JumpKind { bits: 0, higher: None },
+        }
+    }
+
+    /// The cell whose lower face along `axis` is the lower or upper one of space cell `i`.
+    fn face(&self, i: &[usize], axis: usize, upper: bool) -> Option<usize> {
+        let (position, stride) = (self.position(i), self.strides[axis]);
+        if !upper {
+            Some(position)
+        } else if i[axis] + 1 < self.ranges[axis].end {
+            Some(position + stride)
+        } else {
+            self.closed[axis].then(|| position - i[axis] * stride)
+        }
     }
 
     /// Whether `V` jumps anywhere, by axis.

@@ -355,9 +355,7 @@ pub(crate) fn classical_steps_of(case: &Case, courant: f64) -> usize {
         Integrator::Exponential if case.varies() => {
             duhamel_applications(courant, duhamel_panels(courant))
         }
-        Integrator::Exponential => {
-            exponential_applications(courant, EXACT, case.space.degree() > 0)
-        }
+        Integrator::Exponential => exponential_applications(courant, EXACT, case.is_galerkin()),
         Integrator::ForwardEuler | Integrator::SspRk3 => {
             (courant / (case.cfl * longest_step(case.limiter))).ceil().max(1.0) as usize
         }

@@ -16,15 +16,17 @@
 //! polynomials at the two faces. `α = 1` is the upwind flux, `α = 0` the central one. At the ends
 //! of the box the flux is upwind: `f_o` is the inflow, and nothing comes back from outside. At a
 //! jump of `V`, `f_o` behind the face and `f_i` before it are coupled by the energy-matched
-//! [`FaceCoupling`].
+//! [`FaceCoupling`], with partial reflection where a region gives it (`potential.reflection`); that
+//! is also the scheme of degree 0 then.
 //!
 //! With the weights `π`, the products of quadrature weights, and `D = diag(√π)`, the symmetric part
 //! of `D A D⁻¹` is `−½ Σ_faces α s (f_o − f_i)² − ½ Σ_outflow s f² ≤ 0` in any dimension.
 
+use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Field};
 use crate::problem::element::ReferenceElement;
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace};
-use crate::problem::potential::Potential;
+use crate::problem::potential::{JumpKind, Potential};
 use crate::scheme::interface::energy::{FaceCoupling, FaceSide};
 use crate::scheme::interface::velocity;
 use crate::scheme::row::Row;
@@ -36,25 +38,52 @@ pub(super) struct Elements {
     /// `½(1 + α)` and `½(1 − α)`.
     inflow_part: f64,
     outflow_part: f64,
-    /// The couplings at jumps along each axis, by the bits of the jump.
-    couplings: [HashMap<u64, FaceCoupling>; MAX_DIMENSION],
+    /// The couplings at jumps along each axis.
+    couplings: [HashMap<JumpKind, FaceCoupling>; MAX_DIMENSION],
 }
 
 impl Elements {
     /// For `case`, with the jumps of `potential`.
-    pub fn new(case: &Case, potential: &Potential) -> Self {
-        let couplings = std::array::from_fn(|a| {
-            let Some(axis) = case.space.v.get(a) else {
-                return HashMap::new();
-            };
-            let coupling = |jump: f64| (jump.to_bits(), FaceCoupling::new(axis, jump, &|_| 0.0));
-            potential.distinct_jumps(a).map(coupling).collect()
-        });
-        Self {
+    ///
+    /// # Errors
+    /// [`Error::Input`] where a reflected part is not between 0 and 1.
+    pub fn new(case: &Case, potential: &Potential) -> Result<Self> {
+        let mut couplings: [HashMap<JumpKind, FaceCoupling>; MAX_DIMENSION] = Default::default();
+        for (a, axis) in case.space.v.iter().enumerate() {
+            for kind in potential.jump_kinds(a) {
+                couplings[a].insert(kind, coupling(case, axis, kind)?);
+            }
+        }
+        Ok(Self {
             inflow_part: 0.5 * (1.0 + case.flux),
             outflow_part: 0.5 * (1.0 - case.flux),
             couplings,
+        })
+    }
+}
+
+/// The coupling at a jump, for the velocities of `axis`.
+fn coupling(case: &Case, axis: &Axis, kind: JumpKind) -> Result<FaceCoupling> {
+    let region = kind.higher.map(|region| &case.potential[region]);
+    let jump = kind.jump();
+    let wrong = std::cell::Cell::new(None);
+    let reflection = |energy: f64| {
+        let part = region.map_or(0.0, |region| region.reflected(energy, jump.abs()));
+        if !(0.0..=1.0).contains(&part) {
+            wrong.set(Some((energy, part)));
         }
+        part
+    };
+    let found = FaceCoupling::new(axis, jump, &reflection);
+    match (wrong.get(), region.and_then(|region| region.reflection.as_ref())) {
+        (Some((energy, part)), Some(formula)) => Err(Error::Input(format!(
+            "{} = \"{}\": {part} for E = {energy:.6}, jump = {:.6}; the reflected part must be \
+             between 0 and 1",
+            formula.place(),
+            formula.text(),
+            jump.abs()
+        ))),
+        _ => Ok(found),
     }
 }
 
@@ -182,14 +211,6 @@ impl Lines<'_> {
         }
     }
 
-    /// The jump of `V` at the lower face of the element of `cell` along `a`, or at the upper one.
-    fn jump(&self, cell: &Cell, a: usize, upper: bool) -> f64 {
-        match upper {
-            true => self.potential.jump_above(cell, a),
-            false => self.potential.jump_below(cell, a),
-        }
-    }
-
     /// The cell next to the element of `line` against the flow or, if `with`, with the flow; `None`
     /// beyond the box.
     fn across(&self, a: usize, line: &Line<'_>, with: bool) -> Option<usize> {
@@ -214,8 +235,8 @@ impl Lines<'_> {
         };
         let inner = self.elements.inflow_part * rate;
         self.couple(row, cell, [a, cell[a]], -inner);
-        let jump = self.jump(cell, a, !line.up);
-        let Some(coupling) = self.elements.couplings[a].get(&jump.to_bits()) else {
+        let kind = self.potential.jump_kind(cell, a, !line.up);
+        let Some(coupling) = self.elements.couplings[a].get(&kind) else {
             return self.couple(row, cell, [a, across], inner);
         };
         let side = if line.up { FaceSide::Above } else { FaceSide::Below };
@@ -251,8 +272,8 @@ impl Lines<'_> {
         };
         let outer = self.elements.outflow_part * line.lifted_rate();
         self.couple(row, cell, [a, cell[a]], outer);
-        let jump = self.jump(cell, a, line.up);
-        let Some(coupling) = self.elements.couplings[a].get(&jump.to_bits()) else {
+        let kind = self.potential.jump_kind(cell, a, line.up);
+        let Some(coupling) = self.elements.couplings[a].get(&kind) else {
             return self.couple(row, cell, [a, across], -outer);
         };
         let side = if line.up { FaceSide::Below } else { FaceSide::Above };

@@ -46,7 +46,10 @@ impl<'a> Scheme<'a> {
             .map(|(r, axis)| r.start..(r.end + 1).min(axis.cells))
             .collect();
         let potential = Potential::new(case, &wider)?;
-        let elements = (case.space.degree() > 0).then(|| Elements::new(case, &potential));
+        let elements = match case.is_galerkin() {
+            true => Some(Elements::new(case, &potential)?),
+            false => None,
+        };
         Ok(Self {
             case,
             space: &case.space,

@@ -84,7 +84,7 @@ impl DiscreteSystem {
             let weights = Weights::dissipative(&matrix, &mut exchange, space, goal)?;
             matrix.scale(&weights.pi);
             weights
-        } else if case.space.degree() > 0 {
+        } else if case.is_galerkin() {
             let weights = Weights::volumes(&matrix, &case.space);
             matrix.scale(&weights.pi);
             weights

@@ -22,6 +22,21 @@ pub struct Region {
     pub condition: Option<Expression>,
     /// `V(x, y, z)`.
     pub value: Expression,
+    /// `reflection`: at a jump down from this region, the part that is reflected of what has the
+    /// energy to be transmitted, in `[0, 1]`: a formula of [`REFLECTION_NAMES`].
+    pub reflection: Option<Expression>,
+}
+
+/// What `reflection` is a formula of: `E`, the normal kinetic energy on the side of the higher `V`,
+/// and `jump`, the height of the jump.
+pub const REFLECTION_NAMES: Names = [&["E"], &["jump"], &[], &[], &[], &[], &[]];
+
+impl Region {
+    /// The reflected part at normal kinetic energy `energy` above a jump of height `jump`; none
+    /// where nothing is given.
+    pub fn reflected(&self, energy: f64, jump: f64) -> f64 {
+        self.reflection.as_ref().map_or(0.0, |formula| formula.eval(&[energy, jump]))
+    }
 }
 
 /// What enters through the boundary of the phase-space box.
@@ -102,6 +117,7 @@ pub struct RegionTable {
     #[serde(rename = "where")]
     condition: Option<Formula>,
     value: Option<Formula>,
+    reflection: Option<Formula>,
 }
 
 impl Item for RegionTable {
@@ -206,7 +222,9 @@ pub fn potential(file: &CaseFile<'_>, tables: &[RegionTable], n: usize) -> Resul
         }
         let key = format!("potential.{i}.value");
         let value = required_formula(file, &key, &table.value, &names)?;
-        Ok(Region { condition, value })
+        let key = format!("potential.{i}.reflection");
+        let reflection = formula(file, &key, &table.reflection, &REFLECTION_NAMES)?;
+        Ok(Region { condition, value, reflection })
     };
     tables.iter().enumerate().map(region).collect()
 }

@@ -133,10 +133,10 @@ pub struct SchemeTable {
 pub const DEFAULT_FLUX: f64 = 0.5;
 
 impl SchemeTable {
-    /// `interface`: the law of degree 0. Of a higher degree traces are matched by energy, whatever is
-    /// given: that law keeps what `conservative` keeps.
-    pub fn interface(&self, degree: usize) -> Interface {
-        if degree > 0 { Interface::Conservative } else { self.interface }
+    /// `interface`: the law of degree 0. By `traces` that are matched by energy, of a higher degree or
+    /// with partial reflection, whatever is given: that law keeps what `conservative` keeps.
+    pub fn interface(&self, traces: bool) -> Interface {
+        if traces { Interface::Conservative } else { self.interface }
     }
 
     /// `flux`: `α`, from 0, central, to 1, upwind.

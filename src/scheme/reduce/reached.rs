@@ -38,8 +38,8 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
     let most = if case.enters() { MOST_ROWS } else { MOST_CELLS };
     let why = if case.varies() {
         Some("what enters depends on time".to_owned())
-    } else if case.space.degree() > 0 {
-        Some("of a degree above 0 elements take from both sides".to_owned())
+    } else if case.is_galerkin() {
+        Some("elements take from both sides, and reflection is partial".to_owned())
     } else if case.limiter != Limiter::None {
         Some("slopes (scheme.limiter) reach further than rows".to_owned())
     } else if cells > most {
