@@ -203,11 +203,12 @@ fn line_bounds(
         if !space.is_single(a) || jumps[a] {
             // Behind a jump, what comes from beyond the velocity box comes as through an end.
             let ends = !space.is_periodic(a) || jumps[a];
-            let kind = LineKind { nodes: x.nodes, flux: case.flux, ends };
+            let reflects = jumps[a] && case.potential.iter().any(|r| r.reflection.is_some());
+            let kind = LineKind { nodes: x.nodes, flux: case.flux, ends, reflects };
             lines.push(LineBounds::new(&kind, fastest(space, a)));
         }
         if steepest[a] > 0.0 {
-            let kind = LineKind { nodes: v.nodes, flux: case.flux, ends: true };
+            let kind = LineKind { nodes: v.nodes, flux: case.flux, ends: true, reflects: false };
             lines.push(LineBounds::new(&kind, steepest[a] / v.width()));
         }
     }

@@ -40,6 +40,8 @@ pub struct LineKind {
     pub flux: f64,
     /// Whether the line has ends; a periodic one has none, unless `V` jumps on it.
     pub ends: bool,
+    /// Whether there are jumps with partial reflection on it, where the flux is upwind.
+    pub reflects: bool,
 }
 
 /// Bounds of a line of speed 1 and element width 1, by `μ ≥ 0`.
@@ -108,6 +110,8 @@ impl Table {
             true => vec![[inside, inside], [end, inside], [inside, end], [end, end]],
             false => vec![[inside, inside]],
         };
+        // An upwind face, where there may be one, has more of both than an end.
+        let end_or_upwind = |end: f64, upwind: f64| if kind.reflects { upwind } else { end };
         let lowest = |with_skew, inside, end| {
             let values = pairs(inside, end).into_iter();
             values.map(|[a, b]| element.extremes(with_skew, a, b)[0]).fold(0.0, f64::min)
@@ -117,14 +121,15 @@ impl Table {
             // Inside |c| is at least 0, at an end there is none: the same table holds both.
             let upper = pairs(half - root, 0.5 * mu).into_iter();
             let upper = upper.map(|[a, b]| element.extremes(true, a, b)[1]).fold(0.0, f64::max);
-            [mu, lowest(true, half + root, 0.5 * mu), upper]
+            let end = end_or_upwind(0.5 * mu, 0.5 * mu + 0.5 * mu.hypot(1.0));
+            [mu, lowest(true, half + root, end), upper]
         };
         let steps = PER_DECADE * f64::from(DECADES[1] - DECADES[0]);
         let grid = (0..=steps as i32)
             .map(|k| 10f64.powf(f64::from(DECADES[0]) + f64::from(k) / PER_DECADE));
         let rows: Vec<[f64; 3]> = std::iter::once(0.0).chain(grid).map(bounds).collect();
         let skew = f64::max(-rows[0][1], rows[0][2]);
-        Self { rows, dissipation: -lowest(false, kind.flux, 0.5), skew }
+        Self { rows, dissipation: -lowest(false, kind.flux, end_or_upwind(0.5, 1.0)), skew }
     }
 
     /// `[lower, upper]` at `mu ≥ 0`.
@@ -167,7 +172,7 @@ mod tests {
     use super::*;
 
     fn kind(nodes: Nodes, flux: f64, ends: bool) -> LineKind {
-        LineKind { nodes, flux, ends }
+        LineKind { nodes, flux, ends, reflects: false }
     }
 
     #[test]

@@ -17,7 +17,7 @@
 //! of the box the flux is upwind: `f_o` is the inflow, and nothing comes back from outside. At a
 //! jump of `V`, `f_o` behind the face and `f_i` before it are coupled by the energy-matched
 //! [`FaceCoupling`], with partial reflection where a region gives it (`potential.reflection`); that
-//! is also the scheme of degree 0 then.
+//! is also the scheme of degree 0 then. There the flux is upwind.
 //!
 //! With the weights `π`, the products of quadrature weights, and `D = diag(√π)`, the symmetric part
 //! of `D A D⁻¹` is `−½ Σ_faces α s (f_o − f_i)² − ½ Σ_outflow s f² ≤ 0` in any dimension.
@@ -39,7 +39,7 @@ pub(super) struct Elements {
     inflow_part: f64,
     outflow_part: f64,
     /// The couplings at jumps along each axis.
-    couplings: [HashMap<JumpKind, FaceCoupling>; MAX_DIMENSION],
+    couplings: [HashMap<JumpKind, Coupling>; MAX_DIMENSION],
 }
 
 impl Elements {
@@ -48,7 +48,7 @@ impl Elements {
     /// # Errors
     /// [`Error::Input`] where a reflected part is not between 0 and 1.
     pub fn new(case: &Case, potential: &Potential) -> Result<Self> {
-        let mut couplings: [HashMap<JumpKind, FaceCoupling>; MAX_DIMENSION] = Default::default();
+        let mut couplings: [HashMap<JumpKind, Coupling>; MAX_DIMENSION] = Default::default();
         for (a, axis) in case.space.v.iter().enumerate() {
             for kind in potential.jump_kinds(a) {
                 couplings[a].insert(kind, coupling(case, axis, kind)?);
@@ -62,8 +62,18 @@ impl Elements {
     }
 }
 
+/// What happens at a jump.
+#[derive(Clone, Debug)]
+struct Coupling {
+    /// How the traces on both sides are coupled.
+    traces: FaceCoupling,
+    /// Whether the flux is upwind whatever `α` is: partial reflection mixes two traces into two, which
+    /// is a contraction and no isometry, so that `f_o` is not what the adjoint takes from `f_i`.
+    is_upwind: bool,
+}
+
 /// The coupling at a jump, for the velocities of `axis`.
-fn coupling(case: &Case, axis: &Axis, kind: JumpKind) -> Result<FaceCoupling> {
+fn coupling(case: &Case, axis: &Axis, kind: JumpKind) -> Result<Coupling> {
     let region = kind.higher.map(|region| &case.potential[region]);
     let jump = kind.jump();
     let wrong = std::cell::Cell::new(None);
@@ -74,7 +84,7 @@ fn coupling(case: &Case, axis: &Axis, kind: JumpKind) -> Result<FaceCoupling> {
         }
         part
     };
-    let found = FaceCoupling::new(axis, jump, &reflection);
+    let traces = FaceCoupling::new(axis, jump, &reflection);
     match (wrong.get(), region.and_then(|region| region.reflection.as_ref())) {
         (Some((energy, part)), Some(formula)) => Err(Error::Input(format!(
             "{} = \"{}\": {part} for E = {energy:.6}, jump = {:.6}; the reflected part must be \
@@ -83,7 +93,7 @@ fn coupling(case: &Case, axis: &Axis, kind: JumpKind) -> Result<FaceCoupling> {
             formula.text(),
             jump.abs()
         ))),
-        _ => Ok(found),
+        (_, formula) => Ok(Coupling { traces, is_upwind: formula.is_some() }),
     }
 }
 
@@ -233,14 +243,16 @@ impl Lines<'_> {
             row.damping += rate;
             return row.enter(self.entering, rate, point);
         };
-        let inner = self.elements.inflow_part * rate;
-        self.couple(row, cell, [a, cell[a]], -inner);
         let kind = self.potential.jump_kind(cell, a, !line.up);
-        let Some(coupling) = self.elements.couplings[a].get(&kind) else {
+        let coupling = self.elements.couplings[a].get(&kind);
+        let upwind = coupling.is_some_and(|coupling| coupling.is_upwind);
+        let inner = if upwind { rate } else { self.elements.inflow_part * rate };
+        self.couple(row, cell, [a, cell[a]], -inner);
+        let Some(Coupling { traces, .. }) = coupling else {
             return self.couple(row, cell, [a, across], inner);
         };
         let side = if line.up { FaceSide::Above } else { FaceSide::Below };
-        let trace = coupling.trace(side, cell[n + a]);
+        let trace = traces.trace(side, cell[n + a]);
         for share in &trace.partners {
             let mut source = *cell;
             source[a] = if share.side == side { cell[a] } else { across };
@@ -271,13 +283,17 @@ impl Lines<'_> {
             return;
         };
         let outer = self.elements.outflow_part * line.lifted_rate();
-        self.couple(row, cell, [a, cell[a]], outer);
         let kind = self.potential.jump_kind(cell, a, line.up);
-        let Some(coupling) = self.elements.couplings[a].get(&kind) else {
+        let coupling = self.elements.couplings[a].get(&kind);
+        if coupling.is_some_and(|coupling| coupling.is_upwind) {
+            return;
+        }
+        self.couple(row, cell, [a, cell[a]], outer);
+        let Some(Coupling { traces, .. }) = coupling else {
             return self.couple(row, cell, [a, across], -outer);
         };
         let side = if line.up { FaceSide::Below } else { FaceSide::Above };
-        let trace = coupling.trace(side, cell[n + a]);
+        let trace = traces.trace(side, cell[n + a]);
         for share in &trace.partners {
             let mut target = *cell;
             target[a] = if share.side == side { cell[a] } else { across };
