@@ -41,6 +41,7 @@ pub fn shrunk(name: &str) -> &'static [&'static str] {
         "periodic2d.toml" => {
             &["axis.0.x.cells=12", "axis.0.v.cells=7", "axis.1.x.cells=5", "axis.1.v.cells=5"]
         }
+        "partial_reflection.toml" => &["axis.0.x.cells=10", "axis.0.v.cells=12"],
         "pulsed_inflow.toml" => &["axis.0.x.cells=24", "axis.0.v.cells=26"],
         "quantum_dot2d.toml" => {
             &["axis.0.x.cells=12", "axis.0.v.cells=8", "axis.1.x.cells=12", "axis.1.v.cells=7"]

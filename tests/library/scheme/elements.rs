@@ -243,7 +243,7 @@ impl<'a> Leaving<'a> {
         let along = |a: usize| {
             let coupling =
                 |jump: f64| (jump.to_bits(), FaceCoupling::new(&case.space.v[a], jump, &|_| 0.0));
-            potential.distinct_jumps(a).map(coupling).collect()
+            potential.jump_kinds(a).map(|kind| coupling(kind.jump())).collect()
         };
         let couplings = (0..case.space.dimension()).map(along).collect();
         Self { case, potential, couplings }
