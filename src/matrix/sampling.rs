@@ -24,6 +24,10 @@ const MOST_CUTS: [usize; MAX_DIMENSION] = [6, 2, 1];
 /// A part whose highest Legendre coefficients are above this fraction of the largest value on the
 /// grid is cut.
 const ROUGH: f64 = 1e-2;
+/// So is one whose polynomial misses the value at an end by this fraction of it.
+const MISSED: f64 = 5e-2;
+/// How far inside of a part its ends are looked at, in widths.
+const AT_END: f64 = 1e-9;
 
 /// `value` at the centres of the block's cells `cells`, of those on a face just inside.
 pub fn sample_with(
@@ -240,7 +244,10 @@ impl Element<'_> {
                 rules.iter().map(|rule| rule.iter().map(|p| p.0).collect()).collect();
             let values = self.values_at(&points, value);
             let level = parts[0].level;
-            if level < cuts && is_rough(&values, &points, largest) {
+            let is_cut = level < cuts
+                && (is_rough(&values, &points, largest)
+                    || self.jumps_at_an_end(&values, &points, &parts[..axes], value, largest));
+            if is_cut {
                 for child in 0..1usize << axes {
                     let mut halves = parts;
                     for (a, part) in halves.iter_mut().enumerate().take(axes) {
@@ -256,6 +263,35 @@ impl Element<'_> {
             sum.iter_mut().zip(added).for_each(|(sum, value)| *sum += value);
         }
         sum
+    }
+
+    /// Whether the polynomial through `values` at `points` misses `value` at an end of `parts`, where
+    /// a jump beyond the outermost points is not seen otherwise. Looked at in one space dimension
+    /// only: in more the ends are too many.
+    fn jumps_at_an_end(
+        &self,
+        values: &[f64],
+        points: &[Vec<f64>],
+        parts: &[Part],
+        value: &mut impl FnMut(&[f64; 6]) -> f64,
+        largest: f64,
+    ) -> bool {
+        if parts.len() > 2 {
+            return false;
+        }
+        (0..parts.len()).any(|a| {
+            let [lower, upper] = parts[a].ends();
+            let inside = AT_END * (upper - lower);
+            let mut at_ends = points.to_vec();
+            at_ends[a] = vec![lower + inside, upper - inside];
+            let matrices: Vec<Vec<Vec<f64>>> = (points.iter().zip(&at_ends))
+                .map(|(points, ends)| ends.iter().map(|x| lagrange_values(points, *x)).collect())
+                .collect();
+            let extrapolated = apply_along_all(values, &matrices);
+            let found = self.values_at(&at_ends, value);
+            let misses = |(a, b): (&f64, &f64)| (a - b).abs() > MISSED * largest;
+            extrapolated.iter().zip(&found).any(misses)
+        })
     }
 
     /// `value` on the product of `points` along the axes, the last running fastest.
@@ -360,6 +396,15 @@ fn is_rough(values: &[f64], points: &[Vec<f64>], largest: f64) -> bool {
     })
 }
 
+/// The Lagrange polynomials of `points` at `x`.
+fn lagrange_values(points: &[f64], x: f64) -> Vec<f64> {
+    let others = |q: usize| (0..points.len()).filter(move |o| *o != q);
+    let value = |q: usize| -> f64 {
+        others(q).map(|o| (x - points[o]) / (points[q] - points[o])).product()
+    };
+    (0..points.len()).map(value).collect()
+}
+
 /// `[j][q]`: what the value at point `q` adds to each of the two highest Legendre coefficients (to
 /// the one, of two points) of the polynomial through all.
 fn highest_coefficients(points: &[f64]) -> Vec<Vec<f64>> {
@@ -372,11 +417,9 @@ fn highest_coefficients(points: &[f64]) -> Vec<Vec<f64>> {
         .map(|j| {
             (0..count)
                 .map(|q| {
-                    let lagrange = |x: f64| -> f64 {
-                        let others = (0..count).filter(|o| *o != q);
-                        others.map(|o| (x - scaled[o]) / (scaled[q] - scaled[o])).product()
+                    let term = |(x, w): &(f64, f64)| {
+                        w * lagrange_values(&scaled, *x)[q] * legendre_values(j, *x)[j]
                     };
-                    let term = |(x, w): &(f64, f64)| w * lagrange(*x) * legendre_values(j, *x)[j];
                     (j as f64 + 0.5) * rule.iter().map(term).sum::<f64>()
                 })
                 .collect()
