@@ -6,25 +6,19 @@ pub mod check;
 pub mod cli;
 pub mod describe;
 pub mod export;
+mod loading;
 pub mod plan;
 pub mod plot;
+mod printing;
 pub mod resources;
 pub mod run;
 pub mod spectrum;
 pub mod stability;
 pub mod values;
 
-use crate::base::error::{Error, Result};
-use crate::base::log::say;
-use crate::command::cli::{CaseArgs, Cli, Command, Mode};
+use crate::base::error::Result;
+use crate::command::cli::{Cli, Command};
 use crate::parallel::communicator::World;
-use crate::problem::case;
-use crate::problem::case::Case;
-use crate::run::planning;
-use crate::scheme::reduce::reduced;
-use serde::Serialize;
-use std::fmt::Display;
-use std::path::{Path, PathBuf};
 
 /// Carries out a command. Collective.
 ///
@@ -45,71 +39,4 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         Command::Stability(args) => stability::execute(world, args),
         Command::Spectrum(args) => spectrum::execute(world, args),
     }
-}
-
-/// The case of a study, which varies grids and methods of degree 0. Collective.
-///
-/// # Errors
-/// As [`load`]; a degree above 0.
-fn load_finite_volumes(world: &World, args: &CaseArgs, command: &str) -> Result<Case> {
-    let case = load(world, args)?;
-    match case.space.degree() {
-        0 => Ok(case),
-        degree => Err(Error::Input(format!(
-            "{}: phasewarp {command} compares grids and methods of degree 0, and the case has \
-             elements of degree {degree}; give the cells of degree 0 by --set, and \
-             scheme.degree=0",
-            case.name
-        ))),
-    }
-}
-
-/// Reads the case file on rank 0 and parses it on all. Collective.
-fn load(world: &World, args: &CaseArgs) -> Result<Case> {
-    let group = world.group();
-    let text = group.on_first_rank(|| case::read_text(&args.case))?;
-    let text = group.broadcast_text(&text);
-    let mode = (args.mode).map(|mode| format!("output.warped_field={}", mode == Mode::Full));
-    let set: Vec<String> = args.set.iter().cloned().chain(mode).collect();
-    Case::parse(&args.case.display().to_string(), &text, &set)
-}
-
-/// The case as it is solved: its start is read, and what its answer does not depend on is left out.
-/// Collective.
-fn load_reduced(world: &World, args: &CaseArgs) -> Result<Case> {
-    let (all, case) = (world.group(), load(world, args)?);
-    reduced(&all, &*planning::with_start(&all, &case)?)
-}
-
-/// Prints on the first rank.
-fn print(world: &World, text: &str) {
-    if world.group().rank() == 0 {
-        say(text.trim_end());
-    }
-}
-
-/// Prints on the first rank, as JSON or for people.
-fn print_as<T: Serialize + Display>(world: &World, found: &T, json: bool) {
-    match json {
-        true => print_json(world, found),
-        false => print(world, &found.to_string()),
-    }
-}
-
-/// Prints JSON on the first rank.
-fn print_json(world: &World, found: &impl Serialize) {
-    print(world, &serde_json::to_string_pretty(found).unwrap_or_default());
-}
-
-/// `results/NAME` of the case file.
-fn default_directory(case: &str) -> PathBuf {
-    let stem = Path::new(case).file_stem().unwrap_or_default();
-    Path::new("results").join(stem)
-}
-
-/// `results/NAME-what`.
-fn default_directory_of(case: &str, what: &str) -> PathBuf {
-    let mut name = default_directory(case).into_os_string();
-    name.push(format!("-{what}"));
-    name.into()
 }

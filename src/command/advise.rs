@@ -2,7 +2,8 @@
 
 use crate::base::error::Result;
 use crate::command::cli::AdviseArgs;
-use crate::command::{load_finite_volumes, print_as};
+use crate::command::loading::load_finite_volumes;
+use crate::command::printing::print_as;
 use crate::parallel::communicator::World;
 use crate::study::advise::{Wanted, advise};
 

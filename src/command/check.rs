@@ -3,7 +3,8 @@
 use crate::base::error::Result;
 use crate::command::cli::{CaseArgs, CheckResultArgs};
 use crate::command::describe::describe;
-use crate::command::{load_reduced, print};
+use crate::command::loading::load_reduced;
+use crate::command::printing::print;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;

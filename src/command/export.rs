@@ -3,7 +3,8 @@
 use crate::base::error::Result;
 use crate::base::log::report;
 use crate::command::cli::ExportArgs;
-use crate::command::{default_directory, load, print};
+use crate::command::loading::{default_directory, load};
+use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;

@@ -2,7 +2,8 @@
 
 use crate::base::error::Result;
 use crate::command::cli::PlanArgs;
-use crate::command::{load_reduced, print, print_json};
+use crate::command::loading::load_reduced;
+use crate::command::printing::{print, print_json};
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::advice::{Advice, Node};

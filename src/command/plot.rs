@@ -4,7 +4,7 @@ use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::command::cli::PlotArgs;
 use crate::command::describe::describe;
-use crate::command::print;
+use crate::command::printing::print;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;

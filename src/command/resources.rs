@@ -2,7 +2,8 @@
 
 use crate::base::error::{Error, Result};
 use crate::command::cli::{RecordFormat, ResourcesArgs};
-use crate::command::{load, print, print_as, print_json};
+use crate::command::loading::load;
+use crate::command::printing::{print, print_as, print_json};
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;

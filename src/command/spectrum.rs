@@ -4,7 +4,8 @@
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::text::bytes_text;
 use crate::command::cli::SpectrumArgs;
-use crate::command::{load, print, print_json};
+use crate::command::loading::load;
+use crate::command::printing::{print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;

@@ -3,7 +3,8 @@
 use crate::base::disk;
 use crate::base::error::Result;
 use crate::command::cli::StabilityArgs;
-use crate::command::{default_directory_of, load_finite_volumes, print};
+use crate::command::loading::{default_directory_of, load_finite_volumes};
+use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::study::stability;
 

@@ -19,8 +19,8 @@ const LONG: [&str; 5] = [
     "solver.tolerance=1e-3",
     "solver.warp.profile=exponential",
     "solver.warp.points=2048",
-    "axis.0.x.cells=24",
-    "axis.0.v.cells=18",
+    "axis.0.x.cells=40",
+    "axis.0.v.cells=30",
 ];
 
 /// A checkpoint after nearly every batch.
