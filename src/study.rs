@@ -3,8 +3,8 @@
 //! | study | answers | main type |
 //! |---|---|---|
 //! | [`advise`] | which grid and set-up reach an accuracy | [`advise::entry::Advised`] |
-//! | [`chart`] | what accuracy each method buys at which cost | [`chart::Chart`] |
-//! | [`stability`] | where each method begins to fail | [`stability::Stability`] |
+//! | [`chart`] | what accuracy each method buys at which cost | `Chart` |
+//! | [`stability`] | where each method begins to fail | `Stability` |
 //! | [`calibrate`] | how long a run will take | [`calibrate::Calibration`] |
 //!
 //! They stand on one kernel: a [`trial`] is a run for its numbers only, a [`budget`] is the time that

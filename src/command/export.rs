@@ -16,7 +16,7 @@ use std::path::Path;
 /// Exports the case and prints its qubits and probability. Collective.
 ///
 /// # Errors
-/// As [`export`].
+/// As `export`.
 pub fn execute(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     let directory =

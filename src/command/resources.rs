@@ -17,7 +17,7 @@ use crate::solve::system::StateNorms;
 /// Counts for the case as it is, or ranks choices for it; prints what was found. Collective.
 ///
 /// # Errors
-/// As [`count`]; [`Error::Input`] for `--optimise` in a format that holds one choice.
+/// As `count`; [`Error::Input`] for `--optimise` in a format that holds one choice.
 pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     if args.optimise {

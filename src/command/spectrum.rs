@@ -65,7 +65,7 @@ pub struct GridSpectrum {
 /// Measures the case and prints what was found. Collective.
 ///
 /// # Errors
-/// As [`measure`].
+/// As `measure`.
 pub fn execute(world: &World, args: &SpectrumArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     let found = measure(world, &case, &args.refine, args.steps as usize)?;

@@ -63,7 +63,7 @@ fn is_ours(name: &str) -> bool {
 /// that it started from. By one rank.
 ///
 /// # Errors
-/// [`Error::Output`].
+/// [`crate::base::error::Error::Output`].
 pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
     let failed = |e: std::io::Error| failure(directory, &e);
     let written = names(case);
@@ -95,7 +95,7 @@ fn bytes(case: &Case, points: usize) -> u64 {
 /// many points.
 ///
 /// # Errors
-/// [`Error::Directory`].
+/// [`crate::base::error::Error::Directory`].
 pub fn enough_room(directory: &Path, case: &Case, points: usize) -> Result<()> {
     require_room(directory, all_bytes(case, points), |bytes| {
         let files = names(case).len();
@@ -112,7 +112,7 @@ pub fn all_bytes(case: &Case, points: usize) -> u64 {
 /// period that begins at `lower`. Collective over the world.
 ///
 /// # Errors
-/// [`Error::Output`], the same on all ranks.
+/// [`crate::base::error::Error::Output`], the same on all ranks.
 pub fn write(
     path: &Path,
     about: &About<'_>,

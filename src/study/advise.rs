@@ -6,7 +6,7 @@
 //! before. Without `[exact]` the error is that of Richardson: from the distance `d` to a grid twice
 //! as fine, `e = d/(1 − 2^{−q})`. The order `q` is measured and not assumed: discontinuous
 //! solutions have about 1/2. The grid that reaches the accuracy lies between two that were tried,
-//! or follows from the order; it is tried itself where the budget allows ([`reach`]).
+//! or follows from the order; it is tried itself where the budget allows (`reach`).
 //! Schrödingerization adds at most a tenth of the accuracy: its tolerance follows from the norms of
 //! `f` ([`density::spread`]) and is tried on a coarse grid.
 //!

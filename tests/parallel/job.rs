@@ -8,14 +8,13 @@ use std::time::{Duration, Instant};
 pub const RANKS: &str = "PHASEWARP_TEST_RANKS";
 /// Environment variable: the control that a job runs instead of checks.
 pub const CONTROL: &str = "PHASEWARP_TEST_CONTROL";
-/// A job that takes longer is ended.
+/// A job that writes nothing for longer is ended.
 pub const TIME_LIMIT: Duration = Duration::from_secs(300);
 
 /// A running `mpirun` of this program.
 pub struct Job {
     mpirun: Child,
     output: tempfile::TempDir,
-    deadline: Instant,
 }
 
 /// How a job ended.
@@ -67,7 +66,7 @@ impl Job {
             command.env(CONTROL, control);
         }
         let mpirun = command.spawn().expect("mpirun starts");
-        Self { mpirun, output, deadline: Instant::now() + TIME_LIMIT }
+        Self { mpirun, output }
     }
 
     fn text(&self, name: &str) -> String {
@@ -89,14 +88,19 @@ impl Job {
         let _ = self.mpirun.wait();
     }
 
-    /// Waits until the job is over. Ends it after the time limit, or when `enough` holds for its
-    /// standard output.
+    /// Waits until the job is over. Ends it when it has written nothing for the time limit, or when
+    /// `enough` holds for its standard output.
     pub fn outcome(mut self, enough: impl Fn(&str) -> bool) -> Outcome {
+        let (mut written, mut deadline) = (0, Instant::now() + TIME_LIMIT);
         let status = loop {
             if let Some(status) = self.mpirun.try_wait().expect("mpirun can be waited for") {
                 break Some(status);
             }
-            if Instant::now() > self.deadline || enough(&self.text("stdout")) {
+            let text = self.text("stdout");
+            if text.len() > written {
+                (written, deadline) = (text.len(), Instant::now() + TIME_LIMIT);
+            }
+            if Instant::now() > deadline || enough(&text) {
                 self.end();
                 break None;
             }

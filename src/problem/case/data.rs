@@ -23,7 +23,7 @@ pub struct Region {
     /// `V(x, y, z)`.
     pub value: Expression,
     /// `reflection`: at a jump down from this region, the part that is reflected of what has the
-    /// energy to be transmitted, in `[0, 1]`: a formula of [`REFLECTION_NAMES`].
+    /// energy to be transmitted, in `[0, 1]`: a formula of `E` and `jump`.
     pub reflection: Option<Expression>,
 }
 

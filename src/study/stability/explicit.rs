@@ -24,7 +24,7 @@ use std::f64::consts::PI;
 const CELLS: usize = 2048;
 /// Steps after which something has exploded or has not.
 const STEPS: usize = 200;
-/// What is measured: in [`STEPS`] steps.
+/// What is measured: in `STEPS` steps.
 pub const GROWTH: &str = "largest value in 200 steps / at the start";
 /// Steps in which a maximum that can be exceeded is.
 const FEW: usize = 8;
@@ -181,7 +181,7 @@ impl Limits {
     }
 }
 
-/// A bound on the growth in [`STEPS`] steps where the largest rate is `reach` times its bound.
+/// A bound on the growth in `STEPS` steps where the largest rate is `reach` times its bound.
 fn growth_bound(integrator: Integrator, cfl: f64, reach: f64) -> f64 {
     von_neumann(integrator, cfl * reach).max(1.0).powi(STEPS as i32).min(FAR)
 }
