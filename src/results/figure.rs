@@ -5,7 +5,8 @@
 //! with the value: all can be read in grey and by the colour-blind ([`palette`]).
 //!
 //! ```
-//! use phasewarp::figure::{Axis, Figure, Panel, Style};
+//! use phasewarp::results::figure::palette::Style;
+//! use phasewarp::results::figure::{Axis, Figure, Panel};
 //! let panel = Panel::new("", Axis::log("applications"), Axis::log("relative error"))
 //!     .line("gaussian", Style::of(0), vec![[1e3, 1e-3], [1e4, 1e-9]])
 //!     .horizontal("tolerance", 1e-6);
