@@ -9,7 +9,7 @@ pub const RANKS: &str = "PHASEWARP_TEST_RANKS";
 /// Environment variable: the control that a job runs instead of checks.
 pub const CONTROL: &str = "PHASEWARP_TEST_CONTROL";
 /// A job that writes nothing for longer is ended.
-pub const TIME_LIMIT: Duration = Duration::from_secs(300);
+pub const TIME_LIMIT: Duration = Duration::from_secs(600);
 
 /// A running `mpirun` of this program.
 pub struct Job {
