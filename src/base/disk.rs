@@ -1,21 +1,61 @@
-//! Output directories, and errors about them.
+//! Output directories, files that are written whole or not at all, and errors about both.
 
 use crate::base::error::{Error, Result};
-use std::path::Path;
+use std::ffi::OsString;
+use std::fs::File;
+use std::io::{self, ErrorKind, Write};
+use std::path::{Path, PathBuf};
 
 /// Makes `directory` and makes sure that it can be written. On one rank.
 ///
 /// # Errors
 /// [`Error::Directory`].
 pub fn make(directory: &Path) -> Result<()> {
-    let probe = directory.join(".phasewarp-can-write");
+    let probe = directory.join(format!(".phasewarp-can-write-{}", std::process::id()));
     std::fs::create_dir_all(directory)
-        .and_then(|()| std::fs::write(&probe, b""))
-        .and_then(|()| std::fs::remove_file(&probe))
+        .and_then(|()| clear(&probe))
+        .and_then(|()| File::create_new(&probe))
+        .and_then(|_| std::fs::remove_file(&probe))
         .map_err(|e| refused(directory, &e))
 }
 
-pub(crate) fn refused(directory: &Path, why: &std::io::Error) -> Error {
+/// The name that the file `path` has while it is written: its own, and `.partial`.
+pub(crate) fn partial(path: &Path) -> PathBuf {
+    let mut name = OsString::from(path);
+    name.push(".partial");
+    name.into()
+}
+
+/// Removes what an earlier run left under the name `path`: a file, or a link, but not what it
+/// leads to. Nothing there is no error.
+pub(crate) fn clear(path: &Path) -> io::Result<()> {
+    match std::fs::remove_file(path) {
+        Err(e) if e.kind() != ErrorKind::NotFound => Err(e),
+        _ => Ok(()),
+    }
+}
+
+/// Writes the file `path` under another name, flushes it to disk and renames it: an older file
+/// stays whole until then, and nothing stays of a file that could not be written.
+///
+/// # Errors
+/// [`Error::Output`].
+pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    let partial = partial(path);
+    let written = clear(&partial).and_then(|()| {
+        // Exclusively: nothing that someone puts there meanwhile is followed or overwritten.
+        let mut file = File::create_new(&partial)?;
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        std::fs::rename(&partial, path)
+    });
+    if written.is_err() {
+        let _ = clear(&partial);
+    }
+    written.map_err(|e| failure(path, &e))
+}
+
+pub(crate) fn refused(directory: &Path, why: &io::Error) -> Error {
     Error::Directory { path: directory.to_owned(), reason: why.to_string() }
 }
 

@@ -1,4 +1,4 @@
-//! What the operating system says about memory and disks.
+//! What the operating system says about caches and disks; signals, and the end of the process.
 
 use std::ffi::CString;
 use std::os::fd::AsRawFd;
@@ -6,49 +6,6 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, LazyLock};
-
-/// A value of `/proc/…` in bytes, given in kB there.
-fn kilobytes(path: &str, key: &str) -> Option<u64> {
-    let text = std::fs::read_to_string(path).ok()?;
-    let line = text.lines().find(|l| l.starts_with(key))?;
-    let number = line.split_whitespace().nth(1)?.parse::<u64>().ok()?;
-    Some(number * 1024)
-}
-
-/// Largest resident memory of this process so far, in bytes; 0 where the system does not say.
-pub fn peak_memory() -> u64 {
-    kilobytes("/proc/self/status", "VmHWM:").unwrap_or(0)
-}
-
-/// Gives freed memory back and restarts [`peak_memory`]; where the system cannot, the peak stays
-/// that of the whole process.
-pub fn reset_peak_memory() {
-    // SAFETY: a plain call; it may be made at any time.
-    #[cfg(target_env = "gnu")]
-    unsafe {
-        libc::malloc_trim(0);
-    }
-    // Not every kernel lets a process do this.
-    let _ = std::fs::write("/proc/self/clear_refs", "5");
-}
-
-/// Bytes that processes on this machine may still take: free memory, within the control group's
-/// limit.
-pub fn available_memory() -> u64 {
-    let free = kilobytes("/proc/meminfo", "MemAvailable:").unwrap_or(u64::MAX);
-    let read = |path: &str| std::fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
-    let limits = [
-        ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
-        (
-            "/sys/fs/cgroup/memory/memory.limit_in_bytes",
-            "/sys/fs/cgroup/memory/memory.usage_in_bytes",
-        ),
-    ];
-    limits
-        .iter()
-        .filter_map(|(limit, used)| Some(read(limit)?.saturating_sub(read(used)?)))
-        .fold(free, u64::min)
-}
 
 /// Bytes of the largest cache that a core has to itself, its share of the second level; 1 MiB where
 /// the system does not say.

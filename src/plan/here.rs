@@ -1,15 +1,17 @@
 //! What the machine at hand admits: memory a rank, and cases that cannot fit.
 
 use crate::base::error::Result;
-use crate::base::machine;
+use crate::base::memory;
 use crate::parallel::communicator::{Group, World};
 use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::problem::case::Case;
 
-/// Bytes a rank of `world` may take: its node's free memory over the ranks there, the least over all. Collective.
+/// Bytes a rank of `world` may take: its share of what the ranks on its node have together, within
+/// its own limits, the least over all. Collective.
 pub fn memory_per_rank(world: &Group) -> u64 {
-    let mine = machine::available_memory() as f64 / world.ranks_on_node() as f64;
-    -world.max(-mine) as u64
+    let available = memory::available();
+    let share = available.together / world.ranks_on_node() as u64;
+    -world.max(-(share.min(available.alone) as f64)) as u64
 }
 
 impl Resources {

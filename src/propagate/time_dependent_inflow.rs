@@ -21,7 +21,7 @@
 //! largest of them over the stages what [`crate::matrix::embedding`] allows.
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
-use crate::base::machine::available_memory;
+use crate::base::memory;
 use crate::base::text::bytes_text;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::INFLOW_GROWTH;
@@ -144,7 +144,8 @@ fn norm(
 /// [`Error::Memory`].
 fn fits(matrix: &BlockMatrix, steps: usize) -> Result<()> {
     let needed = 3 * 8 * steps as u64 * matrix.inflow.len() as u64;
-    let available = available_memory();
+    let available = memory::available();
+    let available = available.together.min(available.alone);
     if needed <= available {
         return Ok(());
     }

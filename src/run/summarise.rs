@@ -1,6 +1,6 @@
 //! The summary's numbers that follow from the plan, the semi-discrete system and the log.
 
-use crate::base::machine;
+use crate::base::memory;
 use crate::base::stopwatch::Stopwatch;
 use crate::base::version::GIT;
 use crate::matrix::kernel::InstructionSet;
@@ -46,7 +46,7 @@ impl Summary {
 
     /// What is known at the end: seconds, and the memory that was taken. Collective.
     pub(crate) fn finish(&mut self, world: &Group, watch: &Stopwatch) {
-        self.memory_peak_bytes_per_rank = world.max_count(machine::peak_memory() as usize) as u64;
+        self.memory_peak_bytes_per_rank = world.max_count(memory::peak() as usize) as u64;
         self.solve_seconds = watch.seconds.get("solve").copied().unwrap_or(0.0);
         self.wall_seconds = watch.started.elapsed().as_secs_f64();
         self.seconds = watch.seconds.clone();

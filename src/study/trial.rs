@@ -1,7 +1,7 @@
 //! Trials: runs of a case for its numbers only, in memory and without console output.
 
 use crate::base::error::Result;
-use crate::base::machine;
+use crate::base::memory;
 use crate::matrix::observables::Moments;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
@@ -38,7 +38,7 @@ pub struct Trial {
 /// # Errors
 /// As [`crate::run::solve`].
 pub fn trial(world: &World, case: &Case) -> Result<Trial> {
-    machine::reset_peak_memory();
+    memory::reset_peak();
     let case = Case {
         // Comparisons need all of the grid.
         expand: true,

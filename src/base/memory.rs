@@ -1,0 +1,306 @@
+//! The memory that a process may still take: what is free, and what limits allow.
+
+use std::path::{Path, PathBuf};
+
+/// Bytes that may still be taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Available {
+    /// By all processes of this job on this machine together.
+    pub together: u64,
+    /// By this process, whatever the others take.
+    pub alone: u64,
+}
+
+/// What is free on this machine, within the limits of the control groups that this process is in,
+/// and within those of the process itself.
+pub fn available() -> Available {
+    let root = Path::new("/");
+    Available {
+        together: free(root).min(control_group_room(root)),
+        alone: process_room(libc::RLIMIT_AS, "VmSize:")
+            .min(process_room(libc::RLIMIT_DATA, "VmData:")),
+    }
+}
+
+/// Largest resident memory of this process so far, in bytes; 0 where the system does not say.
+pub fn peak() -> u64 {
+    kilobytes(Path::new("/proc/self/status"), "VmHWM:").unwrap_or(0)
+}
+
+/// Gives freed memory back and restarts [`peak`]; where the system cannot, the peak stays that of
+/// the whole process.
+pub fn reset_peak() {
+    // SAFETY: a plain call; it may be made at any time.
+    #[cfg(target_env = "gnu")]
+    unsafe {
+        libc::malloc_trim(0);
+    }
+    // Not every kernel lets a process do this.
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
+}
+
+/// A value of a file of `/proc` in bytes, given in kB there.
+fn kilobytes(path: &Path, key: &str) -> Option<u64> {
+    let text = std::fs::read_to_string(path).ok()?;
+    let line = text.lines().find(|l| l.starts_with(key))?;
+    let number = line.split_whitespace().nth(1)?.parse::<u64>().ok()?;
+    Some(number.saturating_mul(1024))
+}
+
+/// Free memory; where the system promises no more than it has (overcommit off), no more than it
+/// still promises.
+fn free(root: &Path) -> u64 {
+    let value = |key: &str| kilobytes(&root.join("proc/meminfo"), key);
+    let free = value("MemAvailable:").unwrap_or(u64::MAX);
+    let overcommit = std::fs::read_to_string(root.join("proc/sys/vm/overcommit_memory"));
+    match (value("CommitLimit:"), value("Committed_AS:")) {
+        (Some(limit), Some(committed)) if overcommit.is_ok_and(|text| text.trim() == "2") => {
+            free.min(limit.saturating_sub(committed))
+        }
+        _ => free,
+    }
+}
+
+/// What a limit of this process (`setrlimit`) leaves, where `key` of `/proc/self/status` counts
+/// against it.
+fn process_room(resource: libc::__rlimit_resource_t, key: &str) -> u64 {
+    // SAFETY: the structure is read only where the call filled it.
+    let limit = unsafe {
+        let mut limit = std::mem::zeroed::<libc::rlimit>();
+        match libc::getrlimit(resource, &mut limit) {
+            0 => limit.rlim_cur,
+            _ => libc::RLIM_INFINITY,
+        }
+    };
+    if limit == libc::RLIM_INFINITY {
+        return u64::MAX;
+    }
+    let taken = kilobytes(Path::new("/proc/self/status"), key).unwrap_or(0);
+    (limit as u64).saturating_sub(taken)
+}
+
+/// How a version of control groups tells limits and use.
+struct Files {
+    /// Limits; a text that is no number is none.
+    limits: &'static [&'static str],
+    /// Bytes in use.
+    used: &'static str,
+    /// In `memory.stat`: file pages that the system drops when memory runs short.
+    reclaimable: &'static str,
+}
+
+const VERSION_1: Files = Files {
+    limits: &["memory.limit_in_bytes"],
+    used: "memory.usage_in_bytes",
+    reclaimable: "total_inactive_file ",
+};
+
+/// Beyond `memory.high` the system slows a process down until it stands still.
+const VERSION_2: Files = Files {
+    limits: &["memory.max", "memory.high"],
+    used: "memory.current",
+    reclaimable: "inactive_file ",
+};
+
+/// What the memory limits of this process's control group, and of all groups that it is part of,
+/// leave. `root` is where `/proc` and `/sys` are.
+fn control_group_room(root: &Path) -> u64 {
+    let read = |path: &str| std::fs::read_to_string(root.join(path)).unwrap_or_default();
+    let (groups, mounts) = (read("proc/self/cgroup"), read("proc/self/mountinfo"));
+    let rooms = groups.lines().flat_map(|line| {
+        // "4:cpu,memory:/a/b" of version 1, "0::/a/b" of version 2.
+        let mut fields = line.splitn(3, ':').skip(1);
+        let (controllers, own) = (fields.next().unwrap_or(""), fields.next().unwrap_or("/"));
+        let files = match controllers {
+            "" => VERSION_2,
+            _ if controllers.split(',').any(|c| c == "memory") => VERSION_1,
+            _ => return Vec::new(),
+        };
+        let directories = mount_of(&mounts, controllers.is_empty())
+            .map_or(Vec::new(), |mount| directories(&mount, own));
+        let room = |path: &PathBuf| group_room(&root.join(path), &files);
+        directories.iter().map(room).collect()
+    });
+    rooms.fold(u64::MAX, u64::min)
+}
+
+/// Where control groups are shown.
+struct Mount {
+    /// The group that is shown at `point`.
+    group: String,
+    /// A directory, without its leading slash.
+    point: String,
+}
+
+/// The mount of version 2, or that of the memory controller of version 1, in the lines of
+/// `/proc/self/mountinfo`.
+fn mount_of(mounts: &str, version_2: bool) -> Option<Mount> {
+    mounts.lines().find_map(|line| {
+        let (before, after) = line.split_once(" - ")?;
+        let mut kind = after.split(' ');
+        let (name, options) = (kind.next()?, kind.nth(1)?);
+        let fits = match version_2 {
+            true => name == "cgroup2",
+            false => name == "cgroup" && options.split(',').any(|o| o == "memory"),
+        };
+        let mut fields = before.split(' ').skip(3);
+        let (group, point) = (fields.next()?, fields.next()?);
+        fits.then(|| Mount {
+            group: group.to_owned(),
+            point: point.trim_start_matches('/').to_owned(),
+        })
+    })
+}
+
+/// The directories of the group `own` and of all above it that `mount` shows. A group that it does
+/// not show, as in some containers, is the one at its top.
+fn directories(mount: &Mount, own: &str) -> Vec<PathBuf> {
+    let top = Path::new(&mount.point);
+    let below = Path::new(own).strip_prefix(&mount.group).unwrap_or(Path::new(""));
+    let below = if own.contains("/..") { Path::new("") } else { below };
+    below.ancestors().map(|path| top.join(path)).collect()
+}
+
+/// What the limits of the group of `directory` leave; those that it has not leave all.
+fn group_room(directory: &Path, files: &Files) -> u64 {
+    let text = |name: &str| std::fs::read_to_string(directory.join(name)).ok();
+    let number = |name: &str| text(name)?.trim().parse::<u64>().ok();
+    let Some(limit) = files.limits.iter().filter_map(|name| number(name)).min() else {
+        return u64::MAX;
+    };
+    let statistics = text("memory.stat").unwrap_or_default();
+    let line = statistics.lines().find_map(|line| line.strip_prefix(files.reclaimable));
+    let reclaimable = line.and_then(|value| value.trim().parse::<u64>().ok()).unwrap_or(0);
+    let used = number(files.used).unwrap_or(0).saturating_sub(reclaimable);
+    limit.saturating_sub(used)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MIB: u64 = 1 << 20;
+
+    /// A directory with these files.
+    fn planted(files: &[(&str, &str)]) -> tempfile::TempDir {
+        let root = tempfile::tempdir().expect("a directory");
+        for (name, text) in files {
+            let path = root.path().join(name);
+            std::fs::create_dir_all(path.parent().expect("a parent")).expect("a directory");
+            std::fs::write(path, text).expect("a file");
+        }
+        root
+    }
+
+    fn room(files: &[(&str, &str)]) -> u64 {
+        control_group_room(planted(files).path())
+    }
+
+    const MOUNT_1: &str = "31 23 0:28 / /sys/fs/cgroup rw - tmpfs tmpfs rw\n\
+        32 31 0:29 / /sys/fs/cgroup/cpu rw,relatime - cgroup cgroup rw,cpu\n\
+        35 31 0:32 / /sys/fs/cgroup/memory rw,relatime shared:7 - cgroup cgroup rw,memory\n";
+    const MOUNT_2: &str =
+        "30 23 0:26 / /sys/fs/cgroup rw,nosuid shared:4 - cgroup2 cgroup2 rw,nsdelegate\n";
+
+    #[test]
+    fn version_2_own_group_and_all_above() {
+        let job = "sys/fs/cgroup/slurm/job_7";
+        let files = |own: &'static str, above: &'static str| {
+            room(&[
+                ("proc/self/cgroup", "0::/slurm/job_7/step_0\n"),
+                ("proc/self/mountinfo", MOUNT_2),
+                (&format!("{job}/step_0/memory.max"), own),
+                (&format!("{job}/step_0/memory.current"), "104857600\n"),
+                (&format!("{job}/memory.max"), above),
+                (&format!("{job}/memory.current"), "209715200\n"),
+                ("sys/fs/cgroup/slurm/memory.max", "max\n"),
+                ("sys/fs/cgroup/slurm/memory.current", "999999999999\n"),
+            ])
+        };
+        assert_eq!(files("max\n", "max\n"), u64::MAX);
+        assert_eq!(files("943718400\n", "max\n"), 800 * MIB);
+        assert_eq!(files("943718400\n", "943718400\n"), 700 * MIB);
+        assert_eq!(files("max\n", "943718400\n"), 700 * MIB);
+        assert_eq!(files("943718400\n", "100\n"), 0);
+    }
+
+    #[test]
+    fn version_2_pages_of_files_are_given_back_and_high_counts() {
+        let mut files = vec![
+            ("proc/self/cgroup", "0::/a\n"),
+            ("proc/self/mountinfo", MOUNT_2),
+            ("sys/fs/cgroup/a/memory.max", "943718400\n"),
+            ("sys/fs/cgroup/a/memory.current", "314572800\n"),
+            ("sys/fs/cgroup/a/memory.stat", "anon 5\nfile 9\ninactive_file 209715200\n"),
+        ];
+        assert_eq!(room(&files), 800 * MIB);
+        files.push(("sys/fs/cgroup/a/memory.high", "419430400\n"));
+        assert_eq!(room(&files), 300 * MIB);
+    }
+
+    #[test]
+    fn version_1_own_group_and_all_above() {
+        let none = "9223372036854771712\n";
+        let files = |own: &'static str, above: &'static str| {
+            let memory = "sys/fs/cgroup/memory";
+            room(&[
+                ("proc/self/cgroup", "9:name=systemd:/x\n4:memory:/slurm/job\n1:cpu:/y\n0::/z\n"),
+                ("proc/self/mountinfo", MOUNT_1),
+                (&format!("{memory}/slurm/job/memory.limit_in_bytes"), own),
+                (&format!("{memory}/slurm/job/memory.usage_in_bytes"), "314572800\n"),
+                (&format!("{memory}/slurm/job/memory.stat"), "total_inactive_file 209715200\n"),
+                (&format!("{memory}/slurm/memory.limit_in_bytes"), above),
+                (&format!("{memory}/slurm/memory.usage_in_bytes"), "419430400\n"),
+                (&format!("{memory}/memory.limit_in_bytes"), none),
+                (&format!("{memory}/memory.usage_in_bytes"), "7777777777\n"),
+            ])
+        };
+        assert_eq!(files("943718400\n", none), 800 * MIB);
+        assert_eq!(files("943718400\n", "943718400\n"), 500 * MIB);
+        assert!(files(none, none) > 1 << 60);
+    }
+
+    #[test]
+    fn groups_of_containers() {
+        // The container's own group is mounted as if it were the root, under both names.
+        let mount = "35 31 0:32 /docker/c0 /sys/fs/cgroup/memory ro - cgroup cgroup rw,memory\n";
+        let limit = ("sys/fs/cgroup/memory/memory.limit_in_bytes", "943718400\n");
+        let deeper = ("sys/fs/cgroup/memory/task/memory.limit_in_bytes", "524288000\n");
+        for (own, expected) in
+            [("/docker/c0", 900), ("/docker/c0/task", 500), ("/elsewhere", 900), ("/../c1", 900)]
+        {
+            let group = format!("4:memory:{own}\n");
+            let files = [
+                ("proc/self/cgroup", group.as_str()),
+                ("proc/self/mountinfo", mount),
+                limit,
+                deeper,
+            ];
+            assert_eq!(room(&files), expected * MIB, "{own}");
+        }
+    }
+
+    #[test]
+    fn no_control_groups() {
+        assert_eq!(room(&[]), u64::MAX);
+        assert_eq!(room(&[("proc/self/cgroup", "0::/\n")]), u64::MAX);
+        assert_eq!(room(&[("proc/self/cgroup", "nonsense\n\n:::\n")]), u64::MAX);
+    }
+
+    #[test]
+    fn overcommit() {
+        let meminfo = "MemAvailable: 8000 kB\nCommitLimit: 6000 kB\nCommitted_AS: 5000 kB\n";
+        for (mode, kilobytes) in [("0\n", 8000), ("1\n", 8000), ("2\n", 1000)] {
+            let root =
+                planted(&[("proc/meminfo", meminfo), ("proc/sys/vm/overcommit_memory", mode)]);
+            assert_eq!(free(root.path()), kilobytes * 1024, "overcommit_memory {mode}");
+        }
+    }
+
+    #[test]
+    fn this_machine() {
+        let found = available();
+        assert!(found.together > 0 && found.alone > 0, "{found:?}");
+        assert!(peak() > 0);
+    }
+}
