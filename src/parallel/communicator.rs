@@ -29,11 +29,13 @@ pub struct World {
 }
 
 impl World {
-    /// Starts MPI; from here on a panic on any rank ends the whole job.
+    /// Starts MPI; from here on a panic on any rank ends the whole job. To be called before the
+    /// program starts a thread: it may set a variable of the environment.
     ///
     /// Returns `None` when MPI was started before.
     pub fn start() -> Option<Self> {
         let started = Instant::now();
+        avoid_lock_files();
         let universe = mpi::initialize()?;
         let start_seconds = started.elapsed().as_secs_f64();
         let hook = std::panic::take_hook();
@@ -58,6 +60,17 @@ impl World {
     pub fn library(&self) -> String {
         let text = mpi::environment::library_version().unwrap_or_default();
         text.split(',').next().unwrap_or("").trim().to_owned()
+    }
+}
+
+/// Turns off a component of Open MPI for shared file pointers, which nothing here uses. It puts the
+/// name of every file that is opened, and more, into 256 bytes, and longer names abort the program
+/// (seen in version 4.1.4). What the user chose stays; other MPI libraries ignore it.
+fn avoid_lock_files() {
+    const CHOICE: &str = "OMPI_MCA_sharedfp";
+    if std::env::var_os(CHOICE).is_none() {
+        // SAFETY: no other thread reads the environment; see `World::start`.
+        unsafe { std::env::set_var(CHOICE, "^lockedfile") };
     }
 }
 
