@@ -20,31 +20,73 @@ pub mod warped;
 pub mod writer;
 pub mod xdmf;
 
-use crate::base::disk::{make, refused};
-use crate::base::error::Result;
+use crate::base::disk::{self, refused};
+use crate::base::error::{Error, Result};
+use crate::base::lock::{self, DirectoryLock};
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
-/// Makes the output directory and makes sure that it can be written and has room, before anything
-/// is computed. Collective.
+/// How long a rank waits to see a file that another one made: network file systems are late.
+const LATE: Duration = Duration::from_secs(10);
+
+/// Makes the output directory and makes sure that this run alone writes there, that all ranks see
+/// it and that it has room, before anything is computed. Gives its lock, on the first rank.
+/// Collective.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Directory`].
-pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<()> {
-    let attempt = || -> std::io::Result<()> {
+pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<DirectoryLock>> {
+    let clear_way = || -> std::io::Result<()> {
         let warped = crate::results::warped::names(case);
+        let start = case.start.as_ref().and_then(|start| std::fs::canonicalize(&start.path).ok());
         let names = ["result.h5", crate::results::xdmf::NAME, "summary.json", "readout.csv"];
         for name in names.into_iter().chain(warped.iter().map(String::as_str)) {
-            if directory.join(name).is_dir() {
+            let path = directory.join(name);
+            if path.is_dir() {
                 return Err(std::io::Error::other(format!("{name} in it is a directory")));
             }
+            if start.is_some() && std::fs::canonicalize(&path).ok() == start {
+                let what = format!(
+                    "the run would overwrite {name}, from which it starts (initial.warped); give \
+                     another directory (-o)"
+                );
+                return Err(std::io::Error::other(what));
+            }
+            // What a run that was killed left takes room.
+            disk::clear(&disk::partial(&path))?;
         }
         Ok(())
     };
+    if directory.to_str().is_none() {
+        let why = std::io::Error::other("its path is no UTF-8 text, which HDF5 takes alone");
+        return world.agree(Err(refused(directory, &why)));
+    }
+    let lock = world.on_first_rank(|| DirectoryLock::take(directory).map(Some))?;
+    require_shared(world, directory, lock.as_ref())?;
     world.on_first_rank(|| {
-        make(directory)?;
-        attempt().map_err(|e| refused(directory, &e))?;
+        clear_way().map_err(|e| refused(directory, &e))?;
         crate::results::result_file::enough_room(directory, case)
-    })
+    })?;
+    Ok(lock)
+}
+
+/// Makes sure that every rank sees the directory that the first one locked. Collective.
+fn require_shared(world: &Group, directory: &Path, lock: Option<&DirectoryLock>) -> Result<()> {
+    let text = world.broadcast_text(lock.map_or("", |lock| &lock.text));
+    let path = directory.join(lock::NAME);
+    let start = Instant::now();
+    let sees = || std::fs::read_to_string(&path).is_ok_and(|found| found == text);
+    while !sees() {
+        if start.elapsed() > LATE {
+            let reason = "this rank does not see what the first one wrote there; all ranks need \
+                          the same directory: a shared file system, and the same working \
+                          directory or an absolute path (-o)";
+            let path = std::path::absolute(directory).unwrap_or_else(|_| directory.to_owned());
+            return world.agree(Err(Error::Directory { path, reason: reason.to_owned() }));
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    world.agree(Ok(()))
 }

@@ -26,6 +26,7 @@ mod summarise;
 pub mod warnings;
 
 use crate::base::error::Result;
+use crate::base::lock::DirectoryLock;
 use crate::matrix::bounds::Bounds;
 use crate::matrix::observables::{CellVolumes, moments};
 use crate::parallel::communicator::World;
@@ -94,6 +95,8 @@ pub struct Solution {
     pub exact: Option<ExactSolution>,
     plateau: Vec<PlateauPoint>,
     checkpointing: Option<Checkpointing>,
+    /// Keeps other runs out of the directory until the results are there. On the first rank.
+    lock: Option<DirectoryLock>,
     log: RunLog,
 }
 
@@ -108,7 +111,12 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let case = reduced(&world.group(), case)?;
     let shown = Shown::new(&case);
     let resources = resources(world, output);
-    let mut prepared = prepare(world, case, &shown, &resources, output, &mut log)?;
+    refuse_hopeless(&case, &resources)?;
+    let bounds = Bounds::new(&case)?;
+    let plan = Plan::provisional(&case, &bounds, &resources)?;
+    let lock = output.map(|output| lock(world, output.directory, &shown.case, &mut log));
+    let lock = lock.transpose()?.flatten();
+    let mut prepared = prepare(world, &case, &bounds, plan, &mut log)?;
     let place = shown.place(&prepared.place, &prepared.plan, &prepared.communicator);
     let exact = (prepared.communicator.world).agree(exact_solution(
         &prepared.communicator.world,
@@ -167,6 +175,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
         exact,
         plateau,
         checkpointing,
+        lock,
         log,
     })
 }
@@ -179,26 +188,36 @@ fn resources(world: &World, output: Option<Output<'_>>) -> Resources {
     }
 }
 
-/// Who computes what; whether it fits and the results can be written; the semi-discrete system on this rank. Collective.
+/// Makes sure that the results can be written, by this run alone; gives the directory's lock, on the first rank. Collective.
+fn lock(
+    world: &World,
+    directory: &Path,
+    case: &Case,
+    log: &mut RunLog,
+) -> Result<Option<DirectoryLock>> {
+    let lock = results::prepare(&world.group(), directory, case)?;
+    if let Some(why) = lock.as_ref().and_then(|lock| lock.unlocked.as_ref()) {
+        let directory = directory.display();
+        log.warn(format!(
+            "{directory} cannot be locked ({why}): no other run may write there at the same time"
+        ));
+    }
+    Ok(lock)
+}
+
+/// The semi-discrete system on this rank. Collective.
 fn prepare(
     world: &World,
-    case: Case,
-    shown: &Shown,
-    resources: &Resources,
-    output: Option<Output<'_>>,
+    case: &Case,
+    bounds: &Bounds,
+    plan: Plan,
     log: &mut RunLog,
 ) -> Result<Prepared> {
-    refuse_hopeless(&case, resources)?;
-    let bounds = Bounds::new(&case)?;
-    let plan = Plan::provisional(&case, &bounds, resources)?;
-    if let Some(output) = output {
-        results::prepare(&world.group(), output.directory, &shown.case)?;
-    }
-    for warning in warnings::warnings(&case) {
+    for warning in warnings::warnings(case) {
         log.warn(warning);
     }
     log.watch.lap("plan");
-    let prepared = Prepared::with_plan(world, &case, &bounds, plan)?;
+    let prepared = Prepared::with_plan(world, case, bounds, plan)?;
     log.watch.part("weights", prepared.system.weight_seconds);
     log.watch.lap("assemble");
     Ok(prepared)
@@ -253,13 +272,13 @@ impl Solution {
     /// # Errors
     /// [`crate::base::error::Error::Directory`] and [`crate::base::error::Error::Output`].
     pub fn write(self, world: &World, directory: &Path) -> Result<Summary> {
-        results::prepare(&world.group(), directory, &self.case)?;
+        let _lock = results::prepare(&world.group(), directory, &self.case)?;
         self.write_prepared(world, directory)
     }
 
     /// As [`write`](Self::write), into a directory that is known to take it; deletes the checkpoints. Collective.
     fn write_prepared(self, world: &World, directory: &Path) -> Result<Summary> {
-        let Self { mut summary, mut log, results, .. } = self;
+        let Self { mut summary, mut log, results, lock: _lock, .. } = self;
         let (all, case) = (world.group(), &self.case);
         let grids = result_file::write(
             &all,

@@ -95,7 +95,7 @@ fn write_report(
     let directory = args.output.as_ref().unwrap_or(&args.directory);
     disk::make(directory)?;
     let path = directory.join("report.html");
-    std::fs::write(&path, page).map_err(|e| disk::failure(&path, &e))?;
+    disk::write(&path, page.as_bytes())?;
     let mut left_out = album.left_out;
     left_out.extend(missing);
     if let Err(why) = description {

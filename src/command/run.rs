@@ -20,10 +20,19 @@ use std::path::Path;
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     let directory = args.output.clone().unwrap_or_else(|| default_directory(&case.name));
-    if args.resume && is_finished(&world.group(), &directory, &case) {
-        let shown = directory.display();
-        print(world, &format!("--resume: the run is finished; results in {shown}"));
-        return Ok(());
+    if args.resume {
+        match is_finished(&world.group(), &directory, &case) {
+            Ok(true) => {
+                let shown = directory.display();
+                print(world, &format!("--resume: the run is finished; results in {shown}"));
+                return Ok(());
+            }
+            Ok(false) => {}
+            Err(damage) if world.group().rank() == 0 => report(&format!(
+                "warning: --resume: {damage}: the finished run is damaged and is computed anew"
+            )),
+            Err(_) => {}
+        }
     }
     let options = Options {
         ranks_x: args.ranks_x.clone(),

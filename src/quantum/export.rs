@@ -370,10 +370,7 @@ impl Export {
     /// [`Error::Directory`], [`Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
         disk::make(directory)?;
-        let write = |name: &str, bytes: &[u8]| {
-            let path = directory.join(name);
-            std::fs::write(&path, bytes).map_err(|e| disk::failure(&path, &e))
-        };
+        let write = |name: &str, bytes: &[u8]| disk::write(&directory.join(name), bytes);
         write("initial_modes.npy", &numpy::complex(&self.modes[0]))?;
         write("final_modes.npy", &numpy::complex(&self.modes[1]))?;
         write("initial.npy", &numpy::complex(&self.states[0]))?;

@@ -18,7 +18,7 @@ pub mod shape;
 pub mod text;
 pub mod ticks;
 
-use crate::base::disk::failure;
+use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::results::draw::panel::{ABOVE, BELOW, Frame};
 use crate::results::draw::shape::{Area, Drawn, PIXELS, Place, pixels};
@@ -50,7 +50,7 @@ impl Figure {
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path, name: &str) -> Result<[PathBuf; 2]> {
         let [svg, png] = ["svg", "png"].map(|end| directory.join(format!("{name}.{end}")));
-        std::fs::write(&svg, self.svg()?).map_err(|e| failure(&svg, &e))?;
+        disk::write(&svg, self.svg()?.as_bytes())?;
         self::png(self, &png).map_err(|e| failure(&png, &e))?;
         Ok([svg, png])
     }

@@ -1,23 +1,37 @@
-//! Whether a run was finished before.
+//! Whether a run was finished before, and its files are as they were written.
 
+use crate::base::disk::failure;
+use crate::base::error::Result;
 use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
-use crate::results::readback::{read_text, text_attribute};
+use crate::results::readback::{self, read_text, text_attribute};
 use crate::results::warped;
 use crate::results::writer::Outcome;
+use crate::results::xdmf;
 use hdf5::File;
 use std::path::Path;
 use std::time::SystemTime;
 
 /// Whether `directory` holds the results of `case` as this program makes them, written after the
-/// file that it starts from; how often it makes checkpoints does not matter. Collective over
-/// `world`.
-pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> bool {
+/// file that it starts from; how often it makes checkpoints does not matter. Every dataset is
+/// compared with its checksum. Collective over `world`.
+///
+/// # Errors
+/// [`crate::base::error::Error::Output`], the same on all ranks, where the results are those of
+/// `case`, but a file is damaged.
+pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool> {
     // One rank looks, as any program would.
     let same =
         world.rank() == 0 && is_whole(directory, case) && is_same(directory, case).unwrap_or(false);
-    world.max_count(usize::from(same)) > 0
+    if world.max_count(usize::from(same)) == 0 {
+        return Ok(false);
+    }
+    world.on_first_rank(|| check_texts(directory, case))?;
+    for name in ["result.h5"].into_iter().chain(warped::names(case).iter().map(String::as_str)) {
+        readback::check(world, &directory.join(name))?;
+    }
+    Ok(true)
 }
 
 /// Whether all files are there, the summary last, and no checkpoint is left to continue from.
@@ -56,4 +70,23 @@ fn is_same(directory: &Path, case: &Case) -> Outcome<bool> {
         settings
     };
     Ok(found.is_ok_and(|found| settings(&found) == settings(case)))
+}
+
+/// Whether the files of text are there and end as they were written. By one rank.
+fn check_texts(directory: &Path, case: &Case) -> Result<()> {
+    let read = |name: &str| {
+        let path = directory.join(name);
+        std::fs::read_to_string(&path).map_err(|e| failure(&path, &e))
+    };
+    let incomplete = |name: &str| failure(&directory.join(name), &"is not as it was written");
+    if serde_json::from_str::<serde_json::Value>(&read("summary.json")?).is_err() {
+        return Err(incomplete("summary.json"));
+    }
+    if case.storage.xdmf && !read(xdmf::NAME)?.ends_with(xdmf::END) {
+        return Err(incomplete(xdmf::NAME));
+    }
+    if case.readout.is_some() && !read("readout.csv")?.ends_with('\n') {
+        return Err(incomplete("readout.csv"));
+    }
+    Ok(())
 }

@@ -11,13 +11,15 @@ pub fn provenance(world: &World, case: &Case) -> Vec<(&'static str, String)> {
     // Clocks differ.
     let now = humantime::format_rfc3339_seconds(SystemTime::now());
     let date = world.group().broadcast_text(&now.to_string());
+    let command: Vec<_> =
+        std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
     vec![
         ("program", format!("phasewarp {}", env!("CARGO_PKG_VERSION"))),
         ("git", GIT.to_owned()),
         ("rustc", env!("PHASEWARP_RUSTC").to_owned()),
         ("mpi", world.library()),
         ("hdf5", format!("{major}.{minor}.{micro}")),
-        ("command", std::env::args().collect::<Vec<_>>().join(" ")),
+        ("command", command.join(" ")),
         ("case_file", case.name.clone()),
         ("date", date),
     ]

@@ -25,34 +25,70 @@ const PIECE: usize = 1 << 19;
 pub fn check(world: &Group, path: &Path) -> Result<usize> {
     let fail = |e: &dyn std::fmt::Display| failure(path, e);
     let opened = open(world, path).map_err(|e| fail(&e));
-    // Not closed after an error: closing waits for all ranks.
+    // Closing waits for all ranks: a file that only some could open stays open.
     let file = ManuallyDrop::new(world.agree(opened)?);
+    let compared = compare(world, path, &file);
+    // All ranks have the same outcome, so that all close it.
+    let closed = ManuallyDrop::into_inner(file).close();
+    world.agree(closed.map_err(|e| fail(&e)))?;
+    compared
+}
+
+/// Compares every dataset with the checksum it carries; gives their number. Collective.
+fn compare(world: &Group, path: &Path, file: &File) -> Result<usize> {
     let mut sums = BTreeMap::new();
-    let read = sums_of(world, &file, &mut sums).map_err(|e| fail(&e));
+    let share = Share { rank: world.rank(), ranks: world.size() };
+    let read = sums_of(share, file, &mut sums).map_err(|e| failure(path, &e));
     world.agree(read)?;
     if sums.is_empty() {
-        return world.agree(Err(fail(&"holds no dataset with a checksum")));
+        return world.agree(Err(failure(path, &"holds no dataset with a checksum")));
     }
     for (name, (mine, expected)) in &sums {
         if world.sum_modulo(*mine) != *expected {
-            let message = format!("dataset {name} is not as it was written (its checksum differs)");
-            return world.agree(Err(fail(&message)));
+            return world.agree(Err(failure(path, &differs(name))));
         }
     }
-    let closed = ManuallyDrop::into_inner(file).close();
-    world.agree(closed.map_err(|e| fail(&e)))?;
     Ok(sums.len())
 }
 
+/// As [`check`], of an open file, by one process alone.
+///
+/// # Errors
+/// What HDF5 says; the name of the first dataset that is not as written.
+pub(crate) fn check_alone(file: &File) -> Outcome<()> {
+    let mut sums = BTreeMap::new();
+    sums_of(Share { rank: 0, ranks: 1 }, file, &mut sums)?;
+    match sums.iter().find(|(_, (found, expected))| found != expected) {
+        Some((name, _)) => Err(hdf5::Error::from(differs(name))),
+        None => Ok(()),
+    }
+}
+
+fn differs(name: &str) -> String {
+    format!("dataset {name} is not as it was written (its checksum differs)")
+}
+
+/// The pieces of a file that a process reads: every `ranks`-th.
+#[derive(Clone, Copy)]
+struct Share {
+    rank: usize,
+    ranks: usize,
+}
+
 /// Opens a file on all ranks of `world`. Collective, as closing it.
+///
+/// A file that only some ranks can open stays open to the end of the process: the library does not
+/// close it then, which would wait for the others.
 pub(crate) fn open(world: &Group, path: &Path) -> Outcome<File> {
+    // SAFETY: a plain call.
+    unsafe { hdf5_sys::h5::H5dont_atexit() };
     File::with_options().with_fapl(|p| p.mpio(world.raw(), None)).open(path)
 }
 
 /// By name, this rank's part of the checksum of each dataset in the group and below, and the one
 /// the dataset carries.
 fn sums_of(
-    world: &Group,
+    share: Share,
     group: &hdf5::Group,
     sums: &mut BTreeMap<String, (u64, u64)>,
 ) -> Outcome<()> {
@@ -60,16 +96,15 @@ fn sums_of(
         let name = dataset.name();
         let expected = (dataset.attr(CHECKSUM).and_then(|a| a.read_scalar()))
             .map_err(|_| hdf5::Error::from(format!("dataset {name} carries no checksum")))?;
-        let mine = sum_of(world, &dataset)
+        let mine = sum_of(share, &dataset)
             .map_err(|e| hdf5::Error::from(format!("dataset {name} cannot be read: {e}")))?;
         sums.insert(name, (mine, expected));
     }
-    (group.groups()?.iter()).try_for_each(|group| sums_of(world, group, sums))
+    (group.groups()?.iter()).try_for_each(|group| sums_of(share, group, sums))
 }
 
 /// This rank's part of the checksum of a dataset.
-fn sum_of(world: &Group, dataset: &Dataset) -> Outcome<u64> {
-    let (rank, ranks) = (world.rank(), world.size());
+fn sum_of(Share { rank, ranks }: Share, dataset: &Dataset) -> Outcome<u64> {
     if let TypeDescriptor::FixedUnicode(length) = dataset.dtype()?.to_descriptor()? {
         return if rank == 0 {
             Ok(checksum::of_text(&read_bytes(dataset, length)?))

@@ -22,7 +22,7 @@
 //! Every dataset has its [`crate::base::checksum`] as an attribute; the file is read back before it
 //! gets its name.
 
-use crate::base::disk::failure;
+use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::plan::Plan;
@@ -68,7 +68,9 @@ pub fn put_in_place<T>(
     // Files that are given up after an error stay open to the end; the library must not close them
     // then. SAFETY: a plain call before the library is used.
     unsafe { hdf5_sys::h5::H5dont_atexit() };
-    let partial = path.with_extension("h5.partial");
+    let partial = disk::partial(path);
+    // A link in its place would be followed.
+    world.on_first_rank(|| disk::clear(&partial).map_err(|e| failure(&partial, &e)))?;
     let written = write(&partial);
     let renamed = match written {
         Ok(found) if world.rank() == 0 => {

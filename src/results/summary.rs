@@ -1,6 +1,6 @@
 //! `summary.json`: the numbers of a run.
 
-use crate::base::disk::failure;
+use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::problem::case::{Interface, Method};
 use crate::quantum::probability::Probabilities;
@@ -312,6 +312,6 @@ impl Summary {
     pub fn write(&self, directory: &Path) -> Result<()> {
         let path = directory.join("summary.json");
         let text = serde_json::to_string_pretty(self).map_err(|e| failure(&path, &e))?;
-        std::fs::write(&path, text + "\n").map_err(|e| failure(&path, &e))
+        disk::write(&path, (text + "\n").as_bytes())
     }
 }

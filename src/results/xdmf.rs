@@ -1,6 +1,6 @@
 //! `fields.xdmf`: describes the grids and fields of `result.h5` for ParaView and VTK.
 
-use crate::base::disk::failure;
+use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::results::views::{Grid, View};
 use std::fmt::Write;
@@ -9,6 +9,9 @@ use std::path::Path;
 /// Name of the file.
 pub const NAME: &str = "fields.xdmf";
 
+/// What its text ends with.
+pub(crate) const END: &str = "</Domain>\n</Xdmf>\n";
+
 /// Writes `directory/fields.xdmf` for the state at `time`; without grids there is none, and an
 /// older one goes. By one rank.
 ///
@@ -16,17 +19,11 @@ pub const NAME: &str = "fields.xdmf";
 /// [`crate::base::error::Error::Output`].
 pub fn write(directory: &Path, time: f64, grids: &[Grid]) -> Result<()> {
     let path = directory.join(NAME);
-    let outcome = if grids.is_empty() {
-        match std::fs::remove_file(&path) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(e),
-            _ => Ok(()),
-        }
+    if grids.is_empty() {
+        disk::clear(&path).map_err(|e| failure(&path, &e))
     } else {
-        let partial = directory.join("fields.xdmf.partial");
-        std::fs::write(&partial, document(time, grids))
-            .and_then(|()| std::fs::rename(&partial, &path))
-    };
-    outcome.map_err(|e| failure(&path, &e))
+        disk::write(&path, document(time, grids).as_bytes())
+    }
 }
 
 /// The file's text: each grid three-dimensional, flat ones one cell thick, which all readers place
@@ -68,7 +65,7 @@ fn document(time: f64, grids: &[Grid]) -> String {
         }
         text += "</Grid>\n";
     }
-    text + "</Domain>\n</Xdmf>\n"
+    text + END
 }
 
 /// The faces along an axis, which XDMF lists from the first axis on.

@@ -1,6 +1,6 @@
 //! The files of a study: a JSON file, a table, and the figure.
 
-use crate::base::disk::failure;
+use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::results::figure::Figure;
 use serde::Serialize;
@@ -28,7 +28,7 @@ impl<T: Serialize> Files<'_, T> {
         let (json, csv) = (at("json"), at("csv"));
         let text = serde_json::to_string_pretty(self.found).map_err(|e| failure(&json, &e))?;
         for (path, text) in [(json, text + "\n"), (csv, self.table)] {
-            std::fs::write(&path, text).map_err(|e| failure(&path, &e))?;
+            disk::write(&path, text.as_bytes())?;
         }
         self.figure.write(directory, self.name)?;
         Ok(())

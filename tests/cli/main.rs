@@ -23,6 +23,7 @@ mod refused_files;
 mod refused_formulas;
 mod refused_settings;
 mod refused_sizes;
+mod reliability;
 mod resources;
 mod result_files;
 mod simulator;

@@ -1,6 +1,6 @@
 //! What is read, as columns of `result.h5` and as `readout.csv`.
 
-use crate::base::disk::failure;
+use crate::base::disk;
 use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::quantum::figure::Figure;
@@ -65,8 +65,7 @@ impl Readout {
     /// # Errors
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        let path = directory.join("readout.csv");
-        std::fs::write(&path, self.csv()).map_err(|e| failure(&path, &e))
+        disk::write(&directory.join("readout.csv"), self.csv().as_bytes())
     }
 
     /// A heading, then a line for every row and estimator. Numbers that are not known are empty;

@@ -1,12 +1,13 @@
 //! A finished run as its files tell it: datasets of `result.h5`, planes of them, attributes.
 
 use crate::base::checksum::Slab;
+use crate::base::disk::failure;
 use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
 use crate::results::pictures::mesh::{FineMesh, drawn};
-use crate::results::readback::{read_slab, read_text, text_attribute};
+use crate::results::readback::{check_alone, read_slab, read_text, text_attribute};
 use hdf5::{Dataset, File, Location};
 use serde::Deserialize;
 use serde_json::Value;
@@ -57,10 +58,12 @@ pub struct Plane {
 }
 
 impl Stored {
-    /// Opens `directory/result.h5`; by one rank, as any program would.
+    /// Opens `directory/result.h5` and compares its datasets with their checksums; by one rank, as
+    /// any program would.
     ///
     /// # Errors
-    /// [`Error::Input`] where there is none, or none that can be read.
+    /// [`Error::Input`] where there is none, or none that can be read; [`Error::Output`] where one
+    /// is damaged.
     pub fn open(directory: &Path) -> Result<Self> {
         let path = directory.join("result.h5");
         let wrong = |why: &dyn std::fmt::Display| {
@@ -75,7 +78,9 @@ impl Stored {
             Err(e) => return Err(wrong(&e)),
         }
         let file = File::open(&path).map_err(|e| wrong(&e))?;
-        Self::of(directory, file).map_err(|e| wrong(&e))
+        let stored = Self::of(directory, file).map_err(|e| wrong(&e))?;
+        check_alone(&stored.file).map_err(|e| failure(&path, &e))?;
+        Ok(stored)
     }
 
     fn of(directory: &Path, file: File) -> Read<Self> {

@@ -70,9 +70,6 @@ impl Given {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
-        // A file that only some ranks can open stays open to the end; the library must not close it
-        // then. SAFETY: a plain call.
-        unsafe { hdf5_sys::h5::H5dont_atexit() };
         let opened = readback::open(world, &self.path);
         let file = ManuallyDrop::new(world.agree(opened.map_err(|e| wrong(&e)))?);
         let read = self.read_from(&file, spread, series, kept);

@@ -111,12 +111,13 @@ pub fn random(seed: u64) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-fn send(signal: &str, process: u32) {
+/// Sends a signal to a process.
+pub fn send(signal: &str, process: u32) {
     let _ = Command::new("kill").args([signal, &process.to_string()]).status();
 }
 
 /// The processes that `parent` started.
-fn children(parent: u32) -> Vec<u32> {
+pub fn children(parent: u32) -> Vec<u32> {
     let path = format!("/proc/{parent}/task/{parent}/children");
     let text = fs::read_to_string(path).unwrap_or_default();
     text.split_whitespace().filter_map(|id| id.parse().ok()).collect()

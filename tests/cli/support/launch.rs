@@ -48,6 +48,7 @@ pub struct Job {
     arguments: Vec<String>,
     limit: Duration,
     directory: Option<String>,
+    apart: Vec<String>,
     tells_codes: bool,
     capped: bool,
     blocks: Option<u64>,
@@ -62,6 +63,7 @@ impl Job {
             arguments: arguments.into_iter().map(Into::into).collect(),
             limit: Duration::from_secs(60),
             directory: None,
+            apart: Vec::new(),
             tells_codes: false,
             capped: false,
             blocks: None,
@@ -104,6 +106,13 @@ impl Job {
     /// Started in this directory.
     pub fn inside(mut self, directory: &Path) -> Self {
         self.directory = Some(directory.display().to_string());
+        self
+    }
+
+    /// Under mpirun, each rank in its own of these directories.
+    pub fn apart(mut self, directories: &[&Path]) -> Self {
+        self.ranks = Some(directories.len());
+        self.apart = directories.iter().map(|d| d.display().to_string()).collect();
         self
     }
 
@@ -180,6 +189,16 @@ impl Job {
         }
         words.push(program.to_owned());
         words.extend(self.arguments.iter().cloned());
+        if let Some((first, others)) = self.apart.split_first() {
+            // mpirun takes several programs, here one a rank.
+            let call = words.split_off(3);
+            words = ["mpirun", "-np", "1", "-wdir", first].map(str::to_owned).to_vec();
+            words.extend(call.iter().cloned());
+            for directory in others {
+                words.extend([":", "-np", "1", "-wdir", directory].map(str::to_owned));
+                words.extend(call[3..].iter().cloned());
+            }
+        }
         if self.capped {
             // The shell sets the cap and becomes the job.
             let script = "ulimit -v \"$1\" && shift && exec \"$@\"";

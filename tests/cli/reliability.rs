@@ -1,0 +1,292 @@
+//! What a run survives, or refuses: damaged results, other runs in its directory, long paths, disks
+//! and memory that are too small.
+
+use crate::checkpoint::{OFTEN, WHOLE, children, newest, run as long_run, same, send};
+use crate::support::{Finished, Job, case, check_all, datasets, differences, directory};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+const SMALL: [&str; 4] =
+    ["axis.0.x.cells=23", "axis.0.v.cells=17", "solver.tolerance=1e-3", "time.end=0.3"];
+
+fn run() -> Job {
+    Job::new(["run", &case("example1.toml")]).set(&SMALL)
+}
+
+fn says_finished(finished: &Finished) -> bool {
+    finished.output.contains("the run is finished")
+}
+
+/// Names in a directory, sorted.
+fn names(directory: &Path) -> Vec<String> {
+    let entries = fs::read_dir(directory).expect("a directory");
+    let mut names: Vec<String> =
+        entries.map(|entry| entry.expect("an entry").file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn damaged_results_are_not_called_finished() {
+    /// What happens to the results, and what is said of it.
+    type Damage = (&'static str, fn(&Path), &'static str);
+    const DAMAGES: [Damage; 6] = [
+        (
+            "a value",
+            |place| {
+                let path = place.join("result.h5");
+                let file = hdf5::File::open(&path).unwrap();
+                let at = file.dataset("f").unwrap().offset().unwrap() as usize;
+                drop(file);
+                let mut bytes = fs::read(&path).unwrap();
+                bytes[at + 100] ^= 1;
+                // As a disk does it, without another date.
+                let date = fs::metadata(&path).unwrap().modified().unwrap();
+                fs::write(&path, bytes).unwrap();
+                fs::File::options().write(true).open(&path).unwrap().set_modified(date).unwrap();
+            },
+            "dataset /f is not as it was written",
+        ),
+        ("no summary", |place| fs::write(place.join("summary.json"), b"").unwrap(), "summary.json"),
+        (
+            "half a summary",
+            |place| {
+                let text = fs::read(place.join("summary.json")).unwrap();
+                fs::write(place.join("summary.json"), &text[..text.len() / 2]).unwrap();
+            },
+            "summary.json",
+        ),
+        ("no grids", |place| fs::remove_file(place.join("fields.xdmf")).unwrap(), "fields.xdmf"),
+        (
+            "half the grids",
+            |place| {
+                let text = fs::read(place.join("fields.xdmf")).unwrap();
+                fs::write(place.join("fields.xdmf"), &text[..text.len() / 2]).unwrap();
+            },
+            "fields.xdmf",
+        ),
+        ("no table", |place| fs::write(place.join("readout.csv"), b"").unwrap(), "readout.csv"),
+    ];
+    check_all(&DAMAGES, |(what, damage, said)| {
+        let place = directory();
+        let path = place.path();
+        let job = |ranks: usize| run().set(&["readout={cells=[[3]]}"]).into(path).on(ranks);
+        job(2).succeed()?;
+        let sound = datasets(path)?;
+        damage(path);
+        if said.contains("dataset") {
+            for command in ["check-result", "plot", "report"] {
+                let drawn = Job::new([command, &path.display().to_string()]).run()?;
+                drawn.ended(1, &[said])?;
+            }
+        }
+        let again = job(3).with(["--resume"]).succeed()?;
+        again.says(&again.errors, &["is damaged and is computed anew", said])?;
+        if says_finished(&again) || !differences(&datasets(path)?, &sound).is_empty() {
+            return Err(again.report(&format!("{what}: not computed anew")));
+        }
+        let again = job(2).with(["--resume"]).succeed()?;
+        if !says_finished(&again) || again.errors.contains("damaged") {
+            return Err(again.report(&format!("{what}: not mended")));
+        }
+        Ok(())
+    });
+}
+
+/// A directory below `place` whose path has so many bytes.
+fn long(place: &Path, length: usize) -> PathBuf {
+    let mut text = place.display().to_string();
+    while text.len() < length {
+        let left = length - text.len() - 1;
+        text += "/";
+        // No name of no bytes at the end.
+        text += &"d".repeat(if left == 101 { 100 } else { left.min(100) });
+    }
+    PathBuf::from(text)
+}
+
+#[test]
+fn paths_may_be_long() {
+    check_all(&[226, 227, 300, 2000], |&length| {
+        let place = directory();
+        let path = long(place.path(), length);
+        assert_eq!(path.as_os_str().len(), length);
+        let settings = ["output.warped_field=true"];
+        run().set(&settings).on(2).solve(&path)?;
+        Job::new(["check-result", &path.display().to_string()]).on(2).succeed()?;
+        let again = run().set(&settings).into(&path).with(["--resume"]).on(2).succeed()?;
+        if says_finished(&again) { Ok(()) } else { Err(again.report("not finished")) }
+    });
+}
+
+/// A disk that is full when the last file is written: files may grow to the size of the others.
+#[test]
+fn a_run_without_a_summary_is_not_finished() {
+    let place = directory();
+    let path = place.path();
+    // The readout of many cells takes more room in the summary, as text, than in the other files.
+    let cells: Vec<String> = (0..200).map(|cell| format!("[{cell}]")).collect();
+    let readout = format!("readout={{cells=[{}]}}", cells.join(","));
+    let wide = ["output.xdmf=false", "axis.0.x.cells=200", "axis.0.v.cells=6", &readout];
+    let job = || run().set(&wide).into(path).on(2);
+    job().succeed().expect("a run");
+    let kibibytes = |name: &str| fs::metadata(path.join(name)).expect("a file").len() / 1024;
+    // And what a plan allows for metadata.
+    let others = kibibytes("result.h5").max(kibibytes("readout.csv")) + 300;
+    assert!(kibibytes("summary.json") > others, "{} and {others}", kibibytes("summary.json"));
+    let sound = datasets(path).expect("datasets");
+    for name in names(path) {
+        fs::remove_file(path.join(name)).expect("a file");
+    }
+    let finished = job().files_up_to(others).run().expect("a run");
+    finished.ended(1, &["summary.json"]).unwrap();
+    assert_eq!(names(path), ["readout.csv", "result.h5"], "nothing else stays");
+    let again = job().with(["--resume"]).succeed().expect("a run");
+    assert!(!says_finished(&again), "{}", again.report("there was no summary"));
+    assert_eq!(names(path), ["readout.csv", "result.h5", "summary.json"]);
+    assert!(differences(&datasets(path).expect("datasets"), &sound).is_empty());
+}
+
+/// A run whose ranks stand still keeps its directory; when they go on, its results are whole.
+#[test]
+fn one_run_at_a_time_in_a_directory() {
+    let place = directory();
+    let path = place.path();
+    let job = run().set(&["time.end=0.29"]).into(path).on(2);
+    let mut refusal = None;
+    let first = job.closely().run_while(|mpirun, _| {
+        let ranks = children(mpirun.id());
+        if refusal.is_some() || ranks.len() < 2 || !path.join("run.lock").exists() {
+            return;
+        }
+        ranks.iter().for_each(|&rank| send("-STOP", rank));
+        refusal = Some(run().into(path).on(2).run());
+        ranks.iter().for_each(|&rank| send("-CONT", rank));
+    });
+    let first = first.expect("the first run");
+    assert_eq!(first.code, Some(0), "{}", first.report("the first run"));
+    let refusal = refusal.expect("a second run").expect("its end");
+    refusal.ended(2, &["another run writes into it (run.lock: process", "-o"]).unwrap();
+    assert_eq!(names(path), ["fields.xdmf", "result.h5", "summary.json"]);
+    Job::new(["check-result", &path.display().to_string()]).on(2).succeed().unwrap();
+    // What a killed run leaves keeps nobody away.
+    fs::write(path.join("run.lock"), b"process 1").expect("a file");
+    fs::write(path.join("result.h5.partial"), b"half").expect("a file");
+    run().into(path).on(1).succeed().expect("a run");
+    assert_eq!(names(path), ["fields.xdmf", "result.h5", "summary.json"]);
+}
+
+/// A job that is killed and starts again at once: old ranks may still be there.
+#[test]
+fn runs_go_on_while_killed_ranks_tidy_up() {
+    LazyLock::force(&WHOLE);
+    for _ in 0..3 {
+        let place = directory();
+        let path = place.path();
+        let job = long_run().on(3).set(&[OFTEN]).into(path);
+        let mut second = None;
+        job.closely()
+            .run_while(|mpirun, _| {
+                if second.is_none() && newest(path).is_some() {
+                    send("-KILL", mpirun.id());
+                    second = Some(long_run().on(2).with(["--resume"]).solve(path));
+                }
+            })
+            .expect("the first run");
+        let summary = second.expect("a second run").expect("its end");
+        same(path, &summary).unwrap();
+    }
+}
+
+/// What lies in the way of results is replaced; what links lead to stays as it is.
+#[test]
+fn links_and_pipes_are_not_followed() {
+    let place = directory();
+    let victim = place.path().join("victim");
+    fs::write(&victim, b"text").expect("a file");
+    let path = place.path().join("results");
+    fs::create_dir(&path).expect("a directory");
+    let all = ["result.h5", "summary.json", "fields.xdmf", "readout.csv", "warped_f.h5"];
+    for name in all {
+        std::os::unix::fs::symlink(&victim, path.join(name)).expect("a link");
+        let partial = path.join(format!("{name}.partial"));
+        if name == "fields.xdmf" {
+            let made = std::process::Command::new("mkfifo").arg(partial).status();
+            assert!(made.is_ok_and(|status| status.success()));
+        } else {
+            std::os::unix::fs::symlink(&victim, partial).expect("a link");
+        }
+    }
+    let settings = ["output.warped_field=true", "readout={cells=[[3]]}"];
+    run().set(&settings).on(2).solve(&path).expect("a run");
+    assert_eq!(fs::read(&victim).expect("a file"), b"text");
+    let mut expected = all.map(str::to_owned);
+    expected.sort();
+    assert_eq!(names(&path), expected);
+    for name in all {
+        assert!(fs::symlink_metadata(path.join(name)).expect("a file").is_file(), "{name}");
+    }
+}
+
+/// A directory that not all ranks share is refused before anything is computed.
+#[test]
+fn all_ranks_share_the_directory() {
+    let [one, other] = [directory(), directory()];
+    let job = run().with(["-o", "out"]).apart(&[one.path(), other.path()]);
+    let finished = job.run().expect("an end");
+    finished.ended(2, &["does not see what the first one wrote there"]).unwrap();
+    assert!(names(&one.path().join("out")).is_empty());
+    run().with(["-o", "out"]).apart(&[one.path(), one.path()]).succeed().expect("a run");
+}
+
+#[test]
+fn a_run_does_not_overwrite_the_file_that_it_starts_from() {
+    let place = directory();
+    let path = place.path();
+    let full = ["output.warped_field=true", "exact={f='0'}"];
+    run().set(&full).on(2).solve(path).expect("a warped field");
+    let start = path.join("warped_f.h5");
+    let bytes = fs::read(&start).expect("a file");
+    let from = format!("initial={{warped='{}'}}", start.display());
+    let job = |settings: &[&str]| run().set(&[&from, "exact={f='0'}"]).set(settings).into(path);
+    let refused = job(&full[..1]).on(2).run().expect("an end");
+    refused.ended(2, &["would overwrite warped_f.h5", "-o"]).unwrap();
+    job(&[]).on(2).succeed().expect("a run that writes no warped field");
+    assert_eq!(fs::read(&start).expect("a file"), bytes);
+}
+
+/// Arguments need not be text; a directory whose path is none is refused before the solve.
+#[test]
+fn arguments_that_are_no_text() {
+    use std::os::unix::ffi::OsStrExt;
+    let place = directory();
+    let path = place.path().join(std::ffi::OsStr::from_bytes(b"no text \xff"));
+    let link = place.path().join(std::ffi::OsStr::from_bytes(b"case \xff.toml"));
+    fs::copy(case("example1.toml"), &link).expect("a copy");
+    let start = |output: &Path| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_phasewarp"));
+        command.arg("run").arg(&link).arg("-o").arg(output);
+        command.args(SMALL.iter().flat_map(|setting| ["--set", setting]));
+        let alone = [("OMPI_ALLOW_RUN_AS_ROOT", "1"), ("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")];
+        let alone = alone.into_iter().chain([("OMPI_MCA_ess_singleton_isolated", "1")]);
+        command.envs(alone).output().expect("an end")
+    };
+    let refused = start(&path);
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(2), "{said}");
+    assert!(said.contains("no UTF-8 text") && !said.contains("panicked"), "{said}");
+    assert!(!path.exists());
+    let done = start(&place.path().join("text"));
+    assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));
+}
+
+/// A limit on the address space of each process (`ulimit -v`), 8 GiB, is seen before anything is
+/// allocated; the grid takes 13.
+#[test]
+fn limits_of_the_address_space_are_seen() {
+    let place = directory();
+    let large = ["axis.0.x.cells=6500", "axis.0.v.cells=6500", "solver.tolerance=0.1"];
+    let job = run().set(&large).into(place.path()).capped();
+    job.is_refused(&["memory: ", "available"]).unwrap();
+}
