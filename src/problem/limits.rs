@@ -3,7 +3,7 @@
 /// Elements of a planned chunk at least: 256 KiB, of which HDF5's default cache holds four.
 pub const CHUNK: usize = 1 << 15;
 
-/// Most chunks of a dataset: HDF5 takes up to 5 kB for each while they are written.
+/// Most chunks of a dataset: HDF5 takes up to 17 kB for each while they are written.
 pub const MOST_CHUNKS: usize = 1 << 14;
 
 /// Most modes `l ≥ 0` of a run.

@@ -33,7 +33,11 @@ fn memory_is_what_was_planned() {
         "solver.tolerance=0.01",
         "scheme.degree=1",
     ];
+    let small = ["axis.0.x.cells=128", "axis.0.v.cells=128", "time.end=0.05"];
+    let chunks = ["output.chunks=[1,1]", "output.xdmf=false", "solver.tolerance=0.01"];
     let rows: &[(&str, &[&str], &[&str], usize)] = &[
+        ("example1.toml", &small, &chunks, 1),
+        ("example1.toml", &small, &chunks, 2),
         ("example1.toml", &grid, &[], 1),
         ("example1.toml", &grid, &["scheme.interface=conservative"], 2),
         ("example1.toml", &large, &["solver.method=classical"], 1),
