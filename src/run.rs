@@ -261,7 +261,7 @@ fn initial_mass(prepared: &mut Prepared) -> Option<f64> {
     let (world, case) = (&prepared.communicator.world, &prepared.case);
     let mine: Vec<&[f64]> =
         (initial.iter()).map(|field| &field[prepared.place.mine.clone()]).collect();
-    let density = moments(world, case, &mine).density;
+    let density = moments(world, case, &prepared.place.share, &mine).density;
     let volumes = CellVolumes::new(&case.space, &prepared.place.share);
     Some(volumes.integral(world, &density))
 }

@@ -12,7 +12,7 @@ pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
     let mut text = format!("{title}\n");
     text += &axes(case);
     text += &formulas(case);
-    text += &method(case);
+    text += &method(case, bounds);
     if let Some(readout) = &case.readout {
         text += &readout_line(readout);
     }
@@ -94,7 +94,7 @@ fn formulas(case: &Case) -> String {
 }
 
 /// Time, interface law, method and its settings.
-fn method(case: &Case) -> String {
+fn method(case: &Case, bounds: &Bounds) -> String {
     let interface = match case.space.degree() {
         0 => format!("interface {}", word(&case.interface)),
         _ => format!("flux {}, interface matched by energy", case.flux),
@@ -126,27 +126,35 @@ fn method(case: &Case) -> String {
                 word(&case.warp.delta),
                 word(&case.warp.shift),
                 word(&case.propagator)
-            ) + &schrodingerized(case)
+            ) + &schrodingerized(case, bounds)
         }
     };
     common + &settings
 }
 
-/// What makes `S` other than zero, so that `A` is not skew and needs Schrödingerization.
-fn schrodingerized(case: &Case) -> String {
-    let space = &case.space;
-    let mut causes = Vec::new();
-    match space.degree() {
-        0 => causes.push("dissipation of the upwind scheme"),
-        _ if case.flux > 0.0 => causes.push("dissipation of the flux between elements"),
-        _ => {}
+/// What makes `S` other than zero, so that `A` is not skew and needs Schrödingerization, each with
+/// the most that it adds to the norm of `S`.
+fn schrodingerized(case: &Case, bounds: &Bounds) -> String {
+    let most = format!("norm of S at most {:.4}", bounds.dissipation);
+    if bounds.lines.is_empty() {
+        return format!("Schrödingerized: dissipation of the upwind scheme; {most}\n");
     }
-    if (0..space.dimension()).any(|a| !space.is_periodic(a)) {
-        causes.push("the open ends of the box");
-    }
-    match causes.is_empty() {
-        true => "S is zero but for the ends of the velocity box\n".to_owned(),
-        false => format!("Schrödingerized: {}\n", causes.join(", ")),
+    let causes = &bounds.causes;
+    let parts = [
+        ("dissipation of the flux between elements", causes.flux),
+        ("the open ends of the box", causes.ends),
+        ("jumps of V to beyond the velocity box", causes.beyond),
+        ("the ends of the velocity box", causes.velocities),
+        ("partial reflection", causes.reflection),
+    ];
+    let parts: Vec<String> = (parts.iter().filter(|part| part.1 > 0.0))
+        .map(|(cause, most)| format!("{cause} (at most {most:.4})"))
+        .collect();
+    match parts.is_empty() {
+        true => "S is zero: the flow is unitary by itself, and Schrödingerization does not change \
+                 it\n"
+            .to_owned(),
+        false => format!("Schrödingerized: {}; {most}\n", parts.join(", ")),
     }
 }
 

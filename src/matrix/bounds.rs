@@ -43,6 +43,22 @@ pub const INFLOW_GROWTH: f64 = 0.375;
 /// Largest `rate·T`: such a run has some hundred thousand modes of some million applications each.
 pub(crate) const LONGEST_SPAN: f64 = 1e6;
 
+/// The most that each cause of `S` adds to its norm, summed over the axes of elements. Bounds of one
+/// cause alone: together they may add to more than the bound of all.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Causes {
+    /// The flux between elements.
+    pub flux: f64,
+    /// Open ends of space axes.
+    pub ends: f64,
+    /// What a jump of `V` carries beyond the velocity box.
+    pub beyond: f64,
+    /// Ends of the velocity axes, where slopes of `V` carry particles out.
+    pub velocities: f64,
+    /// Partial reflection.
+    pub reflection: f64,
+}
+
 /// Bounds on the generator that hold without computing it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Bounds {
@@ -61,6 +77,9 @@ pub struct Bounds {
     /// Of a higher degree than 0: bounds by axis.
     #[serde(skip)]
     pub lines: Vec<LineBounds>,
+    /// Of a higher degree than 0: what `S` is made of.
+    #[serde(skip)]
+    pub causes: Causes,
     /// Of a higher degree than 0: half the norm of the couplings to auxiliary unknowns.
     #[serde(skip)]
     pub coupling: f64,
@@ -107,7 +126,7 @@ impl Bounds {
             .filter(|&a| jumps[a] && case.space.is_single(a))
             .map(|a| fastest(&case.space, a))
             .sum();
-        let lines = line_bounds(case, jumps, steepest)?;
+        let (lines, causes) = line_bounds(case, jumps, steepest)?;
         let (rate, dissipation) = match lines.is_empty() {
             true => {
                 let rate = transport_rate(&case.space) + single + force;
@@ -139,6 +158,7 @@ impl Bounds {
             dissipation,
             forces: force > 0.0,
             lines,
+            causes,
             coupling: if inflow { 0.5 * f64::sqrt(INFLOW_GROWTH * rate / case.end) } else { 0.0 },
             jumps,
             kinds: kinds.len(),
@@ -183,17 +203,19 @@ impl Bounds {
     }
 }
 
-/// Bounds of the lines along each axis, space and velocity, where an axis has a degree above 0.
+/// Bounds of the lines along each axis, space and velocity, where an axis has a degree above 0, and
+/// what their dissipation is made of.
 fn line_bounds(
     case: &Case,
     jumps: [bool; MAX_DIMENSION],
     steepest: [f64; MAX_DIMENSION],
-) -> Result<Vec<LineBounds>> {
+) -> Result<(Vec<LineBounds>, Causes)> {
     let space = &case.space;
-    let mut lines = Vec::new();
+    let (mut lines, mut causes) = (Vec::new(), Causes::default());
     if !case.is_galerkin() {
-        return Ok(lines);
+        return Ok((lines, causes));
     }
+    let none = |nodes| LineKind { nodes, flux: 0.0, ends: false, reflects: false };
     let n = space.dimension();
     for a in 0..n {
         let (x, v) = (&space.x[a], &space.v[a]);
@@ -205,14 +227,26 @@ fn line_bounds(
             let ends = !space.is_periodic(a) || jumps[a];
             let reflects = jumps[a] && case.potential.iter().any(|r| r.reflection.is_some());
             let kind = LineKind { nodes: x.nodes, flux: case.flux, ends, reflects };
-            lines.push(LineBounds::new(&kind, fastest(space, a)));
+            let rate = fastest(space, a);
+            lines.push(LineBounds::new(&kind, rate));
+            let alone = none(x.nodes);
+            causes.flux += rate * LineKind { flux: case.flux, ..alone }.dissipation();
+            let end = rate * LineKind { ends: true, ..alone }.dissipation();
+            causes.ends += if space.is_periodic(a) { 0.0 } else { end };
+            causes.beyond += if jumps[a] { end } else { 0.0 };
+            let upwind = LineKind { ends: reflects, reflects, ..alone };
+            causes.reflection += rate * upwind.dissipation();
         }
         if steepest[a] > 0.0 {
             let kind = LineKind { nodes: v.nodes, flux: case.flux, ends: true, reflects: false };
-            lines.push(LineBounds::new(&kind, steepest[a] / v.width()));
+            let rate = steepest[a] / v.width();
+            lines.push(LineBounds::new(&kind, rate));
+            let alone = none(v.nodes);
+            causes.flux += rate * LineKind { flux: case.flux, ..alone }.dissipation();
+            causes.velocities += rate * LineKind { ends: true, ..alone }.dissipation();
         }
     }
-    Ok(lines)
+    Ok((lines, causes))
 }
 
 /// Interval that holds the spectrum of `H = μS + iK`.

@@ -102,20 +102,39 @@ impl Element {
     }
 }
 
+impl LineKind {
+    /// What the two faces of an element may add: between elements, or at an end of the box.
+    fn pairs(&self, inside: f64, end: f64) -> Vec<[f64; 2]> {
+        match self.ends {
+            true => vec![[inside, inside], [end, inside], [inside, end], [end, end]],
+            false => vec![[inside, inside]],
+        }
+    }
+
+    /// An upwind face, where there may be one, has more of both than an end.
+    fn end_or_upwind(&self, end: f64, upwind: f64) -> f64 {
+        if self.reflects { upwind } else { end }
+    }
+
+    /// The least eigenvalue of an element, and zero.
+    fn lowest(&self, element: &Element, with_skew: bool, inside: f64, end: f64) -> f64 {
+        let values = self.pairs(inside, end).into_iter();
+        values.map(|[a, b]| element.extremes(with_skew, a, b)[0]).fold(0.0, f64::min)
+    }
+
+    /// Bound on the spectrum of `−S` of a line of speed 1 and element width 1.
+    pub fn dissipation(&self) -> f64 {
+        let element = Element::new(self.nodes);
+        -self.lowest(&element, false, self.flux, self.end_or_upwind(0.5, 1.0))
+    }
+}
+
 impl Table {
     fn new(kind: &LineKind) -> Self {
         let element = Element::new(kind.nodes);
-        // What each of the two faces adds: between elements, or at an end of the box.
-        let pairs = |inside: f64, end: f64| match kind.ends {
-            true => vec![[inside, inside], [end, inside], [inside, end], [end, end]],
-            false => vec![[inside, inside]],
-        };
-        // An upwind face, where there may be one, has more of both than an end.
-        let end_or_upwind = |end: f64, upwind: f64| if kind.reflects { upwind } else { end };
-        let lowest = |with_skew, inside, end| {
-            let values = pairs(inside, end).into_iter();
-            values.map(|[a, b]| element.extremes(with_skew, a, b)[0]).fold(0.0, f64::min)
-        };
+        let pairs = |inside, end| kind.pairs(inside, end);
+        let end_or_upwind = |end, upwind| kind.end_or_upwind(end, upwind);
+        let lowest = |with_skew, inside, end| kind.lowest(&element, with_skew, inside, end);
         let bounds = |mu: f64| {
             let (half, root) = (0.5 * kind.flux * mu, 0.5 * (kind.flux * mu).hypot(1.0));
             // Inside |c| is at least 0, at an end there is none: the same table holds both.
@@ -129,7 +148,7 @@ impl Table {
             .map(|k| 10f64.powf(f64::from(DECADES[0]) + f64::from(k) / PER_DECADE));
         let rows: Vec<[f64; 3]> = std::iter::once(0.0).chain(grid).map(bounds).collect();
         let skew = f64::max(-rows[0][1], rows[0][2]);
-        Self { rows, dissipation: -lowest(false, kind.flux, end_or_upwind(0.5, 1.0)), skew }
+        Self { rows, dissipation: kind.dissipation(), skew }
     }
 
     /// `[lower, upper]` at `mu ≥ 0`.

@@ -1,9 +1,12 @@
 //! Moments of the result and norms of its error, on a rank's share of space; velocities are never
 //! split.
 //!
-//! The result is `f` itself or, for measure-valued data, `φ Π_a δ(ψ_a)` (see [`level_sets`]).
+//! The result is `f` itself or, for measure-valued data, `φ Π_a δ(ψ_a)`: of degree 0 with a discrete
+//! delta function (see [`level_sets`]), of elements over the zeros of `ψ` (see [`surface`]).
 
 pub mod level_sets;
+pub mod surface;
+pub mod zeros;
 
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
@@ -97,16 +100,22 @@ impl Moments {
         factors: &VelocityFactors,
         sums: impl Iterator<Item = [f64; MOMENTS]>,
     ) -> Self {
+        Self::new(world, n, sums.map(|sums| sums.map(|sum| sum * factors.volume)))
+    }
+
+    /// From density, momenta and kinetic energy at each point of a share of space in `n` dimensions.
+    /// Collective over `world` (the largest density).
+    fn new(world: &Group, n: usize, points: impl Iterator<Item = [f64; MOMENTS]>) -> Self {
         let mut moments = Moments {
             momentum: vec![Vec::new(); n],
             velocity: vec![Vec::new(); n],
             ..Moments::default()
         };
-        for [rho, x, y, z, energy] in sums {
-            moments.density.push(rho * factors.volume);
-            moments.kinetic.push(energy * factors.volume);
+        for [rho, x, y, z, energy] in points {
+            moments.density.push(rho);
+            moments.kinetic.push(energy);
             for (momentum, m) in moments.momentum.iter_mut().zip([x, y, z]) {
-                momentum.push(m * factors.volume);
+                momentum.push(m);
             }
         }
         let largest = world.max(moments.density.iter().fold(0.0, |m: f64, r| m.max(r.abs())));
@@ -122,9 +131,17 @@ impl Moments {
 }
 
 /// Moments of the result whose fields are `fields`, in the order of `case.fields`, each given on a
-/// share of space with all velocities. Collective over `world`.
-pub fn moments(world: &Group, case: &Case, fields: &[&[f64]]) -> Moments {
+/// `share` of space with all velocities. Values at the points; of measure-valued data on elements
+/// averages over the cells of space. Collective over `world`.
+pub fn moments(world: &Group, case: &Case, share: &[Range<usize>], fields: &[&[f64]]) -> Moments {
     let space = &case.space;
+    if space.degree() > 0 && matches!(case.data, Data::Measure { .. }) {
+        return Moments::new(
+            world,
+            space.dimension(),
+            on_surface(space, share, fields).into_iter(),
+        );
+    }
     let factors = VelocityFactors::new(space);
     let nv = factors.cells();
     let mut concentrated = vec![0.0; nv];
@@ -135,18 +152,36 @@ pub fn moments(world: &Group, case: &Case, fields: &[&[f64]]) -> Moments {
             Data::Measure { .. } => {
                 let psi: Vec<&[f64]> = fields[1..].iter().map(|f| &f[here.clone()]).collect();
                 let phi = &fields[0][here];
-                crate::matrix::observables::level_sets::concentrate(
-                    &mut concentrated,
-                    space,
-                    case.delta_width,
-                    phi,
-                    &psi,
-                );
+                level_sets::concentrate(&mut concentrated, space, case.delta_width, phi, &psi);
                 factors.sums(&concentrated)
             }
         }
     });
     Moments::of_sums(world, space.dimension(), &factors, sums)
+}
+
+/// Density, momenta and kinetic energy of `φ Π_a δ(ψ_a)` as averages over the space cells of
+/// `share`; `fields` are `φ` and the level sets, on elements.
+fn on_surface(
+    space: &PhaseSpace,
+    share: &[Range<usize>],
+    fields: &[&[f64]],
+) -> Vec<[f64; MOMENTS]> {
+    let mut sums = vec![[0.0; MOMENTS]; share.iter().map(Range::len).product()];
+    surface::for_each_zero(space, share, fields[0], &fields[1..], |zero| {
+        let [_, _, _, x, y, z] = zero.point;
+        let factors = [1.0, x, y, z, 0.5 * (x * x + y * y + z * z)];
+        for (sum, factor) in sums[zero.cell].iter_mut().zip(factors) {
+            *sum += factor * zero.mass;
+        }
+    });
+    let mut cell = 0;
+    for_each_cell(share, |i| {
+        let volume: f64 = space.x.iter().zip(i).map(|(axis, i)| axis.weight(*i)).product();
+        sums[cell].iter_mut().for_each(|sum| *sum /= volume);
+        cell += 1;
+    });
+    sums
 }
 
 /// Volumes of the cells of a share of the grid beside their mean: 1 of degree 0.

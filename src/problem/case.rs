@@ -315,17 +315,40 @@ impl Case {
             );
         }
         if let Data::Measure { .. } = self.data {
-            return file.refuse(
-                "initial.velocity",
-                "the discrete delta function is that of cells of degree 0 without partial reflection; \
-                 leave scheme.degree and potential.reflection out",
-            );
+            self.check_level_sets(file, reflects)?;
         }
         if self.varies() && self.warp.inflow == Embedding::Scalar {
             return file.refuse(
                 "solver.warp.inflow",
                 "\"scalar\" takes no t in inflow.value of a degree above 0 or with partial \
                  reflection; \"boundary\" does",
+            );
+        }
+        Ok(())
+    }
+
+    /// Refuses level sets without zeros in elements, or of what is reflected in part by the region
+    /// `reflects`.
+    fn check_level_sets(&self, file: &CaseFile<'_>, reflects: Option<usize>) -> Result<()> {
+        if let Some(i) = reflects {
+            return file.refuse(
+                &format!("potential.{i}.reflection"),
+                "initial.velocity gives level sets, and what is reflected in part has two velocities \
+                 where a level set has one value; give initial.f",
+            );
+        }
+        if let Some(a) = self.space.v.iter().position(|v| v.nodes.degree == 0) {
+            return file.refuse(
+                &format!("axis.{a}.v.degree"),
+                "0 on a velocity axis: initial.velocity with degree above 0 takes the zeros of \
+                 polynomials in the velocity; 1 or more",
+            );
+        }
+        let key = "output.delta_width";
+        if file.has(key) {
+            return file.refuse(
+                key,
+                "is that of the discrete delta function of degree 0; elements have none, leave it out",
             );
         }
         Ok(())

@@ -44,12 +44,13 @@ pub fn over_space(world: &Group, volumes: &CellVolumes, pairs: &[Pair<'_>]) -> E
 pub fn by_cells(
     world: &Group,
     case: &Case,
-    volumes: &CellVolumes,
+    share: &[Range<usize>],
     field: ErrorNorms,
     found: &Moments,
     exact: &[f64],
 ) -> GridErrors {
-    let exact = moments(world, case, &[exact]);
+    let volumes = &CellVolumes::new(&case.space, share);
+    let exact = moments(world, case, share, &[exact]);
     let density = over_space(world, volumes, &[(&found.density, &exact.density)]);
     let momenta: Vec<Pair<'_>> = found.momentum.iter().zip(&exact.momentum).collect();
     let momentum = over_space(world, volumes, &momenta);

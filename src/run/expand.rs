@@ -52,7 +52,7 @@ pub(crate) fn expand(
         summary.minimum = -norms.largest(|x| -x);
         summary.maximum = norms.largest(|x| x);
     }
-    let moments = moments(world, case, &slices(&fields));
+    let moments = moments(world, case, &shown.share(share), &slices(&fields));
     let totals = volumes.totals(world, &moments);
     [summary.mass, summary.kinetic_energy] = totals;
     summary.minimum = summary.fields[0].minimum;
@@ -66,7 +66,7 @@ pub(crate) fn expand(
                 }
                 _ => {
                     let field = field_errors(&norms(&fields[0]), &norms(exact), volumes.mean());
-                    errors::by_cells(world, case, &volumes, field, &moments, exact)
+                    errors::by_cells(world, case, &shown.share(share), field, &moments, exact)
                 }
             };
             summary.set_errors(&errors);

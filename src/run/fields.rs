@@ -70,6 +70,6 @@ fn moments_of_fields(
 ) -> (Moments, Vec<Vec<f64>>) {
     let fields: Vec<Vec<f64>> = (found.into_iter()).map(|u| prepared.unweighted(u)).collect();
     let world = &prepared.communicator.world;
-    let moments = moments(world, &prepared.case, &slices(&fields));
+    let moments = moments(world, &prepared.case, &prepared.place.share, &slices(&fields));
     (moments, if keep { fields } else { Vec::new() })
 }

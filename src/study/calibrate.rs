@@ -230,7 +230,7 @@ fn time_observables(block: &mut Prepared, watch: &mut Stopwatch) {
     let initial = std::mem::take(&mut block.system.initial);
     let mine: Vec<&[f64]> = (initial.iter()).map(|f| &f[block.place.mine.clone()]).collect();
     watch.last = Instant::now();
-    moments(&block.communicator.world, &block.case, &mine);
+    moments(&block.communicator.world, &block.case, &block.place.share, &mine);
     watch.seconds.insert("observables".to_owned(), 2.0 * watch.last.elapsed().as_secs_f64());
 }
 

@@ -134,14 +134,80 @@ fn mistakes_in_measure_valued_data_are_refused() {
         ("initial.density=v^2", &["initial.density", "unknown name \"v\""]),
         ("exact={f=\"x\"}", &["exact.f", "measure-valued"]),
         ("output.delta_width=wide", &["output.delta_width", "determinant", "gradient"]),
+        ("axis.0.x.degree=1", &["axis.0.v.degree", "0 on a velocity axis", "1 or more"]),
+        ("potential.0.reflection=0.5", &["potential.0.reflection", "two velocities"]),
         ("initial={density=\"1\"}", &["initial.velocity", "list of 1"]),
         ("initial={velocity=[\"1\"]}", &["initial.density", "missing"]),
     ];
     all_refused(rows, |(setting, says), _| Mistake::set("example2.toml", &[setting], says));
+    let both = ["scheme.degree=2", "output.delta_width=\"gradient\""];
+    let says: &[&str] = &["output.delta_width", "degree 0"];
+    all_refused(&[()], |_, _| Mistake::set("example2.toml", &both, says));
     // What only the values on the grid show.
     let rows = [
         ("initial.density=sqrt(x)", ["initial.density", "NaN"]),
         ("initial.velocity=[\"sqrt(x)\"]", ["initial.velocity", "NaN"]),
     ];
     check_all(&rows, |(setting, says)| check("example2.toml").set(&[setting]).is_refused(says));
+}
+
+/// Elements have the density over the zeros of the level set, without a delta function: example 2
+/// by degree beside degree 0 with as many unknowns.
+#[test]
+fn elements_of_example_2_are_better_than_the_delta_function() {
+    let errors = [(0, 48), (1, 24), (2, 16)].map(|(degree, elements)| {
+        let place = directory();
+        let summary = run("example2.toml")
+            .set(&[
+                "solver.method=classical",
+                &format!("scheme.degree={degree}"),
+                &format!("axis.0.x.cells={elements}"),
+                &format!("axis.0.v.cells={elements}"),
+            ])
+            .solve(place.path())
+            .unwrap();
+        let number = |key: &str| summary.number(key).unwrap();
+        assert!((number("mass_exact") - 7.24).abs() < 1e-6);
+        ["error_density_l1", "error_velocity_l1"].map(number)
+    });
+    let [cells, first, second] = errors;
+    for k in 0..2 {
+        assert!(first[k] < 0.8 * cells[k] && second[k] < 0.6 * cells[k], "{errors:?}");
+    }
+}
+
+/// Moments of elements, at the end and before, have the same bits on 1 to 4 ranks, in space and of
+/// modes.
+#[test]
+fn moments_of_elements_have_the_same_bits_on_any_ranks() {
+    let runs = [(1, "1"), (2, "2"), (3, "3"), (4, "2")].map(|(ranks, blocks)| {
+        let place = directory();
+        Job::new(["run", &case("example2.toml"), "--ranks-x", blocks])
+            .set(&["scheme.degree=2", "axis.0.x.cells=10", "axis.0.v.cells=8", "time.end=0.9"])
+            .set(&["output.moments_every=0.3", "solver.tolerance=1e-4"])
+            .on(ranks)
+            .solve(place.path())
+            .unwrap();
+        datasets(place.path()).unwrap()
+    });
+    for name in ["/density", "/momentum", "/history/density", "/phi", "/density_exact"] {
+        let [one, rest @ ..] = runs.each_ref().map(|all| all[name].numbers());
+        assert!(one.iter().any(|x| *x != 0.0), "{name}");
+        assert!(rest.iter().all(|other| *other == one), "{name}");
+    }
+}
+
+/// Two dimensions: the mass of example 3 in elements.
+#[test]
+fn elements_of_example_3_have_the_exact_mass() {
+    let place = directory();
+    let summary = run("example3.toml")
+        .set(&["scheme.degree=1", "axis.0.x.cells=4", "axis.1.x.cells=4"])
+        .set(&["axis.0.v.cells=4", "axis.1.v.cells=4", "solver.method=classical"])
+        .on(2)
+        .solve(place.path())
+        .unwrap();
+    let number = |key: &str| summary.number(key).unwrap();
+    assert!((number("mass_exact") - 0.1564).abs() < 1e-4);
+    assert!((number("mass") - number("mass_exact")).abs() < 0.01, "{}", number("mass"));
 }

@@ -160,6 +160,8 @@ struct Sheets<'a> {
     case: &'a Case,
     tracer: Tracer<'a>,
     velocity: &'a [Expression],
+    /// Faces of the cells of each axis.
+    faces: Vec<Vec<f64>>,
     mass: Vec<f64>,
     momentum: Vec<Vec<f64>>,
     curve: Curve,
@@ -184,6 +186,7 @@ pub fn exact_moments(case: &Case) -> Result<Option<ExactMoments>> {
         case,
         tracer: Tracer::new(case)?.forward(),
         velocity,
+        faces: case.space.x.iter().map(Axis::cell_faces).collect(),
         mass: vec![0.0; cells],
         momentum: vec![vec![0.0; cells]; n],
         curve: Curve::default(),
@@ -236,8 +239,10 @@ pub fn curve_points(case: &Case) -> usize {
 fn grid(case: &Case, sheet: Sheet) -> (Vec<Range<usize>>, Vec<f64>) {
     let axes = &case.space.x;
     let boxes = BOXES[axes.len() - 1];
-    let mut ranges: Vec<_> = axes.iter().map(|a| 0..a.cells * boxes).collect();
-    let mut width: Vec<f64> = axes.iter().map(|a| a.width() / boxes as f64).collect();
+    // So many in each element.
+    let boxes = |a: &Axis| boxes * a.nodes.count();
+    let mut ranges: Vec<_> = axes.iter().map(|a| 0..a.elements() * boxes(a)).collect();
+    let mut width: Vec<f64> = axes.iter().map(|a| a.width() / boxes(a) as f64).collect();
     if let Sheet::Entering { axis, .. } = sheet {
         // As many times as the fastest particles cross boxes until the end.
         let v = &case.space.v[axis];
@@ -273,8 +278,10 @@ impl Sheets<'_> {
                     // Counted from the cell's own face, so that sides on faces are there to
                     // round-off.
                     _ => {
-                        let (cell, part) = (k[a] / boxes, k[a] % boxes);
-                        self.space().x[a].face(cell as i64) + (part as f64 + 0.5) * width[a]
+                        let axis = &self.space().x[a];
+                        let boxes = boxes * axis.nodes.count();
+                        let (element, part) = (k[a] / boxes, k[a] % boxes);
+                        axis.face(element as i64) + (part as f64 + 0.5) * width[a]
                     }
                 };
             }
@@ -376,7 +383,7 @@ impl Sheets<'_> {
     /// Whether an image bends by more than a part of a cell.
     fn bent(&self, shape: &Shape) -> bool {
         let mut axes = self.space().x.iter().zip(&shape.bend);
-        axes.any(|(axis, bend)| bend.abs() > BENDING * axis.width())
+        axes.any(|(axis, bend)| bend.abs() > BENDING * mean_width(axis))
     }
 
     /// Along which axis a piece is to be halved: the first along which its corners went other ways,
@@ -401,7 +408,7 @@ impl Sheets<'_> {
             shape.is_some_and(|shape| {
                 let mut axes = self.space().x.iter().zip(&shape.secants[a]);
                 let change = shape.change.abs() > CHANGE * centre.density.abs();
-                let mut wide = || axes.any(|(axis, s)| s.abs() > WIDEST * axis.width());
+                let mut wide = || axes.any(|(axis, s)| s.abs() > WIDEST * mean_width(axis));
                 change || self.bent(shape) || n > 1 && wide()
             })
         };
@@ -468,12 +475,12 @@ impl Sheets<'_> {
             if b >= n {
                 return vec![(0, 1.0)];
             }
-            let axis = &self.case.space.x[b];
+            let cells = Cells { axis: &self.case.space.x[b], faces: &self.faces[b] };
             let (lower, upper) = (middle[b] - half[b], middle[b] + half[b]);
             if self.case.space.is_periodic(b) {
-                overlap_around(axis, lower, upper)
+                cells.overlap_around(lower, upper)
             } else {
-                overlap(axis, lower, upper)
+                cells.overlap(lower, upper)
             }
         });
         let axes = &self.case.space.x;
@@ -521,7 +528,13 @@ impl Sheets<'_> {
             return Err(failure);
         }
         let space = &self.case.space;
-        let volume: f64 = space.x.iter().map(Axis::width).product();
+        let mut density = self.mass.clone();
+        let mut cell = 0;
+        let cells: Vec<Range<usize>> = space.x.iter().map(|a| 0..a.cells).collect();
+        for_each_cell(&cells, |i| {
+            density[cell] /= space.x.iter().zip(i).map(|(a, i)| a.weight(*i)).product::<f64>();
+            cell += 1;
+        });
         let largest = self.mass.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
         let mean = |momentum: &Vec<f64>| {
             let ratio = |(p, m): (&f64, &f64)| {
@@ -531,46 +544,67 @@ impl Sheets<'_> {
         };
         Ok(ExactMoments {
             velocity: self.momentum.iter().map(mean).collect(),
-            density: self.mass.iter().map(|m| m / volume).collect(),
+            density,
             curve: (space.dimension() == 1).then_some(self.curve),
         })
     }
 }
 
-/// The cells of `axis` that `[lower, upper]` overlaps, each with its part of the interval; parts
-/// sum to 1. What sticks out of the axis counts for the cell at its end.
-fn overlap(axis: &Axis, lower: f64, upper: f64) -> Vec<(usize, f64)> {
-    let cell =
-        |x: f64| (((x - axis.lower) / axis.width()).floor().max(0.0) as usize).min(axis.cells - 1);
-    let (first, last) = (cell(lower), cell(upper));
-    if first == last {
-        return vec![(first, 1.0)];
-    }
-    let length = upper - lower;
-    (first..=last)
-        .map(|i| {
-            let from = if i == first { lower } else { axis.face(i as i64) };
-            let to = if i == last { upper } else { axis.face(i as i64 + 1) };
-            (i, ((to - from) / length).max(0.0))
-        })
-        .collect()
+/// Mean width of the cells of an axis.
+fn mean_width(axis: &Axis) -> f64 {
+    axis.width() / axis.nodes.count() as f64
 }
 
-/// As [`overlap`], on a periodic axis, of an interval anywhere: cells may come more than once.
-fn overlap_around(axis: &Axis, lower: f64, upper: f64) -> Vec<(usize, f64)> {
-    let length = axis.upper - axis.lower;
-    let shift = ((lower - axis.lower) / length).floor() * length;
-    let (lower, upper) = (lower - shift, upper - shift);
-    if upper <= axis.upper || upper == lower {
-        return overlap(axis, lower, upper);
+/// The cells of an axis.
+struct Cells<'a> {
+    axis: &'a Axis,
+    faces: &'a [f64],
+}
+
+impl Cells<'_> {
+    /// The cell that holds `x`; beyond the axis the one at its end.
+    fn at(&self, x: f64) -> usize {
+        let place = ((x - self.axis.lower) / self.axis.width()).floor().max(0.0) as usize;
+        let count = self.axis.nodes.count();
+        let first = place.min(self.axis.elements() - 1) * count;
+        (first..first + count).rfind(|i| self.faces[*i] <= x).unwrap_or(first)
     }
-    let inside = ((axis.upper - lower) / (upper - lower)).clamp(0.0, 1.0);
-    let first = overlap(axis, lower.min(axis.upper), axis.upper).into_iter();
-    let rest = overlap_around(axis, axis.lower, upper - length).into_iter();
-    first
-        .map(|(i, part)| (i, inside * part))
-        .chain(rest.map(|(i, part)| (i, (1.0 - inside) * part)))
-        .collect()
+
+    /// The cells that `[lower, upper]` overlaps, each with its part of the interval; parts sum to 1.
+    /// What sticks out of the axis counts for the cell at its end.
+    fn overlap(&self, lower: f64, upper: f64) -> Vec<(usize, f64)> {
+        let (first, last) = (self.at(lower), self.at(upper));
+        if first == last {
+            return vec![(first, 1.0)];
+        }
+        let length = upper - lower;
+        (first..=last)
+            .map(|i| {
+                let from = if i == first { lower } else { self.faces[i] };
+                let to = if i == last { upper } else { self.faces[i + 1] };
+                (i, ((to - from) / length).max(0.0))
+            })
+            .collect()
+    }
+
+    /// As [`overlap`](Self::overlap), on a periodic axis, of an interval anywhere: cells may come
+    /// more than once.
+    fn overlap_around(&self, lower: f64, upper: f64) -> Vec<(usize, f64)> {
+        let axis = self.axis;
+        let length = axis.upper - axis.lower;
+        let shift = ((lower - axis.lower) / length).floor() * length;
+        let (lower, upper) = (lower - shift, upper - shift);
+        if upper <= axis.upper || upper == lower {
+            return self.overlap(lower, upper);
+        }
+        let inside = ((axis.upper - lower) / (upper - lower)).clamp(0.0, 1.0);
+        let first = self.overlap(lower.min(axis.upper), axis.upper).into_iter();
+        let rest = self.overlap_around(axis.lower, upper - length).into_iter();
+        first
+            .map(|(i, part)| (i, inside * part))
+            .chain(rest.map(|(i, part)| (i, (1.0 - inside) * part)))
+            .collect()
+    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,6 @@ use crate::base::checksum::Slab;
 use crate::base::text::short;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
-use crate::results::pictures::mesh;
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Read, Stored};
 
@@ -55,7 +54,7 @@ fn densities(run: &Stored) -> Read<Panel> {
         let at = if count > 1 { k * last / (count - 1) } else { last };
         let slab = Slab::of(&[at..at + 1, 0..x.cells]);
         let values = run.slab("history/density", &slab)?;
-        let points = mesh::line(x, &values);
+        let points = run.line(&values);
         let label = format!("t = {}", short(times[at]));
         panel = panel.line(label, Style::of(k).plain().dashed(k % 4), points);
     }

@@ -17,8 +17,29 @@ pub struct FineMesh {
 }
 
 impl FineMesh {
-    /// Of `axis`, with about `most` parts in all at most, but one an element at least.
+    /// Of `axis`, with about `most` parts in all at most, but one an element at least, for the
+    /// polynomials through the nodes.
     pub fn new(axis: &Axis, most: usize) -> Self {
+        Self::with(axis, most, |xi| axis.nodes.reference().values_at(xi))
+    }
+
+    /// The same for averages over the cells.
+    pub fn of_averages(axis: &Axis, most: usize) -> Self {
+        Self::with(axis, most, |xi| {
+            let element = axis.nodes.reference();
+            let mut upper = -1.0;
+            let within = element.weights.iter().position(|w| {
+                upper += w;
+                xi < upper
+            });
+            let mut values = vec![0.0; axis.nodes.count()];
+            values[within.unwrap_or(axis.nodes.degree)] = 1.0;
+            values
+        })
+    }
+
+    /// With the weights `values_at(ξ)` of the nodes at a point of the reference element.
+    fn with(axis: &Axis, most: usize, values_at: impl Fn(f64) -> Vec<f64>) -> Self {
         let (nodes, element) = (axis.nodes.count(), axis.nodes.reference());
         let parts = match axis.nodes.degree {
             0 => 1,
@@ -30,7 +51,7 @@ impl FineMesh {
         let middle = |part: usize| (2 * part + 1) as f64 / parts as f64 - 1.0;
         let matrix = match parts {
             1 => vec![element.weights.iter().map(|w| 0.5 * w).collect()],
-            _ => (0..parts).map(|part| element.values_at(middle(part))).collect(),
+            _ => (0..parts).map(|part| values_at(middle(part))).collect(),
         };
         Self { elements: axis.elements(), matrix }
     }
@@ -76,6 +97,12 @@ pub fn line(axis: &Axis, values: &[f64]) -> Vec<[f64; 2]> {
     points
 }
 
+/// Averages over the cells of `axis` as points in the middle of each.
+pub fn averages(axis: &Axis, values: &[f64]) -> Vec<[f64; 2]> {
+    let faces = axis.cell_faces();
+    (faces.windows(2).zip(values)).map(|(ends, f)| [0.5 * (ends[0] + ends[1]), *f]).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -105,6 +132,26 @@ mod tests {
         let points = line(&x, &x.centres().iter().map(|x| f(*x, 0.5)).collect::<Vec<_>>());
         assert_eq!((points[0][0], points[points.len() - 1][0]), (-1.0, 2.0));
         assert!(points.iter().all(|[x, value]| (f(*x, 0.5) - value).abs() < 1e-13));
+    }
+
+    /// Averages are drawn as they are, each in its own cell.
+    #[test]
+    fn averages_stay_in_their_cells() {
+        let x = Axis::new(0.0, 2.0, 2).with_nodes(Nodes::of_space(2));
+        let values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+        let points = averages(&x, &values);
+        // Widths of Gauss–Lobatto nodes: 1/6, 2/3, 1/6.
+        assert_eq!(points.len(), 6);
+        for (point, middle) in points.iter().zip([1.0 / 12.0, 0.5, 11.0 / 12.0]) {
+            assert!((point[0] - middle).abs() < 1e-15, "{point:?}");
+        }
+        let mesh = FineMesh::of_averages(&x, 1000);
+        let one = FineMesh::new(&Axis::new(0.0, 1.0, 1), 1);
+        let fine = drawn(&values, 2, &[mesh, one]);
+        for (part, found) in fine.iter().enumerate() {
+            let at = 2.0 * (part as f64 + 0.5) / fine.len() as f64;
+            assert_eq!(*found, values[x.cell_faces().partition_point(|face| *face <= at) - 1]);
+        }
     }
 
     /// Many elements are averaged, and a cell of degree 0 stays as it is.

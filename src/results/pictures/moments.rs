@@ -8,7 +8,6 @@ use crate::results::figure::{Axis, Figure, Layer, Panel};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, closing, jumps};
 use crate::results::pictures::maps::{apart, difference, largest, map, range};
-use crate::results::pictures::mesh;
 use crate::results::pictures::phase_space::branches;
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Plane, Read, Stored};
@@ -43,12 +42,12 @@ fn possible(velocity: f64, axis: &grid::Axis) -> f64 {
 /// The moment `name` of a run in one dimension as points; velocities where there is something.
 fn listed(run: &Stored, name: &str) -> Read<Vec<[f64; 2]>> {
     if name != "velocity" {
-        return Ok(over_space(run, &run.list(name)?));
+        return Ok(run.line(&run.list(name)?));
     }
-    let density = over_space(run, &run.list("density")?);
+    let density = run.line(&run.list("density")?);
     // Of elements the ratio of two polynomials is drawn, not one through the nodes' ratios.
-    let elements = run.space.degree() > 0;
-    let mut points = over_space(run, &run.list(if elements { "momentum" } else { name })?);
+    let elements = run.space.degree() > 0 && !run.has_averaged_moments();
+    let mut points = run.line(&run.list(if elements { "momentum" } else { name })?);
     let most = density.iter().fold(0.0f64, |m, d| m.max(d[1].abs()));
     let nothing = nothing(run, most);
     for (point, [_, density]) in points.iter_mut().zip(density) {
@@ -60,11 +59,6 @@ fn listed(run: &Stored, name: &str) -> Read<Vec<[f64; 2]>> {
         }
     }
     Ok(points)
-}
-
-/// Values at the nodes of the space axis, as points of a line.
-fn over_space(run: &Stored, values: &[f64]) -> Vec<[f64; 2]> {
-    mesh::line(run.axis(0), values)
 }
 
 /// Exact density, momentum and mean velocity in one dimension, where the file has what they follow
@@ -129,7 +123,7 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
             panel = panel.points(said(&runs.names[1]), Style::of(1).hollow(), points);
         }
         if let Some(exact) = &exact {
-            let points = over_space(run, &exact[k]);
+            let points = run.line(&exact[k]);
             panel = panel.line(said("exact"), Style::of(2).plain(), points);
         }
         let points = listed(run, name)?;
@@ -186,9 +180,9 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
         }
         let density = r.plane("density", None, plane, at)?;
         // Of elements the ratio of two polynomials is drawn, not one through the nodes' ratios.
-        let mut found = match r.space.degree() {
-            0 => r.plane(name, component, plane, at)?,
-            _ => {
+        let mut found = match r.space.degree() == 0 || r.has_averaged_moments() {
+            true => r.plane(name, component, plane, at)?,
+            false => {
                 let mut plane = r.plane("momentum", component, plane, at)?;
                 let axis = r.axis(r.dimension() + component.unwrap_or(0));
                 for (value, density) in plane.values.iter_mut().zip(&density.values) {

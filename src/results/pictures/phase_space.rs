@@ -3,6 +3,7 @@
 use crate::base::checksum::Slab;
 use crate::base::text::short;
 use crate::matrix::observables::level_sets::concentrate;
+use crate::matrix::observables::surface::for_each_zero;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Panel};
 use crate::results::pictures::cut::Cut;
@@ -49,7 +50,9 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         row => row.min(3),
     };
     let time = short(run.time);
-    let what = if measure {
+    let what = if measure && run.space.degree() > 0 {
+        "Measure-valued data: f = φ δ(ψ), at the zeros of the polynomials of ψ in one dimension."
+    } else if measure {
         "Measure-valued data: f = φ δ(ψ), with the paper's discrete delta function in one \
          dimension."
     } else if run.space.degree() > 0 {
@@ -114,16 +117,20 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>>
     let at = &cut.0[..];
     let mut panels = Vec::new();
     if n == 1 {
+        let [x, v] = plane.map(|a| {
+            let axis = run.axis(a);
+            Axis::linear(run.names()[a]).within(axis.lower, axis.upper)
+        });
         if run.has("multivalued") {
-            let [x, v] = plane.map(|a| {
-                let axis = run.axis(a);
-                Axis::linear(run.names()[a]).within(axis.lower, axis.upper)
-            });
-            let curve = branches(run)?;
-            panels.push(Panel::new("exact velocity", x, v).line("", Style::of(0).plain(), curve));
+            let exact = Panel::new("exact velocity", x.clone(), v.clone());
+            panels.push(exact.line("", Style::of(0).plain(), branches(run)?));
+        }
+        for (k, (r, name)) in runs.each().enumerate().filter(|(_, (r, _))| r.space.degree() > 0) {
+            let panel = Panel::new(format!("zeros of ψ, {name}"), x.clone(), v.clone());
+            panels.push(panel.points("", Style::of(k), surface(r)?));
         }
         let found: Read<Vec<(Plane, &str)>> = (runs.each())
-            .filter(|(r, _)| r.case.is_ok())
+            .filter(|(r, _)| r.case.is_ok() && r.space.degree() == 0)
             .map(|(r, name)| Ok((concentrated(r)?, name)))
             .collect();
         let found = found?;
@@ -170,6 +177,22 @@ fn concentrated(run: &Stored) -> Read<Plane> {
         values.extend_from_slice(&line);
     }
     Ok(Plane { shape: [nx, nv], values })
+}
+
+/// Where the level set of elements is zero in one dimension: the points that the moments are taken
+/// at.
+fn surface(run: &Stored) -> Read<Vec<[f64; 2]>> {
+    let (x, nv) = (run.axis(0), run.axis(1).cells);
+    let mut points = Vec::new();
+    for element in 0..x.elements() {
+        let here = element * x.nodes.count()..(element + 1) * x.nodes.count();
+        let phi = run.slab("phi", &Slab::of(&[here.clone(), 0..nv]))?;
+        let psi = run.slab("psi", &Slab::of(&[0..1, here.clone(), 0..nv]))?;
+        for_each_zero(&run.space, &[here], &phi, &[&psi], |zero| {
+            points.push([zero.point[0], zero.point[3]]);
+        });
+    }
+    Ok(points)
 }
 
 /// The exact velocity, branch after branch, with NaN between.

@@ -6,7 +6,7 @@ use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
-use crate::results::pictures::mesh::{FineMesh, drawn};
+use crate::results::pictures::mesh::{self, FineMesh, drawn};
 use crate::results::readback::{check_alone, read_slab, read_text, text_attribute};
 use hdf5::{Dataset, File, Location};
 use serde::Deserialize;
@@ -176,6 +176,20 @@ impl Stored {
         dataset.read_raw().map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
+    /// Whether moments are averages over the cells of elements and no polynomials: those of
+    /// measure-valued data.
+    pub fn has_averaged_moments(&self) -> bool {
+        self.space.degree() > 0 && self.has("phi")
+    }
+
+    /// A moment in one dimension as points of a line.
+    pub fn line(&self, values: &[f64]) -> Vec<[f64; 2]> {
+        match self.has_averaged_moments() {
+            true => mesh::averages(self.axis(0), values),
+            false => mesh::line(self.axis(0), values),
+        }
+    }
+
     /// A box of a dataset, row-major.
     pub fn slab(&self, name: &str, slab: &Slab) -> Read<Vec<f64>> {
         read_slab(&self.dataset(name)?, slab).map_err(|e| format!("/{name} of result.h5: {e}"))
@@ -192,7 +206,11 @@ impl Stored {
         at: &[usize],
     ) -> Read<Plane> {
         let lengths = plane.map(|a| self.axis(a).cells);
-        let meshes = plane.map(|a| FineMesh::new(self.axis(a), FINEST));
+        let averaged = self.has_averaged_moments() && !["phi", "psi"].contains(&name);
+        let meshes = plane.map(|a| match averaged {
+            true => FineMesh::of_averages(self.axis(a), FINEST),
+            false => FineMesh::new(self.axis(a), FINEST),
+        });
         let fine = [meshes[0].len(), meshes[1].len()];
         let shape = fine.map(|n| n.min(FINEST));
         let dataset = self.dataset(name)?;

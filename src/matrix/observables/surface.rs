@@ -1,0 +1,336 @@
+//! Measure-valued data on elements: `f = φ Π_a δ(ψ_a)` with `φ` and the level sets as polynomials,
+//! integrated over cells of space without a discrete delta function.
+//!
+//! Where `Ψ = 0`, `n` of the `2n` coordinates `(x, v)` are functions of the others. With the
+//! coordinates `I` solved for and the others at the points of a quadrature rule,
+//!
+//! ```text
+//! ∫ φ δ(Ψ) dx dv = Σ_points weight Σ_zeros φ/|det ∂Ψ/∂I|
+//! ```
+//!
+//! Solving for the velocities, `I = v`, gives `ρ = Σ φ/|det ∂Ψ/∂v|` at the zeros of `Ψ` along the
+//! velocities at one point of space, which is infinite at caustics. So each zero counts by a share,
+//! and the shares of all choices `I` sum to 1 (by the coarea formula any such shares do). With the
+//! minors `D_I = det ∂Ψ/∂I`, lengths in elements, and `r = D_v²/Σ_I D_I²`, the share of `I = v` is
+//! a smooth step that is 1 from `r = `[`STEEP`] on, and another's is proportional to `D_I²`: next to caustics the surface
+//! `Ψ = 0` is followed along the coordinates in which it is steep, and nothing is infinite.
+//!
+//! Polynomials of neighbouring elements differ at their face by the error of the scheme, so that a
+//! zero there may be seen by both or none. Velocity elements therefore reach over their faces by
+//! [`overlap`], with weights that fall linearly from 1 to 0 and sum to 1.
+
+use crate::matrix::observables::level_sets::{IDENTITY, determinant};
+use crate::matrix::observables::zeros::{basis, basis_slopes, evaluate, has_one_sign, zeros};
+use crate::matrix::sampling::{Element, apply_along_all, for_each_element};
+use crate::problem::element::{Nodes, gauss_legendre};
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
+use std::ops::Range;
+
+/// `D_v²/Σ D_I²` below which a zero found along the velocities does not count wholly.
+const STEEP: f64 = 0.05;
+/// Points of the rule in a cell of a space axis, by dimension.
+const SPACE_POINTS: [usize; MAX_DIMENSION] = [8, 3, 1];
+/// Points of the rule in an element of a velocity axis for each of its nodes, by dimension.
+const VELOCITY_POINTS: [usize; MAX_DIMENSION] = [8, 2, 1];
+/// Zeros so little beyond an end of the velocity box, in half elements, are on it.
+const AT_END: f64 = 1e-12;
+
+/// A zero of the level sets.
+pub struct Zero {
+    /// The cell of space it lies in, numbered in the rank's share.
+    pub cell: usize,
+    /// What it adds to `∫ f dx dv` over that cell.
+    pub mass: f64,
+    /// Its coordinates `[x, y, z, vx, vy, vz]`.
+    pub point: [f64; 6],
+}
+
+/// How far a velocity element of degree `k` reaches over its faces, in half widths: about the
+/// distance of the outermost Gauss node, so that polynomials grow by a constant factor only.
+fn overlap(degree: usize) -> f64 {
+    0.5 / ((degree + 1) * (degree + 1)) as f64
+}
+
+/// A point of a quadrature rule along an axis.
+struct Sample {
+    /// In the reference element.
+    xi: f64,
+    /// Part of the element's width.
+    weight: f64,
+}
+
+/// An axis of the elements.
+struct Line {
+    nodes: Nodes,
+    /// Ends of the domain of an element's polynomial in its reference element, `[−reach, reach]`.
+    reach: f64,
+    /// From values at the nodes to Bernstein coefficients on that domain.
+    to_bernstein: Vec<Vec<f64>>,
+    samples: Vec<Sample>,
+    /// Upper ends of the cells in the reference element.
+    faces: Vec<f64>,
+}
+
+impl Line {
+    fn new(nodes: Nodes, is_velocity: bool, n: usize) -> Self {
+        let (count, reference) = (nodes.count(), nodes.reference());
+        let reach = if is_velocity { 1.0 + overlap(nodes.degree) } else { 1.0 };
+        let mut faces = vec![-1.0];
+        for (m, weight) in reference.weights.iter().enumerate() {
+            faces.push(if m + 1 == count { 1.0 } else { faces[m] + weight });
+        }
+        let parts: Vec<[f64; 2]> = match is_velocity {
+            true => vec![[-1.0, 1.0]],
+            false => faces.windows(2).map(|ends| [ends[0], ends[1]]).collect(),
+        };
+        let points = if is_velocity { VELOCITY_POINTS[n - 1] * count } else { SPACE_POINTS[n - 1] };
+        let rule = gauss_legendre(points);
+        let samples = parts.iter().flat_map(|[lower, upper]| {
+            let (middle, half) = (0.5 * (lower + upper), 0.5 * (upper - lower));
+            rule.iter()
+                .map(move |(xi, w)| Sample { xi: middle + half * xi, weight: 0.5 * half * w })
+        });
+        Self {
+            nodes,
+            reach,
+            to_bernstein: to_bernstein(nodes, reach),
+            samples: samples.collect(),
+            faces: faces[1..].to_vec(),
+        }
+    }
+
+    /// The place of `ξ` in the domain as a number in `[0, 1]`.
+    fn place(&self, xi: f64) -> f64 {
+        0.5 * (1.0 + xi / self.reach)
+    }
+
+    /// The point of the reference element at a place of the domain.
+    fn xi(&self, place: f64) -> f64 {
+        self.reach * (2.0 * place - 1.0)
+    }
+
+    /// The cell of an element that holds `ξ`.
+    fn cell(&self, xi: f64) -> usize {
+        self.faces.iter().position(|face| xi < *face).unwrap_or(self.faces.len() - 1)
+    }
+}
+
+/// The matrix from values at the nodes to Bernstein coefficients on `[−reach, reach]`: the Lagrange
+/// polynomials, each multiplied up from its linear factors `(ξ − ξ_m)/(ξ_n − ξ_m)`.
+fn to_bernstein(nodes: Nodes, reach: f64) -> Vec<Vec<f64>> {
+    let (count, at) = (nodes.count(), &nodes.reference().nodes);
+    let column = |n: usize| {
+        let mut coefficients = vec![1.0];
+        for m in (0..count).filter(|m| *m != n) {
+            let [lower, upper] = [-reach, reach].map(|end| (end - at[m]) / (at[n] - at[m]));
+            let k = coefficients.len();
+            let mut next = vec![0.0; k + 1];
+            for (j, c) in coefficients.iter().enumerate() {
+                next[j] += (k - j) as f64 / k as f64 * lower * c;
+                next[j + 1] += (j + 1) as f64 / k as f64 * upper * c;
+            }
+            coefficients = next;
+        }
+        coefficients
+    };
+    let columns: Vec<Vec<f64>> = (0..count).map(column).collect();
+    (0..count).map(|j| columns.iter().map(|column| column[j]).collect()).collect()
+}
+
+/// The surface over one element.
+struct Patch<'a> {
+    element: &'a Element<'a>,
+    space: &'a PhaseSpace,
+    lines: &'a [Line],
+    /// Coefficients of `φ`, and of each level set.
+    phi: Vec<f64>,
+    psi: Vec<Vec<f64>>,
+}
+
+/// Calls `visit` with the zeros of the level sets `psi` over the space cells `share` with all
+/// velocities; `phi` and each of `psi` hold values at the nodes there. What each adds sums to the
+/// integral of `φ Π_a δ(ψ_a)`.
+pub fn for_each_zero(
+    space: &PhaseSpace,
+    share: &[Range<usize>],
+    phi: &[f64],
+    psi: &[&[f64]],
+    mut visit: impl FnMut(&Zero),
+) {
+    let n = space.dimension();
+    let lines: Vec<Line> =
+        space.axes().enumerate().map(|(a, axis)| Line::new(axis.nodes, a >= n, n)).collect();
+    let matrices: Vec<Vec<Vec<f64>>> = lines.iter().map(|l| l.to_bernstein.clone()).collect();
+    for_each_element(space, share, |element| {
+        let coefficients = |field: &[f64]| {
+            let mut nodal = vec![0.0; element.shape().iter().product()];
+            element.for_each_cell(share, |cell, node| nodal[node] = field[cell]);
+            apply_along_all(&nodal, &matrices)
+        };
+        let mut level_sets = Vec::with_capacity(n);
+        for psi in psi {
+            let psi = coefficients(psi);
+            if has_one_sign(&psi) {
+                return;
+            }
+            level_sets.push(psi);
+        }
+        let patch =
+            Patch { element, space, lines: &lines, phi: coefficients(phi), psi: level_sets };
+        for solved in (0u32..1 << (2 * n)).filter(|set| set.count_ones() as usize == n) {
+            let constant = |b: usize| solved >> b & 1 == 1 && lines[b].nodes.degree == 0;
+            if !(0..2 * n).any(constant) {
+                patch.solve(solved, share, &mut visit);
+            }
+        }
+    });
+}
+
+impl Patch<'_> {
+    /// The zeros with the axes of the set `solved` solved for, at every point of the others' rule.
+    fn solve(&self, solved: u32, share: &[Range<usize>], visit: &mut impl FnMut(&Zero)) {
+        let axes = self.lines.len();
+        let is_solved = |b: usize| solved >> b & 1 == 1;
+        let shape: Vec<usize> =
+            (0..axes).filter(|b| is_solved(*b)).map(|b| self.lines[b].nodes.count()).collect();
+        let counts: Vec<usize> =
+            (0..axes).map(|b| if is_solved(b) { 1 } else { self.lines[b].samples.len() }).collect();
+        for number in 0..counts.iter().product() {
+            let (mut rest, mut weight, mut xi) = (number, 1.0, vec![0.0; axes]);
+            for b in (0..axes).rev().filter(|b| !is_solved(*b)) {
+                let sample = &self.lines[b].samples[rest % counts[b]];
+                rest /= counts[b];
+                xi[b] = sample.xi;
+                weight *= sample.weight;
+            }
+            let rows: Vec<(usize, Option<Vec<f64>>)> = (self.lines.iter().enumerate())
+                .map(|(b, line)| {
+                    let row = basis(line.nodes.degree, line.place(xi[b]));
+                    (line.nodes.count(), (!is_solved(b)).then_some(row))
+                })
+                .collect();
+            let restricted = |c: &Vec<f64>| {
+                let mut out = Vec::new();
+                restrict(c, &rows, &mut out);
+                out
+            };
+            for zero in zeros(self.psi.iter().map(restricted).collect(), &shape) {
+                for (place, b) in zero.iter().zip((0..axes).filter(|b| is_solved(*b))) {
+                    xi[b] = self.lines[b].xi(*place);
+                }
+                if let Some(zero) = self.zero(solved, &xi, weight, share) {
+                    visit(&zero);
+                }
+            }
+        }
+    }
+
+    /// What a zero at `xi` found with the axes `solved` adds, at a point of a rule with the weight
+    /// `weight`; none where it adds nothing.
+    fn zero(&self, solved: u32, xi: &[f64], weight: f64, share: &[Range<usize>]) -> Option<Zero> {
+        let n = self.space.dimension();
+        let part: f64 =
+            (n..2 * n).filter(|b| solved >> b & 1 == 1).map(|b| self.part(b, xi[b])).product();
+        let velocities = ((1 << n) - 1) << n;
+        let minors = self.minors(xi);
+        let square = |set: u32| minors.iter().find(|m| m.0 == set).map_or(0.0, |m| m.1 * m.1);
+        let all: f64 = minors.iter().map(|m| m.1 * m.1).sum();
+        let along_velocities = smooth_step(square(velocities) / (STEEP * all));
+        let counts = match solved == velocities {
+            true => along_velocities,
+            false => (1.0 - along_velocities) * square(solved) / (all - square(velocities)),
+        };
+        if part == 0.0 || !(counts > 0.0) {
+            return None;
+        }
+        let bases: Vec<Vec<f64>> = (self.lines.iter().zip(xi))
+            .map(|(line, xi)| basis(line.nodes.degree, line.place(*xi)))
+            .collect();
+        let volume: f64 = self.space.axes().map(|axis| axis.width()).product();
+        let density = evaluate(&self.phi, &bases) / square(solved).sqrt();
+        let cell = share.iter().enumerate().fold(0, |cell, (a, range)| {
+            let line = &self.lines[a];
+            let first = self.element.place[a] * line.nodes.count();
+            cell * range.len() + first + line.cell(xi[a]) - range.start
+        });
+        let mass = part * counts * weight * volume * density;
+        Some(Zero { cell, mass, point: self.element.point(xi) })
+    }
+
+    /// How much the element counts at `ξ` along a velocity axis: with its neighbours' 1.
+    fn part(&self, b: usize, xi: f64) -> f64 {
+        let elements = self.space.v[b - self.space.dimension()].elements();
+        let overlap = self.lines[b].reach - 1.0;
+        let e = self.element.place[b];
+        let beyond = xi.abs() - 1.0;
+        if (xi < 0.0 && e == 0) || (xi > 0.0 && e + 1 == elements) {
+            return f64::from(u8::from(beyond <= AT_END));
+        }
+        (0.5 * (1.0 - beyond / overlap)).clamp(0.0, 1.0)
+    }
+
+    /// The minors `det ∂Ψ/∂I` at `xi` of all sets `I` of `n` axes, lengths in elements.
+    fn minors(&self, xi: &[f64]) -> Vec<(u32, f64)> {
+        let (n, axes) = (self.space.dimension(), self.lines.len());
+        let rows = |derived: usize| -> Vec<Vec<f64>> {
+            (self.lines.iter().zip(xi).enumerate())
+                .map(|(b, (line, xi))| {
+                    let place = line.place(*xi);
+                    match b == derived {
+                        true => basis_slopes(line.nodes.degree, place),
+                        false => basis(line.nodes.degree, place),
+                    }
+                })
+                .collect()
+        };
+        // [axis][level set], in elements: an element is 1/reach of the domain.
+        let slopes: Vec<Vec<f64>> = (0..axes)
+            .map(|b| {
+                let rows = rows(b);
+                self.psi.iter().map(|psi| evaluate(psi, &rows) / self.lines[b].reach).collect()
+            })
+            .collect();
+        (0u32..1 << axes)
+            .filter(|set| set.count_ones() as usize == n)
+            .map(|set| {
+                let mut jacobian = IDENTITY;
+                let chosen = (0..axes).filter(|b| set >> b & 1 == 1);
+                for (column, b) in chosen.enumerate() {
+                    for (a, row) in jacobian.iter_mut().enumerate().take(n) {
+                        row[column] = slopes[b][a];
+                    }
+                }
+                (set, determinant(&jacobian))
+            })
+            .collect()
+    }
+}
+
+/// Rises smoothly from 0 to 1 at `u = 1`.
+fn smooth_step(u: f64) -> f64 {
+    let u = u.min(1.0);
+    u * u * (3.0 - 2.0 * u)
+}
+
+/// Appends to `out` the coefficients along the axes without a row, the others contracted with
+/// theirs.
+fn restrict(coefficients: &[f64], axes: &[(usize, Option<Vec<f64>>)], out: &mut Vec<f64>) {
+    let Some(((count, row), rest)) = axes.split_first() else {
+        out.extend_from_slice(coefficients);
+        return;
+    };
+    let slices = coefficients.chunks_exact(coefficients.len() / count);
+    match row {
+        None => slices.for_each(|slice| restrict(slice, rest, out)),
+        Some(row) => {
+            let mut sum = vec![0.0; coefficients.len() / count];
+            for (b, slice) in row.iter().zip(slices) {
+                sum.iter_mut().zip(slice).for_each(|(sum, c)| *sum += b * c);
+            }
+            restrict(&sum, rest, out);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
