@@ -126,7 +126,7 @@ fn method(case: &Case, bounds: &Bounds) -> String {
                 word(&case.warp.delta),
                 word(&case.warp.shift),
                 word(&case.propagator)
-            ) + &schrodingerized(case, bounds)
+            ) + &schrodingerized(bounds)
         }
     };
     common + &settings
@@ -134,7 +134,7 @@ fn method(case: &Case, bounds: &Bounds) -> String {
 
 /// What makes `S` other than zero, so that `A` is not skew and needs Schrödingerization, each with
 /// the most that it adds to the norm of `S`.
-fn schrodingerized(case: &Case, bounds: &Bounds) -> String {
+fn schrodingerized(bounds: &Bounds) -> String {
     let most = format!("norm of S at most {:.4}", bounds.dissipation);
     if bounds.lines.is_empty() {
         return format!("Schrödingerized: dissipation of the upwind scheme; {most}\n");

@@ -251,7 +251,7 @@ fn fewer_points(case: &Case, bounds: &Bounds, warp: &WarpPlan, resources: &Resou
 
 /// Whether `solver.warp.points` can be given: a designed profile is no function on the line, a file has its own.
 pub(crate) fn takes_points(warp: &WarpPlan) -> bool {
-    !matches!(warp.profile, None | Some(Profile::Designed(_)))
+    !matches!(warp.profile, None | Some(Profile::Designed(_) | Profile::Constant(_)))
 }
 
 /// The largest even number from 2 to `most` whose `memory` is within `limit`; `memory` does not fall.

@@ -2,10 +2,13 @@
 
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
-use crate::problem::case::{Case, Coefficients, Delta, LARGEST_TOLERANCE, RecoveryMethod, Warp};
+use crate::problem::case::{
+    Case, Coefficients, Delta, LARGEST_TOLERANCE, ProfileChoice, RecoveryMethod, Warp,
+};
 use crate::problem::limits::MOST_MODES;
 use crate::propagate;
 use crate::scheme::interface::law_of;
+use crate::schrodingerization::profile::constant::Constant;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::{Demand, Form, Profile, Shape, Window};
 use crate::schrodingerization::recovery::{Reading, shown};
@@ -44,6 +47,9 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     let warp = &case.warp;
     if let (Some(_), Some(interval), Some(points)) = (&case.start, warp.interval, warp.points) {
         return from_file(case, bounds, interval, points);
+    }
+    if is_skew(case, bounds) {
+        return Ok(one_mode());
     }
     let demand = demand(case, bounds, ratio);
     let mut warnings: Vec<String> = much_growth(case, bounds).into_iter().collect();
@@ -92,6 +98,35 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
         readings: moved(readings, shift),
         warnings,
     })
+}
+
+/// Whether `A` is skew, `S = 0`, and nothing asks for the warped field as it is elsewhere.
+fn is_skew(case: &Case, bounds: &Bounds) -> bool {
+    let warp = &case.warp;
+    let by_hand = warp.choice() != ProfileChoice::Planned || warp.recovery.is_some();
+    let is_shown = case.warped_field || case.plateau.is_some();
+    let shifted = shift(case, bounds) != 0.0;
+    bounds.decay == 0.0
+        && bounds.growth == 0.0
+        && !bounds.inflow
+        && !by_hand
+        && !is_shown
+        && !shifted
+}
+
+/// The one mode of a skew `A`, which is the solution. A second reading would tell nothing.
+fn one_mode() -> Placement {
+    let profile = Constant::default();
+    let series = profile.series().clone();
+    Placement {
+        interval: [-0.5 * series.period, 0.5 * series.period],
+        series,
+        profile: Some(profile.into()),
+        readings: vec![Reading { method: RecoveryMethod::Point, point: 0.0, width: 0.0 }],
+        plateau: Vec::new(),
+        estimator_efficiency: 1.0,
+        warnings: Vec::new(),
+    }
 }
 
 /// How a warped field on `points` points of `interval`, whatever it is at the start, is read: as

@@ -17,6 +17,7 @@
 //! period and cut-off.
 
 pub mod acl;
+pub mod constant;
 pub mod designed;
 pub mod exponential;
 pub mod gaussian;
@@ -32,6 +33,7 @@ pub use crate::schrodingerization::profile::window::{Demand, Window};
 use crate::base::bisect::bisect;
 use crate::problem::case::ProfileChoice;
 use crate::schrodingerization::profile::acl::Acl;
+use crate::schrodingerization::profile::constant::Constant;
 use crate::schrodingerization::profile::designed::Designed;
 use crate::schrodingerization::profile::exponential::Exponential;
 use crate::schrodingerization::profile::gaussian::Gaussian;
@@ -82,6 +84,8 @@ profiles! {
     LowSomma,
     /// `exp(−(1 − iμ)^β)` in the wavenumber.
     Acl,
+    /// 1, where `S = 0`; never chosen by name.
+    Constant,
 }
 
 impl Profile {

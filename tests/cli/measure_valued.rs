@@ -135,14 +135,15 @@ fn mistakes_in_measure_valued_data_are_refused() {
         ("exact={f=\"x\"}", &["exact.f", "measure-valued"]),
         ("output.delta_width=wide", &["output.delta_width", "determinant", "gradient"]),
         ("axis.0.x.degree=1", &["axis.0.v.degree", "0 on a velocity axis", "1 or more"]),
-        ("potential.0.reflection=0.5", &["potential.0.reflection", "two velocities"]),
         ("initial={density=\"1\"}", &["initial.velocity", "list of 1"]),
         ("initial={velocity=[\"1\"]}", &["initial.density", "missing"]),
     ];
     all_refused(rows, |(setting, says), _| Mistake::set("example2.toml", &[setting], says));
-    let both = ["scheme.degree=2", "output.delta_width=\"gradient\""];
-    let says: &[&str] = &["output.delta_width", "degree 0"];
-    all_refused(&[()], |_, _| Mistake::set("example2.toml", &both, says));
+    let rows: [([&str; 2], &[&str]); 2] = [
+        (["scheme.degree=2", "output.delta_width=gradient"], &["output.delta_width", "degree 0"]),
+        (["exact={}", "potential.0.reflection=0.5"], &["potential.0.reflection", "two velocities"]),
+    ];
+    all_refused(&rows, |(settings, says), _| Mistake::set("example2.toml", settings, says));
     // What only the values on the grid show.
     let rows = [
         ("initial.density=sqrt(x)", ["initial.density", "NaN"]),
@@ -152,10 +153,10 @@ fn mistakes_in_measure_valued_data_are_refused() {
 }
 
 /// Elements have the density over the zeros of the level set, without a delta function: example 2
-/// by degree beside degree 0 with as many unknowns.
+/// of degree 1 beside degree 0 with as many unknowns. The exact averages are those of its cells.
 #[test]
 fn elements_of_example_2_are_better_than_the_delta_function() {
-    let errors = [(0, 48), (1, 24), (2, 16)].map(|(degree, elements)| {
+    let [cells, elements] = [(0, 80), (1, 40)].map(|(degree, elements)| {
         let place = directory();
         let summary = run("example2.toml")
             .set(&[
@@ -164,16 +165,15 @@ fn elements_of_example_2_are_better_than_the_delta_function() {
                 &format!("axis.0.x.cells={elements}"),
                 &format!("axis.0.v.cells={elements}"),
             ])
+            .on(2)
             .solve(place.path())
             .unwrap();
         let number = |key: &str| summary.number(key).unwrap();
         assert!((number("mass_exact") - 7.24).abs() < 1e-6);
         ["error_density_l1", "error_velocity_l1"].map(number)
     });
-    let [cells, first, second] = errors;
-    for k in 0..2 {
-        assert!(first[k] < 0.8 * cells[k] && second[k] < 0.6 * cells[k], "{errors:?}");
-    }
+    let better = elements[0] < 0.7 * cells[0] && elements[1] < 0.9 * cells[1];
+    assert!(better, "{cells:?} {elements:?}");
 }
 
 /// Moments of elements, at the end and before, have the same bits on 1 to 4 ranks, in space and of

@@ -1,0 +1,42 @@
+//! `g = 1`, one mode of wavenumber 0, where `S = 0`.
+//!
+//! With `A = K` skew, `w_t = K w` for every `p`: the Schrödinger system is the equation itself, and
+//! its one mode, read at `p◇ = 0`, is the solution.
+
+use crate::schrodingerization::profile::series::Series;
+use crate::schrodingerization::profile::shape::{Form, Planned};
+use num_complex::Complex64;
+use serde::Serialize;
+use std::f64::consts::TAU;
+
+/// The profile with its one mode.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Constant {
+    #[serde(skip)]
+    series: Series,
+}
+
+impl Constant {
+    /// Its one mode.
+    pub fn series(&self) -> &Series {
+        &self.series
+    }
+}
+
+impl Default for Constant {
+    /// Any period would do: `2π`.
+    fn default() -> Self {
+        Self { series: Series { period: TAU, coefficients: vec![Complex64::ONE], alone: false } }
+    }
+}
+
+impl Planned for Constant {
+    fn form(&self) -> Form<'_> {
+        Form::Series(&self.series)
+    }
+
+    fn description(&self) -> String {
+        "constant, as S = 0: the flow is unitary by itself, and its one mode is the solution"
+            .to_owned()
+    }
+}
