@@ -156,7 +156,7 @@ fn mistakes_in_measure_valued_data_are_refused() {
 /// of degree 1 beside degree 0 with as many unknowns. The exact averages are those of its cells.
 #[test]
 fn elements_of_example_2_are_better_than_the_delta_function() {
-    let [cells, elements] = [(0, 80), (1, 40)].map(|(degree, elements)| {
+    let [cells, elements] = [(0, 64), (1, 32)].map(|(degree, elements)| {
         let place = directory();
         let summary = run("example2.toml")
             .set(&[

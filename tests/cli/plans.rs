@@ -210,3 +210,39 @@ fn every_case_is_in_the_readme() {
         }
     }
 }
+
+/// Free transport of elements on a periodic axis with the central flux: `S = 0`, one mode is the
+/// solution, on any ranks, and `plan` and `check` say so. Another flux, an open end or a jump of `V`
+/// takes more.
+#[test]
+fn skew_systems_take_one_mode() {
+    let free = [
+        "potential=[{value='0'}]",
+        "axis.0.x={lower=-1.5,upper=1.5,cells=6,boundary='periodic'}",
+        "axis.0.v.cells=4",
+        "scheme.degree=3",
+        "scheme.flux=0",
+        "exact={}",
+        "initial.f=exp(cos(2*pi*x/3) - v^2)",
+    ];
+    let planned = plan("example1.toml", 1).set(&free).succeed().unwrap();
+    assert!(planned.output.contains("as S = 0"), "{}", planned.output);
+    let checked = check("example1.toml").set(&free).succeed().unwrap();
+    assert!(checked.output.contains("S is zero"), "{}", checked.output);
+    let modes = |more: &[&str], ranks: usize| {
+        let place = directory();
+        let job = run("example1.toml").set(&free).set(more).set(&["solver.verify=true"]);
+        let summary = job.on(ranks).solve(place.path()).unwrap();
+        let error = summary.number("error_semidiscrete").unwrap();
+        assert!(error <= 1e-6, "{more:?}: {error:e}");
+        summary.number("modes").unwrap()
+    };
+    for ranks in [1, 2, 4] {
+        assert_eq!(modes(&["solver.tolerance=1e-6", "output.moments_every=0.4"], ranks), 1.0);
+    }
+    for other in
+        ["scheme.flux=0.1", "axis.0.x.boundary='inflow'", "potential=[{value='0.3*cos(x)'}]"]
+    {
+        assert!(modes(&[other], 1) > 1.0, "{other}");
+    }
+}

@@ -240,7 +240,7 @@ impl Patch<'_> {
             true => along_velocities,
             false => (1.0 - along_velocities) * square(solved) / (all - square(velocities)),
         };
-        if part == 0.0 || !(counts > 0.0) {
+        if part == 0.0 || counts.is_nan() || counts <= 0.0 {
             return None;
         }
         let bases: Vec<Vec<f64>> = (self.lines.iter().zip(xi))

@@ -67,9 +67,12 @@ fn double_zeros_are_no_zeros() {
     assert!(zeros(vec![vec![1.0]], &[1]).is_empty());
 }
 
+/// A function of a point.
+type Function<'a> = &'a dyn Fn(&[f64]) -> f64;
+
 /// Coefficients of `f`, a polynomial of the degrees `shape − 1`, by interpolation at equidistant
 /// points: the last axis fastest.
-fn coefficients(shape: &[usize], f: &dyn Fn(&[f64]) -> f64) -> Vec<f64> {
+fn coefficients(shape: &[usize], f: Function<'_>) -> Vec<f64> {
     let cells: usize = shape.iter().product();
     let point = |mut i: usize| -> Vec<f64> {
         let mut t = vec![0.0; shape.len()];
@@ -111,7 +114,7 @@ fn zeros_of_two_and_three_polynomials() {
     }
     // Two, two and one: four zeros, some on faces between halves.
     let shape = [3, 3, 2];
-    let functions: [&dyn Fn(&[f64]) -> f64; 3] = [
+    let functions: [Function<'_>; 3] = [
         &|t| (t[0] - 0.25) * (t[0] - 0.7),
         &|t| (t[1] - 0.5) * (t[1] - 0.9) * (1.0 + t[0]),
         &|t| t[2] - 0.2 - 0.5 * t[0],
