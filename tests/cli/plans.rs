@@ -246,3 +246,43 @@ fn skew_systems_take_one_mode() {
         assert!(modes(&[other], 1) > 1.0, "{other}");
     }
 }
+
+/// `check` names each cause of `S` with the most that it adds, which no cause that is not there has,
+/// and which together bound the norm.
+#[test]
+fn check_says_what_the_norm_of_s_is_made_of() {
+    const CAUSES: [&str; 5] = [
+        "flux between elements",
+        "open ends of the box",
+        "beyond the velocity box",
+        "ends of the velocity box",
+        "partial reflection",
+    ];
+    let periodic = "axis.0.x={lower=-1.5,upper=1.5,cells=6,boundary='periodic'}";
+    let rows: [(&[&str], &[usize]); 4] = [
+        (&["scheme.degree=2"], &[0, 1, 2]),
+        (&["scheme.degree=2", "scheme.flux=0", periodic], &[2]),
+        (&["scheme.degree=1", "potential=[{value='0.3*x'}]"], &[0, 1, 3]),
+        (&["scheme.degree=2", "potential.0.reflection=0.5"], &[0, 1, 2, 4]),
+    ];
+    check_all(&rows, |(settings, causes)| {
+        let job = check("example1.toml").set(settings).set(&["exact={}", "axis.0.v.cells=6"]);
+        let finished = job.succeed()?;
+        let line = finished.output.lines().find(|line| line.starts_with("Schrödingerized: "));
+        let line = line.ok_or_else(|| format!("no line in {}", finished.output))?;
+        for (k, cause) in CAUSES.iter().enumerate() {
+            let named = line.contains(&format!("{cause} (at most "));
+            require(named == causes.contains(&k), &finished, || format!("{cause}: {line}"))?;
+        }
+        let numbers: Vec<f64> = line
+            .split("at most ")
+            .skip(1)
+            .filter_map(|rest| rest.split([')', ' ']).next()?.parse().ok())
+            .collect();
+        let (norm, parts) = numbers.split_last().ok_or("no numbers")?;
+        let most = parts.iter().copied().fold(0.0, f64::max);
+        let sum: f64 = parts.iter().sum();
+        let right = parts.len() == causes.len() && most <= norm + 1e-3 && *norm <= sum + 1e-3;
+        require(right, &finished, || format!("{parts:?} of {norm}: {line}"))
+    });
+}
