@@ -138,7 +138,8 @@ fn classical_steps(world: &World) {
     }
 }
 
-/// An inflow by one shared unknown, one that varies, and none; each by the propagator of its plan.
+/// An inflow by one shared unknown, one that varies, and none, then elements; each by the propagator
+/// of its plan.
 fn runs(world: &World) {
     for (file, set) in [
         ("inflow_barrier.toml", "solver.warp.inflow=scalar"),
@@ -146,6 +147,14 @@ fn runs(world: &World) {
         ("example1.toml", "solver.tolerance=1e-6"),
     ] {
         allocations_of_a_run(world, &small(file, &[set]), file);
+    }
+    for (file, set) in [
+        ("inflow_barrier.toml", "scheme.degree=2"),
+        ("smooth-beams.toml", "axis.0.v.degree=3"),
+        ("partial_reflection.toml", "solver.tolerance=1e-10"),
+    ] {
+        let set = ["axis.0.x.cells=8", "axis.0.v.cells=6", set];
+        allocations_of_a_run(world, &small(file, &set), &format!("elements of {file}"));
     }
 }
 

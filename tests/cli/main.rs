@@ -1,6 +1,7 @@
 //! The program from outside: started as a user starts it, alone and under mpirun, on the cases of
 //! `cases/`, changed by `--set`.
 
+mod accuracy;
 mod advise;
 mod chart;
 mod checkpoint;

@@ -10,8 +10,13 @@ fn results_before_the_end_are_those_of_shorter_runs() {
     let measure = ["axis.0.x.cells=7", "axis.1.x.cells=6", "axis.0.v.cells=5", "axis.1.v.cells=6"];
     let modes = ["solver.tolerance=1e-7"];
     let classical = ["solver.method=classical"];
+    let elements =
+        ["axis.0.x.cells=10", "axis.0.v.cells=6", "scheme.degree=2", "axis.0.v.degree=3"];
     let rows = [
-        ("example1.toml", &grid[..], &modes[..], 0.36),
+        ("smooth-beams.toml", &elements[..], &modes[..], 0.36),
+        ("inflow_barrier.toml", &elements, &modes, 0.1),
+        ("partial_reflection.toml", &elements, &classical, 0.36),
+        ("example1.toml", &grid, &modes, 0.36),
         ("example1.toml", &grid, &classical, 0.36),
         ("inflow_barrier.toml", &grid, &modes, 0.1),
         ("example3.toml", &measure, &modes, 0.1),

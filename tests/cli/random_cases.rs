@@ -9,7 +9,20 @@ use crate::support::{
 /// bits on more ranks, or refused; whatever the estimate says is of the right size.
 #[test]
 fn random_scenes_are_solved_or_refused() {
-    let seeds: Vec<u64> = (0..60).collect();
+    solved_or_refused_scenes(0..60, scene);
+}
+
+/// The same of elements of a random degree and flux.
+#[test]
+fn random_scenes_of_elements_are_solved_or_refused() {
+    solved_or_refused_scenes(0..16, scene_of_elements);
+}
+
+fn solved_or_refused_scenes(
+    seeds: std::ops::Range<u64>,
+    scene: impl Fn(&mut Choices) -> String + Sync,
+) {
+    let seeds: Vec<u64> = seeds.collect();
     let solved = std::sync::atomic::AtomicUsize::new(0);
     check_all(&seeds, |&seed| {
         let (place, more) = (directory(), directory());
@@ -77,6 +90,45 @@ fn scene(choices: &mut Choices) -> String {
             choices.of(&cells),
         );
     }
+    text + &content(choices, |choices| format!("interface = \"{}\"\n", choices.of(&INTERFACES)))
+}
+
+/// Elements in one or two dimensions, of degrees that differ from axis to axis; `v = 0` is a face of
+/// some boxes, inside of an element of others, which jumps refuse.
+fn scene_of_elements(choices: &mut Choices) -> String {
+    let dimension = choices.of(&[1, 1, 2]);
+    let mut text = String::new();
+    for _ in 0..dimension {
+        let counts = if dimension == 1 { [1, 2, 4, 6, 7, 9] } else { [1, 1, 2, 2, 3, 4] };
+        let (x, width) = (choices.of(&[-1.5, -1.0, -0.3, 0.2]), choices.of(&[0.5, 1.0, 2.0, 3.0]));
+        let (lower, upper, elements) = choices.of(&[
+            (-1.2, 1.2, 2),
+            (-1.0, 1.0, 4),
+            (0.0, 1.5, 3),
+            (-1.0, 0.5, 3),
+            (0.3, 2.0, 1),
+            (-0.5, 1.0, 2),
+        ]);
+        let boundary = choices.of(&["inflow", "inflow", "periodic"]);
+        let own = if dimension == 1 { [0, 1, 2, 3, 5] } else { [0, 1, 1, 2, 2] };
+        text += &format!(
+            "[[axis]]\nx = {{ lower = {x}, upper = {}, cells = {}, boundary = \"{boundary}\", degree = {} }}\n\
+             v = {{ lower = {lower}, upper = {upper}, cells = {elements} }}\n",
+            x + width,
+            choices.of(&counts),
+            choices.of(&own),
+        );
+    }
+    let scheme = |choices: &mut Choices| {
+        let (degree, flux) = (choices.of(&[1, 1, 2, 3]), choices.of(&["0", "0.2", "0.5", "1"]));
+        format!("degree = {degree}\nflux = {flux}\n")
+    };
+    text + &content(choices, scheme)
+}
+
+/// Potential, initial data, inflow, end, scheme and solver of a scene.
+fn content(choices: &mut Choices, scheme: impl FnOnce(&mut Choices) -> String) -> String {
+    let mut text = String::new();
     let values = ["0", "0.2", "-0.3", "5", "0.2*x", "0.1*x^2", "1e-6", "sin(3*x)", "100"];
     for _ in 0..choices.of(&[0, 1, 1, 2]) {
         let place = choices.of(&["x < 0", "abs(x) < 0.5", "x < 0.5", "x > 0.3 && x < 0.6"]);
@@ -91,7 +143,7 @@ fn scene(choices: &mut Choices) -> String {
         ["0", "0", "0", "1", "initial", "exp(-vx^2)", "1e-3", "1e3", "-1 if vx > 0 else 0"];
     text += &format!("[inflow]\nvalue = \"{}\"\n", choices.of(&inflows));
     text += &format!("[time]\nend = {}\n", choices.of(&["1e-4", "0.01", "0.1", "0.5", "1"]));
-    text += &format!("[scheme]\ninterface = \"{}\"\n", choices.of(&INTERFACES));
+    text += &format!("[scheme]\n{}", scheme(choices));
     let tolerances = ["0.1", "1e-2", "1e-3", "1e-6", "1e-9", "1e-11"];
     text += &format!("[solver]\nverify = true\ntolerance = {}\n", choices.of(&tolerances));
     let weights = choices.of(&["dissipative", "dissipative", "none"]);

@@ -14,6 +14,8 @@ fn resources_are_counted() {
         ("barrier2d.toml", 4, 21.0),
         ("step3d.toml", 2, 20.0),
         ("example2.toml", 2, 22.0),
+        ("smooth-beams.toml", 3, 24.0),
+        ("partial_reflection.toml", 2, 24.0),
     ];
     check_all(&rows, |&(name, ranks, qubits)| {
         let job = |format: &str| Job::new(["resources", &case(name), "--format", format]);

@@ -24,6 +24,7 @@ const PAPER: &[&str] = &[
 const SMOOTH: &[&str] =
     &["solver.warp.profile=smooth", "solver.warp.order=2", "solver.tolerance=0.05"];
 const CONSERVATIVE: &[&str] = &["scheme.interface=conservative", "solver.warp.profile=gaussian"];
+const ELEMENTS: &[&str] = &["time.end=0.1", "solver.tolerance=1e-3"];
 const PLANE: &[&str] = &[
     "axis.0.x.cells=4",
     "axis.0.v.cells=4",
@@ -46,6 +47,11 @@ const EXPORTS: &[(&str, &[&[&str]])] = &[
     ),
     ("example1.toml", &[TINY, INFLOW, &["solver.warp.inflow=scalar"]]),
     ("barrier2d.toml", &[PLANE]),
+    (
+        "smooth-beams.toml",
+        &[&["axis.0.x.cells=2", "axis.0.v.cells=2", "scheme.degree=1"], ELEMENTS],
+    ),
+    ("partial_reflection.toml", &[TINY, &["scheme.degree=0"]]),
     // One cell, whose velocity is 0.
     ("example1.toml", &[TINY, &["axis.0.x.cells=1", "axis.0.v.cells=1", "initial.f=1"]]),
 ];

@@ -151,7 +151,19 @@ fn stages_that_are_finished_are_not_computed_again() {
     };
     let told =
         ["matvecs", "solves", "unitarity_defect", "norm_kept", "step_error", "error_estimate"];
+    // Elements, whose blocks are of other widths on other ranks.
+    let elements = Job::new(["run", &case("inflow_barrier.toml"), "--mode", "full"]).set(&[
+        "scheme.degree=2",
+        "axis.0.v.degree=3",
+        "axis.0.x.cells=9",
+        "axis.0.v.cells=6",
+        "solver.tolerance=1e-3",
+        "solver.warp.profile=exponential",
+        "solver.warp.points=2048",
+        "output.field_times=[0.3,0.6]",
+    ]);
     let rows = [
+        (elements, 2, [(2, "1"), (3, "3")]),
         (fields, 1, [(2, "1"), (3, "1")]),
         (kept(&[]), 1, [(2, "2"), (3, "3")]),
         (kept(&[]), 4, [(3, "1"), (4, "2")]),

@@ -19,7 +19,15 @@ fn full_runs_recover_what_streamed_ones_do() {
         &["axis.0.x.cells=6", "axis.1.x.cells=5", "axis.0.v.cells=4", "axis.1.v.cells=5"];
     type Row =
         (&'static str, &'static [&'static str], &'static [&'static str], &'static [&'static str]);
-    let rows: [Row; 6] = [
+    let elements: &[&str] = &["axis.0.x.cells=6", "axis.0.v.cells=4", "axis.0.v.degree=3"];
+    let rows: [Row; 8] = [
+        ("inflow_barrier.toml", elements, &["scheme.degree=2"], &["f"]),
+        (
+            "partial_reflection.toml",
+            elements,
+            &["scheme.degree=1", "output.field_times=[0.3]", "solver.tolerance=1e-4"],
+            &["f", "f_0001"],
+        ),
         ("example1.toml", line, &["output.plateau={points=3}"], &["f"]),
         (
             "example1.toml",

@@ -1,0 +1,308 @@
+//! How far a run is from the exact solution, measured and estimated, and how it says so; elements
+//! against a separate implementation; partial reflection.
+
+use crate::support::{
+    Job, Mistake, SLOPES, all_refused, at_most, case, check_all, directory, near, run,
+};
+use serde_json::Value;
+
+const CLASSICAL: &str = "solver.method=classical";
+
+/// `scheme.degree` and so many elements along each axis of a case of one dimension.
+fn elements(degree: usize, count: usize) -> [String; 3] {
+    [
+        format!("scheme.degree={degree}"),
+        format!("axis.0.x.cells={count}"),
+        format!("axis.0.v.cells={count}"),
+    ]
+}
+
+/// The same along the four axes of `quadrant2d.toml`.
+fn plane(degree: usize, count: usize) -> Vec<String> {
+    let axes = ["0.x", "0.v", "1.x", "1.v"].map(|axis| format!("axis.{axis}.cells={count}"));
+    [vec![format!("scheme.degree={degree}")], axes.to_vec()].concat()
+}
+
+/// The case with these settings, by the classical exponential: the grid's errors alone.
+fn of_the_grid(name: &str, settings: &[String]) -> Job {
+    let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
+    run(name).set(&settings).set(&[CLASSICAL])
+}
+
+/// A number of the block `accuracy`.
+fn accuracy(summary: &Value, key: &str) -> Result<f64, String> {
+    let found = &summary["accuracy"][key];
+    found.as_f64().ok_or_else(|| format!("accuracy.{key} is {found}, a number expected"))
+}
+
+/// How many times the error its estimate may be, least and most, as docs/limits.md has it: of `f`
+/// and of the density of degree 0, and of `f` of a higher degree.
+const OF_CELLS: [f64; 2] = [0.5, 2.5];
+const OF_ELEMENTS: [f64; 2] = [0.45, 20.0];
+
+/// Errors that were measured beside their estimates, of degrees 0 to 3, where data are smooth and
+/// where they jump, on coarse grids and on fine ones.
+#[test]
+fn estimates_of_the_grid_are_of_the_size_of_its_error() {
+    let mut rows: Vec<(&str, Vec<String>)> = Vec::new();
+    let grids = [(0, [32, 64]), (1, [16, 32]), (2, [12, 24]), (3, [8, 24])];
+    for (degree, counts) in grids {
+        for name in ["smooth-beams.toml", "partial_reflection.toml", "example1.toml"] {
+            rows.extend(counts.map(|count| (name, elements(degree, count).to_vec())));
+        }
+        for name in ["step_up.toml", "well.toml", "inflow_barrier.toml", "slope_jump.toml"] {
+            rows.push((name, elements(degree, [48, 24, 16, 12][degree]).to_vec()));
+        }
+        rows.push(("quadrant2d.toml", plane(degree, [8, 4, 4, 2][degree])));
+    }
+    check_all(&rows, |(name, settings)| {
+        let place = directory();
+        let summary = of_the_grid(name, settings).solve(place.path())?;
+        let value = |key: &str| accuracy(&summary.value, key);
+        let degree_0 = settings[0] == "scheme.degree=0";
+        let [least, most] = if degree_0 { OF_CELLS } else { OF_ELEMENTS };
+        let within = |what: &str, error: f64, estimate: f64| {
+            // Of an error above 80 % nothing is promised.
+            let right = error > 0.8 || (least..=most).contains(&(estimate / error));
+            summary.require(right, || format!("{what}: estimate {estimate:e}, error {error:e}"))
+        };
+        let error = value("grid")?;
+        summary.holds(near("grid", error, summary.number("error_l2_relative")?, 0.0))?;
+        within("f", error, value("grid_estimate")?)?;
+        if degree_0 {
+            within("density", value("grid_density")?, value("grid_density_estimate")?)?;
+        }
+        let said = &summary.value["accuracy"];
+        let large = error > 0.1 || value("grid_density")? > 0.1;
+        let as_said = said["grid_measured"] == true && said["under_resolved"] == large;
+        summary.require(as_said && said["asked"].is_null(), || format!("{said}"))
+    });
+}
+
+/// The last line of a run names both errors where that of the grid is the larger by far, as it is in
+/// summary.json; no other run has it.
+#[test]
+fn the_last_line_says_what_limits_a_run() {
+    let small = ["axis.0.x.cells=10", "axis.0.v.cells=10"];
+    let fine = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
+    let (measured, estimated) = ("(measured, relative L2)", "(estimated, relative L2)");
+    let slopes = [SLOPES[0], SLOPES[1], "scheme.degree=0", "scheme.limiter=minmod"];
+    // Case, settings, what the line says of the grid's error, where there is one.
+    type Row<'a> = (&'a str, &'a [&'a str], &'a [&'a str], Option<&'a str>);
+    let rows: [Row<'_>; 8] = [
+        ("smooth-beams.toml", &small, &[], Some(measured)),
+        ("smooth-beams.toml", &small, &["exact=none"], Some(estimated)),
+        ("smooth-beams.toml", &small, &["exact=none", CLASSICAL], Some(estimated)),
+        ("partial_reflection.toml", &fine, &["solver.tolerance=1e-2"], None),
+        ("partial_reflection.toml", &fine, &["solver.tolerance=1e-3"], Some(measured)),
+        ("partial_reflection.toml", &fine, &[CLASSICAL], None),
+        // Degrees that are mixed, and slopes: nothing is estimated, and nothing claimed.
+        ("smooth-beams.toml", &small, &["exact=none", "axis.0.v.degree=0"], None),
+        ("smooth-beams.toml", &small, &[&["exact=none"], &slopes[..]].concat(), None),
+    ];
+    check_all(&rows, |(name, grid, settings, says)| {
+        let place = directory();
+        // A case without an exact solution is a file without that table.
+        let path = place.path().join("case.toml");
+        let text = std::fs::read_to_string(case(name)).map_err(|e| e.to_string())?;
+        let without = settings.contains(&"exact=none");
+        let kept = if without { text.split("[exact]").next().unwrap_or_default() } else { &text };
+        std::fs::write(&path, kept).map_err(|e| e.to_string())?;
+        let settings: Vec<&str> =
+            settings.iter().copied().filter(|setting| *setting != "exact=none").collect();
+        let job = Job::new(["run", &path.display().to_string()]).set(grid).set(&settings);
+        let results = place.path().join("results");
+        let finished = job.into(&results).succeed()?;
+        let all = finished.output.clone() + &finished.errors;
+        let line = all.lines().find(|line| line.starts_with("UNDER-RESOLVED"));
+        let text = std::fs::read_to_string(results.join("summary.json"));
+        let text = text.map_err(|e| finished.report(&e.to_string()))?;
+        let summary: Value = serde_json::from_str(&text).map_err(|e| e.to_string())?;
+        let found = &summary["accuracy"];
+        let fails = |what: &str| Err(finished.report(&format!("{what}; accuracy: {found}")));
+        if found["under_resolved"] != line.is_some() || line.is_some() != says.is_some() {
+            return fails("the line and the summary do not agree");
+        }
+        if without && (found["grid_measured"] != false || found["grid"] != found["grid_estimate"]) {
+            return fails("not the estimate");
+        }
+        let (Some(line), Some(says)) = (line, says) else { return Ok(()) };
+        let percent = |key: &str| accuracy(&summary, key).map(|e| format!("{:.2} %", 100.0 * e));
+        let mut words = vec![(*says).to_owned(), format!("f {}", percent("grid")?)];
+        words.push(format!("density {}", percent("grid_density")?));
+        if let Some(error) = found["algorithm"].as_f64() {
+            words.push(format!("the algorithm's {error:.1e}"));
+        }
+        match words.iter().find(|word| !line.contains(*word)) {
+            Some(word) => fails(&format!("\"{word}\" is not said")),
+            None => Ok::<(), String>(()),
+        }
+    });
+}
+
+/// Errors and estimates are sums over the ranks, with the same bits on any of them.
+#[test]
+fn errors_of_the_grid_are_the_same_on_any_ranks() {
+    let rows = [
+        ("smooth-beams.toml", elements(2, 10).to_vec()),
+        ("smooth-beams.toml", elements(0, 26).to_vec()),
+        ("quadrant2d.toml", plane(1, 2)),
+    ];
+    check_all(&rows, |(name, settings)| {
+        let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
+        let job = |ranks: usize| run(name).set(&settings).on(ranks);
+        let alone = directory();
+        let expected = job(1).solve(alone.path())?;
+        for (ranks, blocks) in [(2, "1"), (3, "3"), (4, "2")] {
+            let place = directory();
+            let blocks = if *name == "quadrant2d.toml" { "1,2" } else { blocks };
+            let ranks = if *name == "quadrant2d.toml" { 2 * (ranks / 2) } else { ranks };
+            let found = job(ranks).with(["--ranks-x", blocks]).solve(place.path())?;
+            for key in ["accuracy", "error_l1", "error_density_l2_relative", "mass"] {
+                let (a, b) = (&found.value[key], &expected.value[key]);
+                found.require(a == b, || format!("{key}: {a}, on one rank {b}"))?;
+            }
+        }
+        Ok(())
+    });
+}
+
+/// Relative L2 errors of `f` in the smooth case, to 15 %, as a separate implementation in Python
+/// found them (docs/verification.md): about 128 unknowns an axis.
+#[test]
+fn smooth_beams_have_the_errors_of_a_separate_implementation() {
+    let rows = [
+        (1, 64, "1", 0.45),
+        (2, 42, "1", 0.14),
+        (3, 32, "1", 0.058),
+        (4, 26, "1", 0.029),
+        (3, 32, "0.5", 0.068),
+        (4, 26, "0.5", 0.027),
+    ];
+    check_all(&rows, |&(degree, count, flux, expected)| {
+        let place = directory();
+        let job = of_the_grid("smooth-beams.toml", &elements(degree, count));
+        let summary = job.set(&[&format!("scheme.flux={flux}")]).solve(place.path())?;
+        let error = summary.number("error_l2_relative")?;
+        summary.holds(near("error_l2_relative", error, expected, 0.15 * expected))
+    });
+}
+
+/// In two dimensions, where a beam meets a corner, the errors of `f` and of the density fall with
+/// the degree.
+#[test]
+fn errors_at_a_corner_fall_with_the_degree() {
+    let errors = [1, 2, 3].map(|degree| {
+        let place = directory();
+        let job = of_the_grid("quadrant2d.toml", &plane(degree, 4));
+        let summary = job.solve(place.path()).unwrap();
+        ["error_l2_relative", "error_density_l2_relative"].map(|key| summary.number(key).unwrap())
+    });
+    for (coarse, fine) in errors.iter().zip(&errors[1..]) {
+        let falls = fine[0] < 0.65 * coarse[0] && fine[1] < 0.6 * coarse[1];
+        assert!(falls, "{errors:?}");
+    }
+}
+
+const REFLECTING: &str = "partial_reflection.toml";
+
+/// Partial reflection against its formula: of high order, density too; and what is not reflected is
+/// transmitted, so mass is kept to round-off.
+#[test]
+fn partial_reflection_is_of_high_order_and_keeps_the_mass() {
+    // Degree, elements, their relative errors of f and of the density on twice as many, at most.
+    let rows = [(1, 32, 0.19, 0.1), (2, 21, 0.028, 0.007), (3, 16, 0.0045, 0.0003)];
+    check_all(&rows, |&(degree, count, of_f, of_density)| {
+        // An even number of elements has a face on x = 0 and on v = 0.
+        let solve = |count: usize| {
+            let place = directory();
+            of_the_grid(REFLECTING, &elements(degree, count + count % 2)).solve(place.path())
+        };
+        let (coarse, fine) = (solve(count)?, solve(2 * count)?);
+        for (key, most) in [("error_l2_relative", of_f), ("error_density_l2_relative", of_density)]
+        {
+            let (a, b) = (coarse.number(key)?, fine.number(key)?);
+            fine.holds(at_most(key, b, most))?;
+            // Degree 1 does not resolve the beam yet: its order is still on the way to 2.
+            let least = if degree == 1 { 2.0 } else { 2f64.powi(degree as i32) };
+            fine.require(a > least * b, || format!("{key}: {a:e}, then {b:e}"))?;
+        }
+        // A narrower beam, of which nothing is as fast as the box is high.
+        let narrow = "initial.f=exp(-((x + 0.6)^2 + (v - 0.8)^2)/0.01)";
+        let job = of_the_grid(REFLECTING, &elements(degree, 2 * count)).set(&[narrow]);
+        let place = directory();
+        let kept = job.solve(place.path())?;
+        let (mass, initial) = (kept.number("mass")?, kept.number("mass_initial")?);
+        kept.holds(near("mass", mass / initial, 1.0, 1e-12))
+    });
+}
+
+/// By modes it meets its tolerance; and without the reflection, or with all of it, the solution is
+/// another.
+#[test]
+fn partial_reflection_by_modes_is_that_of_the_formula() {
+    let grid = elements(3, 26);
+    let grid: Vec<&str> = grid.iter().map(String::as_str).collect();
+    let solve = |settings: &[&str]| {
+        let place = directory();
+        let job = run(REFLECTING).set(&grid).set(settings).on(3).solve(place.path());
+        job.unwrap()
+    };
+    let summary = solve(&["solver.verify=true", "solver.tolerance=1e-5"]);
+    let error = summary.number("error_semidiscrete").unwrap();
+    assert!(error <= 1e-5, "{error:e}");
+    let (mass, initial) =
+        (summary.number("mass").unwrap(), summary.number("mass_initial").unwrap());
+    assert!((mass / initial - 1.0).abs() < 1e-5, "{mass} of {initial}");
+    let right = summary.number("error_density_l2_relative").unwrap();
+    for other in ["potential.0.reflection=0", "potential.0.reflection=1"] {
+        let wrong = solve(&[other, CLASSICAL]).number("error_density_l2_relative").unwrap();
+        assert!(right < 2e-3 && wrong > 2e-2, "{other}: {wrong:e}, as it should be {right:e}");
+    }
+}
+
+/// Degrees, fluxes and reflections that there are not, each with its key and the limit.
+#[test]
+fn what_is_no_scheme_is_refused() {
+    let rows: &[(&str, &[&str])] = &[
+        ("scheme.degree=9", &["scheme.degree = 9", "between 0 and 8"]),
+        ("scheme.degree=-1", &["scheme.degree = -1", "between 0 and 8"]),
+        ("scheme.degree=1.5", &["scheme.degree = 1.5", "whole number"]),
+        ("axis.0.v.degree=9", &["axis.0.v.degree = 9", "between 0 and 8"]),
+        ("axis.0.x.degree=-1", &["axis.0.x.degree = -1", "between 0 and 8"]),
+        ("axis.0.x.degree=0.5", &["axis.0.x.degree = 0.5", "whole number"]),
+        ("scheme.flux=-0.1", &["scheme.flux = -0.1", "between 0 and 1"]),
+        ("scheme.flux=1.1", &["scheme.flux = 1.1", "between 0 and 1"]),
+        ("scheme.flux=nan", &["scheme.flux = nan", "finite"]),
+        ("potential.0.reflection=x", &["potential.0.reflection", "\"x\"", "E, jump"]),
+        ("exact={kind='characteristics'}", &["potential.0.reflection", "give exact.f"]),
+    ];
+    all_refused(rows, |(setting, says), _| Mistake::set(REFLECTING, &[setting], says));
+    let slopes = ["scheme.limiter=van-leer", SLOPES[0], SLOPES[1]];
+    let says = ["scheme.limiter = \"van-leer\"", "degree 0", "scheme.degree"];
+    Mistake::set("smooth-beams.toml", &slopes, &says).refused_by_reader().unwrap();
+    let says = ["scheme.flux = 0.5", "upwind", "scheme.degree above 0"];
+    Mistake::set("example1.toml", &["scheme.flux=0.5"], &says).refused_by_reader().unwrap();
+}
+
+/// A reflected part that is none, at any energy that occurs, is named with that energy and where it
+/// was given, before anything is solved.
+#[test]
+fn reflected_parts_outside_of_0_and_1_are_refused() {
+    let rows = [
+        ("1.5", "1.5 for E = "),
+        ("-0.1 + 0*E", "-0.1 for E = "),
+        ("1 if E > 0.3 else 2", "2 for E = 0.2"),
+        ("sqrt(E - 1)", "NaN for E = 0."),
+    ];
+    check_all(&rows, |(formula, says)| {
+        let setting = format!("potential.0.reflection={formula}");
+        let says = ["potential.0.reflection", &setting, says, "jump = 0.2", "between 0 and 1"];
+        for ranks in [1, 2] {
+            let place = directory();
+            let job = run(REFLECTING).set(&[&setting]).on(ranks).into(place.path());
+            job.is_refused(&says)?;
+        }
+        Ok(())
+    });
+}
