@@ -92,10 +92,10 @@ pub fn by_elements(
 /// without a solution to compare with; none where the discretisation gives no clue. Collective.
 ///
 /// Of degree 0 the leading error is the numerical dissipation: `‖e‖ ≈ T ‖D f(T)‖` (the modified
-/// equation of the upwind scheme), times a factor. Of a higher degree it is of the size of
-/// the highest Legendre coefficients of each element, times another. Both factors are measured
-/// (docs/high-order.md): the estimate is between a half and six times the error, wherever that is
-/// below 80 %.
+/// equation of the upwind scheme), times a factor. Of a higher degree it is at most of the size of
+/// the highest Legendre coefficients of each element, times another: an order less than the error
+/// where data are smooth. How far both may be trusted is in docs/limits.md, and tested in
+/// tests/cli/accuracy.rs.
 ///
 /// # Errors
 /// Where `V` is not finite.
