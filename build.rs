@@ -1,6 +1,7 @@
-//! Tells the program what it was built from: the commit that was checked out, and the compiler. Works without git and outside
-//! of a repository. Runs again when the sources change, not with every commit: that would compile everything once more for
-//! nothing. What was compiled before its commit stays "-dirty" until then (or `touch build.rs`).
+//! Tells the program what it was built from: the commit that was checked out, and the compiler.
+//! Works without git and outside of a repository. Runs again when the sources change, not with
+//! every commit: that would compile everything once more for nothing. What was compiled before its
+//! commit stays "-dirty" until then (or `touch build.rs`).
 
 use std::path::Path;
 use std::process::Command;
@@ -20,7 +21,8 @@ fn main() {
     println!("cargo:rustc-env=PHASEWARP_GIT={git}");
 }
 
-/// The commit, with "-dirty" where the sources differ from it; none where this directory is not the root of a repository.
+/// The commit, with "-dirty" where the sources differ from it; none where this directory is not the
+/// root of a repository.
 fn commit() -> Option<String> {
     let root = output(git().args(["rev-parse", "--show-toplevel"]))?;
     let here = std::env::var("CARGO_MANIFEST_DIR").ok()?;

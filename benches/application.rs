@@ -1,9 +1,10 @@
-//! Rate of the fused Chebyshev step, step after step and blocked, beside a triad and the bandwidth in the cache of a core,
-//! measured in the same run.
+//! Rate of the fused Chebyshev step, step after step and blocked, beside a triad and the bandwidth
+//! in the cache of a core, measured in the same run.
 //!
-//! A step reads `b_{k+1}` and reads and writes `b_{k+2}`, 48 bytes a row and mode, and the start, which the modes of a batch share:
-//! 49 bytes. (Summed forwards it was 80: read `φ_k`; read and write `φ_{k−1}` and the sum.) The share of the triad's bandwidth that
-//! 49 bytes account for is 1 where every step goes through memory, and above 1 in cache or blocked.
+//! A step reads `b_{k+1}` and reads and writes `b_{k+2}`, 48 bytes a row and mode, and the start,
+//! which the modes of a batch share: 49 bytes. (Summed forwards it was 80: read `φ_k`; read and
+//! write `φ_{k−1}` and the sum.) The share of the triad's bandwidth that 49 bytes account for is 1
+//! where every step goes through memory, and above 1 in cache or blocked.
 
 use criterion::{Criterion, Throughput};
 mod support;
@@ -26,8 +27,8 @@ const FORWARD_BYTES: f64 = 80.0;
 /// Repetitions of which the median is quoted.
 const REPEATS: usize = 7;
 
-/// Seconds of a processor that this process has had: what else runs on the machine takes none of them, though it does take cache
-/// and bandwidth.
+/// Seconds of a processor that this process has had: what else runs on the machine takes none of
+/// them, though it does take cache and bandwidth.
 fn processor_seconds() -> f64 {
     // SAFETY: the call fills the structure.
     unsafe {
@@ -105,7 +106,8 @@ fn main() {
     let world = World::start().expect("MPI starts");
     let (memory, cache) = (triad(8 << 20), triad(cache_per_core() as usize / 48));
     println!(
-        "triad: {:.1} GB/s, in half of the {} KiB of a core {:.1} GB/s; {}, {LANES} modes in a batch",
+        "triad: {:.1} GB/s, in half of the {} KiB of a core {:.1} GB/s; {}, {LANES} modes in a \
+        batch",
         memory / 1e9,
         cache_per_core() >> 10,
         cache / 1e9,
@@ -155,7 +157,8 @@ fn main() {
                 )
             });
             println!(
-                "{name}, {how}: {:.2} ns a row, mode and step, {:.1} us a mode; {:.2} of the triad at {MODEL_BYTES} bytes, \
+                "{name}, {how}: {:.2} ns a row, mode and step, {:.1} us a mode; {:.2} of the \
+                triad at {MODEL_BYTES} bytes, \
                  {:.1} GB/s at {FORWARD_BYTES}{}",
                 1e9 * each,
                 1e6 * seconds / LANES as f64,

@@ -1,8 +1,10 @@
-//! What overlapping the ghost exchange with the inner rows is worth: a fused step of a batch on two ranks that split space.
+//! What overlapping the ghost exchange with the inner rows is worth: a fused step of a batch on two
+//! ranks that split space.
 //!
-//! Four figures a grid, microseconds a step, the least of many short turns (so that others on the machine count little): the rows alone; the exchange alone;
-//! the exchange finished before the rows start; and the step as runs do it, the inner rows between start and finish. Starts
-//! itself under `mpirun -np 2`.
+//! Four figures a grid, microseconds a step, the least of many short turns (so that others on the
+//! machine count little): the rows alone; the exchange alone; the exchange finished before the rows
+//! start; and the step as runs do it, the inner rows between start and finish. Starts itself under
+//! `mpirun -np 2`.
 
 mod support;
 

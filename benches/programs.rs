@@ -153,7 +153,8 @@ impl Row {
     fn measured(&self, directory: &Path, repeats: usize) -> Outcome<Value> {
         let plan = self.plan()?;
         let mut found = json!({
-            "table": self.table, "case": self.case, "command": self.command(), "labels": self.labels,
+            "table": self.table, "case": self.case, "command": self.command(),
+            "labels": self.labels,
             "plan": {
                 "rate": plan["bounds"]["rate"], "decay": plan["bounds"]["decay"],
                 "growth": plan["bounds"]["growth"], "time": plan["time"], "cells": plan["cells"],
@@ -191,7 +192,8 @@ impl Row {
     }
 }
 
-/// Bytes per second of `a ← b + 3 c` by one core on arrays far larger than the caches of a core, the best of three.
+/// Bytes per second of `a ← b + 3 c` by one core on arrays far larger than the caches of a core,
+/// the best of three.
 fn triad() -> f64 {
     let n = 4 << 20;
     let (mut a, b, c) = (vec![0.0; n], vec![1.0; n], vec![2.0; n]);

@@ -1,4 +1,5 @@
-//! Solves a case as a library and prints the density: `mpirun -np 2 cargo run --release --example density -- CASE`.
+//! Solves a case as a library and prints the density: `mpirun -np 2 cargo run --release --example
+//! density -- CASE`.
 
 use phasewarp::{Case, World, plan, solve};
 use std::path::PathBuf;

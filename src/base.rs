@@ -1,4 +1,5 @@
-//! The ground: errors, text, log lines, directories, the machine, checksums, fixed-point sums.
+//! The ground: errors, text, log lines, directories, the machine, checksums, quadrature,
+//! fixed-point sums.
 //!
 //! Uses no other room.
 
@@ -12,6 +13,7 @@ pub mod log;
 pub mod machine;
 pub mod memory;
 pub mod progress;
+pub mod quadrature;
 pub mod stopwatch;
 pub mod text;
 pub mod version;

@@ -1,15 +1,17 @@
 //! # phasewarp
 //!
-//! An emulator, distributed over MPI ranks, of a quantum algorithm for the Liouville equation of classical mechanics
+//! An emulator, distributed over MPI ranks, of a quantum algorithm for the Liouville equation of
+//! classical mechanics
 //!
 //! ```text
 //! f_t + v·∇_x f − ∇V·∇_v f = 0
 //! ```
 //!
-//! with a potential `V` that may jump. Particles that meet a jump are transmitted or reflected so that `|v|²/2 + V` is
-//! kept. The Hamiltonian-preserving scheme builds this into its fluxes and gives `f' = A f + b` ([`scheme`]). With
-//! `S = (A+Aᵀ)/2`, `K = (A−Aᵀ)/2`, the warped phase transformation `w(t, p) = g(p) f(t)`, `g = e^{−p}` for `p ≥ 0`, turns it
-//! into `w_t = −S w_p + K w`, whose Fourier modes in `p` evolve unitarily and do not couple:
+//! with a potential `V` that may jump. Particles that meet a jump are transmitted or reflected so
+//! that `|v|²/2 + V` is kept. The Hamiltonian-preserving scheme builds this into its fluxes and
+//! gives `f' = A f + b` ([`scheme`]). With `S = (A+Aᵀ)/2`, `K = (A−Aᵀ)/2`, the warped phase
+//! transformation `w(t, p) = g(p) f(t)`, `g = e^{−p}` for `p ≥ 0`, turns it into `w_t = −S w_p + K
+//! w`, whose Fourier modes in `p` evolve unitarily and do not couple:
 //!
 //! ```text
 //! w_l(T) = exp(−iH_l T) f(0),   H_l = μ_l S + iK,      f(T) = e^{p◇} Σ_l weight_l e^{iμ_l p◇} w_l(T)
@@ -45,8 +47,9 @@
 
 //! ## As a library
 //!
-//! [`World`] starts MPI, [`Case`] is the problem, [`plan()`] tells what it costs, [`solve`] gives a [`Solution`], and
-//! [`run`] is what `phasewarp run` does. All are collective: every rank calls them.
+//! [`World`] starts MPI, [`Case`] is the problem, [`plan()`] tells what it costs, [`solve`] gives a
+//! [`Solution`], and [`run`] is what `phasewarp run` does. All are collective: every rank calls
+//! them.
 //!
 //! ```
 //! use phasewarp::{Case, World, solve};
@@ -87,8 +90,8 @@ pub use problem::case::Case;
 pub use run::options::Options;
 pub use run::{Solution, run, solve};
 
-/// The plan that a run of `case` on the ranks of `world` would have: modes, applications, memory a rank. Growth and norms are
-/// measured where that is cheap. Collective.
+/// The plan that a run of `case` on the ranks of `world` would have: modes, applications, memory a
+/// rank. Growth and norms are measured where that is cheap. Collective.
 ///
 /// # Errors
 /// A tolerance that cannot be met, a mesh that does not fit, too little memory.

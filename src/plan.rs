@@ -1,12 +1,14 @@
-//! From a case and a number of ranks to every derived number, before anything is allocated or solved.
+//! From a case and a number of ranks to every derived number, before anything is allocated or
+//! solved.
 //!
-//! A [`Plan`] is data: printed by `phasewarp plan`, stored in every result, tested without MPI. It has two parts: what
-//! is computed ([`WarpPlan`], the same for any ranks) and who computes it ([`Layout`]).
+//! A [`Plan`] is data: printed by `phasewarp plan`, stored in every result, tested without MPI. It
+//! has two parts: what is computed ([`WarpPlan`], the same for any ranks) and who computes it
+//! ([`Layout`]).
 //!
-//! **Tolerance.** The error of the recovered field is at most about `ε‖ũ(0)‖`, with `ũ(0)` the weighted state and its
-//! auxiliary unknowns; what is asked for is relative to `‖f(T)‖`. So the profile is planned for
-//! `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe when running (see [`crate::run`]); the plan
-//! alone assumes [`ASSUMED_RATIO`].
+//! **Tolerance.** The error of the recovered field is at most about `ε‖ũ(0)‖`, with `ũ(0)` the
+//! weighted state and its auxiliary unknowns; what is asked for is relative to `‖f(T)‖`. So the
+//! profile is planned for `ε = tolerance · ‖f(T)‖/‖ũ(0)‖`. The ratio is measured by a cheap probe
+//! when running (see [`crate::run`]); the plan alone assumes [`ASSUMED_RATIO`].
 
 pub mod advice;
 pub mod balance;
@@ -125,7 +127,8 @@ impl Plan {
         let largest = Block::new(&case.space, &layout.mesh, 0);
         if 2 * largest.cells() + largest.ghosts() > u32::MAX as usize {
             return Err(Error::Ranks(format!(
-                "{} cells on a rank, {} of memory; at most {} can be numbered: more blocks along x (--ranks-x)",
+                "{} cells on a rank, {} of memory; at most {} can be numbered: more blocks along \
+                x (--ranks-x)",
                 largest.cells(),
                 bytes_text(layout.memory()),
                 u32::MAX / 2
@@ -154,8 +157,8 @@ impl Plan {
         })
     }
 
-    /// The batches of mode group `group` that are left of a stage whose modes `finished` are. Where modes are kept, each
-    /// stays with its group.
+    /// The batches of mode group `group` that are left of a stage whose modes `finished` are. Where
+    /// modes are kept, each stays with its group.
     pub fn batches_left(&self, finished: &BTreeSet<usize>, group: usize) -> Vec<Batch> {
         let Some(warp) = &self.warp else {
             return Vec::new();
@@ -172,8 +175,8 @@ impl Plan {
         crate::plan::balance::share_out(&warp.work, &others, coupling, 1).swap_remove(0)
     }
 
-    /// The plan before growth and norms are measured: who computes what, and about how much. A tolerance that may turn out
-    /// too small, or an interval too short for it, is not refused yet.
+    /// The plan before growth and norms are measured: who computes what, and about how much. A
+    /// tolerance that may turn out too small, or an interval too short for it, is not refused yet.
     ///
     /// # Errors
     /// As [`new`](Self::new), but for the tolerance.
@@ -188,8 +191,8 @@ impl Plan {
         Self::with_bounds(&case, bounds.expected(), resources, 1.0)
     }
 
-    /// This plan with the modes of `series` instead of its own, each within `tolerance` of its norm, read as `readings` say:
-    /// whether they give the field or not is not asked.
+    /// This plan with the modes of `series` instead of its own, each within `tolerance` of its
+    /// norm, read as `readings` say: whether they give the field or not is not asked.
     ///
     /// # Errors
     /// [`Error::Ranks`] and [`Error::Memory`].
@@ -253,8 +256,8 @@ impl Plan {
         descriptor(self.propagation.method).summary(&work)
     }
 
-    /// Jacobi sweeps that better weights are worth: a sweep takes about as long as two applications, and they should not
-    /// take more than a few hundredths of the run.
+    /// Jacobi sweeps that better weights are worth: a sweep takes about as long as two
+    /// applications, and they should not take more than a few hundredths of the run.
     pub fn max_weight_sweeps(&self) -> usize {
         self.warp.as_ref().map_or(0, |w| {
             let unit = descriptor(self.propagation.method).applications_per_work();

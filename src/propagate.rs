@@ -1,10 +1,10 @@
 //! Propagators: `w(T) = exp(−iH_l T) w(0)`, `H_l = μ_l S + iK`, for a batch of modes.
 //!
-//! | method | | error | takes |
-//! |---|---|---|---|
-//! | [`chebyshev`] | series of the exponential | below the mode's tolerance, guaranteed | applications |
-//! | [`krylov`] | Lanczos, restarted in time | below the mode's tolerance, guaranteed | applications |
-//! | [`implicit`] | Crank–Nicolson, backward Euler | second, first order in the step | steps, each a solve |
+//! - [`chebyshev`]: a series of the exponential. The error is below the mode's tolerance,
+//!   guaranteed; the cost is counted in applications.
+//! - [`krylov`]: Lanczos, restarted in time, with the same guarantee and the same cost.
+//! - [`implicit`]: Crank–Nicolson and backward Euler, of second and first order in the step. The
+//!   cost is counted in steps, each a solve.
 //!
 //! A propagator is a file of this folder that implements [`method::Propagator`] and says in a
 //! [`method::Descriptor`] what a plan needs to know beforehand. [`descriptor`] is the table: to add

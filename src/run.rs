@@ -4,7 +4,8 @@
 //! start → reduce → prepare → exact → plan → open files → solve → compare → expand → write
 //! ```
 //!
-//! [`run()`] does all of them; [`solve`] does so in memory and without console output, and gives a [`Solution`].
+//! [`run()`] does all of them; [`solve`] does so in memory and without console output, and gives a
+//! [`Solution`].
 //!
 //! Uses: results, quantum, solve, and every room below.
 
@@ -55,15 +56,16 @@ use std::path::Path;
 /// Runs a case and writes its results into `directory`. Collective over all ranks.
 ///
 /// # Errors
-/// The first error of any rank, the same on all; [`crate::base::error::Error::Stopped`] where the run stopped early and
-/// can go on.
+/// The first error of any rank, the same on all; [`crate::base::error::Error::Stopped`] where the
+/// run stopped early and can go on.
 pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> Result<Summary> {
     let case = &*with_start(&world.group(), case)?;
     let output = Output { directory, options };
     compute(world, case, Some(output))?.write_prepared(world, directory)
 }
 
-/// Solves a case in memory, without console output, files or checkpoints. Collective over all ranks.
+/// Solves a case in memory, without console output, files or checkpoints. Collective over all
+/// ranks.
 ///
 /// # Errors
 /// The first error of any rank, the same on all.
@@ -89,7 +91,8 @@ pub struct Solution {
     pub plan: Plan,
     /// This rank's space cells, one range an x-axis; may be empty.
     pub share: Vec<Range<usize>>,
-    /// Fields `[x, …, v, …]` on the share, moments on its space cells and totals at `T`; output times before.
+    /// Fields `[x, …, v, …]` on the share, moments on its space cells and totals at `T`; output
+    /// times before.
     pub results: Expanded,
     /// The exact solution on the share, where the case names one.
     pub exact: Option<ExactSolution>,
@@ -100,8 +103,8 @@ pub struct Solution {
     log: RunLog,
 }
 
-/// Runs a case in memory. Only where `output` is given it prints, keeps checkpoints and writes warped fields. Collective
-/// over all ranks.
+/// Runs a case in memory. Only where `output` is given it prints, keeps checkpoints and writes
+/// warped fields. Collective over all ranks.
 ///
 /// # Errors
 /// As [`run()`].
@@ -188,7 +191,8 @@ fn resources(world: &World, output: Option<Output<'_>>) -> Resources {
     }
 }
 
-/// Makes sure that the results can be written, by this run alone; gives the directory's lock, on the first rank. Collective.
+/// Makes sure that the results can be written, by this run alone; gives the directory's lock, on
+/// the first rank. Collective.
 fn lock(
     world: &World,
     directory: &Path,
@@ -223,7 +227,8 @@ fn prepare(
     Ok(prepared)
 }
 
-/// How far the norm will fall, the modes that takes, and whether there is room for them. Collective.
+/// How far the norm will fall, the modes that takes, and whether there is room for them.
+/// Collective.
 fn plan_modes(
     prepared: &mut Prepared,
     resources: &Resources,
@@ -252,7 +257,8 @@ fn plan_modes(
     Ok(())
 }
 
-/// The mass of the fields at the start, which are dropped; none where the run starts from modes. Collective.
+/// The mass of the fields at the start, which are dropped; none where the run starts from modes.
+/// Collective.
 fn initial_mass(prepared: &mut Prepared) -> Option<f64> {
     if prepared.case.start.is_some() {
         return None;
@@ -267,7 +273,8 @@ fn initial_mass(prepared: &mut Prepared) -> Option<f64> {
 }
 
 impl Solution {
-    /// Writes `result.h5`, `fields.xdmf`, `readout.csv` and `summary.json` into `directory`, which is made. Collective.
+    /// Writes `result.h5`, `fields.xdmf`, `readout.csv` and `summary.json` into `directory`, which
+    /// is made. Collective.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Directory`] and [`crate::base::error::Error::Output`].
@@ -276,7 +283,8 @@ impl Solution {
         self.write_prepared(world, directory)
     }
 
-    /// As [`write`](Self::write), into a directory that is known to take it; deletes the checkpoints. Collective.
+    /// As [`write`](Self::write), into a directory that is known to take it; deletes the
+    /// checkpoints. Collective.
     fn write_prepared(self, world: &World, directory: &Path) -> Result<Summary> {
         let Self { mut summary, mut log, results, lock: _lock, .. } = self;
         let (all, case) = (world.group(), &self.case);

@@ -1,6 +1,8 @@
-//! A case solved on the ranks of a mesh: the discrete system, its modes in stages, checkpoints, the spectrum.
+//! A case solved on the ranks of a mesh: the discrete system, its modes in stages, checkpoints, the
+//! spectrum.
 //!
-//! [`system::DiscreteSystem`] is the semi-discrete system on a rank; [`modes::run`] propagates the modes and adds them up.
+//! [`system::DiscreteSystem`] is the semi-discrete system on a rank; [`modes::run`] propagates the
+//! modes and adds them up.
 //!
 //! Uses: plan, schrodingerization, propagate, matrix, scheme, parallel, problem, base.
 

@@ -7,9 +7,10 @@
 //! | [`stability`] | where each method begins to fail | `Stability` |
 //! | [`calibrate`] | how long a run will take | [`calibrate::Calibration`] |
 //!
-//! They stand on one kernel: a [`trial`] is a run for its numbers only, a [`budget`] is the time that
-//! a study may take, [`cost`] predicts the seconds of a trial, [`grids`] are coarser and finer grids
-//! of a case, [`knobs`] its other choices, and a [`treatment`] is a measure against growth at jumps.
+//! They stand on one kernel: a [`trial`] is a run for its numbers only, a [`budget`] is the time
+//! that a study may take, [`cost`] predicts the seconds of a trial, [`grids`] are coarser and finer
+//! grids of a case, [`knobs`] its other choices, and a [`treatment`] is a measure against growth at
+//! jumps.
 //!
 //! A study may use run, results, and every room below. Only commands use studies.
 

@@ -5,7 +5,7 @@
 //! | embedding | unknowns | equations |
 //! |---|---|---|
 //! | boundary | `r_i` where `b_i ≠ 0` | `f_i' = … + κ_i r_i`, `r_i(0) = b_i/κ_i` |
-//! | full | `r_i` of every row (the paper's) | the same; `κ_i = 0`, `r_i(0) = δ` where nothing enters |
+//! | full (the paper's) | `r_i` of every row | the same; `κ_i = 0`, `r_i(0) = δ` where `b_i = 0` |
 //! | scalar | one `r` | `f_i' = … + κ_i r`, `κ_i = b_i/δ`, `r(0) = δ` |
 //!
 //! **Growth.** With `g_i = −Σ_j A_ij`, the rate at which row `i` draws on the inflow, and the
@@ -17,13 +17,13 @@
 //! scalar:          the root of λ = ¼ Σ κ_i²/(λ − c_i) above all c_i
 //! ```
 //!
-//! Of a degree above 0, what enters through a face may be spread over several rows, so that `g_i` is
-//! only what a row loses on its own account, and may be zero. Planned couplings are then
-//! `κ_i² = 2 g_i θ + 4θ²`, and the scalar's growth is `Σ_i π_i Σ rate b²/(2 δ² π_r)` by Cauchy–Schwarz over the
-//! points at which something enters.
+//! Of a degree above 0, what enters through a face may be spread over several rows, so that `g_i`
+//! is only what a row loses on its own account, and may be zero. Planned couplings are then `κ_i² =
+//! 2 g_i θ + 4θ²`, and the scalar's growth is `Σ_i π_i Σ rate b²/(2 δ² π_r)` by Cauchy–Schwarz over
+//! the points at which something enters.
 //!
-//! Of degree 0 `λ` is at most `γ` or `θ = max κ_i²/(2 g_i)` or, for the scalar, `θ = Σ κ_i²/(2 g_i)`,
-//! whichever is larger.
+//! Of degree 0 `λ` is at most `γ` or `θ = max κ_i²/(2 g_i)` or, for the scalar, `θ = Σ κ_i²/(2
+//! g_i)`, whichever is larger.
 //!
 //! **`δ`.** A given one means `κ_i = |b_i|/δ`, so `r_i(0) = ±δ` (the paper's `diag(b)/δ`, up to the
 //! signs of the unknowns). Planned, `θ` is [`crate::matrix::bounds::INFLOW_GROWTH`]`/T`:

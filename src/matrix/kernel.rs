@@ -2,10 +2,10 @@
 //! over the matrix.
 //!
 //! ```text
-//! y ← a ((−iμ S + K) x + i c x) + y + coefficient · start        per lane: a = scale, c = shift, μ = wavenumber
+//! y ← a ((−iμ S + K) x + i c x) + y + coefficient · start
 //! ```
 //!
-//! where `start` is what a series is of: a real vector that the lanes share, a vector for each
+//! where each lane has a scale `a`, a shift `c` and a wavenumber `μ` of its own, and `start` is what a series is of: a real vector that the lanes share, a vector for each
 //! lane, or nothing.
 //!
 //! Vectors are `[row][re: B lanes][im: B lanes]`: every operation is vertical over modes. The same

@@ -6,9 +6,10 @@
 //! take too long, elements that look smooth have the values at their nodes.
 
 use crate::base::error::Result;
+use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::Block;
-use crate::problem::element::{Family, Nodes, gauss_legendre};
+use crate::problem::element::{Family, Nodes};
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Cell, MAX_DIMENSION, PhaseSpace, describe_point, for_each_cell};
 use std::ops::Range;
@@ -238,10 +239,10 @@ impl Element<'_> {
         let mut sum = vec![0.0; self.shape().iter().product()];
         let mut open = vec![[Part::WHOLE; 2 * MAX_DIMENSION]];
         while let Some(parts) = open.pop() {
-            let rules: Vec<Vec<(f64, f64)>> =
+            let rules: Vec<Vec<QuadraturePoint>> =
                 (self.nodes().zip(&parts)).map(|(nodes, part)| part_rule(nodes, *part)).collect();
             let points: Vec<Vec<f64>> =
-                rules.iter().map(|rule| rule.iter().map(|p| p.0).collect()).collect();
+                rules.iter().map(|rule| rule.iter().map(|p| p.node).collect()).collect();
             let values = self.values_at(&points, value);
             let level = parts[0].level;
             let is_cut = level < cuts
@@ -265,9 +266,9 @@ impl Element<'_> {
         sum
     }
 
-    /// Whether the polynomial through `values` at `points` misses `value` at an end of `parts`, where
-    /// a jump beyond the outermost points is not seen otherwise. Looked at in one space dimension
-    /// only: in more the ends are too many.
+    /// Whether the polynomial through `values` at `points` misses `value` at an end of `parts`,
+    /// where a jump beyond the outermost points is not seen otherwise. Looked at in one space
+    /// dimension only: in more the ends are too many.
     fn jumps_at_an_end(
         &self,
         values: &[f64],
@@ -327,27 +328,25 @@ fn advance(m: &mut [usize], shape: &[usize]) {
 }
 
 /// Gauss's rule on a part of an axis: points of the reference element, and weights.
-fn part_rule(nodes: Nodes, part: Part) -> Vec<(f64, f64)> {
-    let [lower, upper] = part.ends();
-    let (middle, half) = (0.5 * (lower + upper), 0.5 * (upper - lower));
+fn part_rule(nodes: Nodes, part: Part) -> Vec<QuadraturePoint> {
     let rule = gauss_legendre(nodes.count() + MORE_POINTS);
-    rule.into_iter().map(|(xi, w)| (middle + half * xi, half * w)).collect()
+    rule.into_iter().map(|point| point.moved_to(part.ends())).collect()
 }
 
 /// `[m][q]`: what the value at point `q` of a rule adds to the projection's value at node `m`:
 /// `Σ_n (M⁻¹)_mn ℓ_n(ξ_q) w_q`, with the exact mass matrix `M_mn = ∫ ℓ_m ℓ_n`.
 ///
 /// By the orthogonal Legendre polynomials, `Σ_j (2j + 1)/2 P_j(ξ_m) P_j(ξ_q) w_q`.
-fn projector(nodes: Nodes, rule: &[(f64, f64)]) -> Vec<Vec<f64>> {
+fn projector(nodes: Nodes, rule: &[QuadraturePoint]) -> Vec<Vec<f64>> {
     let at_rule: Vec<Vec<f64>> =
-        rule.iter().map(|(xi, _)| legendre_values(nodes.degree, *xi)).collect();
+        rule.iter().map(|p| legendre_values(nodes.degree, p.node)).collect();
     (nodes.reference().nodes.iter())
         .map(|node| {
             let at_node = legendre_values(nodes.degree, *node);
             (rule.iter().zip(&at_rule))
-                .map(|((_, w), values)| {
+                .map(|(point, values)| {
                     let terms = values.iter().zip(&at_node).enumerate();
-                    w * terms.map(|(j, (p, q))| (j as f64 + 0.5) * p * q).sum::<f64>()
+                    point.weight * terms.map(|(j, (p, q))| (j as f64 + 0.5) * p * q).sum::<f64>()
                 })
                 .collect()
         })
@@ -417,8 +416,9 @@ fn highest_coefficients(points: &[f64]) -> Vec<Vec<f64>> {
         .map(|j| {
             (0..count)
                 .map(|q| {
-                    let term = |(x, w): &(f64, f64)| {
-                        w * lagrange_values(&scaled, *x)[q] * legendre_values(j, *x)[j]
+                    let term = |p: &QuadraturePoint| {
+                        let lagrange = lagrange_values(&scaled, p.node)[q];
+                        p.weight * lagrange * legendre_values(j, p.node)[j]
                     };
                     (j as f64 + 0.5) * rule.iter().map(term).sum::<f64>()
                 })

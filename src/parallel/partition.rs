@@ -49,7 +49,8 @@ impl Mesh {
         for (a, (&parts, axis)) in self.space.iter().zip(&space.x).enumerate() {
             if space.is_periodic(a) && parts != 1 {
                 return Err(Error::Ranks(format!(
-                    "--ranks-x: {parts} blocks along x-axis {a}, {}, which is periodic and stays whole; 1 does",
+                    "--ranks-x: {parts} blocks along x-axis {a}, {}, which is periodic and stays \
+                    whole; 1 does",
                     ["x", "y", "z"][a]
                 )));
             }

@@ -31,7 +31,8 @@ pub struct Candidate {
     pub cost: f64,
     /// Largest and mean modelled cost of a mode group, as a ratio.
     pub imbalance: f64,
-    /// Part of the modelled time that splitting space adds: the exchange of ghosts, and a solver's further iterations.
+    /// Part of the modelled time that splitting space adds: the exchange of ghosts, and a solver's
+    /// further iterations.
     pub split: f64,
     /// Planned bytes on the fullest rank.
     pub memory: u64,
@@ -50,8 +51,8 @@ pub struct Advice {
     pub nodes: Option<usize>,
     /// Planned bytes on a full node, each of its ranks as the fullest.
     pub memory_per_node: Option<u64>,
-    /// The most points `N_p` of which a run can keep all modes, whatever `N_p` this one has. One that drops them takes as much memory for
-    /// any `N_p`.
+    /// The most points `N_p` of which a run can keep all modes, whatever `N_p` this one has. One
+    /// that drops them takes as much memory for any `N_p`.
     pub largest_points: Option<usize>,
     /// Blocks along each x-axis of the mesh which that takes.
     pub largest_points_mesh: Option<Vec<usize>>,
@@ -64,7 +65,8 @@ pub struct Advice {
 }
 
 impl Advice {
-    /// For `plan` on `resources`, where a node is `node` and so many ranks would have `here` bytes each on this machine.
+    /// For `plan` on `resources`, where a node is `node` and so many ranks would have `here` bytes
+    /// each on this machine.
     pub fn new(
         case: &Case,
         plan: &Plan,
@@ -133,7 +135,8 @@ impl fmt::Display for Advice {
             let power = 1usize << points.ilog2();
             writeln!(
                 f,
-                "largest N_p     {points}{} with all modes kept (--mode full) on --ranks-x {}, in {} a rank{}; as many as wanted streamed{}",
+                "largest N_p     {points}{} with all modes kept (--mode full) on --ranks-x {}, in \
+                {} a rank{}; as many as wanted streamed{}",
                 match points {
                     LARGEST_POINTS => ", the program's own limit,".to_owned(),
                     _ if power < points => format!(" (2^{} = {power})", points.ilog2()),
@@ -148,14 +151,16 @@ impl fmt::Display for Advice {
                 match self.takes_points {
                     true => "",
                     false =>
-                        "; N_p is not free here, solver.warp.points takes another solver.warp.profile and no file to start from",
+                        "; N_p is not free here, solver.warp.points takes another \
+                        solver.warp.profile and no file to start from",
                 },
             )?;
         }
         for (k, mesh) in self.meshes.iter().take(SHOWN).enumerate() {
             writeln!(
                 f,
-                "{:<16}--ranks-x {:<7} time {:.2}: imbalance of the groups {:.3}, exchange {:.0} %, {} a rank{}",
+                "{:<16}--ranks-x {:<7} time {:.2}: imbalance of the groups {:.3}, exchange {:.0} \
+                %, {} a rank{}",
                 if k == 0 { "suggested mesh" } else { "" },
                 joined(&mesh.space),
                 mesh.cost,

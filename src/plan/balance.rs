@@ -1,8 +1,10 @@
-//! Modes into batches, and batches to mode groups, so that the group with most to do has as little as can be.
+//! Modes into batches, and batches to mode groups, so that the group with most to do has as little
+//! as can be.
 //!
-//! Where the lanes of a batch are independent, batches are cut from the modes in the order of falling work, each full but
-//! the last. No other choice has a cheaper batch anywhere: the `b − 1` costliest hold at most `(b − 1) B` modes, so the
-//! `b`-th of any choice costs at least as much as mode `(b − 1) B + 1` of that order. What is left is to deal whole batches.
+//! Where the lanes of a batch are independent, batches are cut from the modes in the order of
+//! falling work, each full but the last. No other choice has a cheaper batch anywhere: the `b − 1`
+//! costliest hold at most `(b − 1) B` modes, so the `b`-th of any choice costs at least as much as
+//! mode `(b − 1) B + 1` of that order. What is left is to deal whole batches.
 
 use crate::matrix::lanes::LANES;
 use crate::propagate::method::BatchCoupling;
@@ -37,8 +39,8 @@ pub fn cost(group: &[Batch]) -> usize {
     group.iter().map(|b| b.cost).sum()
 }
 
-/// The batches of each of `groups` mode groups, longest first, for modes that take `work`; those that are `finished`, coupled
-/// ones all of a batch, are left out.
+/// The batches of each of `groups` mode groups, longest first, for modes that take `work`; those
+/// that are `finished`, coupled ones all of a batch, are left out.
 pub fn share_out(
     work: &[usize],
     finished: &BTreeSet<usize>,
@@ -74,7 +76,8 @@ pub fn share_out(
     shares
 }
 
-/// The group of each piece: the longest first, each to the group with least to do; of few pieces, the best of all ways.
+/// The group of each piece: the longest first, each to the group with least to do; of few pieces,
+/// the best of all ways.
 fn deal(costs: &[usize], groups: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..costs.len()).collect();
     order.sort_by_key(|&k| (Reverse(costs[k]), k));
@@ -157,8 +160,8 @@ mod tests {
 
     #[test]
     fn groups_are_as_even_as_whole_batches_can_be() {
-        // Modes, groups, largest imbalance. With fewer than two batches a group, or not a multiple of their number, whole
-        // batches cannot be even: there the layout splits space.
+        // Modes, groups, largest imbalance. With fewer than two batches a group, or not a multiple
+        // of their number, whole batches cannot be even: there the layout splits space.
         for (modes, groups, most) in [
             (13, 2, 1.20),
             (19, 2, 1.15),
@@ -202,7 +205,8 @@ mod tests {
         assert_eq!(blocks(1)[0], [0, 1, 2, 3, 4]);
     }
 
-    /// Every way to put modes into groups, and in a group into batches of two kinds of cost, by brute force.
+    /// Every way to put modes into groups, and in a group into batches of two kinds of cost, by
+    /// brute force.
     fn least_by_force(costs: &[usize], groups: usize) -> usize {
         let ways = groups.pow(costs.len() as u32);
         let most = |way: usize| {
@@ -224,7 +228,9 @@ mod tests {
             groups in 1usize..9,
             kind in 0usize..3,
         ) {
-            let coupling = [BatchCoupling::Independent, BatchCoupling::Coupled, BatchCoupling::Sequential][kind];
+            let couplings =
+                [BatchCoupling::Independent, BatchCoupling::Coupled, BatchCoupling::Sequential];
+            let coupling = couplings[kind];
             let shares = share_out(&work, &BTreeSet::new(), coupling, groups);
             prop_assert_eq!(shares.len(), groups);
             let batches: Vec<&Batch> = shares.iter().flatten().collect();

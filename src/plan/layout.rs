@@ -19,8 +19,9 @@ use std::collections::BTreeSet;
 /// The most points `N_p` that are planned for.
 pub(crate) const LARGEST_POINTS: usize = 2 * MOST_MODES - 2;
 
-/// What an exchange takes, in rows of a step: a round of messages, and a ghost that is packed, sent and unpacked. Measured
-/// within a node (docs/performance.md): 4 µs and 40 ns beside 7 to 20 ns a row.
+/// What an exchange takes, in rows of a step: a round of messages, and a ghost that is packed, sent
+/// and unpacked. Measured within a node (docs/performance.md): 4 µs and 40 ns beside 7 to 20 ns a
+/// row.
 const ROWS_A_ROUND: f64 = 300.0;
 const ROWS_A_GHOST: f64 = 3.0;
 
@@ -48,8 +49,8 @@ pub struct Resources {
     pub memory_per_rank: Option<u64>,
 }
 
-/// Refuses a grid that no layout can fit into the memory of `resources`: arithmetic only, before anything is
-/// evaluated on the grid.
+/// Refuses a grid that no layout can fit into the memory of `resources`: arithmetic only, before
+/// anything is evaluated on the grid.
 ///
 /// # Errors
 /// [`Error::Memory`].
@@ -57,7 +58,8 @@ pub fn refuse_hopeless(case: &Case, resources: &Resources) -> Result<()> {
     let (ranks, limit) = (resources.ranks, resources.memory_per_rank.unwrap_or(u64::MAX));
     // The tracer keeps V and distances for all of space on every rank.
     let tracer = if matches!(case.exact, Some(Exact::Characteristics)) { 80.0 } else { 0.0 };
-    // Less than any layout takes: two batch vectors, a state and the sums of a reading; four real vectors and the field.
+    // Less than any layout takes: two batch vectors, a state and the sums of a reading; four real
+    // vectors and the field.
     let bytes_per_cell = match case.method {
         Method::Schrodingerized => 2.0 * size_of::<Lanes>() as f64 + 32.0,
         Method::Classical => 48.0,
@@ -130,8 +132,9 @@ impl Layout {
         Self { mesh, groups, imbalance, arrays }
     }
 
-    /// The most points `N_p` of which a run on `resources` can keep all modes, and the mesh that it takes; none where no memory is given
-    /// or not even two fit. Depends on nothing that `N_p` changes.
+    /// The most points `N_p` of which a run on `resources` can keep all modes, and the mesh that it
+    /// takes; none where no memory is given or not even two fit. Depends on nothing that `N_p`
+    /// changes.
     pub(crate) fn largest_points(
         case: &Case,
         bounds: &Bounds,
@@ -193,7 +196,8 @@ impl Layout {
         self.arrays.iter().map(|a| a.1).sum()
     }
 
-    /// Refuses what does not fit into the memory of `resources`, if that is known; `case`, `bounds` and `warp` are what it was made for.
+    /// Refuses what does not fit into the memory of `resources`, if that is known; `case`, `bounds`
+    /// and `warp` are what it was made for.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -242,19 +246,22 @@ fn fewer_points(case: &Case, bounds: &Bounds, warp: &WarpPlan, resources: &Resou
         }
         (None, false) => {
             format!(
-                "dropping the modes (--mode streamed), a larger solver.tolerance, which takes fewer points in p ({most})"
+                "dropping the modes (--mode streamed), a larger solver.tolerance, which takes \
+                fewer points in p ({most})"
             )
         }
     };
     format!("{fewer}, more ranks on more nodes, or fewer cells (axis.N.x.cells, axis.N.v.cells)")
 }
 
-/// Whether `solver.warp.points` can be given: a designed profile is no function on the line, a file has its own.
+/// Whether `solver.warp.points` can be given: a designed profile is no function on the line, a file
+/// has its own.
 pub(crate) fn takes_points(warp: &WarpPlan) -> bool {
     !matches!(warp.profile, None | Some(Profile::Designed(_) | Profile::Constant(_)))
 }
 
-/// The largest even number from 2 to `most` whose `memory` is within `limit`; `memory` does not fall.
+/// The largest even number from 2 to `most` whose `memory` is within `limit`; `memory` does not
+/// fall.
 fn most_points(most: usize, limit: u64, memory: impl Fn(usize) -> u64) -> Option<usize> {
     let fits = |half: usize| memory(2 * half) <= limit;
     let (mut low, mut high) = (0, most / 2 + 1);
@@ -353,7 +360,8 @@ mod tests {
                 layout.expect("a layout")
             };
             let alone = layout(1).cost(&case, Some(&warp));
-            // By the model of batches and ghosts: whole batches, or blocks of space, whatever is faster.
+            // By the model of batches and ghosts: whole batches, or blocks of space, whatever is
+            // faster.
             for (ranks, least) in [(2, 0.91), (3, 0.84), (4, 0.78)] {
                 let found = layout(ranks);
                 let efficiency = alone / found.cost(&case, Some(&warp)) / ranks as f64;

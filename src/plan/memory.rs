@@ -14,8 +14,8 @@ use crate::scheme::reduce::grid;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
 
-/// Resident memory of the program and its libraries, HDF5's buffers included: measured 25 MiB on one rank, 30 on four, which share
-/// more buffers of MPI.
+/// Resident memory of the program and its libraries, HDF5's buffers included: measured 25 MiB on
+/// one rank, 30 on four, which share more buffers of MPI.
 pub(crate) const PROGRAM_BYTES: u64 = 30 << 20;
 
 /// What HDF5 takes on every rank for each chunk of a dataset while it is written, whatever is in it.
@@ -39,7 +39,8 @@ pub fn kept_modes_bytes(rows: u64, modes: u64) -> u64 {
     modes * (rows * size_of::<Complex64>() as u64 + KEPT_MODE_BYTES)
 }
 
-/// Planned bytes on the fullest rank of `mesh` for a run that keeps all modes of `points` points in `p`.
+/// Planned bytes on the fullest rank of `mesh` for a run that keeps all modes of `points` points in
+/// `p`.
 pub(crate) fn memory_of_points(
     case: &Case,
     bounds: &Bounds,
@@ -112,8 +113,8 @@ pub(crate) fn arrays(
     let length = rows + ghosts;
     let force = u64::from(bounds.forces);
     let entries = rows * entries_of_a_row(&case.space, bounds);
-    // Rows that repeat are stored once: those of cells of a kind whose neighbours are of a kind. Weights differ from cell to cell,
-    // rows of elements from node to node.
+    // Rows that repeat are stored once: those of cells of a kind whose neighbours are of a kind.
+    // Weights differ from cell to cell, rows of elements from node to node.
     let nodes: u64 = case.space.x.iter().map(|a| a.nodes.count() as u64).product();
     let around = nodes * (bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32));
     let distinct = match bounds.weighted {
@@ -175,14 +176,16 @@ pub(crate) fn arrays(
             list.push(("output times".to_owned(), early_bytes(case, 0, cells)));
         }
         if case.limiter != Limiter::None {
-            // One slope an unknown, two neighbours a space cell and axis; faces at the box's ends and at about as many jumps.
+            // One slope an unknown, two neighbours a space cell and axis; faces at the box's ends
+            // and at about as many jumps.
             let ends: u64 = case.space.x.iter().map(|a| 4 * cells / a.cells as u64).sum();
             let lines = force * u64::from(bounds.inflow) * cells / case.space.v[0].cells as u64;
             let slopes = 8 * length + 16 * n * space_block + 72 * ends + 8 * n * lines;
             list.push(("slopes".to_owned(), slopes));
         }
     }
-    // The results on the grid on which they are shown, where that is another; of the exact solution there is no other.
+    // The results on the grid on which they are shown, where that is another; of the exact solution
+    // there is no other.
     let shown = grid(case);
     let layers = (shown.x.iter().zip(&mesh.space)).map(|(a, p)| largest_part(a, *p));
     let there = layers.product::<u64>() * shown.velocity_cells() as u64;
@@ -200,7 +203,8 @@ pub(crate) fn arrays(
         let points = case.space.space_cells() as u64;
         let values = match case.data {
             Data::Density => 8 * there,
-            // Mass and momentum, what is made of them, and the curve, whose arrays grow by doubling.
+            // Mass and momentum, what is made of them, and the curve, whose arrays grow by
+            // doubling.
             Data::Measure { .. } => 32 * (1 + n) * points + 64 * curve_points(case) as u64,
         };
         list.push(("exact solution".to_owned(), values + 80 * points));
@@ -243,8 +247,8 @@ fn entries_of_a_row(space: &PhaseSpace, bounds: &Bounds) -> u64 {
     1 + space.x.iter().zip(&space.v).map(|(x, v)| along(x, v) as u64).sum::<u64>()
 }
 
-/// Sums, of one field at a time, and results at the output times, on a rank with so many points of space in its block (none
-/// where nothing is added up) and so many cells of the results.
+/// Sums, of one field at a time, and results at the output times, on a rank with so many points of
+/// space in its block (none where nothing is added up) and so many cells of the results.
 pub(crate) fn early_bytes(case: &Case, points: u64, share: u64) -> u64 {
     let velocities = case.space.velocity_cells() as u64;
     let numbers = |fields: bool| match (fields, &case.data) {
@@ -258,7 +262,8 @@ pub(crate) fn early_bytes(case: &Case, points: u64, share: u64) -> u64 {
     case.times.iter().map(|t| each(t.fields)).sum()
 }
 
-/// Bytes of the buffers of a rank that one cell takes: all its modes, its values, and what is sent and received.
+/// Bytes of the buffers of a rank that one cell takes: all its modes, its values, and what is sent
+/// and received.
 pub(crate) fn cell_bytes(modes: u64, points: u64, most: u64, groups: u64) -> u64 {
     let messages = if groups > 1 { 2 * most } else { 0 };
     16 * (modes + messages) + 8 * points
@@ -269,7 +274,8 @@ pub(crate) fn cells_at_once(buffers: u64, cell_bytes: u64, cells: u64, groups: u
     (buffers / cell_bytes).clamp(1, cells.div_ceil(groups))
 }
 
-/// Bytes of a rank's buffers for so many modes of a block of so many cells, at most `most` of them on one of `groups` ranks.
+/// Bytes of a rank's buffers for so many modes of a block of so many cells, at most `most` of them
+/// on one of `groups` ranks.
 pub fn buffer_bytes(modes: u64, points: u64, cells: u64, (most, groups): (u64, u64)) -> u64 {
     let cell = cell_bytes(modes, points, most, groups);
     // A line in p and what the transform takes beside it.

@@ -291,8 +291,8 @@ impl Case {
         file.refuse(key, format!("{conflict}; {wanted}, or leave limiter = \"none\""))
     }
 
-    /// Whether the scheme is the one of [`galerkin`](crate::scheme::galerkin): of a degree above 0, or
-    /// with partial reflection.
+    /// Whether the scheme is the one of [`galerkin`](crate::scheme::galerkin): of a degree above 0,
+    /// or with partial reflection.
     pub fn is_galerkin(&self) -> bool {
         self.space.degree() > 0 || self.potential.iter().any(|region| region.reflection.is_some())
     }
@@ -310,7 +310,8 @@ impl Case {
         if self.limiter != Limiter::None {
             return file.refuse(
                 "scheme.limiter",
-                "slopes are those of cells of degree 0 without partial reflection; leave it out, or \
+                "slopes are those of cells of degree 0 without partial reflection; leave it out, \
+                or \
                  scheme.degree and potential.reflection",
             );
         }

@@ -7,6 +7,7 @@
 //! The quadrature and the derivative `D` have the property of summation by parts,
 //! `W D + (W D)ᵀ = r rᵀ − l lᵀ`, with the traces `l`, `r` at the two ends.
 
+use crate::base::quadrature::{QuadraturePoint, gauss_legendre, gauss_lobatto};
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
 
@@ -84,11 +85,12 @@ pub struct ReferenceElement {
 impl ReferenceElement {
     fn new(family: Family, degree: usize) -> Self {
         let rule = match (degree, family) {
-            (0, _) => vec![(0.0, 2.0)],
+            (0, _) => vec![QuadraturePoint { node: 0.0, weight: 2.0 }],
             (_, Family::Gauss) => gauss_legendre(degree + 1),
             (_, Family::Lobatto) => gauss_lobatto(degree + 1),
         };
-        let (nodes, weights): (Vec<f64>, Vec<f64>) = rule.into_iter().unzip();
+        let (nodes, weights): (Vec<f64>, Vec<f64>) =
+            rule.iter().map(|p| (p.node, p.weight)).unzip();
         let barycentric = barycentric_weights(&nodes);
         let mut this = Self {
             derivative: differentiation(&nodes, &barycentric),
@@ -129,67 +131,6 @@ impl ReferenceElement {
     pub fn interpolate(&self, f: &[f64], xi: f64) -> f64 {
         self.values_at(xi).iter().zip(f).map(|(l, f)| l * f).sum()
     }
-}
-
-/// Legendre polynomial `P_n(x)` and its derivative.
-fn legendre(n: usize, x: f64) -> (f64, f64) {
-    let (mut value, mut before) = (1.0, 0.0);
-    for j in 0..n {
-        let j = j as f64;
-        (value, before) = (((2.0 * j + 1.0) * x * value - j * before) / (j + 1.0), value);
-    }
-    let n = n as f64;
-    // P_n'(±1) = (±1)^(n+1) n(n+1)/2 is not needed: callers stay inside.
-    (value, n * (x * value - before) / (x * x - 1.0))
-}
-
-/// The mean of what is found from both ends: nodes and weights that are mirror images exactly.
-fn symmetric(rule: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-    let mirrored = rule.iter().rev();
-    rule.iter().zip(mirrored).map(|(a, b)| (0.5 * (a.0 - b.0), 0.5 * (a.1 + b.1))).collect()
-}
-
-/// Nodes and weights of the Gauss–Legendre rule of `count` points on `[−1, 1]`, by Newton's method.
-pub fn gauss_legendre(count: usize) -> Vec<(f64, f64)> {
-    let n = count as f64;
-    let rule = (1..=count).rev().map(|k| {
-        let mut x = (std::f64::consts::PI * (k as f64 - 0.25) / (n + 0.5)).cos();
-        for _ in 0..100 {
-            let (value, slope) = legendre(count, x);
-            let change = value / slope;
-            x -= change;
-            if change.abs() < 1e-16 {
-                break;
-            }
-        }
-        let slope = legendre(count, x).1;
-        (x, 2.0 / ((1.0 - x * x) * slope * slope))
-    });
-    symmetric(rule.collect())
-}
-
-/// Nodes and weights of the Gauss–Lobatto rule of `count ≥ 2` points on `[−1, 1]`: the ends, and
-/// the zeros of `P'_{count−1}` by Newton's method.
-pub fn gauss_lobatto(count: usize) -> Vec<(f64, f64)> {
-    let k = count - 1;
-    let weight = |value: f64| 2.0 / ((k * (k + 1)) as f64 * value * value);
-    let mut rule = vec![(-1.0, weight(1.0))];
-    for j in (1..k).rev() {
-        let mut x = (std::f64::consts::PI * j as f64 / k as f64).cos();
-        for _ in 0..100 {
-            // (1 − x²) P'' = 2x P' − k(k+1) P.
-            let (value, slope) = legendre(k, x);
-            let bend = (2.0 * x * slope - (k * (k + 1)) as f64 * value) / (1.0 - x * x);
-            let change = slope / bend;
-            x -= change;
-            if change.abs() < 1e-16 {
-                break;
-            }
-        }
-        rule.push((x, weight(legendre(k, x).0)));
-    }
-    rule.push((1.0, weight(1.0)));
-    symmetric(rule)
 }
 
 fn barycentric_weights(nodes: &[f64]) -> Vec<f64> {

@@ -386,8 +386,8 @@ impl PhaseSpace {
         self.periodic[a] && self.x[a].cells == 1
     }
 
-    /// Most space blocks along space axis `a`, each of whole elements. A periodic axis stays whole, so that the cell behind
-    /// its end is on the same rank.
+    /// Most space blocks along space axis `a`, each of whole elements. A periodic axis stays whole,
+    /// so that the cell behind its end is on the same rank.
     pub fn most_blocks(&self, a: usize) -> usize {
         if self.periodic[a] { 1 } else { self.x[a].elements() }
     }

@@ -24,8 +24,8 @@ pub struct Potential {
     /// Box of space cells covered, one range an axis.
     ranges: Vec<Range<usize>>,
     /// `V⁺ − V⁻` at the lower face of each element, by axis, kept at its first cell; zero at others
-    /// and at the ends of the box (the paper's assumption). At the lower end of a periodic axis, `V` of the first cell minus that of the
-    /// last.
+    /// and at the ends of the box (the paper's assumption). At the lower end of a periodic axis,
+    /// `V` of the first cell minus that of the last.
     jump: Vec<[f64; MAX_DIMENSION]>,
     /// The region on the higher side of those jumps, by axis; kept only where a region reflects in
     /// part what could be transmitted.
@@ -163,7 +163,8 @@ impl Values<'_> {
     }
 
     /// `∂V/∂x_a` at node `node` of `element`, on the line along axis `a` through `point`, from
-    /// values at the Gauss–Lobatto points of the largest degree. Exactly zero where `V` is constant.
+    /// values at the Gauss–Lobatto points of the largest degree. Exactly zero where `V` is
+    /// constant.
     fn derivative(
         &mut self,
         point: &[f64; 6],
@@ -307,8 +308,8 @@ impl Potential {
         JumpKind { bits: self.jump[at][axis].to_bits(), higher }
     }
 
-    /// The jump at the lower face, along `axis`, of the element of space cell `i` if it is its first,
-    /// or at the upper one if it is its last and `upper`.
+    /// The jump at the lower face, along `axis`, of the element of space cell `i` if it is its
+    /// first, or at the upper one if it is its last and `upper`.
     pub fn jump_kind(&self, i: &[usize], axis: usize, upper: bool) -> JumpKind {
         match self.face(i, axis, upper) {
             Some(at) => self.kind_at(at, axis),

@@ -4,7 +4,8 @@
 //! `φ_k = (−i)^k T_k(H̃) x`,
 //!
 //! ```text
-//! exp(−iHT) x = e^{−icT} ( J_0(τ) φ_0 + 2 Σ_k J_k(τ) φ_k ),     φ_{k+1} = (2/h)(−iμS + K + ic) φ_k + φ_{k−1}
+//! exp(−iHT) x = e^{−icT} ( J_0(τ) φ_0 + 2 Σ_k J_k(τ) φ_k )
+//! φ_{k+1}     = (2/h)(−iμS + K + ic) φ_k + φ_{k−1}
 //! ```
 //!
 //! (Tal-Ezer and Kosloff 1984). Since `‖φ_k‖ ≤ ‖x‖`, cutting the series at `K` costs at most

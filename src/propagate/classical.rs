@@ -5,6 +5,7 @@
 //! The steps take slopes, see [`crate::propagate::limiter`].
 
 use crate::base::progress::Progress;
+use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
 use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::GhostExchange;
@@ -75,7 +76,7 @@ pub fn duhamel_applications(courant: f64, panels: usize) -> usize {
     let mut now = 0.0;
     let mut applications =
         |at: f64| poisson_window(width * (at - std::mem::replace(&mut now, at)), EXACT).end;
-    let inside: usize = gauss(GAUSS_NODES).iter().map(|n| applications(n.0)).sum();
+    let inside: usize = panel_rule().map(|point| applications(point.node)).sum();
     // About as many from the last node of a panel to its end as from its beginning to the first.
     panels * inside
 }
@@ -83,32 +84,25 @@ pub fn duhamel_applications(courant: f64, panels: usize) -> usize {
 /// Nodes of Gauss's rule on a panel of [`Classical::duhamel`].
 const GAUSS_NODES: usize = 16;
 
-/// Gauss's rule on `[0, 1]`: `(node, weight)`, ascending. Newton's method on the Legendre
-/// polynomial.
-pub fn gauss(count: usize) -> Vec<(f64, f64)> {
-    let n = count as f64;
-    (1..=count)
-        .rev()
-        .map(|k| {
-            let mut x = (std::f64::consts::PI * (k as f64 - 0.25) / (n + 0.5)).cos();
-            let mut slope = 0.0;
-            for _ in 0..100 {
-                let (mut value, mut before) = (1.0, 0.0);
-                for j in 0..count {
-                    let j = j as f64;
-                    (value, before) =
-                        (((2.0 * j + 1.0) * x * value - j * before) / (j + 1.0), value);
-                }
-                slope = n * (x * value - before) / (x * x - 1.0);
-                let change = value / slope;
-                x -= change;
-                if change.abs() < 1e-16 {
-                    break;
-                }
-            }
-            (0.5 * (1.0 + x), 1.0 / ((1.0 - x * x) * slope * slope))
-        })
-        .collect()
+/// Gauss's rule on a panel of unit length.
+fn panel_rule() -> impl Iterator<Item = QuadraturePoint> {
+    gauss_legendre(GAUSS_NODES).into_iter().map(|point| point.moved_to([0.0, 1.0]))
+}
+
+/// How long a state is propagated, and how fast it may change.
+#[derive(Clone, Copy, Debug)]
+pub struct Span {
+    /// Bound on the rates: `max |A_ii|`, of elements `‖A‖`.
+    pub rate: f64,
+    /// Length of time.
+    pub time: f64,
+}
+
+impl Span {
+    /// `rate·time`.
+    pub fn courant(&self) -> f64 {
+        self.rate * self.time
+    }
 }
 
 /// Integrates real vectors; scratch is made once.
@@ -191,17 +185,17 @@ impl<'a> Classical<'a> {
         &mut self,
         exchange: &mut GhostExchange,
         state: &mut [f64],
-        (rate, time): (f64, f64),
+        span: Span,
         panels: usize,
     ) {
-        let rule = gauss(GAUSS_NODES);
-        let h = time / panels as f64;
+        let rule: Vec<_> = panel_rule().collect();
+        let h = span.time / panels as f64;
         let mut now = 0.0;
         for panel in 0..panels {
-            for &(node, weight) in &rule {
+            for &QuadraturePoint { node, weight } in &rule {
                 let at = (panel as f64 + node) * h;
                 self.held.clear();
-                self.exponential(exchange, state, (rate, at - now), EXACT);
+                self.exponential(exchange, state, Span { time: at - now, ..span }, EXACT);
                 now = at;
                 self.hold_source(at);
                 for (aux, b) in self.matrix.inflow.iter().zip(&self.held) {
@@ -210,7 +204,7 @@ impl<'a> Classical<'a> {
             }
         }
         self.held.clear();
-        self.exponential(exchange, state, (rate, time - now), EXACT);
+        self.exponential(exchange, state, Span { time: span.time - now, ..span }, EXACT);
     }
 
     /// Says how far it is.
@@ -232,12 +226,13 @@ impl<'a> Classical<'a> {
         &mut self,
         exchange: &mut GhostExchange,
         state: &mut [f64],
-        (rate, time): (f64, f64),
+        span: Span,
         negligible: f64,
     ) {
-        let parts = exponential_parts(rate * time, self.matrix.by_elements);
+        let parts = exponential_parts(span.courant(), self.matrix.by_elements);
+        let part = Span { time: span.time / parts as f64, ..span };
         for _ in 0..parts {
-            self.part_of_exponential(exchange, state, (rate, time / parts as f64), negligible);
+            self.part_of_exponential(exchange, state, part, negligible);
         }
     }
 
@@ -245,15 +240,15 @@ impl<'a> Classical<'a> {
         &mut self,
         exchange: &mut GhostExchange,
         state: &mut [f64],
-        (rate, time): (f64, f64),
+        span: Span,
         negligible: f64,
     ) {
         let rows = self.matrix.rows();
-        if rate * time == 0.0 {
+        if span.courant() == 0.0 {
             // Nothing moves: what enters, enters nowhere.
             return;
         }
-        let (start, weights) = poisson_weights(rate * time, negligible);
+        let (start, weights) = poisson_weights(span.courant(), negligible);
         self.sum[..rows].fill(0.0);
         for k in 0..start + weights.len() {
             if k >= start {
@@ -266,7 +261,7 @@ impl<'a> Classical<'a> {
             // A constant inflow is an unknown 1 that stays 1.
             self.add_held();
             for (x, a) in state[..rows].iter_mut().zip(&self.image) {
-                *x += a / rate;
+                *x += a / span.rate;
             }
             self.progress.advance(1);
         }

@@ -22,7 +22,8 @@ pub(crate) struct Checkpointing {
 }
 
 impl Checkpointing {
-    /// Opens `output`'s checkpoints; none for the classical method. `program_start` is when the wall time begins. Collective.
+    /// Opens `output`'s checkpoints; none for the classical method. `program_start` is when the
+    /// wall time begins. Collective.
     ///
     /// # Errors
     /// As [`Store::open`].

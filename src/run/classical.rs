@@ -5,7 +5,7 @@ use crate::base::progress::Progress;
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::GhostExchange;
 use crate::problem::case::Integrator;
-use crate::propagate::classical::{Classical, EXACT, classical_steps, duhamel_panels};
+use crate::propagate::classical::{Classical, EXACT, Span, classical_steps, duhamel_panels};
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
 use crate::run::files::Found;
@@ -32,13 +32,14 @@ pub(crate) fn integrate(
     span: Integration,
     state: &mut [f64],
 ) {
-    let (rate, time) = (span.rate, span.time);
+    let time = span.time;
+    let whole = Span { rate: span.rate, time };
     match span.integrator {
         Integrator::Exponential if classical.varies() => {
-            let panels = duhamel_panels(rate * time);
-            classical.duhamel(exchange, state, (rate, time), panels);
+            let panels = duhamel_panels(whole.courant());
+            classical.duhamel(exchange, state, whole, panels);
         }
-        Integrator::Exponential => classical.exponential(exchange, state, (rate, time), EXACT),
+        Integrator::Exponential => classical.exponential(exchange, state, whole, EXACT),
         integrator => classical.steps(exchange, state, integrator, time, span.steps),
     }
 }

@@ -1,4 +1,5 @@
-//! How far a result is from what it is compared with: from its second reading, from the exact semi-discrete solution.
+//! How far a result is from what it is compared with: from its second reading, from the exact
+//! semi-discrete solution.
 
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
@@ -74,8 +75,8 @@ impl<'a> FieldNorms<'a> {
     }
 }
 
-/// `∫ |ρ − ρ_exact| dx`, and `Σ_a ∫ |u_a − u_exact,a| dx` over the cells where there is an exact mean velocity; where the result
-/// has none there, it counts as zero. Collective.
+/// `∫ |ρ − ρ_exact| dx`, and `Σ_a ∫ |u_a − u_exact,a| dx` over the cells where there is an exact
+/// mean velocity; where the result has none there, it counts as zero. Collective.
 pub fn moment_errors(
     world: &Group,
     volumes: &CellVolumes,
@@ -162,8 +163,8 @@ fn state_norms(prepared: &Prepared, field: &[f64]) -> StateNorms {
     }
 }
 
-/// The distance to the exact semi-discrete solution (`solver.verify`), the worst of all times at which the field is
-/// written. Collective.
+/// The distance to the exact semi-discrete solution (`solver.verify`), the worst of all times at
+/// which the field is written. Collective.
 pub(crate) fn verify(
     prepared: &mut Prepared,
     solution: &SolvedFields,
@@ -212,7 +213,8 @@ fn exact_semidiscrete(
     ends
 }
 
-/// The first field at each reading of the plateau: its norm, and its distance to the field. Collective.
+/// The first field at each reading of the plateau: its norm, and its distance to the field.
+/// Collective.
 pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<PlateauPoint> {
     let Some(warp) = &prepared.plan.warp else {
         return Vec::new();
@@ -227,7 +229,8 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
         .collect()
 }
 
-/// The error estimate from the two readings of each field, and whether the norms fell as planned. Collective.
+/// The error estimate from the two readings of each field, and whether the norms fell as planned.
+/// Collective.
 fn estimate(
     prepared: &Prepared,
     warp: &WarpPlan,
@@ -291,7 +294,8 @@ const LARGEST_STEP_ERROR: f64 = 0.1;
 /// So is one that leaves less than this of a mode's norm.
 const LEAST_NORM_KEPT: f64 = 0.5;
 
-/// Adds the error of the time step, which both readings share, to the error estimate; returns what the user should know.
+/// Adds the error of the time step, which both readings share, to the error estimate; returns what
+/// the user should know.
 pub fn include_step_error(plan: &Plan, summary: &mut Summary) -> Option<String> {
     let found = summary.step_error?;
     let tells = found <= LARGEST_STEP_ERROR
@@ -313,7 +317,8 @@ pub fn include_step_error(plan: &Plan, summary: &mut Summary) -> Option<String> 
             format!("is too long for its error to be told (leading term {found:.1e})")
         };
         format!(
-            "solver.propagator.step: a step of {step:.3e} {size}, tolerance {:e}; about {enough:.1e} would meet it, \
+            "solver.propagator.step: a step of {step:.3e} {size}, tolerance {:e}; about \
+            {enough:.1e} would meet it, \
              chebyshev and krylov meet it by themselves",
             plan.tolerance
         )

@@ -5,12 +5,12 @@
 //! Galerkin scheme is better than in between.
 
 use crate::base::error::Result;
+use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
 use crate::matrix::observables::{CellVolumes, Moments, VelocityFactors, moments};
 use crate::matrix::sampling::{Element, apply_along_all, for_each_element, legendre_transform};
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::LocalIndex;
 use crate::problem::case::{Case, Data, Exact, Limiter};
-use crate::problem::element::gauss_legendre;
 use crate::problem::exact::Tracer;
 use crate::problem::grid::{Cell, MAX_DIMENSION, Part, PhaseSpace};
 use crate::results::summary::{ErrorNorms, GridErrors};
@@ -122,8 +122,8 @@ const OF_DISSIPATION: f64 = 2.0;
 const OF_TAILS: f64 = 2.0;
 
 /// `T ‖D f‖ / ‖f‖` with the numerical dissipation `D = Σ_a ½ |c_a| h_a ∂²/∂a²`, and the same of the
-/// integrals over the velocities. Along an axis on which a cell is at an end of the box or at a jump
-/// of `V`, nothing is added. Collective.
+/// integrals over the velocities. Along an axis on which a cell is at an end of the box or at a
+/// jump of `V`, nothing is added. Collective.
 ///
 /// # Errors
 /// Where `V` is not finite.
@@ -186,8 +186,8 @@ fn by_dissipation(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
     Ok([scale * norm(mine) / norm(f), scale * density(mine) / density(f)])
 }
 
-/// The norm of the highest Legendre coefficients beside that of all, of `f` and of its integral over
-/// the velocities. Collective.
+/// The norm of the highest Legendre coefficients beside that of all, of `f` and of its integral
+/// over the velocities. Collective.
 fn by_tails(prepared: &Prepared, f: &[f64]) -> [f64; 2] {
     let (space, share) = (&prepared.case.space, &prepared.place.share);
     let n = space.dimension();
@@ -264,12 +264,12 @@ impl<'a> ElementSums<'a> {
         };
         let fits = |&&(more, most): &&(usize, f64)| total(more) <= most;
         let more = MORE_POINTS.iter().find(fits).map_or(0, |m| m.0);
-        let rules: Vec<Vec<(f64, f64)>> =
+        let rules: Vec<Vec<QuadraturePoint>> =
             space.axes().map(|a| gauss_legendre(a.nodes.count() + more)).collect();
         let points: Vec<Vec<f64>> =
-            rules.iter().map(|rule| rule.iter().map(|p| p.0).collect()).collect();
+            rules.iter().map(|rule| rule.iter().map(|p| p.node).collect()).collect();
         let weights = (space.axes().zip(&rules))
-            .map(|(axis, rule)| rule.iter().map(|p| 0.5 * axis.width() * p.1).collect())
+            .map(|(axis, rule)| rule.iter().map(|p| 0.5 * axis.width() * p.weight).collect())
             .collect();
         let matrices = (space.axes().zip(&points))
             .map(|(axis, points)| {

@@ -9,7 +9,8 @@ use crate::problem::exact::sheet::exact_moments;
 use crate::results::dataset::ExactSolution;
 use crate::solve::place::Place;
 
-/// The exact solution at `T` on `place`: `f` at cell centres, or density and velocity as cell averages. Collective over `world`.
+/// The exact solution at `T` on `place`: `f` at cell centres, or density and velocity as cell
+/// averages. Collective over `world`.
 ///
 /// # Errors
 /// A formula or a start of a characteristic that is not finite.

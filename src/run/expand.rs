@@ -23,7 +23,8 @@ pub struct Expanded {
     pub early: Vec<Early>,
 }
 
-/// Puts `solution` onto the user's grid `shown`, and its ranges, totals and errors into `summary`. Collective.
+/// Puts `solution` onto the user's grid `shown`, and its ranges, totals and errors into `summary`.
+/// Collective.
 ///
 /// # Errors
 /// Where `V` is not finite.

@@ -1,4 +1,5 @@
-//! From the semi-discrete system to the fields at `T` and what is wanted before: by modes, or classically.
+//! From the semi-discrete system to the fields at `T` and what is wanted before: by modes, or
+//! classically.
 
 use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, MOMENTS, Moments, VelocityFactors, moments};
@@ -9,8 +10,8 @@ use crate::run::{classical, modes};
 use crate::solve::modes::Leg;
 use crate::solve::prepared::Prepared;
 
-/// Every field at `T`, and what is wanted before, by the plan of `prepared`; counts go into `summary`. Without console
-/// output where no `files` are written. Collective.
+/// Every field at `T`, and what is wanted before, by the plan of `prepared`; counts go into
+/// `summary`. Without console output where no `files` are written. Collective.
 ///
 /// # Errors
 /// As [`crate::solve::modes::run`]; files that cannot be written or read.
@@ -31,7 +32,8 @@ pub(crate) fn solve(
     })
 }
 
-/// Moments and fields at the output times, from what was recovered there: `[field][leg]`. Collective.
+/// Moments and fields at the output times, from what was recovered there: `[field][leg]`.
+/// Collective.
 fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) -> Vec<Early> {
     let case = &prepared.case;
     let volumes = CellVolumes::new(&case.space, &prepared.place.share);

@@ -162,7 +162,8 @@ fn count(summary: &mut Summary, recovered: &Recovered, communicator: &Communicat
     summary.group_seconds = Some([-world.max(-busy), world.max(busy)]);
 }
 
-/// The fields with their weights undone, and the error of the time step relative to them. Collective.
+/// The fields with their weights undone, and the error of the time step relative to them.
+/// Collective.
 fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) -> Found {
     let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.into_iter())
         .map(|readings| readings.into_iter().map(|u| prepared.unweighted(u)).collect())

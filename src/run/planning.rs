@@ -15,8 +15,8 @@ use std::borrow::Cow;
 /// Updates of cells that the probe may take for a plan.
 const CHEAP_UPDATES: f64 = 1e8;
 
-/// The plan that a run on `resources` would have, with growth and norms measured on `world`'s ranks where that takes a
-/// fraction of a second, or where no plan can be made without. Collective.
+/// The plan that a run on `resources` would have, with growth and norms measured on `world`'s ranks
+/// where that takes a fraction of a second, or where no plan can be made without. Collective.
 ///
 /// # Errors
 /// As [`Plan::new`] and [`Prepared::new`].

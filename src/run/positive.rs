@@ -1,5 +1,5 @@
-//! `output.positive`: the scaling limiter of Zhang and Shu (J. Comput. Phys. 229, 2010) on the field
-//! that is written.
+//! `output.positive`: the scaling limiter of Zhang and Shu (J. Comput. Phys. 229, 2010) on the
+//! field that is written.
 //!
 //! In an element with the average `f̄ ≥ 0` and the least nodal value `m < 0`, `f` becomes
 //! `f̄ + θ (f − f̄)` with `θ = f̄/(f̄ − m)`: no node is below zero, and the average is kept. An

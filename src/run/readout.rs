@@ -7,7 +7,8 @@ use crate::quantum::readout::{Readout, refused};
 use crate::results::summary::Summary;
 use crate::solve::prepared::Prepared;
 
-/// Reads from `field`, the first one of `case`, on this rank's share, with what the summary has of it so far. Collective.
+/// Reads from `field`, the first one of `case`, on this rank's share, with what the summary has of
+/// it so far. Collective.
 pub(crate) fn readout(
     prepared: &Prepared,
     case: &Case,

@@ -5,7 +5,8 @@ use crate::problem::case::{Case, Delta, Method};
 use crate::problem::potential::{StrayEdge, overlooked};
 use crate::schrodingerization::warp_plan::WarpPlan;
 
-/// What the user should know of a case: edges of `V` that miss faces, regions without a cell, keys without effect.
+/// What the user should know of a case: edges of `V` that miss faces, regions without a cell, keys
+/// without effect.
 pub fn warnings(case: &Case) -> Vec<String> {
     let found = overlooked(case);
     let idle = (!case.enters() && case.warp.delta != Delta::Planned)
@@ -34,7 +35,8 @@ fn stray_edge(edge: &StrayEdge) -> String {
 
 fn empty_region(region: &usize) -> String {
     format!(
-        "potential.{region}: its where holds at no cell's centre; the region is not there on this grid"
+        "potential.{region}: its where holds at no cell's centre; the region is not there on this \
+        grid"
     )
 }
 

@@ -67,8 +67,9 @@ impl Elements {
 struct Coupling {
     /// How the traces on both sides are coupled.
     traces: FaceCoupling,
-    /// Whether the flux is upwind whatever `α` is: partial reflection mixes two traces into two, which
-    /// is a contraction and no isometry, so that `f_o` is not what the adjoint takes from `f_i`.
+    /// Whether the flux is upwind whatever `α` is: partial reflection mixes two traces into two,
+    /// which is a contraction and no isometry, so that `f_o` is not what the adjoint takes from
+    /// `f_i`.
     is_upwind: bool,
 }
 

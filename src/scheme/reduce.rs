@@ -1,12 +1,16 @@
 //! No more than the scene needs: from a case to one with fewer cells that has the same solution.
 //!
-//! | what goes | where | why the answer stays |
-//! |---|---|---|
-//! | a space axis, to one cell | `V`, `f(0)`, inflow and exact solution do not name it, and it is periodic or nothing moves along it | every cell along it holds the same at all times: `Σ_i` of the transport terms vanishes cell by cell |
-//! | its velocity axis, to one cell | they do not name that either | nothing pushes along it, so that every velocity holds the same |
-//! | velocities beyond a box | nothing is there at time zero, nothing enters, and no row takes from a cell that is reached | their cells stay exactly zero (`reached`) |
-//! | auxiliary unknowns | nothing enters | they are zero |
-//! | modes `l < 0` | always | data and `A` are real: `w_{−l}` is the conjugate of `w_l` |
+//! What goes, where, and why the answer stays:
+//!
+//! - A space axis becomes one cell where `V`, `f(0)`, inflow and exact solution do not name it, and
+//!   it is periodic or nothing moves along it. Every cell along it holds the same at all times:
+//!   `Σ_i` of the transport terms vanishes cell by cell.
+//! - Its velocity axis becomes one cell where they do not name that either. Nothing pushes along
+//!   it, so that every velocity holds the same.
+//! - Velocities beyond a box go where nothing is there at time zero, nothing enters, and no row
+//!   takes from a cell that is reached. Their cells stay exactly zero ([`reached`]).
+//! - Auxiliary unknowns go where nothing enters: they are zero.
+//! - Modes `l < 0` go always. Data and `A` are real: `w_{−l}` is the conjugate of `w_l`.
 //!
 //! An axis keeps its place: it has one cell as long as all of them
 //! ([`Part::Merged`](crate::problem::grid::Part)), so that mass and momentum are right, or is a
@@ -173,7 +177,8 @@ fn why_kept(case: &Case, a: usize) -> Option<String> {
         }
         Some(_) => None,
         None => Some(format!(
-            "{x}: nothing varies along it, but what enters at its ends may differ from what is inside; \
+            "{x}: nothing varies along it, but what enters at its ends may differ from what is \
+            inside; \
              boundary = \"periodic\" would leave it out"
         )),
     }

@@ -4,8 +4,10 @@
 //!
 //! ```text
 //! (f_ij)_t = − Σ_a |v_a|/Δx_a (f_ij − Σ weight f_source)          transport, see `interface`
-//!            − Σ_a |d_a| (f_ij − f_{i, j ∓ e_a})                  force, upwind; d_a = −slope_a/Δv_a
+//!            − Σ_a |d_a| (f_ij − f_{i, j ∓ e_a})                  force, upwind
 //! ```
+//!
+//! where `d_a = −slope_a/Δv_a`.
 //!
 //! Off-diagonal entries are not negative, row sums not positive; what is missing from a row sum is
 //! what the row takes from the inflow.
@@ -118,9 +120,9 @@ impl<'a> Scheme<'a> {
         row.entries.retain(|e| e.1 != 0.0);
     }
 
-    /// Of degree 0, cells a unit of time that particles in `cell` cross along `axis` of the `2n`: `v_a/Δx_a` in
-    /// space, `d_a` in velocity. Zero where the cell is its own neighbour and what leaves it comes
-    /// back as it was.
+    /// Of degree 0, cells a unit of time that particles in `cell` cross along `axis` of the `2n`:
+    /// `v_a/Δx_a` in space, `d_a` in velocity. Zero where the cell is its own neighbour and what
+    /// leaves it comes back as it was.
     pub fn speed(&self, cell: &Cell, axis: usize) -> f64 {
         let n = self.space.dimension();
         if axis < n {
@@ -148,10 +150,10 @@ impl<'a> Scheme<'a> {
         (jump == 0.0).then_some(behind)
     }
 
-    /// What the scheme of degree 0 finds behind the lower face of `cell` along `axis` of the `2n`, or behind
-    /// the upper one if `above`, at the same energy: `Σ entries f + inflow`, weights of sum 1, of
-    /// which `draw` lies off the grid. In a cell that particles leave through this face, that is
-    /// where they will be, time reversed: transmitted or reflected alike.
+    /// What the scheme of degree 0 finds behind the lower face of `cell` along `axis` of the `2n`,
+    /// or behind the upper one if `above`, at the same energy: `Σ entries f + inflow`, weights of
+    /// sum 1, of which `draw` lies off the grid. In a cell that particles leave through this face,
+    /// that is where they will be, time reversed: transmitted or reflected alike.
     pub fn neighbour(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool) {
         row.clear();
         self.behind_face(row, cell, axis, above, 1.0);

@@ -67,7 +67,8 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     if window.distance < -1e-9 && warp.recovery.is_some() {
         warnings.push(format!(
             "solver.warp.recovery = {} is below {:.4}, which growth x time = {:.4} asks for: \
-             where S grows that much, what is read there comes from where the profile is not exp(-p)",
+             where S grows that much, what is read there comes from where the profile is not \
+             exp(-p)",
             window.point,
             window.point - window.distance,
             demand.growth
@@ -151,7 +152,8 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
     if !(interval[0]..interval[1]).contains(&point) {
         let [lower, upper] = interval;
         return Err(Error::Input(format!(
-            "solver.warp.recovery: f would be read at p = {point}; the points of initial.warped go from {lower:.4} to {upper:.4}"
+            "solver.warp.recovery: f would be read at p = {point}; the points of initial.warped \
+            go from {lower:.4} to {upper:.4}"
         )));
     }
     let series = Series::ones(period, points);
@@ -162,7 +164,8 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
         estimator_efficiency: 1.0,
         plateau: plateau(case, &window, interval, readings[0].width),
         warnings: vec![format!(
-            "initial.warped: f is e^p w read at p = {point:.4}, which is right where w(0) is e^(-p) f for all p above {:.4}",
+            "initial.warped: f is e^p w read at p = {point:.4}, which is right where w(0) is \
+            e^(-p) f for all p above {:.4}",
             point - growth
         )],
         profile: None,
@@ -240,7 +243,8 @@ fn much_growth(case: &Case, bounds: &Bounds) -> Option<String> {
         _ => return None,
     };
     Some(format!(
-        "{key}: growth x time may be up to {growth:.3}, where {MUCH_GROWTH} is much; what is wrong with a mode is read up to {:.1e} times as \
+        "{key}: growth x time may be up to {growth:.3}, where {MUCH_GROWTH} is much; what is \
+        wrong with a mode is read up to {:.1e} times as \
          large; {instead}",
         growth.exp()
     ))
@@ -320,8 +324,10 @@ fn relaxed(
         Demand { decay: bounds.dissipation * case.end + shift(case, bounds), ..*demand };
     if let Some(planned) = Profile::plan(choice, &transport) {
         warnings.push(format!(
-            "solver.warp.interval has a length of {:.4}; {:.4} guarantees the tolerance, with the decay x time of at most {:.4} \
-             that follows from a growth x time of at most {growth:.4}; without that growth it is long enough",
+            "solver.warp.interval has a length of {:.4}; {:.4} guarantees the tolerance, with the \
+            decay x time of at most {:.4} \
+             that follows from a growth x time of at most {growth:.4}; without that growth it is \
+             long enough",
             length(demand),
             window.period,
             demand.decay
@@ -333,7 +339,8 @@ fn relaxed(
     let of_state = Demand { tolerance: demand.tolerance * ratio, ..transport };
     if let Some(planned) = Profile::plan(choice, &of_state) {
         warnings.push(format!(
-            "solver.warp.interval has a length of {:.4}: long enough for the tolerance relative to the state at the start, {ratio:.3e} times \
+            "solver.warp.interval has a length of {:.4}: long enough for the tolerance relative \
+            to the state at the start, {ratio:.3e} times \
              as large as the field at the end; relative to the field {:.4} guarantees it",
             length(demand),
             window.period
@@ -381,7 +388,8 @@ fn too_few(
     let needed = 2.0 * (0.5 * window.cutoff * period / PI).ceil();
     (bound > demand.tolerance).then(|| {
         format!(
-            "solver.warp.points = {points}: the modes left out may add {bound:.1e} of the state, the tolerance allows {:.1e}; \
+            "solver.warp.points = {points}: the modes left out may add {bound:.1e} of the state, \
+            the tolerance allows {:.1e}; \
              {needed} points do",
             demand.tolerance
         )

@@ -1,20 +1,23 @@
-//! Checkpoints: what a run has finished, on disk, so that a run that was stopped goes on where it was.
+//! Checkpoints: what a run has finished, on disk, so that a run that was stopped goes on where it
+//! was.
 //!
 //! The unit is the batch of modes. A checkpoint holds ([`Snapshot`])
 //!
-//! - which modes of the current stage are finished, and the fixed-point sums of what was read from them: integers, so that it
-//!   does not matter in which order, on which ranks or in which of several processes they were added;
+//! - which modes of the current stage are finished, and the fixed-point sums of what was read from
+//!   them: integers, so that it does not matter in which order, on which ranks or in which of
+//!   several processes they were added;
 //! - the results of finished stages;
 //! - of a full run, the modes themselves.
 //!
 //! ```text
 //! DIR/checkpoint/000007/rank-00000.bin …   a file of each rank (see `file`)
-//! DIR/checkpoint/000007/manifest.json      sizes and checksums of the files; comes last, under a temporary name first
+//! DIR/checkpoint/000007/manifest.json      sizes and checksums of the files; written last, then renamed
 //! ```
 //!
-//! A generation without a manifest was not completed and does not count. Two are kept. A run of any number of ranks and any
-//! mesh reads what others wrote: sums of mode groups are integers that are added, everything else goes to who has the cells
-//! and the modes now; each rank reads what it needs and no more.
+//! A generation without a manifest was not completed and does not count. Two are kept. A run of any
+//! number of ranks and any mesh reads what others wrote: sums of mode groups are integers that are
+//! added, everything else goes to who has the cells and the modes now; each rank reads what it
+//! needs and no more.
 
 pub mod file;
 pub mod store;
@@ -77,13 +80,15 @@ impl<'a> Checkpoints<'a> {
         }
     }
 
-    /// Whether the batches of a stage are over, on all ranks; asked at its beginning and after each batch. Writes a
-    /// checkpoint of `snapshot` where it is time for one. One by the clock that cannot be written is told by rank 0, and the
-    /// run goes on. Collective at the end of a stage and where a checkpoint is written, otherwise over the space group.
+    /// Whether the batches of a stage are over, on all ranks; asked at its beginning and after each
+    /// batch. Writes a checkpoint of `snapshot` where it is time for one. One by the clock that
+    /// cannot be written is told by rank 0, and the run goes on. Collective at the end of a stage
+    /// and where a checkpoint is written, otherwise over the space group.
     ///
     /// # Errors
-    /// On all ranks: [`Error::Stopped`] when the run is to stop and its checkpoint was written, [`Error::Checkpoint`] when that
-    /// could not be, [`Error::WallTime`] when the wall time is too short for anything.
+    /// On all ranks: [`Error::Stopped`] when the run is to stop and its checkpoint was written,
+    /// [`Error::Checkpoint`] when that could not be, [`Error::WallTime`] when the wall time is too
+    /// short for anything.
     pub fn are_over<'s>(
         &mut self,
         standing: Standing,

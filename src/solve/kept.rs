@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 /// w(p) = Σ_l Re[ factor_l e^{iμ_l p} phase_l x_l ],   l ≥ 0
 /// ```
 ///
-/// in weighted unknowns; see [`crate::schrodingerization::profile::series::Series::factor`]. Phases stand beside the modes, so that a mode that was kept goes on with the
-/// bits of one that was not.
+/// in weighted unknowns; see [`crate::schrodingerization::profile::series::Series::factor`]. Phases
+/// stand beside the modes, so that a mode that was kept goes on with the bits of one that was not.
 pub struct KeptModes {
     rows: usize,
     /// Ascending.
@@ -101,14 +101,16 @@ impl KeptModes {
         Some(&self.values[first..first + self.rows])
     }
 
-    /// Row by row, `mode`, which is now as far as `progress`, to be written; `None` where this rank does not keep it.
+    /// Row by row, `mode`, which is now as far as `progress`, to be written; `None` where this rank
+    /// does not keep it.
     pub fn replace(&mut self, mode: usize, progress: ModeProgress) -> Option<&mut [Complex64]> {
         let k = self.place(mode)?;
         self.progress[k] = progress;
         Some(&mut self.values[k * self.rows..(k + 1) * self.rows])
     }
 
-    /// Stores lane `l` of `state` for `modes[l]`, which is as far as `progress[l]`; modes of other ranks are left out.
+    /// Stores lane `l` of `state` for `modes[l]`, which is as far as `progress[l]`; modes of other
+    /// ranks are left out.
     pub fn store(&mut self, modes: &[usize], progress: &[ModeProgress; LANES], state: &[Lanes]) {
         for (l, &mode) in modes.iter().enumerate() {
             let Some(k) = self.place(mode) else {
@@ -122,7 +124,8 @@ impl KeptModes {
         }
     }
 
-    /// Loads `modes[l]` into lane `l` of `state`, and the last of them into the lanes that are left.
+    /// Loads `modes[l]` into lane `l` of `state`, and the last of them into the lanes that are
+    /// left.
     pub fn load(&self, modes: &[usize], state: &mut [Lanes]) {
         for l in 0..LANES {
             let mode = modes.get(l).or(modes.last());

@@ -1,12 +1,15 @@
-//! The Schrödingerized run: modes are propagated batch by batch, added to what is recovered, and dropped.
+//! The Schrödingerized run: modes are propagated batch by batch, added to what is recovered, and
+//! dropped.
 //!
-//! Memory is a few phase-space vectors, whatever the number of modes, and the sums of one field at a time. Contributions of modes
-//! are added in fixed point (see [`crate::base::fixed_point`]), so the result has the same bits for any mode groups, any batches
-//! of independent modes and any order.
+//! Memory is a few phase-space vectors, whatever the number of modes, and the sums of one field at
+//! a time. Contributions of modes are added in fixed point (see [`crate::base::fixed_point`]), so
+//! the result has the same bits for any mode groups, any batches of independent modes and any
+//! order.
 //!
-//! A run has *legs*, from one output time to the next. It goes in *stages*, each a pass over all modes of a field: of a streamed
-//! run, in which a batch takes all legs one after the other; of a full one, which keeps the modes, in which it takes one. Both do the same
-//! with a mode, so that their results have the same bits.
+//! A run has *legs*, from one output time to the next. It goes in *stages*, each a pass over all
+//! modes of a field: of a streamed run, in which a batch takes all legs one after the other; of a
+//! full one, which keeps the modes, in which it takes one. Both do the same with a mode, so that
+//! their results have the same bits.
 
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
@@ -74,21 +77,22 @@ pub struct Recovered {
     pub fields: Vec<Vec<Vec<f64>>>,
     /// `plateau[r]`: `ũ(T)` of the first field by the plateau's reading `r`.
     pub plateau: Vec<Vec<f64>>,
-    /// `early[k][leg]`: `ũ` of field `k` by the first reading at the end of each leg but the last; or, where they are all that is
-    /// wanted, sums over the velocities for the moments of `f`, point by point.
+    /// `early[k][leg]`: `ũ` of field `k` by the first reading at the end of each leg but the last;
+    /// or, where they are all that is wanted, sums over the velocities for the moments of `f`,
+    /// point by point.
     pub early: Vec<Vec<Vec<f64>>>,
-    /// Largest over the modes of (change of the norm) / (what its method allows plus 1e-12); at most 1. None where the
-    /// method does not keep the norm.
+    /// Largest over the modes of (change of the norm) / (what its method allows plus 1e-12); at
+    /// most 1. None where the method does not keep the norm.
     pub unitarity_defect: Option<f64>,
     /// Smallest `‖w_l(T)‖/‖w_l(0)‖` over the modes of all ranks; none where the state is zero.
     pub norm_kept: Option<f64>,
-    /// Leading term of the error that the time step leaves in each field by the first reading, like `fields`; empty where
-    /// the method meets its tolerance by itself.
+    /// Leading term of the error that the time step leaves in each field by the first reading, like
+    /// `fields`; empty where the method meets its tolerance by itself.
     pub step_errors: Vec<Vec<f64>>,
     /// By field, the norm of what modes may add to it whose step is too long for the leading term.
     pub step_beyond: Vec<f64>,
-    /// Applications done by this rank's mode group; the first group counts those before a checkpoint that the run went on
-    /// from.
+    /// Applications done by this rank's mode group; the first group counts those before a
+    /// checkpoint that the run went on from.
     pub applications: usize,
     /// Those of this process.
     pub applications_here: usize,
@@ -104,7 +108,8 @@ pub struct Keeping<'a> {
     pub kept: &'a mut KeptModes,
     /// Whether they are those that the run starts from, instead of the fields at time zero.
     pub begun: bool,
-    /// What is to be done with a field at the end of a leg, on all ranks together: `(field, leg, modes)`.
+    /// What is to be done with a field at the end of a leg, on all ranks together: `(field, leg,
+    /// modes)`.
     pub after: &'a mut dyn FnMut(usize, usize, &KeptModes) -> Result<()>,
 }
 
@@ -185,7 +190,8 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// How much longer the run up to the end of a leg is than the leg: so much larger is what equal steps leave of an error.
+/// How much longer the run up to the end of a leg is than the leg: so much larger is what equal
+/// steps leave of an error.
 fn whole_over_leg(legs: &[Leg], leg: usize) -> f64 {
     legs[..=leg].iter().map(|leg| leg.time).sum::<f64>() / legs[leg].time
 }
@@ -202,8 +208,9 @@ pub struct RunHooks<'r, 'k, 'c> {
 /// Does the task, field after field. Collective.
 ///
 /// # Errors
-/// [`Error::Unitarity`] when a mode's norm changed by more than its method allows; [`Error::Stopped`] and others as
-/// [`Checkpoints::are_over`]; what is done with the modes in between.
+/// [`Error::Unitarity`] when a mode's norm changed by more than its method allows;
+/// [`Error::Stopped`] and others as [`Checkpoints::are_over`]; what is done with the modes in
+/// between.
 pub fn run(
     task: &Task<'_>,
     system: &mut Evolution<'_>,
@@ -299,8 +306,8 @@ pub fn run(
     Ok(recovered)
 }
 
-/// Propagates the modes of a batch through the legs of the stage and adds them to its sums; from and to what is kept, if
-/// anything is. Collective over the space group; allocates nothing.
+/// Propagates the modes of a batch through the legs of the stage and adds them to its sums; from
+/// and to what is kept, if anything is. Collective over the space group; allocates nothing.
 fn add_batch(
     task: &Task<'_>,
     system: &mut Evolution<'_>,
@@ -363,7 +370,8 @@ fn add_batch(
                 largest * norms[l]
             };
             let sizes = sizes(system, error, std::array::from_fn(bound));
-            // No mode is further off than its two states are long: where the leading term is, it is cut to that.
+            // No mode is further off than its two states are long: where the leading term is, it is
+            // cut to that.
             let most = norms.map(|norm| 2.0 * norm);
             let parts = std::array::from_fn(|l| {
                 let size = whole * sizes[l];
@@ -414,8 +422,9 @@ fn sizes(system: &Evolution<'_>, lanes: &[Lanes], bounds: [f64; LANES]) -> [f64;
     (system.lane_sums(&bounds.map(|b| b * b), square)).map(f64::sqrt)
 }
 
-/// Smallest ratio of a lane's norm to what it was, infinite where that was zero; and, where the method keeps norms, the
-/// largest change as a fraction of what is `allowed`. Collective over the space group.
+/// Smallest ratio of a lane's norm to what it was, infinite where that was zero; and, where the
+/// method keeps norms, the largest change as a fraction of what is `allowed`. Collective over the
+/// space group.
 ///
 /// # Errors
 /// [`Error::Unitarity`] where it is more.

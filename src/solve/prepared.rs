@@ -74,7 +74,8 @@ impl Prepared {
         })
     }
 
-    /// Largest `‖ũ(0)‖/‖f(t)‖` over fields and output times, see [`DiscreteSystem::probe`]. Collective.
+    /// Largest `‖ũ(0)‖/‖f(t)‖` over fields and output times, see [`DiscreteSystem::probe`].
+    /// Collective.
     pub fn probe(&mut self) -> f64 {
         let legs = self.case.legs();
         (self.system).probe(&self.communicator, self.bounds.rate, &legs)
@@ -85,7 +86,8 @@ impl Prepared {
         self.system.unweighted(&self.place.mine, state)
     }
 
-    /// The plan of the modes, for the `ratio` that the probe found, on the mesh that there is. Collective.
+    /// The plan of the modes, for the `ratio` that the probe found, on the mesh that there is.
+    /// Collective.
     ///
     /// # Errors
     /// As [`Plan::new`]; [`Error::Ranks`] where ranks plan different series.

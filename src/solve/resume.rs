@@ -12,8 +12,8 @@ use crate::solve::statistics::BatchStatistics;
 use std::ops::Range;
 
 impl Stage<'_> {
-    /// What is finished: of this stage, number `number`, the modes `finished`, and the stages before; of the kept modes those
-    /// that have gone a leg, as the others start from the field.
+    /// What is finished: of this stage, number `number`, the modes `finished`, and the stages
+    /// before; of the kept modes those that have gone a leg, as the others start from the field.
     pub(crate) fn snapshot<'b>(
         &'b self,
         (number, finished, statistics): (usize, &[usize], &BatchStatistics),
@@ -42,8 +42,8 @@ impl Stage<'_> {
         self.sums.iter().flatten().chain(&self.step_sum)
     }
 
-    /// Takes over what a generation holds of this stage, its modes into `kept`, what was recovered by those before into
-    /// `recovered`. Not collective.
+    /// Takes over what a generation holds of this stage, its modes into `kept`, what was recovered
+    /// by those before into `recovered`. Not collective.
     ///
     /// # Errors
     /// Where it cannot be read.
@@ -90,8 +90,8 @@ impl Stage<'_> {
 }
 
 impl Recovered {
-    /// The results of the finished stages, field after field: what was read early, and of fields that are at the end the
-    /// readings, the plateau, the step's error.
+    /// The results of the finished stages, field after field: what was read early, and of fields
+    /// that are at the end the readings, the plateau, the step's error.
     fn results(&self, task: &Task<'_>, velocities: usize) -> Vec<Numbers<'_, f64>> {
         let mut all = Vec::new();
         let moments = |only: bool| {

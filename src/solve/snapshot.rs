@@ -46,7 +46,8 @@ pub(crate) struct Start {
 }
 
 impl Fingerprint {
-    /// That of a run. What changes no bit of a checkpoint is not in it, nor where a file is whose values are.
+    /// That of a run. What changes no bit of a checkpoint is not in it, nor where a file is whose
+    /// values are.
     pub fn new(case: &Case, warp: &WarpPlan) -> Self {
         let counts = |key: &String| !WITHOUT_EFFECT.iter().any(|start| key.starts_with(start));
         let mut settings = case.settings.clone();
@@ -148,8 +149,8 @@ pub struct Numbers<'a, T> {
 
 /// Modes that are kept.
 pub struct Kept<'a> {
-    /// The global number of the cell to which the auxiliary unknown in each row behind the block's cells belongs; the largest
-    /// there is for the common one.
+    /// The global number of the cell to which the auxiliary unknown in each row behind the block's
+    /// cells belongs; the largest there is for the common one.
     pub auxiliary: Vec<u64>,
     /// The modes.
     pub modes: Vec<KeptMode<'a>>,

@@ -1,8 +1,10 @@
-//! Extreme eigenvalues of `S` by Lanczos, matrix-free, with the residual of each; Gershgorin's bounds.
+//! Extreme eigenvalues of `S` by Lanczos, matrix-free, with the residual of each; Gershgorin's
+//! bounds.
 //!
-//! Lanczos turns `S` into a tridiagonal `T` of its steps' size. For an extreme eigenvalue `θ` of `T` with eigenvector `y`, some
-//! eigenvalue of `S` is within `β |y_last|` of `θ`, and the extreme one of `S` is not inside (Parlett, *The symmetric eigenvalue
-//! problem*, chapter 13). The steps end when this is small enough at both ends. Bounds that need no matrix are in
+//! Lanczos turns `S` into a tridiagonal `T` of its steps' size. For an extreme eigenvalue `θ` of
+//! `T` with eigenvector `y`, some eigenvalue of `S` is within `β |y_last|` of `θ`, and the extreme
+//! one of `S` is not inside (Parlett, *The symmetric eigenvalue problem*, chapter 13). The steps
+//! end when this is small enough at both ends. Bounds that need no matrix are in
 //! [`crate::matrix::bounds::Bounds`].
 
 use crate::base::error::{Error, Result};
@@ -39,13 +41,14 @@ pub struct Extremes {
     pub steps: usize,
 }
 
-/// The largest eigenvalue of the symmetric tridiagonal matrix with diagonal `sign · alpha` and off-diagonals `beta > 0`, and
-/// the modulus of the last component of its eigenvector.
+/// The largest eigenvalue of the symmetric tridiagonal matrix with diagonal `sign · alpha` and
+/// off-diagonals `beta > 0`, and the modulus of the last component of its eigenvector.
 ///
-/// `θ` is above all eigenvalues where all pivots `d_k = θ − α_k − β_{k−1}²/d_{k−1}` are positive: bisection. The
-/// eigenvector is twisted (Dhillon and Parlett 2004): `y_r = 1` where the pivots from above and from below, `d` and `e`, leave
-/// least of the equation, `y_k = y_{k+1} β_k/d_k` above it, `y_k = y_{k−1} β_{k−1}/e_k` below; of one sign, so nothing
-/// cancels, and a small last component is right.
+/// `θ` is above all eigenvalues where all pivots `d_k = θ − α_k − β_{k−1}²/d_{k−1}` are positive:
+/// bisection. The eigenvector is twisted (Dhillon and Parlett 2004): `y_r = 1` where the pivots
+/// from above and from below, `d` and `e`, leave least of the equation, `y_k = y_{k+1} β_k/d_k`
+/// above it, `y_k = y_{k−1} β_{k−1}/e_k` below; of one sign, so nothing cancels, and a small last
+/// component is right.
 fn largest_pair(sign: f64, alpha: &[f64], beta: &[f64]) -> (f64, f64) {
     let m = alpha.len();
     let off = |k: usize| if k < m - 1 { beta[k] } else { 0.0 };
@@ -100,7 +103,8 @@ fn largest_pair(sign: f64, alpha: &[f64], beta: &[f64]) -> (f64, f64) {
     (high, y.abs() / square.sqrt())
 }
 
-/// Both ends of the spectrum of the tridiagonal matrix, `last` being the off-diagonal that would come next.
+/// Both ends of the spectrum of the tridiagonal matrix, `last` being the off-diagonal that would
+/// come next.
 fn ends(alpha: &[f64], beta: &[f64], last: f64) -> [End; 2] {
     let pairs = [1.0, -1.0].map(|sign| (sign, largest_pair(sign, alpha, beta)));
     let length = pairs[0].1.0 + pairs[1].1.0;
@@ -115,7 +119,8 @@ fn ends(alpha: &[f64], beta: &[f64], last: f64) -> [End; 2] {
     })
 }
 
-/// Gershgorin's bounds on the spectrum of `S`: `min (s_ii − Σ|s_ij|)` and `max (s_ii + Σ|s_ij|)`. Collective over `space`.
+/// Gershgorin's bounds on the spectrum of `S`: `min (s_ii − Σ|s_ij|)` and `max (s_ii + Σ|s_ij|)`.
+/// Collective over `space`.
 pub fn gershgorin(matrix: &BlockMatrix, space: &Group) -> [f64; 2] {
     let mut bounds = [f64::NEG_INFINITY; 2];
     let shared = matrix.shared_row();
@@ -147,7 +152,8 @@ fn start_value(global: usize) -> f64 {
     (h >> 11) as f64 / (1u64 << 53) as f64 - 0.5
 }
 
-/// Both ends of the spectrum of a problem's `S`, and Gershgorin's bounds on it. Collective over `space`.
+/// Both ends of the spectrum of a problem's `S`, and Gershgorin's bounds on it. Collective over
+/// `space`.
 ///
 /// # Errors
 /// [`Error::NotFinite`].
@@ -168,9 +174,10 @@ pub fn of(
     Ok((found, bound))
 }
 
-/// Lanczos on `S` until both ends of the spectrum are found, at most `steps` steps, without reorthogonalisation: copies of
-/// converged values appear, which the extremes do not mind. `norm` bounds `‖S‖`; `unknowns` is the number of terms of a
-/// norm over all ranks. Collective over `space`.
+/// Lanczos on `S` until both ends of the spectrum are found, at most `steps` steps, without
+/// reorthogonalisation: copies of converged values appear, which the extremes do not mind. `norm`
+/// bounds `‖S‖`; `unknowns` is the number of terms of a norm over all ranks. Collective over
+/// `space`.
 pub fn extremes(
     matrix: &BlockMatrix,
     exchange: &mut GhostExchange,
@@ -186,7 +193,8 @@ pub fn extremes(
             vector[local + v] = start_value(global + v);
         }
     });
-    // Auxiliary unknowns start like their rows, a common one of all ranks like a cell beyond the grid.
+    // Auxiliary unknowns start like their rows, a common one of all ranks like a cell beyond the
+    // grid.
     if matrix.auxiliaries() == matrix.inflow.len() {
         for (m, aux) in matrix.inflow.iter().enumerate() {
             vector[cells + m] = vector[aux.row as usize];
@@ -221,7 +229,8 @@ pub fn extremes(
         if over || m == next_look {
             next_look = m + 1 + m / BETWEEN_LOOKS;
             let mut now = ends(&alpha, &beta, off);
-            // Copies of a converged value blur its residual, not the value: what was known stays known.
+            // Copies of a converged value blur its residual, not the value: what was known stays
+            // known.
             if let Some(before) = found {
                 for (now, before) in now.iter_mut().zip(before) {
                     if before.residual < now.residual {

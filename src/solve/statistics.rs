@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 /// Statistics of the batches of a mode group so far.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BatchStatistics {
-    /// Largest change of a norm, as a fraction of what is allowed; none where the method does not keep norms.
+    /// Largest change of a norm, as a fraction of what is allowed; none where the method does not
+    /// keep norms.
     pub defect: Option<f64>,
     /// Smallest `‖w_l(T)‖/‖w_l(0)‖`; none where no state was but zero.
     pub kept: Option<f64>,
@@ -17,7 +18,8 @@ pub struct BatchStatistics {
 }
 
 impl BatchStatistics {
-    /// The smallest ratio of norms of a batch, infinite where there is none, and the largest defect.
+    /// The smallest ratio of norms of a batch, infinite where there is none, and the largest
+    /// defect.
     pub(crate) fn norms(&mut self, ratio: f64, defect: Option<f64>) {
         self.join(Some(ratio).filter(|r| r.is_finite()), defect);
     }

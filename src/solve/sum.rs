@@ -1,4 +1,5 @@
-//! What is read from the modes, added up in fixed point (see [`crate::base::fixed_point`]): the field, or its moments only.
+//! What is read from the modes, added up in fixed point (see [`crate::base::fixed_point`]): the
+//! field, or its moments only.
 
 use crate::base::fixed_point::FixedPoint;
 use crate::matrix::lanes::{LANES, Lanes};
@@ -10,7 +11,8 @@ use crate::solve::snapshot::Numbers;
 use num_complex::Complex64;
 use std::ops::Range;
 
-/// The fixed-point sums of the modes by a reading, one for each cell of the space block, or one for each point and moment.
+/// The fixed-point sums of the modes by a reading, one for each cell of the space block, or one for
+/// each point and moment.
 pub struct Sum<'a> {
     pub(crate) reading: Reading,
     /// Numbers at a point of space.
@@ -32,8 +34,8 @@ pub struct MomentsOf<'a> {
 }
 
 impl<'a> Sum<'a> {
-    /// Room for the sums over the modes of `warp`, whose vectors are at most `size` long, at `points` points of space with
-    /// `velocities` cells each.
+    /// Room for the sums over the modes of `warp`, whose vectors are at most `size` long, at
+    /// `points` points of space with `velocities` cells each.
     pub fn of_field(
         warp: &WarpPlan,
         reading: &Reading,
@@ -70,8 +72,8 @@ impl<'a> Sum<'a> {
         }
     }
 
-    /// Adds `Re Σ_l weight_l w_l`, lane by lane, so that it does not matter which modes are together. `state` are the block's
-    /// cells. Allocates nothing.
+    /// Adds `Re Σ_l weight_l w_l`, lane by lane, so that it does not matter which modes are
+    /// together. `state` are the block's cells. Allocates nothing.
     pub fn add(&mut self, weights: &[Complex64; LANES], state: &[Lanes]) {
         let re: [f64; LANES] = weights.map(|w| w.re);
         let im: [f64; LANES] = weights.map(|w| w.im);
@@ -115,8 +117,8 @@ impl<'a> Sum<'a> {
         Numbers { width: self.width, values: &self.parts }
     }
 
-    /// The sums on this rank's share of the cells, `shares[g]` being rank `g`'s; moments point by point, [`MOMENTS`] each.
-    /// Collective over `modes`.
+    /// The sums on this rank's share of the cells, `shares[g]` being rank `g`'s; moments point by
+    /// point, [`MOMENTS`] each. Collective over `modes`.
     pub fn share(mut self, modes: &Group, velocities: usize, shares: &[Range<usize>]) -> Vec<f64> {
         let width = self.width;
         let numbers = |cells: &Range<usize>| {

@@ -9,7 +9,7 @@ use crate::parallel::communicator::{Communicator, GhostExchange, Group};
 use crate::parallel::partition::Block;
 use crate::problem::case::{Case, Method};
 use crate::problem::formula::Expression;
-use crate::propagate::classical::{Classical, ROUGH};
+use crate::propagate::classical::{Classical, ROUGH, Span};
 use crate::propagate::time_dependent_inflow;
 use crate::propagate::time_dependent_inflow::{Schedule, TIME_SHARE};
 use serde::Serialize;
@@ -29,7 +29,8 @@ pub struct DiscreteSystem {
     pub states: Vec<Vec<f64>>,
     /// Each field at time zero on this rank's cells; a run drops them once it has their mass.
     pub initial: Vec<Vec<f64>>,
-    /// Unknowns that count as terms of a norm: space cells and auxiliary ones, over the space group.
+    /// Unknowns that count as terms of a norm: space cells and auxiliary ones, over the space
+    /// group.
     pub terms: usize,
     /// The steps of an inflow that depends on time, where modes are to be propagated.
     pub schedule: Option<Schedule>,
@@ -56,8 +57,9 @@ fn magnitude(world: &Group, formula: &Expression, values: impl Iterator<Item = f
 }
 
 impl DiscreteSystem {
-    /// Assembles the block of this rank, finds the weights, samples the initial state; `width` is the widest row of a
-    /// vector whose ghosts will be exchanged, `max_weight_sweeps` the sweeps that better weights are worth. Collective.
+    /// Assembles the block of this rank, finds the weights, samples the initial state; `width` is
+    /// the widest row of a vector whose ghosts will be exchanged, `max_weight_sweeps` the sweeps
+    /// that better weights are worth. Collective.
     ///
     /// # Errors
     /// Formulas that are not finite; weights that do not converge.
@@ -189,7 +191,8 @@ impl DiscreteSystem {
         }
     }
 
-    /// `(Σ |x_i|²)^½` over all rows, or over the cells with the weights undone. Collective over the space group.
+    /// `(Σ |x_i|²)^½` over all rows, or over the cells with the weights undone. Collective over the
+    /// space group.
     pub fn norm(&self, communicator: &Communicator, x: &[f64], field_only: bool) -> f64 {
         let cells = self.matrix.block.cells();
         self.root_of_sum(communicator, |i| match (field_only, i < cells) {
@@ -232,9 +235,9 @@ impl DiscreteSystem {
         state
     }
 
-    /// Largest `‖ũ(0)‖/‖f(t)‖` of the fields over the ends `t` of `legs`, with `f(t)` from the classical exponential to three
-    /// digits: one real vector, little more than `rate·time` applications of a quarter of a mode's. The mode groups share the
-    /// fields. Collective.
+    /// Largest `‖ũ(0)‖/‖f(t)‖` of the fields over the ends `t` of `legs`, with `f(t)` from the
+    /// classical exponential to three digits: one real vector, little more than `rate·time`
+    /// applications of a quarter of a mode's. The mode groups share the fields. Collective.
     pub fn probe(&mut self, communicator: &Communicator, rate: f64, legs: &[f64]) -> f64 {
         let mut largest: f64 = 1.0;
         if let Some(schedule) = &self.schedule {
@@ -249,7 +252,8 @@ impl DiscreteSystem {
             let mut classical = Classical::new(&self.matrix);
             let start = self.norm(communicator, start, false);
             for &time in legs {
-                classical.exponential(&mut self.exchange, &mut state, (rate, time), ROUGH);
+                let span = Span { rate, time };
+                classical.exponential(&mut self.exchange, &mut state, span, ROUGH);
                 let now = self.norm(communicator, &state, true);
                 if start != 0.0 {
                     largest = largest.max(PROBE_SAFETY * start / now);
@@ -259,16 +263,13 @@ impl DiscreteSystem {
         communicator.modes.max(largest)
     }
 
-    /// StateNorms of the first field that probabilities follow from, by the classical exponential to three digits. Collective.
+    /// StateNorms of the first field that probabilities follow from, by the classical exponential
+    /// to three digits. Collective.
     pub fn rough_norms(&mut self, communicator: &Communicator, rate: f64, time: f64) -> StateNorms {
         let start = self.norm(communicator, &self.states[0], false);
         let mut state = self.states[0].clone();
-        Classical::new(&self.matrix).exponential(
-            &mut self.exchange,
-            &mut state,
-            (rate, time),
-            ROUGH,
-        );
+        let span = Span { rate, time };
+        Classical::new(&self.matrix).exponential(&mut self.exchange, &mut state, span, ROUGH);
         let [weighted, auxiliary] = self.norms_of_parts(communicator, &state);
         StateNorms { start, weighted, auxiliary, field: self.norm(communicator, &state, true) }
     }

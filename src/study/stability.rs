@@ -6,7 +6,7 @@
 //!
 //! | panel | varied | measured | theory |
 //! |---|---|---|---|
-//! | `cfl` | step of forward Euler and SSP-RK3 | growth of the largest value | norm of a step, von Neumann |
+//! | `cfl` | step of forward Euler and SSP-RK3 | growth of the largest value | norm of a step |
 //! | `growth` | cells | `e^{λ⁺T}` | chains at a face; the weights' certificate; 0 |
 //! | `recovery` | `p◇` | error of the field read there | the same of the profile alone; round-off |
 //! | `interval` | `L` and `R` | error | the same |

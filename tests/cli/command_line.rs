@@ -10,7 +10,8 @@ struct Places {
 }
 
 impl Places {
-    /// A word of a command line or of a message, where capitals stand for paths and `~` for a space.
+    /// A word of a command line or of a message, where capitals stand for paths and `~` for a
+    /// space.
     fn word(&self, word: &str) -> String {
         match word {
             "EXAMPLE" => case("example1.toml"),

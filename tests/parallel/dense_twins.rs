@@ -119,7 +119,8 @@ impl Twin {
         self.case.space.degree() > 0
     }
 
-    /// Of degree 0, `θ`: the largest `κ²/(2g)` of the auxiliary unknowns, summed over the rows that share one.
+    /// Of degree 0, `θ`: the largest `κ²/(2g)` of the auxiliary unknowns, summed over the rows that
+    /// share one.
     pub fn theta(&self) -> f64 {
         let mut added = vec![0.0; self.size()];
         for coupling in &self.coupled {

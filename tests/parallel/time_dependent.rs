@@ -10,7 +10,7 @@ use crate::support::prepared::{Prepared, block_of, prepare};
 use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::parallel::communicator::{GhostExchange, World};
 use phasewarp::problem::case::{Case, Integrator, Method};
-use phasewarp::propagate::classical::{Classical, EXACT, duhamel_panels};
+use phasewarp::propagate::classical::{Classical, EXACT, Span, duhamel_panels};
 use phasewarp::propagate::time_dependent_inflow;
 
 /// A scene with an inflow `b(1 + sin ωt)`.
@@ -99,7 +99,8 @@ pub fn varying_inflow_directly(world: &World) {
             assert!(prepared.system.schedule.is_none());
             let rate = prepared.bounds.rate;
             let found = solve(&mut prepared, &direct, |classical, exchange, state| {
-                classical.duhamel(exchange, state, (rate, time), duhamel_panels(rate * time));
+                let span = Span { rate, time };
+                classical.duhamel(exchange, state, span, duhamel_panels(span.courant()));
             });
             let error = distance(&found, &scene.expected);
             assert!(error <= 1e-12, "{name}: Duhamel {error:e}");
@@ -167,7 +168,7 @@ fn commutator_free(
         for stage in 0..2 * steps {
             let held = &values[stage * rows..(stage + 1) * rows];
             classical.hold(held.iter().zip(&roots).map(|(b, root)| b * root));
-            classical.exponential(exchange, state, (rate, part), EXACT);
+            classical.exponential(exchange, state, Span { rate, time: part }, EXACT);
         }
     })
 }

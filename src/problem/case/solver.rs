@@ -133,8 +133,8 @@ pub struct SchemeTable {
 pub const DEFAULT_FLUX: f64 = 0.5;
 
 impl SchemeTable {
-    /// `interface`: the law of degree 0. By `traces` that are matched by energy, of a higher degree or
-    /// with partial reflection, whatever is given: that law keeps what `conservative` keeps.
+    /// `interface`: the law of degree 0. By `traces` that are matched by energy, of a higher degree
+    /// or with partial reflection, whatever is given: that law keeps what `conservative` keeps.
     pub fn interface(&self, traces: bool) -> Interface {
         if traces { Interface::Conservative } else { self.interface }
     }

@@ -72,15 +72,15 @@ impl FineMesh {
     }
 }
 
-/// What is drawn of the nodal `values` on the first `elements` elements of the first mesh and all of
-/// the second, the second axis fastest.
+/// What is drawn of the nodal `values` on the first `elements` elements of the first mesh and all
+/// of the second, the second axis fastest.
 pub fn drawn(values: &[f64], elements: usize, meshes: &[FineMesh; 2]) -> Vec<f64> {
     let [first, second] = meshes;
     apply_in_elements(values, &[(elements, &first.matrix), (second.elements, &second.matrix)])
 }
 
-/// Values at the nodes of `axis` as points of a line: of degree 0 the values, else the polynomial of
-/// each element from face to face.
+/// Values at the nodes of `axis` as points of a line: of degree 0 the values, else the polynomial
+/// of each element from face to face.
 pub fn line(axis: &Axis, values: &[f64]) -> Vec<[f64; 2]> {
     if axis.nodes.degree == 0 {
         return axis.centres().into_iter().zip(values).map(|(x, value)| [x, *value]).collect();

@@ -17,7 +17,7 @@
 //! What comes from beyond the velocity box is inflow; what goes there is lost.
 
 use crate::base::error::{Error, Result};
-use crate::problem::element::gauss_legendre;
+use crate::base::quadrature::gauss_legendre;
 use crate::problem::grid::Axis;
 use std::collections::BTreeMap;
 
@@ -166,7 +166,8 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
         )
     };
     Err(Error::Input(format!(
-        "{name}: V jumps along its axis, and of degree 1 and more v = 0 must be a face of its cells; \
+        "{name}: V jumps along its axis, and of degree 1 and more v = 0 must be a face of its \
+        cells; \
          with {elements} cells on [{}, {}] it is inside of one; {hint}",
         whole.lower, whole.upper
     )))
@@ -219,8 +220,9 @@ fn for_each_point(edges: &[f64], drop: f64, degree: usize, mut visit: impl FnMut
             open.push((a, middle));
             continue;
         }
-        for &(xi, weight) in &rule {
-            visit(middle + 0.5 * (b - a) * xi, 0.5 * (b - a) * weight);
+        for point in &rule {
+            let point = point.moved_to([a, b]);
+            visit(point.node, point.weight);
         }
     }
 }

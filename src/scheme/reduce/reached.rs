@@ -268,7 +268,8 @@ mod tests {
     ];
 
     fn scene(dimension: &str, settings: &[&str]) -> Case {
-        let axis = "[[axis]]\nx = { lower = -1, upper = 1, cells = 8 }\nv = { lower = -1.3, upper = 1.5, cells = 14 }\n";
+        let axis = "[[axis]]\nx = { lower = -1, upper = 1, cells = 8 }\n\
+                    v = { lower = -1.3, upper = 1.5, cells = 14 }\n";
         let (axes, f) = match dimension {
             "1" => (axis.to_owned(), "abs(x + 0.5) < 0.3 && abs(v - 0.4) < 0.3"),
             _ => (
@@ -277,7 +278,8 @@ mod tests {
             ),
         };
         let text = format!(
-            "{axes}[[potential]]\nwhere = \"x < 0\"\nvalue = \"0.2\"\n[[potential]]\nvalue = \"0\"\n\
+            "{axes}[[potential]]\nwhere = \"x < 0\"\nvalue = \"0.2\"\n[[potential]]\n\
+             value = \"0\"\n\
              [initial]\nf = \"{f}\"\n[time]\nend = 1.0\n"
         );
         let settings: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();

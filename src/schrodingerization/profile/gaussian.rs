@@ -66,8 +66,8 @@ impl Gaussian {
         })
     }
 
-    /// The cheapest for `demand`: the width of least `P μ_max (μ_max + 1)`, what a run costs. Where `p◇` is given by hand, the switch is moved along:
-    /// everything is as at `p◇ = 0`.
+    /// The cheapest for `demand`: the width of least `P μ_max (μ_max + 1)`, what a run costs. Where
+    /// `p◇` is given by hand, the switch is moved along: everything is as at `p◇ = 0`.
     pub fn meeting(demand: &Demand) -> Option<(Self, Window)> {
         let point = demand.recovery.unwrap_or(0.0);
         let moved = |mut profile: Self| {

@@ -11,13 +11,15 @@
 //! derivatives `r+1 … 2r+1`, keeps its digits:
 //!
 //! ```text
-//! ĝ = (iμ)^{−r−1} [ (−1)^{r+1}/(1+iμ) + e^{−1+iμ}/(1−iμ) ] + Σ_{k>r} (q^{(k)}(−1) e^{iμ} − q^{(k)}(0)) (iμ)^{−k−1}.
+//! ĝ = (iμ)^{−r−1} [ (−1)^{r+1}/(1+iμ) + e^{−1+iμ}/(1−iμ) ]
+//!     + Σ_{k>r} (q^{(k)}(−1) e^{iμ} − q^{(k)}(0)) (iμ)^{−k−1}.
 //! ```
 
+use crate::base::quadrature::gauss_legendre;
 use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
 use crate::schrodingerization::profile::window::{Demand, Window, place, summed_by_parts};
 use num_complex::Complex64;
-use std::f64::consts::{E, PI};
+use std::f64::consts::E;
 
 /// Up to here the polynomial's transform is a quadrature.
 const SMALL: f64 = 40.0;
@@ -47,29 +49,6 @@ fn binomial(n: usize, k: usize) -> f64 {
 
 fn factorial(n: usize) -> f64 {
     (1..=n).map(|i| i as f64).product()
-}
-
-/// Nodes and weights of Gauss and Legendre on `[−1, 1]`, by Newton's method on the three-term
-/// recurrence.
-fn gauss_legendre(n: usize) -> Vec<[f64; 2]> {
-    let polynomial = |x: f64| {
-        let (mut before, mut p) = (1.0, x);
-        for k in 2..=n {
-            let k = k as f64;
-            (before, p) = (p, ((2.0 * k - 1.0) * x * p - (k - 1.0) * before) / k);
-        }
-        (p, n as f64 * (x * p - before) / (x * x - 1.0))
-    };
-    let node = |i: usize| {
-        let mut x = (PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
-        for _ in 0..8 {
-            let (p, slope) = polynomial(x);
-            x -= p / slope;
-        }
-        let slope = polynomial(x).1;
-        [x, 2.0 / ((1.0 - x * x) * slope * slope)]
-    };
-    (0..n).map(node).collect()
 }
 
 impl Smooth {
@@ -104,9 +83,9 @@ impl Smooth {
             .collect();
         let mut profile = Self { order, terms, derivatives, nodes: Vec::new() };
         profile.nodes = (gauss_legendre(NODES).into_iter())
-            .map(|[x, weight]| {
-                let p = 0.5 * (x - 1.0);
-                [p, 0.5 * weight * profile.polynomial(p)]
+            .map(|point| {
+                let point = point.moved_to([-1.0, 0.0]);
+                [point.node, point.weight * profile.polynomial(point.node)]
             })
             .collect();
         profile

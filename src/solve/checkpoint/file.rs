@@ -63,7 +63,8 @@ impl Header {
         points(&self.block) * self.velocity_cells + self.auxiliary
     }
 
-    /// First word of the results, of the auxiliary unknowns and of the kept modes, and the end, counted from the first sum.
+    /// First word of the results, of the auxiliary unknowns and of the kept modes, and the end,
+    /// counted from the first sum.
     fn starts(&self) -> [usize; 4] {
         let results = 2 * points(&self.block) * self.sums.iter().sum::<usize>();
         let auxiliary = results + points(&self.share) * self.results.iter().sum::<usize>();
@@ -170,7 +171,8 @@ pub fn check(path: &Path, written: &Written) -> std::result::Result<(), String> 
     }
 }
 
-/// Reads `count` words from number `first` on; `visit(number of the first since then, words)` gets them piece by piece.
+/// Reads `count` words from number `first` on; `visit(number of the first since then, words)` gets
+/// them piece by piece.
 fn read_words(
     file: &File,
     first: usize,
@@ -208,7 +210,8 @@ pub struct Destination<'a> {
     pub sums: Vec<&'a mut [i64]>,
     /// The results, likewise.
     pub results: Vec<Vec<f64>>,
-    /// The modes it keeps, if any, and to which cells their auxiliary unknowns belong ([`crate::solve::snapshot::Kept::auxiliary`]).
+    /// The modes it keeps, if any, and to which cells their auxiliary unknowns belong
+    /// ([`crate::solve::snapshot::Kept::auxiliary`]).
     pub kept: Option<(Vec<u64>, &'a mut KeptModes)>,
 }
 

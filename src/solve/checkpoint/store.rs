@@ -112,7 +112,8 @@ impl Store {
         self.newest.is_none()
     }
 
-    /// The run starts from a warped field of this checksum, which is known only now that it was read.
+    /// The run starts from a warped field of this checksum, which is known only now that it was
+    /// read.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where `generation` is of a run that started from another.
@@ -137,8 +138,8 @@ impl Store {
         generation(&self.directory, number)
     }
 
-    /// Writes a generation, and removes those before the last; gives the number of modes that are finished. Nothing of it
-    /// counts unless this succeeds. Collective.
+    /// Writes a generation, and removes those before the last; gives the number of modes that are
+    /// finished. Nothing of it counts unless this succeeds. Collective.
     ///
     /// # Errors
     /// [`Error::Checkpoint`], of the first rank that has one.
@@ -233,8 +234,8 @@ impl Store {
         }
     }
 
-    /// The newest generation that is valid; none where there is none at all. `say` is called, on rank 0, what is wrong with
-    /// newer ones. Collective.
+    /// The newest generation that is valid; none where there is none at all. `say` is called, on
+    /// rank 0, what is wrong with newer ones. Collective.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where there are some and none is valid.
@@ -281,7 +282,8 @@ impl Store {
             self.newest = None;
             return Ok(None);
         }
-        let reason = "none of the checkpoints in it can be used; without --resume the run starts from its beginning";
+        let reason = "none of the checkpoints in it can be used; without --resume the run \
+                      starts from its beginning";
         Err(failure(&self.directory, &reason))
     }
 
@@ -354,8 +356,8 @@ impl Store {
 }
 
 impl Generation {
-    /// Reads what overlaps with what a rank of mode group `group` of `groups` wants; sums of several groups add up to those
-    /// of all that wrote.
+    /// Reads what overlaps with what a rank of mode group `group` of `groups` wants; sums of
+    /// several groups add up to those of all that wrote.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where a file cannot be read.

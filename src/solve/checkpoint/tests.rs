@@ -1,4 +1,5 @@
-//! Checkpoints written by the ranks of any mesh and read on any other, and what may go on from them.
+//! Checkpoints written by the ranks of any mesh and read on any other, and what may go on from
+//! them.
 
 use super::*;
 use crate::parallel::partition::Mesh;
@@ -188,8 +189,8 @@ impl<'a> Rank<'a> {
         written
     }
 
-    /// Reads what concerns it from the files that the ranks of `from` wrote, compares results and modes; its
-    /// part of the sums.
+    /// Reads what concerns it from the files that the ranks of `from` wrote, compares results and
+    /// modes; its part of the sums.
     fn read(&self, directory: &Path, from: &Mesh) -> Vec<Vec<i64>> {
         let own = file::points(&self.block);
         let sum = |width: &usize| vec![0; 2 * width * own];

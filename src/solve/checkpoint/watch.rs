@@ -1,12 +1,14 @@
-//! When a checkpoint is made, and when the run stops: what all ranks decide between batches without waiting for each other.
+//! When a checkpoint is made, and when the run stops: what all ranks decide between batches without
+//! waiting for each other.
 //!
-//! At the end of each batch a rank looks whether the last vote is over ([`Vote`]); if so it does what was decided and posts the
-//! next one. A rank without batches left goes on voting until all are finished. So all ranks see the same outcomes in the same
-//! order, whatever the number of their batches, and wait for each other only to write and at the end of a stage.
+//! At the end of each batch a rank looks whether the last vote is over ([`Vote`]); if so it does
+//! what was decided and posts the next one. A rank without batches left goes on voting until all
+//! are finished. So all ranks see the same outcomes in the same order, whatever the number of their
+//! batches, and wait for each other only to write and at the end of a stage.
 //!
-//! A vote is over a batch or two after it was posted, which is too late where the time runs out. So when the wall time is near,
-//! and before the first batch told how long one takes, ranks go *together*: each waits, after its batch, for the vote that it
-//! posts then.
+//! A vote is over a batch or two after it was posted, which is too late where the time runs out. So
+//! when the wall time is near, and before the first batch told how long one takes, ranks go
+//! *together*: each waits, after its batch, for the vote that it posts then.
 
 use crate::parallel::communicator::Communicator;
 use crate::parallel::communicator::vote::Vote;
@@ -32,7 +34,8 @@ const SPARE: f64 = 0.02;
 const MOST_SPARE: Duration = Duration::from_secs(30);
 /// What took so long before may take longer by this factor.
 const CAUTION: f64 = 1.2;
-/// Batches before the end from which on ranks go together: up to two until all know, one until they did, one to go on with.
+/// Batches before the end from which on ranks go together: up to two until all know, one until they
+/// did, one to go on with.
 const NEAR: u32 = 4;
 /// Bytes a second that a rank is expected to write before it is known.
 const USUAL_RATE: f64 = 1e8;
@@ -86,7 +89,8 @@ pub struct Watch {
     together: bool,
     /// When the last checkpoint was begun or finished, or the run began.
     written: Instant,
-    /// Whether the last vote was for none: however often they are wanted, there is a batch between two.
+    /// Whether the last vote was for none: however often they are wanted, there is a batch between
+    /// two.
     rested: bool,
     /// How long one takes to write, as soon as there is anything to tell by.
     writing: Option<Duration>,
@@ -120,7 +124,8 @@ impl Watch {
         }
     }
 
-    /// How many bytes a checkpoint of this rank takes: tells how long it may take while none was written.
+    /// How many bytes a checkpoint of this rank takes: tells how long it may take while none was
+    /// written.
     pub fn expect(&mut self, bytes: impl FnOnce() -> usize) {
         (self.writing).get_or_insert_with(|| Duration::from_secs_f64(bytes() as f64 / USUAL_RATE));
     }
@@ -130,9 +135,9 @@ impl Watch {
         self.begun = (standing == Standing::Working).then(Instant::now);
     }
 
-    /// What all ranks decided, at the beginning of a stage and after each batch (see [`begin`](Self::begin)); after `Write`
-    /// they ask again. `Finished`, `Failed` or a stop is the last of a stage. Collective over the space group, whose ranks
-    /// stand alike.
+    /// What all ranks decided, at the beginning of a stage and after each batch (see
+    /// [`begin`](Self::begin)); after `Write` they ask again. `Finished`, `Failed` or a stop is the
+    /// last of a stage. Collective over the space group, whose ranks stand alike.
     pub fn ask(&mut self, communicator: &Communicator, standing: Standing) -> Verdict {
         if let Some(begun) = self.begun.take() {
             self.longest = self.longest.max(Some(begun.elapsed()));

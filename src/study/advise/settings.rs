@@ -81,7 +81,9 @@ mod tests {
     #[test]
     fn settings_lead_from_a_case_to_the_target() {
         let text = r#"
-            axis = [{ x = { lower = -1, upper = 1, cells = 20 }, v = { lower = -1, upper = 1, cells = 20 } }]
+            axis = [
+            { x = { lower = -1, upper = 1, cells = 20 }, v = { lower = -1, upper = 1, cells = 20 } }
+            ]
             potential = [{ where = "x < 0", value = "0.1" }, { value = "0" }]
             initial.f = "exp(-20*(x^2 + v^2))"
             time.end = 0.5

@@ -233,7 +233,8 @@ mod tests {
     /// A step at `x = 0` on `cells` cells.
     fn case(cells: usize) -> Case {
         let text = format!(
-            "[[axis]]\nx = {{ lower = -1, upper = 1, cells = {cells} }}\nv = {{ lower = -1, upper = 1, cells = 13 }}\n\
+            "[[axis]]\nx = {{ lower = -1, upper = 1, cells = {cells} }}\nv = {{ lower = -1, upper \
+            = 1, cells = 13 }}\n\
              [[potential]]\nwhere = \"x < 0\"\nvalue = \"0.2\"\n[[potential]]\nvalue = \"0\"\n\
              [initial]\nf = \"1\"\n[time]\nend = 1\n"
         );

@@ -183,7 +183,8 @@ fn verdict(points: &[Point], own: Point) -> String {
         highest(points, |p| p.measured).map_or([f64::NAN; 2], |p| [p.x, p.measured]);
     format!(
         "Without weights lambda+ T is {:.3} at this case's jump, an amplification of {:.3e}, and \
-         up to {most:.3} at a jump of {place:.4}: it spikes where a velocity cell almost rests beyond \
+         up to {most:.3} at a jump of {place:.4}: it spikes where a velocity cell almost rests \
+         beyond \
          a threshold. Dissipative weights or a conservative interface take the spikes away.",
         own.measured,
         own.measured.exp()

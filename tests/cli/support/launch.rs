@@ -219,8 +219,8 @@ impl Job {
             .env("OMPI_MCA_odls_base_sigkill_timeout", "0")
             .env("RUST_BACKTRACE", "0")
             .env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe");
-        // A process alone needs no daemon of Open MPI's, which takes as long to start as the program;
-        // without one, each needs a directory of its own for what Open MPI keeps in files.
+        // A process alone needs no daemon of Open MPI's, which takes as long to start as the
+        // program; without one, each needs a directory of its own for what Open MPI keeps in files.
         let session = tempfile::tempdir().map_err(|e| fail("temporary directory", &e))?;
         if self.ranks.is_none() {
             command

@@ -329,7 +329,8 @@ fn the_bound_on_the_dissipation_is_sharp() {
             for boundary in ["inflow", "periodic"] {
                 let text = format!(
                     "[scheme]\nflux = {flux}\n[[axis]]\n\
-                     x = {{ lower = -1.0, upper = 1.0, cells = 8, degree = {degree}, boundary = '{boundary}' }}\n\
+                     x = {{ lower = -1.0, upper = 1.0, cells = 8, degree = {degree}, boundary = \
+                     '{boundary}' }}\n\
                      v = {{ lower = -1.0, upper = 1.0, cells = 2, degree = 1 }}\n\
                      [[potential]]\nvalue = '0'\n[initial]\nf = '1'\n[time]\nend = 1.0\n"
                 );
@@ -345,7 +346,8 @@ fn the_bound_on_the_dissipation_is_sharp_in_two_dimensions() {
     for flux in [0.3, 1.0] {
         let axis = |cells: usize, degree: usize, v: usize| {
             format!(
-                "[[axis]]\nx = {{ lower = -1.0, upper = 1.0, cells = {cells}, degree = {degree} }}\n\
+                "[[axis]]\nx = {{ lower = -1.0, upper = 1.0, cells = {cells}, degree = {degree} \
+                }}\n\
                  v = {{ lower = -1.0, upper = 0.5, cells = {v}, degree = {} }}\n",
                 v % 2
             )

@@ -72,7 +72,8 @@ fn table_of_designs() {
                         applications(&demand, w.period, w.modes(w.period) as usize)
                     });
                 println!(
-                    "{decay:4} {growth:5} {tolerance:e} | {:5.1} {:.3} {modes:4} {:7} {:.2} {:.3} {seconds:.4} | {gaussian}",
+                    "{decay:4} {growth:5} {tolerance:e} | {:5.1} {:.3} {modes:4} {:7} {:.2} {:.3} \
+                    {seconds:.4} | {gaussian}",
                     window.period - growth - decay - 1.0,
                     window.cutoff,
                     applications(&demand, window.period, modes),
