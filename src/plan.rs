@@ -199,7 +199,8 @@ impl Plan {
     pub fn with_series(
         &self,
         case: &Case,
-        (series, readings): (Series, Vec<Reading>),
+        series: Series,
+        readings: Vec<Reading>,
         tolerance: f64,
         resources: &Resources,
     ) -> Result<Self> {

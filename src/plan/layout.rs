@@ -128,7 +128,7 @@ impl Layout {
         let imbalance = if sum == 0 { 1.0 } else { most as f64 * mesh.groups as f64 / sum as f64 };
         let kept = |group: &Vec<Batch>| group.iter().map(|b| b.modes.len()).sum::<usize>();
         let most = groups.iter().map(kept).max().unwrap_or(0);
-        let arrays = arrays(case, bounds, warp, (&mesh, most));
+        let arrays = arrays(case, bounds, warp, &mesh, most);
         Self { mesh, groups, imbalance, arrays }
     }
 
@@ -148,7 +148,7 @@ impl Layout {
         };
         let mut best: Option<(usize, Mesh)> = None;
         for mesh in meshes {
-            let memory = |points| memory_of_points(case, bounds, warp, (&mesh, points));
+            let memory = |points| memory_of_points(case, bounds, warp, &mesh, points);
             let most = most_points(LARGEST_POINTS, limit, memory);
             if let Some(points) = most.filter(|n| best.as_ref().is_none_or(|(m, _)| n > m)) {
                 best = Some((points, mesh));

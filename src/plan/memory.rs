@@ -45,7 +45,8 @@ pub(crate) fn memory_of_points(
     case: &Case,
     bounds: &Bounds,
     warp: &WarpPlan,
-    (mesh, points): (&Mesh, usize),
+    mesh: &Mesh,
+    points: usize,
 ) -> u64 {
     let modes = points / 2 + 1;
     let piece = match descriptor(case.propagator.method).batch_coupling() {
@@ -54,7 +55,7 @@ pub(crate) fn memory_of_points(
     };
     let most = modes.min(piece * modes.div_ceil(piece).div_ceil(mesh.groups));
     let warp = WarpPlan { points: Some(points), modes, ..warp.clone() };
-    let list = arrays(case, bounds, Some(&warp), (mesh, most));
+    let list = arrays(case, bounds, Some(&warp), mesh, most);
     list.iter().map(|a| a.1).sum()
 }
 
@@ -78,138 +79,220 @@ pub(crate) fn arrays(
     case: &Case,
     bounds: &Bounds,
     warp: Option<&WarpPlan>,
-    (mesh, most): (&Mesh, usize),
+    mesh: &Mesh,
+    most: usize,
 ) -> Vec<(String, u64)> {
-    let n = case.space.dimension() as u64;
-    let along = |a: usize| largest_part(&case.space.x[a], mesh.space[a]);
-    let space_block: u64 = (0..case.space.dimension()).map(along).product();
-    let velocities = case.space.velocity_cells() as u64;
-    let cells = space_block * velocities;
-    let ghosts: u64 = (mesh.space.iter().enumerate())
-        .filter(|(_, p)| **p > 1)
-        .map(|(a, p)| {
-            let sides = if *p > 2 { 2 } else { 1 };
-            sides * cells / along(a)
-        })
-        .sum();
-    // Inflow rows lie on the box's ends: half of each of the two x-ends of an axis that has ends.
-    let ends: u64 = (case.space.x.iter().zip(case.space.periodic))
-        .filter(|(_, periodic)| !periodic)
-        .map(|(a, _)| cells / a.cells as u64)
-        .sum();
-    // Elements have all their nodes at the end of a velocity axis at which a force lets enter.
-    let ends = match bounds.forces && case.space.degree() > 0 {
-        true => ends + case.space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>(),
-        false => ends,
-    };
-    // Rows that are listed as inflow, and auxiliary unknowns.
-    let (listed, inflow) = match (bounds.inflow, case.warp.inflow) {
-        (false, _) => (0, 0),
-        (true, Embedding::Boundary) => (ends, ends),
-        (true, Embedding::Full) => (cells, cells),
-        (true, Embedding::Scalar) => (ends, 1),
-    };
-    let rows = cells + inflow;
-    let length = rows + ghosts;
-    let force = u64::from(bounds.forces);
-    let entries = rows * entries_of_a_row(&case.space, bounds);
-    // Rows that repeat are stored once: those of cells of a kind whose neighbours are of a kind.
-    // Weights differ from cell to cell, rows of elements from node to node.
-    let nodes: u64 = case.space.x.iter().map(|a| a.nodes.count() as u64).product();
-    let around = nodes * (bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32));
-    let distinct = match bounds.weighted {
-        true => rows,
-        false => rows.min(velocities * around + 2 * inflow),
-    };
-    let mut list = vec![
-        ("program and libraries".to_owned(), PROGRAM_BYTES),
-        (
-            "matrix (S, K)".to_owned(),
-            4 * rows + (20 * entries + 8 * rows) / rows * distinct + 16 * space_block,
-        ),
-        ("states, weights".to_owned(), 8 * (1 + case.fields.len() as u64) * length),
-    ];
-    let chunks = chunk_bytes(case, mesh);
-    if chunks > 0 {
-        list.push(("chunks being written".to_owned(), chunks));
+    let rank = FullestRank::new(case, bounds, mesh);
+    let mut list = rank.system();
+    match warp {
+        Some(warp) => list.extend(rank.modes(warp, most)),
+        None => list.extend(rank.classical()),
     }
-    if listed > 0 {
-        let each = size_of::<Inflow>() as u64;
-        list.push(("inflow".to_owned(), listed * (each + 8 * bounds.stages as u64)));
+    list.extend(rank.results());
+    list
+}
+
+/// How much of the grid the fullest rank of a mesh has.
+struct FullestRank<'a> {
+    case: &'a Case,
+    bounds: &'a Bounds,
+    mesh: &'a Mesh,
+    /// Points of space of the block.
+    points: u64,
+    /// Cells of the block.
+    cells: u64,
+    /// Cells of neighbours.
+    ghosts: u64,
+    /// Auxiliary unknowns.
+    auxiliary: u64,
+    /// Rows that are listed as inflow.
+    listed: u64,
+}
+
+impl<'a> FullestRank<'a> {
+    fn new(case: &'a Case, bounds: &'a Bounds, mesh: &'a Mesh) -> Self {
+        let along = |a: usize| largest_part(&case.space.x[a], mesh.space[a]);
+        let points: u64 = (0..case.space.dimension()).map(along).product();
+        let cells = points * case.space.velocity_cells() as u64;
+        let ghosts = (mesh.space.iter().enumerate())
+            .filter(|(_, p)| **p > 1)
+            .map(|(a, p)| {
+                let sides = if *p > 2 { 2 } else { 1 };
+                sides * cells / along(a)
+            })
+            .sum();
+        let ends = inflow_rows(case, bounds, cells);
+        let (listed, auxiliary) = match (bounds.inflow, case.warp.inflow) {
+            (false, _) => (0, 0),
+            (true, Embedding::Boundary) => (ends, ends),
+            (true, Embedding::Full) => (cells, cells),
+            (true, Embedding::Scalar) => (ends, 1),
+        };
+        Self { case, bounds, mesh, points, cells, ghosts, auxiliary, listed }
     }
-    if let Some(warp) = warp {
-        let share = MatrixShare { case, bounds, mesh, rows, length, entries };
-        list.extend(descriptor(case.propagator.method).arrays(&share));
+
+    /// Rows of the matrix.
+    fn rows(&self) -> u64 {
+        self.cells + self.auxiliary
+    }
+
+    /// Length of a vector: rows and ghosts.
+    fn length(&self) -> u64 {
+        self.rows() + self.ghosts
+    }
+
+    fn entries(&self) -> u64 {
+        self.rows() * entries_of_a_row(&self.case.space, self.bounds)
+    }
+
+    fn fields(&self) -> u64 {
+        self.case.fields.len() as u64
+    }
+
+    /// Bytes of the result's cells that a rank keeps after the sums are shared among mode groups.
+    fn share(&self) -> u64 {
+        let first = &self.case.space.x[0];
+        self.cells / largest_part(first, self.mesh.space[0]) * largest_share(first, self.mesh)
+    }
+
+    /// Matrix, states, inflow.
+    fn system(&self) -> Vec<(String, u64)> {
+        let (case, bounds, rows) = (self.case, self.bounds, self.rows());
+        let n = case.space.dimension() as u64;
+        // Rows that repeat are stored once: those of cells of a kind whose neighbours are of a
+        // kind. Weights differ from cell to cell, rows of elements from node to node.
+        let nodes: u64 = case.space.x.iter().map(|a| a.nodes.count() as u64).product();
+        let around = nodes * (bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32));
+        let distinct = match bounds.weighted {
+            true => rows,
+            false => rows.min(case.space.velocity_cells() as u64 * around + 2 * self.auxiliary),
+        };
+        let matrix =
+            4 * rows + (20 * self.entries() + 8 * rows) / rows * distinct + 16 * self.points;
+        let mut list = vec![
+            ("program and libraries".to_owned(), PROGRAM_BYTES),
+            ("matrix (S, K)".to_owned(), matrix),
+            ("states, weights".to_owned(), 8 * (1 + self.fields()) * self.length()),
+        ];
+        let chunks = chunk_bytes(case, self.mesh);
+        if chunks > 0 {
+            list.push(("chunks being written".to_owned(), chunks));
+        }
+        if self.listed > 0 {
+            let each = size_of::<Inflow>() as u64 + 8 * bounds.stages as u64;
+            list.push(("inflow".to_owned(), self.listed * each));
+        }
+        list
+    }
+
+    /// What a run of modes has beside the system, at most `most` of them on a rank.
+    fn modes(&self, warp: &WarpPlan, most: usize) -> Vec<(String, u64)> {
+        let case = self.case;
+        let share = MatrixShare {
+            case,
+            bounds: self.bounds,
+            mesh: self.mesh,
+            rows: self.rows(),
+            length: self.length(),
+            entries: self.entries(),
+        };
+        let mut list = descriptor(case.propagator.method).arrays(&share);
         if let Some(points) = warp.points {
             let most = most as u64;
-            let ranks = (most, mesh.groups as u64);
-            list.push(("kept modes".to_owned(), kept_modes_bytes(rows, most)));
-            list.push((
-                "buffers of the transpose".to_owned(),
-                buffer_bytes(warp.modes as u64, points as u64, cells, ranks),
-            ));
+            let groups = self.mesh.groups as u64;
+            let buffers = buffer_bytes(warp.modes as u64, points as u64, self.cells, most, groups);
+            list.push(("kept modes".to_owned(), kept_modes_bytes(self.rows(), most)));
+            list.push(("buffers of the transpose".to_owned(), buffers));
         }
         // Sums of one field at a time, on the block; fields, on a rank's share of it.
-        let fields = case.fields.len() as u64;
         let (readings, plateau) = (warp.readings.len() as u64, warp.plateau.len() as u64);
         let steps = u64::from(case.propagator.method.order() > 0);
-        let share = cells / along(0) * largest_share(&case.space.x[0], mesh);
-        let sums = 16 * (readings + plateau + steps) * cells;
+        let sums = 16 * (readings + plateau + steps) * self.cells;
         list.push(("recovery sums".to_owned(), sums));
+        // Where a batch starts, or stands between two legs.
+        let between = size_of::<Lanes>() as u64 * self.rows();
         if case.start.is_some() && case.times.is_empty() {
-            list.push(("start of a batch".to_owned(), size_of::<Lanes>() as u64 * rows));
+            list.push(("start of a batch".to_owned(), between));
         }
         if !case.times.is_empty() {
-            // Where a batch stands between two legs; sums and results at the output times.
-            list.push(("between legs".to_owned(), size_of::<Lanes>() as u64 * rows));
-            list.push(("output times".to_owned(), early_bytes(case, space_block, share)));
+            list.push(("between legs".to_owned(), between));
+            let early = early_bytes(case, self.points, self.share());
+            list.push(("output times".to_owned(), early));
         }
-        let recovered = 8 * ((readings + steps) * fields + plateau) * share;
+        let recovered = 8 * ((readings + steps) * self.fields() + plateau) * self.share();
         list.push(("recovered fields".to_owned(), recovered));
-        list.push(("ghost exchange".to_owned(), 2 * 128 * ghosts));
-    } else {
-        // Initial values and results beside the vectors of the integrator.
-        let fields = case.fields.len() as u64;
-        list.push(("fields".to_owned(), 8 * 2 * fields * cells));
-        list.push(("integrator".to_owned(), 8 * 4 * length));
+        list.push(("ghost exchange".to_owned(), 2 * 128 * self.ghosts));
+        list
+    }
+
+    /// What a classical run has beside the system: initial values and results, and the vectors of
+    /// the integrator.
+    fn classical(&self) -> Vec<(String, u64)> {
+        let (case, cells, length) = (self.case, self.cells, self.length());
+        let mut list = vec![
+            ("fields".to_owned(), 8 * 2 * self.fields() * cells),
+            ("integrator".to_owned(), 8 * 4 * length),
+        ];
         if !case.times.is_empty() {
             list.push(("output times".to_owned(), early_bytes(case, 0, cells)));
         }
         if case.limiter != Limiter::None {
             // One slope an unknown, two neighbours a space cell and axis; faces at the box's ends
             // and at about as many jumps.
+            let n = case.space.dimension() as u64;
+            let force = u64::from(self.bounds.forces && self.bounds.inflow);
             let ends: u64 = case.space.x.iter().map(|a| 4 * cells / a.cells as u64).sum();
-            let lines = force * u64::from(bounds.inflow) * cells / case.space.v[0].cells as u64;
-            let slopes = 8 * length + 16 * n * space_block + 72 * ends + 8 * n * lines;
+            let lines = force * cells / case.space.v[0].cells as u64;
+            let slopes = 8 * length + 16 * n * self.points + 72 * ends + 8 * n * lines;
             list.push(("slopes".to_owned(), slopes));
         }
+        list
     }
-    // The results on the grid on which they are shown, where that is another; of the exact solution
-    // there is no other.
-    let shown = grid(case);
-    let layers = (shown.x.iter().zip(&mesh.space)).map(|(a, p)| largest_part(a, *p));
-    let there = layers.product::<u64>() * shown.velocity_cells() as u64;
-    if shown != case.space {
-        let layers = largest_part(&shown.x[0], mesh.space[0]);
-        // One cell is not shared among the groups.
-        let groups = mesh.groups.min(case.space.x[0].cells);
-        let mesh = Mesh { space: mesh.space.clone(), groups };
-        let share = there / layers * largest_share(&shown.x[0], &mesh);
-        let times = 1 + case.times.iter().filter(|t| t.fields).count() as u64;
-        let fields = case.fields.len() as u64;
-        list.push(("results as shown".to_owned(), 8 * fields * times * share));
+
+    /// The results on the grid on which they are shown, where that is another, and the exact
+    /// solution, of which there is no other.
+    fn results(&self) -> Vec<(String, u64)> {
+        let Self { case, mesh, .. } = self;
+        let shown = grid(case);
+        let layers = (shown.x.iter().zip(&mesh.space)).map(|(a, p)| largest_part(a, *p));
+        let there = layers.product::<u64>() * shown.velocity_cells() as u64;
+        let mut list = Vec::new();
+        if shown != case.space {
+            let layers = largest_part(&shown.x[0], mesh.space[0]);
+            // One cell is not shared among the groups.
+            let groups = mesh.groups.min(case.space.x[0].cells);
+            let mesh = Mesh { space: mesh.space.clone(), groups };
+            let share = there / layers * largest_share(&shown.x[0], &mesh);
+            let times = 1 + case.times.iter().filter(|t| t.fields).count() as u64;
+            list.push(("results as shown".to_owned(), 8 * self.fields() * times * share));
+        }
+        if case.exact.is_some() {
+            let n = case.space.dimension() as u64;
+            let points = case.space.space_cells() as u64;
+            let values = match case.data {
+                Data::Density => 8 * there,
+                // Mass and momentum, what is made of them, and the curve, whose arrays grow by
+                // doubling.
+                Data::Measure { .. } => 32 * (1 + n) * points + 64 * curve_points(case) as u64,
+            };
+            list.push(("exact solution".to_owned(), values + 80 * points));
+        }
+        list
     }
-    if case.exact.is_some() {
-        let points = case.space.space_cells() as u64;
-        let values = match case.data {
-            Data::Density => 8 * there,
-            // Mass and momentum, what is made of them, and the curve, whose arrays grow by
-            // doubling.
-            Data::Measure { .. } => 32 * (1 + n) * points + 64 * curve_points(case) as u64,
-        };
-        list.push(("exact solution".to_owned(), values + 80 * points));
+}
+
+/// Rows of a block of so many cells at which something may enter.
+fn inflow_rows(case: &Case, bounds: &Bounds, cells: u64) -> u64 {
+    // Half of each of the two x-ends of an axis that has ends.
+    let ends: u64 = (case.space.x.iter().zip(case.space.periodic))
+        .filter(|(_, periodic)| !periodic)
+        .map(|(a, _)| cells / a.cells as u64)
+        .sum();
+    // Elements have all their nodes at the end of a velocity axis at which a force lets enter.
+    match bounds.forces && case.space.degree() > 0 {
+        true => ends + case.space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>(),
+        false => ends,
     }
-    list
 }
 
 /// Cells of the largest of so many parts of an axis, each of whole elements.
@@ -276,7 +359,7 @@ pub(crate) fn cells_at_once(buffers: u64, cell_bytes: u64, cells: u64, groups: u
 
 /// Bytes of a rank's buffers for so many modes of a block of so many cells, at most `most` of them
 /// on one of `groups` ranks.
-pub fn buffer_bytes(modes: u64, points: u64, cells: u64, (most, groups): (u64, u64)) -> u64 {
+pub fn buffer_bytes(modes: u64, points: u64, cells: u64, most: u64, groups: u64) -> u64 {
     let cell = cell_bytes(modes, points, most, groups);
     // A line in p and what the transform takes beside it.
     cell * cells_at_once(BUFFERS, cell, cells, groups) + 4 * 16 * points

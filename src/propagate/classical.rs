@@ -91,14 +91,14 @@ fn panel_rule() -> impl Iterator<Item = QuadraturePoint> {
 
 /// How long a state is propagated, and how fast it may change.
 #[derive(Clone, Copy, Debug)]
-pub struct Span {
+pub struct ClassicalSpan {
     /// Bound on the rates: `max |A_ii|`, of elements `‖A‖`.
     pub rate: f64,
     /// Length of time.
     pub time: f64,
 }
 
-impl Span {
+impl ClassicalSpan {
     /// `rate·time`.
     pub fn courant(&self) -> f64 {
         self.rate * self.time
@@ -185,7 +185,7 @@ impl<'a> Classical<'a> {
         &mut self,
         exchange: &mut GhostExchange,
         state: &mut [f64],
-        span: Span,
+        span: ClassicalSpan,
         panels: usize,
     ) {
         let rule: Vec<_> = panel_rule().collect();
@@ -195,7 +195,7 @@ impl<'a> Classical<'a> {
             for &QuadraturePoint { node, weight } in &rule {
                 let at = (panel as f64 + node) * h;
                 self.held.clear();
-                self.exponential(exchange, state, Span { time: at - now, ..span }, EXACT);
+                self.exponential(exchange, state, ClassicalSpan { time: at - now, ..span }, EXACT);
                 now = at;
                 self.hold_source(at);
                 for (aux, b) in self.matrix.inflow.iter().zip(&self.held) {
@@ -204,7 +204,7 @@ impl<'a> Classical<'a> {
             }
         }
         self.held.clear();
-        self.exponential(exchange, state, Span { time: span.time - now, ..span }, EXACT);
+        self.exponential(exchange, state, ClassicalSpan { time: span.time - now, ..span }, EXACT);
     }
 
     /// Says how far it is.
@@ -226,11 +226,11 @@ impl<'a> Classical<'a> {
         &mut self,
         exchange: &mut GhostExchange,
         state: &mut [f64],
-        span: Span,
+        span: ClassicalSpan,
         negligible: f64,
     ) {
         let parts = exponential_parts(span.courant(), self.matrix.by_elements);
-        let part = Span { time: span.time / parts as f64, ..span };
+        let part = ClassicalSpan { time: span.time / parts as f64, ..span };
         for _ in 0..parts {
             self.part_of_exponential(exchange, state, part, negligible);
         }
@@ -240,7 +240,7 @@ impl<'a> Classical<'a> {
         &mut self,
         exchange: &mut GhostExchange,
         state: &mut [f64],
-        span: Span,
+        span: ClassicalSpan,
         negligible: f64,
     ) {
         let rows = self.matrix.rows();

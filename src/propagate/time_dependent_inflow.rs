@@ -29,7 +29,7 @@ use crate::matrix::inflow::Inflow;
 use crate::parallel::communicator::{Communicator, GhostExchange};
 use crate::problem::case::{Case, Delta, Embedding};
 use crate::problem::grid::describe_point;
-use crate::propagate::classical::{Classical, Span};
+use crate::propagate::classical::{Classical, ClassicalSpan};
 
 /// The part of the tolerance that the time steps may take.
 pub const TIME_SHARE: f64 = 0.2;
@@ -192,7 +192,7 @@ impl Search<'_> {
         world.agree(fits(self.matrix, steps))?;
         let values = stage_values(self.case, self.matrix, steps);
         let (rows, stages) = (self.matrix.inflow.len(), 2 * steps);
-        let span = Span { rate: self.start.rate, time: self.case.end / stages as f64 };
+        let span = ClassicalSpan { rate: self.start.rate, time: self.case.end / stages as f64 };
         let mut state = self.start.state.to_vec();
         let mut classical = Classical::new(self.matrix);
         // Ranks that nothing enters take part in the others' exchanges.

@@ -5,7 +5,9 @@ use crate::base::progress::Progress;
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::GhostExchange;
 use crate::problem::case::Integrator;
-use crate::propagate::classical::{Classical, EXACT, Span, classical_steps, duhamel_panels};
+use crate::propagate::classical::{
+    Classical, ClassicalSpan, EXACT, classical_steps, duhamel_panels,
+};
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
 use crate::run::files::Found;
@@ -33,7 +35,7 @@ pub(crate) fn integrate(
     state: &mut [f64],
 ) {
     let time = span.time;
-    let whole = Span { rate: span.rate, time };
+    let whole = ClassicalSpan { rate: span.rate, time };
     match span.integrator {
         Integrator::Exponential if classical.varies() => {
             let panels = duhamel_panels(whole.courant());

@@ -19,7 +19,7 @@ use crate::run::compare::FieldNorms;
 use crate::run::files::{Files, Found};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
-use crate::solve::checkpoint::{Checkpoints, Resumed};
+use crate::solve::checkpoint::{Checkpoints, Resumed, RunSize};
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::modes;
 use crate::solve::modes::{Keeping, Leg, Recovered, RunHooks, Task};
@@ -120,10 +120,10 @@ pub(crate) fn by_modes(
     let mut keeping =
         kept.as_mut().map(|kept| Keeping { kept, begun: case.start.is_some(), after: &mut write });
     summary.resumed = resumed.is_some();
-    let size = (warp.modes, stages);
+    let size = RunSize { modes: warp.modes, stages };
     let mut checkpoints = checkpointing.map(|c| {
-        let ranks = (&*communicator, &plan.layout.mesh);
-        Checkpoints::new(ranks, &mut c.store, c.times.clone(), size, resumed)
+        let mesh = &plan.layout.mesh;
+        Checkpoints::new(communicator, mesh, &mut c.store, c.times.clone(), size, resumed)
     });
     let hooks = RunHooks { keeping: keeping.as_mut(), checkpoints: checkpoints.as_mut() };
     let recovered = modes::run(&task, &mut evolution, &mut *propagator, &mut progress, hooks)?;

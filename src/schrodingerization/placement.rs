@@ -60,7 +60,7 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     let (series, interval) = match profile.form() {
         Form::Series(series) => (series.clone(), profile.ends(&demand, &window)),
         Form::Transform(shape) => {
-            let planned = (&profile, shape, &window);
+            let planned = PlannedProfile { profile: &profile, shape, window: &window };
             transformed(case, &demand, planned, &mut warnings)?
         }
     };
@@ -175,14 +175,22 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
     })
 }
 
+/// A profile that is known on the line, and the window that it was planned in.
+struct PlannedProfile<'a> {
+    profile: &'a Profile,
+    shape: &'a dyn Shape,
+    window: &'a Window,
+}
+
 /// The series of a profile that is known on the line, and its interval: planned, but for what is
 /// given by hand.
 fn transformed(
     case: &Case,
     demand: &Demand,
-    (profile, shape, window): (&Profile, &dyn Shape, &Window),
+    planned: PlannedProfile<'_>,
     warnings: &mut Vec<String>,
 ) -> Result<(Series, [f64; 2])> {
+    let PlannedProfile { profile, shape, window } = planned;
     let warp = &case.warp;
     let interval = match warp.interval {
         Some(interval) => interval,

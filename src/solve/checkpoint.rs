@@ -44,6 +44,15 @@ pub struct Resumed<'a> {
     pub share: &'a [Range<usize>],
 }
 
+/// What a run has to do.
+#[derive(Clone, Copy, Debug)]
+pub struct RunSize {
+    /// Modes of a stage.
+    pub modes: usize,
+    /// Number of stages.
+    pub stages: usize,
+}
+
 /// The checkpoints that a run makes, and the one it goes on from.
 pub struct Checkpoints<'a> {
     communicator: &'a Communicator,
@@ -51,8 +60,7 @@ pub struct Checkpoints<'a> {
     store: &'a mut Store,
     watch: Watch,
     wall_seconds: Option<f64>,
-    /// Modes of a stage, and stages.
-    size: (usize, usize),
+    size: RunSize,
     /// Taken when the run begins.
     pub resumed: Option<Resumed<'a>>,
     /// How many were written.
@@ -60,12 +68,13 @@ pub struct Checkpoints<'a> {
 }
 
 impl<'a> Checkpoints<'a> {
-    /// Those of a run of `size` modes a stage and stages, kept in `store`. Collective.
+    /// Those of a run of `size`, kept in `store`. Collective.
     pub fn new(
-        (communicator, mesh): (&'a Communicator, &'a Mesh),
+        communicator: &'a Communicator,
+        mesh: &'a Mesh,
         store: &'a mut Store,
         times: Times,
-        size: (usize, usize),
+        size: RunSize,
         resumed: Option<Resumed<'a>>,
     ) -> Self {
         Self {
@@ -127,7 +136,7 @@ impl<'a> Checkpoints<'a> {
                     continue;
                 }
             };
-            let (modes, stages) = self.size;
+            let RunSize { modes, stages } = self.size;
             return Err(Error::Stopped {
                 why,
                 path: self.store.directory().to_owned(),

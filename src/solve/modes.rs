@@ -18,6 +18,7 @@ use crate::parallel::communicator::Communicator;
 use crate::plan::balance::Batch;
 use crate::problem::case::{Case, Data};
 use crate::propagate::method::{BatchSpec, Evolution, Initial, Propagator, Start};
+use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::Checkpoints;
 use crate::solve::checkpoint::watch::Standing;
@@ -113,6 +114,16 @@ pub struct Keeping<'a> {
     pub after: &'a mut dyn FnMut(usize, usize, &KeptModes) -> Result<()>,
 }
 
+/// What of a stage is finished.
+pub(crate) struct StageBatches<'a> {
+    /// Number of the stage.
+    pub(crate) stage: usize,
+    /// The modes of this rank that are finished.
+    pub(crate) finished: &'a [usize],
+    /// What was counted so far.
+    pub(crate) statistics: &'a BatchStatistics,
+}
+
 /// A pass over the modes of a field.
 pub(crate) struct Stage<'a> {
     pub(crate) field: usize,
@@ -132,13 +143,14 @@ impl<'a> Stage<'a> {
         task: &Task<'a>,
         system: &mut Evolution<'_>,
         propagator: &dyn Propagator,
-        (k, legs): (usize, Range<usize>),
+        k: usize,
+        legs: Range<usize>,
     ) -> Self {
         let warp = task.warp;
         let norm = task.initial[k].norms.into_iter().fold(0.0, f64::max);
         let velocities = system.matrix.block.velocity_cells;
         let points = system.matrix.block.space_cells();
-        let field = |reading, size| Sum::of_field(warp, reading, size * norm, (points, velocities));
+        let field = |reading, size| Sum::of_field(warp, reading, size * norm, points, velocities);
         let last = task.legs.len() - 1;
         let sums = legs
             .clone()
@@ -235,7 +247,7 @@ pub fn run(
     let (mut before, mut statistics) = (BatchStatistics::default(), BatchStatistics::default());
     let mut recovered = Recovered::default();
     for (number, &(k, leg)) in stages.iter().enumerate().skip(first) {
-        let mut stage = Stage::new(task, system, propagator, (k, leg..leg + at_once));
+        let mut stage = Stage::new(task, system, propagator, k, leg..leg + at_once);
         if let Some(keeping) = keeping.as_deref_mut()
             && leg == 0
             && !keeping.begun
@@ -246,10 +258,8 @@ pub fn run(
         let mut finished = Vec::with_capacity(task.warp.modes);
         let mut batches = task.batches.iter();
         if let Some(resumed) = resumed.as_ref().filter(|_| number == first) {
-            let from = (&resumed.generation, resumed.share);
             let kept = keeping.as_deref_mut().map(|keeping| &mut *keeping.kept);
-            let read = stage.resume(from, task, system.matrix, (kept, &mut recovered));
-            world.agree(read)?;
+            world.agree(stage.resume(resumed, task, system.matrix, kept, &mut recovered))?;
             if task.communicator.modes.rank() == 0 {
                 let state = &resumed.generation.state;
                 before = state.statistics.clone();
@@ -267,9 +277,13 @@ pub fn run(
             };
             let over = match checkpoints.as_mut() {
                 Some(checkpoints) => checkpoints.are_over(standing, || {
-                    let state = (number, &finished[..], &statistics);
+                    let batches = StageBatches {
+                        stage: number,
+                        finished: &finished,
+                        statistics: &statistics,
+                    };
                     let kept = keeping.as_ref().map(|keeping| &*keeping.kept);
-                    stage.snapshot(state, task, system.matrix, (kept, &recovered))
+                    stage.snapshot(&batches, task, system.matrix, kept, &recovered)
                 })?,
                 None => standing != Standing::Working,
             };
@@ -280,8 +294,13 @@ pub fn run(
                 continue;
             };
             let started = Instant::now();
-            let into = (&mut stage, &mut between[..], keeping.as_deref_mut());
-            outcome = add_batch(task, system, propagator, batch, into, &mut statistics);
+            let destination = BatchDestination {
+                stage: &mut stage,
+                between: &mut between,
+                keeping: keeping.as_deref_mut(),
+                statistics: &mut statistics,
+            };
+            outcome = add_batch(task, system, propagator, batch, destination);
             recovered.busy_seconds += started.elapsed().as_secs_f64();
             if outcome.is_ok() {
                 finished.extend_from_slice(&batch.modes);
@@ -306,6 +325,16 @@ pub fn run(
     Ok(recovered)
 }
 
+/// Where the modes of a batch go.
+struct BatchDestination<'b, 'a, 'k> {
+    stage: &'b mut Stage<'a>,
+    /// The state at the end of a leg, from which the next begins.
+    between: &'b mut [Lanes],
+    /// Of a full run, what is kept.
+    keeping: Option<&'b mut Keeping<'k>>,
+    statistics: &'b mut BatchStatistics,
+}
+
 /// Propagates the modes of a batch through the legs of the stage and adds them to its sums; from
 /// and to what is kept, if anything is. Collective over the space group; allocates nothing.
 fn add_batch(
@@ -313,9 +342,9 @@ fn add_batch(
     system: &mut Evolution<'_>,
     propagator: &mut dyn Propagator,
     batch: &Batch,
-    (stage, between, keeping): (&mut Stage<'_>, &mut [Lanes], Option<&mut Keeping<'_>>),
-    statistics: &mut BatchStatistics,
+    destination: BatchDestination<'_, '_, '_>,
 ) -> Result<()> {
+    let BatchDestination { stage, between, keeping, statistics } = destination;
     let (warp, initial) = (task.warp, &task.initial[stage.field]);
     let cells = system.matrix.block.cells();
     let mut phases = [Complex64::ONE; LANES];
@@ -351,40 +380,17 @@ fn add_batch(
         }
         let state = propagator.state();
         let limits = report.unitary.then_some(&allowed);
-        let (ratio, found) = norms_kept(system, state, (batch, &spec), limits, &norms)?;
+        let (ratio, found) = norms_kept(system, state, &spec, limits, &norms, &batch.modes)?;
         statistics.norms(ratio, found);
         statistics.took(&report);
         for sum in &mut stage.sums[leg - stage.legs.start] {
-            let weights = weights(warp, batch, (&sum.reading, &phases), &[1.0; LANES]);
-            sum.add(&weights, &state[..cells]);
+            sum.add(&weights(warp, batch, &sum.reading, &phases), &state[..cells]);
         }
         if leg + 1 < stage.legs.end {
             between.copy_from_slice(&state[..between.len()]);
             continue;
         }
-        if let (Some(sum), Some(error)) = (&mut stage.step_sum, propagator.step_error()) {
-            let whole = whole_over_leg(task.legs, leg);
-            let steps = spec.largest_work();
-            let bound = |l: usize| {
-                let largest = propagator.largest_step_error(system, spec.wavenumbers[l], steps);
-                largest * norms[l]
-            };
-            let sizes = sizes(system, error, std::array::from_fn(bound));
-            // No mode is further off than its two states are long: where the leading term is, it is
-            // cut to that.
-            let most = norms.map(|norm| 2.0 * norm);
-            let parts = std::array::from_fn(|l| {
-                let size = whole * sizes[l];
-                whole * if size > most[l] { most[l] / size } else { 1.0 }
-            });
-            let cut = |l: &usize| parts[*l] < whole;
-            for l in (0..batch.modes.len()).filter(cut) {
-                let weight = warp.weight(batch.modes[l], &warp.readings[0]).norm();
-                stage.beyond.push(most[l] * weight);
-            }
-            let weights = weights(warp, batch, (&sum.reading, &phases), &parts);
-            sum.add(&weights, &error[..cells]);
-        }
+        add_step_error(task, system, propagator, stage, &LaneStates { batch, spec, phases, norms });
     }
     if let Some(keeping) = keeping {
         let progress = std::array::from_fn(|l| ModeProgress {
@@ -399,16 +405,59 @@ fn add_batch(
     Ok(())
 }
 
-/// What each lane is multiplied by in a reading; `parts` of it.
+/// The lanes of a batch at the end of its last leg.
+struct LaneStates<'a> {
+    batch: &'a Batch,
+    spec: BatchSpec,
+    /// What each lane is to be multiplied by.
+    phases: [Complex64; LANES],
+    /// Norms at time zero.
+    norms: [f64; LANES],
+}
+
+/// Adds the leading term of the error that the time step leaves, where the method leaves one and
+/// the stage goes to the end. Collective over the space group.
+fn add_step_error(
+    task: &Task<'_>,
+    system: &mut Evolution<'_>,
+    propagator: &dyn Propagator,
+    stage: &mut Stage<'_>,
+    lanes: &LaneStates<'_>,
+) {
+    let (Some(sum), Some(error)) = (&mut stage.step_sum, propagator.step_error()) else { return };
+    let LaneStates { batch, spec, phases, norms } = lanes;
+    let whole = whole_over_leg(task.legs, task.legs.len() - 1);
+    let steps = spec.largest_work();
+    let bound =
+        |l: usize| propagator.largest_step_error(system, spec.wavenumbers[l], steps) * norms[l];
+    let sizes = sizes(system, error, std::array::from_fn(bound));
+    // No mode is further off than its two states are long: where the leading term is, it is cut to
+    // that.
+    let most = norms.map(|norm| 2.0 * norm);
+    let parts: [f64; LANES] = std::array::from_fn(|l| {
+        let size = whole * sizes[l];
+        whole * if size > most[l] { most[l] / size } else { 1.0 }
+    });
+    let cut = |l: &usize| parts[*l] < whole;
+    for l in (0..batch.modes.len()).filter(cut) {
+        let weight = task.warp.weight(batch.modes[l], &task.warp.readings[0]).norm();
+        stage.beyond.push(most[l] * weight);
+    }
+    let factors = std::array::from_fn(|l| parts[l] * phases[l]);
+    let cells = system.matrix.block.cells();
+    sum.add(&weights(task.warp, batch, &sum.reading, &factors), &error[..cells]);
+}
+
+/// What each lane is multiplied by in a reading, `factors` of it included.
 fn weights(
     warp: &WarpPlan,
     batch: &Batch,
-    (reading, phases): (&crate::schrodingerization::recovery::Reading, &[Complex64; LANES]),
-    parts: &[f64; LANES],
+    reading: &Reading,
+    factors: &[Complex64; LANES],
 ) -> [Complex64; LANES] {
     let mut weights = [Complex64::ZERO; LANES];
     for (l, &mode) in batch.modes.iter().enumerate() {
-        weights[l] = warp.weight(mode, reading) * (parts[l] * phases[l]);
+        weights[l] = warp.weight(mode, reading) * factors[l];
     }
     weights
 }
@@ -431,16 +480,17 @@ fn sizes(system: &Evolution<'_>, lanes: &[Lanes], bounds: [f64; LANES]) -> [f64;
 fn norms_kept(
     system: &Evolution<'_>,
     state: &[Lanes],
-    (batch, spec): (&Batch, &BatchSpec),
+    spec: &BatchSpec,
     allowed: Option<&[f64; LANES]>,
     norms: &[f64; LANES],
+    modes: &[usize],
 ) -> Result<(f64, Option<f64>)> {
     let squares = system.lane_sums(&norms.map(|norm| norm * norm), |i| {
         let Lanes(w) = &state[i];
         std::array::from_fn(|l| w[l] * w[l] + w[LANES + l] * w[LANES + l])
     });
     let (mut kept, mut defect) = (f64::INFINITY, 0.0f64);
-    for (l, &mode) in batch.modes.iter().enumerate() {
+    for (l, &mode) in modes.iter().enumerate() {
         if norms[l] == 0.0 {
             continue;
         }

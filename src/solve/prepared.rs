@@ -8,7 +8,7 @@ use crate::plan::Plan;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::solve::place::Place;
-use crate::solve::system::DiscreteSystem;
+use crate::solve::system::{DiscreteSystem, SystemLimits};
 
 /// A case, the ranks that share it, and its semi-discrete system on this rank.
 pub struct Prepared {
@@ -61,9 +61,9 @@ impl Prepared {
         let place = Place::new(case, &plan, &communicator);
         // Modes exchange ghosts a batch at a time, the classical method real vectors.
         let width = plan.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
-        let sizes = (width, max_weight_sweeps);
+        let limits = SystemLimits { ghost_width: width, max_weight_sweeps };
         let block = place.block.clone();
-        let system = DiscreteSystem::new(case, bounds, &communicator, block, sizes)?;
+        let system = DiscreteSystem::new(case, bounds, &communicator, block, limits)?;
         Ok(Self {
             bounds: system.bounds(case, bounds),
             case: case.clone(),

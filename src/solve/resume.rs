@@ -3,31 +3,31 @@
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::MOMENTS;
+use crate::solve::checkpoint::Resumed;
 use crate::solve::checkpoint::file::Destination;
-use crate::solve::checkpoint::store::Generation;
 use crate::solve::kept::KeptModes;
-use crate::solve::modes::{Recovered, Stage, Task};
+use crate::solve::modes::{Recovered, Stage, StageBatches, Task};
 use crate::solve::snapshot::{Kept, KeptMode, Numbers, Snapshot, State};
-use crate::solve::statistics::BatchStatistics;
 use std::ops::Range;
 
 impl Stage<'_> {
-    /// What is finished: of this stage, number `number`, the modes `finished`, and the stages
-    /// before; of the kept modes those that have gone a leg, as the others start from the field.
+    /// What is finished: of this stage what `batches` says, and the stages before; of the kept
+    /// modes those that have gone a leg, as the others start from the field.
     pub(crate) fn snapshot<'b>(
         &'b self,
-        (number, finished, statistics): (usize, &[usize], &BatchStatistics),
+        batches: &StageBatches<'_>,
         task: &Task<'_>,
         matrix: &BlockMatrix,
-        (kept, recovered): (Option<&'b KeptModes>, &'b Recovered),
+        kept: Option<&'b KeptModes>,
+        recovered: &'b Recovered,
     ) -> Snapshot<'b> {
         Snapshot {
             state: State {
-                stage: number,
-                finished: finished.to_vec(),
+                stage: batches.stage,
+                finished: batches.finished.to_vec(),
                 beyond: self.beyond.clone(),
                 step_beyond: recovered.step_beyond.clone(),
-                statistics: statistics.clone(),
+                statistics: batches.statistics.clone(),
             },
             sums: self.all().map(|sum| sum.numbers()).collect(),
             results: recovered.results(task, matrix.block.velocity_cells),
@@ -42,18 +42,20 @@ impl Stage<'_> {
         self.sums.iter().flatten().chain(&self.step_sum)
     }
 
-    /// Takes over what a generation holds of this stage, its modes into `kept`, what was recovered
+    /// Takes over what the checkpoint holds of this stage, its modes into `kept`, what was recovered
     /// by those before into `recovered`. Not collective.
     ///
     /// # Errors
     /// Where it cannot be read.
     pub(crate) fn resume(
         &mut self,
-        (generation, share): (&Generation, &[Range<usize>]),
+        resumed: &Resumed<'_>,
         task: &Task<'_>,
         matrix: &BlockMatrix,
-        (kept, recovered): (Option<&mut KeptModes>, &mut Recovered),
+        kept: Option<&mut KeptModes>,
+        recovered: &mut Recovered,
     ) -> Result<()> {
+        let Resumed { generation, share, .. } = resumed;
         let modes = &task.communicator.modes;
         let points: usize = share.iter().map(Range::len).product();
         let sums = self.sums.iter_mut().flatten().chain(&mut self.step_sum);
@@ -64,7 +66,7 @@ impl Stage<'_> {
             results: (generation.results.iter()).map(|width| vec![0.0; width * points]).collect(),
             kept: kept.map(|kept| (matrix.auxiliary_cells(), kept)),
         };
-        generation.read((modes.rank(), modes.size()), &mut into)?;
+        generation.read(modes, &mut into)?;
         let mut results = into.results.into_iter();
         let state = &generation.state;
         let mut next = |count: usize| results.by_ref().take(count).collect::<Vec<_>>();

@@ -40,7 +40,8 @@ impl<'a> Sum<'a> {
         warp: &WarpPlan,
         reading: &Reading,
         size: f64,
-        (points, velocities): (usize, usize),
+        points: usize,
+        velocities: usize,
     ) -> Self {
         let bound = 1.01 * size * warp.amplification(reading);
         Self {

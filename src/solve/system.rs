@@ -7,9 +7,9 @@ use crate::matrix::sampling;
 use crate::matrix::weights::{WeightGoal, Weights};
 use crate::parallel::communicator::{Communicator, GhostExchange, Group};
 use crate::parallel::partition::Block;
-use crate::problem::case::{Case, Method};
+use crate::problem::case::{Case, Field, Method};
 use crate::problem::formula::Expression;
-use crate::propagate::classical::{Classical, ROUGH, Span};
+use crate::propagate::classical::{Classical, ClassicalSpan, ROUGH};
 use crate::propagate::time_dependent_inflow;
 use crate::propagate::time_dependent_inflow::{Schedule, TIME_SHARE};
 use serde::Serialize;
@@ -56,10 +56,75 @@ fn magnitude(world: &Group, formula: &Expression, values: impl Iterator<Item = f
     Err(Error::Magnitude { key: formula.place().to_owned(), value })
 }
 
+/// What a system is made for.
+#[derive(Clone, Copy, Debug)]
+pub struct SystemLimits {
+    /// The widest row of a vector whose ghosts will be exchanged, in real numbers.
+    pub ghost_width: usize,
+    /// The sweeps that better weights are worth.
+    pub max_weight_sweeps: usize,
+}
+
+/// The weights, with which `matrix` is scaled: those of at most so many `sweeps` that make it
+/// dissipative, the volumes of elements, or ones. Collective.
+fn weighted(
+    case: &Case,
+    matrix: &mut BlockMatrix,
+    exchange: &mut GhostExchange,
+    space: &Group,
+    sweeps: Option<usize>,
+) -> Result<Weights> {
+    let weights = match sweeps {
+        Some(sweeps) => {
+            // No path is worth following much longer than the grid is wide.
+            let width: usize = case.space.axes().map(|a| a.cells).sum();
+            let goal = WeightGoal {
+                limit: WEIGHT_GROWTH / case.end,
+                shift: WEIGHT_SHIFT / case.end,
+                max_weight_sweeps: sweeps.min(2 * width),
+            };
+            Weights::dissipative(matrix, exchange, space, goal)?
+        }
+        None if case.is_galerkin() => Weights::volumes(matrix, &case.space),
+        None => return Ok(Weights::none(matrix, exchange, space)),
+    };
+    matrix.scale(&weights.pi);
+    Ok(weights)
+}
+
+/// The values of each field at time zero at the block's cells. Collective.
+fn initial_values(case: &Case, matrix: &BlockMatrix, world: &Group) -> Result<Vec<Vec<f64>>> {
+    let values = |(k, field): (usize, &Field)| {
+        let sampled = sampling::sample(world, &case.space, &matrix.block, &field.initial, 0.0);
+        let values = world.agree(sampled)?;
+        magnitude(world, &field.initial, values.iter().copied())?;
+        magnitude(world, field.entering(), matrix.inflow.iter().map(|aux| aux.values[k]))?;
+        Ok(values)
+    };
+    case.fields.iter().enumerate().map(values).collect()
+}
+
+/// `√π` times the `values` of field `k` and its auxiliary unknowns.
+fn weighted_state(
+    case: &Case,
+    matrix: &BlockMatrix,
+    pi: &[f64],
+    k: usize,
+    values: &[f64],
+) -> Vec<f64> {
+    let cells = matrix.block.cells();
+    let mut state = vec![0.0; matrix.length()];
+    for (i, f) in values.iter().enumerate() {
+        state[i] = pi[i].sqrt() * f;
+    }
+    for (m, r) in matrix.auxiliary(k, case.fields[k].enters()).enumerate() {
+        state[cells + m] = pi[cells + m].sqrt() * r;
+    }
+    state
+}
+
 impl DiscreteSystem {
-    /// Assembles the block of this rank, finds the weights, samples the initial state; `width` is
-    /// the widest row of a vector whose ghosts will be exchanged, `max_weight_sweeps` the sweeps
-    /// that better weights are worth. Collective.
+    /// Assembles the block of this rank, finds the weights, samples the initial state. Collective.
     ///
     /// # Errors
     /// Formulas that are not finite; weights that do not converge.
@@ -68,58 +133,22 @@ impl DiscreteSystem {
         bounds: &Bounds,
         communicator: &Communicator,
         block: Block,
-        (width, max_weight_sweeps): (usize, usize),
+        limits: SystemLimits,
     ) -> Result<Self> {
         let space = &communicator.space;
         let assembled = BlockMatrix::assemble(case, block);
         let mut matrix = communicator.world.agree(assembled)?;
-        let mut exchange = GhostExchange::new(space, &matrix.block, width);
+        let mut exchange = GhostExchange::new(space, &matrix.block, limits.ghost_width);
         let started = Instant::now();
-        let mut weights = if bounds.weighted {
-            // No path is worth following much longer than the grid is wide.
-            let width: usize = case.space.axes().map(|a| a.cells).sum();
-            let goal = WeightGoal {
-                limit: WEIGHT_GROWTH / case.end,
-                shift: WEIGHT_SHIFT / case.end,
-                max_weight_sweeps: max_weight_sweeps.min(2 * width),
-            };
-            let weights = Weights::dissipative(&matrix, &mut exchange, space, goal)?;
-            matrix.scale(&weights.pi);
-            weights
-        } else if case.is_galerkin() {
-            let weights = Weights::volumes(&matrix, &case.space);
-            matrix.scale(&weights.pi);
-            weights
-        } else {
-            Weights::none(&matrix, &mut exchange, space)
-        };
+        let sweeps = bounds.weighted.then_some(limits.max_weight_sweeps);
+        let mut weights = weighted(case, &mut matrix, &mut exchange, space, sweeps)?;
         let weight_seconds = started.elapsed().as_secs_f64();
         matrix.couple(space, case, &mut weights.pi);
         let cells = matrix.block.cells();
-        let (mut states, mut initial) = (Vec::new(), Vec::new());
-        for (k, field) in case.fields.iter().enumerate() {
-            let sampled = sampling::sample(
-                &communicator.world,
-                &case.space,
-                &matrix.block,
-                &field.initial,
-                0.0,
-            );
-            let values = communicator.world.agree(sampled)?;
-            let entering = matrix.inflow.iter().map(|aux| aux.values[k]);
-            let world = &communicator.world;
-            magnitude(world, &field.initial, values.iter().copied())?;
-            magnitude(world, field.entering(), entering)?;
-            let mut state = vec![0.0; matrix.length()];
-            for (i, f) in values.iter().enumerate() {
-                state[i] = weights.pi[i].sqrt() * f;
-            }
-            for (m, r) in matrix.auxiliary(k, field.enters()).enumerate() {
-                state[cells + m] = weights.pi[cells + m].sqrt() * r;
-            }
-            states.push(state);
-            initial.push(values);
-        }
+        let initial = initial_values(case, &matrix, &communicator.world)?;
+        let mut states: Vec<Vec<f64>> = (initial.iter().enumerate())
+            .map(|(k, values)| weighted_state(case, &matrix, &weights.pi, k, values))
+            .collect();
         let schedule = match (case.varies(), case.method) {
             (false, _) => None,
             (true, Method::Classical) => {
@@ -252,7 +281,7 @@ impl DiscreteSystem {
             let mut classical = Classical::new(&self.matrix);
             let start = self.norm(communicator, start, false);
             for &time in legs {
-                let span = Span { rate, time };
+                let span = ClassicalSpan { rate, time };
                 classical.exponential(&mut self.exchange, &mut state, span, ROUGH);
                 let now = self.norm(communicator, &state, true);
                 if start != 0.0 {
@@ -268,7 +297,7 @@ impl DiscreteSystem {
     pub fn rough_norms(&mut self, communicator: &Communicator, rate: f64, time: f64) -> StateNorms {
         let start = self.norm(communicator, &self.states[0], false);
         let mut state = self.states[0].clone();
-        let span = Span { rate, time };
+        let span = ClassicalSpan { rate, time };
         Classical::new(&self.matrix).exponential(&mut self.exchange, &mut state, span, ROUGH);
         let [weighted, auxiliary] = self.norms_of_parts(communicator, &state);
         StateNorms { start, weighted, auxiliary, field: self.norm(communicator, &state, true) }

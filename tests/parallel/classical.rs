@@ -9,7 +9,7 @@ use phasewarp::matrix::block_matrix::Operator;
 use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::Mesh;
 use phasewarp::problem::case::{Integrator, Limiter};
-use phasewarp::propagate::classical::{Classical, EXACT, Span};
+use phasewarp::propagate::classical::{Classical, ClassicalSpan, EXACT};
 use phasewarp::propagate::limiter::{Reconstruction, longest_step};
 
 /// `exp(A T) f(0)` with the weights of a run, against a dense Taylor series.
@@ -20,7 +20,7 @@ pub fn classical_exponential(world: &World) {
         for mesh in meshes(world, &twin.case) {
             let name = format!("{}, {mesh:?}", twin.name);
             let Weighted { mut prepared, number, pi, .. } = Weighted::new(world, &twin, &mesh);
-            let span = Span { rate: prepared.bounds.rate, time };
+            let span = ClassicalSpan { rate: prepared.bounds.rate, time };
             let system = &mut prepared.system;
             let mut state = system.states[0].clone();
             let exchange = &mut system.exchange;

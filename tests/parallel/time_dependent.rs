@@ -10,7 +10,7 @@ use crate::support::prepared::{Prepared, block_of, prepare};
 use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::parallel::communicator::{GhostExchange, World};
 use phasewarp::problem::case::{Case, Integrator, Method};
-use phasewarp::propagate::classical::{Classical, EXACT, Span, duhamel_panels};
+use phasewarp::propagate::classical::{Classical, ClassicalSpan, EXACT, duhamel_panels};
 use phasewarp::propagate::time_dependent_inflow;
 
 /// A scene with an inflow `b(1 + sin ωt)`.
@@ -99,7 +99,7 @@ pub fn varying_inflow_directly(world: &World) {
             assert!(prepared.system.schedule.is_none());
             let rate = prepared.bounds.rate;
             let found = solve(&mut prepared, &direct, |classical, exchange, state| {
-                let span = Span { rate, time };
+                let span = ClassicalSpan { rate, time };
                 classical.duhamel(exchange, state, span, duhamel_panels(span.courant()));
             });
             let error = distance(&found, &scene.expected);
@@ -168,7 +168,7 @@ fn commutator_free(
         for stage in 0..2 * steps {
             let held = &values[stage * rows..(stage + 1) * rows];
             classical.hold(held.iter().zip(&roots).map(|(b, root)| b * root));
-            classical.exponential(exchange, state, Span { rate, time: part }, EXACT);
+            classical.exponential(exchange, state, ClassicalSpan { rate, time: part }, EXACT);
         }
     })
 }

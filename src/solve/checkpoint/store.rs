@@ -150,7 +150,7 @@ impl Store {
         self.next = number + 1;
         let directory = self.generation(number);
         let speaks = world.rank() == 0;
-        let written = self.write_files(world, (mesh, number), &directory, snapshot);
+        let written = self.write_files(world, mesh, number, &directory, snapshot);
         if written.is_err() {
             if speaks {
                 // What there is of it takes room that the next may need.
@@ -172,7 +172,8 @@ impl Store {
     fn write_files(
         &self,
         world: &Group,
-        (mesh, number): (&Mesh, u64),
+        mesh: &Mesh,
+        number: u64,
         directory: &Path,
         snapshot: &Snapshot<'_>,
     ) -> Result<usize> {
@@ -182,7 +183,7 @@ impl Store {
             0 => fs::create_dir_all(directory).map_err(failed),
             _ => Ok(()),
         })?;
-        let header = self.header(mesh, (rank, number), snapshot);
+        let header = self.header(mesh, rank, number, snapshot);
         let path = rank_file(directory, rank);
         let unfinished = path.with_extension(UNFINISHED);
         let written = file::write(&unfinished, &header, snapshot)
@@ -210,12 +211,7 @@ impl Store {
         world.agree(manifest.write(directory).map_err(failed).map(|()| finished))
     }
 
-    fn header(
-        &self,
-        mesh: &Mesh,
-        (rank, generation): (usize, u64),
-        snapshot: &Snapshot<'_>,
-    ) -> Header {
+    fn header(&self, mesh: &Mesh, rank: usize, generation: u64, snapshot: &Snapshot<'_>) -> Header {
         let (block, group) = (rank % mesh.blocks(), rank / mesh.blocks());
         let kept = snapshot.kept.as_ref();
         Header {
@@ -356,12 +352,12 @@ impl Store {
 }
 
 impl Generation {
-    /// Reads what overlaps with what a rank of mode group `group` of `groups` wants; sums of
-    /// several groups add up to those of all that wrote.
+    /// Reads what overlaps with what a rank wants, whose mode group is its number in `modes`; sums
+    /// of several groups add up to those of all that wrote. Not collective.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] where a file cannot be read.
-    pub fn read(&self, (group, groups): (usize, usize), to: &mut Destination<'_>) -> Result<()> {
+    pub fn read(&self, modes: &Group, to: &mut Destination<'_>) -> Result<()> {
         let manifest = &self.manifest;
         let mesh = &manifest.mesh;
         for rank in 0..mesh.ranks() {
@@ -370,7 +366,7 @@ impl Generation {
                 continue;
             }
             let path = rank_file(&self.directory, rank);
-            let with_sums = rank / mesh.blocks() % groups == group;
+            let with_sums = rank / mesh.blocks() % modes.size() == modes.rank();
             (open(&path)?.read_into(to, with_sums)).map_err(|e| failure(&path, &e))?;
         }
         Ok(())

@@ -7,7 +7,7 @@ use crate::parallel::communicator::{Communicator, World};
 use crate::plan::Plan;
 use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::problem::case::{Case, ProfileChoice, Propagation, RecoveryMethod, Shift};
-use crate::propagate::classical::{Classical, EXACT, Span};
+use crate::propagate::classical::{Classical, ClassicalSpan, EXACT};
 use crate::results::summary::Summary;
 use crate::run::compare::FieldNorms;
 use crate::run::fields;
@@ -62,7 +62,8 @@ impl Yardstick {
         let Prepared { system, communicator, place, bounds, .. } = &mut self.prepared;
         for mut state in system.states.clone() {
             let before = system.norm(communicator, &state, false);
-            let (exchange, span) = (&mut system.exchange, Span { rate: bounds.rate, time });
+            let (exchange, span) =
+                (&mut system.exchange, ClassicalSpan { rate: bounds.rate, time });
             Classical::new(&system.matrix).exponential(exchange, &mut state, span, EXACT);
             let after = system.norm(communicator, &state, true);
             if after > 0.0 {
@@ -94,9 +95,8 @@ impl Yardstick {
     }
 
     fn with(&self, series: Series, readings: Vec<Reading>) -> Result<Plan> {
-        let read = (series, readings);
         let Prepared { case, plan, .. } = &self.prepared;
-        plan.with_series(case, read, MODE_TOLERANCE, &self.resources)
+        plan.with_series(case, series, readings, MODE_TOLERANCE, &self.resources)
     }
 
     /// Relative l2 distance to `f(T)` of what is read from `series` at each of the `points`, the
