@@ -216,6 +216,50 @@ fn middle(values: &[f64]) -> usize {
     order[(order.len() - 1) / 2]
 }
 
+/// Grids that reach an error of the exact solution: relative L2 of the smooth case, relative L1 of
+/// example 1.
+struct Reached {
+    case: &'static str,
+    error: f64,
+    /// Cells an axis of van Leer's slopes with SSP-RK3; none where they take more than a minute.
+    limited: Option<usize>,
+    /// Degree and elements an axis of the modes, and of the same system integrated directly.
+    elements: [usize; 2],
+}
+
+const REACHED: [Reached; 5] = [
+    Reached { case: "smooth-beams", error: 5e-2, limited: Some(392), elements: [4, 24] },
+    Reached { case: "smooth-beams", error: 1e-2, limited: Some(1024), elements: [6, 20] },
+    Reached { case: "smooth-beams", error: 1e-3, limited: None, elements: [6, 30] },
+    Reached { case: "example1", error: 1e-1, limited: Some(106), elements: [2, 44] },
+    Reached { case: "example1", error: 5e-2, limited: Some(264), elements: [3, 70] },
+];
+
+/// Seconds to an error of the exact solution, modes beside the classical methods.
+fn by_error(quick: bool) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for Reached { case, error, limited, elements: [degree, elements] } in REACHED {
+        if quick && error < 5e-2 {
+            continue;
+        }
+        let row = |method: &str| {
+            Row::new("error", case, Measure::Time).label("error", error).label("method", method)
+        };
+        if let Some(cells) = limited {
+            let row = row("van Leer, SSP-RK3").cells(cells).set("scheme.limiter", "van-leer");
+            let row = row.set("solver.method", "classical");
+            rows.push(row.set("solver.classical.integrator", "ssp-rk3"));
+        }
+        let of_elements = |method: &str| {
+            let row = row(method).cells(elements).label("degree", degree);
+            row.set("scheme.degree", &degree.to_string())
+        };
+        rows.push(of_elements("elements, exp(AT)").set("solver.method", "classical"));
+        rows.push(of_elements("modes").tolerance(&format!("{:e}", error / 10.0)));
+    }
+    rows
+}
+
 fn rows(quick: bool) -> Vec<Row> {
     use Measure::{Plan, Time, TimeAndError};
     let mut rows = Vec::new();
@@ -263,6 +307,7 @@ fn rows(quick: bool) -> Vec<Row> {
     for exponent in 2..=12 {
         rows.push(Row::new("digits", "example1", Plan).tolerance(&format!("1e-{exponent}")));
     }
+    rows.extend(by_error(quick));
     rows
 }
 

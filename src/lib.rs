@@ -14,14 +14,15 @@
 //! w`, whose Fourier modes in `p` evolve unitarily and do not couple:
 //!
 //! ```text
-//! w_l(T) = exp(−iH_l T) f(0),   H_l = μ_l S + iK,      f(T) = e^{p◇} Σ_l weight_l e^{iμ_l p◇} w_l(T)
+//! w_l(T) = exp(−iH_l T) f(0),   H_l = μ_l S + iK
+//! f(T)   = e^{p◇} Σ_l weight_l e^{iμ_l p◇} w_l(T)
 //! ```
 //!
 //! ## Data flow
 //!
 //! ```text
-//! case.toml → Case → Case, reduced → Plan → PhaseSpace + Partition → rows of A → (S, K) and weights
-//!           → modes → recovery → HDF5
+//! case.toml → Case → Case, reduced → Plan → PhaseSpace + Partition
+//!           → rows of A → (S, K) and weights → modes → recovery → HDF5
 //! ```
 //!
 //! ## The map: fourteen rooms in one staircase
@@ -44,7 +45,7 @@
 //! | `parallel` | blocks of space and groups of modes; ghost exchange, transpose |
 //! | `problem` | the case file, formulas, the grid, the potential, the exact solution |
 //! | `base` | errors, text, log lines, directories, the machine, fixed-point sums |
-
+//!
 //! ## As a library
 //!
 //! [`World`] starts MPI, [`Case`] is the problem, [`plan()`] tells what it costs, [`solve`] gives a

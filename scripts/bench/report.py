@@ -283,6 +283,39 @@ def by_tolerance(runs):
     )
 
 
+def by_error(runs):
+    """Seconds to an error of the exact solution; the error of the smooth case is L2."""
+    def reached(run):
+        norm = "error_l2_relative" if run.case == "smooth-beams" else "error_l1_relative"
+        return f"{run.summary.number(norm):.1e}"
+
+    def grid(run):
+        cells = f"{run.label('cells'):.0f}"
+        degree = run.labels.has("degree") and run.label("degree")
+        return f"{cells} of degree {degree:.0f}" if degree else f"{cells} cells"
+
+    found = of(runs, "error")
+
+    def beside_modes(run):
+        modes = next(r for r in found if r.case == run.case and r.label("error") ==
+                     run.label("error") and r.labels.text("method") == "modes")
+        return f"{run.seconds / modes.seconds:.1f}"
+
+    return columns(
+        found,
+        ("case", lambda r: r.case),
+        ("wanted", lambda r: f"{r.label('error'):.0e}"),
+        ("method", lambda r: r.labels.text("method")),
+        ("an axis", grid),
+        ("reached", reached),
+        ("modes", lambda r: r.summary.number("modes")),
+        ("applications, steps", lambda r: r.summary.number("matvecs")),
+        ("solve, s" + TIMED, lambda r: spread(r.solve)),
+        ("whole job, s" + TIMED, lambda r: spread(r.wall)),
+        ("over the modes" + TIMED, beside_modes),
+    )
+
+
 def parts(runs):
     names, rows = [], []
     chosen = [r for r in of(runs, "tolerance") if r.label("tolerance") in (1e-6, 1e-9)]
@@ -576,6 +609,7 @@ def main():
         content |= {
             "machine": machine(programs),
             "tolerance": by_tolerance(runs),
+            "error": by_error(runs),
             "cells": growth(runs, "cells",
                             lambda r: f"{r.label('cells'):.0f}², {r.cells:.0f} computed",
                             lambda r: r.cells, "cells"),

@@ -108,6 +108,6 @@ fn prepare(world: &World, case: &Case) -> Result<Prepared> {
 
 /// Norms of the first field. Collective.
 fn norms(prepared: &mut Prepared) -> StateNorms {
-    let (rate, time) = (prepared.bounds.rate, prepared.case.end);
-    (prepared.system).rough_norms(&prepared.communicator, rate, time)
+    let Prepared { system, communicator, bounds, case, .. } = prepared;
+    system.rough_norms(communicator, bounds, case.end)
 }

@@ -179,6 +179,12 @@ impl Bounds {
         }
     }
 
+    /// Bound on `|x*Ax|` of unit vectors `x`, in weighted unknowns: on the numerical radius.
+    pub fn radius(&self) -> f64 {
+        let Interval { centre, half_width } = self.interval(0.0);
+        self.decay.hypot(centre.abs() + half_width)
+    }
+
     /// The interval that holds the spectrum of `H = μS + iK` for wavenumber `mu`. As
     /// `H_{−l} = −conj(H_l)`, that of `−mu` is its mirror image.
     pub fn interval(&self, mu: f64) -> Interval {

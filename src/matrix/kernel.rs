@@ -5,8 +5,8 @@
 //! y ← a ((−iμ S + K) x + i c x) + y + coefficient · start
 //! ```
 //!
-//! where each lane has a scale `a`, a shift `c` and a wavenumber `μ` of its own, and `start` is what a series is of: a real vector that the lanes share, a vector for each
-//! lane, or nothing.
+//! where each lane has a scale `a`, a shift `c` and a wavenumber `μ` of its own, and `start` is
+//! what a series is of: a real vector that the lanes share, a vector for each lane, or nothing.
 //!
 //! Vectors are `[row][re: B lanes][im: B lanes]`: every operation is vertical over modes. The same
 //! loop is compiled three times, for AVX-512, for AVX2 with FMA and for any processor; which one

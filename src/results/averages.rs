@@ -5,7 +5,7 @@
 
 use crate::base::checksum::Slab;
 use crate::base::error::Result;
-use crate::matrix::sampling::apply_in_elements;
+use crate::matrix::elements::apply_in_elements;
 use crate::problem::case::{Case, Data};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::results::dataset::Results;

@@ -6,8 +6,9 @@
 
 use crate::base::error::Result;
 use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
+use crate::matrix::elements::{Element, apply_along_all, for_each_element};
 use crate::matrix::observables::{CellVolumes, Moments, VelocityFactors, moments};
-use crate::matrix::sampling::{Element, apply_along_all, for_each_element, legendre_transform};
+use crate::matrix::projection::legendre_transform;
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::LocalIndex;
 use crate::problem::case::{Case, Data, Exact, Limiter};

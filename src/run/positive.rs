@@ -5,7 +5,7 @@
 //! `f̄ + θ (f − f̄)` with `θ = f̄/(f̄ − m)`: no node is below zero, and the average is kept. An
 //! element whose average is negative becomes constant.
 
-use crate::matrix::sampling::for_each_element;
+use crate::matrix::elements::for_each_element;
 use crate::problem::grid::PhaseSpace;
 use std::ops::Range;
 

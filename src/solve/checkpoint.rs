@@ -11,7 +11,7 @@
 //!
 //! ```text
 //! DIR/checkpoint/000007/rank-00000.bin …   a file of each rank (see `file`)
-//! DIR/checkpoint/000007/manifest.json      sizes and checksums of the files; written last, then renamed
+//! DIR/checkpoint/000007/manifest.json      sizes and checksums; written last, then renamed
 //! ```
 //!
 //! A generation without a manifest was not completed and does not count. Two are kept. A run of any

@@ -20,8 +20,8 @@ use crate::problem::case::{Case, Data};
 use crate::propagate::method::{BatchSpec, Evolution, Initial, Propagator, Start};
 use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::checkpoint::Checkpoints;
 use crate::solve::checkpoint::watch::Standing;
+use crate::solve::checkpoint::{Checkpoints, Resumed};
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::statistics::BatchStatistics;
 use crate::solve::sum::{MomentsOf, Sum};
@@ -228,27 +228,68 @@ pub fn run(
     system: &mut Evolution<'_>,
     propagator: &mut dyn Propagator,
     progress: &mut Progress,
-    hooks: RunHooks<'_, '_, '_>,
+    mut hooks: RunHooks<'_, '_, '_>,
 ) -> Result<Recovered> {
-    let RunHooks { mut keeping, mut checkpoints } = hooks;
-    let world = &task.communicator.world;
-    let velocities = system.matrix.block.velocity_cells;
+    let resumed = hooks.checkpoints.as_mut().and_then(|c| c.resumed.take());
     // What a batch starts from that does not start from a field at time zero.
-    let begun = keeping.as_ref().is_some_and(|keeping| keeping.begun);
+    let begun = hooks.keeping.as_ref().is_some_and(|keeping| keeping.begun);
     let between = if begun || task.legs.len() > 1 { system.matrix.rows() } else { 0 };
-    let mut between = vec![Lanes::ZERO; between];
     let legs = task.legs.len();
-    let at_once = if keeping.is_some() { 1 } else { legs };
+    let at_once = if hooks.keeping.is_some() { 1 } else { legs };
     let stages: Vec<(usize, usize)> = (0..task.initial.len())
         .flat_map(|k| (0..legs).step_by(at_once).map(move |leg| (k, leg)))
         .collect();
-    let resumed = checkpoints.as_mut().and_then(|c| c.resumed.take());
     let first = resumed.as_ref().map_or(0, |r| r.generation.state.stage);
-    let (mut before, mut statistics) = (BatchStatistics::default(), BatchStatistics::default());
-    let mut recovered = Recovered::default();
+    let mut run = ModeRun {
+        task,
+        system,
+        propagator,
+        progress,
+        keeping: hooks.keeping,
+        checkpoints: hooks.checkpoints,
+        between: vec![Lanes::ZERO; between],
+        before: BatchStatistics::default(),
+        statistics: BatchStatistics::default(),
+        recovered: Recovered::default(),
+    };
     for (number, &(k, leg)) in stages.iter().enumerate().skip(first) {
-        let mut stage = Stage::new(task, system, propagator, k, leg..leg + at_once);
-        if let Some(keeping) = keeping.as_deref_mut()
+        let from = resumed.as_ref().filter(|_| number == first);
+        run.stage(number, k, leg..leg + at_once, from)?;
+    }
+    Ok(run.counted())
+}
+
+/// A run of modes on its way through the stages.
+struct ModeRun<'r, 'a, 's, 'k, 'c> {
+    task: &'r Task<'a>,
+    system: &'r mut Evolution<'s>,
+    propagator: &'r mut dyn Propagator,
+    progress: &'r mut Progress,
+    keeping: Option<&'r mut Keeping<'k>>,
+    checkpoints: Option<&'r mut Checkpoints<'c>>,
+    /// The state of a batch between two legs.
+    between: Vec<Lanes>,
+    /// What was counted before the checkpoint that the run goes on from.
+    before: BatchStatistics,
+    /// What was counted since the beginning.
+    statistics: BatchStatistics,
+    recovered: Recovered,
+}
+
+impl ModeRun<'_, '_, '_, '_, '_> {
+    /// Does stage number `number`, of field `k`: all its batches, or those that are left of it
+    /// after a checkpoint. Collective.
+    fn stage(
+        &mut self,
+        number: usize,
+        k: usize,
+        legs: Range<usize>,
+        from: Option<&Resumed<'_>>,
+    ) -> Result<()> {
+        let task = self.task;
+        let leg = legs.start;
+        let mut stage = Stage::new(task, self.system, self.propagator, k, legs);
+        if let Some(keeping) = self.keeping.as_deref_mut()
             && leg == 0
             && !keeping.begun
         {
@@ -256,18 +297,50 @@ pub fn run(
             keeping.kept.progress_mut().fill(start);
         }
         let mut finished = Vec::with_capacity(task.warp.modes);
-        let mut batches = task.batches.iter();
-        if let Some(resumed) = resumed.as_ref().filter(|_| number == first) {
-            let kept = keeping.as_deref_mut().map(|keeping| &mut *keeping.kept);
-            world.agree(stage.resume(resumed, task, system.matrix, kept, &mut recovered))?;
-            if task.communicator.modes.rank() == 0 {
-                let state = &resumed.generation.state;
-                before = state.statistics.clone();
-                finished.extend_from_slice(&state.finished);
-            }
-            statistics = before.clone();
-            batches = resumed.batches.iter();
+        if let Some(resumed) = from {
+            self.resume(&mut stage, resumed, &mut finished)?;
         }
+        let batches = from.map_or(task.batches, |resumed| &resumed.batches);
+        let outcome = self.batches(number, &mut stage, batches, &mut finished)?;
+        task.communicator.world.agree(outcome)?;
+        stage.finish(task, self.system.matrix.block.velocity_cells, &mut self.recovered);
+        match self.keeping.as_deref_mut() {
+            Some(keeping) => (keeping.after)(k, leg, keeping.kept),
+            None => Ok(()),
+        }
+    }
+
+    /// Takes over what the checkpoint holds. Collective.
+    fn resume(
+        &mut self,
+        stage: &mut Stage<'_>,
+        resumed: &Resumed<'_>,
+        finished: &mut Vec<usize>,
+    ) -> Result<()> {
+        let task = self.task;
+        let kept = self.keeping.as_deref_mut().map(|keeping| &mut *keeping.kept);
+        let read = stage.resume(resumed, task, self.system.matrix, kept, &mut self.recovered);
+        task.communicator.world.agree(read)?;
+        if task.communicator.modes.rank() == 0 {
+            let state = &resumed.generation.state;
+            self.before = state.statistics.clone();
+            finished.extend_from_slice(&state.finished);
+        }
+        self.statistics = self.before.clone();
+        Ok(())
+    }
+
+    /// Does the batches one after the other, with checkpoints between them. What goes wrong with a
+    /// batch on one rank is the inner result; the ranks do not agree on it. Collective.
+    fn batches(
+        &mut self,
+        number: usize,
+        stage: &mut Stage<'_>,
+        batches: &[Batch],
+        finished: &mut Vec<usize>,
+    ) -> Result<Result<()>> {
+        let task = self.task;
+        let mut batches = batches.iter();
         let mut outcome = Ok(());
         loop {
             let standing = match (&outcome, batches.len()) {
@@ -275,54 +348,52 @@ pub fn run(
                 (Ok(()), 0) => Standing::Finished,
                 _ => Standing::Working,
             };
-            let over = match checkpoints.as_mut() {
+            let over = match self.checkpoints.as_mut() {
                 Some(checkpoints) => checkpoints.are_over(standing, || {
-                    let batches = StageBatches {
-                        stage: number,
-                        finished: &finished,
-                        statistics: &statistics,
-                    };
-                    let kept = keeping.as_ref().map(|keeping| &*keeping.kept);
-                    stage.snapshot(&batches, task, system.matrix, kept, &recovered)
+                    let statistics = &self.statistics;
+                    let batches = StageBatches { stage: number, finished, statistics };
+                    let kept = self.keeping.as_ref().map(|keeping| &*keeping.kept);
+                    stage.snapshot(&batches, task, self.system.matrix, kept, &self.recovered)
                 })?,
                 None => standing != Standing::Working,
             };
             if over {
-                break;
+                return Ok(outcome);
             }
             let Some(batch) = batches.next().filter(|_| outcome.is_ok()) else {
                 continue;
             };
             let started = Instant::now();
             let destination = BatchDestination {
-                stage: &mut stage,
-                between: &mut between,
-                keeping: keeping.as_deref_mut(),
-                statistics: &mut statistics,
+                stage,
+                between: &mut self.between,
+                keeping: self.keeping.as_deref_mut(),
+                statistics: &mut self.statistics,
             };
-            outcome = add_batch(task, system, propagator, batch, destination);
-            recovered.busy_seconds += started.elapsed().as_secs_f64();
+            outcome = add_batch(task, self.system, self.propagator, batch, destination);
+            self.recovered.busy_seconds += started.elapsed().as_secs_f64();
             if outcome.is_ok() {
                 finished.extend_from_slice(&batch.modes);
-                let done = |legs_done: usize| batch.cost * legs_done / legs;
-                progress.advance(done(leg + at_once) - done(leg));
+                let done = |legs: usize| batch.cost * legs / task.legs.len();
+                self.progress.advance(done(stage.legs.end) - done(stage.legs.start));
             }
         }
-        world.agree(outcome)?;
-        stage.finish(task, velocities, &mut recovered);
-        if let Some(keeping) = keeping.as_deref_mut() {
-            (keeping.after)(k, leg, keeping.kept)?;
-        }
     }
-    // A rank without batches knows of no defect and no norm.
-    let smallest = -world.max(-statistics.kept.unwrap_or(f64::INFINITY));
-    let largest = world.max(statistics.defect.unwrap_or(-1.0));
-    recovered.unitarity_defect = Some(largest).filter(|d| *d >= 0.0);
-    recovered.norm_kept = Some(smallest).filter(|r| r.is_finite());
-    recovered.applications = statistics.applications;
-    recovered.applications_here = statistics.applications - before.applications;
-    recovered.solves = statistics.solves;
-    Ok(recovered)
+
+    /// What was recovered, with what was counted. Collective.
+    fn counted(self) -> Recovered {
+        let Self { task, before, statistics, mut recovered, .. } = self;
+        let world = &task.communicator.world;
+        // A rank without batches knows of no defect and no norm.
+        let smallest = -world.max(-statistics.kept.unwrap_or(f64::INFINITY));
+        let largest = world.max(statistics.defect.unwrap_or(-1.0));
+        recovered.unitarity_defect = Some(largest).filter(|d| *d >= 0.0);
+        recovered.norm_kept = Some(smallest).filter(|r| r.is_finite());
+        recovered.applications = statistics.applications;
+        recovered.applications_here = statistics.applications - before.applications;
+        recovered.solves = statistics.solves;
+        recovered
+    }
 }
 
 /// Where the modes of a batch go.

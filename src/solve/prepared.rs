@@ -78,7 +78,7 @@ impl Prepared {
     /// Collective.
     pub fn probe(&mut self) -> f64 {
         let legs = self.case.legs();
-        (self.system).probe(&self.communicator, self.bounds.rate, &legs)
+        self.system.probe(&self.communicator, &self.bounds, &legs)
     }
 
     /// `ũ` on this rank's share to `f`: undoes the weights.

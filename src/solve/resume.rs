@@ -42,8 +42,8 @@ impl Stage<'_> {
         self.sums.iter().flatten().chain(&self.step_sum)
     }
 
-    /// Takes over what the checkpoint holds of this stage, its modes into `kept`, what was recovered
-    /// by those before into `recovered`. Not collective.
+    /// Takes over what the checkpoint holds of this stage, its modes into `kept`, what was
+    /// recovered by those before into `recovered`. Not collective.
     ///
     /// # Errors
     /// Where it cannot be read.

@@ -3,6 +3,7 @@
 mod chebyshev;
 mod fuzz_case;
 mod scheme;
+mod size;
 mod staircase;
 
 #[path = "../support/dense.rs"]

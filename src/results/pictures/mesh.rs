@@ -1,6 +1,6 @@
 //! Uniform meshes on which the polynomials of elements are drawn.
 
-use crate::matrix::sampling::apply_in_elements;
+use crate::matrix::elements::apply_in_elements;
 use crate::problem::grid::Axis;
 
 /// Points that are drawn for each node of an element, at least.

@@ -1,0 +1,152 @@
+//! The elements of the grid, one of each axis, and matrices along the axes of their values.
+
+use crate::problem::element::Nodes;
+use crate::problem::grid::{Cell, PhaseSpace, for_each_cell};
+use std::ops::Range;
+
+/// An element of the grid: one of each axis.
+pub struct Element<'a> {
+    space: &'a PhaseSpace,
+    /// Its number along each of the `2n` axes.
+    pub place: Cell,
+}
+
+/// Calls `visit` with every element over the space cells `ranges`, which are of whole elements, and
+/// all velocities.
+pub fn for_each_element(
+    space: &PhaseSpace,
+    ranges: &[Range<usize>],
+    mut visit: impl FnMut(&Element<'_>),
+) {
+    let n = space.dimension();
+    let of_space: Vec<Range<usize>> = (space.x.iter().zip(ranges))
+        .map(|(a, r)| r.start / a.nodes.count()..r.end / a.nodes.count())
+        .collect();
+    let of_velocity: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.elements()).collect();
+    for_each_cell(&of_space, |i| {
+        for_each_cell(&of_velocity, |j| {
+            let mut place = Cell::default();
+            place[..n].copy_from_slice(&i[..n]);
+            place[n..2 * n].copy_from_slice(&j[..n]);
+            visit(&Element { space, place });
+        });
+    });
+}
+
+impl Element<'_> {
+    fn nodes(&self) -> impl DoubleEndedIterator<Item = Nodes> + '_ {
+        let (x, v) = (&self.space.x, &self.space.v);
+        x.iter().chain(v).map(|a| a.nodes)
+    }
+
+    /// Nodes along each axis.
+    pub fn shape(&self) -> Vec<usize> {
+        self.nodes().map(|nodes| nodes.count()).collect()
+    }
+
+    /// Products of the quadrature weights of its nodes on `[−1, 1]`, the last axis fastest.
+    pub fn weights(&self) -> Vec<f64> {
+        self.nodes().fold(vec![1.0], |products, nodes| {
+            let weights = &nodes.reference().weights;
+            products.iter().flat_map(|p| weights.iter().map(move |w| p * w)).collect()
+        })
+    }
+
+    /// The point that has the coordinates `xi` in the reference element.
+    pub fn point(&self, xi: &[f64]) -> [f64; 6] {
+        let n = self.space.dimension();
+        let mut point = [0.0; 6];
+        for (a, axis) in self.space.axes().enumerate() {
+            let slot = if a < n { a } else { 3 + a - n };
+            point[slot] = axis.at(self.place[a] as i64, xi[a]);
+        }
+        point
+    }
+
+    /// Calls `visit(cell, node)` with the number of each of its cells in a block or share of the
+    /// space cells `ranges` with all velocities, and the cell's number in the element.
+    pub fn for_each_cell(&self, ranges: &[Range<usize>], mut visit: impl FnMut(usize, usize)) {
+        let n = self.space.dimension();
+        let shape = self.shape();
+        let mut node = 0;
+        let count: usize = shape.iter().product();
+        let mut m = vec![0; shape.len()];
+        while node < count {
+            let mut cell = 0;
+            for (a, axis) in self.space.axes().enumerate() {
+                let j = self.place[a] * shape[a] + m[a];
+                cell = match ranges.get(a).filter(|_| a < n) {
+                    Some(range) => cell * range.len() + j - range.start,
+                    None => cell * axis.cells + j,
+                };
+            }
+            visit(cell, node);
+            node += 1;
+            advance(&mut m, &shape);
+        }
+    }
+
+    /// `value` on the product of `points` along the axes, the last running fastest.
+    pub fn values_at(
+        &self,
+        points: &[impl AsRef<[f64]>],
+        value: &mut impl FnMut(&[f64; 6]) -> f64,
+    ) -> Vec<f64> {
+        let n = self.space.dimension();
+        let coordinates: Vec<Vec<f64>> = (self.space.axes().zip(points).zip(&self.place))
+            .map(|((axis, xi), j)| xi.as_ref().iter().map(|xi| axis.at(*j as i64, *xi)).collect())
+            .collect();
+        let shape: Vec<usize> = coordinates.iter().map(Vec::len).collect();
+        let mut m = vec![0; shape.len()];
+        let mut point = [0.0; 6];
+        (0..shape.iter().product())
+            .map(|_| {
+                for (a, along) in coordinates.iter().enumerate() {
+                    point[if a < n { a } else { 3 + a - n }] = along[m[a]];
+                }
+                advance(&mut m, &shape);
+                value(&point)
+            })
+            .collect()
+    }
+}
+
+/// The next multi-index of a box, row-major.
+fn advance(m: &mut [usize], shape: &[usize]) {
+    for a in (0..m.len()).rev() {
+        m[a] += 1;
+        if m[a] < shape[a] {
+            return;
+        }
+        m[a] = 0;
+    }
+}
+
+/// Applies a matrix along each axis to `values`, whose last axis runs fastest.
+pub fn apply_along_all(values: &[f64], matrices: &[Vec<Vec<f64>>]) -> Vec<f64> {
+    apply_in_elements(values, &matrices.iter().map(|m| (1, &m[..])).collect::<Vec<_>>())
+}
+
+/// Applies a matrix along each axis in each of its elements: `values` has along an axis so many
+/// elements of as many cells as the matrix has columns, and the last axis runs fastest.
+pub fn apply_in_elements(values: &[f64], axes: &[(usize, &[Vec<f64>])]) -> Vec<f64> {
+    let mut values = values.to_vec();
+    let mut stride = 1;
+    for (elements, matrix) in axes.iter().rev() {
+        let (rows, columns) = (matrix.len(), matrix[0].len());
+        let outer = values.len() / (columns * stride);
+        let mut next = vec![0.0; outer * rows * stride];
+        for o in 0..outer {
+            for (m, row) in matrix.iter().enumerate() {
+                let out = &mut next[(o * rows + m) * stride..(o * rows + m + 1) * stride];
+                for (q, c) in row.iter().enumerate() {
+                    let from = &values[(o * columns + q) * stride..(o * columns + q + 1) * stride];
+                    out.iter_mut().zip(from).for_each(|(out, value)| *out += c * value);
+                }
+            }
+        }
+        values = next;
+        stride *= rows * elements;
+    }
+    values
+}

@@ -1,0 +1,340 @@
+//! The `L2` projection of a function onto the polynomials of an element, by Gauss's rule.
+//!
+//! An element in which the function jumps is cut into halves along every axis, again and again,
+//! where it does. The rules on the parts, and the matrices from their points to the nodes, depend
+//! on the degree alone: they are made once for all elements.
+
+use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
+use crate::matrix::elements::{Element, apply_in_elements};
+use crate::problem::element::{Family, Nodes};
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
+
+/// Points of Gauss's rule beyond the nodes of an element, along each axis.
+pub const MORE_POINTS: usize = 2;
+/// A part whose highest Legendre coefficients are above this fraction of the largest value on the
+/// grid is cut.
+const ROUGH: f64 = 1e-2;
+/// So is one whose polynomial misses the value at an end by this fraction of it.
+const MISSED: f64 = 5e-2;
+/// How far inside of a part its ends are looked at, in widths.
+const AT_END: f64 = 1e-9;
+
+/// A matrix by rows.
+type Matrix = Vec<Vec<f64>>;
+
+/// Projects functions onto the elements of a grid.
+pub struct Projection {
+    /// The rules along each axis of phase space.
+    axes: Vec<AxisRules>,
+    /// How often an element may be cut.
+    cuts: usize,
+    /// Largest value of the function on the grid.
+    largest: f64,
+}
+
+/// The rules of an axis.
+struct AxisRules {
+    /// The rule on each part, by level and number.
+    parts: Vec<Vec<PartRule>>,
+    /// From values at a rule's points to the two highest Legendre coefficients.
+    highest: Matrix,
+    /// From values at the nodes to the two highest Legendre coefficients.
+    highest_of_nodes: Matrix,
+    /// From values at a rule's points to those next to the two ends of its part.
+    to_ends: Matrix,
+}
+
+/// Gauss's rule on a part of the reference element.
+struct PartRule {
+    points: Vec<f64>,
+    /// Next to the ends of the part, just inside.
+    ends: Vec<f64>,
+    /// From values at the points to what they add to the projection at the nodes.
+    projector: Matrix,
+}
+
+/// The part `[−1 + 2 index/2^level, …]` of an axis of the reference element.
+#[derive(Clone, Copy)]
+struct Part {
+    level: usize,
+    index: usize,
+}
+
+impl Part {
+    const WHOLE: Self = Self { level: 0, index: 0 };
+
+    fn ends(self) -> [f64; 2] {
+        let width = 2.0 / (1 << self.level) as f64;
+        [-1.0 + width * self.index as f64, -1.0 + width * (self.index + 1) as f64]
+    }
+
+    fn half(self, upper: bool) -> Self {
+        Self { level: self.level + 1, index: 2 * self.index + usize::from(upper) }
+    }
+}
+
+impl Projection {
+    /// Onto the elements of `space`, cut at most `cuts` times, of a function whose largest value is
+    /// `largest`.
+    pub fn new(space: &PhaseSpace, cuts: usize, largest: f64) -> Self {
+        let axes = space.x.iter().chain(&space.v);
+        Self { axes: axes.map(|a| AxisRules::new(a.nodes, cuts)).collect(), cuts, largest }
+    }
+
+    /// Whether nodal values look as if the function jumps.
+    pub fn is_rough(&self, nodal: &[f64]) -> bool {
+        self.any_rough(nodal, |axis| &axis.highest_of_nodes)
+    }
+
+    /// The projection of `value` on `element`: values at the nodes.
+    pub fn onto(
+        &self,
+        element: &Element<'_>,
+        value: &mut impl FnMut(&[f64; 6]) -> f64,
+    ) -> Vec<f64> {
+        let axes = self.axes.len();
+        let mut sum = vec![0.0; element.shape().iter().product()];
+        let mut open = vec![[Part::WHOLE; 2 * MAX_DIMENSION]];
+        while let Some(parts) = open.pop() {
+            let rules: Vec<&PartRule> = self.rules(&parts).collect();
+            let points: Vec<&[f64]> = rules.iter().map(|rule| &rule.points[..]).collect();
+            let values = element.values_at(&points, value);
+            let is_cut = parts[0].level < self.cuts
+                && (self.any_rough(&values, |axis| &axis.highest)
+                    || self.jumps_at_an_end(element, &rules, &values, value));
+            if is_cut {
+                for child in 0..1usize << axes {
+                    let mut halves = parts;
+                    for (a, part) in halves.iter_mut().enumerate().take(axes) {
+                        *part = part.half(child >> a & 1 == 1);
+                    }
+                    open.push(halves);
+                }
+                continue;
+            }
+            let matrices: Vec<(usize, &[Vec<f64>])> =
+                rules.iter().map(|rule| (1, &rule.projector[..])).collect();
+            let added = apply_in_elements(&values, &matrices);
+            sum.iter_mut().zip(added).for_each(|(sum, value)| *sum += value);
+        }
+        sum
+    }
+
+    /// The rules on `parts` of the axes.
+    fn rules(&self, parts: &[Part]) -> impl Iterator<Item = &PartRule> {
+        self.axes.iter().zip(parts).map(|(axis, part)| &axis.parts[part.level][part.index])
+    }
+
+    /// Whether the polynomial through `values` has, along an axis, highest Legendre coefficients
+    /// beyond [`ROUGH`] times the largest value; `matrix` gives them.
+    fn any_rough(&self, values: &[f64], matrix: impl Fn(&AxisRules) -> &Matrix) -> bool {
+        let mut stride = 1;
+        for axis in self.axes.iter().rev() {
+            let rows = matrix(axis);
+            // One point along the axis has no coefficient.
+            let count = rows.first().map_or(1, Vec::len);
+            let is_rough = |at: usize, row: &Vec<f64>| {
+                let line = row.iter().enumerate().map(|(q, c)| c * values[at + q * stride]);
+                line.sum::<f64>().abs() > ROUGH * self.largest
+            };
+            let mut starts = (0..values.len()).filter(|at| (at / stride).is_multiple_of(count));
+            if starts.any(|at| rows.iter().any(|row| is_rough(at, row))) {
+                return true;
+            }
+            stride *= count;
+        }
+        false
+    }
+
+    /// Whether the polynomial through `values` misses `value` at an end of the parts of `rules`,
+    /// where a jump beyond the outermost points is not seen otherwise. Looked at in one space
+    /// dimension only: in more the ends are too many.
+    fn jumps_at_an_end(
+        &self,
+        element: &Element<'_>,
+        rules: &[&PartRule],
+        values: &[f64],
+        value: &mut impl FnMut(&[f64; 6]) -> f64,
+    ) -> bool {
+        let [x, v] = &self.axes[..] else { return false };
+        let along_v = rules[1].points.len();
+        let tolerance = MISSED * self.largest;
+        let mut misses = |points: [&[f64]; 2], extrapolated: &dyn Fn(usize) -> f64| {
+            let found = element.values_at(&points, value);
+            found.iter().enumerate().any(|(i, f)| (f - extrapolated(i)).abs() > tolerance)
+        };
+        let sum = |row: &[f64], at: usize, stride: usize| -> f64 {
+            row.iter().enumerate().map(|(q, c)| c * values[at + q * stride]).sum()
+        };
+        misses([&rules[0].ends, &rules[1].points], &|i| {
+            sum(&x.to_ends[i / along_v], i % along_v, along_v)
+        }) || misses([&rules[0].points, &rules[1].ends], &|i| {
+            sum(&v.to_ends[i % 2], i / 2 * along_v, 1)
+        })
+    }
+}
+
+impl AxisRules {
+    fn new(nodes: Nodes, cuts: usize) -> Self {
+        let rule = gauss_legendre(nodes.count() + MORE_POINTS);
+        let points: Vec<f64> = rule.iter().map(|p| p.node).collect();
+        let level = |level: usize| -> Vec<PartRule> {
+            (0..1 << level)
+                .map(|index| PartRule::new(nodes, &rule, Part { level, index }))
+                .collect()
+        };
+        let ends = [-1.0 + 2.0 * AT_END, 1.0 - 2.0 * AT_END];
+        Self {
+            parts: (0..=cuts).map(level).collect(),
+            highest: highest_coefficients(&points),
+            highest_of_nodes: match nodes.degree {
+                0 => Vec::new(),
+                _ => highest_coefficients(&nodes.reference().nodes),
+            },
+            to_ends: ends.iter().map(|x| lagrange_values(&points, *x)).collect(),
+        }
+    }
+}
+
+impl PartRule {
+    fn new(nodes: Nodes, rule: &[QuadraturePoint], part: Part) -> Self {
+        let [lower, upper] = part.ends();
+        let rule: Vec<_> = rule.iter().map(|point| point.moved_to([lower, upper])).collect();
+        let inside = AT_END * (upper - lower);
+        Self {
+            points: rule.iter().map(|p| p.node).collect(),
+            ends: vec![lower + inside, upper - inside],
+            projector: projector(nodes, &rule),
+        }
+    }
+}
+
+/// `[m][q]`: what the value at point `q` of a rule adds to the projection's value at node `m`:
+/// `Σ_n (M⁻¹)_mn ℓ_n(ξ_q) w_q`, with the exact mass matrix `M_mn = ∫ ℓ_m ℓ_n`.
+///
+/// By the orthogonal Legendre polynomials, `Σ_j (2j + 1)/2 P_j(ξ_m) P_j(ξ_q) w_q`.
+fn projector(nodes: Nodes, rule: &[QuadraturePoint]) -> Vec<Vec<f64>> {
+    let at_rule: Vec<Vec<f64>> =
+        rule.iter().map(|p| legendre_values(nodes.degree, p.node)).collect();
+    (nodes.reference().nodes.iter())
+        .map(|node| {
+            let at_node = legendre_values(nodes.degree, *node);
+            (rule.iter().zip(&at_rule))
+                .map(|(point, values)| {
+                    let terms = values.iter().zip(&at_node).enumerate();
+                    point.weight * terms.map(|(j, (p, q))| (j as f64 + 0.5) * p * q).sum::<f64>()
+                })
+                .collect()
+        })
+        .collect()
+}
+
+/// `[j][m]`: what the value at node `m` adds to the coefficient of the Legendre polynomial `P_j` of
+/// the polynomial through all nodes: `w_m P_j(ξ_m)/γ_j` with the discrete norms `γ_j = 2/(2j + 1)`,
+/// and `2/k` of `P_k` at Gauss–Lobatto nodes.
+pub fn legendre_transform(nodes: Nodes) -> Vec<Vec<f64>> {
+    let (k, reference) = (nodes.degree, nodes.reference());
+    (0..=k)
+        .map(|j| {
+            let lobatto = j == k && k > 0 && nodes.family == Family::Lobatto;
+            let norm = if lobatto { 2.0 / k as f64 } else { 2.0 / (2 * j + 1) as f64 };
+            let rule = reference.nodes.iter().zip(&reference.weights);
+            rule.map(|(xi, w)| w * legendre_values(k, *xi)[j] / norm).collect()
+        })
+        .collect()
+}
+
+/// `P_0(x), …, P_k(x)`.
+fn legendre_values(degree: usize, x: f64) -> Vec<f64> {
+    let mut values = vec![1.0, x];
+    for j in 1..degree.max(1) {
+        let n = j as f64;
+        values.push(((2.0 * n + 1.0) * x * values[j] - n * values[j - 1]) / (n + 1.0));
+    }
+    values.truncate(degree + 1);
+    values
+}
+
+/// The Lagrange polynomials of `points` at `x`.
+fn lagrange_values(points: &[f64], x: f64) -> Vec<f64> {
+    let others = |q: usize| (0..points.len()).filter(move |o| *o != q);
+    let value = |q: usize| -> f64 {
+        others(q).map(|o| (x - points[o]) / (points[q] - points[o])).product()
+    };
+    (0..points.len()).map(value).collect()
+}
+
+/// `[j][q]`: what the value at point `q` adds to each of the two highest Legendre coefficients (to
+/// the one, of two points) of the polynomial through all.
+fn highest_coefficients(points: &[f64]) -> Vec<Vec<f64>> {
+    let count = points.len();
+    let (middle, half) = (0.5 * (points[0] + points[count - 1]), points[count - 1] - points[0]);
+    let scaled: Vec<f64> = points.iter().map(|x| 2.0 * (x - middle) / half).collect();
+    let rule = gauss_legendre(count);
+    let least = if count > 2 { count - 2 } else { count - 1 };
+    (least..count)
+        .map(|j| {
+            (0..count)
+                .map(|q| {
+                    let term = |p: &QuadraturePoint| {
+                        let lagrange = lagrange_values(&scaled, p.node)[q];
+                        p.weight * lagrange * legendre_values(j, p.node)[j]
+                    };
+                    (j as f64 + 0.5) * rule.iter().map(term).sum::<f64>()
+                })
+                .collect()
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::matrix::elements::for_each_element;
+    use crate::problem::grid::Axis;
+
+    fn space(k: [usize; 2]) -> PhaseSpace {
+        PhaseSpace {
+            x: vec![Axis::new(-1.0, 1.0, 3).with_nodes(Nodes::of_space(k[0]))],
+            v: vec![Axis::new(-1.5, 0.9, 5).with_nodes(Nodes::of_velocity(k[1]))],
+            periodic: [false; MAX_DIMENSION],
+        }
+    }
+
+    fn projection(space: &PhaseSpace, f: impl Fn(f64, f64) -> f64) -> Vec<f64> {
+        let ranges: Vec<_> = space.x.iter().map(|x| 0..x.cells).collect();
+        let mut values = vec![0.0; space.cells()];
+        let projection = Projection::new(space, 6, 1.0);
+        for_each_element(space, &ranges, |element| {
+            let found = projection.onto(element, &mut |p: &[f64; 6]| f(p[0], p[3]));
+            element.for_each_cell(&ranges, |cell, node| values[cell] = found[node]);
+        });
+        values
+    }
+
+    #[test]
+    fn polynomials_are_their_own_projections() {
+        for k in [[1, 0], [0, 2], [3, 4], [8, 1]] {
+            let space = space(k);
+            let f =
+                |x: f64, v: f64| (1.0 + x.powi(k[0] as i32)) * (2.0 - 0.5 * v.powi(k[1] as i32));
+            for (i, found) in projection(&space, f).into_iter().enumerate() {
+                let point = space.point(&space.cell(i));
+                assert!((found - f(point[0], point[3])).abs() < 1e-12, "{k:?} {i}: {found}");
+            }
+        }
+    }
+
+    #[test]
+    fn mass_of_what_jumps_is_kept() {
+        // Along both axes the jump lies inside of elements.
+        let f = |x: f64, v: f64| f64::from(x.abs() < 0.5 && v > -0.31);
+        for k in [[1, 1], [2, 3], [4, 2]] {
+            let space = space(k);
+            let values = projection(&space, f);
+            let volume = |i| space.cell_volume() * space.relative_volume(&space.cell(i));
+            let mass: f64 = values.iter().enumerate().map(|(i, f)| f * volume(i)).sum();
+            assert!((mass - 1.21).abs() < 4e-3, "{k:?}: {mass}");
+        }
+    }
+}
