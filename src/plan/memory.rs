@@ -18,7 +18,8 @@ use num_complex::Complex64;
 /// one rank, 30 on four, which share more buffers of MPI.
 pub(crate) const PROGRAM_BYTES: u64 = 30 << 20;
 
-/// What HDF5 takes on every rank for each chunk of a dataset while it is written, whatever is in it.
+/// What HDF5 takes on every rank for each chunk of a dataset while it is written, whatever is in
+/// it.
 const CHUNK_BYTES: u64 = 2 << 10;
 
 /// What it takes beside for each chunk that the rank writes a part of: two selections, here without
