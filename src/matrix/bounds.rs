@@ -43,8 +43,8 @@ pub const INFLOW_GROWTH: f64 = 0.375;
 /// Largest `rate·T`: such a run has some hundred thousand modes of some million applications each.
 pub(crate) const LONGEST_SPAN: f64 = 1e6;
 
-/// The most that each cause of `S` adds to its norm, summed over the axes of elements. Bounds of one
-/// cause alone: together they may add to more than the bound of all.
+/// The most that each cause of `S` adds to its norm, summed over the axes of elements. Bounds of
+/// one cause alone: together they may add to more than the bound of all.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Causes {
     /// The flux between elements.

@@ -1,8 +1,9 @@
 //! Moments of the result and norms of its error, on a rank's share of space; velocities are never
 //! split.
 //!
-//! The result is `f` itself or, for measure-valued data, `φ Π_a δ(ψ_a)`: of degree 0 with a discrete
-//! delta function (see [`level_sets`]), of elements over the zeros of `ψ` (see [`surface`]).
+//! The result is `f` itself or, for measure-valued data, `φ Π_a δ(ψ_a)`: of degree 0 with a
+//! discrete delta function (see [`level_sets`]), of elements over the zeros of `ψ` (see
+//! [`surface`]).
 
 pub mod level_sets;
 pub mod surface;
@@ -103,8 +104,8 @@ impl Moments {
         Self::new(world, n, sums.map(|sums| sums.map(|sum| sum * factors.volume)))
     }
 
-    /// From density, momenta and kinetic energy at each point of a share of space in `n` dimensions.
-    /// Collective over `world` (the largest density).
+    /// From density, momenta and kinetic energy at each point of a share of space in `n`
+    /// dimensions. Collective over `world` (the largest density).
     fn new(world: &Group, n: usize, points: impl Iterator<Item = [f64; MOMENTS]>) -> Self {
         let mut moments = Moments {
             momentum: vec![Vec::new(); n],

@@ -334,7 +334,8 @@ impl Case {
         if let Some(i) = reflects {
             return file.refuse(
                 &format!("potential.{i}.reflection"),
-                "initial.velocity gives level sets, and what is reflected in part has two velocities \
+                "initial.velocity gives level sets, and what is reflected in part has two \
+                velocities \
                  where a level set has one value; give initial.f",
             );
         }
@@ -349,13 +350,15 @@ impl Case {
         if file.has(key) {
             return file.refuse(
                 key,
-                "is that of the discrete delta function of degree 0; elements have none, leave it out",
+                "is that of the discrete delta function of degree 0; elements have none, leave it \
+                out",
             );
         }
         Ok(())
     }
 
-    /// Refuses `output.positive` where there is nothing to scale, or more than the field at the end.
+    /// Refuses `output.positive` where there is nothing to scale, or more than the field at the
+    /// end.
     fn check_positive(&self, file: &CaseFile<'_>) -> Result<()> {
         let conflict = if self.space.degree() == 0 {
             "a cell of degree 0 has one value, its average, which is kept: there is nothing to \

@@ -212,8 +212,8 @@ fn every_case_is_in_the_readme() {
 }
 
 /// Free transport of elements on a periodic axis with the central flux: `S = 0`, one mode is the
-/// solution, on any ranks, and `plan` and `check` say so. Another flux, an open end or a jump of `V`
-/// takes more.
+/// solution, on any ranks, and `plan` and `check` say so. Another flux, an open end or a jump of
+/// `V` takes more.
 #[test]
 fn skew_systems_take_one_mode() {
     let free = [
@@ -247,8 +247,8 @@ fn skew_systems_take_one_mode() {
     }
 }
 
-/// `check` names each cause of `S` with the most that it adds, which no cause that is not there has,
-/// and which together bound the norm.
+/// `check` names each cause of `S` with the most that it adds, which no cause that is not there
+/// has, and which together bound the norm.
 #[test]
 fn check_says_what_the_norm_of_s_is_made_of() {
     const CAUSES: [&str; 5] = [

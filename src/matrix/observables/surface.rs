@@ -12,17 +12,19 @@
 //! velocities at one point of space, which is infinite at caustics. So each zero counts by a share,
 //! and the shares of all choices `I` sum to 1 (by the coarea formula any such shares do). With the
 //! minors `D_I = det ∂Ψ/∂I`, lengths in elements, and `r = D_v²/Σ_I D_I²`, the share of `I = v` is
-//! a smooth step that is 1 from `r = `[`STEEP`] on, and another's is proportional to `D_I²`: next to caustics the surface
-//! `Ψ = 0` is followed along the coordinates in which it is steep, and nothing is infinite.
+//! a smooth step that is 1 from `r = `[`STEEP`] on, and another's is proportional to `D_I²`: next
+//! to caustics the surface `Ψ = 0` is followed along the coordinates in which it is steep, and
+//! nothing is infinite.
 //!
 //! Polynomials of neighbouring elements differ at their face by the error of the scheme, so that a
 //! zero there may be seen by both or none. Velocity elements therefore reach over their faces by
 //! [`overlap`], with weights that fall linearly from 1 to 0 and sum to 1.
 
+use crate::base::quadrature::gauss_legendre;
+use crate::matrix::elements::{Element, apply_along_all, for_each_element};
 use crate::matrix::observables::level_sets::{IDENTITY, determinant};
 use crate::matrix::observables::zeros::{basis, basis_slopes, evaluate, has_one_sign, zeros};
-use crate::matrix::sampling::{Element, apply_along_all, for_each_element};
-use crate::problem::element::{Nodes, gauss_legendre};
+use crate::problem::element::Nodes;
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 use std::ops::Range;
 
@@ -86,9 +88,8 @@ impl Line {
         let points = if is_velocity { VELOCITY_POINTS[n - 1] * count } else { SPACE_POINTS[n - 1] };
         let rule = gauss_legendre(points);
         let samples = parts.iter().flat_map(|[lower, upper]| {
-            let (middle, half) = (0.5 * (lower + upper), 0.5 * (upper - lower));
-            rule.iter()
-                .map(move |(xi, w)| Sample { xi: middle + half * xi, weight: 0.5 * half * w })
+            let points = rule.iter().map(|point| point.moved_to([*lower, *upper]));
+            points.map(|p| Sample { xi: p.node, weight: 0.5 * p.weight })
         });
         Self {
             nodes,

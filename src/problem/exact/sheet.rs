@@ -570,8 +570,8 @@ impl Cells<'_> {
         (first..first + count).rfind(|i| self.faces[*i] <= x).unwrap_or(first)
     }
 
-    /// The cells that `[lower, upper]` overlaps, each with its part of the interval; parts sum to 1.
-    /// What sticks out of the axis counts for the cell at its end.
+    /// The cells that `[lower, upper]` overlaps, each with its part of the interval; parts sum to
+    /// 1. What sticks out of the axis counts for the cell at its end.
     fn overlap(&self, lower: f64, upper: f64) -> Vec<(usize, f64)> {
         let (first, last) = (self.at(lower), self.at(upper));
         if first == last {

@@ -70,8 +70,8 @@ fn jumps_are_no_zeros() {
 
 const AMPLITUDE: f64 = 0.9;
 
-/// Free streaming of `w(x) = a sin x` with `ρ0 = 2 + cos x` for a time: cell averages of the density
-/// on `[−π, π]` and exact ones.
+/// Free streaming of `w(x) = a sin x` with `ρ0 = 2 + cos x` for a time: cell averages of the
+/// density on `[−π, π]` and exact ones.
 fn streamed(time: f64, degree: usize, elements: usize) -> Vec<[f64; 3]> {
     let space = space(&[[-PI, PI]], &[[-1.8, 1.8]], [elements, elements], degree);
     let start = |p: &[f64; 6]| p[0] - p[3] * time;

@@ -1,4 +1,5 @@
-//! Zeros of polynomials with known zeros: simple, multiple, at the ends and on halving points, none.
+//! Zeros of polynomials with known zeros: simple, multiple, at the ends and on halving points,
+//! none.
 
 use super::*;
 
