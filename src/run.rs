@@ -158,6 +158,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let plateau = compare::plateau(&prepared, &solution);
     let estimated = errors::estimated(&mut prepared, &solution.fields[0][0])?;
     let results = expand::expand(&prepared, solution, &shown, exact.as_ref(), &mut summary)?;
+    log.watch.part("exact", results.exact_seconds);
     log.watch.lap("observables");
     if shown.case.readout.is_some() {
         summary.readout =

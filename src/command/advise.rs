@@ -2,7 +2,7 @@
 
 use crate::base::error::Result;
 use crate::command::cli::AdviseArgs;
-use crate::command::loading::load_finite_volumes;
+use crate::command::loading::load;
 use crate::command::printing::print_as;
 use crate::parallel::communicator::World;
 use crate::study::advise::{Wanted, advise};
@@ -12,7 +12,7 @@ use crate::study::advise::{Wanted, advise};
 /// # Errors
 /// As [`advise`].
 pub fn execute(world: &World, args: &AdviseArgs) -> Result<()> {
-    let case = load_finite_volumes(world, &args.case, "advise")?;
+    let case = load(world, &args.case)?;
     let wanted = Wanted { accuracy: args.accuracy, budget: args.budget.as_secs_f64() };
     print_as(world, &advise(world, &case, wanted)?, args.json);
     Ok(())

@@ -3,7 +3,7 @@
 use crate::base::disk;
 use crate::base::error::Result;
 use crate::command::cli::ChartArgs;
-use crate::command::loading::{default_directory_of, load_finite_volumes};
+use crate::command::loading::{default_directory_of, load};
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::study::chart::measure;
@@ -14,7 +14,7 @@ use crate::study::chart::measure;
 /// As [`measure`]; [`crate::base::error::Error::Directory`] and
 /// [`crate::base::error::Error::Output`] where files cannot be written.
 pub fn execute(world: &World, args: &ChartArgs) -> Result<()> {
-    let (all, case) = (world.group(), load_finite_volumes(world, &args.case, "chart")?);
+    let (all, case) = (world.group(), load(world, &args.case)?);
     let directory =
         args.output.clone().unwrap_or_else(|| default_directory_of(&case.name, "chart"));
     // Before minutes are spent.

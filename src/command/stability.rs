@@ -3,7 +3,7 @@
 use crate::base::disk;
 use crate::base::error::Result;
 use crate::command::cli::StabilityArgs;
-use crate::command::loading::{default_directory_of, load_finite_volumes};
+use crate::command::loading::{default_directory_of, load};
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::study::stability;
@@ -13,7 +13,7 @@ use crate::study::stability;
 /// # Errors
 /// As [`stability::measure`] and [`stability::panel::Stability::write`].
 pub fn execute(world: &World, args: &StabilityArgs) -> Result<()> {
-    let (all, case) = (world.group(), load_finite_volumes(world, &args.case, "stability")?);
+    let (all, case) = (world.group(), load(world, &args.case)?);
     let directory =
         args.output.clone().unwrap_or_else(|| default_directory_of(&case.name, "stability"));
     // Before minutes are spent.

@@ -294,7 +294,12 @@ impl Case {
     /// Whether the scheme is the one of [`galerkin`](crate::scheme::galerkin): of a degree above 0,
     /// or with partial reflection.
     pub fn is_galerkin(&self) -> bool {
-        self.space.degree() > 0 || self.potential.iter().any(|region| region.reflection.is_some())
+        self.space.degree() > 0 || self.reflects()
+    }
+
+    /// Whether anything is reflected in part at jumps of `V`.
+    pub fn reflects(&self) -> bool {
+        self.potential.iter().any(|region| region.reflection.is_some())
     }
 
     /// Refuses what is not known of elements of a degree above 0, or of partial reflection.

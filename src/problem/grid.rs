@@ -297,6 +297,11 @@ impl PhaseSpace {
         self.axes().map(|a| a.cells).collect()
     }
 
+    /// Elements along each axis; of degree 0 its cells.
+    pub fn elements(&self) -> Vec<usize> {
+        self.axes().map(Axis::elements).collect()
+    }
+
     /// Number of cells of space alone.
     pub fn space_cells(&self) -> usize {
         self.x.iter().map(|a| a.cells).product()

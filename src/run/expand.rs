@@ -10,6 +10,7 @@ use crate::run::errors;
 use crate::run::files::SolvedFields;
 use crate::run::positive;
 use crate::solve::prepared::Prepared;
+use std::time::Instant;
 
 /// Fields and moments on this rank's share of the user's grid.
 pub struct Expanded {
@@ -21,6 +22,8 @@ pub struct Expanded {
     pub totals: [f64; 2],
     /// The output times before the end.
     pub early: Vec<Early>,
+    /// Seconds of the distance to the exact solution.
+    pub exact_seconds: f64,
 }
 
 /// Puts `solution` onto the user's grid `shown`, and its ranges, totals and errors into `summary`.
@@ -58,6 +61,7 @@ pub(crate) fn expand(
     [summary.mass, summary.kinetic_energy] = totals;
     summary.minimum = summary.fields[0].minimum;
     summary.maximum = summary.fields[0].maximum;
+    let began = Instant::now();
     match exact {
         None => {}
         Some(ExactSolution::Field(exact)) => {
@@ -82,7 +86,8 @@ pub(crate) fn expand(
             summary.error_velocity_l1 = Some(velocity);
         }
     }
-    Ok(Expanded { fields, moments, totals, early })
+    let exact_seconds = began.elapsed().as_secs_f64();
+    Ok(Expanded { fields, moments, totals, early, exact_seconds })
 }
 
 /// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and the same of `f_exact`. Collective.

@@ -38,6 +38,7 @@ use crate::study::advise::report::{MOST_SHOWN, grid_text, warnings};
 use crate::study::advise::scheme::Scheme;
 use crate::study::advise::settings::{command, plain, settings};
 use crate::study::advise::trials::{Trials, cells, mode_updates};
+use crate::study::cost::application_weight;
 use crate::study::grids::shape_text;
 use crate::study::trial::final_fields_only;
 
@@ -124,8 +125,6 @@ struct Study<'a> {
     /// Whether `V` jumps.
     jumps: bool,
     trials: Trials<'a>,
-    /// The coarsest grid.
-    start: Vec<usize>,
     left_out: Vec<String>,
     candidates: Vec<Candidate>,
 }
@@ -136,7 +135,7 @@ impl<'a> Study<'a> {
         refuse_hopeless_here(world, &plain)?;
         let trials = Trials::new(world, plain, case.exact.clone(), wanted.budget)?;
         let mut left_out = Vec::new();
-        if case.varies() {
+        if case.varies() && !case.is_galerkin() {
             let why = "slopes (scheme.limiter): not with an inflow that depends on time";
             left_out.push(why.to_owned());
         }
@@ -145,7 +144,6 @@ impl<'a> Study<'a> {
             case,
             wanted,
             jumps: Bounds::new(case)?.jumps,
-            start: trials.grids.coarsest(&case.space.shape()),
             trials,
             left_out,
             candidates: Vec::new(),
@@ -159,10 +157,10 @@ impl<'a> Study<'a> {
     /// Tries the case's own grid first where that is cheap, so that its error is not extrapolated.
     /// Collective.
     fn try_as_it_stands(&mut self) -> Result<()> {
-        let (scheme, own) = (Scheme::of(self.case), self.case.space.shape());
+        let (scheme, own) = (Scheme::of(self.case), self.case.space.elements());
         let trials = &mut self.trials;
         if trials.is_cheap(scheme, &own, FOR_CASE)? {
-            let twice = trials.grids.twice(&own);
+            let twice = trials.scene(scheme).grids.twice(&own);
             let known = match trials.error(scheme, &own) {
                 Ok(None) if trials.is_cheap(scheme, &twice, FOR_CASE)? => {
                     trials.run(scheme, &twice).map(|_| ())
@@ -174,11 +172,31 @@ impl<'a> Study<'a> {
                 self.left_out.push(format!("{name} as it stands: {error}"));
             }
         }
-        // A coarse grid may see nothing where data are narrow.
-        if trials.has_run(scheme, &own) && trials.run(scheme, &self.start).is_err() {
-            self.start = own;
-        }
         Ok(())
+    }
+
+    /// The grid that trials of `scheme` begin with: the coarsest, or the case's own where a coarse
+    /// one sees nothing, as data are narrow. Collective.
+    fn start(&mut self, scheme: Scheme) -> Vec<usize> {
+        let scene = self.trials.scene(scheme);
+        let own = scene.plain.space.elements();
+        let coarsest = scene.grids.coarsest(&own);
+        match self.trials.has_run(scheme, &own) && self.trials.run(scheme, &coarsest).is_err() {
+            true => own,
+            false => coarsest,
+        }
+    }
+
+    /// The schemes that can be tried. Elements are left out once for all degrees.
+    fn schemes(&mut self) -> Vec<Scheme> {
+        let mut schemes = Scheme::candidates(self.case, self.jumps);
+        let refused =
+            schemes.iter().find_map(|s| Some((s.degree, self.trials.prepare(s.degree).err()?)));
+        if let Some((degree, error)) = refused {
+            self.left_out.push(format!("elements of degree {degree} and more: {error}"));
+        }
+        schemes.retain(|scheme| self.trials.is_prepared(scheme.degree));
+        schemes
     }
 
     /// The coarsest grid of each scheme that reaches the accuracy. Collective.
@@ -186,14 +204,22 @@ impl<'a> Study<'a> {
     /// # Errors
     /// The last one, where no scheme could be tried.
     fn reach_by_schemes(&mut self) -> Result<Vec<(Scheme, Reach)>> {
-        let schemes = Scheme::candidates(self.case, self.jumps);
-        let own = self.case.space.shape();
+        let schemes = self.schemes();
         let (mut found, mut failure) = (Vec::new(), None);
         for (k, &scheme) in schemes.iter().enumerate() {
             // Each scheme has its share of the budget for grids; the rest is for what is advised.
             let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
             let accuracy = self.wanted.accuracy;
-            let goal = Goal { scheme, start: &self.start, own: &own, accuracy, share };
+            let start = self.start(scheme);
+            let own = self.trials.scene(scheme).plain.space.elements();
+            // The first scheme is tried in any case.
+            if k > 0 && !self.trials.may(scheme, &start, share)? {
+                let name = self.name(Method::Classical, scheme);
+                let grid = shape_text(&start);
+                self.left_out.push(format!("{name}: the budget does not hold {grid} of them"));
+                continue;
+            }
+            let goal = Goal { scheme, start: &start, own: &own, accuracy, share };
             match reach(&mut self.trials, goal) {
                 Ok(reach) => found.push((scheme, reach)),
                 Err(error) => {
@@ -211,14 +237,15 @@ impl<'a> Study<'a> {
 
     /// The set-up `target` on the grid of `reach`, before its cost is known.
     fn entry(&self, target: &Case, scheme: Scheme, reach: &Reach) -> Entry {
-        let settings = settings(self.case, &self.trials.plain, target);
+        let settings = settings(self.case, self.trials.plain(), target);
         Entry {
             name: self.name(target.method, scheme),
             method: target.method,
             interface: scheme.interface,
             limiter: scheme.limiter,
+            degree: scheme.degree,
             shape: reach.shape.clone(),
-            cells: cells(&reach.shape),
+            cells: cells(&target.space.shape()),
             computed_cells: cells(&self.trials.merged(target).space.shape()),
             tolerance: None,
             error: reach.error,
@@ -226,7 +253,7 @@ impl<'a> Study<'a> {
             parts: Parts::of_discretisation(reach.error, reach.part_of_space),
             order: reach.order.clone(),
             levels: reach.levels.clone(),
-            moved_edges: self.trials.grids.moved(&reach.shape),
+            moved_edges: self.trials.scene(scheme).grids.moved(&reach.shape),
             applications: 0.0,
             memory_bytes_per_rank: 0.0,
             seconds: None,
@@ -272,7 +299,14 @@ impl<'a> Study<'a> {
             };
             let bytes = entry.computed_cells * each / self.world.group().size() as f64;
             entry.memory_bytes_per_rank = bytes;
-            let mut why = format!("it takes {}", grid_text(&entry.shape));
+            let grid = grid_text(&entry.shape, entry.degree);
+            let mut why = match entry.known == Known::Extrapolated && !entry.order.settled {
+                true => format!(
+                    "not settled within this budget, a longer --budget does; by the orders so far \
+                     it takes {grid}"
+                ),
+                false => format!("it takes {grid}"),
+            };
             if entry.cells <= MOST_SHOWN {
                 why += &format!(", about {} a rank", bytes_text(bytes as u64));
             }
@@ -290,7 +324,8 @@ impl<'a> Study<'a> {
                 Some(plan)
             }
             Err(error) => {
-                entry.refused = Some(format!("on {}: {error}", grid_text(&entry.shape)));
+                entry.refused =
+                    Some(format!("on {}: {error}", grid_text(&entry.shape, entry.degree)));
                 None
             }
         }
@@ -298,7 +333,7 @@ impl<'a> Study<'a> {
 
     /// Adds `scheme` without Schrödingerization. Collective.
     fn add_classical(&mut self, scheme: Scheme, reach: &Reach) -> Result<()> {
-        let target = scheme.classical(&self.trials.plain, &reach.shape);
+        let target = scheme.classical(&self.trials.scene(scheme).plain, &reach.shape);
         let mut entry = self.entry(&target, scheme, reach);
         let plan = self.plan(&mut entry, &target);
         if plan.is_some() && self.trials.has_run(scheme, &reach.shape) {
@@ -314,7 +349,8 @@ impl<'a> Study<'a> {
     fn coarse(&self, scheme: Scheme, reach: &Reach) -> Result<Vec<usize>> {
         let allowed = SCHRODINGERIZATION * self.wanted.accuracy;
         for level in reach.levels.iter().rev().skip(1) {
-            let mut case = scheme.schrodingerized(&self.trials.plain, &level.shape);
+            let plain = &self.trials.scene(scheme).plain;
+            let mut case = scheme.schrodingerized(plain, &level.shape);
             case.tolerance = allowed.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE);
             let case = self.trials.merged(&case);
             let plan = Plan::provisional(&case, &Bounds::new(&case)?, &Resources::here(self.world));
@@ -339,7 +375,7 @@ impl<'a> Study<'a> {
         // a field may have, and it is tried.
         let mut tolerance = if guaranteed { allowed / spread } else { 0.1 * allowed };
         let mut measured = None;
-        let mut target = scheme.schrodingerized(&self.trials.plain, coarse);
+        let mut target = scheme.schrodingerized(&self.trials.scene(scheme).plain, coarse);
         for _ in 0..MOST_TOLERANCES {
             tolerance = rounded_down(tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE));
             target.tolerance = tolerance;
@@ -370,7 +406,7 @@ impl<'a> Study<'a> {
                 return Ok(());
             }
         };
-        let mut target = scheme.schrodingerized(&self.trials.plain, &reach.shape);
+        let mut target = scheme.schrodingerized(&self.trials.scene(scheme).plain, &reach.shape);
         target.tolerance = match found.bound {
             Some(_) => found.tolerance,
             None => {
@@ -410,7 +446,7 @@ impl<'a> Study<'a> {
                     let reference = trials.run(scheme, &entry.shape)?;
                     let added = distance(&found.density, &reference.density);
                     entry.parts.schrodingerization = Some(added);
-                    match trials.error_of(&found.density, &entry.shape)? {
+                    match trials.error_of(scheme, &found, &entry.shape)? {
                         Some(error) => (entry.error, entry.known) = (error, Known::Measured),
                         None => entry.error += added,
                     }
@@ -430,19 +466,20 @@ impl<'a> Study<'a> {
     /// The case as it stands: the discretisation by `scheme`, which is its own, and what its solver
     /// adds. Collective.
     fn given(&mut self, scheme: Scheme, reach: &Reach) -> Result<Option<Given>> {
-        let shape = self.case.space.shape();
+        let shape = self.case.space.elements();
+        let start = self.start(scheme);
         let looked = look(&mut self.trials, scheme, &shape, &reach.order, 1.0).unwrap_or(None);
         let Some(KnownError { error, known }) = looked.or_else(|| reach.extrapolated(&shape))
         else {
             return Ok(None);
         };
         let mut parts = Parts::of_discretisation(error, reach.part_of_space);
-        let rough = self.trials.run(scheme, &self.start)?;
+        let rough = self.trials.run(scheme, &start)?;
         let (density, spread) = (rough.density.clone(), rough.spread);
         if self.case.method == Method::Schrodingerized && matches!(self.case.data, Data::Density) {
             match self.case.propagator.method.order() {
                 0 => parts.schrodingerization = Some(self.case.tolerance * spread),
-                _ => parts.step = self.error_of_step(scheme, &density),
+                _ => parts.step = self.error_of_step(scheme, &start, &density),
             }
         }
         if let Some(readout) = &self.case.readout
@@ -453,13 +490,13 @@ impl<'a> Study<'a> {
         }
         let added = [parts.schrodingerization, parts.step, parts.readout];
         let error = error + added.into_iter().flatten().sum::<f64>();
-        Ok(Some(Given { shape, error, known, parts }))
+        Ok(Some(Given { degree: scheme.degree, shape, error, known, parts }))
     }
 
     /// The error that the step of the case's implicit propagator makes on the coarsest grid, where
     /// `density` is exact: nearly all that its solver adds. Collective.
-    fn error_of_step(&mut self, scheme: Scheme, density: &[f64]) -> Option<f64> {
-        let own = final_fields_only(&scheme.schrodingerized(self.case, &self.start));
+    fn error_of_step(&mut self, scheme: Scheme, start: &[usize], density: &[f64]) -> Option<f64> {
+        let own = final_fields_only(&scheme.schrodingerized(self.case, start));
         let own = Case { exact: None, verify: false, ..own };
         let updates = planning::plan(self.world, &own, &Resources::here(self.world))
             .map_or(f64::INFINITY, |plan| mode_updates(&own, &plan));
@@ -482,12 +519,16 @@ impl<'a> Study<'a> {
         let mut entries: Vec<Entry> = candidates.into_iter().map(settled).collect();
         let warnings = warnings(case, &entries);
         // By work, which no clock counts; the case's own interface where it is the same.
-        let work = |e: &Entry| e.applications * e.computed_cells;
-        let best = (entries.iter())
-            .filter(|e| e.refused.is_none() && e.estimate.is_none())
-            .filter(|e| e.method == Method::Schrodingerized)
-            .min_by(|a, b| work(a).total_cmp(&work(b)))
-            .map(|e| e.name.clone());
+        let work = |e: &Entry| {
+            let each = application_weight(e.degree, e.limiter) as f64;
+            e.applications * e.computed_cells * each
+        };
+        let best = [Method::Schrodingerized, Method::Classical].map(|method| {
+            (entries.iter())
+                .filter(|e| e.refused.is_none() && e.estimate.is_none() && e.method == method)
+                .min_by(|a, b| work(a).total_cmp(&work(b)))
+                .map(|e| e.name.clone())
+        });
         entries.sort_by(|a, b| {
             let seconds = |e: &Entry| e.seconds.unwrap_or(f64::INFINITY);
             let refused = a.refused.is_some().cmp(&b.refused.is_some());
@@ -504,13 +545,16 @@ impl<'a> Study<'a> {
                 case.name, wanted.accuracy, reason
             )));
         }
+        let [best, best_classical] =
+            best.map(|name| name.and_then(|name| entries.iter().position(|e| e.name == name)));
         Ok(Advised {
             title: case.title.clone(),
             accuracy: wanted.accuracy,
             ranks: world.group().size(),
             exact: trials.has_exact(),
             given,
-            best: best.and_then(|name| entries.iter().position(|e| e.name == name)),
+            best,
+            best_classical,
             entries,
             left_out,
             warnings,

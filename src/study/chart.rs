@@ -32,7 +32,7 @@ use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::result::{Chart, mark_fronts};
 use crate::study::chart::setup::Setup;
 use crate::study::chart::verdict::sentences;
-use crate::study::grids::{Grids, on_grid, shape_text, stray_edges};
+use crate::study::grids::{Grids, grid_name, of_degree, on_grid, stray_edges};
 use crate::study::trial::title;
 use std::time::Duration;
 
@@ -55,11 +55,14 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     refuse_hopeless_here(world, case)?;
     let jumps = Bounds::new(case)?.jumps;
     let stray = stray_edges(case);
-    let programme = Programme::new(&case.space, &Grids::new(case), jumps, |space| {
-        stray_edges(&on_grid(case, &space.shape())) <= stray
+    let treated = jumps && !case.reflects();
+    let programme = Programme::new(&case.space, &Grids::new(case), treated, |space| {
+        stray_edges(&on_grid(case, &space.elements())) <= stray
     });
+    let Degrees { cases, left_out } = Degrees::of(case);
+    let programme = programme.with_degrees(&cases);
     let budget = Budget::new(world, limit.as_secs_f64());
-    let mut attempts = Attempts::new(world, case, jumps, budget);
+    let mut attempts = Attempts::new(world, case, jumps, budget).with_degrees(&cases);
     attempts.try_all(programme.every_method());
     attempts.try_all(vec![Setting { space: case.space.clone(), setup: Setup::Given }]);
     attempts.try_all(programme.own_grid());
@@ -71,6 +74,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     }
     let (compared, compared_why) = attempts.grid_for_comparison(&programme);
     attempts.try_all(programme.every_knob(&compared));
+    attempts.try_all(programme.other_degrees());
     attempts.try_all(programme.other_grids());
     attempts.try_all(programme.everything(&compared));
     let exact = match case.fields.len() {
@@ -85,8 +89,8 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
         budget_seconds: limit.as_secs_f64(),
         took_seconds: attempts.elapsed(),
         exact: case.exact.as_ref().map(|_| exact.to_owned()),
-        grid: shape_text(&case.space.shape()),
-        compared_on: shape_text(&compared.shape()),
+        grid: grid_name(&case.space),
+        compared_on: grid_name(&compared),
         compared_why,
         zero: attempts.zero == Some(true),
         sentences: Vec::new(),
@@ -94,5 +98,33 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     };
     mark_fronts(&mut chart.entries);
     chart.sentences = sentences(&chart);
+    chart.sentences.extend(left_out);
     Ok(chart)
+}
+
+/// Degrees that are compared, beside that of the case.
+const DEGREES: std::ops::RangeInclusive<usize> = 0..=4;
+
+/// The case with elements of other degrees.
+struct Degrees {
+    cases: Vec<Case>,
+    /// Why there are none, where there are none.
+    left_out: Option<String>,
+}
+
+impl Degrees {
+    fn of(case: &Case) -> Self {
+        let others = DEGREES.filter(|degree| *degree != case.space.degree());
+        let merged = vec![false; 2 * case.space.dimension()];
+        let mut found = Self { cases: Vec::new(), left_out: None };
+        for degree in others {
+            match of_degree(case, degree, &merged) {
+                Ok(case) => found.cases.push(case),
+                Err(error) => {
+                    found.left_out = Some(format!("Elements of degree {degree}: {error}."));
+                }
+            }
+        }
+        found
+    }
 }

@@ -32,27 +32,34 @@ const START_UP: f64 = 0.2;
 /// Applications that a step with slopes counts as, per stage.
 const SLOPES: usize = 8;
 
+/// Applications of degree 0 that one of this degree takes as long as, an unknown: by the entries of
+/// a row, of which those of one element are next to each other. With slopes, a stage of a step.
+pub fn application_weight(degree: usize, limiter: Limiter) -> usize {
+    if limiter == Limiter::None { 1 + degree.div_ceil(2) } else { SLOPES }
+}
+
 /// Work of which each unit takes about the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Kind {
     by_modes: bool,
     /// Applications that a unit counts as.
     weight: usize,
+    /// Degree of the elements.
+    degree: usize,
     /// Whether a unit solves a linear system with sparse factors.
     solves: bool,
 }
 
 impl Kind {
     fn of(case: &Case) -> Self {
-        let method = case.propagator.method;
-        match (case.method, case.limiter) {
-            (Method::Classical, Limiter::None) => {
-                Self { by_modes: false, weight: 1, solves: false }
-            }
-            (Method::Classical, _) => Self { by_modes: false, weight: SLOPES, solves: false },
-            (Method::Schrodingerized, _) => Self {
+        let (method, degree) = (case.propagator.method, case.space.degree());
+        let entries = application_weight(degree, case.limiter);
+        match case.method {
+            Method::Classical => Self { by_modes: false, weight: entries, degree, solves: false },
+            Method::Schrodingerized => Self {
                 by_modes: true,
-                weight: descriptor(method).applications_per_work(),
+                weight: entries * descriptor(method).applications_per_work(),
+                degree,
                 solves: method.order() > 0,
             },
         }

@@ -1,6 +1,12 @@
 //! Coarser and finer grids over the box of a case, with the edges of `V` on faces where possible.
+//!
+//! A grid is named by its *shape*, the number of elements along each axis, and by their degree. Of
+//! degree 0 elements are cells.
 
+use crate::base::error::Result;
+use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
+use crate::problem::element::Nodes;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::potential::{overlooked, region_edges};
 use std::cmp::Reverse;
@@ -9,34 +15,96 @@ use std::cmp::Reverse;
 const ON_FACE: f64 = 1e-6;
 /// Cell counts so much larger or smaller than wanted still do.
 const FARTHEST: f64 = 0.3;
-/// Fewest cells of an axis where the case itself has no fewer, by dimension.
-const FEWEST: [usize; 3] = [8, 4, 4];
+/// Fewest elements of an axis where the case itself has no fewer, by dimension: of degree 0, and of
+/// a higher one.
+const FEWEST: [[usize; 3]; 2] = [[8, 4, 4], [4, 2, 2]];
 /// The coarsest grid has the case's cells over at most two to this power.
 const COARSEST: u32 = 3;
 
-/// `shape` cells as text: `64 x 48`.
+/// `shape` as text: `64 x 48`.
 pub fn shape_text(shape: &[usize]) -> String {
     let cells: Vec<String> = shape.iter().map(usize::to_string).collect();
     cells.join(" x ")
 }
 
-/// The box of `space` cut into `shape` cells.
-pub fn with_cells(space: &PhaseSpace, shape: &[usize]) -> PhaseSpace {
+/// The grid of `space` as text: `64 x 48`, `26 x 26 of degree 4`.
+pub fn grid_name(space: &PhaseSpace) -> String {
+    let mut name = shape_text(&space.elements());
+    let degrees: Vec<String> = space.axes().map(|a| a.nodes.degree.to_string()).collect();
+    if degrees.iter().any(|degree| *degree != degrees[0]) {
+        name += &format!(" of degrees {}", degrees.join(", "));
+    } else if space.degree() > 0 {
+        name += &format!(" of degree {}", degrees[0]);
+    }
+    name
+}
+
+/// The box of `space` cut into `shape` elements.
+pub fn with_elements(space: &PhaseSpace, shape: &[usize]) -> PhaseSpace {
     let mut space = space.clone();
     let axes = space.x.iter_mut().chain(&mut space.v);
-    axes.zip(shape).for_each(|(axis, &cells)| axis.cells = cells);
+    axes.zip(shape).for_each(|(axis, n)| axis.cells = n.saturating_mul(axis.nodes.count()));
     space
 }
 
-/// `case` on `shape` cells.
+/// `case` on `shape` elements.
 pub fn on_grid(case: &Case, shape: &[usize]) -> Case {
-    Case { space: with_cells(&case.space, shape), ..case.clone() }
+    Case { space: with_elements(&case.space, shape), ..case.clone() }
 }
 
-/// `case` with `factor` times the cells along every axis.
+/// `case` with `factor` times the elements along every axis.
 pub fn refined(case: &Case, factor: usize) -> Case {
-    let shape: Vec<usize> = case.space.shape().iter().map(|n| n * factor).collect();
+    let shape: Vec<usize> = case.space.elements().iter().map(|n| n * factor).collect();
     on_grid(case, &shape)
+}
+
+/// `case` with elements of `degree` along all axes, about as many unknowns as it has, and the flux
+/// and the interface that it has then; the axes that runs merge (`merged`, of all `2n`) keep their
+/// elements. The case itself where it has that degree.
+///
+/// # Errors
+/// As [`Case::parse`], where what the case has is not known of that degree.
+pub fn of_degree(case: &Case, degree: usize, merged: &[bool]) -> Result<Case> {
+    if degree == case.space.degree() {
+        return Ok(case.clone());
+    }
+    let mut set = case.overrides.clone();
+    set.extend(degree_settings(case, degree));
+    // What would be refused beside a degree, and is varied here.
+    set.extend(["scheme.limiter=none", "output.positive=false"].map(str::to_owned));
+    let read = Case::parse(&case.name, &case.text, &set)?;
+    let mut case = Case {
+        flux: read.flux,
+        interface: read.interface,
+        limiter: read.limiter,
+        positive: case.positive && degree > 0,
+        ..case.clone()
+    };
+    let n = case.space.dimension();
+    let axes = case.space.x.iter_mut().chain(&mut case.space.v);
+    for (k, axis) in axes.enumerate() {
+        let nodes = if k < n { Nodes::of_space(degree) } else { Nodes::of_velocity(degree) };
+        let elements = match merged[k] {
+            true => axis.elements(),
+            false => axis.cells.div_ceil(nodes.count()),
+        };
+        *axis = Axis { cells: elements * nodes.count(), nodes, ..axis.clone() };
+    }
+    let grids = Grids::new(&case).with_merged(merged.to_vec());
+    Ok(on_grid(&case, &grids.scaled(&case.space.elements(), 1.0)))
+}
+
+/// What `--set` takes to give all axes of `case` this degree.
+pub fn degree_settings(case: &Case, degree: usize) -> Vec<String> {
+    let axes =
+        (0..case.space.dimension()).flat_map(|a| ["x", "v"].map(|x| format!("axis.{a}.{x}")));
+    let own = axes.map(|axis| format!("{axis}.degree")).filter(|k| case.settings.contains_key(k));
+    let mut set: Vec<String> = own.map(|key| format!("{key}={degree}")).collect();
+    set.push(format!("scheme.degree={degree}"));
+    if degree == 0 && case.settings.contains_key("scheme.flux") {
+        set.push("scheme.flux=1".to_owned());
+    }
+    set
 }
 
 /// Edges of `V` that are on no face, and regions between cell centres, of the case's grid.
@@ -48,13 +116,13 @@ pub fn stray_edges(case: &Case) -> usize {
 /// `case` on at most `most` cells: axes are halved, the longest first; those that keep as many
 /// edges of `V` on faces are preferred.
 pub fn coarsened(case: &Case, most: usize) -> Case {
-    /// Fewest cells along an axis.
-    const LEAST: usize = 4;
     let mut case = case.clone();
+    // Fewest elements along an axis.
+    let least = if case.space.degree() == 0 { 4 } else { 2 };
     while case.space.cells() > most {
-        let shape = case.space.shape();
+        let shape = case.space.elements();
         let mut axes: Vec<usize> = (0..shape.len()).collect();
-        axes.retain(|&a| shape[a].div_ceil(2) >= LEAST);
+        axes.retain(|&a| shape[a].div_ceil(2) >= least);
         axes.sort_by_key(|&a| Reverse(shape[a]));
         let halved = |a: &usize| {
             let mut shape = shape.clone();
@@ -74,10 +142,15 @@ pub fn coarsened(case: &Case, most: usize) -> Case {
 
 /// Grids over the box of a case.
 pub struct Grids {
-    x: Vec<Axis>,
-    /// Where regions of `V` end, by space axis; `None` where there are too many places: a curved
-    /// edge is on no faces.
+    axes: Vec<Axis>,
+    /// Places that must be on faces, by axis. Along x where regions of `V` end; `None` where there
+    /// are too many: a curved edge is on no faces. Along v it is 0 where [`check_axis`] asks for it,
+    /// and `None` elsewhere.
+    ///
+    /// [`check_axis`]: crate::scheme::interface::energy::check_axis
     edges: Vec<Option<Vec<f64>>>,
+    /// Of degree 0 or not.
+    fewest: [usize; 3],
     /// The axes of the `2n` along which nothing varies: a run has one cell there, so that they keep
     /// the case's.
     merged: Vec<bool>,
@@ -86,9 +159,16 @@ pub struct Grids {
 impl Grids {
     /// Those of `case`.
     pub fn new(case: &Case) -> Self {
+        let inside = |axis: &Axis| axis.lower < 0.0 && axis.upper > 0.0;
+        // Jumps that cannot be found here are found, and reported, by whoever solves the case.
+        let rests = case.is_galerkin() && Bounds::new(case).is_ok_and(|bounds| bounds.jumps);
+        let at_rest = |axis: &Axis| (rests && inside(axis)).then(|| vec![0.0]);
         Self {
-            x: case.space.x.clone(),
-            edges: region_edges(case),
+            axes: case.space.axes().cloned().collect(),
+            edges: (region_edges(case).into_iter())
+                .chain(case.space.v.iter().map(at_rest))
+                .collect(),
+            fewest: FEWEST[usize::from(case.space.degree() > 0)],
             merged: vec![false; 2 * case.space.dimension()],
         }
     }
@@ -116,38 +196,43 @@ impl Grids {
 
     /// `shape`, its axes of space (`of_space`) or of velocity twice as fine but for merged ones.
     pub fn doubled(&self, shape: &[usize], of_space: bool) -> Vec<usize> {
-        let is_space = |k| k < self.x.len();
+        let is_space = |k| k < self.dimension();
         self.with(shape, |k, n| if is_space(k) == of_space { 2 * n } else { n })
     }
 
     /// Number of space dimensions.
     pub fn dimension(&self) -> usize {
-        self.x.len()
+        self.axes.len() / 2
     }
 
-    /// Whether every edge across space axis `a` lies on a face of `cells` cells.
-    fn keeps(&self, a: usize, cells: usize) -> bool {
-        let axis = &self.x[a];
-        let Some(edges) = &self.edges[a] else {
+    /// Whether `n` elements along axis `k` have faces at all its edges.
+    fn keeps(&self, k: usize, n: usize) -> bool {
+        let axis = &self.axes[k];
+        let Some(edges) = &self.edges[k] else {
             return true;
         };
         edges.iter().all(|edge| {
-            let place = (edge - axis.lower) / (axis.upper - axis.lower) * cells as f64;
+            let place = (edge - axis.lower) / (axis.upper - axis.lower) * n as f64;
             (place - place.round()).abs() < ON_FACE
         })
     }
 
-    /// The axes on which `shape` moves an edge of `V`.
-    pub fn moved(&self, shape: &[usize]) -> Vec<usize> {
-        (0..self.x.len()).filter(|&a| !self.keeps(a, shape[a])).collect()
+    /// Whether an axis of velocities needs an even number and no more.
+    fn is_even(&self, k: usize) -> bool {
+        k >= self.dimension() && self.edges[k].is_none()
     }
 
-    /// About `wanted` cells along axis `k` of the `2n`, at least `fewest`: along x such that edges
-    /// are on faces, if there is such a number nearby; along v an even number, as the error differs
-    /// where a cell stands still.
+    /// The axes on which `shape` moves an edge of `V`.
+    pub fn moved(&self, shape: &[usize]) -> Vec<usize> {
+        (0..self.dimension()).filter(|&a| !self.keeps(a, shape[a])).collect()
+    }
+
+    /// About `wanted` elements along axis `k` of the `2n`, at least `fewest`: such that edges are on
+    /// faces, if there is such a number nearby; along v otherwise an even number, as the error
+    /// differs where a cell stands still.
     fn near(&self, k: usize, wanted: f64, fewest: usize) -> usize {
         let wanted = (wanted.ceil().min(1e15) as usize).max(fewest);
-        if k >= self.x.len() {
+        if self.is_even(k) {
             return wanted.next_multiple_of(2);
         }
         let reach = ((FARTHEST * wanted as f64) as usize).clamp(2, 100_000);
@@ -160,7 +245,7 @@ impl Grids {
 
     /// The coarsest grid that is tried.
     pub fn coarsest(&self, own: &[usize]) -> Vec<usize> {
-        let fewest = FEWEST[self.x.len() - 1];
+        let fewest = self.fewest[self.dimension() - 1];
         let enough = |k: u32| {
             let mut axes = own.iter().zip(&self.merged);
             axes.all(|(&n, merged)| *merged || n >> k >= fewest.min(n))
@@ -178,9 +263,9 @@ impl Grids {
 
     /// Whether axis `k` has half of `cells`, an even number of velocities, without losing an edge.
     fn halves(&self, k: usize, cells: usize) -> bool {
-        match k < self.x.len() {
-            true => cells.is_multiple_of(2) && self.keeps(k, cells / 2),
-            false => cells.is_multiple_of(4),
+        match self.is_even(k) {
+            true => cells.is_multiple_of(4),
+            false => cells.is_multiple_of(2) && self.keeps(k, cells / 2),
         }
     }
 
@@ -195,7 +280,7 @@ impl Grids {
     /// velocity axes coarser if they can be, the space axes finer otherwise, or the other way
     /// round.
     pub fn stretched(&self, shape: &[usize], ratio: f64) -> Vec<usize> {
-        let n = self.x.len();
+        let n = self.dimension();
         let mut shape = shape.to_vec();
         let free = |axes: std::ops::Range<usize>| -> Vec<usize> {
             axes.filter(|&k| !self.merged[k]).collect()
@@ -253,8 +338,12 @@ mod tests {
     use super::*;
 
     fn grids(edges: &[f64]) -> Grids {
-        let axis = Axis::new(-1.0, 2.0, 30);
-        Grids { x: vec![axis], edges: vec![Some(edges.to_vec())], merged: vec![false; 2] }
+        Grids {
+            axes: vec![Axis::new(-1.0, 2.0, 30); 2],
+            edges: vec![Some(edges.to_vec()), None],
+            fewest: FEWEST[0],
+            merged: vec![false; 2],
+        }
     }
 
     #[test]
@@ -276,8 +365,9 @@ mod tests {
     fn merged_axes_keep_their_cells() {
         let axis = || Axis::new(-1.0, 1.0, 32);
         let grids = Grids {
-            x: vec![axis(), axis()],
-            edges: vec![None, None],
+            axes: vec![axis(), axis(), axis(), axis()],
+            edges: vec![None; 4],
+            fewest: FEWEST[0],
             merged: vec![false, true, false, true],
         };
         let shape = [32, 3, 16, 5];

@@ -8,6 +8,7 @@ use crate::base::text::word;
 use crate::problem::case::{
     Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Method, ProfileChoice, PropagatorMethod,
 };
+use crate::study::grids::degree_settings;
 
 /// A choice of a case.
 pub struct Knob {
@@ -21,12 +22,16 @@ pub struct Knob {
     pub rows: bool,
 }
 
-/// All choices but the cells.
+/// The interface of degree 0. Elements match traces by energy whatever it is: they have none.
+fn interface(case: &Case) -> String {
+    if case.is_galerkin() { String::new() } else { word(&case.interface) }
+}
+
+/// All choices but elements and degree.
 #[rustfmt::skip]
-pub const KNOBS: [Knob; 6] = [
+pub const KNOBS: [Knob; 5] = [
     Knob { key: "solver.method", value: |c| word(&c.method), method: None, rows: false },
-    Knob { key: "scheme.interface", value: |c| word(&c.interface), method: None, rows: true },
-    Knob { key: "scheme.flux", value: |c| c.flux.to_string(), method: None, rows: true },
+    Knob { key: "scheme.interface", value: interface, method: None, rows: true },
     Knob { key: "scheme.limiter", value: |c| word(&c.limiter), method: None, rows: false },
     Knob { key: "solver.classical.integrator", value: |c| word(&c.integrator),
            method: Some(Method::Classical), rows: false },
@@ -65,24 +70,29 @@ pub fn implicit_propagators() -> impl Iterator<Item = (&'static str, PropagatorM
 
 /// The choices that the rows of `A` depend on, beside grid and potential.
 pub fn row_choices(case: &Case) -> String {
-    let rows = KNOBS.iter().filter(|knob| knob.rows);
-    rows.map(|knob| (knob.value)(case)).collect::<Vec<_>>().join(" ")
+    let rows = KNOBS.iter().filter(|knob| knob.rows).map(|knob| (knob.value)(case));
+    let degrees = case.space.axes().map(|axis| axis.nodes.degree.to_string());
+    rows.chain(degrees).collect::<Vec<_>>().join(" ")
 }
 
-/// What `--set` takes to give `case` the cells and the choices of `target`.
+/// What `--set` takes to give `case` the grid and the choices of `target`.
 pub fn settings(case: &Case, target: &Case) -> Vec<String> {
     let mut set = Vec::new();
     for axis in 0..case.space.dimension() {
         let [own, new] = [case, target].map(|case| [&case.space.x[axis], &case.space.v[axis]]);
         for (name, (own, new)) in ["x", "v"].into_iter().zip(own.into_iter().zip(new)) {
-            if own.cells != new.cells {
-                set.push(format!("axis.{axis}.{name}.cells={}", new.cells));
+            if own.elements() != new.elements() {
+                set.push(format!("axis.{axis}.{name}.cells={}", new.elements()));
             }
         }
     }
+    let degrees = |case: &Case| case.space.axes().map(|a| a.nodes.degree).collect::<Vec<_>>();
+    if degrees(case) != degrees(target) {
+        set.extend(degree_settings(case, target.space.degree()));
+    }
     for knob in KNOBS.iter().filter(|k| k.method.is_none_or(|method| method == target.method)) {
         let value = (knob.value)(target);
-        if value != (knob.value)(case) {
+        if !value.is_empty() && value != (knob.value)(case) {
             set.push(format!("{}={value}", knob.key));
         }
     }

@@ -118,7 +118,8 @@ pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Re
     left_out.sort_by_key(|left_out| left_out.name);
     Ok(Stability {
         title: title(case).to_owned(),
-        shape: case.space.shape(),
+        degree: case.space.degree(),
+        shape: case.space.elements(),
         time: case.end,
         ranks: world.group().size(),
         panels,

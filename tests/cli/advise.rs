@@ -107,6 +107,79 @@ fn advice_on_a_smooth_problem_is_right() {
     });
 }
 
+/// The relative L1 error of the density that a run with these arguments tells of.
+fn run_error(words: &[&str], place: &Path) -> Result<f64, String> {
+    let summary = Job::new(words.iter().copied()).within(120).solve(place)?;
+    summary.number("error_density_l1_relative")
+}
+
+/// Smooth data: elements reach small errors with the least work, of an order above 2; what is advised
+/// reaches them, and so does `run --accuracy`, which chooses the same.
+#[test]
+fn elements_are_advised_for_small_errors_of_smooth_data() {
+    let (place, accuracy) = (directory(), 2e-3);
+    let path = written(place.path(), SMOOTH).unwrap();
+    let advised = advise(&path, &accuracy.to_string()).succeed().and_then(|f| f.json()).unwrap();
+    let best = &advised["entries"][advised["best"].as_u64().unwrap_or(99) as usize];
+    let degree = best["degree"].as_u64().unwrap_or(0);
+    assert!(degree >= 2 && number(&best["order"]["order"]) > 2.0, "{best:#}");
+    let command = best["command"].as_str().unwrap_or_default();
+    let words: Vec<&str> = command.split_whitespace().skip(1).collect();
+    let error = run_error(&words, &place.path().join("advised")).unwrap();
+    assert!(error <= accuracy && (error / number(&best["error"]) - 1.0).abs() < 0.02, "{error}");
+    let chosen = ["run", &path, "--accuracy", "2e-3"];
+    let again = run_error(&chosen, &place.path().join("chosen")).unwrap();
+    assert_eq!(error, again);
+}
+
+/// A shorter budget leaves things open, and forbids nothing that a longer one finds.
+#[test]
+fn budgets_do_not_contradict_each_other() {
+    let within = |budget: &str| {
+        let job = advise(&case("example1.toml"), "2e-2").with(["--budget", budget]);
+        job.succeed().and_then(|f| f.json()).unwrap()
+    };
+    let [short, long] = ["10s", "60s"].map(within);
+    let mut compared = 0;
+    for e in short["entries"].as_array().into_iter().flatten() {
+        let same =
+            long["entries"].as_array().into_iter().flatten().find(|l| l["name"] == e["name"]);
+        let refused = e["refused"].as_str();
+        if same.is_some_and(|l| l["refused"].is_null())
+            && let Some(reason) = refused
+        {
+            assert!(reason.contains("budget"), "{e:#}");
+        }
+        compared += usize::from(same.is_some());
+    }
+    assert!(compared >= 6, "{compared} compared: {short:#}");
+}
+
+/// `--accuracy` is refused beside what it chooses, and `plan` and `check` take it.
+#[test]
+fn accuracies_take_the_place_of_grid_degree_and_tolerance() {
+    let place = directory();
+    let path = written(place.path(), SMOOTH).unwrap();
+    let job = |words: &[&str]| {
+        let words = [&words[..1], &[path.as_str(), "--accuracy", "1e-1"], &words[1..]].concat();
+        Job::new(words).within(120)
+    };
+    for key in ["solver.tolerance=1e-3", "axis.0.x.cells=10", "scheme.degree=2"] {
+        let finished = job(&["run", "--set", key]).run().unwrap();
+        let name = key.split('=').next().unwrap_or_default();
+        finished.ended(2, &["--accuracy", name]).unwrap();
+    }
+    let finished = Job::new(["run", &path, "--budget", "3s"]).run().unwrap();
+    finished.ended(2, &["--accuracy"]).unwrap();
+    job(&["run", "--resume"]).run().unwrap().ended(2, &["--accuracy"]).unwrap();
+    let planned = job(&["plan", "--json"]).succeed().unwrap();
+    assert!(planned.output.contains("--set"), "{}", planned.output);
+    let checked = job(&["check"]).succeed().unwrap();
+    assert!(checked.output.contains("--set"), "{}", checked.output);
+    let out_of_reach = job(&["run", "--set", "initial.f=0", "--set", "exact={}"]).run().unwrap();
+    out_of_reach.ended(2, &["a relative error has no meaning"]).unwrap();
+}
+
 /// At a step: discontinuous data show an order well below 1, slopes take fewer cells, the step
 /// stays on a face.
 #[test]

@@ -228,6 +228,42 @@ fn errors_fall_as_they_should() {
     }
 }
 
+/// Elements of every degree are there, by modes and classically, of a case of degree 0 and of one of
+/// degree 4, which then has cells of degree 0; on smooth data a higher degree leaves less.
+#[test]
+fn degrees_are_compared() {
+    let small = ["axis.0.x.cells=20", "axis.0.v.cells=20", "time.end=0.4", "scheme.degree=0"];
+    let beams = ["axis.0.x.cells=12", "axis.0.v.cells=12", "time.end=0.4"];
+    check_all(
+        &[("step_up.toml", small[..3].to_vec()), ("smooth-beams.toml", beams.to_vec())],
+        |row| {
+            let (name, settings) = row;
+            let place = directory();
+            let found = chart(name, settings, (1, 20.0), place.path())?;
+            let done = |degree: u64, method: &str| -> Vec<f64> {
+                let of = |e: &&Value| {
+                    e["status"] == "done" && e["degree"] == degree && e["method"] == method
+                };
+                let errors = entries(&found).iter().filter(of);
+                errors.filter_map(|e| e["error_exact"].as_f64()).collect()
+            };
+            let mut least = Vec::new();
+            for degree in 0..=4 {
+                for method in ["classical", "schrodingerized"] {
+                    let errors = done(degree, method);
+                    least.push(errors.iter().copied().fold(f64::INFINITY, f64::min));
+                    if !least[least.len() - 1].is_finite() {
+                        return Err(format!("{name}: no {method} trial of degree {degree}"));
+                    }
+                }
+            }
+            let right =
+                *name == "step_up.toml" || (least[8] < 0.3 * least[0] && least[9] < 0.3 * least[1]);
+            if right { Ok(()) } else { Err(format!("{name}: least errors {least:?}")) }
+        },
+    );
+}
+
 #[test]
 fn without_an_exact_solution_the_semi_discrete_one_is_left() {
     let place = directory();

@@ -208,6 +208,30 @@ fn grazing_spikes_where_a_cell_rests_beyond_the_threshold() {
     assert_eq!(all["left_out"].as_array().map(Vec::len), Some(2), "{all}");
 }
 
+/// Elements: SSP-RK3 keeps the norm where theory says, no step of forward Euler does; what is about
+/// growth at jumps is not applicable; reading, interval and tolerance are as of degree 0.
+#[test]
+fn elements_have_borders_too() {
+    let grid = ["axis.0.x.cells=8", "axis.0.v.cells=8", "scheme.degree=2"];
+    let only = "cfl,growth,grazing,recovery,interval,step,tolerance";
+    let all = found(&stability("example1.toml", only).set(&grid).on(2)).unwrap();
+    let [kept, theory] = border(&all, "cfl", "SSP-RK3: norm kept").unwrap();
+    assert!(kept >= theory && theory == 1.0, "{kept} {theory}");
+    let [explodes, least] = border(&all, "cfl", "SSP-RK3: explodes").unwrap();
+    assert!(explodes >= least && least > 1.0, "{explodes} {least}");
+    assert!(border(&all, "cfl", "forward Euler: norm kept").is_err());
+    let left_out = all["left_out"].to_string();
+    assert_eq!(left_out.matches("not applicable").count(), 2, "{left_out}");
+    let [left, by_theory] = border(&all, "recovery", "elements: plateau begins").unwrap();
+    assert!(left <= by_theory + 0.3, "{left} {by_theory}");
+    let [error, tolerance] = border(&all, "interval", "a run accepts").unwrap();
+    assert!(error <= tolerance, "{error} {tolerance}");
+    let [order, theory] = border(&all, "step", "Crank-Nicolson: order").unwrap();
+    assert!((order - theory).abs() < 0.25, "{order}");
+    let [reached, smallest] = border(&all, "tolerance", "designed").unwrap();
+    assert!(smallest < 1e-9 && reached < 2.0 * smallest, "{reached} {smallest}");
+}
+
 /// Orders of the implicit methods.
 #[test]
 fn implicit_methods_have_their_orders() {

@@ -142,9 +142,9 @@ impl SchemeTable {
     /// `flux`: `α`, from 0, central, to 1, upwind.
     pub fn flux(&self, file: &CaseFile<'_>, degree: usize) -> Result<f64> {
         match self.flux {
-            Some(_) if degree == 0 => file.refuse(
+            Some(flux) if degree == 0 && flux != 1.0 => file.refuse(
                 "scheme.flux",
-                "of degree 0 the flux is upwind; leave it out, or choose scheme.degree above 0",
+                "of degree 0 the flux is upwind, 1; leave it out, or choose scheme.degree above 0",
             ),
             Some(flux) => {
                 file.within("scheme.flux", flux, 0.0..=1.0, || "must be between 0 and 1".to_owned())

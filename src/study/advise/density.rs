@@ -4,10 +4,11 @@ use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
+use crate::problem::element::gauss_legendre;
 use crate::problem::exact::Tracer;
 use crate::problem::exact::sheet::exact_moments;
-use crate::problem::grid::{PhaseSpace, describe_point, for_each_cell};
-use crate::study::grids::{averaged, refined, shape_text};
+use crate::problem::grid::{Axis, PhaseSpace, describe_point, for_each_cell};
+use crate::study::grids::{averaged, grid_name, refined};
 use crate::study::trial::Trial;
 
 /// The exact density is averaged over at most so many points of phase space, where the cells
@@ -16,7 +17,8 @@ pub const MOST_POINTS: usize = 200_000;
 /// And over so many along an axis of each cell.
 const MOST_PARTS: usize = 8;
 
-/// The density of a trial on all of space. Collective.
+/// The density of a trial on all of space, averaged over equal cells, of which each element has as
+/// many as nodes along an axis. Collective.
 ///
 /// # Errors
 /// [`Error::Input`] where it is zero everywhere, or not finite.
@@ -31,7 +33,32 @@ pub fn density_of(group: &Group, space: &PhaseSpace, trial: &Trial) -> Result<Ve
     });
     let density = gathered(group, &density);
     refuse_zero(&density, space)?;
-    Ok(density)
+    Ok((0..space.x.len()).fold(density, |density, axis| over_cells(&space.x, axis, &density)))
+}
+
+/// Averages over equal parts of the elements of axis `a`, as many as nodes, of the polynomials with
+/// these `values` at the nodes; of degree 0 the values.
+fn over_cells(axes: &[Axis], a: usize, values: &[f64]) -> Vec<f64> {
+    let nodes = axes[a].nodes;
+    let count = nodes.count();
+    if nodes.degree == 0 {
+        return values.to_vec();
+    }
+    let rule = gauss_legendre(count);
+    // Row m: what the polynomial of each node is on average in part m.
+    let average = |m: usize, node: usize| -> f64 {
+        let at = |xi: f64| (2 * m + 1) as f64 / count as f64 - 1.0 + xi / count as f64;
+        rule.iter().map(|(xi, w)| 0.5 * w * nodes.reference().values_at(at(*xi))[node]).sum()
+    };
+    let matrix: Vec<Vec<f64>> =
+        (0..count).map(|m| (0..count).map(|node| average(m, node)).collect()).collect();
+    let inner: usize = axes[a + 1..].iter().map(|axis| axis.cells).product();
+    let mut found = vec![0.0; values.len()];
+    for (k, found) in found.iter_mut().enumerate() {
+        let (m, first) = (k / inner % count, k - k / inner % count * inner);
+        *found = (0..count).map(|node| matrix[m][node] * values[first + node * inner]).sum();
+    }
+    found
 }
 
 /// Values that are zero on all ranks but one, on all ranks. Collective.
@@ -51,7 +78,7 @@ fn refuse_zero(density: &[f64], space: &PhaseSpace) -> Result<()> {
     let what = if size == 0.0 { "zero" } else { "not finite" };
     Err(Error::Input(format!(
         "the density is {what}: a relative error has no meaning (at the end, on {} cells)",
-        shape_text(&space.shape())
+        grid_name(space)
     )))
 }
 
@@ -66,9 +93,20 @@ pub fn distance(a: &[f64], b: &[f64]) -> f64 {
 /// relative L1 distance of densities larger than the relative l2 distance of fields (Cauchy and
 /// Schwarz). Collective.
 pub fn spread(group: &Group, space: &PhaseSpace, trial: &Trial, density: &[f64]) -> f64 {
-    let squares: Vec<f64> = (trial.fields[0].chunks(space.velocity_cells()))
-        .map(|cells| cells.iter().map(|f| f * f).sum())
-        .collect();
+    let velocities: Vec<_> = space.v.iter().map(|axis| 0..axis.cells).collect();
+    let n = space.dimension();
+    let mut values = trial.fields[0].iter();
+    let mut squares = Vec::new();
+    for_each_cell(&trial.share, |i| {
+        let mut sum = 0.0;
+        for_each_cell(&velocities, |j| {
+            let f = values.next().copied().unwrap_or(0.0);
+            let here = space.axes().zip(i[..n].iter().chain(&j[..n]));
+            let volume: f64 = here.map(|(axis, &k)| axis.relative_weight(k)).product();
+            sum += volume * f * f;
+        });
+        squares.push(sum);
+    });
     let square = group.sum_terms(&squares) * space.cell_volume();
     let box_volume: f64 = space.axes().map(|a| a.upper - a.lower).product();
     let cell = space.cell_volume() / space.velocity_volume();

@@ -46,9 +46,11 @@ pub struct Entry {
     pub interface: Interface,
     /// Slopes.
     pub limiter: Limiter,
-    /// Cells along each axis.
+    /// Degree of the elements.
+    pub degree: usize,
+    /// Elements along each axis; of degree 0 cells.
     pub shape: Vec<usize>,
-    /// All of them.
+    /// All unknowns.
     pub cells: f64,
     /// Those that are left to compute on, where the case has more than it needs.
     pub computed_cells: f64,
@@ -104,7 +106,9 @@ impl Entry {
 /// The case as it stands.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Given {
-    /// Cells along each axis.
+    /// Degree of the elements.
+    pub degree: usize,
+    /// Elements along each axis; of degree 0 cells.
     pub shape: Vec<usize>,
     /// Relative L1 error of the density, all parts together.
     pub error: f64,
@@ -128,12 +132,32 @@ pub struct Advised {
     pub exact: bool,
     /// The case as it stands.
     pub given: Option<Given>,
-    /// The best Schrödingerized set-up that is no mere estimate, by position in `entries`.
+    /// The Schrödingerized set-up of least work that is no mere estimate, by position in `entries`.
     pub best: Option<usize>,
+    /// The same of the classical ones.
+    pub best_classical: Option<usize>,
     /// What reaches the accuracy, quickest first; then what cannot be run.
     pub entries: Vec<Entry>,
     /// What was not tried, and why.
     pub left_out: Vec<String>,
     /// What the user should know.
     pub warnings: Vec<String>,
+}
+
+impl Advised {
+    /// The set-up of least work by `method`, if one is advised.
+    pub fn best_of(&self, method: Method) -> Option<&Entry> {
+        let best = match method {
+            Method::Schrodingerized => self.best,
+            Method::Classical => self.best_classical,
+        };
+        best.and_then(|k| self.entries.get(k))
+    }
+
+    /// Why nothing by `method` is advised.
+    pub fn why_nothing(&self, method: Method) -> String {
+        let mut of_method = self.entries.iter().filter(|e| e.method == method);
+        let why = of_method.find_map(|e| e.estimate.clone().or_else(|| e.refused.clone()));
+        why.unwrap_or_else(|| format!("nothing was tried; {}", self.left_out.join("; ")))
+    }
 }

@@ -1,9 +1,10 @@
 //! From a few coarse grids to the coarsest one whose density is as exact as asked for.
 
 use crate::base::error::Result;
-use crate::study::advise::order::Order;
+use crate::study::advise::order::{Order, Range};
 use crate::study::advise::scheme::Scheme;
 use crate::study::advise::trials::{Trials, cells};
+use crate::study::grids::Grids;
 use serde::Serialize;
 
 /// Part of the accuracy for the discretisation; the rest is for Schrödingerization.
@@ -26,7 +27,7 @@ const FOR_BALANCE: f64 = 0.3;
 /// A grid and the error of the density on it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Level {
-    /// Cells along each axis.
+    /// Elements along each axis.
     pub shape: Vec<usize>,
     /// Relative L1 error of the density.
     pub error: f64,
@@ -109,11 +110,13 @@ struct Ladder {
     /// Against the exact solution, of each; or each but the last from the next.
     found: Vec<f64>,
     exact: bool,
+    /// Orders that the scheme may have.
+    orders: Range,
 }
 
 impl Ladder {
     fn order(&self) -> Order {
-        Order::of(&self.found)
+        Order::of(&self.found, self.orders)
     }
 
     fn levels(&self) -> Vec<Level> {
@@ -152,7 +155,7 @@ pub fn look(
     if let Some(error) = trials.error(scheme, shape)? {
         return Ok(Some(KnownError { error, known: Known::Measured }));
     }
-    let twice = trials.grids.twice(shape);
+    let twice = trials.scene(scheme).grids.twice(shape);
     if !trials.may(scheme, &twice, share)? {
         return Ok(None);
     }
@@ -163,12 +166,12 @@ pub fn look(
 /// How many times finer space should be against velocities where its part of the error is `part`.
 ///
 /// With an error `E_x h_x^q + E_v h_v^q` and a cost `h_x^{−(n+1)} h_v^{−n}`, the least cost has
-/// `E_x h_x^q : E_v h_v^q = n + 1 : n`. A power of two; `q = 1` is assumed, and the ratio is
-/// rounded towards 1, as parts on coarse grids are not those on fine ones.
-fn stretch(part: f64, dimension: usize) -> f64 {
+/// `E_x h_x^q : E_v h_v^q = n + 1 : n`. A power of two; `q = k + 1` is assumed of degree `k`, and the
+/// ratio is rounded towards 1, as parts on coarse grids are not those on fine ones.
+fn stretch(part: f64, dimension: usize, degree: usize) -> f64 {
     let n = dimension as f64;
     let ratio = part / (1.0 - part).max(1e-6) * n / (n + 1.0);
-    let powers = ratio.max(1e-6).log2().trunc();
+    let powers = (ratio.max(1e-6).log2() / (degree + 1) as f64).trunc();
     powers.exp2().clamp(1.0 / MOST_STRETCH, MOST_STRETCH)
 }
 
@@ -182,13 +185,13 @@ struct Search<'t, 'a> {
 
 impl Search<'_, '_> {
     fn reach(mut self) -> Result<Reach> {
-        let Goal { start, share, .. } = self.goal;
-        let second = self.trials.grids.twice(start);
+        let Goal { scheme, start, share, .. } = self.goal;
+        let second = self.grids().twice(start);
         let part = self.part_of_space(&second, FOR_BALANCE * share)?;
         let first = match part {
             Some(part) => {
-                let ratio = stretch(part, self.trials.grids.dimension());
-                self.trials.grids.stretched(start, ratio)
+                let ratio = stretch(part, self.grids().dimension(), scheme.degree);
+                self.grids().stretched(start, ratio)
             }
             None => start.to_vec(),
         };
@@ -230,6 +233,10 @@ impl Search<'_, '_> {
         Ok(result)
     }
 
+    fn grids(&self) -> &Grids {
+        &self.trials.scene(self.goal.scheme).grids
+    }
+
     fn distance(&mut self, coarse: &[usize], fine: &[usize]) -> Result<f64> {
         self.trials.distance(self.goal.scheme, coarse, fine)
     }
@@ -241,7 +248,7 @@ impl Search<'_, '_> {
     /// Part of space in the changes that grids make which are twice as fine along space, and along
     /// velocities; none where the budget does not allow them. Collective.
     fn part_of_space(&mut self, shape: &[usize], share: f64) -> Result<Option<f64>> {
-        let finer = [true, false].map(|of_space| self.trials.grids.doubled(shape, of_space));
+        let finer = [true, false].map(|of_space| self.grids().doubled(shape, of_space));
         for shape in &finer {
             if !self.trials.may(self.goal.scheme, shape, share)? {
                 return Ok(None);
@@ -257,13 +264,13 @@ impl Search<'_, '_> {
     fn climb(&mut self, first: Vec<usize>) -> Result<Ladder> {
         let Goal { scheme, share, .. } = self.goal;
         let share = FOR_LEVELS * share;
-        let exact = self.trials.has_exact();
-        let mut ladder = Ladder { shapes: vec![first.clone()], found: Vec::new(), exact };
+        let (exact, orders) = (self.trials.has_exact(), scheme.orders());
+        let mut ladder = Ladder { shapes: vec![first.clone()], found: Vec::new(), exact, orders };
         ladder.found.extend(self.trials.error(scheme, &first)?);
         while ladder.shapes.len() < MOST_LEVELS {
             let reached = ladder.levels().last().is_some_and(|level| level.error <= self.wanted);
             let last = ladder.shapes[ladder.shapes.len() - 1].clone();
-            let next = self.trials.grids.twice(&last);
+            let next = self.grids().twice(&last);
             if next == last {
                 // Nothing varies along any axis.
                 if !exact {
@@ -286,7 +293,7 @@ impl Search<'_, '_> {
         }
         while ladder.shapes.len() < MOST_LEVELS
             && ladder.levels().first().is_some_and(|level| level.error <= self.wanted)
-            && let Some(half) = self.trials.grids.halved(&ladder.shapes[0])
+            && let Some(half) = self.grids().halved(&ladder.shapes[0])
         {
             let found = match self.trials.error(scheme, &half)? {
                 Some(error) => error,
@@ -307,7 +314,7 @@ impl Search<'_, '_> {
         let slope = (coarse.error / fine.error).log2();
         let mut scale = (coarse.error / wanted).log2() / slope;
         for _ in 0..MOST_CANDIDATES {
-            let shape = self.trials.grids.scaled(&coarse.shape, scale.exp2());
+            let shape = self.grids().scaled(&coarse.shape, scale.exp2());
             if cells(&shape) >= cells(&fine.shape) {
                 break;
             }
@@ -328,7 +335,7 @@ impl Search<'_, '_> {
     fn beyond(&mut self, finest: &Level, result: &mut Reach) -> Result<()> {
         let mut scale = result.order.refinement(finest.error, self.wanted);
         for _ in 0..MOST_CANDIDATES {
-            result.shape = self.trials.grids.scaled(&finest.shape, scale);
+            result.shape = self.grids().scaled(&finest.shape, scale);
             (result.error, result.known) = (self.wanted, Known::Extrapolated);
             let Some(found) = self.look(&result.shape, &result.order)? else {
                 break;
@@ -365,11 +372,13 @@ mod tests {
     #[test]
     fn axes_are_balanced_in_part() {
         // Two thirds of the error belong to space in one dimension.
-        assert_eq!(stretch(2.0 / 3.0, 1), 1.0);
-        assert_eq!(stretch(0.9, 1), 4.0);
-        assert_eq!(stretch(0.75, 2), 2.0);
-        assert_eq!(stretch(0.1, 1), 1.0 / 4.0);
-        assert_eq!(stretch(0.0, 3), 1.0 / 4.0);
-        assert_eq!(stretch(1.0, 1), 4.0);
+        assert_eq!(stretch(2.0 / 3.0, 1, 0), 1.0);
+        assert_eq!(stretch(0.9, 1, 0), 4.0);
+        assert_eq!(stretch(0.75, 2, 0), 2.0);
+        assert_eq!(stretch(0.1, 1, 0), 1.0 / 4.0);
+        assert_eq!(stretch(0.0, 3, 0), 1.0 / 4.0);
+        assert_eq!(stretch(1.0, 1, 0), 4.0);
+        // The parts of a high order change faster.
+        assert_eq!(stretch(0.9, 1, 4), 1.0);
     }
 }

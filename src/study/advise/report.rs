@@ -5,21 +5,26 @@ use crate::problem::case::{Case, Method};
 use crate::study::advise::entry::{Advised, Entry, Parts};
 use crate::study::advise::order::Order;
 use crate::study::advise::reach::Known;
+use crate::study::advise::settings::quoted;
 use crate::study::advise::trials::cells;
 use crate::study::grids::shape_text;
 use crate::study::text::seconds_text;
 use std::fmt;
 
-/// Grids of more cells are not spelled out.
+/// Grids of more unknowns are not spelled out.
 pub const MOST_SHOWN: f64 = 1e15;
 
-/// `128 x 128 = 1.638e4 cells`.
-pub fn grid_text(shape: &[usize]) -> String {
-    let all = cells(shape);
+/// `128 x 128 = 1.638e4 cells`, `26 x 26 elements of degree 4 = 1.690e4 unknowns`.
+pub fn grid_text(shape: &[usize], degree: usize) -> String {
+    let all = cells(shape) * ((degree + 1) as f64).powi(shape.len() as i32);
     if all > MOST_SHOWN {
-        return "more than 1e15 cells".to_owned();
+        return "more than 1e15 unknowns".to_owned();
     }
-    format!("{} = {all:.3e} cells", shape_text(shape))
+    let shape = shape_text(shape);
+    match degree {
+        0 => format!("{shape} = {all:.3e} cells"),
+        _ => format!("{shape} elements of degree {degree} = {all:.3e} unknowns"),
+    }
 }
 
 /// Orders by pairs of grids, coarsest first.
@@ -85,10 +90,20 @@ fn parts(parts: &Parts) -> String {
     text
 }
 
+impl Entry {
+    /// What it is, its grid, its error, and the settings that lead to it.
+    pub fn summary(&self) -> String {
+        let set: String =
+            self.settings.iter().map(|set| format!(" --set {}", quoted(set))).collect();
+        let (grid, how) = (grid_text(&self.shape, self.degree), known(self.known));
+        format!("{}, {grid}, error {:.1e} ({how})\n {set}", self.name, self.error)
+    }
+}
+
 fn entry(f: &mut fmt::Formatter<'_>, entry: &Entry) -> fmt::Result {
     writeln!(f, "{}", entry.name)?;
     if let Some(reason) = &entry.refused {
-        return writeln!(f, "  cannot be had: {reason}");
+        return writeln!(f, "  not advised: {reason}");
     }
     if let Some(why) = &entry.estimate {
         writeln!(f, "  an estimate, not advice: {why}")?;
@@ -99,7 +114,7 @@ fn entry(f: &mut fmt::Formatter<'_>, entry: &Entry) -> fmt::Result {
         String::new()
     };
     let tolerance = entry.tolerance.map_or(String::new(), |t| format!(", tolerance {t:e}"));
-    writeln!(f, "  grid    {}{computed}{tolerance}", grid_text(&entry.shape))?;
+    writeln!(f, "  grid    {}{computed}{tolerance}", grid_text(&entry.shape, entry.degree))?;
     writeln!(f, "  error   {:.2e}, {}: {}", entry.error, known(entry.known), parts(&entry.parts))?;
     let settled = if entry.order.settled { "settled" } else { "not settled" };
     writeln!(f, "  order   {:.2}, {settled} ({})", entry.order.order, pairs(&entry.order))?;
@@ -134,7 +149,8 @@ impl fmt::Display for Advised {
             }
         )?;
         if let Some(given) = &self.given {
-            writeln!(f, "\nThe case as it stands: {}", shape_text(&given.shape))?;
+            let grid = grid_text(&given.shape, given.degree);
+            writeln!(f, "\nThe case as it stands: {grid}")?;
             writeln!(
                 f,
                 "  error   {:.2e}, {}: {}",
@@ -146,11 +162,9 @@ impl fmt::Display for Advised {
         if let Some(best) = self.best.and_then(|k| self.entries.get(k)) {
             write!(f, "\nAdvised: ")?;
             entry(f, best)?;
-        } else if let Some(why) = (self.entries.iter())
-            .filter(|e| e.method == Method::Schrodingerized)
-            .find_map(|e| e.estimate.as_deref())
-        {
-            writeln!(f, "\nNothing is advised: {why}. Estimates are listed below.")?;
+        } else {
+            let why = self.why_nothing(Method::Schrodingerized);
+            writeln!(f, "\nNothing is advised by modes: {why}.")?;
         }
         writeln!(f, "\nAll that was tried, quickest first:\n")?;
         for one in &self.entries {

@@ -2,17 +2,23 @@
 
 use crate::base::text::word;
 use crate::problem::case::{Case, Integrator, Interface, Limiter, Method};
+use crate::study::advise::order::Range;
 use crate::study::grids::on_grid;
 use crate::study::treatment::Treatment;
 
 /// A semi-discrete scheme.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Scheme {
-    /// Interface rows.
+    /// Interface rows, of degree 0.
     pub interface: Interface,
-    /// Slopes.
+    /// Slopes, of degree 0.
     pub limiter: Limiter,
+    /// Degree of the elements.
+    pub degree: usize,
 }
+
+/// Highest degree that is tried, where the case has no higher one.
+const HIGHEST_DEGREE: usize = 4;
 
 impl Scheme {
     /// That of `case`. Schrödingerization has no slopes.
@@ -21,24 +27,45 @@ impl Scheme {
             Method::Classical => case.limiter,
             Method::Schrodingerized => Limiter::None,
         };
-        Self { interface: case.interface, limiter }
+        Self { interface: case.interface, limiter, degree: case.space.degree() }
     }
 
-    /// The schemes that are tried for `case`: its own interface first, others where `V` jumps, then
-    /// slopes where the inflow does not depend on time.
+    /// The schemes that are tried for `case`: its own first; other degrees; of degree 0 other
+    /// interfaces where `V` jumps, then slopes where the inflow does not depend on time.
     pub fn candidates(case: &Case, jumps: bool) -> Vec<Self> {
-        let own = case.interface;
-        let others = Interface::ALL.into_iter().filter(|&other| jumps && other != own);
-        let without = |interface| Self { interface, limiter: Limiter::None };
-        let mut schemes: Vec<Self> = [own].into_iter().chain(others).map(without).collect();
+        let own = Self { limiter: Limiter::None, ..Self::of(case) };
+        let mut schemes = vec![own];
+        let mut add = |scheme: Self| {
+            if !schemes.contains(&scheme) {
+                schemes.push(scheme);
+            }
+        };
+        let elements = Self { interface: Interface::Conservative, ..own };
+        (1..=HIGHEST_DEGREE).for_each(|degree| add(Self { degree, ..elements }));
+        if case.reflects() {
+            add(Self { degree: 0, ..elements });
+            return schemes;
+        }
+        let laws = Interface::ALL.into_iter().filter(|&law| jumps || law == own.interface);
+        laws.for_each(|interface| add(Self { interface, degree: 0, ..own }));
         if !case.varies() {
             let slopes = [Limiter::Minmod, Limiter::VanLeer];
-            schemes.extend(slopes.map(|limiter| Self { interface: own, limiter }));
+            slopes.into_iter().for_each(|limiter| add(Self { limiter, degree: 0, ..own }));
         }
         schemes
     }
 
-    /// `case` on `shape` cells by this scheme, without Schrödingerization.
+    /// The orders in the elements' width that its errors may show: at least that of discontinuous
+    /// data in L1, `(k + 1)/(k + 2)`, at most one more than that of smooth data, `k + 1`. Slopes count
+    /// as degree 1.
+    pub fn orders(self) -> Range {
+        let k = if self.limiter == Limiter::None { self.degree } else { 1 } as f64;
+        let most = if self.limiter == Limiter::None { k + 2.0 } else { 2.0 };
+        Range { least: (k + 1.0) / (k + 2.0), most }
+    }
+
+    /// `case`, of this scheme's degree, on `shape` elements by this scheme, without
+    /// Schrödingerization.
     pub fn classical(self, case: &Case, shape: &[usize]) -> Case {
         Case {
             method: Method::Classical,
@@ -51,13 +78,18 @@ impl Scheme {
         }
     }
 
-    /// `case` on `shape` cells by this scheme's interface.
+    /// `case`, of this scheme's degree, on `shape` elements by this scheme's interface.
     pub fn schrodingerized(self, case: &Case, shape: &[usize]) -> Case {
         Case { interface: self.interface, ..on_grid(case, shape) }
     }
 
     /// The scheme by `method` in words; the interface where `V` jumps.
     pub fn name(self, method: Method, jumps: bool) -> String {
+        if self.degree > 0 {
+            let by =
+                if method == Method::Schrodingerized { "Schrödingerized" } else { "classical" };
+            return format!("{by}, elements of degree {}", self.degree);
+        }
         let mut name = match (method, self.limiter) {
             (Method::Schrodingerized, _) => "Schrödingerized",
             (Method::Classical, Limiter::None) => "classical, exponential",

@@ -29,10 +29,12 @@ pub fn plain(case: &Case) -> Result<Case> {
 /// What `--set` takes to make `target` of `case`; `plain` is the case as it is planned.
 pub fn settings(case: &Case, plain: &Case, target: &Case) -> Vec<String> {
     let mut set = knobs::settings(case, target);
+    let limited = case.positive && !target.positive;
     let resets = match target.method {
         Method::Classical => [
             ("solver.verify=false", case.verify && target.limiter != Limiter::None),
             ("output.warped_field=false", case.warped_field),
+            ("output.positive=false", limited),
         ],
         Method::Schrodingerized => {
             // A classical case does not show all that its tables hold.
@@ -41,6 +43,7 @@ pub fn settings(case: &Case, plain: &Case, target: &Case) -> Vec<String> {
             [
                 ("solver.warp={}", hidden || case.warp != plain.warp),
                 ("solver.propagator={}", case.propagator != plain.propagator),
+                ("output.positive=false", limited),
             ]
         }
     };
@@ -63,7 +66,7 @@ pub fn command(case: &Case, settings: &[String]) -> String {
 }
 
 /// A word as a shell takes it.
-fn quoted(word: &str) -> String {
+pub fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+".contains(c);
     if !word.is_empty() && word.chars().all(plain) {
         word.to_owned()
@@ -95,7 +98,7 @@ mod tests {
         let case = read(&["axis.0.v.cells=24".to_owned()]).unwrap();
         let plain = plain(&case).unwrap();
         for interface in Interface::ALL {
-            let scheme = Scheme { interface, limiter: Limiter::None };
+            let scheme = Scheme { interface, limiter: Limiter::None, degree: 0 };
             let mut target = scheme.schrodingerized(&plain, &[40, 36]);
             target.tolerance = 3e-4;
             let set = settings(&case, &plain, &target);
@@ -107,7 +110,8 @@ mod tests {
             assert!(command.contains("--set 'solver.warp={}'"), "{command}");
             assert!(!command.contains("cells=24"), "{command}");
         }
-        let scheme = Scheme { interface: Interface::Hat, limiter: Limiter::VanLeer };
+        let limiter = Limiter::VanLeer;
+        let scheme = Scheme { interface: Interface::Hat, limiter, degree: 0 };
         let found = read(&settings(&case, &plain, &scheme.classical(&plain, &[40, 36]))).unwrap();
         assert_eq!(
             (found.method, found.limiter, found.integrator),

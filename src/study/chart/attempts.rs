@@ -100,6 +100,8 @@ impl Outcome {
 pub(crate) struct Attempts<'a> {
     world: &'a World,
     case: &'a Case,
+    /// The case of other degrees.
+    degrees: &'a [Case],
     /// Whether `V` does.
     jumps: bool,
     budget: Budget,
@@ -125,6 +127,7 @@ impl<'a> Attempts<'a> {
         Self {
             world,
             case,
+            degrees: &[],
             jumps,
             budget,
             over: false,
@@ -137,6 +140,17 @@ impl<'a> Attempts<'a> {
             first_error: None,
             zero: None,
         }
+    }
+
+    /// With the case of other degrees.
+    pub fn with_degrees(self, degrees: &'a [Case]) -> Self {
+        Self { degrees, ..self }
+    }
+
+    /// The case of the degree of `space`.
+    fn base(&self, space: &PhaseSpace) -> &'a Case {
+        let other = self.degrees.iter().find(|case| case.space.degree() == space.degree());
+        other.unwrap_or(self.case)
     }
 
     /// Whether anything ran.
@@ -162,7 +176,8 @@ impl<'a> Attempts<'a> {
 
     /// Runs, refuses or leaves out one setting. Collective.
     fn attempt(&mut self, setting: &Setting) -> Entry {
-        let mut case = setting.setup.apply(self.case, &setting.space, None);
+        let base = self.base(&setting.space);
+        let mut case = setting.setup.apply(base, &setting.space, None);
         let outcome = self.outcome(&mut case, setting).unwrap_or_else(|error| {
             let reason = error.to_string();
             self.first_error.get_or_insert(error);
@@ -185,7 +200,7 @@ impl<'a> Attempts<'a> {
         Entry {
             as_given: setting.setup == Setup::Given,
             paper: matches!(setting.setup, Setup::Paper { .. }),
-            no_jump: !self.jumps,
+            no_jump: !self.jumps || case.is_galerkin(),
             ..entry
         }
     }
@@ -215,7 +230,7 @@ impl<'a> Attempts<'a> {
                 return Ok(Outcome::longer_than(least));
             }
             let bounds = self.measured_bounds(&scene)?;
-            *case = setup.apply(self.case, &setting.space, Some(&bounds));
+            *case = setup.apply(self.base(&setting.space), &setting.space, Some(&bounds));
             scene.warp = case.warp;
         }
         let (expected, error) = self.expect(&scene);
@@ -402,7 +417,7 @@ impl<'a> Attempts<'a> {
         let began = Instant::now();
         let (mut sum, mut bound) = (0.0, "");
         for Setting { space, setup } in settings {
-            let case = setup.apply(self.case, space, None);
+            let case = setup.apply(self.base(space), space, None);
             let overhead = self.least_seconds(&case);
             if sum + overhead > allowed {
                 (sum, bound) = (sum + overhead, "at least ");

@@ -5,7 +5,7 @@ use crate::problem::case::{Case, Coefficients, Integrator, Limiter, Method};
 use crate::quantum::probability::Probabilities;
 use crate::study::chart::setup::is_reference;
 use crate::study::cost::Seconds;
-use crate::study::grids::shape_text;
+use crate::study::grids::grid_name;
 use crate::study::trial::Trial;
 use serde::Serialize;
 
@@ -40,9 +40,11 @@ pub struct Entry {
     pub paper: bool,
     /// Classical or by modes.
     pub method: Method,
-    /// Cells along each axis.
+    /// Elements along each axis, and their degree; of degree 0 cells.
     pub grid: String,
-    /// Their number.
+    /// Degree of the elements.
+    pub degree: usize,
+    /// Number of unknowns.
     pub cells: usize,
     /// Interface rows.
     pub interface: String,
@@ -58,7 +60,7 @@ pub struct Entry {
     pub coefficients: Option<String>,
     /// Whether the unknowns are weighted.
     pub weights: Option<bool>,
-    /// Whether `V` does not jump, so that interfaces and weights make no difference.
+    /// Whether interfaces and weights make no difference: `V` does not jump, or of elements.
     pub no_jump: bool,
     /// Embedding of the inflow, where something enters.
     pub embedding: Option<String>,
@@ -122,7 +124,8 @@ impl Entry {
         Self {
             status,
             method: case.method,
-            grid: shape_text(&case.space.shape()),
+            grid: grid_name(&case.space),
+            degree: case.space.degree(),
             cells: case.space.cells(),
             interface: word(&case.interface),
             integrator: (!modes).then(|| word(&case.integrator)),

@@ -6,6 +6,7 @@
 
 use crate::base::text::word;
 use crate::problem::case::{DEFAULT_CFL, Method};
+use crate::problem::element::LARGEST_DEGREE;
 use crate::results::figure::palette::{Marker, Style};
 use crate::results::figure::{Axis, Figure, Panel};
 use crate::study::chart::entry::Entry;
@@ -267,11 +268,22 @@ fn methods(mut plot: Plot<'_>) -> Plot<'_> {
         let label = if limiter == "none" { integrator } else { limiter };
         plot = plot.series(label, Style::of(k), |e| {
             let usual = e.cfl.is_none_or(|cfl| cfl == DEFAULT_CFL) && !e.as_given;
-            usual && is(&e.integrator, integrator) && is(&e.limiter, limiter)
+            let method = is(&e.integrator, integrator) && is(&e.limiter, limiter);
+            usual && method && e.degree == 0
         });
     }
     let first = profiles(plot.entries).into_iter().next().unwrap_or_default();
-    let by_modes = |e: &Entry| of_profile(e, &first) && e.tolerance == Some(TOLERANCES[0]);
+    for degree in 1..=LARGEST_DEGREE {
+        let style = Style::of(degree).hollow();
+        plot = plot.series(&format!("{first}, degree {degree}"), style, |e| {
+            e.degree == degree && of_profile(e, &first) && e.tolerance == Some(TOLERANCES[1])
+        });
+        plot = plot.series(&format!("exponential, degree {degree}"), style.dashed(2), |e| {
+            e.degree == degree && is(&e.integrator, "exponential") && !e.as_given
+        });
+    }
+    let by_modes =
+        |e: &Entry| e.degree == 0 && of_profile(e, &first) && e.tolerance == Some(TOLERANCES[0]);
     let style = |dash: usize| Style::of(3 + dash).hollow().dashed(dash);
     plot = plot.series(&first, style(1), |e| by_modes(e) && usual(e));
     let unweighted = Treatment::by_growth().into_iter().filter(|of| !of.has_growing_law());

@@ -1,10 +1,10 @@
-//! The settings that are tried, in order: every method once on the coarsest grid, then grids, then
-//! the knobs of each method, then all combinations.
+//! The settings that are tried, in order: every method once on the coarsest grid, then grids and
+//! degrees, then the knobs of each method, then all combinations.
 
-use crate::problem::case::{Integrator, Limiter, PropagatorMethod};
+use crate::problem::case::{Case, Integrator, Limiter, PropagatorMethod};
 use crate::problem::grid::PhaseSpace;
 use crate::study::chart::setup::{Modes, Setup};
-use crate::study::grids::{Grids, with_cells};
+use crate::study::grids::{Grids, with_elements};
 use crate::study::knobs::{PROFILES, exact_propagators, implicit_propagators};
 use crate::study::treatment::Treatment;
 
@@ -13,7 +13,7 @@ const FACTORS: [usize; 2] = [2, 4];
 /// Coarser grids have at least so many cells on an axis.
 const FEWEST: usize = 3;
 
-/// Integrators and limiters that are compared.
+/// Integrators and limiters that are compared, of degree 0.
 const CLASSICAL: [(Integrator, Limiter); 5] = [
     (Integrator::ForwardEuler, Limiter::None),
     (Integrator::SspRk3, Limiter::None),
@@ -21,8 +21,15 @@ const CLASSICAL: [(Integrator, Limiter); 5] = [
     (Integrator::SspRk3, Limiter::VanLeer),
     (Integrator::Exponential, Limiter::None),
 ];
+/// The same of elements: slopes are not theirs, and no step of forward Euler keeps them from growing.
+const OF_ELEMENTS: [(Integrator, Limiter); 2] =
+    [(Integrator::SspRk3, Limiter::None), (Integrator::Exponential, Limiter::None)];
+/// Grids of other degrees have about so many times the unknowns of the case along an axis.
+const OF_UNKNOWNS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 /// Tolerance of every method's first trial, and on all grids.
 const FIRST: f64 = 1e-2;
+/// The second of elements, whose grids leave less.
+const SECOND: f64 = 1e-4;
 /// Tolerances that are tried, the loosest first.
 pub const TOLERANCES: [f64; 5] = [FIRST, 1e-4, 1e-6, 1e-8, 1e-10];
 /// Steps of implicit methods.
@@ -52,8 +59,12 @@ pub struct Programme {
     pub grids: Vec<PhaseSpace>,
     /// Which of them is the case's own.
     pub own: usize,
+    /// Grids of other degrees: coarse to fine, on each level all degrees.
+    others: Vec<PhaseSpace>,
     /// Treatments of growth, those that prevent it first.
     treatments: Vec<Option<Treatment>>,
+    /// That of degree 0 where the case has another: none where nothing jumps.
+    of_cells: Option<Treatment>,
 }
 
 impl Programme {
@@ -66,13 +77,13 @@ impl Programme {
         jumps: bool,
         usable: impl Fn(&PhaseSpace) -> bool,
     ) -> Self {
-        let own = space.shape();
+        let own = space.elements();
         let mut grids: Vec<PhaseSpace> = Vec::new();
         for factor in FACTORS.into_iter().rev() {
             let shape = near.scaled(&own, 1.0 / factor as f64);
             let fewer = |(n, own): (&usize, &usize)| *n <= *own && *n >= FEWEST.min(*own);
             let coarser = shape.iter().zip(&own).all(fewer) && shape != own;
-            let space = with_cells(space, &shape);
+            let space = with_elements(space, &shape);
             if coarser && !grids.contains(&space) && usable(&space) {
                 grids.push(space);
             }
@@ -81,13 +92,30 @@ impl Programme {
         grids.push(space.clone());
         for factor in FACTORS {
             let shape: Option<Vec<usize>> = own.iter().map(|n| n.checked_mul(factor)).collect();
-            grids.extend(shape.map(|shape| with_cells(space, &shape)));
+            grids.extend(shape.map(|shape| with_elements(space, &shape)));
         }
-        let treatments = match jumps {
+        // Elements need no treatment.
+        let treatments = match jumps && space.degree() == 0 {
             true => Treatment::by_growth().into_iter().map(Some).collect(),
             false => vec![None],
         };
-        Self { grids, own: index, treatments }
+        let of_cells = Treatment::by_growth().first().copied().filter(|_| jumps);
+        Self { grids, own: index, others: Vec::new(), treatments, of_cells }
+    }
+
+    /// With elements of the degrees of `cases`, which are the case on its own grid with as many
+    /// unknowns of another degree.
+    pub fn with_degrees(mut self, cases: &[Case]) -> Self {
+        for scale in OF_UNKNOWNS {
+            for case in cases {
+                let shape = Grids::new(case).scaled(&case.space.elements(), scale);
+                let space = with_elements(&case.space, &shape);
+                if !self.others.contains(&space) {
+                    self.others.push(space);
+                }
+            }
+        }
+        self
     }
 
     /// The first profile, treatment and propagator at the first tolerance.
@@ -104,15 +132,39 @@ impl Programme {
     /// Every method once, on the coarsest grid.
     pub fn every_method(&self) -> Vec<Setting> {
         let base = self.base();
+        let degree = self.degree();
         // A classical method and one by modes first, should there be time for no more.
-        let mut setups = classical();
+        let mut setups = classical(degree);
         setups.insert(1, base.into());
         setups.extend(of_profiles(base).into_iter().skip(1));
         setups.extend(self.other_treatments(base));
         setups.push(krylov(base));
         setups.extend(implicit(base, STEPS[0]));
-        setups.extend([paper(POINTS[0]), sampled(POINTS[0])]);
+        if degree == 0 {
+            setups.extend([paper(POINTS[0]), sampled(POINTS[0])]);
+        }
         on(&self.grids[0], &setups)
+    }
+
+    /// The case's own degree.
+    fn degree(&self) -> usize {
+        self.grids[self.own].degree()
+    }
+
+    /// Elements of other degrees: classical methods, and the first profile at two tolerances; of
+    /// degree 0, at one.
+    pub fn other_degrees(&self) -> Vec<Setting> {
+        let with = |space: &PhaseSpace| {
+            let treatment = self.of_cells.filter(|_| space.degree() == 0);
+            let base = Modes { treatment, ..self.base() };
+            let mut setups = classical(space.degree());
+            setups.push(base.into());
+            if space.degree() > 0 {
+                setups.push(Modes { tolerance: SECOND, ..base }.into());
+            }
+            on(space, &setups)
+        };
+        self.others.iter().flat_map(with).collect()
     }
 
     /// Classical methods and the first profile on the case's own grid, and the case as given.
@@ -130,8 +182,11 @@ impl Programme {
     }
 
     fn on_each_grid(&self) -> Vec<Setup> {
-        let mut setups = classical();
+        let mut setups = classical(self.degree());
         setups.push(self.base().into());
+        if self.degree() > 0 {
+            setups.push(Modes { tolerance: SECOND, ..self.base() }.into());
+        }
         setups.extend(self.other_treatments(self.base()));
         setups
     }
@@ -143,10 +198,12 @@ impl Programme {
 
     /// The knobs of each method on `grid`, one after the other.
     pub fn every_knob(&self, grid: &PhaseSpace) -> Vec<Setting> {
-        let mut setups = classical();
+        let degree = self.degree();
+        let mut setups = classical(degree);
         for cfl in SHORTER {
             let shorter = |integrator| Setup::Classical { integrator, limiter: Limiter::None, cfl };
-            setups.extend([Integrator::ForwardEuler, Integrator::SspRk3].map(shorter));
+            setups.extend((degree == 0).then(|| shorter(Integrator::ForwardEuler)));
+            setups.push(shorter(Integrator::SspRk3));
         }
         for tolerance in TOLERANCES {
             let base = Modes { tolerance, ..self.base() };
@@ -155,7 +212,9 @@ impl Programme {
             setups.push(krylov(base));
         }
         setups.extend(STEPS.iter().flat_map(|&n| implicit(self.base(), n)));
-        setups.extend(POINTS.iter().flat_map(|&n| [sampled(n), paper(n)]));
+        if degree == 0 {
+            setups.extend(POINTS.iter().flat_map(|&n| [sampled(n), paper(n)]));
+        }
         on(grid, &setups)
     }
 
@@ -193,9 +252,9 @@ fn on(grid: &PhaseSpace, setups: &[Setup]) -> Vec<Setting> {
     setups.iter().map(with).collect()
 }
 
-fn classical() -> Vec<Setup> {
-    let setup = |(integrator, limiter)| Setup::classical(integrator, limiter);
-    CLASSICAL.map(setup).to_vec()
+fn classical(degree: usize) -> Vec<Setup> {
+    let methods = if degree == 0 { &CLASSICAL[..] } else { &OF_ELEMENTS[..] };
+    methods.iter().map(|&(integrator, limiter)| Setup::classical(integrator, limiter)).collect()
 }
 
 /// `base` with every profile.
@@ -228,7 +287,7 @@ fn sampled(points: usize) -> Setup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::case::Case;
+    use crate::study::grids::of_degree;
 
     /// A step at `x = 0` on `cells` cells.
     fn case(cells: usize) -> Case {
@@ -260,6 +319,23 @@ mod tests {
         // Nothing of the first round is left out of the knobs.
         let knobs = first.every_knob(&first.grids[0]);
         assert!(first.every_method().iter().all(|s| knobs.contains(s)));
+    }
+
+    #[test]
+    fn other_degrees_have_about_as_many_unknowns_and_the_jump_on_a_face() {
+        let own = case(64);
+        let degrees = [2, 4].map(|degree| of_degree(&own, degree, &[false; 2]).unwrap());
+        let found = programme(64, true).with_degrees(&degrees);
+        let shapes: Vec<_> = found.others.iter().map(|s| (s.degree(), s.elements())).collect();
+        // 13 velocities are 5 elements of degree 2: v = 0 is a face of 6.
+        assert_eq!(shapes[4], (2, vec![22, 6]));
+        assert_eq!(shapes[5], (4, vec![14, 4]));
+        let settings = found.other_degrees();
+        assert!(settings.iter().all(|s| match s.setup {
+            Setup::Classical { integrator, limiter, .. } =>
+                integrator != Integrator::ForwardEuler && limiter == Limiter::None,
+            _ => true,
+        }));
     }
 
     #[test]

@@ -70,7 +70,7 @@ impl Setup {
         matches!(self, Self::Paper { .. })
     }
 
-    /// `case` on the grid `space` with this method. `bounds` are those of the matrix of
+    /// `case`, of the degree of `space`, on the grid `space` with this method. `bounds` are those of the matrix of
     /// [`Setup::Paper`], where they are known.
     pub fn apply(&self, case: &Case, space: &PhaseSpace, bounds: Option<&Bounds>) -> Case {
         let mut case = final_fields_only(case);
@@ -143,6 +143,9 @@ pub fn is_reference(case: &Case) -> bool {
 pub fn refused(case: &Case) -> Option<&'static str> {
     let modes = case.method == Method::Schrodingerized;
     let other = case.propagator.method != PropagatorMethod::Chebyshev;
+    if case.is_galerkin() && case.limiter != Limiter::None {
+        return Some("slopes are those of cells of degree 0 without partial reflection");
+    }
     if case.varies() && case.limiter != Limiter::None {
         return Some("slopes take the inflow at time 0, and it depends on t");
     }

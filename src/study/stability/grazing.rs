@@ -29,7 +29,9 @@ use crate::problem::potential::Potential;
 use crate::scheme::interface::{sources, velocity};
 use crate::study::grids::coarsened;
 use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Sweep};
-use crate::study::stability::scene::{assembled, growth, notes, with_potential_times};
+use crate::study::stability::scene::{
+    assembled, growth, notes, refuse_elements, with_potential_times,
+};
 use crate::study::treatment::Treatment;
 
 /// Cells that are enough.
@@ -120,6 +122,7 @@ fn spread(count: usize) -> impl Iterator<Item = usize> {
 /// As [`assembled`].
 pub fn panel(sweep: &Sweep<'_>) -> Found {
     let Sweep { world, case: whole, budget } = *sweep;
+    refuse_elements(whole)?;
     let coarse = coarsened(&whole.without_inflow(), CELLS);
     if !Bounds::new(&coarse)?.jumps {
         return Err("V does not jump: no particle grazes a threshold".into());
@@ -148,7 +151,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     }
     points.sort_by(|a, b| a.x.total_cmp(&b.x));
     points.dedup_by(|a, b| a.x == b.x);
-    let shape = case.space.shape();
+    let shape = case.space.elements();
     let (verdict, borders) = (verdict(&points, own), borders(&points, own));
     let curves = vec![Curve::new("hat, no weights", points)];
     Ok(Findings { shape, curves, borders, verdict, notes })

@@ -6,7 +6,7 @@ use crate::problem::case::Case;
 use crate::study::grids::{coarsened, refined};
 use crate::study::stability::grazing::expected_growth;
 use crate::study::stability::panel::{Border, Curve, Findings, Found, Point, Reason, Sweep};
-use crate::study::stability::scene::{assembled, growth};
+use crate::study::stability::scene::{assembled, growth, refuse_elements};
 use crate::study::treatment::Treatment;
 
 /// Cells that the sweep begins with.
@@ -102,6 +102,7 @@ impl Growth {
 /// # Errors
 /// As [`assembled`].
 pub fn panel(sweep: &Sweep<'_>) -> Found {
+    refuse_elements(sweep.case)?;
     let start = coarsened(&sweep.case.without_inflow(), FEWEST);
     if !Bounds::new(&start)?.jumps && !Bounds::new(sweep.case)?.jumps {
         let why = "V does not jump: S has no positive eigenvalues on any grid, nor needs weights";
@@ -113,14 +114,14 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         .map(|of| Curve { bound: !of.may_grow(), ..Curve::new(of.name(), Vec::new()) })
         .collect();
     let (mut borders, mut notes) = (Vec::new(), Vec::new());
-    let mut shape = start.space.shape();
+    let mut shape = start.space.elements();
     for factor in FACTORS {
         let grid = refined(&start, factor);
         if grid.space.cells() > MOST || sweep.budget.is_over() {
             notes.push("finer grids take too long here".to_owned());
             break;
         }
-        shape = grid.space.shape();
+        shape = grid.space.elements();
         let x = shape[0] as f64;
         borders.clear();
         for (treatment, curve) in treatments.iter().zip(&mut curves) {

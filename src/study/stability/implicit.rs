@@ -159,7 +159,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     let verdicts: String = all.iter().map(Steps::verdict).collect();
     let last = "Runs say when the step's error exceeds the tolerance, and which step would do.";
     Ok(Findings {
-        shape: case.space.shape(),
+        shape: case.space.elements(),
         borders: all.iter().flat_map(Steps::borders).collect(),
         curves: (all.into_iter()).map(|steps| Curve::new(steps.name, steps.points)).collect(),
         verdict: verdicts + last,

@@ -117,7 +117,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     let (measured, theory) = (curves.least(|p| p.measured), curves.least(|p| p.theory));
     let [at, best] = measured.map_or([f64::NAN; 2], |p| [p.x, p.measured]);
     Ok(Findings {
-        shape: case.space.shape(),
+        shape: case.space.elements(),
         borders: vec![
             Border::new("delta of least loss", measured.map(|p| p.x), theory.map(|p| p.x)),
             Border::new(

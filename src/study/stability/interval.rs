@@ -206,7 +206,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         Border::new(accepted, shortest.map(|s| s.error), Some(tolerance)),
     ];
     Ok(Findings {
-        shape: case.space.shape(),
+        shape: case.space.elements(),
         curves: vec![
             Curve::bounded("left end L", errors.left),
             Curve::bounded("right end R", errors.right),

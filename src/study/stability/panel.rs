@@ -250,6 +250,8 @@ pub struct LeftOut {
 pub struct Stability {
     /// Title of the case, or its name.
     pub title: String,
+    /// Degree of the elements.
+    pub degree: usize,
     /// Its cells along each axis.
     pub shape: Vec<usize>,
     /// The final time.

@@ -24,6 +24,9 @@ const APART: f64 = 0.5;
 /// Kinds of interface rows, with the case of each: where `V` jumps those by laws that may grow, the
 /// weighted first.
 fn kinds(case: &Case, jumps: bool) -> Vec<(String, Case)> {
+    if case.is_galerkin() {
+        return vec![("elements".to_owned(), case.clone())];
+    }
     if !jumps {
         return vec![("no jump".to_owned(), case.clone())];
     }
@@ -137,7 +140,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     }
     let verdicts: String = all.iter().map(Readings::verdict).collect();
     Ok(Findings {
-        shape: coarse.space.shape(),
+        shape: coarse.space.elements(),
         borders: all.iter().flat_map(Readings::borders).collect(),
         curves: (all.into_iter())
             .map(|readings| Curve::bounded(readings.name, readings.points))

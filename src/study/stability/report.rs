@@ -49,10 +49,18 @@ fn wrapped(text: &str, indent: &str) -> String {
 }
 
 impl Stability {
+    /// `64 x 48 cells`, `26 x 26 elements of degree 4`.
+    fn grid_text(&self, shape: &[usize]) -> String {
+        match self.degree {
+            0 => format!("{} cells", shape_text(shape)),
+            degree => format!("{} elements of degree {degree}", shape_text(shape)),
+        }
+    }
+
     /// For people: the borders and the verdicts.
     pub fn table(&self) -> String {
         let mut text =
-            format!("{}: {} cells, T = {}\n", self.title, shape_text(&self.shape), self.time);
+            format!("{}: {}, T = {}\n", self.title, self.grid_text(&self.shape), self.time);
         let width = (self.panels.iter().flat_map(|p| &p.borders))
             .map(|b| b.name.chars().count())
             .max()
@@ -65,10 +73,10 @@ impl Stability {
         for panel in &self.panels {
             let _ = writeln!(
                 text,
-                "{} ({}, {} cells)",
+                "{} ({}, {})",
                 word(panel.name),
                 panel.title,
-                shape_text(&panel.shape)
+                self.grid_text(&panel.shape)
             );
             for Border { name, measured, theory, ratio, bound, .. } in &panel.borders {
                 let ratio = ratio.map_or("-".to_owned(), |r| format!("{r:.3}"));

@@ -6,7 +6,8 @@ use crate::problem::case::{Case, Limiter, Method};
 use crate::problem::potential::overlooked;
 use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
-use crate::study::grids::{shape_text, stray_edges};
+use crate::study::grids::{grid_name, stray_edges};
+use crate::study::stability::panel::Reason;
 use crate::study::trial::{final_fields_only, ranks};
 
 /// Most Lanczos steps.
@@ -25,10 +26,10 @@ pub fn of(case: &Case) -> Case {
 
 /// Notes of a panel that was measured on the grid of `used` instead of that of `case`.
 pub fn notes(case: &Case, used: &Case) -> Vec<String> {
-    let [shape, coarse] = [case, used].map(|case| shape_text(&case.space.shape()));
+    let [shape, coarse] = [case, used].map(|case| grid_name(&case.space));
     let mut notes = Vec::new();
     if shape != coarse {
-        notes.push(format!("measured on {coarse} cells instead of {shape}"));
+        notes.push(format!("measured on {coarse} instead of {shape}"));
     }
     if stray_edges(used) > overlooked(case).edges.len() {
         notes.push("the edges of V lie on other faces there".to_owned());
@@ -43,6 +44,19 @@ pub fn with_potential_times(case: &Case, factor: f64) -> Case {
         region.value = region.value.times(factor);
     }
     case
+}
+
+/// Refuses a case that has no panel about growth at jumps.
+///
+/// # Errors
+/// Of elements, and with partial reflection.
+pub fn refuse_elements(case: &Case) -> std::result::Result<(), Reason> {
+    match case.is_galerkin() {
+        true => Err("not applicable: S <= 0 by construction with elements or partial reflection, \
+                     on any grid and at any jump, and there are no weights to compare"
+            .into()),
+        false => Ok(()),
+    }
 }
 
 /// `case` assembled on the ranks there are. Collective.

@@ -169,7 +169,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         return Err(refused.map_or_else(Reason::nothing_tried, Reason));
     }
     Ok(Findings {
-        shape: case.space.shape(),
+        shape: case.space.elements(),
         curves,
         borders,
         verdict,
