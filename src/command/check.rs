@@ -1,9 +1,9 @@
 //! `phasewarp check` and `phasewarp check-result`: cases and results without solving anything.
 
 use crate::base::error::Result;
-use crate::command::cli::{CaseArgs, CheckResultArgs};
+use crate::command::cli::{CheckArgs, CheckResultArgs};
 use crate::command::describe::describe;
-use crate::command::loading::load_reduced;
+use crate::command::loading::{load_for_accuracy, reduced_case};
 use crate::command::printing::print;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
@@ -16,8 +16,8 @@ use crate::run::{planning, warnings};
 ///
 /// # Errors
 /// As [`planning::plan`].
-pub fn execute(world: &World, args: &CaseArgs) -> Result<()> {
-    let case = load_reduced(world, args)?;
+pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
+    let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
     refuse_hopeless_here(world, &case)?;
     let bounds = Bounds::new(&case)?;
     let resources = Resources { ranks: world.group().size(), ..Resources::default() };

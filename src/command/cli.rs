@@ -24,7 +24,7 @@ pub enum Command {
     /// Memory and work of a run; nothing is solved
     Plan(PlanArgs),
     /// Validate a case and print it as it was read
-    Check(CaseArgs),
+    Check(CheckArgs),
     /// Read DIR/result.h5 and DIR/warped_*.h5 and compare every dataset with its checksum
     CheckResult(CheckResultArgs),
     /// Which grid and set-up bring the density to an accuracy, from runs on coarse grids
@@ -59,12 +59,43 @@ pub struct CaseArgs {
     pub mode: Option<Mode>,
 }
 
+/// An accuracy in the place of a grid, a degree and a tolerance.
+#[derive(Clone, Debug, Args)]
+pub struct AccuracyArgs {
+    /// Relative L1 error of the density at the end: grid, degree, interface and tolerance are chosen
+    /// by `advise` and printed as --set; not beside a --set of one of them
+    #[arg(
+        long,
+        value_name = "EPSILON",
+        value_parser = parse_accuracy,
+        allow_negative_numbers = true
+    )]
+    pub accuracy: Option<f64>,
+    /// Time for the trials by which it is chosen, about; by default 60s
+    #[arg(long, value_name = "TIME", requires = "accuracy", value_parser = parse_duration)]
+    pub budget: Option<Duration>,
+}
+
+/// Options of `check`.
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// The case.
+    #[command(flatten)]
+    pub case: CaseArgs,
+    /// What it is to reach.
+    #[command(flatten)]
+    pub accuracy: AccuracyArgs,
+}
+
 /// Options of `run`.
 #[derive(Debug, Args)]
 pub struct RunArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
+    /// What it is to reach.
+    #[command(flatten)]
+    pub accuracy: AccuracyArgs,
     /// Directory of the results; by default results/NAME of the case file
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
@@ -72,7 +103,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
     pub ranks_x: Option<Vec<usize>>,
     /// Continue from the newest checkpoint in DIR/checkpoint, on any ranks
-    #[arg(long)]
+    #[arg(long, conflicts_with = "accuracy")]
     pub resume: bool,
     /// Stop with a checkpoint (exit code 75) before so much time has passed: 3600, 90m, 1:30:00
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
@@ -85,6 +116,9 @@ pub struct PlanArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
+    /// What it is to reach.
+    #[command(flatten)]
+    pub accuracy: AccuracyArgs,
     /// Number of ranks; by default 1, with --calibrate as many as it is started on
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     pub ranks: Option<u64>,

@@ -1,33 +1,19 @@
 //! Case files of a command, and where its results go.
 
 use crate::base::error::{Error, Result};
-use crate::command::cli::{CaseArgs, Mode};
+use crate::base::log::report;
+use crate::command::cli::{AccuracyArgs, CaseArgs, Mode};
 use crate::parallel::communicator::World;
 use crate::problem::case;
 use crate::problem::case::Case;
 use crate::run::planning;
 use crate::scheme::reduce::reduced;
+use crate::study::advise::{Wanted, advise};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-/// The case of a study, which varies grids and methods of degree 0. Collective.
-///
-/// # Errors
-/// As [`load`]; a degree above 0.
-pub fn load_finite_volumes(world: &World, args: &CaseArgs, command: &str) -> Result<Case> {
-    let case = load(world, args)?;
-    if !case.is_galerkin() {
-        return Ok(case);
-    }
-    let has = match case.space.degree() {
-        0 => "partial reflection (potential.reflection)".to_owned(),
-        degree => format!("elements of degree {degree}"),
-    };
-    Err(Error::Input(format!(
-        "{}: phasewarp {command} compares grids and methods of degree 0, and the case has {has}; \
-         give the cells of degree 0 by --set, and scheme.degree=0",
-        case.name
-    )))
-}
+/// Time for the trials of an accuracy, where none is given.
+const DEFAULT_BUDGET: Duration = Duration::from_secs(60);
 
 /// Reads the case file on rank 0 and parses it on all. Collective.
 pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
@@ -39,11 +25,61 @@ pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
     Case::parse(&args.case.display().to_string(), &text, &set)
 }
 
+/// As [`load`]; where an accuracy is asked for, with the grid, degree, interface and tolerance that
+/// [`advise`] chooses for it, which are printed. Collective.
+///
+/// # Errors
+/// As [`load`] and [`advise`]; [`Error::Input`] where `--set` gives what is chosen, or where nothing
+/// is advised.
+pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) -> Result<Case> {
+    let case = load(world, args)?;
+    let Some(accuracy) = wanted.accuracy else {
+        return Ok(case);
+    };
+    refuse_what_is_chosen(&args.set)?;
+    let budget = wanted.budget.unwrap_or(DEFAULT_BUDGET).as_secs_f64();
+    let advised = advise(world, &case, Wanted { accuracy, budget })?;
+    let Some(entry) = advised.best_of(case.method) else {
+        let why = advised.why_nothing(case.method);
+        return Err(Error::Input(format!("{}: --accuracy {accuracy:e}: {why}", case.name)));
+    };
+    if world.group().rank() == 0 {
+        report(&format!("--accuracy {accuracy:e}: {}", entry.summary()));
+        for warning in &advised.warnings {
+            report(&format!("warning: {warning}"));
+        }
+    }
+    let set: Vec<String> = case.overrides.iter().chain(&entry.settings).cloned().collect();
+    Case::parse(&case.name, &case.text, &set)
+}
+
+/// Refuses `--set` of keys that `--accuracy` chooses.
+fn refuse_what_is_chosen(set: &[String]) -> Result<()> {
+    let is_chosen = |key: &str| {
+        let of_axis =
+            key.starts_with("axis.") && [".cells", ".degree"].iter().any(|k| key.ends_with(k));
+        of_axis
+            || ["scheme.degree", "scheme.interface", "scheme.limiter", "solver.tolerance"]
+                .contains(&key)
+    };
+    let given = set.iter().map(|set| set.split('=').next().unwrap_or_default().trim());
+    match given.into_iter().find(|key| is_chosen(key)) {
+        Some(key) => Err(Error::Input(format!(
+            "--set {key} beside --accuracy, which chooses cells, degree, interface and tolerance: \
+             leave one of them out"
+        ))),
+        None => Ok(()),
+    }
+}
+
 /// The case as it is solved: its start is read, and what its answer does not depend on is left out.
 /// Collective.
-pub fn load_reduced(world: &World, args: &CaseArgs) -> Result<Case> {
-    let (all, case) = (world.group(), load(world, args)?);
-    reduced(&all, &*planning::with_start(&all, &case)?)
+///
+/// # Errors
+/// As [`reduced`].
+pub fn reduced_case(world: &World, case: &Case) -> Result<Case> {
+    let all = world.group();
+    reduced(&all, &*planning::with_start(&all, case)?)
 }
 
 /// `results/NAME` of the case file.

@@ -2,7 +2,7 @@
 
 use crate::base::error::Result;
 use crate::command::cli::PlanArgs;
-use crate::command::loading::load_reduced;
+use crate::command::loading::{load_for_accuracy, reduced_case};
 use crate::command::printing::{print, print_json};
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
@@ -26,9 +26,9 @@ struct Planned<'a> {
 /// Plans the case, with `--calibrate` from a few steps of it. Collective.
 ///
 /// # Errors
-/// As [`planning::plan`] and [`calibrate`].
+/// As [`planning::plan`], [`calibrate`] and [`load_for_accuracy`].
 pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
-    let case = load_reduced(world, &args.case)?;
+    let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
     let started = world.group().size();
     let ranks = args.ranks.map_or(if args.calibrate { started } else { 1 }, |n| n as usize);
     let node = args

@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::base::log::report;
 use crate::base::machine;
 use crate::command::cli::RunArgs;
-use crate::command::loading::{default_directory, load};
+use crate::command::loading::{default_directory, load_for_accuracy};
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::results::finished::is_finished;
@@ -16,9 +16,9 @@ use std::path::Path;
 /// Solves the case, unless it is to be resumed and is finished. Collective.
 ///
 /// # Errors
-/// As [`run::run`].
+/// As [`run::run`] and [`load_for_accuracy`].
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
-    let case = load(world, &args.case)?;
+    let case = load_for_accuracy(world, &args.case, &args.accuracy)?;
     let directory = args.output.clone().unwrap_or_else(|| default_directory(&case.name));
     if args.resume {
         match is_finished(&world.group(), &directory, &case) {
