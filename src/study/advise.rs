@@ -300,13 +300,7 @@ impl<'a> Study<'a> {
             let bytes = entry.computed_cells * each / self.world.group().size() as f64;
             entry.memory_bytes_per_rank = bytes;
             let grid = grid_text(&entry.shape, entry.degree);
-            let mut why = match entry.known == Known::Extrapolated && !entry.order.settled {
-                true => format!(
-                    "not settled within this budget, a longer --budget does; by the orders so far \
-                     it takes {grid}"
-                ),
-                false => format!("it takes {grid}"),
-            };
+            let mut why = format!("{}it takes {grid}", entry.not_settled_yet());
             if entry.cells <= MOST_SHOWN {
                 why += &format!(", about {} a rank", bytes_text(bytes as u64));
             }
@@ -324,8 +318,8 @@ impl<'a> Study<'a> {
                 Some(plan)
             }
             Err(error) => {
-                entry.refused =
-                    Some(format!("on {}: {error}", grid_text(&entry.shape, entry.degree)));
+                let (open, grid) = (entry.not_settled_yet(), grid_text(&entry.shape, entry.degree));
+                entry.refused = Some(format!("{open}on {grid}: {error}"));
                 None
             }
         }

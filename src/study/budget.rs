@@ -71,6 +71,11 @@ impl Budget {
         self.counted += updates;
     }
 
+    /// The part of the whole budget that was counted as used.
+    pub fn used(&self) -> f64 {
+        self.counted / (self.limit * UPDATES_PER_SECOND)
+    }
+
     /// Whether `updates` are at most this `part` of the whole budget.
     pub fn holds(&self, updates: f64, part: f64) -> bool {
         updates <= part * self.limit * UPDATES_PER_SECOND

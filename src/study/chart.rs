@@ -121,7 +121,8 @@ impl Degrees {
             match of_degree(case, degree, &merged) {
                 Ok(case) => found.cases.push(case),
                 Err(error) => {
-                    found.left_out = Some(format!("Elements of degree {degree}: {error}."));
+                    let why = format!("Elements of degree {degree} and more: {error}.");
+                    found.left_out.get_or_insert(why);
                 }
             }
         }

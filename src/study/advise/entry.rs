@@ -87,6 +87,15 @@ pub struct Entry {
 }
 
 impl Entry {
+    /// Where the grid follows from orders that are not settled, what begins the reason why it is not
+    /// advised: a longer budget may find a smaller one.
+    pub fn not_settled_yet(&self) -> &'static str {
+        match self.known == Known::Extrapolated && !self.order.settled {
+            true => "not settled within this budget, a longer --budget does; by the orders so far ",
+            false => "",
+        }
+    }
+
     /// Why it is an estimate and no advice, if it is: from one pair of grids, or of more seconds
     /// than `longest`.
     pub fn not_settled(&self, longest: f64) -> Option<String> {

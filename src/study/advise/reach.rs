@@ -134,7 +134,8 @@ impl Ladder {
 /// # Errors
 /// As [`Trials::run`].
 pub fn reach(trials: &mut Trials<'_>, goal: Goal<'_>) -> Result<Reach> {
-    Search { trials, goal, wanted: DISCRETISATION * goal.accuracy }.reach()
+    let used = trials.budget.used().min(goal.share);
+    Search { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }.reach()
 }
 
 /// The error of `scheme` on `shape`, where this part of the budget allows to find out; without an
@@ -179,6 +180,8 @@ fn stretch(part: f64, dimension: usize, degree: usize) -> f64 {
 struct Search<'t, 'a> {
     trials: &'t mut Trials<'a>,
     goal: Goal<'t>,
+    /// Part of the budget that was used before.
+    used: f64,
     /// Error of the discretisation.
     wanted: f64,
 }
@@ -187,7 +190,7 @@ impl Search<'_, '_> {
     fn reach(mut self) -> Result<Reach> {
         let Goal { scheme, start, share, .. } = self.goal;
         let second = self.grids().twice(start);
-        let part = self.part_of_space(&second, FOR_BALANCE * share)?;
+        let part = self.part_of_space(&second, self.share(FOR_BALANCE))?;
         let first = match part {
             Some(part) => {
                 let ratio = stretch(part, self.grids().dimension(), scheme.degree);
@@ -233,6 +236,11 @@ impl Search<'_, '_> {
         Ok(result)
     }
 
+    /// The part of the budget at which this part of what the scheme has is used.
+    fn share(&self, part: f64) -> f64 {
+        self.used + part * (self.goal.share - self.used)
+    }
+
     fn grids(&self) -> &Grids {
         &self.trials.scene(self.goal.scheme).grids
     }
@@ -262,8 +270,9 @@ impl Search<'_, '_> {
     /// Grids from `first` on: finer ones until one reaches the wanted error, coarser ones while
     /// they reach it too. Collective.
     fn climb(&mut self, first: Vec<usize>) -> Result<Ladder> {
-        let Goal { scheme, share, .. } = self.goal;
-        let share = FOR_LEVELS * share;
+        let scheme = self.goal.scheme;
+        let share = self.share(FOR_LEVELS);
+        let cheap = CHEAP * (share - self.used);
         let (exact, orders) = (self.trials.has_exact(), scheme.orders());
         let mut ladder = Ladder { shapes: vec![first.clone()], found: Vec::new(), exact, orders };
         ladder.found.extend(self.trials.error(scheme, &first)?);
@@ -280,8 +289,7 @@ impl Search<'_, '_> {
             }
             let enough = ladder.found.len() >= ENOUGH_LEVELS;
             // Whether orders are settled takes two.
-            let more =
-                ladder.found.len() < 3 || self.trials.is_cheap(scheme, &next, CHEAP * share)?;
+            let more = ladder.found.len() < 3 || self.trials.is_cheap(scheme, &next, cheap)?;
             if (reached && (enough || !more)) || !self.trials.may(scheme, &next, share)? {
                 break;
             }
