@@ -138,8 +138,8 @@ fn classical_steps(world: &World) {
     }
 }
 
-/// An inflow by one shared unknown, one that varies, and none, then elements; each by the propagator
-/// of its plan.
+/// An inflow by one shared unknown, one that varies, and none, then elements; each by the
+/// propagator of its plan.
 fn runs(world: &World) {
     for (file, set) in [
         ("inflow_barrier.toml", "solver.warp.inflow=scalar"),

@@ -62,8 +62,8 @@ pub struct CaseArgs {
 /// An accuracy in the place of a grid, a degree and a tolerance.
 #[derive(Clone, Debug, Args)]
 pub struct AccuracyArgs {
-    /// Relative L1 error of the density at the end: grid, degree, interface and tolerance are chosen
-    /// by `advise` and printed as --set; not beside a --set of one of them
+    /// Relative L1 error of the density at the end: grid, degree, interface and tolerance are
+    /// chosen by `advise` and printed as --set; not beside a --set of one of them
     #[arg(
         long,
         value_name = "EPSILON",

@@ -29,8 +29,8 @@ pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
 /// [`advise`] chooses for it, which are printed. Collective.
 ///
 /// # Errors
-/// As [`load`] and [`advise`]; [`Error::Input`] where `--set` gives what is chosen, or where nothing
-/// is advised.
+/// As [`load`] and [`advise`]; [`Error::Input`] where `--set` gives what is chosen, or where
+/// nothing is advised.
 pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) -> Result<Case> {
     let case = load(world, args)?;
     let Some(accuracy) = wanted.accuracy else {

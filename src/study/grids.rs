@@ -144,8 +144,8 @@ pub fn coarsened(case: &Case, most: usize) -> Case {
 pub struct Grids {
     axes: Vec<Axis>,
     /// Places that must be on faces, by axis. Along x where regions of `V` end; `None` where there
-    /// are too many: a curved edge is on no faces. Along v it is 0 where [`check_axis`] asks for it,
-    /// and `None` elsewhere.
+    /// are too many: a curved edge is on no faces. Along v it is 0 where [`check_axis`] asks for
+    /// it, and `None` elsewhere.
     ///
     /// [`check_axis`]: crate::scheme::interface::energy::check_axis
     edges: Vec<Option<Vec<f64>>>,
@@ -227,8 +227,8 @@ impl Grids {
         (0..self.dimension()).filter(|&a| !self.keeps(a, shape[a])).collect()
     }
 
-    /// About `wanted` elements along axis `k` of the `2n`, at least `fewest`: such that edges are on
-    /// faces, if there is such a number nearby; along v otherwise an even number, as the error
+    /// About `wanted` elements along axis `k` of the `2n`, at least `fewest`: such that edges are
+    /// on faces, if there is such a number nearby; along v otherwise an even number, as the error
     /// differs where a cell stands still.
     fn near(&self, k: usize, wanted: f64, fewest: usize) -> usize {
         let wanted = (wanted.ceil().min(1e15) as usize).max(fewest);

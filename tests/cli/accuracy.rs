@@ -79,8 +79,8 @@ fn estimates_of_the_grid_are_of_the_size_of_its_error() {
     });
 }
 
-/// The last line of a run names both errors where that of the grid is the larger by far, as it is in
-/// summary.json; no other run has it.
+/// The last line of a run names both errors where that of the grid is the larger by far, as it is
+/// in summary.json; no other run has it.
 #[test]
 fn the_last_line_says_what_limits_a_run() {
     let small = ["axis.0.x.cells=10", "axis.0.v.cells=10"];

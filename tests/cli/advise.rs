@@ -115,8 +115,8 @@ fn run_error(words: &[&str], place: &Path) -> Result<f64, String> {
     summary.number("error_density_l1_relative")
 }
 
-/// Smooth data: elements reach small errors with the least work, of an order above 2; what is advised
-/// reaches them, and so does `run --accuracy`, which chooses the same.
+/// Smooth data: elements reach small errors with the least work, of an order above 2; what is
+/// advised reaches them, and so does `run --accuracy`, which chooses the same.
 #[test]
 fn elements_are_advised_for_small_errors_of_smooth_data() {
     let (place, accuracy) = (directory(), 2e-3);

@@ -228,8 +228,8 @@ fn errors_fall_as_they_should() {
     }
 }
 
-/// Elements of every degree are there, by modes and classically, of a case of degree 0 and of one of
-/// degree 4, which then has cells of degree 0; on smooth data a higher degree leaves less.
+/// Elements of every degree are there, by modes and classically, of a case of degree 0 and of one
+/// of degree 4, which then has cells of degree 0; on smooth data a higher degree leaves less.
 #[test]
 fn degrees_are_compared() {
     let small = ["axis.0.x.cells=20", "axis.0.v.cells=20", "time.end=0.4"];

@@ -400,7 +400,8 @@ fn same_bits_with_slopes_of_both_kinds() {
     });
 }
 
-/// Of degrees that differ from axis to axis, 0 among them; what is reflected in part at any of them.
+/// Of degrees that differ from axis to axis, 0 among them; what is reflected in part at any of
+/// them.
 #[test]
 fn same_bits_of_elements() {
     same_bits_everywhere(&Scene {

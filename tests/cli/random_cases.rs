@@ -93,8 +93,8 @@ fn scene(choices: &mut Choices) -> String {
     text + &content(choices, |choices| format!("interface = \"{}\"\n", choices.of(&INTERFACES)))
 }
 
-/// Elements in one or two dimensions, of degrees that differ from axis to axis; `v = 0` is a face of
-/// some boxes, inside of an element of others, which jumps refuse.
+/// Elements in one or two dimensions, of degrees that differ from axis to axis; `v = 0` is a face
+/// of some boxes, inside of an element of others, which jumps refuse.
 fn scene_of_elements(choices: &mut Choices) -> String {
     let dimension = choices.of(&[1, 1, 2]);
     let mut text = String::new();
@@ -112,7 +112,8 @@ fn scene_of_elements(choices: &mut Choices) -> String {
         let boundary = choices.of(&["inflow", "inflow", "periodic"]);
         let own = if dimension == 1 { [0, 1, 2, 3, 5] } else { [0, 1, 1, 2, 2] };
         text += &format!(
-            "[[axis]]\nx = {{ lower = {x}, upper = {}, cells = {}, boundary = \"{boundary}\", degree = {} }}\n\
+            "[[axis]]\nx = {{ lower = {x}, upper = {}, cells = {}, boundary = \"{boundary}\", \
+            degree = {} }}\n\
              v = {{ lower = {lower}, upper = {upper}, cells = {elements} }}\n",
             x + width,
             choices.of(&counts),

@@ -1,10 +1,10 @@
 //! Densities on all of space, computed and exact, and their distances.
 
 use crate::base::error::{Error, Result};
+use crate::base::quadrature::gauss_legendre;
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
-use crate::problem::element::gauss_legendre;
 use crate::problem::exact::Tracer;
 use crate::problem::exact::sheet::exact_moments;
 use crate::problem::grid::{Axis, PhaseSpace, describe_point, for_each_cell};
@@ -48,7 +48,7 @@ fn over_cells(axes: &[Axis], a: usize, values: &[f64]) -> Vec<f64> {
     // Row m: what the polynomial of each node is on average in part m.
     let average = |m: usize, node: usize| -> f64 {
         let at = |xi: f64| (2 * m + 1) as f64 / count as f64 - 1.0 + xi / count as f64;
-        rule.iter().map(|(xi, w)| 0.5 * w * nodes.reference().values_at(at(*xi))[node]).sum()
+        rule.iter().map(|p| 0.5 * p.weight * nodes.reference().values_at(at(p.node))[node]).sum()
     };
     let matrix: Vec<Vec<f64>> =
         (0..count).map(|m| (0..count).map(|node| average(m, node)).collect()).collect();

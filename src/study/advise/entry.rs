@@ -87,8 +87,8 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// Where the grid follows from orders that are not settled, what begins the reason why it is not
-    /// advised: a longer budget may find a smaller one.
+    /// Where the grid follows from orders that are not settled, what begins the reason why it is
+    /// not advised: a longer budget may find a smaller one.
     pub fn not_settled_yet(&self) -> &'static str {
         match self.known == Known::Extrapolated && !self.order.settled {
             true => "not settled within this budget, a longer --budget does; by the orders so far ",

@@ -32,8 +32,8 @@ pub struct Order {
 }
 
 impl Order {
-    /// That of `errors` of a scheme with orders in `range`, from the coarsest grid on, or of distances
-    /// between consecutive grids.
+    /// That of `errors` of a scheme with orders in `range`, from the coarsest grid on, or of
+    /// distances between consecutive grids.
     pub fn of(errors: &[f64], range: Range) -> Self {
         let Range { least, most } = range;
         let pairs: Vec<f64> = (errors.windows(2)).map(|pair| (pair[0] / pair[1]).log2()).collect();

@@ -167,8 +167,8 @@ pub fn look(
 /// How many times finer space should be against velocities where its part of the error is `part`.
 ///
 /// With an error `E_x h_x^q + E_v h_v^q` and a cost `h_x^{−(n+1)} h_v^{−n}`, the least cost has
-/// `E_x h_x^q : E_v h_v^q = n + 1 : n`. A power of two; `q = k + 1` is assumed of degree `k`, and the
-/// ratio is rounded towards 1, as parts on coarse grids are not those on fine ones.
+/// `E_x h_x^q : E_v h_v^q = n + 1 : n`. A power of two; `q = k + 1` is assumed of degree `k`, and
+/// the ratio is rounded towards 1, as parts on coarse grids are not those on fine ones.
 fn stretch(part: f64, dimension: usize, degree: usize) -> f64 {
     let n = dimension as f64;
     let ratio = part / (1.0 - part).max(1e-6) * n / (n + 1.0);

@@ -56,8 +56,8 @@ impl Scheme {
     }
 
     /// The orders in the elements' width that its errors may show: at least that of discontinuous
-    /// data in L1, `(k + 1)/(k + 2)`, at most one more than that of smooth data, `k + 1`. Slopes count
-    /// as degree 1.
+    /// data in L1, `(k + 1)/(k + 2)`, at most one more than that of smooth data, `k + 1`. Slopes
+    /// count as degree 1.
     pub fn orders(self) -> Range {
         let k = if self.limiter == Limiter::None { self.degree } else { 1 } as f64;
         let most = if self.limiter == Limiter::None { k + 2.0 } else { 2.0 };

@@ -142,7 +142,8 @@ impl<'a> Trials<'a> {
     }
 
     /// Updates that comparing a density on `shape` with the exact one counts as. Of degree 0 the
-    /// exact density is computed once a grid; of elements with each trial, at more points than nodes.
+    /// exact density is computed once a grid; of elements with each trial, at more points than
+    /// nodes.
     fn updates_to_compare(&self, scheme: Scheme, shape: &[usize]) -> f64 {
         if self.exact.is_none() {
             return 0.0;

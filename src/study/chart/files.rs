@@ -15,7 +15,8 @@ use std::path::Path;
 pub const COLUMNS: [&str; 42] = [
     "status", "reason", "expected_seconds", "expected_at_least", "as_given", "paper", "method",
     "grid", "degree", "cells", "interface", "integrator", "limiter", "cfl", "profile",
-    "coefficients", "weights", "no_jump", "embedding", "propagator", "step", "tolerance", "points", "modes",
+    "coefficients", "weights", "no_jump", "embedding", "propagator", "step", "tolerance",
+    "points", "modes",
     "applications", "solves", "seconds", "total_seconds", "memory_bytes_per_rank", "error_exact",
     "error_exact_l2", "error_semidiscrete", "error_estimate", "probability_window",
     "probability_slice", "until_measured", "measured_by", "front_exact", "front_seconds",

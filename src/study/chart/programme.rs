@@ -21,7 +21,8 @@ const CLASSICAL: [(Integrator, Limiter); 5] = [
     (Integrator::SspRk3, Limiter::VanLeer),
     (Integrator::Exponential, Limiter::None),
 ];
-/// The same of elements: slopes are not theirs, and no step of forward Euler keeps them from growing.
+/// The same of elements: slopes are not theirs, and no step of forward Euler keeps them from
+/// growing.
 const OF_ELEMENTS: [(Integrator, Limiter); 2] =
     [(Integrator::SspRk3, Limiter::None), (Integrator::Exponential, Limiter::None)];
 /// Grids of other degrees have about so many times the unknowns of the case along an axis.

@@ -70,8 +70,8 @@ impl Setup {
         matches!(self, Self::Paper { .. })
     }
 
-    /// `case`, of the degree of `space`, on the grid `space` with this method. `bounds` are those of the matrix of
-    /// [`Setup::Paper`], where they are known.
+    /// `case`, of the degree of `space`, on the grid `space` with this method. `bounds` are those
+    /// of the matrix of [`Setup::Paper`], where they are known.
     pub fn apply(&self, case: &Case, space: &PhaseSpace, bounds: Option<&Bounds>) -> Case {
         let mut case = final_fields_only(case);
         case.space = space.clone();

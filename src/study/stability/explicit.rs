@@ -8,10 +8,10 @@
 //! when it has crossed it.
 //!
 //! Elements keep no maximum, but `S ≤ 0` in the norm of `L²`, and `rate` bounds `‖A‖` there. With
-//! `c = Δt ‖A‖`, SSP-RK3 keeps the norm up to `c = 1` (Tadmor, SIAM Rev. 44, 2002); a step of forward
-//! Euler multiplies it by at most `√(1 + c²)`, and by more than 1 wherever `S` dissipates too little:
-//! it has no step that keeps it. Beyond `c = 1` the largest `|R(z)|` of `|z| ≤ c`, `Re z ≤ 0` bounds
-//! the growth of eigenvectors.
+//! `c = Δt ‖A‖`, SSP-RK3 keeps the norm up to `c = 1` (Tadmor, SIAM Rev. 44, 2002); a step of
+//! forward Euler multiplies it by at most `√(1 + c²)`, and by more than 1 wherever `S` dissipates
+//! too little: it has no step that keeps it. Beyond `c = 1` the largest `|R(z)|` of `|z| ≤ c`, `Re
+//! z ≤ 0` bounds the growth of eigenvectors.
 //!
 //! So two borders: the last step at which no value ever exceeds the largest
 //! at the start, and the one from which values grow by [`EXPLODED`].
