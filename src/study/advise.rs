@@ -275,12 +275,16 @@ impl<'a> Study<'a> {
         if error <= DISCRETISATION * self.wanted.accuracy * (1.0 + ROUND_OFF) {
             return None;
         }
-        Some(match reach.order.falls() {
-            true => format!(
+        Some(match (reach.order.falls(), reach.order.settled) {
+            (true, _) => format!(
                 "the error is {error:.1e} on {on}, and no finer grid was found that reaches it \
                  within --budget"
             ),
-            false => format!("the error does not fall with the grid: {error:.1e} on {on}"),
+            (false, true) => format!("the error does not fall with the grid: {error:.1e} on {on}"),
+            (false, false) => format!(
+                "the error does not fall with the grid yet: {error:.1e} on {on}; a longer --budget \
+                 compares finer grids"
+            ),
         })
     }
 

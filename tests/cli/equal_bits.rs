@@ -426,7 +426,7 @@ fn same_bits_of_elements() {
         name: "quadrant2d.toml",
         settings: &[
             "axis.0.x.cells=5",
-            "axis.1.x={lower=-1.0,upper=1.0,cells=3,degree=2}",
+            "axis.1.x={lower=-1.0,upper=1.0,cells=4,degree=2}",
             "axis.0.v.cells=2",
             "axis.1.v={lower=-1.5,upper=1.5,cells=4,degree=0}",
             "scheme.degree=1",

@@ -1,8 +1,6 @@
 //! Mistakes in `--set`, and in keys that depend on each other, are refused with their text.
 
-use crate::support::{
-    Job, Mistake, SLOPES, all_refused, case, check_all, directory, edited, refused, run,
-};
+use crate::support::{Job, Mistake, SLOPES, all_refused, check_all, directory, edited, run};
 
 /// Slopes are not linear: refused wherever a matrix is needed.
 #[test]
@@ -129,17 +127,4 @@ fn boundaries_that_cannot_be_are_refused() {
     let place = directory();
     let job = run("periodic2d.toml").with(["--ranks-x", "1,2"]);
     job.on(2).into(place.path()).is_refused(&["--ranks-x", "2 blocks", "y", "periodic"]).unwrap();
-}
-
-/// Studies vary grids and methods of degree 0, and say so of other cases.
-#[test]
-fn studies_of_a_degree_above_0_are_refused() {
-    check_all(&["advise", "chart", "stability"], |command| {
-        let place = directory();
-        let mut job = Job::new([*command, &case("smooth-beams.toml")]).inside(place.path());
-        if *command == "advise" {
-            job = job.with(["--accuracy", "3e-2"]);
-        }
-        refused(&job.run()?, &["degree 4", "scheme.degree=0"])
-    });
 }

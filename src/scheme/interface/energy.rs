@@ -154,7 +154,7 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
     if at <= 0.0 || at >= elements || (at - at.round()).abs() <= ON_FACE {
         return Ok(());
     }
-    let below = at.round().clamp(1.0, elements - 1.0);
+    let below = at.round().clamp(1.0, (elements - 1.0).max(1.0));
     let hint = if elements < 2.0 {
         "an even number of cells on a box that is symmetric about 0 does".to_owned()
     } else {
@@ -167,8 +167,7 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
     };
     Err(Error::Input(format!(
         "{name}: V jumps along its axis, and of degree 1 and more v = 0 must be a face of its \
-        cells; \
-         with {elements} cells on [{}, {}] it is inside of one; {hint}",
+         cells; with {elements} cells on [{}, {}] it is inside of one; {hint}",
         whole.lower, whole.upper
     )))
 }

@@ -401,3 +401,13 @@ fn degree_0_is_the_conservative_law() {
         }
     }
 }
+
+/// One element around `v = 0` has no face to move to.
+#[test]
+fn an_element_around_zero_is_refused() {
+    for elements in [1, 3, 4] {
+        let axis = Axis::new(-1.0, 1.5, elements).with_nodes(Nodes::of_velocity(2));
+        let refused = check_axis(&axis, "vx").expect_err("v = 0 is inside of an element");
+        assert!(refused.to_string().contains("v = 0 must be a face"), "{refused}");
+    }
+}
