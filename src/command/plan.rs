@@ -26,7 +26,7 @@ struct Planned<'a> {
 /// Plans the case, with `--calibrate` from a few steps of it. Collective.
 ///
 /// # Errors
-/// As [`planning::plan`], [`calibrate`] and [`load_for_accuracy`].
+/// As [`planning::plan`], [`calibrate`] and `load_for_accuracy`.
 pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
     let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
     let started = world.group().size();

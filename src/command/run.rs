@@ -16,7 +16,7 @@ use std::path::Path;
 /// Solves the case, unless it is to be resumed and is finished. Collective.
 ///
 /// # Errors
-/// As [`run::run`] and [`load_for_accuracy`].
+/// As [`run::run`] and `load_for_accuracy`.
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     let case = load_for_accuracy(world, &args.case, &args.accuracy)?;
     let directory = args.output.clone().unwrap_or_else(|| default_directory(&case.name));

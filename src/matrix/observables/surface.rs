@@ -12,13 +12,13 @@
 //! velocities at one point of space, which is infinite at caustics. So each zero counts by a share,
 //! and the shares of all choices `I` sum to 1 (by the coarea formula any such shares do). With the
 //! minors `D_I = det ∂Ψ/∂I`, lengths in elements, and `r = D_v²/Σ_I D_I²`, the share of `I = v` is
-//! a smooth step that is 1 from `r = `[`STEEP`] on, and another's is proportional to `D_I²`: next
+//! a smooth step that is 1 from `r = ``STEEP` on, and another's is proportional to `D_I²`: next
 //! to caustics the surface `Ψ = 0` is followed along the coordinates in which it is steep, and
 //! nothing is infinite.
 //!
 //! Polynomials of neighbouring elements differ at their face by the error of the scheme, so that a
 //! zero there may be seen by both or none. Velocity elements therefore reach over their faces by
-//! [`overlap`], with weights that fall linearly from 1 to 0 and sum to 1.
+//! `overlap`, with weights that fall linearly from 1 to 0 and sum to 1.
 
 use crate::base::quadrature::gauss_legendre;
 use crate::matrix::elements::{Element, apply_along_all, for_each_element};
