@@ -246,8 +246,8 @@ fn by_error(quick: bool) -> Vec<Row> {
             Row::new("error", case, Measure::Time).label("error", error).label("method", method)
         };
         if let Some(cells) = limited {
-            let row = row("van Leer, SSP-RK3").cells(cells).set("scheme.limiter", "van-leer");
-            let row = row.set("solver.method", "classical");
+            let row = row("van Leer, SSP-RK3").cells(cells).set("scheme.degree", "0");
+            let row = row.set("scheme.limiter", "van-leer").set("solver.method", "classical");
             rows.push(row.set("solver.classical.integrator", "ssp-rk3"));
         }
         let of_elements = |method: &str| {
