@@ -13,7 +13,7 @@ use std::time::{Duration, Instant, SystemTime};
 pub const NAME: &str = "run.lock";
 
 /// How long a lock is waited for: ranks of a job that was killed end a moment after it.
-const PATIENCE: Duration = Duration::from_secs(5);
+const LONGEST_WAIT: Duration = Duration::from_secs(5);
 
 /// The lock of a directory, held until it is dropped.
 #[derive(Debug)]
@@ -43,17 +43,14 @@ impl DirectoryLock {
         loop {
             let mut file = open(&path).map_err(failed)?;
             let unlocked = match file.try_lock() {
-                // Its holder removed it before we got the lock.
-                Ok(()) if !is_at(&file, &path) && start.elapsed() < PATIENCE => continue,
-                Ok(()) => None,
+                Ok(()) if is_at(&file, &path) => None,
                 Err(TryLockError::Error(why)) => Some(why.to_string()),
-                Err(TryLockError::WouldBlock) if start.elapsed() < PATIENCE => {
+                // Locked by another run, or removed by its holder before this one got the lock.
+                _ if start.elapsed() < LONGEST_WAIT => {
                     std::thread::sleep(Duration::from_millis(50));
                     continue;
                 }
-                Err(TryLockError::WouldBlock) => {
-                    return Err(failed(std::io::Error::other(in_use(&mut file))));
-                }
+                _ => return Err(failed(std::io::Error::other(in_use(&mut file)))),
             };
             let mut lock = Self { path, file, text: holder(), unlocked };
             let cleared = lock.file.set_len(0);

@@ -70,14 +70,21 @@ fn newton(start: f64, correction: impl Fn(f64) -> f64) -> f64 {
     x
 }
 
-/// `P_n(x)` and `P_n'(x)`, `|x| < 1`.
-fn legendre(n: usize, x: f64) -> [f64; 2] {
-    let (mut value, mut before) = (1.0, 0.0);
-    for j in 0..n {
-        let j = j as f64;
-        (value, before) = (((2.0 * j + 1.0) * x * value - j * before) / (j + 1.0), value);
+/// The Legendre polynomials `P_0(x), …, P_n(x)`, by their three-term recurrence.
+pub fn legendre_values(n: usize, x: f64) -> Vec<f64> {
+    let mut values = vec![1.0, x];
+    for j in 1..n {
+        let k = j as f64;
+        values.push(((2.0 * k + 1.0) * x * values[j] - k * values[j - 1]) / (k + 1.0));
     }
-    [value, n as f64 * (x * value - before) / (x * x - 1.0)]
+    values.truncate(n + 1);
+    values
+}
+
+/// `P_n(x)` and `P_n'(x)`, `n ≥ 1`, `|x| < 1`.
+fn legendre(n: usize, x: f64) -> [f64; 2] {
+    let values = legendre_values(n, x);
+    [values[n], n as f64 * (x * values[n] - values[n - 1]) / (x * x - 1.0)]
 }
 
 /// The mean of what is found from both ends.

@@ -4,7 +4,7 @@
 //! where it does. The rules on the parts, and the matrices from their points to the nodes, depend
 //! on the degree alone: they are made once for all elements.
 
-use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
+use crate::base::quadrature::{QuadraturePoint, gauss_legendre, legendre_values};
 use crate::matrix::elements::{Element, apply_in_elements};
 use crate::problem::element::{Family, Nodes};
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
@@ -242,17 +242,6 @@ pub fn legendre_transform(nodes: Nodes) -> Vec<Vec<f64>> {
             rule.map(|(xi, w)| w * legendre_values(k, *xi)[j] / norm).collect()
         })
         .collect()
-}
-
-/// `P_0(x), …, P_k(x)`.
-fn legendre_values(degree: usize, x: f64) -> Vec<f64> {
-    let mut values = vec![1.0, x];
-    for j in 1..degree.max(1) {
-        let n = j as f64;
-        values.push(((2.0 * n + 1.0) * x * values[j] - n * values[j - 1]) / (n + 1.0));
-    }
-    values.truncate(degree + 1);
-    values
 }
 
 /// The Lagrange polynomials of `points` at `x`.

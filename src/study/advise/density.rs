@@ -2,12 +2,14 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::quadrature::gauss_legendre;
+use crate::matrix::elements::apply_in_elements;
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
+use crate::problem::element::Nodes;
 use crate::problem::exact::Tracer;
 use crate::problem::exact::sheet::exact_moments;
-use crate::problem::grid::{Axis, PhaseSpace, describe_point, for_each_cell};
+use crate::problem::grid::{PhaseSpace, describe_point, for_each_cell};
 use crate::study::grids::{averaged, grid_name, refined};
 use crate::study::trial::Trial;
 
@@ -33,32 +35,28 @@ pub fn density_of(group: &Group, space: &PhaseSpace, trial: &Trial) -> Result<Ve
     });
     let density = gathered(group, &density);
     refuse_zero(&density, space)?;
-    Ok((0..space.x.len()).fold(density, |density, axis| over_cells(&space.x, axis, &density)))
+    if space.x.iter().all(|axis| axis.nodes.degree == 0) {
+        return Ok(density);
+    }
+    let matrices: Vec<_> = space.x.iter().map(|axis| part_averages(axis.nodes)).collect();
+    let axes: Vec<_> =
+        space.x.iter().zip(&matrices).map(|(axis, m)| (axis.elements(), &m[..])).collect();
+    Ok(apply_in_elements(&density, &axes))
 }
 
-/// Averages over equal parts of the elements of axis `a`, as many as nodes, of the polynomials with
-/// these `values` at the nodes; of degree 0 the values.
-fn over_cells(axes: &[Axis], a: usize, values: &[f64]) -> Vec<f64> {
-    let nodes = axes[a].nodes;
+/// `[m][n]`: the average over part `m` of an element, of as many equal ones as nodes, of the
+/// polynomial of node `n`.
+fn part_averages(nodes: Nodes) -> Vec<Vec<f64>> {
     let count = nodes.count();
     if nodes.degree == 0 {
-        return values.to_vec();
+        return vec![vec![1.0]];
     }
     let rule = gauss_legendre(count);
-    // Row m: what the polynomial of each node is on average in part m.
     let average = |m: usize, node: usize| -> f64 {
         let at = |xi: f64| (2 * m + 1) as f64 / count as f64 - 1.0 + xi / count as f64;
         rule.iter().map(|p| 0.5 * p.weight * nodes.reference().values_at(at(p.node))[node]).sum()
     };
-    let matrix: Vec<Vec<f64>> =
-        (0..count).map(|m| (0..count).map(|node| average(m, node)).collect()).collect();
-    let inner: usize = axes[a + 1..].iter().map(|axis| axis.cells).product();
-    let mut found = vec![0.0; values.len()];
-    for (k, found) in found.iter_mut().enumerate() {
-        let (m, first) = (k / inner % count, k - k / inner % count * inner);
-        *found = (0..count).map(|node| matrix[m][node] * values[first + node * inner]).sum();
-    }
-    found
+    (0..count).map(|m| (0..count).map(|node| average(m, node)).collect()).collect()
 }
 
 /// Values that are zero on all ranks but one, on all ranks. Collective.

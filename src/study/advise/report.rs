@@ -14,7 +14,7 @@ use std::fmt;
 /// Grids of more unknowns are not spelled out.
 pub const MOST_SHOWN: f64 = 1e15;
 
-/// `128 x 128 = 1.638e4 cells`, `26 x 26 elements of degree 4 = 1.690e4 unknowns`.
+/// `128 x 128 = 1.638e4 cells`, of a degree above 0 `26 x 26 elements = 1.690e4 unknowns`.
 pub fn grid_text(shape: &[usize], degree: usize) -> String {
     let all = cells(shape) * ((degree + 1) as f64).powi(shape.len() as i32);
     if all > MOST_SHOWN {
@@ -23,7 +23,7 @@ pub fn grid_text(shape: &[usize], degree: usize) -> String {
     let shape = shape_text(shape);
     match degree {
         0 => format!("{shape} = {all:.3e} cells"),
-        _ => format!("{shape} elements of degree {degree} = {all:.3e} unknowns"),
+        _ => format!("{shape} elements = {all:.3e} unknowns"),
     }
 }
 
