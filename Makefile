@@ -58,7 +58,7 @@ stability: build ## where methods fail on example 1, for docs/stability.md (or C
 baseline: build ## where results differ from those of an older commit (REFERENCE=DIR)
 	scripts/baseline.sh --compare $(REFERENCE) --program $(PROGRAM) $(ARGS)
 
-slurm: $(if $(BUILT),,build) ## test the job scripts on a Slurm that is started here (BUILT=yes: as it is)
+slurm: $(if $(BUILT),,build) ## test the job scripts on a Slurm started here (BUILT=yes: no build)
 	PHASEWARP=$(PROGRAM) tests/slurm.sh
 
 check: check-fmt check-clippy check-doc ## formatting, lints, documentation; warnings are errors
