@@ -19,10 +19,12 @@ export PRTE_MCA_rmaps_default_mapping_policy ?= :oversubscribe
 # With HDF5_DIR if cargo would not find the parallel HDF5; expanded when a recipe runs, after setup.
 CARGO   = $(shell scripts/setup.sh --environment) cargo
 PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
+PYTHON  = $(abspath $(or $(CARGO_TARGET_DIR),target))/python/bin/python
 
 .DEFAULT_GOAL := build
 .PHONY: run build test bench example3 calibration study stability chart examples quantum baseline \
-    slurm check check-fmt check-clippy check-doc readers qiskit browser setup clean help
+    slurm check check-fmt check-clippy check-doc check-python readers qiskit python browser setup \
+    clean help
 
 run: build ## solve example 1 of the paper on two ranks (or CASE=, RANKS=, RESULTS=)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
@@ -72,6 +74,10 @@ check-clippy: setup
 check-doc: setup
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --release --no-deps
 
+check-python: $(if $(BUILT),,build) python ## test the Python package, notebooks, lints and types
+	cd python && $(PYTHON) -m ruff format --check . && $(PYTHON) -m ruff check . && \
+	    $(PYTHON) -m mypy && PHASEWARP=$(abspath $(PROGRAM)) $(PYTHON) -m pytest
+
 examples: build ## figures 2 to 5 of the paper, into docs/examples/ (ARGS=--paper: its own set-ups)
 	RANKS=$(RANKS) scripts/examples.sh --program $(PROGRAM) $(ARGS)
 
@@ -84,9 +90,12 @@ readers: ## install a Python with h5py, xarray and VTK, for tests/cli/readers.rs
 qiskit: ## install a Python with Qiskit, for tests/cli/simulator.rs
 	@scripts/setup.sh --qiskit
 
-browser: ## install a Chromium, for tests/cli/pictures/browser.rs (Debian, Ubuntu)
+python: ## install the Python package and what its tests take into target/python
+	@scripts/setup.sh --python
 
+browser: ## install a Chromium, for tests/cli/pictures/browser.rs (Debian, Ubuntu)
 	@scripts/setup.sh --browser
+
 chart: $(foreach n,1 2 3,chart-$(n)) ## accuracy against cost, examples 1 to 3 (BUDGET=)
 
 chart-%: build

@@ -8,6 +8,8 @@
 #                                    for tests/readers.py (half a minute)
 #   scripts/setup.sh --qiskit        install a Python with Qiskit into target/qiskit, for
 #                                    tests/simulator.py (half a minute)
+#   scripts/setup.sh --python        install the package of python/, with what its tests take, into
+#                                    target/python (a minute)
 #   scripts/setup.sh --browser       install a Chromium by apt-get, for
 #                                    tests/cli/pictures/browser.rs (a minute)
 #   scripts/setup.sh --environment   print the variable that cargo needs to find parallel HDF5:
@@ -193,6 +195,15 @@ TEXT
 
 # --- Pythons for tests, each in a place of its own; nothing to do where it is there ---
 
+# A Python with pip and nothing else, in the directory $1.
+new_python() {
+    if ! python3 -c 'import ensurepip' 2>/dev/null && can_install; then
+        say "installing python3-venv"
+        install_packages python3-venv
+    fi
+    python3 -m venv --clear "$1"
+}
+
 # set_up_python NAME SCRIPT REQUIREMENTS PACKAGE…: target/NAME with the requirements, and packages
 # without theirs.
 set_up_python() {
@@ -205,16 +216,26 @@ set_up_python() {
     if "$place/bin/python" "$script" --packages 2>/dev/null; then
         return 0
     fi
-    if ! python3 -c 'import ensurepip' 2>/dev/null && can_install; then
-        say "installing python3-venv"
-        install_packages python3-venv
-    fi
     say "installing what $script takes into $place"
-    python3 -m venv "$place" &&
+    new_python "$place" &&
         "$place/bin/pip" --quiet --disable-pip-version-check install -r "$requirements" &&
         { [ "$#" -eq 0 ] ||
             "$place/bin/pip" --quiet --disable-pip-version-check install --no-deps "$@"; } &&
         "$place/bin/python" "$script" --packages
+}
+
+# The package of python/ itself, as it stands in the checkout, with what its tests take.
+set_up_package() {
+    local root place
+    root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+    place=${CARGO_TARGET_DIR:-$root/target}/python
+    if cmp -s "$root/python/pyproject.toml" "$place/pyproject.toml"; then
+        return 0
+    fi
+    say "installing the package of $root/python into $place"
+    new_python "$place" &&
+        "$place/bin/pip" --quiet --disable-pip-version-check install -e "$root/python[test]" &&
+        cp "$root/python/pyproject.toml" "$place/pyproject.toml"
 }
 
 # --- a browser for a test of reports ---
@@ -252,6 +273,10 @@ case ${1:-} in
     set_up_python qiskit simulator.py simulator.txt
     exit
     ;;
+--python)
+    set_up_package
+    exit
+    ;;
 --browser)
     set_up_browser
     exit
@@ -263,7 +288,8 @@ case ${1:-} in
     exit 0
     ;;
 *)
-    say "unknown option $1; known: --check, --readers, --qiskit, --browser, --environment"
+    say "unknown option $1; known: --check, --readers, --qiskit, --python, --browser, \
+--environment"
     exit 1
     ;;
 esac

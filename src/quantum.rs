@@ -7,6 +7,7 @@
 //! | [`probability`] | with what probability a measurement gives the solution |
 //! | [`optimise`] | the cheapest profile, recovery point and `δ` |
 //! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |
+//! | [`matrices`] | `A`, `b` and `(S, K)` as files, for any program of linear algebra |
 //! | [`readout`] | density, momentum and mean velocity as they would be measured |
 //! | [`resources`] | queries, qubits, gates; records for other programs |
 //!
@@ -20,6 +21,7 @@ use crate::schrodingerization::warp_plan::WarpPlan;
 pub mod access;
 pub mod export;
 pub mod figure;
+pub mod matrices;
 pub mod optimise;
 pub mod probability;
 pub mod readout;

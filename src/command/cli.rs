@@ -37,6 +37,8 @@ pub enum Command {
     Chart(ChartArgs),
     /// States, Hamiltonian and circuits of a tiny case (at most 12 qubits), for a quantum simulator
     ExportQuantum(ExportArgs),
+    /// The matrices A, S and K of a case (Matrix Market), with b, weights and start (NumPy)
+    ExportMatrix(ExportArgs),
     /// What the case takes on a quantum computer: sparsity, queries, qubits; nothing is solved
     Resources(ResourcesArgs),
     /// Where methods fail on this case: measured limits beside theory; writes
@@ -215,13 +217,13 @@ pub struct ChartArgs {
     pub budget: Duration,
 }
 
-/// Options of `export-quantum`.
+/// Options of `export-quantum` and `export-matrix`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// Directory of the files; by default results/NAME/quantum
+    /// Directory of the files; by default results/NAME/quantum or results/NAME/matrix
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
 }

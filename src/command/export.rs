@@ -1,4 +1,4 @@
-//! `phasewarp export-quantum`: a tiny case for a quantum simulator.
+//! `phasewarp export-quantum` and `export-matrix`: a case for other programs.
 
 use crate::base::error::Result;
 use crate::base::log::report;
@@ -9,19 +9,21 @@ use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
-use crate::quantum::export::{Description, Export, refuse};
+use crate::quantum::export::{Description, Export};
+use crate::quantum::matrices::MatrixCounts;
+use crate::quantum::{export, matrices};
 use crate::solve::prepared::Prepared;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// Exports the case and prints its qubits and probability. Collective.
+/// Exports the circuit of a tiny case and prints its qubits and probability. Collective.
 ///
 /// # Errors
-/// As `export`.
-pub fn execute(world: &World, args: &ExportArgs) -> Result<()> {
+/// As [`export::refuse`], [`Prepared::new`], [`Prepared::plan_modes`], [`Export::new`] and
+/// [`Export::write`].
+pub fn quantum(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
-    let directory =
-        args.output.clone().unwrap_or_else(|| default_directory(&case.name).join("quantum"));
-    let description = export(world, &case, &directory)?;
+    let directory = output(args, &case, "quantum");
+    let description = export_quantum(world, &case, &directory)?;
     if let Some(why) = &description.preparation
         && world.group().rank() == 0
     {
@@ -39,19 +41,43 @@ pub fn execute(world: &World, args: &ExportArgs) -> Result<()> {
     Ok(())
 }
 
-/// Exports `case` into `directory`: every rank has the whole of it, the first one writes.
-/// Collective.
+/// Exports the matrices of a case and prints how large they are. Collective.
 ///
 /// # Errors
-/// As [`refuse`], [`Prepared::new`], [`Prepared::plan_modes`], [`Export::new`] and
-/// [`Export::write`].
-fn export(world: &World, case: &Case, directory: &Path) -> Result<Description> {
-    refuse(case)?;
+/// As [`matrices::refuse`], [`Prepared::new`] and [`matrices::export`].
+pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
+    let case = load(world, &args.case)?;
+    let directory = output(args, &case, "matrix");
+    matrices::refuse(&case)?;
+    let (prepared, _) = assembled(world, &case)?;
+    let written = world.group().on_first_rank(|| matrices::export(&prepared, &directory))?;
+    let MatrixCounts { cells, unknowns, entries } = written;
+    let line = format!(
+        "A: {cells} rows, {entries} entries; S, K: {unknowns} rows; files in {}",
+        directory.display()
+    );
+    print(world, &line);
+    Ok(())
+}
+
+/// Where the files go: where the user says, or `results/NAME/kind`.
+fn output(args: &ExportArgs, case: &Case, kind: &str) -> PathBuf {
+    args.output.clone().unwrap_or_else(|| default_directory(&case.name).join(kind))
+}
+
+/// `case` with the whole of it on every rank, and those ranks. Collective.
+fn assembled(world: &World, case: &Case) -> Result<(Prepared, Resources)> {
     refuse_hopeless_here(world, case)?;
-    let all = world.group();
     let here =
         Resources { ranks_x: Some(vec![1; case.space.dimension()]), ..Resources::here(world) };
-    let mut prepared = Prepared::new(world, case, &here)?;
+    Ok((Prepared::new(world, case, &here)?, here))
+}
+
+/// Exports `case` into `directory`: the first rank writes. Collective.
+fn export_quantum(world: &World, case: &Case, directory: &Path) -> Result<Description> {
+    export::refuse(case)?;
+    let all = world.group();
+    let (mut prepared, here) = assembled(world, case)?;
     let ratio = prepared.probe();
     prepared.plan_modes(&here, ratio)?;
     let exported = all.agree(Export::new(&mut prepared))?;

@@ -210,11 +210,11 @@ pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Outcome<()> {
     let names = axis_names(case.space.dimension());
     for (axis, (name, a)) in names.into_iter().zip(case.space.axes()).enumerate() {
         let dataset = writer.scale(name, &a.centres(), chunk(axis))?;
+        attribute(&dataset, "lower", &a.lower)?;
+        attribute(&dataset, "upper", &a.upper)?;
         if a.nodes.degree > 0 {
             attribute(&dataset, "degree", &(a.nodes.degree as u64))?;
             attribute(&dataset, "elements", &(a.elements() as u64))?;
-            attribute(&dataset, "lower", &a.lower)?;
-            attribute(&dataset, "upper", &a.upper)?;
             let what = format!("quadrature weights of the nodes of {name}");
             writer.list(&format!("axis/weights_{name}"), &a.weights(), Some(&what))?;
         }

@@ -103,7 +103,7 @@ fn qiskit_finds_the_same_amplitudes() {
 }
 
 /// The numbers of a vector in NumPy's format.
-fn vector(path: &Path) -> Result<Vec<f64>, String> {
+pub fn vector(path: &Path) -> Result<Vec<f64>, String> {
     let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
     let length = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
     let (header, numbers) = bytes.split_at(10 + length);

@@ -1,0 +1,372 @@
+"""Cases: what the program is to solve, as TOML, and NumPy arrays in them."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import re
+import tempfile
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from phasewarp.program import StrPath
+
+SPACE = ("x", "y", "z")
+#: Longest value that is handed over on the command line; longer ones go into a file.
+LONGEST_ARGUMENT = 10_000
+BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+class Case:
+    """A case: a file as it stands, or tables given here, and values that replace some of its own.
+
+    Values are read and replaced by dotted keys as ``--set`` of the program takes them; tables of a
+    list are counted from 0. What a key means, and which there are, is in docs/usage.md. Keys that
+    are not given have the program's defaults, which are not known here. The program checks a case
+    when it is used; :func:`phasewarp.check` does nothing else.
+
+    Parameters
+    ----------
+    source
+        A TOML file, or the tables of one.
+    **tables
+        Further tables, which replace those of `source`.
+
+    Examples
+    --------
+    >>> case = Case("cases/example1.toml")
+    >>> case["solver.tolerance"] = 1e-9
+    >>> case["axis.0.x.cells"]
+    128
+    >>> case = Case(
+    ...     title="A barrier",
+    ...     axis=[{
+    ...         "x": {"lower": -1.0, "upper": 1.0, "cells": 64},
+    ...         "v": {"lower": -1.5, "upper": 1.5, "cells": 64},
+    ...     }],
+    ...     potential=[{"where": "abs(x) < 0.25", "value": 0.2}, {"value": 0}],
+    ...     initial={"f": "exp(-50*((x + 0.6)^2 + (v - 0.8)^2))"},
+    ...     time={"end": 1.0},
+    ... )
+    """
+
+    def __init__(self, source: StrPath | Mapping[str, Any] | None = None, **tables: Any) -> None:
+        #: The file, or ``None`` for a case that was made here.
+        self.path: Path | None = None
+        self._tree: dict[str, Any] = {}
+        self._settings: dict[str, Any] = {}
+        if isinstance(source, Mapping):
+            tables = {**source, **tables}
+        elif source is not None:
+            self.path = Path(source)
+            with self.path.open("rb") as file:
+                self._tree = tomllib.load(file)
+        for key, value in tables.items():
+            self[key] = value
+
+    def __getitem__(self, key: str) -> Any:
+        """Return the value of a dotted key; `KeyError` where the case does not give it."""
+        value: Any = self._tree
+        try:
+            for part in key.split("."):
+                value = value[index_of(value, part)]
+        except LookupError:
+            raise KeyError(f"{key}: not given in this case") from None
+        return deepcopy(value)
+
+    def __setitem__(self, key: str, value: Any) -> None:
+        """Replace the value of a dotted key; a table replaces the whole table."""
+        value = plain(value)
+        *above, last = key.split(".")
+        place: Any = self._tree
+        try:
+            for part in above:
+                if isinstance(place, dict):
+                    place.setdefault(part, {})
+                place = place[index_of(place, part)]
+            place[index_of(place, last)] = value
+        except LookupError:
+            raise KeyError(f"{key}: there is no such place in this case") from None
+        # The program applies them in the order of their last assignment.
+        self._settings.pop(key, None)
+        self._settings[key] = deepcopy(value)
+
+    def __contains__(self, key: str) -> bool:
+        try:
+            self[key]
+        except KeyError:
+            return False
+        return True
+
+    def __repr__(self) -> str:
+        if self.path is None:
+            return f"<Case {self._tree.get('title', 'without title')!r}>"
+        return " ".join([f"<Case {self.path}", *self.settings()]) + ">"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Case) and self.to_dict() == other.to_dict()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def replace(self, values: Mapping[str, Any]) -> Case:
+        """Return a copy in which the dotted keys of `values` have these values."""
+        copy = deepcopy(self)
+        for key, value in values.items():
+            copy[key] = value
+        return copy
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the tables as the program sees them, with paths that hold from anywhere."""
+        tree = deepcopy(self._tree)
+        start = tree.get("initial", {})
+        if isinstance(start, dict) and isinstance(start.get("warped"), str):
+            directory = Path() if self.path is None else self.path.parent
+            start["warped"] = str(directory.absolute() / start["warped"])
+        return tree
+
+    def to_toml(self) -> str:
+        """Return the text of a case file."""
+        return "\n".join(table_lines("", self.to_dict())) + "\n"
+
+    def save(self, path: StrPath) -> Path:
+        """Write a case file; returns its path."""
+        Path(path).write_text(self.to_toml(), encoding="utf-8")
+        return Path(path)
+
+    def settings(self) -> list[str]:
+        """Return what replaces values of the file, as ``KEY=VALUE``."""
+        return [f"{key}={toml(value)}" for key, value in self._settings.items()]
+
+    @contextmanager
+    def arguments(self) -> Iterator[list[str]]:
+        """Give the words by which the program takes this case.
+
+        A file is named as it is, so that messages point into it, with a ``--set`` for every value
+        that was replaced. A case that was made here, or has long values, is written to a file that
+        is removed afterwards.
+        """
+        settings = self.settings()
+        if self.path is not None and max(map(len, settings), default=0) <= LONGEST_ARGUMENT:
+            yield [str(self.path), *itertools.chain(*(["--set", s] for s in settings))]
+            return
+        with tempfile.TemporaryDirectory(prefix="phasewarp-") as directory:
+            name = "case.toml" if self.path is None else self.path.name
+            yield [str(self.save(Path(directory) / name))]
+
+    def faces(self, axis: str) -> np.ndarray:
+        """Return the faces of the cells along an axis (`x`, …, `vz`; in one dimension also `v`).
+
+        Returns
+        -------
+        ndarray, shape (cells + 1,)
+        """
+        number, kind = axis_place(axis)
+        table = self[f"axis.{number}.{kind}"]
+        return np.linspace(table["lower"], table["upper"], table["cells"] + 1)
+
+    def grid(self) -> dict[str, np.ndarray]:
+        """Return the cell centres of all axes by name, ``x, …, vx, …``: coordinates for xarray.
+
+        Raises
+        ------
+        ValueError
+            For a degree above 0, whose nodes a result has: ``open_result(…).coords``.
+        """
+        axes = self["axis"]
+        degrees = [self._tree.get("scheme", {}).get("degree", 0)]
+        degrees += [table.get("degree", 0) for axis in axes for table in (axis["x"], axis["v"])]
+        if any(degrees):
+            raise ValueError(
+                "scheme.degree is above 0: its nodes are the coordinates of a result of this grid"
+            )
+        names = [*SPACE[: len(axes)], *(f"v{name}" for name in SPACE[: len(axes)])]
+        faces = {name: self.faces(name) for name in names}
+        return {name: 0.5 * (ends[1:] + ends[:-1]) for name, ends in faces.items()}
+
+
+def index_of(place: Any, part: str) -> int | str:
+    """Return a part of a dotted key as an index into a table or a list; else `LookupError`."""
+    if isinstance(place, dict):
+        return part
+    if isinstance(place, list) and part.isdecimal():
+        return int(part)
+    raise LookupError(part)
+
+
+def axis_place(name: str) -> tuple[int, str]:
+    """Return number and kind (`x` or `v`) of the table of an axis `x`, …, `vz`."""
+    kind, letter = ("v", name[1:] or "x") if name.startswith("v") else ("x", name)
+    if letter not in SPACE:
+        raise KeyError(f"{name}: no axis; there are x, y, z, vx, vy, vz")
+    return SPACE.index(letter), kind
+
+
+def potential_table(values: ArrayLike, *axes: ArrayLike) -> list[dict[str, str]]:
+    """Return `[[potential]]` for a potential given by an array.
+
+    As many values as points along each axis: `V` is linear between the points (multilinear in more
+    dimensions). One value less along each axis: `V` is constant between the points. A point that
+    occurs twice is a jump between its two values. `V` of the outermost pieces goes on beyond them.
+
+    Take points on the faces of the grid (:meth:`Case.faces`). The program moves the others to the
+    nearest face, and warns.
+
+    Parameters
+    ----------
+    values
+        `V`, of shape ``(N_x, …)`` or ``(N_x - 1, …)``.
+    *axes
+        Points along x, y, z, each ascending, of shape ``(N_x,)``, ….
+
+    Examples
+    --------
+    >>> x = case.faces("x")
+    >>> case["potential"] = potential_table(0.1 * x**2, x)
+    """
+    points = [np.asarray(axis, dtype=float) for axis in axes]
+    v = np.asarray(values, dtype=float)
+    shape = tuple(len(p) for p in points)
+    if not 1 <= len(points) <= len(SPACE) or min(shape, default=0) < 2:
+        raise ValueError("one to three axes of at least two points each expected")
+    if any(np.any(np.diff(p) < 0) for p in points):
+        raise ValueError("points of an axis must ascend")
+    constant = v.shape == tuple(n - 1 for n in shape)
+    if not constant and v.shape != shape:
+        raise ValueError(f"values of shape {v.shape}; the axes have {shape} points")
+    if not np.all(np.isfinite(v)):
+        raise ValueError("values must be finite")
+    pieces = [[i for i in range(len(p) - 1) if p[i] < p[i + 1]] for p in points]
+    lists = [p.tolist() for p in points]
+    regions: list[dict[str, str]] = []
+    for piece in itertools.product(*pieces):
+        # Lexicographic order: the first region that lies above a point in all axes has it.
+        upper = [
+            f"{name} < {p[i + 1]!r}"
+            for name, p, i, all_of in zip(SPACE, lists, piece, pieces, strict=False)
+            if i != all_of[-1]
+        ]
+        formula = repr(float(v[piece])) if constant else multilinear(v, points, piece)
+        if len(points) == 1 and regions and regions[-1]["value"] == formula:
+            regions.pop()  # the region of this piece has that one, too
+        regions.append(
+            {"where": " && ".join(upper), "value": formula} if upper else {"value": formula}
+        )
+    return regions
+
+
+def multilinear(v: np.ndarray, points: Sequence[np.ndarray], piece: tuple[int, ...]) -> str:
+    """Return the multilinear interpolant on a box as a formula, ``c + c*(x - x0) + …``."""
+    corner = v[tuple(slice(i, i + 2) for i in piece)]
+    factors = []
+    for a, (p, i) in enumerate(zip(points, piece, strict=True)):
+        low, high = (corner.take(k, axis=a) for k in (0, 1))
+        corner = np.stack([low, (high - low) / (p[i + 1] - p[i])], axis=a)
+        factors.append(f"({SPACE[a]} - ({float(p[i])!r}))")
+    terms = []
+    for powers in itertools.product((0, 1), repeat=len(points)):
+        coefficient = float(corner[powers])
+        if coefficient != 0.0:
+            chosen = [f for f, power in zip(factors, powers, strict=True) if power]
+            terms.append("*".join([f"({coefficient!r})", *chosen]))
+    return " + ".join(terms) or "0"
+
+
+def write_warped(w: xr.DataArray, path: StrPath) -> Path:
+    """Write a warped field `w(0, x, v, p)` that a run can start from; returns the absolute path.
+
+    This is how NumPy arrays for `f(0)` and `g(p)` reach the program. The field is
+    ``e^p w`` read at `solver.warp.recovery`; docs/usage.md, "The warped field", says what such a
+    run can do.
+
+    Parameters
+    ----------
+    w
+        Dimensions ``x, …, vx, …, p``, with coordinates: the grid of the case (:meth:`Case.grid`),
+        and equally spaced points in p, an even number of them, ``p_j = L + jP/N_p``.
+    path
+        The HDF5 file.
+
+    Examples
+    --------
+    >>> f = xr.DataArray(array, coords=case.grid())
+    >>> g = xr.DataArray(np.exp(-np.abs(p)), coords={"p": p})
+    >>> case["initial"] = {"warped": write_warped(f * g, "start.h5")}
+    """
+    count = (w.ndim - 1) // 2
+    names = [*SPACE[:count], *(f"v{name}" for name in SPACE[:count]), "p"]
+    missing = set(names) ^ set(map(str, w.dims)) | {n for n in names if n not in w.coords}
+    if missing:
+        raise ValueError(
+            f"dimensions {w.dims}: {', '.join(names)} expected, each with a coordinate"
+        )
+    path = Path(path).absolute()
+    with h5py.File(path, "w") as file:
+        data = file.create_dataset("w", data=w.transpose(*names).values.astype("<f8"))
+        for number, name in enumerate(names):
+            scale = file.create_dataset(name, data=w[name].values.astype("<f8"))
+            file[f"axis/{name}"] = scale
+            scale.make_scale(name)
+            data.dims[number].attach_scale(scale)
+    return path
+
+
+def plain(value: Any) -> Any:
+    """Return `value` as TOML has it: NumPy's numbers and arrays as Python's, paths as absolute."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, os.PathLike):
+        return str(Path(value).absolute())
+    if not isinstance(value, str | bool | int | float):
+        raise TypeError(f"{value!r}: a case holds numbers, texts, lists and tables")
+    return value
+
+
+def toml(value: Any) -> str:
+    """Return a value in TOML, on one line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{toml_key(k)} = {toml(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        # JSON's escapes are TOML's, except for one character that JSON leaves as it is.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007F")
+    return repr(value)
+
+
+def toml_key(key: str) -> str:
+    """Return a key in TOML, quoted if it must be."""
+    return key if BARE_KEY.fullmatch(key) else toml(key)
+
+
+def table_lines(name: str, table: Mapping[str, Any]) -> Iterator[str]:
+    """Give the lines of a table: its values, then the tables below it."""
+
+    def is_tables(value: Any) -> bool:
+        return isinstance(value, list) and bool(value) and all(isinstance(i, dict) for i in value)
+
+    below = {k: v for k, v in table.items() if isinstance(v, dict) or (not name and is_tables(v))}
+    yield from (f"{toml_key(k)} = {toml(v)}" for k, v in table.items() if k not in below)
+    for key, value in below.items():
+        path = f"{name}.{toml_key(key)}" if name else toml_key(key)
+        if isinstance(value, dict):
+            yield from ("", f"[{path}]", *table_lines(path, value))
+            continue
+        for item in value:
+            yield from ("", f"[[{path}]]")
+            yield from (f"{toml_key(k)} = {toml(v)}" for k, v in item.items())

@@ -1,0 +1,259 @@
+"""The program's commands as functions."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from phasewarp.case import Case
+from phasewarp.program import StrPath, call
+from phasewarp.result import Result
+
+CaseLike = Case | StrPath
+Mode = Literal["streamed", "full"]
+Option = str | float | bool | Sequence[int] | None
+
+
+def as_case(case: CaseLike) -> Case:
+    """Return a case; of a path, the case in that file."""
+    return case if isinstance(case, Case) else Case(case)
+
+
+def options(**values: Option) -> list[str]:
+    """Return the words of those options that are given: ``memory_per_rank`` as its option."""
+    words = []
+    for name, value in values.items():
+        option = "--" + name.replace("_", "-")
+        if value is True:
+            words.append(option)
+        elif isinstance(value, str | int | float) and value is not False:
+            words += [option, str(value)]
+        elif isinstance(value, Sequence):
+            words += [option, ",".join(map(str, value))]
+    return words
+
+
+def check(case: CaseLike, *, program: StrPath | None = None) -> str:
+    """Return the case as the program understands it, in lines for people.
+
+    Raises
+    ------
+    CaseError
+        With file, line, key, value and limit, if there is a mistake.
+    """
+    with as_case(case).arguments() as words:
+        return call(["check", *words], program=program)
+
+
+def plan(
+    case: CaseLike,
+    ranks: int = 1,
+    *,
+    ranks_x: Sequence[int] | None = None,
+    memory_per_rank: str | None = None,
+    memory_per_node: str | None = None,
+    ranks_per_node: int | None = None,
+    calibrate: int | None = None,
+    mode: Mode | None = None,
+    program: StrPath | None = None,
+) -> dict[str, Any]:
+    """Return what a run will cost: every derived number, memory array by array, process meshes.
+
+    Nothing is solved. docs/usage.md, "Plan", says what the entries are: ``advice`` has the process
+    meshes (`memory` in bytes a rank) and ``layout`` the arrays of the fullest rank in bytes.
+
+    Parameters
+    ----------
+    case
+        The case, or its file.
+    ranks
+        MPI ranks of the run.
+    ranks_x
+        Blocks along each space axis; by default chosen.
+    memory_per_rank, memory_per_node
+        Memory that may be taken, as ``"4GiB"``.
+    ranks_per_node
+        Ranks that share the memory of a node; by default all.
+    calibrate
+        Start so many ranks, here, run a few steps, and predict the seconds of `ranks` ranks,
+        under ``calibration``.
+    mode
+        As for :func:`run`.
+    program
+        As for :func:`phasewarp.find_program`.
+    """
+    given = options(
+        ranks=ranks,
+        ranks_x=ranks_x,
+        memory_per_rank=memory_per_rank,
+        memory_per_node=memory_per_node,
+        ranks_per_node=ranks_per_node,
+        calibrate=calibrate is not None,
+        mode=mode,
+        json=True,
+    )
+    with as_case(case).arguments() as words:
+        return as_dict(call(["plan", *words, *given], ranks=calibrate or 1, program=program))
+
+
+def advise(
+    case: CaseLike,
+    accuracy: float = 1e-2,
+    *,
+    budget: str = "60s",
+    ranks: int = 1,
+    timeout: float | None = None,
+    program: StrPath | None = None,
+) -> dict[str, Any]:
+    """Return which grid and set-up bring the density to an accuracy, from runs on coarse grids.
+
+    Each of ``entries`` has `settings`, ``KEY=VALUE`` words for the case, beside its `error`,
+    `seconds` and `memory_bytes_per_rank`; ``best`` and ``best_classical`` are numbers of entries.
+
+    Parameters
+    ----------
+    case
+        The case, or its file.
+    accuracy
+        Relative L1 error of the density at the end.
+    budget
+        Time for the trials, as ``"60s"``.
+    ranks, timeout, program
+        As for :func:`run`.
+    """
+    given = options(accuracy=accuracy, budget=budget, json=True)
+    with as_case(case).arguments() as words:
+        return as_dict(
+            call(["advise", *words, *given], ranks=ranks, timeout=timeout, program=program)
+        )
+
+
+def resources(case: CaseLike, *, ranks: int = 1, program: StrPath | None = None) -> dict[str, Any]:
+    """Return what the case takes on a quantum computer: sparsity, queries, qubits, probabilities.
+
+    docs/quantum.md says what the entries are. Every number has a `label`: exact, upper-bound,
+    estimate or unavailable.
+
+    Parameters
+    ----------
+    case
+        The case, or its file.
+    ranks, program
+        As for :func:`run`.
+    """
+    with as_case(case).arguments() as words:
+        found: dict[str, Any] = json.loads(
+            call(["resources", *words, "--format", "json"], ranks=ranks, program=program)
+        )
+    return found
+
+
+def optimise(
+    case: CaseLike, *, ranks: int = 1, program: StrPath | None = None
+) -> list[dict[str, Any]]:
+    """Return what profiles, recovery points and `δ` take on a quantum computer, the least first.
+
+    Each choice has `probability` and `cost` (walk steps times repetitions) as pairs: of the slice
+    at the recovery point, and of the window above it.
+
+    Parameters
+    ----------
+    case
+        The case, or its file.
+    ranks, program
+        As for :func:`run`.
+    """
+    with as_case(case).arguments() as words:
+        found: list[dict[str, Any]] = json.loads(
+            call(
+                ["resources", *words, "--format", "json", "--optimise"],
+                ranks=ranks,
+                program=program,
+            )
+        )
+    return found
+
+
+def spectrum(
+    case: CaseLike,
+    *,
+    refine: Sequence[int] | None = None,
+    ranks: int = 1,
+    program: StrPath | None = None,
+) -> dict[str, Any]:
+    """Return both ends of the spectrum of `S`, measured, beside the bounds that a run relies on.
+
+    Parameters
+    ----------
+    case
+        The case, or its file.
+    refine
+        Repeat with so many times the cells on every axis.
+    ranks, program
+        As for :func:`run`.
+    """
+    given = options(refine=refine, json=True)
+    with as_case(case).arguments() as words:
+        return as_dict(call(["spectrum", *words, *given], ranks=ranks, program=program))
+
+
+def run(
+    case: CaseLike,
+    output: StrPath,
+    *,
+    ranks: int = 1,
+    mode: Mode | None = None,
+    ranks_x: Sequence[int] | None = None,
+    resume: bool = False,
+    walltime: str | float | None = None,
+    timeout: float | None = None,
+    program: StrPath | None = None,
+) -> Result:
+    """Solve a case.
+
+    Parameters
+    ----------
+    case
+        The case, or its file.
+    output
+        Directory of the results. What an earlier run left there is replaced, unless `resume`.
+    ranks
+        MPI ranks, started by ``mpirun -np`` or as ``PHASEWARP_LAUNCHER`` says.
+    mode
+        ``"full"`` keeps all modes and writes `w(t, x, v, p)`; ``"streamed"`` drops them.
+    ranks_x
+        Blocks along each space axis; the other ranks split the modes.
+    resume
+        Continue from the newest checkpoint in `output`, on any number of ranks. A run that is
+        finished there, of this case, is not repeated.
+    walltime
+        Stop with a checkpoint before so much time has passed: seconds, or ``"90m"``.
+    timeout
+        Seconds after which the run is ended; what it did since its last checkpoint is lost.
+    program
+        As for :func:`phasewarp.find_program`.
+
+    Raises
+    ------
+    CaseError
+        If the case, an option or the directory is wrong, with the program's message.
+    StoppedError
+        If it stopped with a checkpoint: `walltime`, or a signal.
+    TimedOutError
+        After `timeout`.
+    PhasewarpError
+        For any other failure.
+    """
+    given = options(
+        output=str(output), mode=mode, ranks_x=ranks_x, resume=resume, walltime=walltime
+    )
+    with as_case(case).arguments() as words:
+        call(["run", *words, *given], ranks=ranks, timeout=timeout, program=program)
+    return Result(output)
+
+
+def as_dict(text: str) -> dict[str, Any]:
+    """Return the JSON object that the program printed."""
+    found: dict[str, Any] = json.loads(text)
+    return found

@@ -1,0 +1,186 @@
+"""Finds the program, starts it on MPI ranks, and turns its failures into exceptions."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+StrPath = str | os.PathLike[str]
+
+#: Seconds that the program has for ending by itself before it is killed.
+GRACE = 10.0
+
+
+class PhasewarpError(RuntimeError):
+    """The program failed: its message, and its exit code.
+
+    Attributes
+    ----------
+    exit_code : int
+        What the program (or the MPI launcher) returned.
+    command : list of str
+        The command as it was started.
+    """
+
+    def __init__(self, message: str, exit_code: int, command: Sequence[str]) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code
+        self.command = list(command)
+
+
+class CaseError(PhasewarpError, ValueError):
+    """The case, an option or the output directory is wrong (exit code 2)."""
+
+
+class StoppedError(PhasewarpError):
+    """The run stopped early and left a checkpoint (exit code 75); `resume=True` continues."""
+
+
+class TimedOutError(PhasewarpError, TimeoutError):
+    """The run was ended because it took longer than `timeout`."""
+
+
+class ProgramNotFoundError(FileNotFoundError):
+    """There is no program, or no MPI launcher, to start."""
+
+
+class PhasewarpWarning(UserWarning):
+    """A warning of the program."""
+
+
+def find_program(program: StrPath | None = None) -> Path:
+    """Find the program phasewarp.
+
+    Looks at `program`, the environment variable ``PHASEWARP``, ``PATH``, and ``target/release`` of
+    the checkout around the working directory or around this package, in this order.
+
+    Raises
+    ------
+    ProgramNotFoundError
+        If it is in none of these places, or if the named one is no executable file.
+    """
+    for source, named in [("program", program), ("PHASEWARP", os.environ.get("PHASEWARP"))]:
+        if named:
+            found = shutil.which(named)
+            if found is None:
+                raise ProgramNotFoundError(f"{source} = {named}: no executable file")
+            return Path(found).absolute()
+    found = shutil.which("phasewarp")
+    if found is not None:
+        return Path(found).absolute()
+    for place in (Path.cwd(), Path(__file__).resolve().parent):
+        for root in (place, *place.parents):
+            candidate = root / "target" / "release" / "phasewarp"
+            if (root / "Cargo.toml").is_file() and os.access(candidate, os.X_OK):
+                return candidate
+    raise ProgramNotFoundError(
+        "the program phasewarp was not found: build it with `make` in its checkout, then put "
+        "target/release on PATH or set the environment variable PHASEWARP to the program"
+    )
+
+
+def launcher(ranks: int) -> list[str]:
+    """Return the words that start `ranks` MPI ranks; none for one rank.
+
+    The environment variable ``PHASEWARP_LAUNCHER`` replaces ``mpirun -np {ranks}``, for example by
+    ``srun -n {ranks}``.
+    """
+    if ranks < 1:
+        raise ValueError(f"ranks = {ranks}: must be at least 1")
+    template = os.environ.get("PHASEWARP_LAUNCHER")
+    if template is None and ranks == 1:
+        return []
+    words = shlex.split(template or "mpirun -np {ranks}")
+    return [word.replace("{ranks}", str(ranks)) for word in words]
+
+
+def call(
+    arguments: Sequence[StrPath],
+    *,
+    ranks: int = 1,
+    timeout: float | None = None,
+    program: StrPath | None = None,
+) -> str:
+    """Run the program to its end and return what it wrote on standard output.
+
+    Warnings of the program become :class:`PhasewarpWarning`. If the caller is interrupted, so is
+    the program.
+
+    Parameters
+    ----------
+    arguments
+        Command and options.
+    ranks
+        MPI ranks.
+    timeout
+        Seconds after which the program is ended.
+    program
+        As for :func:`find_program`.
+
+    Raises
+    ------
+    PhasewarpError
+        As the exit code says: :class:`CaseError`, :class:`StoppedError` or itself.
+    TimedOutError
+        After `timeout`.
+    ProgramNotFoundError
+        If there is nothing to start.
+    """
+    command = [
+        *launcher(ranks),
+        str(find_program(program)),
+        *(os.fspath(word) for word in arguments),
+    ]
+    try:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            encoding="utf-8",
+            errors="replace",
+        )
+    except FileNotFoundError as error:
+        raise ProgramNotFoundError(
+            f"{command[0]}: not found; PHASEWARP_LAUNCHER names another way to start MPI ranks"
+        ) from error
+    try:
+        output, errors = process.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired as error:
+        end(process)
+        message = f"not done after {timeout:g} s, and ended"
+        raise TimedOutError(message, process.returncode, command) from error
+    except BaseException:
+        end(process)
+        raise
+    if process.returncode != 0:
+        kinds = {2: CaseError, 75: StoppedError}
+        kind = kinds.get(process.returncode, PhasewarpError)
+        raise kind(message_of(errors), process.returncode, command)
+    for line in (*errors.splitlines(), *output.splitlines()):
+        if line.startswith("warning: "):
+            warnings.warn(line.removeprefix("warning: "), PhasewarpWarning, stacklevel=3)
+    return output
+
+
+def end(process: subprocess.Popen[str]) -> None:
+    """Ask `process` to end, and kill it if it does not within :data:`GRACE`."""
+    process.terminate()
+    try:
+        process.communicate(timeout=GRACE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+
+
+def message_of(errors: str) -> str:
+    """Return what the program said on standard error, without the launcher's own lines."""
+    _, marker, after = errors.partition("error: ")
+    said = (after if marker else errors).split("\n-----", 1)[0].strip()
+    stopped = [line for line in said.splitlines() if line.startswith("stopped by ")]
+    return "\n".join(stopped) or said or "it said nothing on standard error"

@@ -1,0 +1,183 @@
+"""Cases and the arrays in them."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from conftest import CASES
+
+import phasewarp as pw
+
+
+def test_keys_of_a_file(small: pw.Case) -> None:
+    assert small["axis.0.x.cells"] == 16
+    assert small["potential.1.value"] == "0"
+    assert "exact.kind" in small and "solver.warp.points" not in small
+    with pytest.raises(KeyError, match=r"solver\.warp\.points: not given"):
+        small["solver.warp.points"]
+    with pytest.raises(KeyError, match="no such place"):
+        small["title.more"] = 1
+    assert small.settings()[0] == "axis.0.x.cells=16"
+
+
+def test_copies_are_independent(made: pw.Case) -> None:
+    other = made.replace({"axis.0.x.cells": 32, "scheme.degree": np.int64(2)})
+    assert made["axis.0.x.cells"] == 16 and "scheme" not in made
+    assert other["axis.0.x.cells"] == 32 and other["scheme.degree"] == 2
+    assert other != made and made.replace({}) == made
+
+
+def test_a_table_replaces_the_whole_table(small: pw.Case) -> None:
+    small["solver.propagator.step"] = 0.1
+    small["solver.propagator"] = {"method": "chebyshev"}
+    assert "solver.propagator.step" not in small
+    # And the program applies both in the same order.
+    assert "propagator chebyshev" in pw.check(small)
+
+
+@pytest.mark.parametrize("name", sorted(p.name for p in CASES.glob("*.toml")))
+def test_toml_keeps_every_case(name: str) -> None:
+    tree = tomllib.loads((CASES / name).read_text())
+    assert tomllib.loads(pw.Case(CASES / name).to_toml()) == tree
+    assert pw.Case(tree).to_dict() == tree
+
+
+def test_toml_of_odd_values(tmp_path: Path) -> None:
+    odd = {
+        "text": 'quote " backslash \\ newline \n tab \t delete \x7f umlaut ü emoji 😀',
+        "a key": {"nested.key": [1, 2.5, 1e-300, -0.0, float("inf"), True, "x", [], {}]},
+        "list": [{"a": {"b": [{"c": 1}]}}, {}],
+    }
+    path = pw.Case(odd).save(tmp_path / "odd.toml")
+    assert tomllib.loads(path.read_text(encoding="utf-8")) == odd
+    assert pw.Case(path).to_dict() == odd
+    with pytest.raises(TypeError, match="numbers, texts, lists and tables"):
+        pw.Case(time={"end": None})
+
+
+def test_the_program_reads_what_is_made_here(made: pw.Case) -> None:
+    said = pw.check(made)
+    assert 'A "barrier" \\ of tests' in said
+    assert "V = 0.2  where abs(x) < 0.25" in said
+
+
+def test_grid(made: pw.Case) -> None:
+    grid = made.grid()
+    assert list(grid) == ["x", "vx"]
+    np.testing.assert_allclose(grid["x"], -1 + (np.arange(16) + 0.5) / 8)
+    np.testing.assert_allclose(made.faces("v"), made.faces("vx"))
+    with pytest.raises(ValueError, match="degree"):
+        made.replace({"scheme.degree": 2}).grid()
+
+
+def evaluate(regions: list[dict[str, str]], **at: float) -> float:
+    """Return V as the program finds it: the first region that holds."""
+    for region in regions:
+        if eval(region.get("where", "True").replace("&&", "and"), dict(at)):
+            return float(eval(region["value"], dict(at)))
+    raise AssertionError("no region without a condition")
+
+
+def test_potential_of_points() -> None:
+    x = np.array([-1.0, -0.2, 0.3, 0.3, 1.0])
+    v = np.array([0.0, 0.4, 0.1, 0.7, -0.2])
+    regions = pw.potential_table(v, x)
+    assert len(regions) == 3
+    for at in np.linspace(-0.99, 0.99, 37):
+        side = slice(0, 3) if at < 0.3 else slice(3, 5)
+        assert evaluate(regions, x=at) == pytest.approx(np.interp(at, x[side], v[side]))
+
+
+def test_potential_of_steps() -> None:
+    edges = np.linspace(-1, 1, 6)
+    v = np.array([0.0, 0.3, 0.1, 0.3, 0.0])
+    regions = pw.potential_table(v, edges)
+    assert [evaluate(regions, x=c) for c in 0.5 * (edges[1:] + edges[:-1])] == v.tolist()
+    # Neighbours of the same height are one region.
+    v[2] = 0.3
+    regions = pw.potential_table(v, edges)
+    assert [region["value"] for region in regions] == ["0.0", "0.3", "0.0"]
+    assert [evaluate(regions, x=c) for c in 0.5 * (edges[1:] + edges[:-1])] == v.tolist()
+
+
+def test_potential_in_the_plane() -> None:
+    x, y = np.linspace(-1, 1, 4), np.array([0.0, 0.5, 2.0])
+    v = np.random.default_rng(0).normal(size=(4, 3))
+    regions = pw.potential_table(v, x, y)
+    table = xr.DataArray(v, coords={"x": x, "y": y})
+    for at_x, at_y in np.random.default_rng(1).uniform([-1, 0], [1, 2], size=(40, 2)):
+        expected = float(table.interp(x=at_x, y=at_y))
+        assert evaluate(regions, x=at_x, y=at_y) == pytest.approx(expected, abs=1e-12)
+
+
+def test_refused_potentials() -> None:
+    x = [0.0, 1.0, 2.0]
+    with pytest.raises(ValueError, match="shape"):
+        pw.potential_table([1.0], x)
+    with pytest.raises(ValueError, match="ascend"):
+        pw.potential_table([1.0, 2.0, 3.0], x[::-1])
+    with pytest.raises(ValueError, match="finite"):
+        pw.potential_table([1.0, np.nan, 3.0], x)
+    with pytest.raises(ValueError, match="axes"):
+        pw.potential_table(1.0)
+
+
+def test_an_array_is_the_formula(made: pw.Case, tmp_path: Path) -> None:
+    """A potential by points gives the results of the formula that it tabulates."""
+    made["potential"] = [{"value": "0.3*x"}]
+    by_formula = pw.run(made, tmp_path / "formula").open()
+    faces = made.faces("x")
+    made["potential"] = pw.potential_table(0.3 * faces, faces)
+    by_table = pw.run(made, tmp_path / "table").open()
+    xr.testing.assert_allclose(by_table["f"], by_formula["f"], atol=1e-10)
+    made["potential"] = [{"value": "0.2*x"}]
+    control = pw.run(made, tmp_path / "control").open()
+    assert abs(control["f"] - by_formula["f"]).max() > 1e-3
+
+
+def test_a_long_table_over_a_file(small: pw.Case) -> None:
+    edges = np.linspace(-1.5, 1.5, 401)
+    small["axis.0.x.cells"] = 400
+    small["potential"] = pw.potential_table(np.where(edges < 0, 0.2, 0.0)[:-1], edges)
+    assert "V = 0.2  where x < " in pw.check(small)
+
+
+def test_start_from_arrays(made: pw.Case, tmp_path: Path) -> None:
+    """Arrays for f(0) and g(p) give what the formula and the same profile give."""
+    made["solver.warp"] = {
+        "profile": "exponential",
+        "coefficients": "sampled",
+        "interval": [-12.0, 12.0],
+        "points": 512,
+        "recovery": 1.0,
+        "weights": "none",
+    }
+    made["solver.tolerance"] = 1e-2
+    expected = pw.run(made, tmp_path / "formula").open()
+    grid = made.grid()
+    x, v = np.meshgrid(grid["x"], grid["vx"], indexing="ij")
+    f = xr.DataArray(np.exp(-20 * ((x + 0.6) ** 2 + (v - 0.6) ** 2)), coords=grid)
+    p = -12.0 + 24.0 / 512 * np.arange(512)
+    g = xr.DataArray(np.exp(-np.abs(p)), coords={"p": p})
+    made["initial"] = {"warped": pw.write_warped(f * g, tmp_path / "start.h5")}
+    made["solver.warp"] = {"recovery": 1.0, "weights": "none"}
+    with pytest.warns(pw.PhasewarpWarning):
+        found = pw.run(made, tmp_path / "arrays").open()
+    difference = float(abs(found["f"] - expected["f"]).max())
+    assert difference < 2e-2 * float(expected["f"].max())
+    with pytest.raises(ValueError, match="each with a coordinate"):
+        pw.write_warped(f, tmp_path / "no_p.h5")
+
+
+def test_a_relative_start_holds_from_anywhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "case.toml").write_text('[initial]\nwarped = "start.h5"\n')
+    start = pw.Case(tmp_path / "case.toml").to_dict()["initial"]["warped"]
+    assert start == str(tmp_path / "start.h5")
+    monkeypatch.chdir(tmp_path)
+    assert pw.Case(initial={"warped": "start.h5"}).to_dict()["initial"]["warped"] == start

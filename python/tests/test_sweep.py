@@ -1,0 +1,78 @@
+"""Sweeps: their table, and what is not run again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import phasewarp as pw
+
+
+def test_table(small: pw.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    vary: dict[str, list[float]] = {"scheme.degree": [0, 1], "solver.tolerance": [1e-2, 1e-4]}
+    table = pw.sweep(small, vary, tmp_path)
+    assert table["scheme.degree"].tolist() == [0, 0, 1, 1]
+    assert table["solver.tolerance"].tolist() == [1e-2, 1e-4, 1e-2, 1e-4]
+    assert "error" not in table and "error_semidiscrete" not in table
+    assert (table["error_estimate"] < table["solver.tolerance"]).all()
+    for _, row in table.iterrows():
+        summary = pw.Result(row["directory"]).summary
+        assert summary["tolerance"] == row["solver.tolerance"]
+        assert summary["accuracy"]["grid"] == row["accuracy.grid"]
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 4
+    assert lines[1].startswith("[2/4] scheme.degree=0 solver.tolerance=0.0001: ")
+    table.to_csv(tmp_path / "table.csv", index=False)
+    again = pd.read_csv(tmp_path / "table.csv")
+    pd.testing.assert_frame_equal(again, table, check_dtype=False)
+    assert r"\begin{tabular}" in table.to_latex(index=False)
+
+
+def dates(table: pd.DataFrame) -> list[str]:
+    """Return when each result was written."""
+    return [pw.open_result(place).attrs["history"] for place in table["directory"]]
+
+
+def test_finished_runs_are_not_repeated(made: pw.Case, tmp_path: Path) -> None:
+    first = pw.sweep(made, {"solver.tolerance": [1e-2, 1e-3]}, tmp_path, progress=False)
+    files = [Path(place, "result.h5").stat().st_mtime_ns for place in first["directory"]]
+    second = pw.sweep(made, {"solver.tolerance": [1e-2, 1e-3, 1e-4]}, tmp_path, progress=False)
+    assert second["directory"].tolist()[:2] == first["directory"].tolist()
+    again = [Path(place, "result.h5").stat().st_mtime_ns for place in first["directory"]]
+    assert again == files
+    pd.testing.assert_frame_equal(second.head(2), first)
+    # Another case under the same values is another run.
+    other = pw.sweep(
+        made.replace({"potential.0.value": 0.1}),
+        {"solver.tolerance": [1e-2]},
+        tmp_path,
+        progress=False,
+    )
+    assert other["directory"][0] not in set(second["directory"])
+    assert other["mass"][0] != second["mass"][0]
+    # A damaged result is computed anew.
+    damaged = Path(first["directory"][0]) / "summary.json"
+    damaged.unlink()
+    third = pw.sweep(made, {"solver.tolerance": [1e-2]}, tmp_path, progress=False)
+    assert damaged.is_file() and third["mass"][0] == first["mass"][0]
+
+
+def test_a_failure_is_a_row(small: pw.Case, tmp_path: Path) -> None:
+    table = pw.sweep(small, {"solver.tolerance": [5, 1e-2]}, tmp_path, progress=False)
+    assert "must be above 0" in table["error"][0] and pd.isna(table["mass"][0])
+    assert pd.isna(table["error"][1]) and table["mass"][1] > 0
+
+
+def test_chosen_columns(small: pw.Case, tmp_path: Path) -> None:
+    columns = ["modes", "probabilities.at_slice.all.value"]
+    table = pw.sweep(small, {"solver.tolerance": [1e-2]}, tmp_path, columns=columns, progress=False)
+    assert table.columns.tolist() == ["solver.tolerance", *columns, "directory"]
+
+
+def test_nothing_to_vary(small: pw.Case, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="vary"):
+        pw.sweep(small, {}, tmp_path)
+    with pytest.raises(ValueError, match="vary"):
+        pw.sweep(small, {"time.end": []}, tmp_path)

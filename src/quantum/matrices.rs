@@ -1,0 +1,158 @@
+//! `A`, `b` and `(S, K)` of a case as files, for any program of linear algebra.
+//!
+//! `f' = A f + b` are the rows of the scheme. `S` and `K` are the symmetric and the skew part of
+//! `D A D⁻¹`, `D = diag(√π)`, with the auxiliary unknowns of the inflow behind the cells: mode `l`
+//! obeys `w' = (−iμ_l S + K) w`.
+//!
+//! | file | what |
+//! |---|---|
+//! | `A.mtx` | `A`, (cells, cells), real |
+//! | `S.mtx`, `K.mtx` | `S` and `K`, (unknowns, unknowns), lower triangles |
+//! | `weights.npy` | `√π`, (unknowns): `u = √π f` |
+//! | `b_f.npy`, … | `b` of each field, (cells) |
+//! | `initial_f.npy`, … | `u` of each field at time zero, (unknowns) |
+//!
+//! Matrices are in Matrix Market's coordinate format, vectors in NumPy's. Cells are in the order
+//! `(x1..xn, v1..vn)`, the last axis fastest.
+
+use crate::base::disk;
+use crate::base::error::{Error, Result};
+use crate::problem::case::Case;
+use crate::quantum::export::numpy;
+use crate::scheme::rows::{Row, Scheme};
+use crate::solve::prepared::Prepared;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Which entries of a matrix a file lists.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Symmetry {
+    General,
+    Symmetric,
+    SkewSymmetric,
+}
+
+impl Symmetry {
+    /// As Matrix Market calls it.
+    fn word(self) -> &'static str {
+        match self {
+            Self::General => "general",
+            Self::Symmetric => "symmetric",
+            Self::SkewSymmetric => "skew-symmetric",
+        }
+    }
+
+    /// Whether an entry is listed.
+    fn lists(self, row: usize, column: usize) -> bool {
+        match self {
+            Self::General => true,
+            Self::Symmetric => column <= row,
+            Self::SkewSymmetric => column < row,
+        }
+    }
+}
+
+/// How many unknowns and entries were written.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct MatrixCounts {
+    /// Cells, rows of `A`.
+    pub cells: usize,
+    /// Cells and auxiliary unknowns, rows of `S` and `K`.
+    pub unknowns: usize,
+    /// Entries of `A` that are not zero.
+    pub entries: usize,
+}
+
+/// Refuses a case whose matrices are not all of it.
+///
+/// # Errors
+/// [`Error::Input`] with the key.
+pub fn refuse(case: &Case) -> Result<()> {
+    let wrong = |what: &str| Err(Error::Input(format!("{}: {what}", case.name)));
+    if case.varies() {
+        return wrong("inflow.value depends on t; b, which is exported, does not");
+    }
+    if case.start.is_some() {
+        return wrong("initial.warped: the start is in that file; initial.f can be exported");
+    }
+    Ok(())
+}
+
+/// Writes the files into `directory`; the whole grid is on this rank.
+///
+/// # Errors
+/// [`Error::Directory`], [`Error::Output`]; [`Error::Formula`] where a formula is not finite.
+pub fn export(prepared: &Prepared, directory: &Path) -> Result<MatrixCounts> {
+    let Prepared { case, system, .. } = prepared;
+    disk::make(directory)?;
+    let write = |name: &str, bytes: &[u8]| disk::write(&directory.join(name), bytes);
+    let (cells, unknowns) = (case.space.cells(), system.matrix.rows());
+
+    let scheme = Scheme::whole(case)?;
+    let mut row = Row::default();
+    let mut a = MatrixMarket::new(cells, Symmetry::General);
+    let mut b = vec![Vec::with_capacity(cells); case.fields.len()];
+    for i in 0..cells {
+        scheme.row(&mut row, i);
+        for &(j, value) in &row.entries {
+            a.entry(i, j, value);
+        }
+        for (b, value) in b.iter_mut().zip(row.inflow) {
+            b.push(value);
+        }
+    }
+    scheme.inflow_is_finite(&row)?;
+    let entries = a.entries;
+    write("A.mtx", a.text(case).as_bytes())?;
+
+    let mut s = MatrixMarket::new(unknowns, Symmetry::Symmetric);
+    let mut k = MatrixMarket::new(unknowns, Symmetry::SkewSymmetric);
+    for i in 0..unknowns {
+        for (j, of_s, of_k) in system.matrix.row(i) {
+            s.entry(i, j, of_s);
+            k.entry(i, j, of_k);
+        }
+    }
+    write("S.mtx", s.text(case).as_bytes())?;
+    write("K.mtx", k.text(case).as_bytes())?;
+
+    let roots: Vec<f64> = system.weights.pi[..unknowns].iter().map(|pi| pi.sqrt()).collect();
+    write("weights.npy", &numpy::real(&roots))?;
+    for ((field, b), state) in case.fields.iter().zip(&b).zip(&system.states) {
+        write(&format!("b_{}.npy", field.name), &numpy::real(b))?;
+        write(&format!("initial_{}.npy", field.name), &numpy::real(&state[..unknowns]))?;
+    }
+    Ok(MatrixCounts { cells, unknowns, entries })
+}
+
+/// A square real matrix in Matrix Market's coordinate format.
+struct MatrixMarket {
+    order: usize,
+    symmetry: Symmetry,
+    entries: usize,
+    lines: String,
+}
+
+impl MatrixMarket {
+    fn new(order: usize, symmetry: Symmetry) -> Self {
+        Self { order, symmetry, entries: 0, lines: String::new() }
+    }
+
+    /// Adds an entry, unless it is zero or follows from the one that mirrors it.
+    fn entry(&mut self, row: usize, column: usize, value: f64) {
+        if value != 0.0 && self.symmetry.lists(row, column) {
+            let _ = writeln!(self.lines, "{} {} {value:e}", row + 1, column + 1);
+            self.entries += 1;
+        }
+    }
+
+    /// The file, with the title of the case.
+    fn text(&self, case: &Case) -> String {
+        let Self { order, entries, lines, .. } = self;
+        let (word, title) = (self.symmetry.word(), case.title.replace(['\n', '\r'], " "));
+        format!(
+            "%%MatrixMarket matrix coordinate real {word}\n% {title}\n\
+             {order} {order} {entries}\n{lines}"
+        )
+    }
+}
