@@ -345,6 +345,7 @@ impl BlockMatrix {
         let rows = builder.finish();
         let mut this = Self::new(block, rows, inflow);
         this.by_elements = case.is_galerkin();
+        this.first_axis_nodes = case.space.x[0].nodes.count();
         Ok(this)
     }
 }

@@ -11,7 +11,7 @@
 use crate::matrix::inflow::{Entering, Inflow, InflowRows};
 use crate::matrix::kernel;
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
-use crate::matrix::rows::Rows;
+use crate::matrix::rows::{Lines, MOST_NODES, Rows};
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::Block;
 use num_complex::Complex64;
@@ -44,6 +44,8 @@ pub struct BlockMatrix {
     pub(crate) summed_growth: f64,
     /// Whether an axis has a degree above 0.
     pub(crate) by_elements: bool,
+    /// Nodes of an element along the first space axis.
+    pub(crate) first_axis_nodes: usize,
     /// Whether this rank's copy of it counts in sums: that of the block with the lowest corner.
     pub(crate) counts_shared: bool,
     /// Rows of `inflow` over all ranks.
@@ -51,7 +53,7 @@ pub struct BlockMatrix {
     /// Value of an auxiliary unknown that is coupled to nothing.
     pub(crate) uncoupled: f64,
     pub(crate) rows: Rows,
-    /// Runs of rows without ghost columns, and the others.
+    /// Runs of lines of `rows` without ghost columns, and the others.
     pub(crate) interior: Vec<Range<usize>>,
     pub(crate) border: Vec<Range<usize>>,
 }
@@ -69,6 +71,7 @@ impl BlockMatrix {
             summed: false,
             summed_growth: 0.0,
             by_elements: false,
+            first_axis_nodes: 1,
             inflow_rows: 0,
             uncoupled: 0.0,
             rows,
@@ -79,19 +82,32 @@ impl BlockMatrix {
         this
     }
 
-    /// Sorts the rows into runs that need ghosts and runs that do not.
+    /// Sorts the lines into runs that need ghosts and runs that do not.
     fn find_border(&mut self) {
         let rows = self.rows();
         let touches = |i: usize| self.rows.row(i).any(|(column, ..)| column >= rows);
         let (mut interior, mut border): (Vec<Range<usize>>, Vec<Range<usize>>) = Default::default();
-        for i in 0..rows {
-            let list = if touches(i) { &mut border } else { &mut interior };
+        for line in 0..self.rows.line_count() {
+            let at_border = self.rows.lines().rows(line).any(touches);
+            let list = if at_border { &mut border } else { &mut interior };
             match list.last_mut() {
-                Some(last) if last.end == i => last.end = i + 1,
-                _ => list.push(i..i + 1),
+                Some(last) if last.end == line => last.end = line + 1,
+                _ => list.push(line..line + 1),
             }
         }
         (self.interior, self.border) = (interior, border);
+    }
+
+    /// Gathers the rows of elements into lines of nodes along the first space axis, for the
+    /// kernels; afterwards the rows cannot be changed.
+    pub fn gather_elements(&mut self) {
+        let nodes = self.first_axis_nodes;
+        if nodes > 1 {
+            let cells = self.block.cells();
+            let stride = cells / self.block.ranges[0].len();
+            self.rows = self.rows.gathered(Lines { nodes, stride, cells });
+            self.find_border();
+        }
     }
 
     /// Auxiliary unknowns of this rank.
@@ -154,8 +170,9 @@ impl BlockMatrix {
         self.rows.bytes()
     }
 
-    /// The entries of local row `i`: `(local column, s, k)`, in the order of global columns; of a
-    /// common auxiliary unknown's row, those to this rank's cells.
+    /// The entries of local row `i`: `(local column, s, k)`, in the order of global columns, those
+    /// to the nodes of its line first; of a common auxiliary unknown's row, those to this rank's
+    /// cells.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let common = if self.shared && i == self.block.cells() { &self.inflow[..] } else { &[] };
         let half = |aux: &Inflow| (aux.row as usize, 0.5 * aux.coupling, -0.5 * aux.coupling);
@@ -198,13 +215,74 @@ impl BlockMatrix {
     ) {
         assert!(x.len() >= self.rows.reach(), "vector and matrix do not fit");
         for run in runs {
-            for (i, y) in run.clone().zip(&mut y[run.clone()]) {
-                *y = (self.rows.row(i))
-                    // SAFETY: every column is below the reach of the rows.
-                    .map(|(j, s, k)| entry(s, k) * unsafe { x.get_unchecked(j) })
-                    .fold(0.0, |sum, term| sum + term);
+            match self.rows.lines().nodes {
+                1 => self.sum_single(run.clone(), &entry, y, x),
+                2 => self.sum_nodes::<2>(run.clone(), &entry, y, x),
+                3 => self.sum_nodes::<3>(run.clone(), &entry, y, x),
+                4 => self.sum_nodes::<4>(run.clone(), &entry, y, x),
+                5 => self.sum_nodes::<5>(run.clone(), &entry, y, x),
+                6 => self.sum_nodes::<6>(run.clone(), &entry, y, x),
+                7 => self.sum_nodes::<7>(run.clone(), &entry, y, x),
+                8 => self.sum_nodes::<8>(run.clone(), &entry, y, x),
+                _ => self.sum_nodes::<MOST_NODES>(run.clone(), &entry, y, x),
             }
         }
+    }
+
+    /// The entries of row `i` that are not to the nodes of its line, added to `sum`.
+    #[inline(always)]
+    fn add_others(
+        &self,
+        [template, i]: [usize; 2],
+        entry: impl Fn(f64, f64) -> f64,
+        x: &[f64],
+        sum: f64,
+    ) -> f64 {
+        (self.rows.others(template, i))
+            // SAFETY: every column is below the reach of the rows, which `x` has.
+            .map(|(j, s, k)| entry(s, k) * unsafe { x.get_unchecked(j) })
+            .fold(sum, |sum, term| sum + term)
+    }
+
+    /// Lines that are one row.
+    #[inline(always)]
+    fn sum_single(
+        &self,
+        lines: Range<usize>,
+        entry: &impl Fn(f64, f64) -> f64,
+        y: &mut [f64],
+        x: &[f64],
+    ) {
+        let behind = self.rows.lines().cells - self.rows.lines().of_cells();
+        for line in lines {
+            let i = line + behind;
+            y[i] = self.add_others([self.rows.template(line), i], entry, x, 0.0);
+        }
+    }
+
+    /// Lines of which those of cells are `NODES` rows.
+    #[inline(always)]
+    fn sum_nodes<const NODES: usize>(
+        &self,
+        lines: Range<usize>,
+        entry: &impl Fn(f64, f64) -> f64,
+        y: &mut [f64],
+        x: &[f64],
+    ) {
+        let of_cells = self.rows.lines().of_cells();
+        let stride = self.rows.lines().stride;
+        for line in lines.start..lines.end.min(of_cells) {
+            let (first, template) = (self.rows.lines().first(line), self.rows.template(line));
+            let nodes: [f64; NODES] = std::array::from_fn(|n| x[first + n * stride]);
+            for m in 0..NODES {
+                let dense = self.rows.dense_row(template + m);
+                let terms = nodes.iter().zip(dense).map(|(x, k)| entry(0.0, *k) * x);
+                let sum = terms.fold(0.0, |sum, term| sum + term);
+                let i = first + m * stride;
+                y[i] = self.add_others([template + m, i], entry, x, sum);
+            }
+        }
+        self.sum_single(lines.start.max(of_cells)..lines.end.max(of_cells), entry, y, x);
     }
 
     /// `y ← (S ± K) x` or `S x` for real vectors; `x`'s ghosts are refreshed. Collective over the
@@ -313,7 +391,8 @@ impl BlockMatrix {
     ) {
         let rows = self.rows();
         let apply = |runs: &[Range<usize>], y: &mut [Complex64], x: &[Complex64]| {
-            for i in runs.iter().cloned().flatten() {
+            let lines = self.rows.lines();
+            for i in runs.iter().cloned().flatten().flat_map(|line| lines.rows(line)) {
                 let mut sum = Complex64::ZERO;
                 for (j, s, k) in self.rows.row(i) {
                     sum += Complex64::new(k, -mu * s) * x[j];

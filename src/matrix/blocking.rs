@@ -1,11 +1,11 @@
 //! Several steps in one trip through memory, where the vectors do not fit into the cache of a core.
 //!
-//! Rows are gathered into tiles: the velocities at a cell of space, or a range of them, with their
-//! auxiliary unknowns. A tile at level `m` holds its rows of the vectors of steps `m` and `m − 1`.
-//! It may go on to `m + 1`, written over `m − 1`, once every tile that it is coupled to is at `m`
-//! or `m + 1`: those at `m` hold what it reads, those at `m + 1` still do, and none of them needs
-//! its `m − 1` any more. Every order that keeps this rule does the same operations on the same
-//! numbers: the same bits as step after step.
+//! Rows are gathered into tiles: the velocities at a cell of space (or at an element's nodes along
+//! the first axis), or a range of them, with their auxiliary unknowns. A tile at level `m` holds
+//! its rows of the vectors of steps `m` and `m − 1`. It may go on to `m + 1`, written over `m − 1`,
+//! once every tile that it is coupled to is at `m` or `m + 1`: those at `m` hold what it reads,
+//! those at `m + 1` still do, and none of them needs its `m − 1` any more. Every order that keeps
+//! this rule does the same operations on the same numbers: the same bits as step after step.
 //!
 //! The order taken here is a wavefront (as in Wellein et al. 2009 for stencils, Alappat et al. 2023
 //! for powers of sparse matrices): tiles are opened range by range of velocities, strip by strip of
@@ -32,6 +32,7 @@ use crate::base::machine::cache_per_core;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::kernel;
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
+use crate::matrix::rows::Lines;
 use crate::parallel::communicator::GhostExchange;
 use std::ops::Range;
 
@@ -56,12 +57,12 @@ pub struct BlockingShape {
     pub parts: usize,
 }
 
-/// Rows that go on together.
+/// Lines that go on together.
 #[derive(Clone, Debug)]
 struct Tile {
-    /// Rows of cells.
-    rows: Range<u32>,
-    /// Their auxiliary unknowns, by number among the auxiliary ones.
+    /// Lines of cells.
+    lines: Range<u32>,
+    /// Their auxiliary unknowns: of the ranges of [`Blocking::auxiliaries`].
     auxiliaries: Range<u32>,
 }
 
@@ -80,6 +81,8 @@ pub struct Steps<'a> {
 pub struct Blocking {
     shape: BlockingShape,
     tiles: Vec<Tile>,
+    /// Ranges of auxiliary unknowns, by number among them.
+    auxiliaries: Vec<Range<u32>>,
     /// Which tile goes on, and from which level.
     order: Vec<(u32, u32)>,
     /// Where in `order` the ghosts of a level must have come, level by level.
@@ -117,6 +120,7 @@ impl Blocking {
             shape: *shape,
             order: Vec::with_capacity(tiling.tiles.len() * shape.depth),
             tiles: Vec::new(),
+            auxiliaries: Vec::new(),
             exchanges: Vec::new(),
         };
         let mut levels = vec![0u32; tiling.tiles.len()];
@@ -143,7 +147,7 @@ impl Blocking {
         };
         let mut sequence = Vec::with_capacity(tiling.tiles.len());
         for part in 0..tiling.parts {
-            for_each_in_strips(&matrix.block.ranges, shape.width, |cell| {
+            for_each_in_strips(&tiling.sizes(matrix), shape.width, |cell| {
                 sequence.push(cell * tiling.parts + part);
             });
         }
@@ -157,7 +161,7 @@ impl Blocking {
             }
         }
         assert!(levels.iter().all(|l| *l as usize == shape.depth));
-        this.tiles = tiling.tiles;
+        (this.tiles, this.auxiliaries) = (tiling.tiles, tiling.auxiliaries);
         this
     }
 
@@ -185,10 +189,11 @@ impl BlockingShape {
         let widest = across.iter().map(Range::len).max().unwrap_or(1);
         let wide = matrix.block.wide_ranges();
         let parts = matrix.independent_velocities();
-        let tile = bytes * matrix.block.velocity_cells.div_ceil(parts) as f64;
+        let nodes = matrix.stored().lines().nodes;
+        let tile = bytes * (nodes * matrix.block.velocity_cells.div_ceil(parts)) as f64;
         let mut best: Option<(f64, Self)> = None;
         for width in (0..).map(|k| 1 << k).take_while(|w| *w < 2 * widest) {
-            for depth in 2..=MOST_LEVELS.min(matrix.block.ranges[0].len()) {
+            for depth in 2..=MOST_LEVELS.min(matrix.block.ranges[0].len() / nodes) {
                 // Along a strip's edge, `depth` cells are read once more.
                 let (mut section, mut edges) = (1.0, 1.0);
                 for axis in across {
@@ -203,7 +208,8 @@ impl BlockingShape {
                     .map(|(a, (own, wide))| {
                         let around = if a == 0 && matrix.block.closed { 2 } else { 0 };
                         let sides = (wide.len() - own.len() + around) as f64;
-                        0.5 * sides * depth as f64 / own.len() as f64
+                        let cells = if a == 0 { own.len() / nodes } else { own.len() };
+                        0.5 * sides * depth as f64 / cells as f64
                     })
                     .sum();
                 let traffic = edges / depth as f64 + waiting;
@@ -218,10 +224,10 @@ impl BlockingShape {
     }
 }
 
-/// Calls `visit` with every cell of a box, by its row-major number: strip by strip of all axes but
-/// the first, along the first.
-fn for_each_in_strips(ranges: &[Range<usize>], width: usize, mut visit: impl FnMut(usize)) {
-    let sizes: Vec<usize> = ranges[1..].iter().map(Range::len).collect();
+/// Calls `visit` with every cell of a box of `sizes`, by its row-major number: strip by strip of
+/// all axes but the first, along the first.
+fn for_each_in_strips(sizes: &[usize], width: usize, mut visit: impl FnMut(usize)) {
+    let (along, sizes) = (sizes[0], &sizes[1..]);
     let section: usize = sizes.iter().product();
     // The cells of a section by the strip they are in.
     let mut order: Vec<(Vec<usize>, usize)> = (0..section)
@@ -237,46 +243,69 @@ fn for_each_in_strips(ranges: &[Range<usize>], width: usize, mut visit: impl FnM
         .collect();
     order.sort();
     for strip in order.chunk_by(|a, b| a.0 == b.0) {
-        for i in 0..ranges[0].len() {
+        for i in 0..along {
             strip.iter().for_each(|(_, cell)| visit(i * section + cell));
         }
     }
 }
 
-/// The tiles: `parts` nearly equal ranges of velocities at each cell.
+/// The tiles: `parts` nearly equal ranges of velocities at each cell, or at an element's nodes
+/// along the first axis.
 struct Tiling {
+    lines: Lines,
     parts: usize,
     velocities: usize,
     tiles: Vec<Tile>,
+    /// What tiles have of auxiliary unknowns, tile by tile.
+    auxiliaries: Vec<Range<u32>>,
 }
 
 impl Tiling {
     fn new(matrix: &BlockMatrix, parts: usize) -> Self {
         let velocities = matrix.block.velocity_cells;
+        let lines = *matrix.stored().lines();
+        let cells = matrix.block.space_cells() / lines.nodes;
         let parts = parts.clamp(1, velocities);
-        let number = |i: usize| i as u32;
-        let mut tiles = Vec::with_capacity(matrix.block.space_cells() * parts);
-        let mut next = 0;
-        for cell in 0..matrix.block.space_cells() {
+        let mut this = Self {
+            lines,
+            parts,
+            velocities,
+            tiles: Vec::with_capacity(cells * parts),
+            auxiliaries: Vec::new(),
+        };
+        // The auxiliary unknowns of cells below a row.
+        let below = |row: usize| matrix.inflow.partition_point(|aux| (aux.row as usize) < row);
+        for cell in 0..cells {
             for part in 0..parts {
                 let range = crate::parallel::partition::split(&(0..velocities), parts, part);
-                let rows =
-                    number(cell * velocities + range.start)..number(cell * velocities + range.end);
-                let first = next;
-                while (next as usize) < matrix.inflow.len()
-                    && matrix.inflow[next as usize].row < rows.end
-                {
-                    next += 1;
+                let first = this.auxiliaries.len() as u32;
+                for row in matrix.stored().lines().rows_of_cells(cell * velocities + range.start) {
+                    let [from, to] = [row, row + range.len()].map(|row| below(row) as u32);
+                    if from < to {
+                        this.auxiliaries.push(from..to);
+                    }
                 }
-                tiles.push(Tile { rows, auxiliaries: first..next });
+                let start = (cell * velocities) as u32;
+                this.tiles.push(Tile {
+                    lines: start + range.start as u32..start + range.end as u32,
+                    auxiliaries: first..this.auxiliaries.len() as u32,
+                });
             }
         }
-        Self { parts, velocities, tiles }
+        this
+    }
+
+    /// Cells along each space axis: elements along the first.
+    fn sizes(&self, matrix: &BlockMatrix) -> Vec<usize> {
+        let mut sizes: Vec<usize> = matrix.block.ranges.iter().map(Range::len).collect();
+        sizes[0] /= self.lines.nodes;
+        sizes
     }
 
     /// The tile of a row of cells.
     fn tile_of(&self, row: usize) -> usize {
-        let (cell, v) = (row / self.velocities, row % self.velocities);
+        let (line, _) = self.lines.place(row);
+        let (cell, v) = (line / self.velocities, line % self.velocities);
         // The ranges of `split`.
         cell * self.parts + ((v + 1) * self.parts - 1) / self.velocities
     }
@@ -291,10 +320,11 @@ impl Tiling {
             border: vec![false; self.tiles.len()],
         };
         let mut seen = vec![u32::MAX; self.tiles.len()];
-        for (t, Tile { rows, .. }) in self.tiles.iter().enumerate() {
+        for (t, Tile { lines, .. }) in self.tiles.iter().enumerate() {
             seen[t] = t as u32;
             // An auxiliary unknown is coupled to its own row only, in the same tile.
-            for i in rows.start as usize..rows.end as usize {
+            let lines = lines.start as usize..lines.end as usize;
+            for i in lines.flat_map(|line| self.lines.rows_of_cells(line)) {
                 for (column, _, _) in matrix.row(i) {
                     if column >= cells {
                         found.border[t] |= column >= ghosts;
@@ -342,7 +372,8 @@ impl BlockMatrix {
             return 1;
         }
         let line = if self.block.ranges.len() == 1 { 1 } else { self.block.velocity_line };
-        (nv / (line * FEWEST_ROWS.div_ceil(line))).max(1)
+        let rows = line * self.stored().lines().nodes;
+        (nv / (line * FEWEST_ROWS.div_ceil(rows))).max(1)
     }
 
     /// Several steps, as many [`step`](Self::step)s would: from `x` and the vector before it, `y`,
@@ -369,13 +400,13 @@ impl BlockMatrix {
         // Level `m` is in `vectors[m % 2]`.
         let mut vectors: [&mut [Lanes]; 2] = [x, y];
         // Where in the order the next exchange is due: `advance` goes up to there.
-        let (tiles, order) = (&blocking.tiles, &blocking.order);
+        let order = &blocking.order;
         let mut ends = blocking.exchanges.iter().copied().chain([order.len()]);
         let mut from = 0;
         if !blocking.exchanges.is_empty() {
             exchange.start(&vectors[0][..rows]);
             from = ends.next().unwrap_or(0);
-            self.advance(tiles, &order[..from], steps, &mut vectors, start);
+            self.advance(blocking, &order[..from], steps, &mut vectors, start);
             exchange.finish(&mut vectors[0][rows..]);
         }
         for (level, to) in (0..levels.len()).zip(ends) {
@@ -384,7 +415,7 @@ impl BlockMatrix {
                 exchange.start(&vector[..rows]);
                 exchange.finish(&mut vector[rows..]);
             }
-            self.advance(tiles, &order[from..to], steps, &mut vectors, start);
+            self.advance(blocking, &order[from..to], steps, &mut vectors, start);
             from = to;
         }
         if levels.len() % 2 == 1 {
@@ -395,13 +426,13 @@ impl BlockMatrix {
     /// Lets the tiles of `order` go on.
     fn advance<R: StartRow>(
         &self,
-        tiles: &[Tile],
+        blocking: &Blocking,
         order: &[(u32, u32)],
         steps: &Steps<'_>,
         vectors: &mut [&mut [Lanes]; 2],
         start: &[R],
     ) {
-        let cells = self.block.cells();
+        let (behind, _) = self.rows.lines().place(self.block.cells());
         let step = kernel::stepper::<R>();
         let [even, odd] = vectors;
         for &(tile, level) in order {
@@ -409,13 +440,14 @@ impl BlockMatrix {
                 continue;
             };
             let (y, x) = if level % 2 == 0 { (&mut **odd, &**even) } else { (&mut **even, &**odd) };
-            let Tile { rows, auxiliaries } = &tiles[tile as usize];
-            let rows = rows.start as usize..rows.end as usize;
-            step(&self.rows, rows, constants, y, x, start);
-            let own = auxiliaries.start as usize..auxiliaries.end as usize;
-            if !own.is_empty() {
-                let rows = cells + own.start..cells + own.end;
-                step(&self.rows, rows, constants, y, x, start);
+            let Tile { lines, auxiliaries } = &blocking.tiles[tile as usize];
+            let lines = lines.start as usize..lines.end as usize;
+            step(&self.rows, lines, constants, y, x, start);
+            let ranges = auxiliaries.start as usize..auxiliaries.end as usize;
+            for own in &blocking.auxiliaries[ranges] {
+                let own = own.start as usize..own.end as usize;
+                let lines = behind + own.start..behind + own.end;
+                step(&self.rows, lines, constants, y, x, start);
                 if let Some(couplings) = steps.couplings {
                     self.step_couplings(constants, own.clone(), &couplings[own], y, x);
                 }

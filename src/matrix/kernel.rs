@@ -13,7 +13,7 @@
 //! runs is decided once at start.
 
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants, multiply_add};
-use crate::matrix::rows::Rows;
+use crate::matrix::rows::{MOST_NODES, Rows};
 use std::ops::Range;
 use std::sync::OnceLock;
 
@@ -39,70 +39,175 @@ impl StartRow for f64 {
     }
 }
 
-/// The loop over rows. `FMA` only where the processor has it: elsewhere `mul_add` is a slow library
-/// call.
+/// `S x` and `K x` of a row: sums so far.
+#[derive(Clone, Copy)]
+struct Products {
+    s: [f64; 2 * LANES],
+    k: [f64; 2 * LANES],
+}
+
+impl Products {
+    const ZERO: Self = Self { s: [0.0; 2 * LANES], k: [0.0; 2 * LANES] };
+
+    /// Adds the entries of row `i` that are not to the nodes of its line.
+    #[inline(always)]
+    fn add_others<const FMA: bool>(
+        &mut self,
+        matrix: &Rows,
+        template: usize,
+        i: usize,
+        x: &[Lanes],
+    ) {
+        for (column, s, k) in matrix.others(template, i) {
+            // SAFETY: every column is below the reach of the rows, which `x` has, as `step_lines`
+            // asserts.
+            let Lanes(value) = unsafe { x.get_unchecked(column) };
+            for part in 0..2 * LANES {
+                self.s[part] = multiply_add::<FMA>(s, value[part], self.s[part]);
+                self.k[part] = multiply_add::<FMA>(k, value[part], self.k[part]);
+            }
+        }
+    }
+
+    /// The step of a row: `a ((−iμ S + K) x + i c x) + y`.
+    #[inline(always)]
+    fn finish<const FMA: bool>(
+        &self,
+        constants: &StepConstants,
+        own: &[f64; 2 * LANES],
+        out: &[f64; 2 * LANES],
+    ) -> [f64; 2 * LANES] {
+        let mut new = *out;
+        for l in 0..LANES {
+            let (a, c, mu) = (constants.scale[l], constants.shift[l], constants.wavenumber[l]);
+            // (−iμ S + K + ic)(re + i im) = (μ S im + K re − c im) + i(−μ S re + K im + c re)
+            let re = multiply_add::<FMA>(mu, self.s[LANES + l], self.k[l]);
+            let im = multiply_add::<FMA>(-mu, self.s[l], self.k[LANES + l]);
+            let re = multiply_add::<FMA>(-c, own[LANES + l], re);
+            let im = multiply_add::<FMA>(c, own[l], im);
+            new[l] = multiply_add::<FMA>(a, re, new[l]);
+            new[LANES + l] = multiply_add::<FMA>(a, im, new[LANES + l]);
+        }
+        new
+    }
+}
+
+/// The vectors of a step.
+struct Vectors<'a, R> {
+    y: &'a mut [Lanes],
+    x: &'a [Lanes],
+    start: &'a [R],
+}
+
+/// The loop over lines that are one row. `FMA` only where the processor has it: elsewhere `mul_add`
+/// is a slow library call.
 #[inline(always)]
 fn step_rows<const FMA: bool, R: StartRow>(
     matrix: &Rows,
-    rows: Range<usize>,
+    lines: Range<usize>,
+    constants: &StepConstants,
+    vectors: &mut Vectors<'_, R>,
+) {
+    let behind = matrix.lines().cells - matrix.lines().of_cells();
+    let Vectors { y, x, start } = vectors;
+    let rows = lines.start + behind..lines.end + behind;
+    let pairs = y[rows.clone()].iter_mut().zip(&x[rows.clone()]);
+    for (i, (Lanes(out), Lanes(own))) in rows.zip(pairs) {
+        let mut products = Products::ZERO;
+        products.add_others::<FMA>(matrix, matrix.template(i - behind), i, x);
+        let mut new = products.finish::<FMA>(constants, own, out);
+        R::add::<FMA>(start, i, &constants.coefficient, &mut new);
+        *out = new;
+    }
+}
+
+/// The loop over lines of `NODES` rows: each node is read once for all of them.
+#[inline(always)]
+fn step_nodes<const FMA: bool, const NODES: usize, R: StartRow>(
+    matrix: &Rows,
+    lines: Range<usize>,
+    constants: &StepConstants,
+    vectors: &mut Vectors<'_, R>,
+) {
+    let Vectors { y, x, start } = vectors;
+    let stride = matrix.lines().stride;
+    for line in lines {
+        let (first, template) = (matrix.lines().first(line), matrix.template(line));
+        let dense: [&[f64]; NODES] = std::array::from_fn(|m| matrix.dense_row(template + m));
+        let mut products = [[0.0; 2 * LANES]; NODES];
+        for n in 0..NODES {
+            let Lanes(value) = &x[first + n * stride];
+            for m in 0..NODES {
+                for part in 0..2 * LANES {
+                    products[m][part] =
+                        multiply_add::<FMA>(dense[m][n], value[part], products[m][part]);
+                }
+            }
+        }
+        for m in 0..NODES {
+            let i = first + m * stride;
+            let mut products = Products { k: products[m], ..Products::ZERO };
+            products.add_others::<FMA>(matrix, template + m, i, x);
+            let mut new = products.finish::<FMA>(constants, &x[i].0, &y[i].0);
+            R::add::<FMA>(start, i, &constants.coefficient, &mut new);
+            y[i].0 = new;
+        }
+    }
+}
+
+/// The loop over lines.
+#[inline(always)]
+fn step_lines<const FMA: bool, R: StartRow>(
+    matrix: &Rows,
+    lines: Range<usize>,
     constants: &StepConstants,
     y: &mut [Lanes],
     x: &[Lanes],
     start: &[R],
 ) {
     assert!(x.len() >= matrix.reach(), "vector and matrix do not fit");
-    let vectors = y[rows.clone()].iter_mut().zip(&x[rows.clone()]);
-    for (i, (Lanes(out), Lanes(own))) in rows.zip(vectors) {
-        // S x and K x.
-        let (mut sx, mut kx) = ([0.0; 2 * LANES], [0.0; 2 * LANES]);
-        for (column, s, k) in matrix.row(i) {
-            // SAFETY: every column is below the reach of the rows, which `x` has, as was asserted.
-            let Lanes(value) = unsafe { x.get_unchecked(column) };
-            for part in 0..2 * LANES {
-                sx[part] = multiply_add::<FMA>(s, value[part], sx[part]);
-                kx[part] = multiply_add::<FMA>(k, value[part], kx[part]);
-            }
-        }
-        let mut new = *out;
-        for l in 0..LANES {
-            let (a, c, mu) = (constants.scale[l], constants.shift[l], constants.wavenumber[l]);
-            // (−iμ S + K + ic)(re + i im) = (μ S im + K re − c im) + i(−μ S re + K im + c re)
-            let re = multiply_add::<FMA>(mu, sx[LANES + l], kx[l]);
-            let im = multiply_add::<FMA>(-mu, sx[l], kx[LANES + l]);
-            let re = multiply_add::<FMA>(-c, own[LANES + l], re);
-            let im = multiply_add::<FMA>(c, own[l], im);
-            new[l] = multiply_add::<FMA>(a, re, new[l]);
-            new[LANES + l] = multiply_add::<FMA>(a, im, new[LANES + l]);
-        }
-        R::add::<FMA>(start, i, &constants.coefficient, &mut new);
-        *out = new;
+    let end = matrix.lines().of_cells();
+    let gathered = lines.start.min(end)..lines.end.min(end);
+    let single = lines.start.max(end)..lines.end.max(end);
+    let mut vectors = Vectors { y, x, start };
+    match matrix.lines().nodes {
+        2 => step_nodes::<FMA, 2, R>(matrix, gathered, constants, &mut vectors),
+        3 => step_nodes::<FMA, 3, R>(matrix, gathered, constants, &mut vectors),
+        4 => step_nodes::<FMA, 4, R>(matrix, gathered, constants, &mut vectors),
+        5 => step_nodes::<FMA, 5, R>(matrix, gathered, constants, &mut vectors),
+        6 => step_nodes::<FMA, 6, R>(matrix, gathered, constants, &mut vectors),
+        7 => step_nodes::<FMA, 7, R>(matrix, gathered, constants, &mut vectors),
+        8 => step_nodes::<FMA, 8, R>(matrix, gathered, constants, &mut vectors),
+        MOST_NODES => step_nodes::<FMA, MOST_NODES, R>(matrix, gathered, constants, &mut vectors),
+        _ => (),
     }
+    step_rows::<FMA, R>(matrix, single, constants, &mut vectors);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
 fn step_avx512<R: StartRow>(
     matrix: &Rows,
-    rows: Range<usize>,
+    lines: Range<usize>,
     constants: &StepConstants,
     y: &mut [Lanes],
     x: &[Lanes],
     start: &[R],
 ) {
-    step_rows::<true, R>(matrix, rows, constants, y, x, start);
+    step_lines::<true, R>(matrix, lines, constants, y, x, start);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
 fn step_avx2<R: StartRow>(
     matrix: &Rows,
-    rows: Range<usize>,
+    lines: Range<usize>,
     constants: &StepConstants,
     y: &mut [Lanes],
     x: &[Lanes],
     start: &[R],
 ) {
-    step_rows::<true, R>(matrix, rows, constants, y, x, start);
+    step_lines::<true, R>(matrix, lines, constants, y, x, start);
 }
 
 /// What the loop is compiled for.
@@ -153,7 +258,7 @@ impl InstructionSet {
     }
 }
 
-/// The loop over some rows: matrix, rows, constants, `y`, `x`, start.
+/// The loop over some lines: matrix, lines, constants, `y`, `x`, start.
 pub type Stepper<R> = fn(&Rows, Range<usize>, &StepConstants, &mut [Lanes], &[Lanes], &[R]);
 
 /// The loop for this processor.
@@ -170,14 +275,14 @@ pub fn stepper_for<R: StartRow>(set: InstructionSet) -> Stepper<R> {
     match set {
         // SAFETY: the processor was asked.
         #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx512 => |matrix, rows, constants, y, x, start| unsafe {
-            step_avx512(matrix, rows, constants, y, x, start)
+        InstructionSet::Avx512 => |matrix, lines, constants, y, x, start| unsafe {
+            step_avx512(matrix, lines, constants, y, x, start)
         },
         #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx2 => |matrix, rows, constants, y, x, start| unsafe {
-            step_avx2(matrix, rows, constants, y, x, start)
+        InstructionSet::Avx2 => |matrix, lines, constants, y, x, start| unsafe {
+            step_avx2(matrix, lines, constants, y, x, start)
         },
         // Every aarch64 processor has fused multiply-add.
-        _ => step_rows::<{ cfg!(target_arch = "aarch64") }, R>,
+        _ => step_lines::<{ cfg!(target_arch = "aarch64") }, R>,
     }
 }

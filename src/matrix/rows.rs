@@ -3,6 +3,10 @@
 //! Far from jumps, ends and weights the row of a cell is that of the next cell along x: the same
 //! values at the same distances from the diagonal. Such rows share a template, so that the inner
 //! loop reads four bytes a row instead of a hundred, and templates stay in the first cache.
+//!
+//! Rows of elements are gathered ([`Rows::gathered`]): the rows of an element's nodes along the
+//! first space axis are a line, whose couplings to each other are a dense block of `K`. A kernel
+//! reads the nodes of a line once for all of its rows.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -10,13 +14,21 @@ use std::hash::{BuildHasherDefault, Hasher};
 /// An entry: local column, `s` and `k`.
 pub type Entry = (u32, f64, f64);
 
-/// Rows in their order. Only the order of a row's entries matters to the bits of a product, and it
-/// is kept.
+/// Most rows of a line: the nodes of an element of the largest degree.
+pub const MOST_NODES: usize = 9;
+
+/// Rows in their order, gathered into lines of one row or, of cells, of an element's nodes. Only
+/// the order of a row's entries matters to the bits of a product, and it is kept.
 #[derive(Clone, Debug)]
 pub struct Rows {
-    /// Template of each row.
+    /// How the rows of cells are gathered.
+    lines: Lines,
+    /// Template of the first row of each line; those of its other rows follow.
     template: Vec<u32>,
-    /// Entries `offsets[t]..offsets[t + 1]` are those of template `t`.
+    /// `k` of each template to the nodes of its line, `lines.nodes` a template; empty where a line
+    /// is one row.
+    dense: Vec<f64>,
+    /// Entries `offsets[t]..offsets[t + 1]` are the others of template `t`.
     offsets: Vec<usize>,
     /// Column minus row, modulo 2³².
     distances: Vec<u32>,
@@ -28,10 +40,77 @@ pub struct Rows {
     reach: usize,
 }
 
+/// How rows of cells are gathered into lines: the nodes of a line are `stride` rows apart, and the
+/// lines of a layer of elements begin in its first `stride` rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Lines {
+    /// Rows of a line of cells.
+    pub nodes: usize,
+    /// From one to the next.
+    pub stride: usize,
+    /// Rows of cells; those behind them are lines of one row.
+    pub cells: usize,
+}
+
+impl Lines {
+    /// Every row is a line.
+    const SINGLE: Lines = Lines { nodes: 1, stride: 1, cells: 0 };
+
+    /// Lines of cells.
+    pub fn of_cells(&self) -> usize {
+        self.cells / self.nodes
+    }
+
+    /// The first row of a line of cells.
+    #[inline(always)]
+    pub fn first(&self, line: usize) -> usize {
+        line / self.stride * (self.nodes - 1) * self.stride + line
+    }
+
+    /// The rows of a line of cells.
+    pub fn rows_of_cells(&self, line: usize) -> impl Iterator<Item = usize> + use<> {
+        let (first, stride) = (self.first(line), self.stride);
+        (0..self.nodes).map(move |node| first + node * stride)
+    }
+
+    /// The rows of any line.
+    pub fn rows(&self, line: usize) -> impl Iterator<Item = usize> + use<> {
+        let (stride, of_cells) = (self.stride, self.of_cells());
+        let (first, count) = match line < of_cells {
+            true => (self.first(line), self.nodes),
+            false => (self.cells + (line - of_cells), 1),
+        };
+        (0..count).map(move |node| first + node * stride)
+    }
+
+    /// The line of a row, and which of its rows that is.
+    #[inline(always)]
+    pub fn place(&self, row: usize) -> (usize, usize) {
+        if self.nodes == 1 {
+            return (row, 0);
+        }
+        if row >= self.cells {
+            return (self.of_cells() + (row - self.cells), 0);
+        }
+        let (plane, within) = (row / self.stride, row % self.stride);
+        (plane / self.nodes * self.stride + within, plane % self.nodes)
+    }
+}
+
 impl Rows {
+    /// How they are gathered.
+    pub fn lines(&self) -> &Lines {
+        &self.lines
+    }
+
+    /// Number of lines.
+    pub fn line_count(&self) -> usize {
+        self.template.len()
+    }
+
     /// Number of rows.
     pub(crate) fn len(&self) -> usize {
-        self.template.len()
+        self.template.len() + self.lines.of_cells() * (self.lines.nodes - 1)
     }
 
     /// Entries over all rows.
@@ -46,23 +125,52 @@ impl Rows {
 
     /// Bytes it takes.
     pub fn bytes(&self) -> usize {
-        4 * self.template.len() + 8 * self.offsets.len() + 20 * self.distances.len()
+        let entries = 20 * self.distances.len() + 8 * self.dense.len();
+        4 * self.template.len() + 8 * self.offsets.len() + entries
     }
 
-    /// The entries of row `i`, in the order they were given.
+    /// The entries of row `i`: those to the nodes of its line, then the others in the order they
+    /// were given.
     #[inline(always)]
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        let t = self.template[i] as usize;
-        // SAFETY: templates are numbers below `templates()`, so that `t + 1` is a place in
-        // `offsets`, which rise to the common length of `distances` and `values`; `Builder` makes
-        // nothing else, and nobody changes them.
+        let (line, node) = self.lines.place(i);
+        let template = self.template[line] as usize + node;
+        let first = i - node * self.lines.stride;
+        let column = move |m: usize| first + m * self.lines.stride;
+        let dense = self.dense_row(template).iter().enumerate().filter(|(_, k)| **k != 0.0);
+        dense.map(move |(m, k)| (column(m), 0.0, *k)).chain(self.others(template, i))
+    }
+
+    /// The template of the first row of a line.
+    #[inline(always)]
+    pub(crate) fn template(&self, line: usize) -> usize {
+        self.template[line] as usize
+    }
+
+    /// `k` to the nodes of its line, of a template.
+    #[inline(always)]
+    pub(crate) fn dense_row(&self, template: usize) -> &[f64] {
+        let nodes = self.lines.nodes;
+        if self.dense.is_empty() { &[] } else { &self.dense[template * nodes..][..nodes] }
+    }
+
+    /// The entries of a template that are not to the nodes of its line, as those of row `i`.
+    #[inline(always)]
+    pub(crate) fn others(
+        &self,
+        template: usize,
+        i: usize,
+    ) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
+        // SAFETY: templates are numbers below `templates()`, so that `template + 1` is a place in
+        // `offsets`, which rise to the common length of `distances` and `values`; `Builder` and
+        // `gathered` make nothing else, and nobody changes them.
         let entry = |e: usize| unsafe {
             let [s, k] = *self.values.get_unchecked(e);
             (*self.distances.get_unchecked(e), s, k)
         };
         let (start, end) = unsafe {
-            let start = *self.offsets.get_unchecked(t);
-            (start, *self.offsets.get_unchecked(t + 1))
+            let start = *self.offsets.get_unchecked(template);
+            (start, *self.offsets.get_unchecked(template + 1))
         };
         (start..end).map(move |e| {
             let (distance, s, k) = entry(e);
@@ -86,6 +194,66 @@ impl Rows {
             builder.push(&entries);
         }
         builder.finish()
+    }
+
+    /// The same rows gathered into `lines`, of rows that are not. Couplings between the nodes of a
+    /// line whose `s` is round-off of `k` are of `K` alone, as they are in exact arithmetic: the
+    /// derivative in an element is skew but for its ends.
+    pub(crate) fn gathered(&self, lines: Lines) -> Self {
+        assert!(self.lines.nodes == 1 && (2..=MOST_NODES).contains(&lines.nodes));
+        let mut gathered = Self {
+            lines,
+            template: Vec::with_capacity(lines.of_cells() + self.len() - lines.cells),
+            dense: Vec::new(),
+            offsets: vec![0],
+            distances: Vec::new(),
+            values: Vec::new(),
+            entries: self.entries,
+            reach: self.reach,
+        };
+        // The templates of a line's rows tell which line it is like.
+        let mut seen: HashMap<[u32; MOST_NODES], u32> = HashMap::default();
+        for line in 0..lines.of_cells() + self.len() - lines.cells {
+            // One row is not like the first of several.
+            let mut of_rows = [u32::MAX; MOST_NODES];
+            for (of_row, i) in of_rows.iter_mut().zip(lines.rows(line)) {
+                *of_row = self.template[i];
+            }
+            let template = seen.get(&of_rows).copied().unwrap_or_else(|| {
+                let new = gathered.templates() as u32;
+                lines.rows(line).for_each(|i| gathered.push_gathered(i, self.row(i)));
+                if seen.len() == REMEMBERED {
+                    seen.clear();
+                }
+                seen.insert(of_rows, new);
+                new
+            });
+            gathered.template.push(template);
+        }
+        gathered.dense.shrink_to_fit();
+        gathered.offsets.shrink_to_fit();
+        gathered.distances.shrink_to_fit();
+        gathered.values.shrink_to_fit();
+        gathered
+    }
+
+    /// The template of row `i` with `entries`.
+    fn push_gathered(&mut self, i: usize, entries: impl Iterator<Item = (usize, f64, f64)>) {
+        let Lines { nodes, cells, .. } = self.lines;
+        let begin = self.dense.len();
+        self.dense.resize(begin + nodes, 0.0);
+        let (line, _) = self.lines.place(i);
+        for (column, s, k) in entries {
+            let inside = i < cells && column < cells && s.abs() <= 4.0 * f64::EPSILON * k.abs();
+            let (other, node) = self.lines.place(column);
+            if inside && other == line {
+                self.dense[begin + node] = k;
+            } else {
+                self.distances.push((column as u32).wrapping_sub(i as u32));
+                self.values.push([s, k]);
+            }
+        }
+        self.offsets.push(self.distances.len());
     }
 }
 
@@ -118,7 +286,9 @@ impl Builder {
     pub fn with_capacity(rows: usize) -> Self {
         Self {
             rows: Rows {
+                lines: Lines::SINGLE,
                 template: Vec::with_capacity(rows),
+                dense: Vec::new(),
                 offsets: vec![0],
                 distances: Vec::new(),
                 values: Vec::new(),

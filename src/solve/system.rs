@@ -147,6 +147,7 @@ impl DiscreteSystem {
         let mut weights = weighted(case, &mut matrix, &mut exchange, space, sweeps)?;
         let weight_seconds = started.elapsed().as_secs_f64();
         matrix.couple(space, case, &mut weights.pi);
+        matrix.gather_elements();
         let cells = matrix.block.cells();
         let initial = initial_values(case, &matrix, &communicator.world)?;
         let mut states: Vec<Vec<f64>> = (initial.iter().enumerate())

@@ -162,11 +162,15 @@ impl Piece {
         assert_eq!(space.sum_count(self.matrix.counted_rows()), size);
         let mut s = vec![f64::NEG_INFINITY; size * size];
         let mut k = s.clone();
+        let line = |i: usize| self.matrix.stored().lines().place(i).0;
         for i in 0..self.matrix.rows() {
-            let mut last = None;
+            // First those to the nodes of its line, where rows are gathered.
+            let (mut last, mut only_line) = (None, true);
             for (column, es, ek) in self.matrix.row(i) {
                 let j = self.number[column];
-                assert!(last < Some(j), "{}: row {i} is not in order", twin.name);
+                let in_order = last < Some(j) || std::mem::take(&mut only_line);
+                assert!(in_order, "{}: row {i} is not in order", twin.name);
+                only_line &= line(column) == line(i);
                 last = Some(j);
                 let place = self.number[i] * size + j;
                 (s[place], k[place]) = (es, ek);
