@@ -57,8 +57,10 @@ const SHARE: f64 = 0.7;
 const CONTINUED_SHARES: [f64; 2] = [0.35, 0.9];
 /// Most modes of a design, about; one with more is that of a shorter domain continued.
 const LARGEST: f64 = 160.0;
-/// Up to so many modes several gaps are tried.
+/// Up to so many modes several gaps are tried: ...
 const QUICK: usize = 100;
+/// ... these times the one that is planned first.
+const OTHER_GAPS: [f64; 4] = [FRAC_1_SQRT_2, SQRT_2, 2.0, 2.0 * SQRT_2];
 
 /// The designed series.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -85,10 +87,9 @@ impl Designed {
         let planned = 5.0 * (ROOM - digits(demand)) * libm::pow(length / 128.0, 0.2);
         let work = |g: &Polynomial| demand.work(g.period, g.modes());
         let mut best = with_gap(&circle, demand, planned)?;
-        for factor in [SQRT_2, FRAC_1_SQRT_2] {
-            if best.modes() > QUICK {
-                break;
-            }
+        // Of few modes, one batch more or less shows.
+        let others = if best.modes() <= QUICK { &OTHER_GAPS[..] } else { &[] };
+        for factor in others {
             let found = with_gap(&circle, demand, factor * planned);
             if let Some(found) = found.filter(|found| work(found) < work(&best)) {
                 best = found;

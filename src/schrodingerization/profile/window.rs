@@ -1,6 +1,7 @@
 //! Where a profile is read, how long its period is, and which modes are kept.
 
 use crate::base::bisect::bisect;
+use crate::matrix::lanes::LANES;
 use crate::schrodingerization::profile::shape::Shape;
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
@@ -56,21 +57,22 @@ impl Demand {
         if self.shortest { period } else { period * cutoff * (cutoff + 1.0) }
     }
 
-    /// About how many applications of `H` the modes take: with `τ = ½Λ⁻√(1+μ²)` a Chebyshev series
-    /// of `ln 1/tail = d` digits has the degree `τ + ½(3d)^{2/3} τ^{1/3}` (from
+    /// About how many applications of `H` the modes take: the mean of what they take one by one and
+    /// of batches of [`LANES`] from the highest down, each as long as its longest mode, for idle
+    /// lanes cost as much as busy ones where ranks are few. With `τ = ½Λ⁻√(1+μ²)` a Chebyshev
+    /// series of `ln 1/tail = d` digits has the degree `τ + ½(3d)^{2/3} τ^{1/3}` (from
     /// `J_k(k sech α) ~ e^{−kα³/3}`).
     pub fn work(&self, period: f64, modes: usize) -> f64 {
-        const SAMPLES: u32 = 100;
         let digits = 3.0 * libm::log(10.0 * modes as f64 / self.tolerance);
         let transition = 0.5 * libm::cbrt(digits * digits);
-        let largest = TAU * modes as f64 / period;
-        let degree = |mu: f64| {
+        let degree = |l: usize| {
+            let mu = TAU * l as f64 / period;
             let tau = 0.5 * self.decay * (1.0 + mu * mu).sqrt();
             tau + transition * libm::cbrt(tau)
         };
-        let places = (0..SAMPLES).map(|i| (f64::from(i) + 0.5) / f64::from(SAMPLES));
-        let sum: f64 = places.map(|part| degree(part * largest)).sum();
-        modes as f64 * sum / f64::from(SAMPLES)
+        let falling = || (0..modes).rev().map(degree);
+        let batches = LANES as f64 * falling().step_by(LANES).sum::<f64>();
+        0.5 * (batches + falling().sum::<f64>())
     }
 
     /// What a neighbouring period may add to `g`.
