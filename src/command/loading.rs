@@ -25,15 +25,16 @@ pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
     Case::parse(&args.case.display().to_string(), &text, &set)
 }
 
-/// As [`load`]; where an accuracy is asked for, with the grid, degree, interface and tolerance that
-/// [`advise`] chooses for it, which are printed. Collective.
+/// As [`load`]; where an accuracy is asked for, by `--accuracy` or by `solver.accuracy`, with the
+/// grid, degree, interface and tolerance that [`advise`] chooses for it, which are printed.
+/// Collective.
 ///
 /// # Errors
 /// As [`load`] and [`advise`]; [`Error::Input`] where `--set` gives what is chosen, or where
 /// nothing is advised.
 pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) -> Result<Case> {
     let case = load(world, args)?;
-    let Some(accuracy) = wanted.accuracy else {
+    let Some(accuracy) = wanted.accuracy.or(case.accuracy) else {
         return Ok(case);
     };
     refuse_what_is_chosen(&args.set)?;
@@ -41,10 +42,10 @@ pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) 
     let advised = advise(world, &case, Wanted { accuracy, budget })?;
     let Some(entry) = advised.best_of(case.method) else {
         let why = advised.why_nothing(case.method);
-        return Err(Error::Input(format!("{}: --accuracy {accuracy:e}: {why}", case.name)));
+        return Err(Error::Input(format!("{}: accuracy {accuracy:e}: {why}", case.name)));
     };
     if world.group().rank() == 0 {
-        report(&format!("--accuracy {accuracy:e}: {}", entry.summary()));
+        report(&format!("accuracy {accuracy:e}: {}", entry.summary()));
         for warning in &advised.warnings {
             report(&format!("warning: {warning}"));
         }
@@ -53,7 +54,7 @@ pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) 
     Case::parse(&case.name, &case.text, &set)
 }
 
-/// Refuses `--set` of keys that `--accuracy` chooses.
+/// Refuses `--set` of keys that an accuracy chooses.
 fn refuse_what_is_chosen(set: &[String]) -> Result<()> {
     let is_chosen = |key: &str| {
         let of_axis =
@@ -65,8 +66,8 @@ fn refuse_what_is_chosen(set: &[String]) -> Result<()> {
     let given = set.iter().map(|set| set.split('=').next().unwrap_or_default().trim());
     match given.into_iter().find(|key| is_chosen(key)) {
         Some(key) => Err(Error::Input(format!(
-            "--set {key} beside --accuracy, which chooses cells, degree, interface and tolerance: \
-             leave one of them out"
+            "--set {key} beside --accuracy or solver.accuracy, which choose cells, degree, \
+             interface and tolerance: leave one of them out"
         ))),
         None => Ok(()),
     }

@@ -1,12 +1,13 @@
 //! `phasewarp run`: solves a case.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::log::report;
 use crate::base::machine;
-use crate::command::cli::RunArgs;
-use crate::command::loading::{default_directory, load_for_accuracy};
+use crate::command::cli::{CaseArgs, RunArgs};
+use crate::command::loading::{default_directory, load, load_for_accuracy};
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
+use crate::problem::case::Case;
 use crate::results::finished::is_finished;
 use crate::results::summary::Summary;
 use crate::run;
@@ -18,7 +19,10 @@ use std::path::Path;
 /// # Errors
 /// As [`run::run`] and `load_for_accuracy`.
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
-    let case = load_for_accuracy(world, &args.case, &args.accuracy)?;
+    let case = match args.resume {
+        false => load_for_accuracy(world, &args.case, &args.accuracy)?,
+        true => load_to_resume(world, &args.case)?,
+    };
     let directory = args.output.clone().unwrap_or_else(|| default_directory(&case.name));
     if args.resume {
         match is_finished(&world.group(), &directory, &case) {
@@ -51,6 +55,19 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         print(world, &line);
     }
     Ok(())
+}
+
+/// The case of a run that goes on, whose grid is known. Collective.
+fn load_to_resume(world: &World, args: &CaseArgs) -> Result<Case> {
+    let case = load(world, args)?;
+    match case.accuracy {
+        None => Ok(case),
+        Some(accuracy) => Err(Error::Input(format!(
+            "{}: solver.accuracy = {accuracy:e} chooses the grid of a new run; --resume: continue \
+             with the --set options that it printed, on a case without it",
+            case.name
+        ))),
+    }
 }
 
 /// What limits the accuracy, where that is the grid.

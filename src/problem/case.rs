@@ -99,6 +99,9 @@ pub struct Case {
     pub method: Method,
     /// `solver.tolerance`: relative l2 distance to the exact semi-discrete solution.
     pub tolerance: f64,
+    /// `solver.accuracy`: relative L1 error of the density for which `run`, `plan` and `check`
+    /// choose grid, degree, interface and tolerance.
+    pub accuracy: Option<f64>,
     /// File and line of the tolerance, for errors.
     pub tolerance_place: String,
     /// File and line of `solver.warp.interval`, for errors.
@@ -198,6 +201,7 @@ impl Case {
             limiter: tables.scheme.limiter,
             method: solver.method,
             tolerance: solver.tolerance(file)?,
+            accuracy: solver.accuracy(file)?,
             tolerance_place: file.place("solver.tolerance"),
             interval_place: file.place("solver.warp.interval"),
             verify: solver.verify,

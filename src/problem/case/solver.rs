@@ -161,6 +161,7 @@ impl SchemeTable {
 pub struct SolverTable {
     pub method: Method,
     tolerance: f64,
+    accuracy: Option<f64>,
     pub verify: bool,
     pub warp: WarpTable,
     pub propagator: Propagation,
@@ -173,6 +174,7 @@ impl Default for SolverTable {
         Self {
             method: Method::default(),
             tolerance: 1e-6,
+            accuracy: None,
             verify: false,
             warp: WarpTable::default(),
             propagator: Propagation::default(),
@@ -190,6 +192,14 @@ impl SolverTable {
             return file.refuse("solver.tolerance", message);
         }
         Ok(self.tolerance)
+    }
+
+    /// `accuracy`.
+    pub fn accuracy(&self, file: &CaseFile<'_>) -> Result<Option<f64>> {
+        if self.accuracy.is_some_and(|accuracy| !(accuracy > 0.0 && accuracy < 1.0)) {
+            return file.refuse("solver.accuracy", "must be above 0 and below 1");
+        }
+        Ok(self.accuracy)
     }
 }
 
