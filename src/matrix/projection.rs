@@ -6,18 +6,14 @@
 
 use crate::base::quadrature::{QuadraturePoint, gauss_legendre, legendre_values};
 use crate::matrix::elements::{Element, apply_in_elements};
-use crate::problem::element::{Family, Nodes};
+use crate::problem::element::{AT_END, Family, MORE_POINTS, Nodes};
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 
-/// Points of Gauss's rule beyond the nodes of an element, along each axis.
-pub const MORE_POINTS: usize = 2;
 /// A part whose highest Legendre coefficients are above this fraction of the largest value on the
 /// grid is cut.
 const ROUGH: f64 = 1e-2;
 /// So is one whose polynomial misses the value at an end by this fraction of it.
 const MISSED: f64 = 5e-2;
-/// How far inside of a part its ends are looked at, in widths.
-const AT_END: f64 = 1e-9;
 
 /// A matrix by rows.
 type Matrix = Vec<Vec<f64>>;

@@ -7,9 +7,10 @@
 
 use crate::base::error::Result;
 use crate::matrix::elements::for_each_element;
-use crate::matrix::projection::{MORE_POINTS, Projection};
+use crate::matrix::projection::Projection;
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::Block;
+use crate::problem::element::MORE_POINTS;
 use crate::problem::formula::Expression;
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, describe_point};
 use std::ops::Range;

@@ -24,6 +24,12 @@ pub enum Family {
     Lobatto,
 }
 
+/// Points of Gauss's rule beyond the nodes of an element, along each axis, by which functions are
+/// projected.
+pub const MORE_POINTS: usize = 2;
+/// How far inside of an element a projection looks at its ends, in widths.
+pub const AT_END: f64 = 1e-9;
+
 /// The nodes of each element of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Nodes {

@@ -373,6 +373,19 @@ impl PhaseSpace {
         self.axes().zip(cell).fold(0, |index, (axis, &j)| index * axis.cells + j)
     }
 
+    /// The global indices of the unknowns of an element, by its number along each axis.
+    pub fn cells_of(&self, element: &Cell) -> impl Iterator<Item = usize> + use<> {
+        self.axes()
+            .zip(element)
+            .fold(vec![0], |cells, (axis, e)| {
+                let count = axis.nodes.count();
+                let along =
+                    move |index| (e * count..(e + 1) * count).map(move |j| index * axis.cells + j);
+                cells.into_iter().flat_map(along).collect()
+            })
+            .into_iter()
+    }
+
     /// Whether space axis `a` closes on itself.
     pub fn is_periodic(&self, a: usize) -> bool {
         self.periodic[a]

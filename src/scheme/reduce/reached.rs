@@ -6,7 +6,10 @@
 //! sources of the scheme with every jump that a face along `x_a` has anywhere, and every slope. In
 //! one dimension these are exactly the cells of which a path of entries of `A` leads from data; in
 //! more, the product of the planes holds them all. What lies outside stays exactly zero, so that
-//! rows there need not be computed; a source there counts as nothing.
+//! rows there need not be computed; a source there counts as nothing. Of a degree above 0 the same
+//! holds of elements.
+
+mod elements;
 
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
@@ -14,6 +17,7 @@ use crate::problem::case::{Case, Limiter, Reductions};
 use crate::problem::grid::{Cell, PhaseSpace, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
 use crate::scheme::interface::{Side, Source, sources, velocity};
+use crate::scheme::reduce::reached::elements::{Links, Points};
 use crate::scheme::rows::{Row, Scheme};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -34,12 +38,13 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
         // Level sets vanish at single velocities only.
         return Ok(());
     }
-    let cells = case.space.cells();
+    let cells = match case.space.degree() {
+        0 => case.space.cells(),
+        _ => case.space.by_elements().cells().saturating_mul(Points::new(&case.space).count()),
+    };
     let most = if case.enters() { MOST_ROWS } else { MOST_CELLS };
     let why = if case.varies() {
         Some("what enters depends on time".to_owned())
-    } else if case.is_galerkin() {
-        Some("elements take from both sides, and reflection is partial".to_owned())
     } else if case.limiter != Limiter::None {
         Some("slopes (scheme.limiter) reach further than rows".to_owned())
     } else if cells > most {
@@ -63,7 +68,7 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
     let names = axis_names(case.space.dimension());
     for (a, range) in boxes.into_iter().enumerate() {
         let axis = &case.space.v[a];
-        if range.is_empty() || range.len() == axis.cells {
+        if range.is_empty() || range.len() == axis.elements() {
             continue;
         }
         let window = axis.window(&range);
@@ -80,20 +85,26 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
 /// The velocities that are reached along each axis, begun with what is in `planes`.
 fn boxes(case: &Case, planes: Vec<Plane>) -> Result<Vec<Range<usize>>> {
     let potential = Potential::whole(case)?;
-    let close = |mut plane: Plane| match Faces::new(&case.space, &potential, plane.axis) {
-        None => 0..plane.cells,
-        Some(faces) => {
-            plane.close(&case.space, &faces, case);
-            plane.velocities()
-        }
+    let close = |mut plane: Plane| {
+        let a = plane.axis;
+        let closed = match case.is_galerkin() {
+            true => Links::new(case, &potential, a, MOST_JUMPS).map(|links| {
+                plane.close(|plane, i, j| links.take(|i, j| plane.holds(i, j), i, j));
+            }),
+            false => Faces::new(&case.space, &potential, a).map(|faces| {
+                let takes = faces.takes(case, a);
+                plane.close(takes);
+            }),
+        };
+        closed.map_or(0..plane.cells, |()| plane.velocities())
     };
     Ok(planes.into_iter().map(close).collect())
 }
 
-/// Which cells of the plane of an axis are reached.
+/// Which cells of the plane of an axis are reached; of a degree above 0, which elements.
 struct Plane {
     axis: usize,
-    /// Velocities.
+    /// Cells of velocity.
     cells: usize,
     /// 1 where it is, by space cell and velocity.
     reached: Vec<f64>,
@@ -121,52 +132,17 @@ impl Plane {
         first..end
     }
 
-    /// Adds what takes from cells that are reached, until there is no more.
-    fn close(&mut self, space: &PhaseSpace, faces: &Faces, case: &Case) {
-        let a = self.axis;
-        let (x, v) = (&space.x[a], &space.v[a]);
-        // What a velocity finds behind a face with a jump.
-        let mut behind: BTreeMap<u64, Vec<Vec<Source>>> = BTreeMap::new();
-        for jump in faces.jumps.iter().flatten() {
-            behind.entry(*jump).or_insert_with(|| {
-                let list = |j: i64| {
-                    let up = velocity(v, j) > 0.0;
-                    let jump = f64::from_bits(*jump);
-                    let mut list = Vec::new();
-                    sources(&mut list, v, case.interface, j, if up { jump } else { -jump });
-                    list
-                };
-                (0..v.cells as i64).map(list).collect()
-            });
-        }
-        let takes = |plane: &Self, i: usize, j: usize| {
-            let speed = velocity(v, j as i64);
-            let (step, face) = if speed > 0.0 { (-1, i) } else { (1, (i + 1) % x.cells) };
-            let across = i as i64 + step;
-            let across = match space.is_periodic(a) {
-                true => Some(across.rem_euclid(x.cells as i64) as usize),
-                false => (0..x.cells as i64).contains(&across).then_some(across as usize),
-            };
-            let holds = |source: &Source| match (source.side, across) {
-                (Side::Same, _) => plane.holds(i, source.velocity),
-                (Side::Across, Some(across)) => plane.holds(across, source.velocity),
-                (Side::Across, None) => false,
-            };
-            // What is behind the ends of the box is the inflow's, which is there from the start.
-            let moved = speed != 0.0
-                && across.is_some()
-                && faces.jumps[face].iter().any(|jump| behind[jump][j].iter().any(holds));
-            let [up, down] = faces.pushed[i];
-            moved || up && plane.holds(i, j as i64 - 1) || down && plane.holds(i, j as i64 + 1)
-        };
+    /// Adds what `takes` from cells that are reached, until there is no more.
+    fn close(&mut self, takes: impl Fn(&Self, usize, usize) -> bool) {
+        let cells = self.reached.len() / self.cells;
         // Back and forth along both axes, so that what moves one way gets there in one sweep.
         let order = |n: usize, back: bool| (0..n).map(move |k| if back { n - 1 - k } else { k });
         let mut changed = true;
         while changed {
             changed = false;
             for [back, down] in [[false, false], [false, true], [true, false], [true, true]] {
-                for i in order(x.cells, back) {
-                    for j in order(v.cells, down) {
+                for i in order(cells, back) {
+                    for j in order(self.cells, down) {
                         let at = self.at(i, j);
                         if self.reached[at] == 0.0 && takes(self, i, j) {
                             self.reached[at] = 1.0;
@@ -206,12 +182,49 @@ impl Faces {
         let all: BTreeSet<&u64> = faces.jumps.iter().flatten().collect();
         (all.len() <= MOST_JUMPS).then_some(faces)
     }
+
+    /// Whether the row of a cell takes from one that is reached.
+    fn takes<'a>(&'a self, case: &'a Case, a: usize) -> impl Fn(&Plane, usize, usize) -> bool + 'a {
+        let space = &case.space;
+        let (x, v) = (&space.x[a], &space.v[a]);
+        // What a velocity finds behind a face with a jump.
+        let mut behind: BTreeMap<u64, Vec<Vec<Source>>> = BTreeMap::new();
+        for jump in self.jumps.iter().flatten() {
+            behind.entry(*jump).or_insert_with(|| {
+                let list = |j: i64| {
+                    let up = velocity(v, j) > 0.0;
+                    let jump = f64::from_bits(*jump);
+                    let mut list = Vec::new();
+                    sources(&mut list, v, case.interface, j, if up { jump } else { -jump });
+                    list
+                };
+                (0..v.cells as i64).map(list).collect()
+            });
+        }
+        move |plane, i, j| {
+            let speed = velocity(v, j as i64);
+            let (step, face) = if speed > 0.0 { (-1, i) } else { (1, (i + 1) % x.cells) };
+            let across = space.wrap(a, i as i64 + step);
+            let holds = |source: &Source| match (source.side, across) {
+                (Side::Same, _) => plane.holds(i, source.velocity),
+                (Side::Across, Some(across)) => plane.holds(across, source.velocity),
+                (Side::Across, None) => false,
+            };
+            // What is behind the ends of the box is the inflow's, which is there from the start.
+            let moved = speed != 0.0
+                && across.is_some()
+                && self.jumps[face].iter().any(|jump| behind[jump][j].iter().any(holds));
+            let [up, down] = self.pushed[i];
+            moved || up && plane.holds(i, j as i64 - 1) || down && plane.holds(i, j as i64 + 1)
+        }
+    }
 }
 
 /// The planes with what is there at time zero and where something enters, of every `of`-th point of
 /// space from `first` on; not all of it where the planes are full before.
 fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<Plane>> {
-    let (space, n) = (&case.space, case.space.dimension());
+    // Of degree 0, elements are cells.
+    let (space, n) = (case.space.by_elements(), case.space.dimension());
     let mut planes: Vec<Plane> = (0..n)
         .map(|axis| Plane {
             axis,
@@ -219,26 +232,33 @@ fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<Plane>> {
             reached: vec![0.0; space.x[axis].cells * space.v[axis].cells],
         })
         .collect();
+    let points = (case.space.degree() > 0).then(|| Points::new(&case.space));
     let scheme = case.enters().then(|| Scheme::whole(case)).transpose()?;
     let mut row = Row::default();
     let velocities = space.velocity_cells();
-    let mut holds = |index: usize, cell: &Cell| {
-        let field = &case.fields[0];
-        // What is no number is found, and refused, later.
-        field.initial.eval(&space.point(cell)) != 0.0
+    let mut holds = |element: &Cell| {
+        let initial = &case.fields[0].initial;
+        let found = match &points {
+            // What is no number is found, and refused, later.
+            None => initial.eval(&space.point(element)) != 0.0,
+            Some(points) => points.find(&case.space, initial, element),
+        };
+        found
             || scheme.as_ref().is_some_and(|scheme| {
-                scheme.row(&mut row, index);
-                row.inflow[0] != 0.0
+                case.space.cells_of(element).any(|index| {
+                    scheme.row(&mut row, index);
+                    row.inflow[0] != 0.0
+                })
             })
     };
     for point in (first..space.space_cells()).step_by(of) {
         let mut any = false;
         for index in point * velocities..(point + 1) * velocities {
-            let cell = space.cell(index);
-            if holds(index, &cell) {
+            let element = space.cell(index);
+            if holds(&element) {
                 any = true;
                 for plane in &mut planes {
-                    let at = plane.at(cell[plane.axis], cell[n + plane.axis]);
+                    let at = plane.at(element[plane.axis], element[n + plane.axis]);
                     plane.reached[at] = 1.0;
                 }
             }
@@ -256,7 +276,7 @@ mod tests {
     use super::*;
 
     /// Dimension and settings.
-    const SCENES: [(&str, &[&str]); 8] = [
+    const SCENES: [(&str, &[&str]); 14] = [
         ("1", &[]),
         ("1", &["scheme.interface=conservative"]),
         ("1", &["potential.0.value=0", "potential.1.value=0.2"]),
@@ -265,7 +285,38 @@ mod tests {
         ("1", &["axis.0.x.boundary=periodic"]),
         ("1", &["initial.f=0", "inflow.value=1 if x < 0 && v > 0.2 && v < 0.5 else 0"]),
         ("2", &[]),
+        ("1", &["scheme.degree=2", CENTRED, "axis.0.v.lower=-1.4"]),
+        (
+            "1",
+            &[
+                "scheme.degree=3",
+                "axis.0.v.degree=1",
+                "scheme.flux=1",
+                CENTRED,
+                "axis.0.v.lower=-1.4",
+            ],
+        ),
+        ("1", &["scheme.degree=1", CENTRED, "axis.0.v.lower=-1.4", "potential.0.value=0.1*x"]),
+        (
+            "1",
+            &["scheme.degree=2", CENTRED, "axis.0.v.lower=-1.4", "potential.0.reflection=exp(-E)"],
+        ),
+        ("1", &[CENTRED, "axis.0.v.lower=-1.4", "potential.0.reflection=exp(-E)"]),
+        (
+            "2",
+            &[
+                "scheme.degree=1",
+                "axis.0.v.upper=1.5",
+                "axis.0.v.lower=-1.5",
+                "axis.1.v.upper=1.5",
+                "axis.1.v.lower=-1.5",
+                "axis.0.v.cells=6",
+                "axis.1.v.cells=6",
+            ],
+        ),
     ];
+    /// So that `v = 0` lies on a face.
+    const CENTRED: &str = "axis.0.v.upper=1.4";
 
     fn scene(dimension: &str, settings: &[&str]) -> Case {
         let axis = "[[axis]]\nx = { lower = -1, upper = 1, cells = 8 }\n\
@@ -295,14 +346,24 @@ mod tests {
             let (space, n) = (&case.space, case.space.dimension());
             let scheme = Scheme::whole(&case).expect("a potential");
             let mut row = Row::default();
+            let elements = space.by_elements();
+            let points = (space.degree() > 0).then(|| Points::new(space));
+            let initial = &case.fields[0].initial;
+            let begun: BTreeSet<usize> = (0..elements.cells())
+                .map(|index| elements.cell(index))
+                .filter(|element| match &points {
+                    None => initial.eval(&space.point(element)) != 0.0,
+                    Some(points) => points.find(space, initial, element),
+                })
+                .flat_map(|element| space.cells_of(&element))
+                .collect();
             let mut reached = vec![false; space.cells()];
             let (mut before, mut now) = (0, 1);
             while now != before {
                 before = now;
                 for index in 0..space.cells() {
                     scheme.row(&mut row, index);
-                    let point = space.point(&space.cell(index));
-                    reached[index] |= case.fields[0].initial.eval(&point) != 0.0
+                    reached[index] |= begun.contains(&index)
                         || row.inflow[0] != 0.0
                         || row.entries.iter().any(|(column, _)| reached[*column]);
                 }
@@ -312,7 +373,8 @@ mod tests {
             let boxes = boxes(&case, planes).expect("boxes");
             for (a, range) in boxes.iter().enumerate() {
                 let found = (0..space.cells()).filter(|&i| reached[i]);
-                let found: BTreeSet<usize> = found.map(|i| space.cell(i)[n + a]).collect();
+                let element = |j: usize| j / space.v[a].nodes.count();
+                let found: BTreeSet<usize> = found.map(|i| element(space.cell(i)[n + a])).collect();
                 let least = *found.first().expect("data")..found.last().expect("data") + 1;
                 let holds = range.start <= least.start && least.end <= range.end;
                 assert!(holds, "{settings:?}: {least:?} in {range:?}");
@@ -320,9 +382,10 @@ mod tests {
                     assert_eq!(*range, least, "{settings:?}");
                 }
             }
-            let cropped = boxes.iter().any(|r| r.len() < space.v[0].cells);
+            let cropped = boxes.iter().any(|r| r.len() < space.v[0].elements());
+            let spreads = space.degree() > 0 && case.flux < 1.0 && !case.reflects();
             let slopes = settings.iter().any(|s| s.contains("0.1*x"));
-            assert!(cropped || slopes, "{settings:?}: {boxes:?}");
+            assert!(cropped || spreads || slopes, "{settings:?}: {boxes:?}");
         }
     }
 }

@@ -1,0 +1,156 @@
+//! What is reached of elements: where a formula is not zero, and what takes from what.
+//!
+//! A row of a degree above 0 takes from all of its element, from both neighbours along an axis, and
+//! at a jump from the partners of its trace; with the upwind flux only where it leaves the face. So
+//! an element of a plane `(x_a, v_a)` is reached where one of those is. With another flux, what
+//! leaves a face and what arrives there take from each other: by elements, that soon is all of the
+//! velocities that a jump couples.
+
+use crate::base::quadrature::gauss_legendre;
+use crate::problem::case::Case;
+use crate::problem::element::{AT_END, MORE_POINTS};
+use crate::problem::formula::Expression;
+use crate::problem::grid::{Axis, Cell, PhaseSpace, for_each_cell};
+use crate::problem::potential::{JumpKind, Potential};
+use crate::scheme::interface::energy::{FaceCoupling, FaceSide};
+use std::collections::{BTreeSet, HashMap};
+use std::ops::Range;
+
+/// The points of an element at which its projection looks at a formula first. Where that is zero at
+/// all of them, so is the projection.
+pub(super) struct Points {
+    /// Along each axis, on `[−1, 1]`: Gauss's, the nodes, and next to the ends.
+    along: Vec<Vec<f64>>,
+}
+
+impl Points {
+    /// Those of the elements of `space`.
+    pub fn new(space: &PhaseSpace) -> Self {
+        let along = |axis: &Axis| {
+            let rule = gauss_legendre(axis.nodes.count() + MORE_POINTS);
+            let nodes = axis.nodes.reference().nodes.iter().copied();
+            let ends = [-1.0 + 2.0 * AT_END, 1.0 - 2.0 * AT_END];
+            rule.iter().map(|point| point.node).chain(nodes).chain(ends).collect()
+        };
+        Self { along: space.axes().map(along).collect() }
+    }
+
+    /// How many there are in an element.
+    pub fn count(&self) -> usize {
+        self.along.iter().map(Vec::len).product()
+    }
+
+    /// Whether `formula` is not zero at one of them, at time zero, in the element number
+    /// `element[..]` of each axis.
+    pub fn find(&self, space: &PhaseSpace, formula: &Expression, element: &Cell) -> bool {
+        let n = space.dimension();
+        let mut found = false;
+        let mut visit = vec![0; self.along.len()];
+        'points: loop {
+            let mut point = [0.0; 6];
+            for (a, axis) in space.axes().enumerate() {
+                let slot = if a < n { a } else { 3 + a - n };
+                let xi = self.along[a][visit[a]];
+                point[slot] = axis.at(element[a] as i64, xi);
+            }
+            // What is no number is found, and refused, later.
+            found |= formula.eval(&point) != 0.0;
+            for a in (0..visit.len()).rev() {
+                visit[a] += 1;
+                if visit[a] < self.along[a].len() && !found {
+                    continue 'points;
+                }
+                visit[a] = 0;
+            }
+            return found;
+        }
+    }
+}
+
+/// What takes from what in the plane of an axis.
+pub(super) struct Links<'a> {
+    space: &'a PhaseSpace,
+    axis: usize,
+    /// The jumps at the lower face of each element, anywhere across the axis.
+    jumps: Vec<Vec<JumpKind>>,
+    /// Whether something is pushed in each element.
+    pushed: Vec<bool>,
+    /// The velocity elements, and their sides, from which those of a side take at a jump.
+    partners: HashMap<JumpKind, Vec<BTreeSet<(FaceSide, usize)>>>,
+}
+
+impl<'a> Links<'a> {
+    /// Those along space axis `a`; none where there are more than `most_jumps` kinds of jumps.
+    pub fn new(case: &'a Case, potential: &Potential, a: usize, most_jumps: usize) -> Option<Self> {
+        let space = &case.space;
+        let (x, v) = (&space.x[a], &space.v[a]);
+        if potential.jump_kinds(a).nth(most_jumps).is_some() {
+            return None;
+        }
+        let mut jumps = vec![Vec::new(); x.elements()];
+        let mut pushed = vec![false; x.elements()];
+        let ranges: Vec<Range<usize>> = space.x.iter().map(|x| 0..x.cells).collect();
+        for_each_cell(&ranges, |i| {
+            let (element, node) = x.split(i[a] as i64);
+            let element = element as usize;
+            pushed[element] |= potential.slope(i, a) != 0.0;
+            let kind = potential.jump_kind(i, a, false);
+            if node == 0 && !jumps[element].contains(&kind) {
+                jumps[element].push(kind);
+            }
+        });
+        let leaves = |side: FaceSide, element: usize| {
+            (v.at(element as i64, 0.0) > 0.0) == (side == FaceSide::Above)
+        };
+        let partners = |kind: JumpKind| {
+            let region = kind.higher.map(|region| &case.potential[region]);
+            let reflects = region.is_some_and(|region| region.reflection.is_some());
+            let upwind = case.flux == 1.0 || reflects;
+            let reflected = |energy: f64| {
+                region.map_or(0.0, |region| region.reflected(energy, kind.jump().abs()))
+            };
+            let coupling = FaceCoupling::new(v, kind.jump(), &reflected);
+            let of_element = |(side, element): (FaceSide, usize)| {
+                let takes = !upwind || leaves(side, element);
+                let nodes = element * v.nodes.count()..(element + 1) * v.nodes.count();
+                let nodes = nodes.filter(|_| takes);
+                let partners = nodes.flat_map(|node| &coupling.trace(side, node).partners);
+                partners.map(|share| (share.side, share.node / v.nodes.count())).collect()
+            };
+            let sides = [FaceSide::Below, FaceSide::Above];
+            let all = sides.into_iter().flat_map(|side| (0..v.elements()).map(move |e| (side, e)));
+            (kind, all.map(of_element).collect())
+        };
+        let partners = potential.jump_kinds(a).map(partners).collect();
+        Some(Self { space, axis: a, jumps, pushed, partners })
+    }
+
+    /// Whether the rows of the elements `i` along `x` and `j` along `v` take from an element that
+    /// `holds` something.
+    pub fn take(&self, holds: impl Fn(usize, i64) -> bool, i: usize, j: usize) -> bool {
+        let velocities = self.space.v[self.axis].elements();
+        let elements = self.jumps.len();
+        let periodic = self.space.is_periodic(self.axis);
+        let through = |side: FaceSide| {
+            let (face, across) = match side {
+                FaceSide::Above => (i, i.checked_sub(1)),
+                FaceSide::Below => ((i + 1) % elements, Some(i + 1).filter(|e| *e < elements)),
+            };
+            let around = if side == FaceSide::Above { elements - 1 } else { 0 };
+            let across = across.or(periodic.then_some(around));
+            let first = if side == FaceSide::Below { 0 } else { velocities };
+            let from = |&(other, element): &(FaceSide, usize)| {
+                let place = if other == side { Some(i) } else { across };
+                place.is_some_and(|place| holds(place, element as i64))
+            };
+            // What is behind the ends of the box is the inflow's, which is there from the start.
+            across.is_some()
+                && self.jumps[face].iter().any(|kind| match self.partners.get(kind) {
+                    None => across.is_some_and(|across| holds(across, j as i64)),
+                    Some(partners) => partners[first + j].iter().any(from),
+                })
+        };
+        let [below, above] = [j as i64 - 1, j as i64 + 1].map(|j| self.pushed[i] && holds(i, j));
+        below || above || through(FaceSide::Above) || through(FaceSide::Below)
+    }
+}
