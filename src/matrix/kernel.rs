@@ -13,7 +13,7 @@
 //! runs is decided once at start.
 
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants, multiply_add};
-use crate::matrix::rows::{MOST_NODES, Rows};
+use crate::matrix::rows::Rows;
 use std::ops::Range;
 use std::sync::OnceLock;
 
@@ -121,37 +121,68 @@ fn step_rows<const FMA: bool, R: StartRow>(
     }
 }
 
-/// The loop over lines of `NODES` rows: each node is read once for all of them.
+/// The loop over lines of several rows, [`ROWS`] of them at a time: each node is read once for all
+/// of these.
 #[inline(always)]
-fn step_nodes<const FMA: bool, const NODES: usize, R: StartRow>(
+fn step_nodes<const FMA: bool, R: StartRow>(
     matrix: &Rows,
     lines: Range<usize>,
     constants: &StepConstants,
     vectors: &mut Vectors<'_, R>,
 ) {
-    let Vectors { y, x, start } = vectors;
-    let stride = matrix.lines().stride;
+    let nodes = matrix.lines().nodes;
     for line in lines {
-        let (first, template) = (matrix.lines().first(line), matrix.template(line));
-        let dense: [&[f64]; NODES] = std::array::from_fn(|m| matrix.dense_row(template + m));
-        let mut products = [[0.0; 2 * LANES]; NODES];
-        for n in 0..NODES {
-            let Lanes(value) = &x[first + n * stride];
-            for m in 0..NODES {
-                for part in 0..2 * LANES {
-                    products[m][part] =
-                        multiply_add::<FMA>(dense[m][n], value[part], products[m][part]);
-                }
+        for from in (0..nodes).step_by(ROWS) {
+            let rows = LineRows { line, from };
+            match nodes - from {
+                1 => step_some::<FMA, 1, R>(matrix, rows, constants, vectors),
+                2 => step_some::<FMA, 2, R>(matrix, rows, constants, vectors),
+                3 => step_some::<FMA, 3, R>(matrix, rows, constants, vectors),
+                _ => step_some::<FMA, ROWS, R>(matrix, rows, constants, vectors),
             }
         }
-        for m in 0..NODES {
-            let i = first + m * stride;
-            let mut products = Products { k: products[m], ..Products::ZERO };
-            products.add_others::<FMA>(matrix, template + m, i, x);
-            let mut new = products.finish::<FMA>(constants, &x[i].0, &y[i].0);
-            R::add::<FMA>(start, i, &constants.coefficient, &mut new);
-            y[i].0 = new;
+    }
+}
+
+/// Rows of a line whose sums stay in registers.
+const ROWS: usize = 4;
+
+/// Some rows of a line of cells, from one of its nodes on.
+#[derive(Clone, Copy)]
+struct LineRows {
+    line: usize,
+    from: usize,
+}
+
+/// A step of `COUNT` rows of a line.
+#[inline(always)]
+fn step_some<const FMA: bool, const COUNT: usize, R: StartRow>(
+    matrix: &Rows,
+    rows: LineRows,
+    constants: &StepConstants,
+    vectors: &mut Vectors<'_, R>,
+) {
+    let Vectors { y, x, start } = vectors;
+    let lines = matrix.lines();
+    let (first, template) = (lines.first(rows.line), matrix.template(rows.line) + rows.from);
+    let dense: [&[f64]; COUNT] = std::array::from_fn(|m| matrix.dense_row(template + m));
+    let mut products = [[0.0; 2 * LANES]; COUNT];
+    for n in 0..lines.nodes {
+        let Lanes(value) = &x[first + n * lines.stride];
+        for m in 0..COUNT {
+            let k = dense[m][n];
+            for part in 0..2 * LANES {
+                products[m][part] = multiply_add::<FMA>(k, value[part], products[m][part]);
+            }
         }
+    }
+    for m in 0..COUNT {
+        let i = first + (rows.from + m) * lines.stride;
+        let mut products = Products { k: products[m], ..Products::ZERO };
+        products.add_others::<FMA>(matrix, template + m, i, x);
+        let mut new = products.finish::<FMA>(constants, &x[i].0, &y[i].0);
+        R::add::<FMA>(start, i, &constants.coefficient, &mut new);
+        y[i].0 = new;
     }
 }
 
@@ -170,17 +201,7 @@ fn step_lines<const FMA: bool, R: StartRow>(
     let gathered = lines.start.min(end)..lines.end.min(end);
     let single = lines.start.max(end)..lines.end.max(end);
     let mut vectors = Vectors { y, x, start };
-    match matrix.lines().nodes {
-        2 => step_nodes::<FMA, 2, R>(matrix, gathered, constants, &mut vectors),
-        3 => step_nodes::<FMA, 3, R>(matrix, gathered, constants, &mut vectors),
-        4 => step_nodes::<FMA, 4, R>(matrix, gathered, constants, &mut vectors),
-        5 => step_nodes::<FMA, 5, R>(matrix, gathered, constants, &mut vectors),
-        6 => step_nodes::<FMA, 6, R>(matrix, gathered, constants, &mut vectors),
-        7 => step_nodes::<FMA, 7, R>(matrix, gathered, constants, &mut vectors),
-        8 => step_nodes::<FMA, 8, R>(matrix, gathered, constants, &mut vectors),
-        MOST_NODES => step_nodes::<FMA, MOST_NODES, R>(matrix, gathered, constants, &mut vectors),
-        _ => (),
-    }
+    step_nodes::<FMA, R>(matrix, gathered, constants, &mut vectors);
     step_rows::<FMA, R>(matrix, single, constants, &mut vectors);
 }
 
