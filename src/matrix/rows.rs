@@ -4,7 +4,7 @@
 //! values at the same distances from the diagonal. Such rows share a template, so that the inner
 //! loop reads four bytes a row instead of a hundred, and templates stay in the first cache.
 //!
-//! Rows of elements are gathered ([`Rows::gathered`]): the rows of an element's nodes along the
+//! Rows of elements are gathered (`Rows::gathered`): the rows of an element's nodes along the
 //! first space axis are a line, whose couplings to each other are a dense block of `K`. A kernel
 //! reads the nodes of a line once for all of its rows.
 
