@@ -23,8 +23,8 @@ PYTHON  = $(abspath $(or $(CARGO_TARGET_DIR),target))/python/bin/python
 
 .DEFAULT_GOAL := build
 .PHONY: run build test bench example3 calibration study stability chart examples quantum baseline \
-    slurm check check-fmt check-clippy check-doc check-python readers qiskit python browser setup \
-    clean help
+    slurm docs check check-fmt check-clippy check-doc check-python readers qiskit python mkdocs \
+    browser setup clean help
 
 run: build ## solve example 1 of the paper on two ranks (or CASE=, RANKS=, RESULTS=)
 	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
@@ -93,8 +93,14 @@ qiskit: ## install a Python with Qiskit, for tests/cli/simulator.rs
 python: ## install the Python package and what its tests take into target/python
 	@scripts/setup.sh --python
 
+mkdocs: ## install MkDocs into target/docs, for `make docs`
+	@scripts/setup.sh --docs
+
 browser: ## install a Chromium, for tests/cli/pictures/browser.rs (Debian, Ubuntu)
 	@scripts/setup.sh --browser
+
+docs: $(if $(BUILT),,build) mkdocs ## build the documents as a site (BUILT=yes: no build)
+	scripts/docs.sh $(PROGRAM)
 
 chart: $(foreach n,1 2 3,chart-$(n)) ## accuracy against cost, examples 1 to 3 (BUDGET=)
 

@@ -10,6 +10,8 @@
 #                                    tests/simulator.py (half a minute)
 #   scripts/setup.sh --python        install the package of python/, with what its tests take, into
 #                                    target/python (a minute)
+#   scripts/setup.sh --docs          install MkDocs into target/docs, for scripts/docs.sh (half a
+#                                    minute)
 #   scripts/setup.sh --browser       install a Chromium by apt-get, for
 #                                    tests/cli/pictures/browser.rs (a minute)
 #   scripts/setup.sh --environment   print the variable that cargo needs to find parallel HDF5:
@@ -224,18 +226,21 @@ set_up_python() {
         "$place/bin/python" "$script" --packages
 }
 
-# The package of python/ itself, as it stands in the checkout, with what its tests take.
-set_up_package() {
-    local root place
+# set_up_from NAME FILE PIP_ARGUMENT…: target/NAME with what pip installs, anew where FILE has
+# changed since.
+set_up_from() {
+    local root place file
     root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
-    place=${CARGO_TARGET_DIR:-$root/target}/python
-    if cmp -s "$root/python/pyproject.toml" "$place/pyproject.toml"; then
+    place=${CARGO_TARGET_DIR:-$root/target}/$1
+    file=$root/$2
+    shift 2
+    if cmp -s "$file" "$place/${file##*/}"; then
         return 0
     fi
-    say "installing the package of $root/python into $place"
+    say "installing what $file names into $place"
     new_python "$place" &&
-        "$place/bin/pip" --quiet --disable-pip-version-check install -e "$root/python[test]" &&
-        cp "$root/python/pyproject.toml" "$place/pyproject.toml"
+        (cd "$root" && "$place/bin/pip" --quiet --disable-pip-version-check install "$@") &&
+        cp "$file" "$place/"
 }
 
 # --- a browser for a test of reports ---
@@ -274,7 +279,11 @@ case ${1:-} in
     exit
     ;;
 --python)
-    set_up_package
+    set_up_from python python/pyproject.toml -e "./python[test]"
+    exit
+    ;;
+--docs)
+    set_up_from docs tests/docs.txt -r tests/docs.txt
     exit
     ;;
 --browser)
@@ -288,8 +297,8 @@ case ${1:-} in
     exit 0
     ;;
 *)
-    say "unknown option $1; known: --check, --readers, --qiskit, --python, --browser, \
---environment"
+    say "unknown option $1; known: --check, --readers, --qiskit, --python, --docs, \
+--browser, --environment"
     exit 1
     ;;
 esac
