@@ -2,7 +2,7 @@
 //!
 //! [`case::Case`] is the case file, typed, with every default; [`grid::PhaseSpace`] is its grid.
 //!
-//! Uses: base. Paper: section 2.1 and the examples of section 4.
+//! Uses: base. Paper: section 2 and the examples of section 8.
 
 pub mod case;
 pub mod element;

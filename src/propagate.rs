@@ -12,7 +12,7 @@
 //! [`commutator_free`] is the Chebyshev propagator where the inflow depends on time; [`classical`]
 //! integrates `f' = A f + b` directly.
 //!
-//! Uses: matrix, scheme, parallel, problem, base. Paper: section 4.4.
+//! Uses: matrix, scheme, parallel, problem, base. Paper: section 3.1, equation (3.13).
 
 pub mod chebyshev;
 pub mod classical;

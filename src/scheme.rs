@@ -1,4 +1,4 @@
-//! The Hamiltonian-preserving scheme: from a case to `f' = A f + b`, row by row (paper, section 2).
+//! The Hamiltonian-preserving scheme: from a case to `f' = A f + b`, row by row (paper, section 4).
 //!
 //! [`rows`] is the only definition of `A` and `b`, of degree 0 there and of a higher degree in
 //! [`galerkin`]; the matrix, its transpose, the oracles and the tests come from it. [`interface`]
