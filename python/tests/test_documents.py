@@ -1,4 +1,4 @@
-"""The documents: their blocks run as they stand, in their order, and what they name exists."""
+"""The documents: their blocks run in their order and print what is shown; what they name exists."""
 
 from __future__ import annotations
 
@@ -30,6 +30,12 @@ SOURCE = re.compile(r"`([\w/]+\.rs)`")
 DEFINED = re.compile(r"`(src/[\w/]+\.rs)`((?: `[A-Za-z_:]+`)+)")
 
 
+def squeezed(text: str) -> str:
+    """Return `text` with single spaces, without seconds and without dots for what is left out."""
+    text = re.sub(r"(done in) [0-9.]+ s", r"\1", text)
+    return re.sub(r" +", " ", text).replace(" …", "")
+
+
 # Of the first two only the lines of Python run: their commands build and install.
 @pytest.mark.parametrize(
     ("name", "languages"),
@@ -53,7 +59,11 @@ def test_blocks_of(
     (tmp_path / "cases").symlink_to(CASES)
     names: dict[str, object] = {}
     seen = set()
+    output = ""
     for language, title, block in FENCE.findall((ROOT / name).read_text("utf-8")):
+        if language == "text" and "sh" in languages:
+            for line in squeezed(block).splitlines():
+                assert line in output, f"{name} shows what was not printed: {line}"
         if language not in languages:
             continue
         seen.add(language)
@@ -62,6 +72,7 @@ def test_blocks_of(
         elif language == "sh":
             run = subprocess.run(["bash", "-ec", block], capture_output=True, text=True)
             assert run.returncode == 0, f"{block}\n{run.stdout}\n{run.stderr}"
+            output += squeezed(run.stdout + run.stderr)
         else:
             assert title, f"a file without a name: {block}"
             (tmp_path / title).write_text(block, "utf-8")
