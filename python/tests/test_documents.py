@@ -119,3 +119,13 @@ def test_what_is_missing_is_found() -> None:
         "src/main.rs absent",
         "docs/absent.md",
     ]
+
+
+def test_every_equation_of_the_paper_has_its_place() -> None:
+    numbered = {1: 3, 2: 5, 3: 13, 4: 22, 5: 21, 6: 14, 7: 16, 8: 8}  # the last of each section
+    text = (ROOT / "docs/theory.md").read_text("utf-8")
+    found = set()
+    for section, first, last in re.findall(r"\((\d)\.(\d+)\)(?: to \(\1\.(\d+)\))?", text):
+        numbers = range(int(first), int(last or first) + 1)
+        found |= {(int(section), number) for number in numbers}
+    assert found == {(section, k) for section, last in numbered.items() for k in range(1, last + 1)}
