@@ -7,6 +7,7 @@ pub mod fields;
 pub mod figure;
 pub mod finished;
 pub mod history;
+pub mod ledger;
 pub mod pictures;
 pub mod provenance;
 pub mod readback;

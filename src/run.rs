@@ -17,6 +17,7 @@ pub mod exact;
 pub mod expand;
 pub mod fields;
 mod files;
+pub mod ledger;
 mod log;
 mod modes;
 pub mod options;
@@ -29,14 +30,16 @@ pub mod warnings;
 use crate::base::error::Result;
 use crate::base::lock::DirectoryLock;
 use crate::matrix::bounds::Bounds;
-use crate::matrix::observables::{CellVolumes, moments};
+use crate::matrix::observables::{CellVolumes, Totals, moments};
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::problem::case::Case;
+use crate::problem::potential::nodal_values;
 use crate::quantum::readout::Readout;
 use crate::results;
 use crate::results::dataset::{ExactSolution, PlateauPoint, Results, slices};
+use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
 use crate::results::shown::Shown;
 use crate::results::summary::{Accuracy, Summary};
@@ -134,7 +137,13 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
         Some(output) => Checkpointing::open(&prepared, &output, world.started, &mut log)?,
         None => None,
     };
-    summary.mass_initial = initial_mass(&mut prepared);
+    let initial = initial_totals(&mut prepared);
+    summary.mass_initial = initial.map(|totals| totals.mass);
+    let mut ledger = match output {
+        Some(_) => ledger::foreseen(&world.group(), &shown.case)?,
+        None => Ledger::default(),
+    };
+    let entered = ledger::entered(&prepared);
     log.watch.lap("observables");
     let seconds = log.watch.seconds.clone();
     let provenance = provenance(world, &prepared.case);
@@ -158,6 +167,9 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let plateau = compare::plateau(&prepared, &solution);
     let estimated = errors::estimated(&mut prepared, &solution.fields[0][0])?;
     let results = expand::expand(&prepared, solution, &shown, exact.as_ref(), &mut summary)?;
+    ledger.close(initial, results.totals, entered);
+    ledger.warnings().into_iter().for_each(|warning| log.warn_later(warning));
+    summary.ledger = Some(ledger);
     log.watch.part("exact", results.exact_seconds);
     log.watch.lap("observables");
     if shown.case.readout.is_some() {
@@ -258,9 +270,9 @@ fn plan_modes(
     Ok(())
 }
 
-/// The mass of the fields at the start, which are dropped; none where the run starts from modes.
-/// Collective.
-fn initial_mass(prepared: &mut Prepared) -> Option<f64> {
+/// Mass and energies of the fields at the start, which are dropped; none where the run starts from
+/// modes. Collective.
+fn initial_totals(prepared: &mut Prepared) -> Option<Totals> {
     if prepared.case.start.is_some() {
         return None;
     }
@@ -268,9 +280,10 @@ fn initial_mass(prepared: &mut Prepared) -> Option<f64> {
     let (world, case) = (&prepared.communicator.world, &prepared.case);
     let mine: Vec<&[f64]> =
         (initial.iter()).map(|field| &field[prepared.place.mine.clone()]).collect();
-    let density = moments(world, case, &prepared.place.share, &mine).density;
-    let volumes = CellVolumes::new(&case.space, &prepared.place.share);
-    Some(volumes.integral(world, &density))
+    let share = &prepared.place.share;
+    let moments = moments(world, case, share, &mine);
+    let volumes = CellVolumes::new(&case.space, share);
+    Some(volumes.totals(world, &moments, &nodal_values(case, share)))
 }
 
 impl Solution {

@@ -25,6 +25,16 @@ pub fn bytes_text(bytes: u64) -> String {
     bytesize::ByteSize(bytes).display().iec().to_string()
 }
 
+/// So many decimals; in scientific form where those would show one digit or none, or more than ten
+/// stand before them.
+pub fn fixed(value: f64, decimals: usize) -> String {
+    let least = 10f64.powi(1 - decimals as i32);
+    match value == 0.0 || (least..1e10).contains(&value.abs()) {
+        true => format!("{value:.decimals$}"),
+        false => format!("{value:.3e}"),
+    }
+}
+
 /// Four digits, without trailing zeros.
 pub fn short(value: f64) -> String {
     if value == 0.0 {
@@ -65,6 +75,21 @@ mod tests {
             (1 << 40, "1.0 TiB"),
         ] {
             assert_eq!(bytes_text(bytes), text);
+        }
+    }
+
+    #[test]
+    fn fixed_numbers() {
+        for (value, decimals, text) in [
+            (0.0, 6, "0.000000"),
+            (0.0234375, 6, "0.023438"),
+            (-0.005, 6, "-0.005000"),
+            (2e-8, 6, "2.000e-8"),
+            (0.0023, 4, "0.0023"),
+            (0.0002, 4, "2.000e-4"),
+            (-2e12, 4, "-2.000e12"),
+        ] {
+            assert_eq!(fixed(value, decimals), text);
         }
     }
 

@@ -10,7 +10,8 @@ use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
 use crate::results::readback;
-use crate::run::{planning, warnings};
+use crate::results::shown::Shown;
+use crate::run::{ledger, planning, warnings};
 
 /// Prints the case as it was read, and warnings about it. Collective.
 ///
@@ -25,8 +26,11 @@ pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
     // that cannot be met.
     let plan = planning::plan(world, &case, &resources)?;
     print(world, &describe(&case, &bounds));
+    let ledger = ledger::foreseen(&world.group(), &Shown::new(&case).case)?;
+    print(world, &ledger.text());
     let planned = plan.warp.map_or(Vec::new(), |w| w.warnings);
-    for warning in warnings::warnings(&case).iter().chain(&planned) {
+    let found = [warnings::warnings(&case), planned, ledger.warnings()].concat();
+    for warning in &found {
         print(world, &format!("warning: {warning}"));
     }
     Ok(())

@@ -101,6 +101,9 @@ pub struct RunArgs {
     /// Directory of the results; by default results/NAME of the case file
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
+    /// Print the ledger of mass and energy; without it, only where something is off
+    #[arg(short, long)]
+    pub verbose: bool,
     /// Blocks along each x-axis; the other ranks split the modes
     #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
     pub ranks_x: Option<Vec<usize>>,

@@ -1,6 +1,6 @@
 //! The case as the program read it: what `phasewarp check` prints.
 
-use crate::base::text::word;
+use crate::base::text::{fixed, word};
 use crate::matrix::bounds::Bounds;
 use crate::problem::case;
 use crate::problem::case::{Case, Data, Method};
@@ -23,14 +23,14 @@ pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
         text += &format!("kept    {line}\n");
     }
     let growth = if bounds.growth.is_finite() {
-        format!("at most {:.4}", bounds.growth)
+        format!("at most {}", fixed(bounds.growth, 4))
     } else {
         "known once it is assembled".to_owned()
     };
     text += &format!(
-        "{} cells; largest rate {:.4}; growth of S {growth}{}\n",
+        "{} cells; largest rate {}; growth of S {growth}{}\n",
         case.space.cells(),
-        bounds.rate,
+        fixed(bounds.rate, 4),
         if bounds.weighted { " with dissipative weights" } else { "" }
     );
     text
@@ -50,11 +50,11 @@ fn axes(case: &Case) -> String {
             degree => format!(" and degree {degree} ({} nodes)", axis.cells),
         };
         text += &format!(
-            "{name:<3} [{}, {}]  {} cells of {:.6}{nodes}{}\n",
+            "{name:<3} [{}, {}]  {} cells of {}{nodes}{}\n",
             axis.lower,
             axis.upper,
             axis.elements(),
-            axis.width(),
+            fixed(axis.width(), 6),
             if periodic { ", periodic" } else { "" }
         );
     }
@@ -64,6 +64,9 @@ fn axes(case: &Case) -> String {
 /// Potential, initial data and inflow.
 fn formulas(case: &Case) -> String {
     let mut text = String::new();
+    for (name, value) in &case.constants {
+        text += &format!("{name} = {value}\n");
+    }
     for region in &case.potential {
         let condition = region.condition.as_ref().map_or("elsewhere", |c| c.text());
         text += &format!("V = {}  where {condition}\n", region.value.text());
@@ -135,7 +138,7 @@ fn method(case: &Case, bounds: &Bounds) -> String {
 /// What makes `S` other than zero, so that `A` is not skew and needs Schrödingerization, each with
 /// the most that it adds to the norm of `S`.
 fn schrodingerized(bounds: &Bounds) -> String {
-    let most = format!("norm of S at most {:.4}", bounds.dissipation);
+    let most = format!("norm of S at most {}", fixed(bounds.dissipation, 4));
     if bounds.lines.is_empty() {
         return format!("Schrödingerized: dissipation of the upwind scheme; {most}\n");
     }
@@ -148,7 +151,7 @@ fn schrodingerized(bounds: &Bounds) -> String {
         ("partial reflection", causes.reflection),
     ];
     let parts: Vec<String> = (parts.iter().filter(|part| part.1 > 0.0))
-        .map(|(cause, most)| format!("{cause} (at most {most:.4})"))
+        .map(|(cause, most)| format!("{cause} (at most {})", fixed(*most, 4)))
         .collect();
     match parts.is_empty() {
         true => "S is zero: the flow is unitary by itself, and Schrödingerization does not change \

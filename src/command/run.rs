@@ -3,6 +3,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
 use crate::base::machine;
+use crate::base::text::fixed;
 use crate::command::cli::{CaseArgs, RunArgs};
 use crate::command::loading::{default_directory, load, load_for_accuracy};
 use crate::command::printing::print;
@@ -54,6 +55,8 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     if let Some(line) = resolution_line(&summary) {
         print(world, &line);
     }
+    let ledger = summary.ledger.iter().filter(|l| args.verbose || !l.warnings().is_empty());
+    ledger.for_each(|ledger| print(world, &ledger.text()));
     Ok(())
 }
 
@@ -105,11 +108,13 @@ fn closing_line(summary: &Summary, directory: &Path) -> String {
     }
     if let (Some(density), Some(velocity)) = (summary.error_density_l1, summary.error_velocity_l1) {
         line += &format!(
-            ", L1 distance to the exact density {density:.4}, mean velocity {velocity:.4}"
+            ", L1 distance to the exact density {}, mean velocity {}",
+            fixed(density, 4),
+            fixed(velocity, 4)
         );
     }
     if let Some(l1) = summary.error_l1 {
-        line += &format!(", L1 distance to the exact solution {l1:.4}");
+        line += &format!(", L1 distance to the exact solution {}", fixed(l1, 4));
     }
     if let Some(least) = summary.minimum_before_limiting {
         line += &format!(", least value {least:.1e} before output.positive");

@@ -185,6 +185,17 @@ fn on_surface(
     sums
 }
 
+/// Integrals over all of space.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Totals {
+    /// `∫ ρ dx`.
+    pub mass: f64,
+    /// `½ ∫ |v|² f dx dv`.
+    pub kinetic: f64,
+    /// `∫ V ρ dx`.
+    pub potential: f64,
+}
+
 /// Volumes of the cells of a share of the grid beside their mean: 1 of degree 0.
 #[derive(Clone, Debug)]
 pub struct CellVolumes {
@@ -236,9 +247,16 @@ impl CellVolumes {
         world.sum_terms(&terms) * self.mean_space
     }
 
-    /// Mass and kinetic energy in all of space. Collective over `world`.
-    pub fn totals(&self, world: &Group, moments: &Moments) -> [f64; 2] {
-        [&moments.density, &moments.kinetic].map(|moment| self.integral(world, moment))
+    /// Mass and energies in all of space, where `potential` is `V` on the share. Collective over
+    /// `world`.
+    pub fn totals(&self, world: &Group, moments: &Moments, potential: &[f64]) -> Totals {
+        let weighted: Vec<f64> =
+            moments.density.iter().zip(potential).map(|(rho, v)| rho * v).collect();
+        Totals {
+            mass: self.integral(world, &moments.density),
+            kinetic: self.integral(world, &moments.kinetic),
+            potential: self.integral(world, &weighted),
+        }
     }
 
     /// `Σ |a_i|^power` over the cells of the share, each with its relative volume, by point of

@@ -6,10 +6,11 @@
 //! the other, and `Case::validate` refuses what does not go together.
 //!
 //! A key of the case file is a field of its section's table, with its default in the table's
-//! `Default` and its check in the table's `check`: `axes`, `data`, `solver`, `warp`,
+//! `Default` and its check in the table's `check`: `constants`, `axes`, `data`, `solver`, `warp`,
 //! `output`, `readout`. Limits are in [`limits`](crate::problem::limits).
 
 pub(crate) mod axes;
+pub(crate) mod constants;
 pub(crate) mod data;
 pub(crate) mod file;
 pub(crate) mod output;
@@ -34,12 +35,14 @@ pub use crate::problem::limits::LARGEST_TOLERANCE;
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::axes::AxisPair;
+use crate::problem::case::constants::ConstantsTable;
 use crate::problem::case::data::{ExactTable, InflowTable, InitialTable, RegionTable};
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::output::OutputTable;
 use crate::problem::case::reader::List;
 use crate::problem::case::readout::ReadoutTable;
 use crate::problem::case::solver::{CheckpointTable, SchemeTable, SolverTable, TimeTable};
+use crate::problem::formula::Constants;
 use crate::problem::grid::PhaseSpace;
 use crate::problem::limits::LONGEST_FILE;
 use serde::Deserialize;
@@ -54,6 +57,7 @@ use std::time::Duration;
 struct Tables {
     title: String,
     reference: String,
+    constants: ConstantsTable,
     axis: List<AxisPair>,
     potential: List<RegionTable>,
     initial: InitialTable,
@@ -76,6 +80,8 @@ pub struct Case {
     pub title: String,
     /// `reference`.
     pub reference: String,
+    /// `[constants]`, by their names.
+    pub constants: Constants,
     /// The grid.
     pub space: PhaseSpace,
     /// Branches of `V`.
@@ -157,8 +163,10 @@ impl Case {
     /// # Errors
     /// [`Error::Input`] with file, line, key, value and limit.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Self> {
-        let file = CaseFile::parse(name, text, overrides)?;
-        let mut case = Self::new(&file, file.read()?)?;
+        let mut file = CaseFile::parse(name, text, overrides)?;
+        let tables: Tables = file.read()?;
+        file.constants = constants::resolved(&file, &tables.constants)?;
+        let mut case = Self::new(&file, tables)?;
         case.validate(&file)?;
         name.clone_into(&mut case.name);
         text.clone_into(&mut case.text);
@@ -190,6 +198,7 @@ impl Case {
             name: String::new(),
             title: tables.title,
             reference: tables.reference,
+            constants: file.constants.clone(),
             potential,
             exact: tables.exact.check(file, n, &data)?,
             data,

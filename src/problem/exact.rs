@@ -56,12 +56,37 @@ pub struct Followed {
     pub point: [f64; 6],
     /// The part of the time that was left when it left the phase-space box; `None` if it did not.
     pub left: Option<f64>,
+    /// Where it left; `None` if it did not, or was outside from the start.
+    pub exit: Option<Exit>,
     /// A number that is the same for particles that met the same jumps in the same order and did
     /// the same there. In between, the point, and what it went around, depend continuously on where
     /// it was started.
     pub history: u64,
     /// How often it went around each periodic axis, upwards minus downwards.
     pub turns: [i32; MAX_DIMENSION],
+}
+
+/// An end of the phase-space box.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Exit {
+    /// The axis, of the `2n`: space first.
+    pub axis: usize,
+    /// Whether it is the upper end.
+    pub upper: bool,
+    /// Whether a jump of `V` gave the particle a velocity outside of the box; a slope, or its own
+    /// motion in space, otherwise.
+    pub at_jump: bool,
+}
+
+/// A particle that meets a jump of `V`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crossing {
+    /// The space axis.
+    pub axis: usize,
+    /// `V` before the face minus `V` behind it.
+    pub rise: f64,
+    /// The normal velocity before.
+    pub velocity: f64,
 }
 
 /// The exact solution of a case's boundary-value problem, with `V` as the scheme sees it on the
@@ -197,11 +222,11 @@ const MOST_PARTS: usize = 64;
 
 /// The grid on which `V` is linear in each cell: that of a case of degree 0. Elements of a higher
 /// degree are cells where `V` is linear in them; where it is curved they are cut into as many as
-/// [`MOST_TRACED_CELLS`] allows, and the error of the trace falls like their square.
-fn traced_space(case: &Case) -> Result<PhaseSpace> {
+/// `most` cells of space allow, and the error of the trace falls like their square.
+fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
     let mut space = case.space.by_elements();
     if case.space.degree() > 0 && Potential::whole(case)?.is_curved(&case.space) {
-        let room = MOST_TRACED_CELLS as f64 / space.space_cells() as f64;
+        let room = most as f64 / space.space_cells() as f64;
         let parts = (room.powf(1.0 / space.dimension() as f64) as usize).clamp(1, MOST_PARTS);
         for axis in &mut space.x {
             *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
@@ -216,7 +241,15 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// [`Error::Formula`](crate::base::error::Error::Formula) where `V` is not finite.
     pub fn new(case: &'a Case) -> Result<Self> {
-        let space = traced_space(case)?;
+        Self::with_cells(case, MOST_TRACED_CELLS)
+    }
+
+    /// The same, with elements cut into at most so many cells of space.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_cells(case: &'a Case, most: usize) -> Result<Self> {
+        let space = traced_space(case, most)?;
         let potential = Potential::whole(&Case { space: space.clone(), ..case.clone() })?;
         let rate = |a: usize| {
             let (x, v) = (space.x[a].width(), &space.v[a]);
@@ -254,6 +287,15 @@ impl<'a> Tracer<'a> {
         }
     }
 
+    /// `∂V/∂x_a` along `axis` in the cell that holds `point`, which is in the box.
+    pub fn slope_at(&self, point: &[f64; 6], axis: usize) -> f64 {
+        let cells: [usize; MAX_DIMENSION] = std::array::from_fn(|a| match a < self.faces.len() {
+            true => self.cell_at(a, point[a]),
+            false => 0,
+        });
+        self.potential.slope(&cells, axis)
+    }
+
     /// Where the particle comes from that is at `point = [x, y, z, vx, vy, vz]` at `time ≥ 0`.
     pub fn foot(&self, point: &[f64; 6], time: f64) -> Foot {
         let followed = self.follow(point, time);
@@ -267,12 +309,23 @@ impl<'a> Tracer<'a> {
     /// a corner, the slopes of a `V` that is no sum over axes may drive one at rest in a circle) is
     /// left where it stands.
     pub fn follow(&self, point: &[f64; 6], time: f64) -> Followed {
+        self.follow_with(point, time, &mut |_| {})
+    }
+
+    /// The same; calls `meet` for every jump of `V` on the way.
+    pub fn follow_with(
+        &self,
+        point: &[f64; 6],
+        time: f64,
+        meet: &mut dyn FnMut(&Crossing),
+    ) -> Followed {
         let mut left = time.max(0.0);
         let round_off = ROUND_OFF * left;
         let Some(mut particle) = self.start(point) else {
             return Followed {
                 point: *point,
                 left: Some(left),
+                exit: None,
                 history: 0,
                 turns: [0; MAX_DIMENSION],
             };
@@ -290,18 +343,18 @@ impl<'a> Tracer<'a> {
             self.advance(&mut particle, event.time);
             left -= event.time;
             particle.w[event.axis] = event.w;
-            let stays = match event.face {
+            let exit = match event.face {
                 Some((face, upper)) => {
                     particle.x[event.axis] = face;
-                    self.cross(&mut particle, event.axis, upper)
+                    self.cross(&mut particle, event.axis, upper, meet)
                 }
-                None => false,
+                None => Some(self.velocity_end(&particle, event.axis, false)),
             };
-            if !stays {
-                return self.followed(&particle, Some(left));
+            if exit.is_some() {
+                return Followed { left: Some(left), exit, ..self.followed(&particle) };
             }
         }
-        self.followed(&particle, None)
+        self.followed(&particle)
     }
 
     /// Puts a particle on the faces it has reached but for round-off.
@@ -340,14 +393,24 @@ impl<'a> Tracer<'a> {
         Some(particle)
     }
 
-    fn followed(&self, particle: &Particle, left: Option<f64>) -> Followed {
+    /// Where a particle is that is still in the box.
+    fn followed(&self, particle: &Particle) -> Followed {
         let mut point = [0.0; 6];
         for a in 0..self.space.dimension() {
             point[a] = particle.x[a];
             // Zero added, so that −0 does not come out for a particle at rest.
             point[3 + a] = 0.0 + self.direction * particle.w[a];
         }
-        Followed { point, left, history: particle.history, turns: particle.turns }
+        let Particle { history, turns, .. } = *particle;
+        Followed { point, left: None, exit: None, history, turns }
+    }
+
+    /// The end of its velocity box, along axis `a`, at or beyond which a particle is.
+    fn velocity_end(&self, particle: &Particle, a: usize, at_jump: bool) -> Exit {
+        let v = &self.space.v[a];
+        let velocity = self.direction * particle.w[a];
+        let upper = (velocity - v.lower).abs() > (v.upper - velocity).abs();
+        Exit { axis: self.space.dimension() + a, upper, at_jump }
     }
 
     fn speed_is_inside(&self, particle: &Particle, a: usize) -> bool {
@@ -429,8 +492,14 @@ impl<'a> Tracer<'a> {
     }
 
     /// The particle has arrived at its block's upper or lower face along `a`: transmission,
-    /// reflection or rest. False if it thereby leaves the phase-space box.
-    fn cross(&self, particle: &mut Particle, a: usize, upper: bool) -> bool {
+    /// reflection or rest. The end of the phase-space box through which it thereby leaves.
+    fn cross(
+        &self,
+        particle: &mut Particle,
+        a: usize,
+        upper: bool,
+        meet: &mut dyn FnMut(&Crossing),
+    ) -> Option<Exit> {
         particle.cell = self.cell_at_face(particle, a, upper);
         let i = particle.cell[a];
         // V here minus V there, and the direction.
@@ -442,7 +511,7 @@ impl<'a> Tracer<'a> {
         let outward = f64::from(step);
         let beyond = i as i64 + i64::from(step);
         let Some(there) = self.space.wrap(a, beyond) else {
-            return false;
+            return Some(Exit { axis: a, upper, at_jump: false });
         };
         let reach_before = self.reach(particle, a, outward);
         let square = particle.w[a] * particle.w[a] + 2.0 * rise;
@@ -450,6 +519,7 @@ impl<'a> Tracer<'a> {
         if rise != 0.0 {
             let face = 2 * (i + usize::from(upper)) + usize::from(crosses);
             particle.history = append(particle.history, (MAX_DIMENSION * face + a) as u64);
+            meet(&Crossing { axis: a, rise, velocity: self.direction * particle.w[a] });
         }
         let reach_after = if crosses {
             particle.cell[a] = there;
@@ -468,7 +538,8 @@ impl<'a> Tracer<'a> {
             reach_before
         };
         particle.rests[a] = reach_before.max(reach_after) < REST * self.space.x[a].width();
-        self.speed_is_inside(particle, a)
+        let stays = self.speed_is_inside(particle, a);
+        (!stays).then(|| self.velocity_end(particle, a, true))
     }
 
     /// The cell of its block in which the particle is that has arrived at the block's upper or

@@ -13,12 +13,16 @@
 //! yields NaN.
 
 use crate::base::error::Error;
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 /// Longest formula accepted, in bytes.
 const LONGEST: usize = 10_000;
 /// Deepest nesting of parentheses, powers and signs accepted.
 const DEEPEST: usize = 50;
+
+/// Numbers by their names.
+pub type Constants = BTreeMap<String, f64>;
 
 /// A function of one number.
 type Unary = fn(f64) -> f64;
@@ -177,18 +181,20 @@ pub struct Expression {
 }
 
 impl Expression {
-    /// Reads `text`; `names[i]` lists the names under which coordinate `i` may appear.
+    /// Reads `text`; `names[i]` lists the names under which coordinate `i` may appear, beside those
+    /// of `constants`.
     ///
     /// # Errors
     /// A sentence that says what is wrong and at which character.
-    pub fn parse(text: &str, names: &[&[&str]]) -> Result<Self, String> {
+    pub fn parse(text: &str, names: &[&[&str]], constants: &Constants) -> Result<Self, String> {
         if text.len() > LONGEST {
             return Err(format!(
                 "the formula has {} characters; at most {LONGEST} are read",
                 text.len()
             ));
         }
-        let mut parser = Parser { tokens: tokenize(text)?, position: 0, depth: 0, names };
+        let mut parser =
+            Parser { tokens: tokenize(text)?, position: 0, depth: 0, names, constants };
         let tree = parser.expression()?;
         if let Some(Token { text, at }) = parser.peek() {
             return Err(format!("unexpected \"{text}\" at character {at}"));
@@ -307,6 +313,26 @@ fn tokenize(text: &str) -> Result<Vec<Token<'_>>, String> {
     Ok(tokens)
 }
 
+/// The names that occur in a formula, of whatever they are; none of a text that is no formula.
+pub fn words(text: &str) -> Vec<&str> {
+    let tokens = tokenize(text).unwrap_or_default();
+    tokens.into_iter().map(|token| token.text).filter(|text| is_word(text)).collect()
+}
+
+/// Whether `text` is a name.
+pub fn is_word(text: &str) -> bool {
+    !text.is_empty()
+        && text.chars().all(is_of_word)
+        && !text.starts_with(|c: char| c.is_ascii_digit())
+}
+
+/// Whether `name` means something in every formula.
+pub fn is_reserved(name: &str) -> bool {
+    ["pi", "if", "else"].contains(&name)
+        || FUNCTIONS_OF_ONE.iter().any(|(function, _)| *function == name)
+        || FUNCTIONS_OF_TWO.iter().any(|(function, _)| *function == name)
+}
+
 /// Whether names may hold `c`.
 fn is_of_word(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
@@ -336,6 +362,7 @@ struct Parser<'a> {
     position: usize,
     depth: usize,
     names: &'a [&'a [&'a str]],
+    constants: &'a Constants,
 }
 
 impl<'a> Parser<'a> {
@@ -463,6 +490,9 @@ impl<'a> Parser<'a> {
         if let Some(position) = self.names.iter().position(|names| names.contains(&text)) {
             return Ok(Node::Coordinate(position));
         }
+        if let Some(value) = self.constants.get(text) {
+            return Ok(Node::Number(*value));
+        }
         if text.starts_with(is_of_word) && text != "if" && text != "else" {
             return Err(self.unknown(text, at));
         }
@@ -472,7 +502,8 @@ impl<'a> Parser<'a> {
     /// The error that `name` is unknown, with the known names.
     fn unknown(&self, name: &str, at: usize) -> String {
         let coordinates = self.names.iter().flat_map(|names| names.iter().copied());
-        let coordinates: Vec<&str> = coordinates.chain(["pi"]).collect();
+        let constants = self.constants.keys().map(String::as_str);
+        let coordinates: Vec<&str> = coordinates.chain(["pi"]).chain(constants).collect();
         let functions = (FUNCTIONS_OF_ONE.iter().map(|(name, _)| *name))
             .chain(FUNCTIONS_OF_TWO.iter().map(|(name, _)| *name));
         format!(
@@ -488,7 +519,7 @@ mod tests {
     use super::*;
 
     fn value(text: &str) -> f64 {
-        Expression::parse(text, &[&["x"], &["v", "vx"]])
+        Expression::parse(text, &[&["x"], &["v", "vx"]], &Constants::new())
             .unwrap_or_else(|e| panic!("{text}: {e}"))
             .eval(&[2.0, 3.0])
     }
@@ -525,6 +556,18 @@ mod tests {
     }
 
     #[test]
+    fn constants_are_numbers() {
+        let constants = Constants::from([("k".to_owned(), 3.0), ("two".to_owned(), 2.0)]);
+        let parse = |text: &str| Expression::parse(text, &[&["x"]], &constants);
+        assert_eq!(parse("-two^k*x + k2").map(|f| f.eval(&[1.0])).ok(), None);
+        assert_eq!(parse("-two^k*x").expect("a formula").eval(&[1.0]), -8.0);
+        assert_eq!(parse("two*k").expect("a formula").constant(), Some(6.0));
+        let message = parse("kk").expect_err("kk");
+        assert!(message.contains("known here: x, pi, k, two and"), "{message}");
+        assert_eq!(words("2*k + sin(x_1)"), ["k", "sin", "x_1"]);
+    }
+
+    #[test]
     fn mistakes_are_named_with_their_place() {
         let table = [
             ("x + y", "unknown name \"y\" at character 5"),
@@ -541,13 +584,12 @@ mod tests {
             ("0 < x < 1", "a second comparison"),
         ];
         for (text, expected) in table {
-            let message = Expression::parse(text, &[&["x"]]).expect_err(text);
+            let message = Expression::parse(text, &[&["x"]], &Constants::new()).expect_err(text);
             assert!(message.contains(expected), "{text}: {message}");
         }
         for deep in ["(".repeat(4000) + "x" + &")".repeat(4000), "-".repeat(9000) + "x"] {
-            assert!(
-                Expression::parse(&deep, &[&["x"]]).expect_err("deep").contains("nested deeper")
-            );
+            let message = Expression::parse(&deep, &[&["x"]], &Constants::new());
+            assert!(message.expect_err("deep").contains("nested deeper"));
         }
     }
 

@@ -355,6 +355,92 @@ impl Potential {
     }
 }
 
+/// `V` at the nodes of the space cells of `ranges`, row-major: the value of the region of the
+/// element that the node belongs to. Not finite where the formula is not: the scheme of degree 0
+/// takes `V` at faces only.
+pub fn nodal_values(case: &Case, ranges: &[Range<usize>]) -> Vec<f64> {
+    let axes = &case.space.x;
+    let mut values = Vec::with_capacity(ranges.iter().map(Range::len).product());
+    for_each_cell(ranges, |i| {
+        // Undefined conditions are an error elsewhere.
+        let region = region(&case.potential, &element_centre(axes, i)).unwrap_or(0);
+        values.push(case.potential[region].value.eval(&space_point(axes, i)));
+    });
+    values
+}
+
+/// How many elements wide a region of `V` is where it lies between others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RegionWidth {
+    /// Index of the region.
+    pub region: usize,
+    /// The space axis along which it is narrowest.
+    pub axis: usize,
+    /// Elements across it.
+    pub elements: usize,
+}
+
+/// The widths of the regions that lie between others. A line along an axis crosses a region once or
+/// more; its width on that line is the least of these, and along that axis the most of all lines,
+/// so that a disc is as wide as its diameter. Given is the axis along which that is least.
+pub fn region_widths(case: &Case) -> Vec<RegionWidth> {
+    let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
+    let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
+    if case.potential.len() == 1 {
+        return Vec::new();
+    }
+    let mut regions = Vec::new();
+    for_each_cell(&ranges, |i| {
+        // Undefined conditions are an error elsewhere.
+        regions.push(region(&case.potential, &space_point(&axes, i)).unwrap_or(0));
+    });
+    let mut least: Vec<Option<RegionWidth>> = vec![None; case.potential.len()];
+    for (axis, along) in axes.iter().enumerate() {
+        let stride: usize = axes[axis + 1..].iter().map(|a| a.cells).product();
+        let mut widest = vec![0; least.len()];
+        for first in (0..regions.len()).filter(|k| (k / stride).is_multiple_of(along.cells)) {
+            let line = (0..along.cells).map(|i| regions[first + i * stride]).collect();
+            let mut narrow = vec![usize::MAX; least.len()];
+            for [region, elements] in inner_runs(line, case.space.is_periodic(axis)) {
+                narrow[region] = narrow[region].min(elements);
+            }
+            for (widest, narrow) in widest.iter_mut().zip(narrow) {
+                *widest = if narrow == usize::MAX { *widest } else { narrow.max(*widest) };
+            }
+        }
+        for (region, elements) in widest.into_iter().enumerate().filter(|(_, w)| *w > 0) {
+            let found = &mut least[region];
+            if found.is_none_or(|f| elements < f.elements) {
+                *found = Some(RegionWidth { region, axis, elements });
+            }
+        }
+    }
+    least.into_iter().flatten().collect()
+}
+
+/// `[region, elements]` of the runs of equal regions on a line, but for those at its ends.
+fn inner_runs(mut line: Vec<usize>, periodic: bool) -> Vec<[usize; 2]> {
+    if periodic {
+        // Begun at a change, and closed.
+        let Some(change) = line.windows(2).position(|w| w[0] != w[1]) else {
+            return Vec::new();
+        };
+        line.rotate_left(change + 1);
+    }
+    let mut runs: Vec<[usize; 2]> = Vec::new();
+    for region in line {
+        match runs.last_mut() {
+            Some([last, elements]) if *last == region => *elements += 1,
+            _ => runs.push([region, 1]),
+        }
+    }
+    if !periodic {
+        runs.pop();
+        runs.drain(..runs.len().min(1));
+    }
+    runs
+}
+
 fn describe_space_point(n: usize, point: &[f64; 6]) -> String {
     let text = describe_point(n, point);
     text.split(", ").take(n).collect::<Vec<_>>().join(", ")
@@ -473,4 +559,40 @@ pub fn overlooked(case: &Case) -> Overlooked {
         }
     });
     Overlooked { edges: found, empty: (0..used.len()).filter(|&r| !used[r]).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_between_others() {
+        let line = || vec![0, 0, 1, 2, 2, 0];
+        assert_eq!(inner_runs(line(), false), [[1, 1], [2, 2]]);
+        assert_eq!(inner_runs(line(), true), [[1, 1], [2, 2], [0, 3]]);
+        assert!(inner_runs(vec![1; 4], true).is_empty());
+        assert!(inner_runs(vec![1; 4], false).is_empty());
+        assert!(inner_runs(vec![1, 0], false).is_empty());
+    }
+
+    #[test]
+    fn a_disc_is_as_wide_as_its_diameter_and_a_slab_as_its_thickness() {
+        let axis = "[[axis]]\nx = { lower = -1, upper = 1, cells = 20 }\n\
+                    v = { lower = -1, upper = 1, cells = 4 }\n";
+        let case = |condition: &str| {
+            let text = format!(
+                "{}[[potential]]\nwhere = \"{condition}\"\nvalue = \"1\"\n\
+                 [[potential]]\nvalue = \"x\"\n[initial]\nf = \"1\"\n[time]\nend = 1.0\n",
+                axis.repeat(2)
+            );
+            Case::parse("disc", &text, &[]).expect("a case")
+        };
+        let widths = |condition: &str| region_widths(&case(condition));
+        let width = |axis, elements| [RegionWidth { region: 0, axis, elements }];
+        assert_eq!(widths("x^2 + y^2 < 0.25"), width(0, 10));
+        assert_eq!(widths("abs(y) < 0.2"), width(1, 4));
+        assert!(widths("x < 0").is_empty());
+        let values = nodal_values(&case("x < 0"), &[9..11, 0..1]);
+        assert_eq!(values, [1.0, case("x < 0").space.x[0].centre(10)]);
+    }
 }

@@ -1,6 +1,6 @@
 //! What a result holds, as data: fields, moments, early times, the exact solution, the plateau.
 
-use crate::matrix::observables::Moments;
+use crate::matrix::observables::{Moments, Totals};
 use crate::plan::Plan;
 use crate::problem::case::Case;
 use crate::problem::exact::sheet::{Curve, ExactMoments};
@@ -30,8 +30,8 @@ pub struct Results<'a> {
     pub exact: Option<&'a ExactSolution>,
     /// Moments there.
     pub moments: &'a Moments,
-    /// Mass and kinetic energy in all of space.
-    pub totals: [f64; 2],
+    /// Mass and energies in all of space.
+    pub totals: Totals,
     /// What was found at earlier times, ascending.
     pub early: &'a [Early],
     /// The plateau; the same on all ranks.
@@ -101,8 +101,8 @@ pub struct Early {
     pub time: f64,
     /// The moments.
     pub moments: Moments,
-    /// Mass and kinetic energy in all of space.
-    pub totals: [f64; 2],
+    /// Mass and energies in all of space.
+    pub totals: Totals,
     /// The case's fields, where they are written; none otherwise.
     pub fields: Vec<Vec<f64>>,
 }

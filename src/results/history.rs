@@ -5,12 +5,13 @@
 //! | `/axis/time` | (N_t) | the output times, the final one last |
 //! | `/history/density` | (N_t, N_x1, …) | as `/density`, at each |
 //! | `/history/momentum`, `/history/velocity` | (N_t, n, N_x1, …) | as `/momentum`, `/velocity` |
-//! | `/history/mass`, `/history/kinetic_energy` | (N_t) | sums over all of space |
+//! | `/history/mass`, `kinetic_energy`, `potential_energy` | (N_t) | sums over all of space |
 //! | `/axis/field_time` | (N_f) | `output.field_times` |
 //! | `/history/f`; `/history/phi`, `psi` | (N_f, as `/f`, `/phi`); (N_f, n, …) | fields there |
 
 use crate::base::checksum::Slab;
 use crate::base::error::Result;
+use crate::matrix::observables::Totals;
 use crate::problem::case::Case;
 use crate::results::dataset::{Early, Results};
 use crate::results::fields::{self, Field, Layout};
@@ -74,16 +75,18 @@ fn with_time(time: &'static str, axes: Vec<&'static str>) -> Vec<&'static str> {
     [time].into_iter().chain(axes).collect()
 }
 
-/// Mass and kinetic energy in all of space.
+/// Mass and energies in all of space.
 fn totals(writer: &Writer<'_>, results: &Results<'_>) -> Result<()> {
     let early = results.early.iter().map(|e| e.totals);
-    let totals: Vec<[f64; 2]> = early.chain([results.totals]).collect();
-    for (k, (name, what)) in
-        [("mass", "integral of f"), ("kinetic_energy", "integral of |v|^2 f / 2")]
-            .into_iter()
-            .enumerate()
-    {
-        let values: Vec<f64> = totals.iter().map(|totals| totals[k]).collect();
+    let totals: Vec<Totals> = early.chain([results.totals]).collect();
+    type Column = (&'static str, fn(&Totals) -> f64, &'static str);
+    let columns: [Column; 3] = [
+        ("mass", |t| t.mass, "integral of f"),
+        ("kinetic_energy", |t| t.kinetic, "integral of |v|^2 f / 2"),
+        ("potential_energy", |t| t.potential, "integral of V f"),
+    ];
+    for (name, of, what) in columns {
+        let values: Vec<f64> = totals.iter().map(of).collect();
         writer.same(&format!("history/{name}"), TIME, &values, what)?;
     }
     Ok(())

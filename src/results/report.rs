@@ -10,11 +10,13 @@ pub mod plan;
 
 use crate::base::error::Result;
 use crate::base::text::{bytes_text, short};
+use crate::results::ledger::{End, Ledger};
 use crate::results::pictures::Album;
 use crate::results::pictures::history::steps;
 use crate::results::pictures::stored::Stored;
 use crate::results::report::html::{Rows, Text, shown};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use serde::Deserialize;
 use serde_json::Value;
 
 /// How the page looks.
@@ -42,11 +44,12 @@ const TO_EXACT: [(&str, &str, &str); 4] = [
 ];
 
 /// What is conserved.
-const CONSERVED: [(&str, &str); 5] = [
+const CONSERVED: [(&str, &str); 6] = [
     ("mass", "mass at the end"),
     ("mass_initial", "mass at the start"),
     ("mass_exact", "exact mass"),
     ("kinetic_energy", "kinetic energy at the end"),
+    ("potential_energy", "potential energy at the end"),
     ("unitarity_defect", "largest change of a mode's norm, of what is allowed"),
 ];
 
@@ -174,6 +177,7 @@ impl Report<'_> {
             ("warnings", "Warnings", self.warnings()),
             ("reductions", "What was left out of the computation", self.reductions()),
             ("errors", "Errors", self.errors()),
+            ("ledger", "Ledger of mass and energy", self.ledger()),
             ("pictures", "Pictures", self.pictures()?),
             ("cost", "Cost", self.cost()),
             ("probabilities", "Probabilities on a quantum computer", self.probabilities()),
@@ -291,6 +295,38 @@ impl Report<'_> {
                         tr {
                             @for (key, _) in OF_A_FIELD {
                                 td class="number" { (shown(&field[key])) }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Where mass and energy went, and what passed each end of the box.
+    fn ledger(&self) -> Markup {
+        let ledger: Option<Ledger> = Ledger::deserialize(&self.summary["ledger"]).ok();
+        let ledger = ledger.unwrap_or_default();
+        let ends = ledger.ends.iter().filter(|end| {
+            [end.outflow, end.outflow_at_jumps, end.inflow].iter().any(|mass| *mass != 0.0)
+        });
+        let ends: Vec<&End> = ends.collect();
+        html! {
+            @let lines = ledger.lines();
+            @if !lines.is_empty() { ul { @for line in lines { li { (Text(&line)) } } } }
+            @if !ends.is_empty() {
+                table {
+                    tr {
+                        th { "end of the box (estimated)" }
+                        th { "leaves" }
+                        th { "leaves at jumps of V" }
+                        th { "enters" }
+                    }
+                    @for end in ends {
+                        tr {
+                            td { (Text(&format!("{} {}", end.axis, end.end))) }
+                            @for mass in [end.outflow, end.outflow_at_jumps, end.inflow] {
+                                td class="number" { (short(mass)) }
                             }
                         }
                     }

@@ -5,6 +5,7 @@ use crate::base::error::Result;
 use crate::problem::case::{Interface, Method};
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::Readout;
+use crate::results::ledger::Ledger;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -232,6 +233,8 @@ pub struct Summary {
     pub mass_initial: Option<f64>,
     /// ½ ∫ |v|² f dx dv at T.
     pub kinetic_energy: f64,
+    /// ∫ V f dx dv at T; none where `V` is not finite at a node.
+    pub potential_energy: Option<f64>,
     /// Smallest value of f, or of φ.
     pub minimum: f64,
     /// Smallest value of f before `output.positive`.
@@ -277,6 +280,8 @@ pub struct Summary {
     pub probabilities: Option<Probabilities>,
     /// What a quantum computer would tell of some cells (`[readout]`).
     pub readout: Option<Readout>,
+    /// Where mass and energy went; none before the end of a run.
+    pub ledger: Option<Ledger>,
     /// What the user should know.
     pub warnings: Vec<String>,
     /// How many of the warnings were printed before the run.

@@ -1,7 +1,8 @@
 //! Results on the user's grid: fields, moments, totals, and their distance to the exact solution.
 
 use crate::base::error::Result;
-use crate::matrix::observables::{CellVolumes, Moments, moments};
+use crate::matrix::observables::{CellVolumes, Moments, Totals, moments};
+use crate::problem::potential::nodal_values;
 use crate::results::dataset::{Early, ExactSolution, slices};
 use crate::results::shown::Shown;
 use crate::results::summary::{ErrorNorms, GridErrors, Summary};
@@ -18,8 +19,8 @@ pub struct Expanded {
     pub fields: Vec<Vec<f64>>,
     /// Moments at `T`.
     pub moments: Moments,
-    /// Mass and kinetic energy.
-    pub totals: [f64; 2],
+    /// Mass and energies in all of space.
+    pub totals: Totals,
     /// The output times before the end.
     pub early: Vec<Early>,
     /// Seconds of the distance to the exact solution.
@@ -57,8 +58,10 @@ pub(crate) fn expand(
         summary.maximum = norms.largest(|x| x);
     }
     let moments = moments(world, case, &shown.share(share), &slices(&fields));
-    let totals = volumes.totals(world, &moments);
-    [summary.mass, summary.kinetic_energy] = totals;
+    let potential = nodal_values(case, &shown.share(share));
+    let totals = volumes.totals(world, &moments, &potential);
+    (summary.mass, summary.kinetic_energy) = (totals.mass, totals.kinetic);
+    summary.potential_energy = Some(totals.potential).filter(|energy| energy.is_finite());
     summary.minimum = summary.fields[0].minimum;
     summary.maximum = summary.fields[0].maximum;
     let began = Instant::now();

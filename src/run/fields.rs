@@ -3,6 +3,7 @@
 
 use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, MOMENTS, Moments, VelocityFactors, moments};
+use crate::problem::potential::nodal_values;
 use crate::results::dataset::{Early, slices};
 use crate::results::summary::Summary;
 use crate::run::files::{Files, SolvedFields};
@@ -37,6 +38,7 @@ pub(crate) fn solve(
 fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) -> Vec<Early> {
     let case = &prepared.case;
     let volumes = CellVolumes::new(&case.space, &prepared.place.share);
+    let potential = nodal_values(case, &prepared.place.share);
     let legs = Leg::all(case);
     let at_leg = |leg: usize| {
         let found = (recovered.iter_mut()).map(|legs| std::mem::take(&mut legs[leg])).collect();
@@ -47,7 +49,7 @@ fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) -> Vec<Early>
         };
         Early {
             time: time.time,
-            totals: volumes.totals(&prepared.communicator.world, &moments),
+            totals: volumes.totals(&prepared.communicator.world, &moments, &potential),
             moments,
             fields,
         }

@@ -1,5 +1,6 @@
 //! What the user should know before a run.
 
+use crate::base::text::fixed;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Delta, Method};
 use crate::problem::potential::{StrayEdge, overlooked};
@@ -24,11 +25,11 @@ pub fn warnings(case: &Case) -> Vec<String> {
 
 fn stray_edge(edge: &StrayEdge) -> String {
     format!(
-        "potential: a region's edge at {} = {:.6} misses the faces of the grid; \
-         it is moved to {:.6}, by {:.2e}",
+        "potential: a region's edge at {} = {} misses the faces of the grid; \
+         it is moved to {}, by {:.2e}",
         ["x", "y", "z"][edge.axis],
-        edge.at + 0.0,
-        edge.face + 0.0,
+        fixed(edge.at + 0.0, 6),
+        fixed(edge.face + 0.0, 6),
         (edge.at - edge.face).abs()
     )
 }

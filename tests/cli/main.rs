@@ -10,6 +10,7 @@ mod embedding;
 mod equal_bits;
 mod exact_solutions;
 mod full;
+mod ledger;
 mod matrices;
 mod measure_valued;
 mod memory;

@@ -5,7 +5,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::reader::{Entry, Mistake, joined, written};
-use crate::problem::formula::Expression;
+use crate::problem::formula::{Constants, Expression};
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::ops::{Range, RangeInclusive};
@@ -22,6 +22,8 @@ pub struct CaseFile<'t> {
     text: &'t str,
     overrides: &'t [String],
     root: DeValue<'t>,
+    /// What formulas may use by name; none until `[constants]` is read.
+    pub constants: Constants,
 }
 
 /// What there is of a key.
@@ -42,7 +44,8 @@ impl<'t> CaseFile<'t> {
     /// [`Error::Input`] where the text is no TOML, or an override no `key=value` that fits the
     /// file.
     pub fn parse(name: &'t str, text: &'t str, overrides: &'t [String]) -> Result<Self> {
-        let mut file = CaseFile { name, text, overrides, root: DeValue::Table(DeTable::new()) };
+        let root = DeValue::Table(DeTable::new());
+        let mut file = CaseFile { name, text, overrides, root, constants: Constants::new() };
         let table = DeTable::parse(text).map_err(|e| file.error_at(e.span(), e.message()))?;
         file.root = DeValue::Table(table.into_inner());
         for (number, text) in overrides.iter().enumerate() {
@@ -233,7 +236,7 @@ impl<'t> CaseFile<'t> {
     /// # Errors
     /// [`Error::Input`] that says what is wrong with it and at which character.
     pub fn formula(&self, key: &str, text: &str, names: &[&[&str]]) -> Result<Expression> {
-        Expression::parse(text, names)
+        Expression::parse(text, names, &self.constants)
             .map(|formula| formula.at(self.place(key)))
             .map_err(|message| self.error(key, &message))
     }

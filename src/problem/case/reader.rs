@@ -238,6 +238,18 @@ impl<'de> Deserializer<'de> for Entry<'de> {
         visitor.visit_map(MapDeserializer::new(entries))
     }
 
+    /// A table with keys of any names.
+    fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        let DeValue::Table(table) = self.value else {
+            return self.wrong("a table");
+        };
+        let entries = table.iter().map(|(name, value)| {
+            let name = name.get_ref().as_ref();
+            (name, self.below(name, value))
+        });
+        visitor.visit_map(MapDeserializer::new(entries))
+    }
+
     fn deserialize_enum<V: Visitor<'de>>(
         self,
         _: &'static str,
@@ -253,7 +265,7 @@ impl<'de> Deserializer<'de> for Entry<'de> {
 
     serde::forward_to_deserialize_any! {
         i8 i16 i32 i128 u8 u16 u32 u64 u128 f32 char str bytes byte_buf unit unit_struct seq tuple
-        tuple_struct map identifier ignored_any
+        tuple_struct identifier ignored_any
     }
 }
 

@@ -332,7 +332,7 @@ impl Sheets<'_> {
         };
         let mut followed = if density == 0.0 {
             // Nothing is there.
-            Followed { point, left: Some(time), history: 0, turns: [0; MAX_DIMENSION] }
+            Followed { point, left: Some(time), exit: None, history: 0, turns: [0; MAX_DIMENSION] }
         } else {
             self.tracer.follow(&point, time)
         };

@@ -18,6 +18,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::quadrature::gauss_legendre;
+use crate::base::text::fixed;
 use crate::problem::grid::Axis;
 use std::collections::BTreeMap;
 
@@ -160,9 +161,9 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
     } else {
         let shift = (at - below) * whole.width();
         format!(
-            "[{:.6}, {:.6}] does, or an even number of cells on a box that is symmetric about 0",
-            whole.lower + shift,
-            whole.upper + shift
+            "[{}, {}] does, or an even number of cells on a box that is symmetric about 0",
+            fixed(whole.lower + shift, 6),
+            fixed(whole.upper + shift, 6)
         )
     };
     Err(Error::Input(format!(

@@ -12,6 +12,7 @@
 mod elements;
 
 use crate::base::error::Result;
+use crate::base::text::fixed;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Limiter, Reductions};
 use crate::problem::grid::{Cell, PhaseSpace, axis_names, for_each_cell};
@@ -74,8 +75,11 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
         let window = axis.window(&range);
         let name = names[case.space.dimension() + a];
         reductions.dropped.push(format!(
-            "{name}: nothing is ever outside of [{:.6}, {:.6}]; {} cells -> {}",
-            window.lower, window.upper, axis.cells, window.cells
+            "{name}: nothing is ever outside of [{}, {}]; {} cells -> {}",
+            fixed(window.lower, 6),
+            fixed(window.upper, 6),
+            axis.cells,
+            window.cells
         ));
         case.space.v[a] = window;
     }

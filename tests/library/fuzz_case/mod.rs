@@ -11,7 +11,7 @@ use phasewarp::matrix::bounds::Bounds;
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::{Case, Exact, Inflow};
-use phasewarp::problem::formula::Expression;
+use phasewarp::problem::formula::{Constants, Expression};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestError, TestRng, TestRunner};
 use std::cell::Cell;
@@ -270,7 +270,7 @@ fn formulas() -> impl Strategy<Value = String> {
 fn random_formulas_end_in_a_value_or_a_message() {
     fuzz(60_000, formulas, |formula| {
         let names: [&[&str]; 7] = [&["x"], &[], &[], &["v", "vx"], &[], &[], &["t"]];
-        match Expression::parse(formula, &names) {
+        match Expression::parse(formula, &names, &Constants::new()) {
             Ok(read) => {
                 evaluate(&read);
                 if read.text() != formula {

@@ -5,7 +5,7 @@ use super::{ROUND_OFF, conservative, scenes};
 use crate::dense::{Dense, System, assert_same, case};
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::problem::case::{Case, Inflow, Interface};
-use phasewarp::problem::formula::Expression;
+use phasewarp::problem::formula::{Constants, Expression};
 use phasewarp::problem::grid::{Axis, PhaseSpace};
 use phasewarp::problem::potential::Potential;
 use phasewarp::scheme::interface::{sources, velocity};
@@ -169,7 +169,12 @@ fn rows_of_a_part_are_rows_of_the_whole() {
 }
 
 /// `formula` with coordinates `names` negated.
-fn mirrored_formula(formula: &Expression, names: &[&str], all: &[&[&str]]) -> Expression {
+fn mirrored_formula(
+    formula: &Expression,
+    names: &[&str],
+    all: &[&[&str]],
+    constants: &Constants,
+) -> Expression {
     let mut text = String::new();
     let mut word = String::new();
     for c in formula.text().chars().chain([' ']) {
@@ -186,15 +191,16 @@ fn mirrored_formula(formula: &Expression, names: &[&str], all: &[&[&str]]) -> Ex
         word.clear();
         text.push(c);
     }
-    Expression::parse(&text, all).expect("still a formula")
+    Expression::parse(&text, all, constants).expect("still a formula")
 }
 
 /// The case seen in a mirror across `x_a = 0`: `x_a → −x_a`, `v_a → −v_a`.
 fn mirrored(case: &Case, a: usize) -> Case {
     const NAMES: [&[&str]; 6] = [&["x"], &["y"], &["z"], &["vx", "v"], &["vy"], &["vz"]];
     let names: Vec<&str> = NAMES[a].iter().chain(NAMES[3 + a]).copied().collect();
-    let mirror = |formula: &Expression| mirrored_formula(formula, &names, &NAMES);
     let mut case = case.clone();
+    let constants = case.constants.clone();
+    let mirror = |formula: &Expression| mirrored_formula(formula, &names, &NAMES, &constants);
     for axis in [&mut case.space.x[a], &mut case.space.v[a]] {
         (axis.lower, axis.upper) = (-axis.upper, -axis.lower);
     }

@@ -1,0 +1,403 @@
+//! The ledger of a run: where its mass and its energy went, and whether its potential matters.
+//!
+//! Masses are of the problem's own units. What is called an estimate follows particles of the exact
+//! flow; all else is measured on the grid, or is an integral of the case's formulas. What is not
+//! known is `null` in `summary.json`.
+
+use crate::base::text::short;
+use serde::{Deserialize, Serialize};
+
+/// Parts above this are worth a warning.
+pub const NOTICEABLE: f64 = 0.01;
+/// Differences within so many standard errors are not seen.
+const STANDARD_ERRORS: f64 = 4.0;
+
+/// `ledger` of `summary.json`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Ledger {
+    /// Where mass was, came from and went.
+    pub mass: Mass,
+    /// The open ends of the phase-space box.
+    pub ends: Vec<End>,
+    /// The energies.
+    pub energy: Energy,
+    /// The axes along which `V` jumps.
+    pub jumps: Vec<Jump>,
+    /// The regions of `V` that lie between others.
+    pub regions: Vec<Region>,
+    /// What could not be told, and why.
+    pub omitted: Vec<String>,
+}
+
+/// Integrals of `f` over phase space, or of `ρ` over space for measure-valued data.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Mass {
+    /// Integral of the formula of the initial data over the phase-space box.
+    pub formula: Option<f64>,
+    /// Its standard error.
+    pub formula_error: Option<f64>,
+    /// Integral of `|f|` at time zero and of what enters: what shares are relative to.
+    pub absolute: Option<f64>,
+    /// Integral of the formula over velocities beyond the box, up to half its width on each side.
+    pub beyond: Option<f64>,
+    /// Of measure-valued data, the mass whose velocity is outside of the box at time zero.
+    pub outside: Option<f64>,
+    /// On the grid, at time zero.
+    pub initial: Option<f64>,
+    /// What entered the grid; not known of measure-valued data.
+    pub entered: Option<f64>,
+    /// What enters, estimated; nothing of what enters at jumps of `V`.
+    pub entered_estimate: Option<f64>,
+    /// On the grid, at the end.
+    pub end: Option<f64>,
+    /// `initial + entered − end`.
+    pub lost: Option<f64>,
+    /// What leaves the box, estimated.
+    pub left_estimate: Option<f64>,
+    /// Standard error of that.
+    pub left_error: Option<f64>,
+    /// What the `hat` interface adds, estimated; 0 of laws that conserve mass.
+    pub interface_estimate: Option<f64>,
+    /// Particles that were followed for the estimates.
+    pub particles: usize,
+}
+
+/// An open end of the phase-space box, with estimates of the mass that passes it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct End {
+    /// The axis: `x`, …, `vz`.
+    pub axis: String,
+    /// `lower` or `upper`.
+    pub end: String,
+    /// What leaves here by its motion or, along a velocity axis, pushed by slopes of `V`.
+    pub outflow: f64,
+    /// What leaves as a jump of `V` gives it a velocity beyond this end; 0 along space axes.
+    pub outflow_at_jumps: f64,
+    /// What enters.
+    pub inflow: f64,
+}
+
+/// Kinetic energy `½ ∫ |v|² f` and potential energy `∫ V f`, on the grid.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Energy {
+    /// Kinetic, at time zero.
+    pub kinetic_initial: Option<f64>,
+    /// Potential, at time zero.
+    pub potential_initial: Option<f64>,
+    /// Kinetic, at the end.
+    pub kinetic: Option<f64>,
+    /// Potential, at the end.
+    pub potential: Option<f64>,
+}
+
+/// The jumps of `V` along an axis, beside the energies of the motion along it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Jump {
+    /// The space axis.
+    pub axis: String,
+    /// Least `|V⁺ − V⁻|`.
+    pub least: f64,
+    /// Largest.
+    pub largest: f64,
+    /// Mean of `½v²` along this axis, over the initial data and what enters.
+    pub mean_energy: Option<f64>,
+    /// `½v²` of the fastest velocity of the box.
+    pub largest_energy: f64,
+}
+
+/// A region of `V` between others.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Region {
+    /// Its index in `[[potential]]`.
+    pub potential: usize,
+    /// The axis along which it is narrowest.
+    pub axis: String,
+    /// Cells across it; elements of a degree above 0.
+    pub cells: usize,
+}
+
+/// `-4.25 %`.
+fn percent(share: f64) -> String {
+    let percent = 100.0 * share;
+    match (0.01..1e4).contains(&percent.abs()) {
+        true => format!("{percent:.2} %"),
+        false => format!("{} %", short(percent)),
+    }
+}
+
+impl Ledger {
+    /// A mass as a part of all there is.
+    fn share(&self, mass: f64) -> Option<f64> {
+        let all = self.mass.absolute.or(self.mass.initial.map(f64::abs))?;
+        Some(mass / all).filter(|share| share.is_finite())
+    }
+
+    /// A mass, and the part of all that it is.
+    fn with_share(&self, mass: f64) -> String {
+        match self.share(mass) {
+            Some(share) if share != 0.0 => format!("{} ({})", short(mass), percent(share)),
+            _ => short(mass),
+        }
+    }
+
+    /// How far the grid's mass at time zero is from the formula's, as a part of all, where that is
+    /// more than the formula's integral is uncertain by.
+    fn missed_by_grid(&self) -> Option<f64> {
+        let (initial, formula) = (self.mass.initial?, self.mass.formula?);
+        let uncertain = STANDARD_ERRORS * self.mass.formula_error?;
+        let missed = initial - formula;
+        self.share(missed).filter(|_| missed.abs() > uncertain)
+    }
+
+    /// What the user should know, each with what to do.
+    pub fn warnings(&self) -> Vec<String> {
+        let found = [self.grid_warning(), self.start_warning(), self.interface_warning()];
+        let found = found.into_iter().flatten();
+        found.chain(self.velocity_warnings()).chain(self.jump_warnings()).collect()
+    }
+
+    fn grid_warning(&self) -> Option<String> {
+        let missed = self.missed_by_grid().filter(|m| m.abs() > NOTICEABLE)?;
+        Some(format!(
+            "mass: the grid holds {} at t = 0, the formula {}: {} {}; more cells where the data \
+             change, or a higher scheme.degree",
+            short(self.mass.initial?),
+            short(self.mass.formula?),
+            percent(missed.abs()),
+            if missed > 0.0 { "too much" } else { "is missing" }
+        ))
+    }
+
+    /// Data that do not end where the velocity box does.
+    fn start_warning(&self) -> Option<String> {
+        let cut = |mass: Option<f64>| {
+            let share = self.share(mass?)?;
+            Some(share).filter(|share| share.abs() > NOTICEABLE)
+        };
+        if let Some(share) = cut(self.mass.outside) {
+            return Some(format!(
+                "mass: initial.velocity is outside of the velocity box for {} of the data, which \
+                 are not computed; a wider box",
+                percent(share)
+            ));
+        }
+        let share = cut(self.mass.beyond)?;
+        Some(format!(
+            "mass: the data do not end at the velocity box: beyond it, up to half its width, there \
+             is {} of what is in it; a wider box, if particles there matter",
+            percent(share)
+        ))
+    }
+
+    fn interface_warning(&self) -> Option<String> {
+        let share = self.share(self.mass.interface_estimate?)?;
+        (share.abs() > NOTICEABLE).then(|| {
+            format!(
+                "mass: scheme.interface = \"hat\" changes it by an estimated {}; more velocity \
+                 cells, or \"conservative\"",
+                percent(share)
+            )
+        })
+    }
+
+    /// What leaves through the ends of the velocity box.
+    fn velocity_warnings(&self) -> Vec<String> {
+        let lost = |end: &&End| {
+            let share = self.share((end.outflow + end.outflow_at_jumps).abs());
+            end.axis.starts_with('v') && share.is_some_and(|share| share > NOTICEABLE)
+        };
+        let warning = |end: &End| {
+            let [all, jumps] = [end.outflow + end.outflow_at_jumps, end.outflow_at_jumps]
+                .map(|mass| self.share(mass).unwrap_or(0.0));
+            let by_jumps = if jumps == 0.0 {
+                String::new()
+            } else {
+                format!(", {} at jumps of V", percent(jumps))
+            };
+            format!(
+                "mass: an estimated {} leaves through the {} end of {}{by_jumps}: the velocity box \
+                 is too small",
+                percent(all),
+                end.end,
+                end.axis
+            )
+        };
+        self.ends.iter().filter(lost).map(warning).collect()
+    }
+
+    /// Jumps that the data hardly feel.
+    fn jump_warnings(&self) -> impl Iterator<Item = String> + '_ {
+        self.jumps.iter().filter_map(|jump| {
+            let mean = jump.mean_energy.unwrap_or(jump.largest_energy);
+            (jump.largest < NOTICEABLE * mean).then(|| {
+                format!(
+                    "potential: the largest jump along {}, {}, is {} of the mean v^2/2 there, {}: \
+                     it has hardly any effect; are the units those of v^2?",
+                    jump.axis,
+                    short(jump.largest),
+                    percent(jump.largest / mean),
+                    short(mean)
+                )
+            })
+        })
+    }
+
+    /// The ledger for people: [`lines`](Self::lines) under a heading.
+    pub fn text(&self) -> String {
+        let lines = self.lines().into_iter().map(|line| format!("  {line}\n"));
+        format!("ledger\n{}", lines.collect::<String>())
+    }
+
+    /// Its lines; what is not known is not there.
+    pub fn lines(&self) -> Vec<String> {
+        let mut lines: Vec<String> =
+            [self.start_line(), self.balance_line()].into_iter().flatten().collect();
+        lines.extend(self.ends_lines());
+        let found = [self.interface_line(), self.energy_line(), self.regions_line()];
+        lines.extend(found.into_iter().flatten());
+        lines.extend(self.jumps.iter().map(jump_line));
+        lines.extend(self.omitted.iter().map(|why| format!("not known: {why}")));
+        lines
+    }
+
+    fn start_line(&self) -> Option<String> {
+        let formula = self.mass.formula.map(|mass| {
+            let error = self.mass.formula_error.unwrap_or(0.0);
+            format!("{} by the formula (+- {})", short(mass), short(error))
+        });
+        let grid = self.mass.initial.map(|mass| format!("{} on the grid", short(mass)));
+        let missed = self.missed_by_grid().map(|missed| format!("off by {}", percent(missed)));
+        let parts: Vec<String> = formula.into_iter().chain(grid).chain(missed).collect();
+        (!parts.is_empty()).then(|| format!("mass at t = 0: {}", parts.join(", ")))
+    }
+
+    fn balance_line(&self) -> Option<String> {
+        let end = format!("mass at the end: {}", short(self.mass.end?));
+        let parts = [("entered", self.mass.entered), ("lost in all", self.mass.lost)];
+        let parts = parts
+            .into_iter()
+            .filter_map(|(name, mass)| Some(format!(", {name} {}", self.with_share(mass?))));
+        Some(end + &parts.collect::<String>())
+    }
+
+    /// What leaves in all, and by end, some a line.
+    fn ends_lines(&self) -> Vec<String> {
+        const ENDS_A_LINE: usize = 4;
+        let Some(left) = self.mass.left_estimate else {
+            return Vec::new();
+        };
+        let passes = |end: &&End| end.outflow + end.outflow_at_jumps != 0.0;
+        let part = |end: &End| {
+            let share = self.share(end.outflow + end.outflow_at_jumps).unwrap_or(0.0);
+            format!("{} {} {}", end.axis, end.end, percent(share))
+        };
+        let parts: Vec<String> = self.ends.iter().filter(passes).map(part).collect();
+        let parts = parts.chunks(ENDS_A_LINE).map(|some| format!("  by {}", some.join(", ")));
+        let all = format!("leaves, estimated: {}", self.with_share(left));
+        [all].into_iter().chain(parts).collect()
+    }
+
+    fn interface_line(&self) -> Option<String> {
+        let gain = self.mass.interface_estimate.filter(|gain| *gain != 0.0)?;
+        Some(format!("hat interface adds, estimated: {}", self.with_share(gain)))
+    }
+
+    fn energy_line(&self) -> Option<String> {
+        let kinetic = self.energy.kinetic?;
+        let change = |before: Option<f64>, after: f64| match before {
+            Some(before) => format!("{} -> {}", short(before), short(after)),
+            None => short(after),
+        };
+        let kinetic = change(self.energy.kinetic_initial, kinetic);
+        let potential = (self.energy.potential)
+            .map(|after| format!(", potential {}", change(self.energy.potential_initial, after)));
+        Some(format!("energy: kinetic {kinetic}{}", potential.unwrap_or_default()))
+    }
+
+    fn regions_line(&self) -> Option<String> {
+        let narrowest = self.regions.iter().min_by_key(|region| region.cells)?;
+        let Region { potential, axis, cells } = narrowest;
+        Some(format!("narrowest region of V: potential.{potential}, {cells} cells along {axis}"))
+    }
+}
+
+/// The jumps along an axis, beside energies.
+fn jump_line(jump: &Jump) -> String {
+    let [least, largest] = [jump.least, jump.largest].map(short);
+    let range = if least == largest { largest } else { format!("{least} to {largest}") };
+    let mean = jump.mean_energy.map(|mean| format!("mean {}, ", short(mean)));
+    format!(
+        "jumps of V along {}: {range}; v^2/2 there: {}at most {}",
+        jump.axis,
+        mean.unwrap_or_default(),
+        short(jump.largest_energy)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn end(axis: &str, outflow: f64, outflow_at_jumps: f64) -> End {
+        End { axis: axis.into(), end: "upper".into(), outflow, outflow_at_jumps, inflow: 0.0 }
+    }
+
+    /// A ledger with nothing to warn of.
+    fn sound() -> Ledger {
+        Ledger {
+            mass: Mass {
+                formula: Some(2.0),
+                formula_error: Some(1e-4),
+                absolute: Some(2.0),
+                initial: Some(2.001),
+                beyond: Some(0.001),
+                interface_estimate: Some(-0.01),
+                ..Mass::default()
+            },
+            ends: vec![end("x", 1.5, 0.0), end("v", 0.001, 0.01)],
+            jumps: vec![Jump {
+                axis: "x".into(),
+                least: 0.1,
+                largest: 0.2,
+                mean_energy: Some(0.5),
+                largest_energy: 1e3,
+            }],
+            ..Ledger::default()
+        }
+    }
+
+    #[test]
+    fn warnings_begin_at_one_percent() {
+        assert_eq!(sound().warnings(), Vec::<String>::new());
+        type Change = (fn(&mut Ledger), &'static str);
+        let changes: [Change; 6] = [
+            (|l| l.mass.initial = Some(1.9), "5.00 % is missing"),
+            (|l| l.mass.beyond = Some(0.1), "5.00 % of what is in it"),
+            (|l| l.mass.outside = Some(1.0), "50.00 % of the data"),
+            (|l| l.mass.interface_estimate = Some(0.04), "an estimated 2.00 %"),
+            (
+                |l| l.ends[1].outflow_at_jumps = 0.199,
+                "10.00 % leaves through the upper end of v, 9.95 %",
+            ),
+            (|l| l.jumps[0].mean_energy = Some(5e11), "4e-11 % of the mean"),
+        ];
+        for (change, words) in changes {
+            let mut ledger = sound();
+            change(&mut ledger);
+            let found = ledger.warnings();
+            assert!(found.len() == 1 && found[0].contains(words), "{words}: {found:?}");
+        }
+        let mut uncertain = sound();
+        (uncertain.mass.initial, uncertain.mass.formula_error) = (Some(1.9), Some(0.1));
+        assert!(uncertain.warnings().is_empty());
+    }
+
+    #[test]
+    fn lines_say_what_is_known_only() {
+        assert!(Ledger::default().lines().is_empty());
+        let lines = sound().lines().join("\n");
+        assert!(lines.contains("2.001 on the grid, off by 0.05 %"), "{lines}");
+        assert!(lines.contains("0.1 to 0.2; v^2/2 there: mean 0.5, at most 1000"), "{lines}");
+        assert!(!lines.contains("entered"), "{lines}");
+    }
+}

@@ -1,0 +1,357 @@
+//! The ledger of a run ([`Ledger`]): what the case alone tells, and what the run adds.
+//!
+//! What leaves through which end of the box cannot be measured: the modes give `f` at output times
+//! only, not its time integral at an end. It is estimated by particles of the exact flow
+//! ([`flight`]), drawn from the case's formulas ([`draw`]). The total, `initial + entered − end`,
+//! is measured.
+//!
+//! Each rank follows whole replicates, and their sums are exact: the same bits on any ranks.
+
+pub mod draw;
+pub mod flight;
+
+use crate::base::error::Result;
+use crate::base::quadrature::gauss_legendre;
+use crate::matrix::observables::{CellVolumes, Totals};
+use crate::parallel::communicator::Group;
+use crate::problem::case::{Case, Data};
+use crate::problem::exact::Tracer;
+use crate::problem::grid::{PhaseSpace, axis_names};
+use crate::problem::potential::{Potential, RegionWidth, region_widths};
+use crate::results::ledger::{End, Energy, Jump, Ledger, Region};
+use crate::run::ledger::draw::{AxisEnd, Drawer, Particle, SampleBox, Sequence, Source, resampled};
+use crate::run::ledger::flight::{Flight, NUMBERS, Tally, end_index};
+use crate::solve::prepared::Prepared;
+
+/// Most space cells of a case whose potential is looked at as a whole.
+const MOST_SPACE_CELLS: usize = 1 << 18;
+/// Most space cells into which elements of a curved potential are cut.
+const MOST_PARTS: usize = 1 << 16;
+/// Independent replicates of each source.
+const REPLICATES: usize = 16;
+/// Points of a source for each cell, and the least and the most of them.
+const POINTS_PER_CELL: usize = 16;
+const LEAST_POINTS: usize = 1 << 14;
+const MOST_POINTS: usize = 1 << 19;
+/// Particles of a replicate that are followed, of the initial data and of what enters.
+const FOLLOWED: [usize; 2] = [256, 64];
+/// Most nodes at which the initial data are looked for.
+const MOST_NODES: usize = 1 << 19;
+/// Data below this part of the largest are not there.
+const NOTHING: f64 = 1e-9;
+/// How far beyond the velocity box data are looked for, in its widths.
+const BEYOND: f64 = 0.5;
+/// Parts of the time over which a varying inflow is integrated, by Gauss's rule of two points.
+const TIME_PARTS: usize = 256;
+
+/// What `case`, on the grid of its results, tells before anything is solved. Collective.
+///
+/// # Errors
+/// Where `V` is not finite.
+pub fn foreseen(world: &Group, case: &Case) -> Result<Ledger> {
+    let mut ledger = Ledger::default();
+    if case.space.space_cells() > MOST_SPACE_CELLS {
+        ledger.omitted.push(format!(
+            "jumps and regions of V, and all estimates: {} cells of space; at most \
+             {MOST_SPACE_CELLS} are looked at",
+            case.space.space_cells()
+        ));
+        return Ok(ledger);
+    }
+    let potential = Potential::whole(case)?;
+    ledger.regions = regions(case);
+    ledger.jumps = jumps(case, &potential);
+    if case.start.is_some() {
+        ledger.omitted.push("the initial mass, and all estimates: initial.warped has no f".into());
+    } else {
+        let tracer = Tracer::with_cells(case, MOST_PARTS)?.forward();
+        estimate(world, case, tracer, &mut ledger);
+    }
+    if matches!(case.data, Data::Measure { .. }) {
+        let why = "mass that entered: that of measure-valued data is not linear in the fields";
+        ledger.omitted.push(why.into());
+    }
+    Ok(ledger)
+}
+
+/// The regions between others.
+fn regions(case: &Case) -> Vec<Region> {
+    let names = axis_names(case.space.dimension());
+    let widths = region_widths(case).into_iter();
+    let region = |width: RegionWidth| Region {
+        potential: width.region,
+        axis: names[width.axis].to_owned(),
+        cells: width.elements,
+    };
+    widths.map(region).collect()
+}
+
+/// The jumps along each axis.
+fn jumps(case: &Case, potential: &Potential) -> Vec<Jump> {
+    let n = case.space.dimension();
+    let names = axis_names(n);
+    let along = |a: usize| {
+        let sizes = || potential.jump_kinds(a).map(|kind| kind.jump().abs());
+        let v = &case.space.v[a];
+        let fastest = v.lower.abs().max(v.upper.abs());
+        let largest = sizes().fold(0.0, f64::max);
+        (largest > 0.0).then(|| Jump {
+            axis: names[a].to_owned(),
+            least: sizes().fold(f64::INFINITY, f64::min),
+            largest,
+            mean_energy: None,
+            largest_energy: 0.5 * fastest * fastest,
+        })
+    };
+    (0..n).filter_map(along).collect()
+}
+
+/// A mean over the replicates of a source, and its standard error.
+#[derive(Clone, Copy)]
+struct Estimates {
+    mean: Tally,
+    error: Tally,
+}
+
+/// The open ends of the box: of measure-valued data, of space alone.
+fn open_ends(case: &Case) -> Vec<AxisEnd> {
+    let n = case.space.dimension();
+    let axes = (0..2 * n).filter(|&a| a >= n || !case.space.is_periodic(a));
+    axes.flat_map(|axis| [false, true].map(|upper| AxisEnd { axis, upper })).collect()
+}
+
+/// Fills in what particles tell. Collective.
+fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger) {
+    let n = case.space.dimension();
+    let measure = matches!(case.data, Data::Measure { .. });
+    let points = (POINTS_PER_CELL
+        * if measure { case.space.space_cells() } else { case.space.cells() })
+    .clamp(LEAST_POINTS, MOST_POINTS);
+    let within = match measure {
+        true => SampleBox::whole(&case.space, 0.0),
+        false => {
+            let support = Support::find(world, case, points / 4);
+            ledger.mass.beyond = Some(support.beyond);
+            support.within
+        }
+    };
+    let mut flight = Flight::new(case, tracer.clone());
+    let force = |point: &[f64; 6], axis: usize| -tracer.slope_at(point, axis);
+    let drawer = Drawer { case, within, force: &force };
+    let initial = replicated(world, &drawer, &mut flight, Source::Initial, points);
+    let ends = open_ends(case);
+    let mut entering = Vec::new();
+    if case.enters() {
+        for &end in ends.iter().filter(|end| end.axis < n || !measure) {
+            let source = Source::Entering(end);
+            entering.push((end, replicated(world, &drawer, &mut flight, source, points / 8)));
+        }
+    }
+    let all = || [&initial].into_iter().chain(entering.iter().map(|(_, found)| found));
+    let sum = |of: &dyn Fn(&Tally) -> f64| all().map(|found| of(&found.mean)).sum::<f64>();
+    let mass = &mut ledger.mass;
+    (mass.formula, mass.formula_error) = (Some(initial.mean.mass), Some(initial.error.mass));
+    let absolute = sum(&|tally| tally.absolute);
+    mass.absolute = Some(absolute);
+    mass.outside = measure.then_some(initial.mean.outside);
+    let entered = |end: &AxisEnd| {
+        let found = entering.iter().find(|(other, _)| other == end);
+        found.map_or(0.0, |(_, found)| found.mean.mass)
+    };
+    mass.entered_estimate = Some(ends.iter().map(entered).sum());
+    for jump in &mut ledger.jumps {
+        let axis = axis_names(n).iter().position(|name| *name == jump.axis).unwrap_or(0);
+        let mean = sum(&|tally| tally.energy[axis]) / absolute;
+        jump.mean_energy = Some(mean).filter(|mean| mean.is_finite());
+    }
+    if case.reflects() {
+        let why = "what leaves through which end: partial reflection has no single characteristic";
+        ledger.omitted.push(why.into());
+        return;
+    }
+    mass.particles = FOLLOWED[0] * REPLICATES + FOLLOWED[1] * REPLICATES * entering.len();
+    mass.interface_estimate = Some(sum(&|tally| tally.interface));
+    let names = axis_names(n);
+    for end in &ends {
+        let at = end_index(*end);
+        ledger.ends.push(End {
+            axis: names[end.axis].to_owned(),
+            end: if end.upper { "upper" } else { "lower" }.to_owned(),
+            outflow: sum(&|tally| tally.outflow[at]),
+            outflow_at_jumps: sum(&|tally| tally.at_jumps[at]),
+            inflow: entered(end),
+        });
+    }
+    let left: f64 = ledger.ends.iter().map(|end| end.outflow + end.outflow_at_jumps).sum();
+    let squares = |tally: &Tally| {
+        tally.outflow.iter().chain(&tally.at_jumps).map(|error| error * error).sum::<f64>()
+    };
+    let mass = &mut ledger.mass;
+    mass.left_estimate = Some(left);
+    mass.left_error = Some(all().map(|found| squares(&found.error)).sum::<f64>().sqrt());
+}
+
+/// Mean and standard error of a source's tally over its replicates, which the ranks share.
+/// Collective.
+fn replicated(
+    world: &Group,
+    drawer: &Drawer<'_>,
+    flight: &mut Flight<'_>,
+    source: Source,
+    points: usize,
+) -> Estimates {
+    let mine = (world.rank()..REPLICATES).step_by(world.size());
+    let many = points / REPLICATES;
+    let tallies: Vec<[f64; NUMBERS]> = mine
+        .map(|replicate| {
+            let sequence = Sequence::new(drawer.dimensions(), replicate);
+            let drawn = (0..many).filter_map(|k| drawer.draw(source, &sequence, k));
+            let mut tally = Tally::default();
+            let mut inside: Vec<Particle> = Vec::new();
+            for particle in drawn {
+                tally.add(&particle, 1.0 / many as f64);
+                if particle.inside {
+                    inside.push(particle);
+                }
+            }
+            let followed = FOLLOWED[usize::from(source != Source::Initial)];
+            if !drawer.case.reflects() {
+                for particle in resampled(&inside, followed) {
+                    flight.follow(&mut tally, &particle, 1.0 / many as f64);
+                }
+            }
+            tally.numbers()
+        })
+        .collect();
+    let count = REPLICATES as f64;
+    let mean = world.sum_lanes(REPLICATES, tallies.iter().copied()).map(|sum| sum / count);
+    let squares = |tally: &[f64; NUMBERS]| -> [f64; NUMBERS] {
+        std::array::from_fn(|k| (tally[k] - mean[k]) * (tally[k] - mean[k]))
+    };
+    let scatter = world.sum_lanes(REPLICATES, tallies.iter().map(squares));
+    let error = scatter.map(|sum| (sum / (count * (count - 1.0))).sqrt());
+    Estimates { mean: Tally::from_numbers(&mean), error: Tally::from_numbers(&error) }
+}
+
+/// Where the initial data are.
+struct Support {
+    /// A box around them.
+    within: SampleBox,
+    /// Integral of `|f|` beyond the velocity box.
+    beyond: f64,
+}
+
+impl Support {
+    /// By the nodes of the grid, and by `points` of a sequence over the box and beyond the
+    /// velocities. Collective.
+    fn find(world: &Group, case: &Case, points: usize) -> Self {
+        let space = &case.space;
+        let n = space.dimension();
+        let value = |point: &[f64; 6]| {
+            let value = case.fields[0].initial.at_point(point, 0.0).abs();
+            if value.is_finite() { value } else { 0.0 }
+        };
+        let slot = |a: usize| if a < n { a } else { 3 + a - n };
+        let wide = SampleBox::whole(space, BEYOND);
+        let sequence = Sequence::new(2 * n, 0);
+        let drawer = Drawer { case, within: wide.clone(), force: &|_, _| 0.0 };
+        let mut found: Vec<([f64; 6], f64)> = Vec::new();
+        let mut beyond = Vec::new();
+        for k in (world.rank()..points).step_by(world.size()) {
+            let Some(particle) = drawer.draw(Source::Initial, &sequence, k) else {
+                continue;
+            };
+            match particle.inside {
+                true => found.push((particle.point, value(&particle.point))),
+                false => beyond.push(particle.mass.abs()),
+            }
+        }
+        let stride = space.cells().div_ceil(MOST_NODES);
+        for k in (world.rank()..space.cells().div_ceil(stride)).step_by(world.size()) {
+            let point = space.point(&space.cell(k * stride));
+            let value = value(&point);
+            if value > 0.0 {
+                found.push((point, value));
+            }
+        }
+        let largest = world.max(found.iter().fold(0.0, |most: f64, (_, value)| most.max(*value)));
+        // Lower ends as their negatives, so that both are largest.
+        let mut ends = vec![f64::NEG_INFINITY; 4 * n];
+        for (point, _) in found.iter().filter(|(_, value)| *value > NOTHING * largest) {
+            for a in 0..2 * n {
+                ends[a] = ends[a].max(-point[slot(a)]);
+                ends[2 * n + a] = ends[2 * n + a].max(point[slot(a)]);
+            }
+        }
+        world.max_into(&mut ends);
+        let count = world.sum_count(beyond.len());
+        let bound = world.max(beyond.iter().fold(0.0, |most: f64, mass| most.max(*mass)));
+        let beyond = world.sum(bound, count, beyond.into_iter()) / points as f64;
+        Self { within: around(space, &ends), beyond }
+    }
+}
+
+/// The box between `ends`, lower ones negative, then upper ones, and an element around it; the
+/// whole where nothing is.
+fn around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
+    let whole = SampleBox::whole(space, 0.0);
+    let axes = ends.len() / 2;
+    if ends[0] == f64::NEG_INFINITY {
+        return whole;
+    }
+    let width: Vec<f64> = space.axes().map(|axis| axis.width()).collect();
+    let lower = |a: usize| (-ends[a] - width[a]).max(whole.lower[a]);
+    let upper = |a: usize| (ends[axes + a] + width[a]).min(whole.upper[a]);
+    SampleBox { lower: (0..axes).map(lower).collect(), upper: (0..axes).map(upper).collect() }
+}
+
+/// What entered the grid until the end, by the rows of the scheme; none of measure-valued data.
+/// Collective.
+pub fn entered(prepared: &Prepared) -> Option<f64> {
+    let (case, system) = (&prepared.case, &prepared.system);
+    if !matches!(case.data, Data::Density) {
+        return None;
+    }
+    if !case.enters() {
+        return Some(0.0);
+    }
+    let (matrix, space) = (&system.matrix, &prepared.communicator.space);
+    let volumes = CellVolumes::new(&case.space, &matrix.block.ranges);
+    let mut integrals: Vec<f64> = match case.varies() {
+        false => matrix.inflow.iter().map(|row| case.end * row.values[0]).collect(),
+        true => vec![0.0; matrix.inflow.len()],
+    };
+    if case.varies() {
+        let part = case.end / TIME_PARTS as f64;
+        let rule = gauss_legendre(2);
+        for k in 0..TIME_PARTS {
+            let ends = [k as f64 * part, (k + 1) as f64 * part];
+            for point in rule.iter().map(|point| point.moved_to(ends)) {
+                let values = matrix.entering.values(&case.fields[0], point.node);
+                for (sum, value) in integrals.iter_mut().zip(values) {
+                    *sum += point.weight * value;
+                }
+            }
+        }
+    }
+    let rows = matrix.inflow.iter().zip(&integrals);
+    let terms: Vec<f64> = rows.map(|(row, b)| b * volumes.relative(row.row as usize)).collect();
+    Some(space.sum_terms(&terms) * volumes.mean())
+}
+
+impl Ledger {
+    /// Fills in what the run measured: totals at time zero and at the end, and what entered.
+    pub(crate) fn close(&mut self, initial: Option<Totals>, end: Totals, entered: Option<f64>) {
+        let mass = &mut self.mass;
+        mass.initial = initial.map(|totals| totals.mass);
+        mass.end = Some(end.mass);
+        mass.entered = entered;
+        mass.lost = mass.initial.zip(entered).map(|(initial, b)| initial + b - end.mass);
+        self.energy = Energy {
+            kinetic_initial: initial.map(|totals| totals.kinetic),
+            potential_initial: initial.map(|totals| totals.potential),
+            kinetic: Some(end.kinetic),
+            potential: Some(end.potential),
+        };
+    }
+}

@@ -1,0 +1,252 @@
+//! Particles of the initial data, and of what enters, at points of a quasi-random sequence.
+//!
+//! Replicate `r` of a source has the points `frac(s_r + k α)`, `k = 1, 2, …`, with
+//! `α_i = φ^{−i}`, `φ^{d+1} = φ + 1` (M. Roberts, "The unreasonable effectiveness of quasirandom
+//! sequences", 2018: the additive recurrence of low discrepancy in `d` dimensions) and a random
+//! shift `s_r`. Replicates are independent and unbiased: their scatter is the standard error.
+
+use crate::problem::case::{Case, Data};
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+/// Most coordinates of a point: those of phase space; of the end of an axis, time is one of them.
+const MOST: usize = 2 * MAX_DIMENSION;
+
+/// An end of an axis, of the `2n`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AxisEnd {
+    /// Space first.
+    pub axis: usize,
+    /// Whether it is the upper one.
+    pub upper: bool,
+}
+
+/// Where particles come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// The initial data.
+    Initial,
+    /// Through an end of the box.
+    Entering(AxisEnd),
+}
+
+/// A particle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Particle {
+    /// `[x, y, z, vx, vy, vz]`.
+    pub point: [f64; 6],
+    /// How long it is followed.
+    pub time: f64,
+    /// Its mass, times the number of points.
+    pub mass: f64,
+    /// Whether its velocity is in the velocity box.
+    pub inside: bool,
+}
+
+/// A box in phase space, ends by axis of the `2n`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SampleBox {
+    /// Lower ends.
+    pub lower: Vec<f64>,
+    /// Upper ends.
+    pub upper: Vec<f64>,
+}
+
+impl SampleBox {
+    /// The whole of `space`; velocities beyond by the `margin`, a fraction of the width, on each
+    /// side.
+    pub fn whole(space: &PhaseSpace, margin: f64) -> Self {
+        let n = space.dimension();
+        let part = |a: usize| if a < n { 0.0 } else { margin };
+        let axes = || space.axes().enumerate();
+        Self {
+            lower: axes().map(|(a, x)| x.lower - part(a) * (x.upper - x.lower)).collect(),
+            upper: axes().map(|(a, x)| x.upper + part(a) * (x.upper - x.lower)).collect(),
+        }
+    }
+
+    /// `∏ (upper − lower)` over the axes that `counts` says yes to.
+    fn volume(&self, counts: impl Fn(usize) -> bool) -> f64 {
+        let width = |a: usize| self.upper[a] - self.lower[a];
+        (0..self.lower.len()).filter(|a| counts(*a)).map(width).product()
+    }
+}
+
+/// The sequence of a replicate.
+pub struct Sequence {
+    shift: Vec<f64>,
+    step: Vec<f64>,
+}
+
+impl Sequence {
+    /// That of replicate `number` of a source in so many dimensions.
+    pub fn new(dimensions: usize, number: usize) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(number as u64);
+        // 53 bits, in [0, 1).
+        let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
+        let mut root: f64 = 2.0;
+        for _ in 0..64 {
+            root = (1.0 + root).powf(1.0 / (dimensions + 1) as f64);
+        }
+        Self {
+            shift: (0..dimensions).map(|_| uniform()).collect(),
+            step: (1..=dimensions).map(|i| root.powi(-(i as i32))).collect(),
+        }
+    }
+
+    /// Point `k` in the unit cube.
+    fn point(&self, k: usize) -> [f64; MOST] {
+        let mut point = [0.0; MOST];
+        for (x, (shift, step)) in point.iter_mut().zip(self.shift.iter().zip(&self.step)) {
+            *x = (shift + (k + 1) as f64 * step).fract();
+        }
+        point
+    }
+}
+
+/// What draws particles of a case.
+pub struct Drawer<'a> {
+    /// The case.
+    pub case: &'a Case,
+    /// Where initial data are looked for; of measure-valued data the space of it.
+    pub within: SampleBox,
+    /// The speed at which a slope of `V` pushes velocities, by point and space axis.
+    pub force: &'a dyn Fn(&[f64; 6], usize) -> f64,
+}
+
+impl Drawer<'_> {
+    fn is_measure(&self) -> bool {
+        matches!(self.case.data, Data::Measure { .. })
+    }
+
+    /// Coordinates of a point of any source.
+    pub fn dimensions(&self) -> usize {
+        let n = self.case.space.dimension();
+        if self.is_measure() { n } else { 2 * n }
+    }
+
+    /// Particle `k` of the sequence; none where nothing is.
+    pub fn draw(&self, source: Source, sequence: &Sequence, k: usize) -> Option<Particle> {
+        let unit = sequence.point(k);
+        match source {
+            Source::Initial => self.initial(&unit),
+            Source::Entering(end) => self.entering(end, &unit),
+        }
+    }
+
+    /// A point of phase space from the coordinates along `axes` (of the `2n`) in the unit cube; the
+    /// velocities of measure-valued data are those of its formulas.
+    fn place(&self, bounds: &SampleBox, unit: &[f64; MOST]) -> [f64; 6] {
+        let n = self.case.space.dimension();
+        let mut point = [0.0; 6];
+        for a in 0..self.dimensions() {
+            let slot = if a < n { a } else { 3 + a - n };
+            point[slot] = bounds.lower[a] + unit[a] * (bounds.upper[a] - bounds.lower[a]);
+        }
+        point
+    }
+
+    /// Gives measure-valued data at `point` their velocity; whether the point is in the velocity
+    /// box.
+    fn settle(&self, point: &mut [f64; 6]) -> bool {
+        if let Data::Measure { velocity, .. } = &self.case.data {
+            for (a, formula) in velocity.iter().enumerate() {
+                point[3 + a] = formula.eval(&point[..]);
+            }
+        }
+        let mut axes = self.case.space.v.iter().enumerate();
+        axes.all(|(a, v)| (v.lower..=v.upper).contains(&point[3 + a]))
+    }
+
+    fn initial(&self, unit: &[f64; MOST]) -> Option<Particle> {
+        let mut point = self.place(&self.within, unit);
+        let inside = self.settle(&mut point);
+        let n = self.case.space.dimension();
+        let volume = self.within.volume(|a| a < n || !self.is_measure());
+        let mass = volume * self.case.fields[0].initial.at_point(&point, 0.0);
+        let time = self.case.end;
+        keep(Particle { point, time, mass, inside })
+    }
+
+    /// A particle that enters through an end: its coordinate along the axis is the time.
+    fn entering(&self, end: AxisEnd, unit: &[f64; MOST]) -> Option<Particle> {
+        let (space, n) = (&self.case.space, self.case.space.dimension());
+        let whole = SampleBox::whole(space, 0.0);
+        let mut point = self.place(&whole, unit);
+        let now = unit[end.axis] * self.case.end;
+        let slot = if end.axis < n { end.axis } else { 3 + end.axis - n };
+        let ends = if end.upper { &whole.upper } else { &whole.lower };
+        point[slot] = ends[end.axis];
+        let inside = self.settle(&mut point);
+        let speed = match end.axis < n {
+            true => point[3 + end.axis],
+            false => (self.force)(&point, end.axis - n),
+        };
+        let inwards = if end.upper { -speed } else { speed };
+        if inwards <= 0.0 || !inside {
+            return None;
+        }
+        let area = whole.volume(|a| a != end.axis && (a < n || !self.is_measure()));
+        let rate = inwards * self.case.fields[0].entering().at_point(&point, now);
+        let mass = area * self.case.end * rate;
+        keep(Particle { point, time: self.case.end - now, mass, inside })
+    }
+}
+
+/// The particle, if it has a mass; formulas that are not finite are refused elsewhere.
+fn keep(particle: Particle) -> Option<Particle> {
+    (particle.mass.is_finite() && particle.mass != 0.0).then_some(particle)
+}
+
+/// So `many` particles of the same mass in amount, in the place of `particles` whose masses they
+/// share: systematic resampling. They keep the sign.
+pub fn resampled(particles: &[Particle], many: usize) -> Vec<Particle> {
+    let all: f64 = particles.iter().map(|p| p.mass.abs()).sum();
+    let share = all / many as f64;
+    let (mut passed, mut chosen) = (0.0, Vec::with_capacity(many));
+    for particle in particles {
+        passed += particle.mass.abs();
+        while chosen.len() < many && (chosen.len() as f64 + 0.5) * share < passed {
+            chosen.push(Particle { mass: share.copysign(particle.mass), ..*particle });
+        }
+    }
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sequences_fill_the_cube_evenly() {
+        for dimensions in 1..=MOST {
+            let sequence = Sequence::new(dimensions, 3);
+            let count = 4096;
+            for axis in 0..dimensions {
+                let values = (0..count).map(|k| sequence.point(k)[axis]);
+                let mean: f64 = values.sum::<f64>() / f64::from(count as u32);
+                assert!((mean - 0.5).abs() < 2e-3, "{dimensions} {axis}: {mean}");
+            }
+            // The part in which all coordinates are below 0.7.
+            let below = (0..count)
+                .filter(|k| sequence.point(*k)[..dimensions].iter().all(|x| *x < 0.7))
+                .count();
+            let expected = 0.7f64.powi(dimensions as i32);
+            let found = below as f64 / f64::from(count as u32);
+            assert!((found - expected).abs() < 0.01, "{dimensions}: {found} {expected}");
+        }
+    }
+
+    #[test]
+    fn resampling_keeps_masses_and_signs() {
+        let particle = |mass: f64| Particle { point: [mass; 6], time: 1.0, mass, inside: true };
+        let particles = [particle(6.0), particle(-3.0), particle(0.5), particle(0.5)];
+        let chosen = resampled(&particles, 10);
+        assert_eq!(chosen.len(), 10);
+        let masses: Vec<f64> = chosen.iter().map(|p| p.mass).collect();
+        assert_eq!(masses.iter().sum::<f64>(), 4.0);
+        assert!(chosen.iter().all(|p| p.mass.abs() == 1.0 && p.mass * p.point[0] > 0.0));
+        assert!(resampled(&[], 4).is_empty());
+    }
+}

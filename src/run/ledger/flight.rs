@@ -1,0 +1,182 @@
+//! Particles followed through the exact flow: what leaves through which end of the box, and what
+//! the `hat` interface makes of those that meet jumps.
+
+use crate::problem::case::{Case, Interface};
+use crate::problem::exact::{Crossing, Tracer};
+use crate::problem::grid::{Axis, MAX_DIMENSION};
+use crate::run::ledger::draw::{AxisEnd, Particle};
+use crate::scheme::interface::{Side, sources, velocity};
+use std::collections::HashMap;
+
+/// Sums over particles.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tally {
+    /// Mass.
+    pub mass: f64,
+    /// Amount of it.
+    pub absolute: f64,
+    /// Mass outside of the velocity box from the start.
+    pub outside: f64,
+    /// What the `hat` interface adds.
+    pub interface: f64,
+    /// `½ v_a²` times the amount of mass, by axis.
+    pub energy: [f64; MAX_DIMENSION],
+    /// What leaves, by [`end_index`].
+    pub outflow: [f64; ENDS],
+    /// What a jump of `V` throws out of the velocity box, by the same.
+    pub at_jumps: [f64; ENDS],
+}
+
+/// Ends of the `2n` axes at most.
+pub const ENDS: usize = 4 * MAX_DIMENSION;
+/// Numbers of a tally.
+pub const NUMBERS: usize = 4 + MAX_DIMENSION + 2 * ENDS;
+
+/// Number of an end of an axis.
+pub fn end_index(end: AxisEnd) -> usize {
+    2 * end.axis + usize::from(end.upper)
+}
+
+impl Tally {
+    /// Its numbers, in the order of the fields.
+    pub fn numbers(&self) -> [f64; NUMBERS] {
+        let mut all = [0.0; NUMBERS];
+        let single = [self.mass, self.absolute, self.outside, self.interface];
+        let lists = single.iter().chain(&self.energy).chain(&self.outflow).chain(&self.at_jumps);
+        all.iter_mut().zip(lists).for_each(|(to, from)| *to = *from);
+        all
+    }
+
+    /// The tally of such numbers.
+    pub fn from_numbers(all: &[f64; NUMBERS]) -> Self {
+        let mut tally = Self::default();
+        [tally.mass, tally.absolute, tally.outside, tally.interface] =
+            [all[0], all[1], all[2], all[3]];
+        let lists = tally.energy.iter_mut().chain(&mut tally.outflow).chain(&mut tally.at_jumps);
+        lists.zip(&all[4..]).for_each(|(to, from)| *to = *from);
+        tally
+    }
+}
+
+/// What follows particles.
+pub struct Flight<'a> {
+    /// The exact flow, forward in time.
+    pub tracer: Tracer<'a>,
+    gains: Option<Gains<'a>>,
+}
+
+impl<'a> Flight<'a> {
+    /// Particles of `case`, whose tracer goes forward.
+    pub fn new(case: &'a Case, tracer: Tracer<'a>) -> Self {
+        let hat = case.interface == Interface::Hat && !case.is_galerkin();
+        Self { tracer, gains: hat.then(|| Gains { case, known: HashMap::new() }) }
+    }
+
+    /// Follows a particle with the part `share` of its mass.
+    pub fn follow(&mut self, tally: &mut Tally, particle: &Particle, share: f64) {
+        let mass = share * particle.mass;
+        let mut factor = 1.0;
+        let mut last = 1.0;
+        let gains = &mut self.gains;
+        let found = self.tracer.follow_with(&particle.point, particle.time, &mut |met| {
+            last = gains.as_mut().map_or(1.0, |gains| gains.factor(met));
+            factor *= last;
+        });
+        if let Some(exit) = found.exit {
+            let end = end_index(AxisEnd { axis: exit.axis, upper: exit.upper });
+            if exit.at_jump {
+                tally.at_jumps[end] += mass;
+                // Where it goes is no cell of the grid: nothing is added to it.
+                factor = if last != 0.0 { factor / last } else { factor };
+            } else {
+                tally.outflow[end] += mass;
+            }
+        }
+        tally.interface += mass * (factor - 1.0);
+    }
+}
+
+impl Tally {
+    /// Adds a particle, before it moves, with the part `share` of its mass.
+    pub fn add(&mut self, particle: &Particle, share: f64) {
+        let mass = share * particle.mass;
+        self.absolute += mass.abs();
+        if !particle.inside {
+            self.outside += mass;
+        } else {
+            self.mass += mass;
+        }
+        for (energy, v) in self.energy.iter_mut().zip(&particle.point[3..]) {
+            *energy += 0.5 * v * v * mass.abs();
+        }
+    }
+}
+
+/// What the law `hat` makes of mass at jumps: a cell's column of the scheme does not add up to what
+/// leaves the cell.
+struct Gains<'a> {
+    case: &'a Case,
+    /// By axis and bits of the rise, a factor for each velocity cell.
+    known: HashMap<(usize, u64), Vec<f64>>,
+}
+
+impl Gains<'_> {
+    /// The factor of what meets a jump.
+    fn factor(&mut self, met: &Crossing) -> f64 {
+        let axis = &self.case.space.v[met.axis];
+        let interface = self.case.interface;
+        let key = (met.axis, met.rise.to_bits());
+        let factors = self.known.entry(key).or_insert_with(|| factors(axis, interface, met.rise));
+        factors[axis.cell_at(met.velocity.clamp(axis.lower, axis.upper))]
+    }
+}
+
+/// `Σ_j |ξ_j| w_jk / |ξ_k|` over the cells `j` that take from cell `k` before a face behind which
+/// `V` is lower by `rise`, by `k`: across the face, and back from it.
+fn factors(axis: &Axis, interface: Interface, rise: f64) -> Vec<f64> {
+    let mut given = vec![0.0; axis.cells];
+    let mut list = Vec::new();
+    for j in (0..axis.cells as i64).filter(|&j| velocity(axis, j) != 0.0) {
+        for (side, rise) in [(Side::Across, -rise), (Side::Same, rise)] {
+            sources(&mut list, axis, interface, j, rise);
+            for source in list.iter().filter(|source| source.side == side) {
+                if let Some(given) = given.get_mut(source.velocity as usize) {
+                    *given += velocity(axis, j).abs() * source.weight;
+                }
+            }
+        }
+    }
+    let speeds = (0..axis.cells as i64).map(|k| velocity(axis, k).abs());
+    given
+        .iter()
+        .zip(speeds)
+        .map(|(given, speed)| if speed > 0.0 { given / speed } else { 1.0 })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_those_of_the_tally() {
+        let mut numbers = [0.0; NUMBERS];
+        numbers.iter_mut().enumerate().for_each(|(k, x)| *x = k as f64);
+        let tally = Tally::from_numbers(&numbers);
+        assert_eq!((tally.interface, tally.energy[0]), (3.0, 4.0));
+        assert_eq!(tally.numbers(), numbers);
+    }
+
+    /// The conservative law keeps mass, but for what it takes beyond the grid; the hat law does not.
+    #[test]
+    fn factors_are_one_where_mass_is_kept() {
+        let axis = Axis::new(-1.5, 1.5, 64);
+        for rise in [-0.2, 0.2] {
+            let inner = |law| factors(&axis, law, rise)[8..56].to_vec();
+            let kept = inner(Interface::Conservative);
+            assert!(kept.iter().all(|f| (f - 1.0).abs() < 1e-10), "{rise}: {kept:?}");
+            let changed = inner(Interface::Hat);
+            assert!(changed.iter().any(|f| (f - 1.0).abs() > 0.01), "{rise}: {changed:?}");
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! The ledger of a run: what is measured adds up, what is estimated agrees with it, and what is off
+//! is said.
+
+use crate::support::{Summary, at_most, check, check_all, directory, near, require, run};
+use serde_json::Value;
+
+/// A number of the ledger that must be there.
+fn number(summary: &Summary, group: &str, key: &str) -> Result<f64, String> {
+    let found = summary.value["ledger"][group][key].as_f64();
+    found.ok_or_else(|| format!("ledger.{group}.{key} of {}", summary.command))
+}
+
+/// What leaves through an end, by motion, slopes and jumps.
+fn outflow(summary: &Summary, axis: &str, end: &str) -> f64 {
+    let ends = summary.value["ledger"]["ends"].as_array();
+    let found = ends.into_iter().flatten().find(|e| e["axis"] == axis && e["end"] == end);
+    let mass = |key: &str| found.and_then(|e| e[key].as_f64()).unwrap_or(f64::NAN);
+    mass("outflow") + mass("outflow_at_jumps")
+}
+
+const CONSERVATIVE: &str = "scheme.interface=conservative";
+const CLASSICAL: &str = "solver.method=classical";
+const DEGREE: &[&str] = &["scheme.degree=3", "axis.0.x.cells=24", "axis.0.v.cells=20"];
+
+/// What leaves, estimated by particles, is what the mass of the grid says is lost; and it leaves
+/// through the ends that it should. The scheme's dissipation sets the limit, relative to all mass.
+#[test]
+fn what_leaves_by_the_estimate_is_what_the_grid_loses() {
+    let slope: &[&str] = &["potential.0.value=-0.5*x", "potential.1.value=-0.5*x", CLASSICAL];
+    let jump: &[&str] = &["potential.0.value=0.6", CLASSICAL, CONSERVATIVE];
+    let out: &[&str] = &["time.end=2.4", "potential.1.value=0.1", CLASSICAL, CONSERVATIVE];
+    let modes: &[&str] = &["potential.0.value=0.6", CONSERVATIVE, "solver.tolerance=1e-4"];
+    let far: &[&str] = &["time.end=6", CONSERVATIVE, CLASSICAL];
+    let rows: &[(&str, &[&[&str]], &str, &str, f64)] = &[
+        ("step_up.toml", &[slope, DEGREE], "vx", "upper", 0.01),
+        ("step_up.toml", &[slope], "vx", "upper", 0.05),
+        ("step_up.toml", &[jump, DEGREE], "vx", "upper", 0.01),
+        ("step_up.toml", &[jump], "vx", "upper", 0.05),
+        ("step_up.toml", &[modes], "vx", "upper", 0.05),
+        ("step_up.toml", &[out, DEGREE], "x", "upper", 0.02),
+        ("inflow_barrier.toml", &[far], "x", "upper", 0.05),
+        ("pulsed_inflow.toml", &[far], "x", "upper", 0.1),
+        ("periodic2d.toml", &[&["time.end=3", CLASSICAL, CONSERVATIVE]], "x", "upper", 0.1),
+    ];
+    check_all(rows, |(name, settings, axis, end, by)| {
+        let place = directory();
+        let summary = run(name).set(&settings.concat()).on(2).solve(place.path())?;
+        let mass = |key: &str| number(&summary, "mass", key);
+        let all = mass("absolute")?;
+        near("formula", mass("formula")? / all, mass("initial")? / all, 0.005)?;
+        near("entered", mass("entered")? / all, mass("entered_estimate")? / all, 0.02)?;
+        let lost = mass("lost")? / all;
+        summary.require(lost > 0.1, || format!("only {lost} is lost: nothing is tested"))?;
+        summary.holds(near("left", mass("left_estimate")? / all, lost, *by))?;
+        summary.holds(near("by this end", outflow(&summary, axis, end) / all, lost, 2.0 * by))?;
+        let balance = mass("initial")? + mass("entered")? - mass("end")?;
+        near("balance", mass("lost")?, balance, 1e-15)?;
+        near("end", mass("end")?, summary.number("mass")?, 0.0)?;
+        let said = summary.warnings().contains("velocity box is too small");
+        summary.require(said == (*axis == "vx"), || format!("warnings: {}", summary.warnings()))
+    });
+}
+
+/// What enters is counted to round-off: as long as nothing leaves, it is there at the end.
+#[test]
+fn what_entered_is_there_until_it_leaves() {
+    let elements: &[&str] = &["scheme.degree=2", "axis.0.x.cells=16", "axis.0.v.cells=14"];
+    let rows: &[(&str, &[&str])] = &[
+        ("inflow_barrier.toml", &[]),
+        ("inflow_barrier.toml", elements),
+        ("inflow_barrier.toml", &["solver.warp.inflow=scalar"]),
+        ("inflow_barrier.toml", &["solver.warp.inflow=full", "axis.0.x.cells=16"]),
+        ("pulsed_inflow.toml", &[]),
+        ("pulsed_inflow.toml", &["solver.method=classical"]),
+    ];
+    check_all(rows, |(name, settings)| {
+        let place = directory();
+        let short = ["time.end=0.2", "solver.tolerance=1e-8", CONSERVATIVE];
+        let summary = run(name).set(&short).set(settings).on(3).solve(place.path())?;
+        let (entered, lost) =
+            (number(&summary, "mass", "entered")?, number(&summary, "mass", "lost")?);
+        require_positive(&summary, entered)?;
+        summary.holds(at_most("lost", (lost / entered).abs(), 1e-4))
+    });
+}
+
+fn require_positive(summary: &Summary, value: f64) -> Result<(), String> {
+    summary.require(value > 0.0, || format!("{value} is not above 0"))
+}
+
+/// The ledger has the same bits on any number of ranks.
+#[test]
+fn the_ledger_does_not_depend_on_ranks() {
+    let fewer: &[&str] = &["axis.0.x.cells=32", "axis.0.v.cells=30"];
+    let rows: &[(&str, &[&str])] = &[
+        ("step_up.toml", fewer),
+        ("inflow_barrier.toml", fewer),
+        ("slope_jump.toml", &["scheme.degree=2", "axis.0.x.cells=12", "axis.0.v.cells=10"]),
+        ("example2.toml", &["axis.0.x.cells=24", "axis.0.v.cells=20", "time.end=0.2"]),
+        ("barrier2d.toml", &["time.end=0.1", "output.field_times=[0.05]"]),
+    ];
+    check_all(rows, |(name, settings)| {
+        let ledger = |ranks: usize| -> Result<Value, String> {
+            let place = directory();
+            let job = run(name).set(settings).set(&["solver.tolerance=1e-3"]).on(ranks);
+            Ok(job.solve(place.path())?.value["ledger"].clone())
+        };
+        let one = ledger(1)?;
+        let known = one["mass"]["formula"].is_f64() && one["energy"]["potential"].is_f64();
+        if !known {
+            return Err(format!("{name}: {one}"));
+        }
+        for ranks in [2, 3, 5] {
+            let other = ledger(ranks)?;
+            if one != other {
+                return Err(format!("{name} on {ranks} ranks: {other}\non one: {one}"));
+            }
+        }
+        Ok(())
+    });
+}
+
+/// What is off is said, by `check` where nothing needs to be solved for it.
+#[test]
+fn what_is_off_is_said_before_and_after() {
+    let units: &[&str] = &["axis.0.v={ lower=-1e6, upper=1e6, cells=80 }", "time.end=1e-7"];
+    let narrow: &[&str] = &["initial.f=exp(-((x + 0.6)/0.003)^2 - ((v - 0.7)/0.003)^2)"];
+    let wide: &[&str] = &["initial.f=exp(-(x + 0.6)^2/0.01 - v^2)"];
+    let hat: &[&str] = &["axis.0.x.cells=12", "axis.0.v.cells=10"];
+    let rows: &[(&str, &[&str], &[&str])] = &[
+        ("step_up.toml", units, &["the largest jump along x, 0.2, is", "units"]),
+        ("step_up.toml", units, &["80 cells of 25000.000000"]),
+        ("step_up.toml", narrow, &["mass: the grid holds", "more cells"]),
+        ("step_up.toml", wide, &["mass: the data do not end at the velocity box"]),
+        ("step_up.toml", hat, &["\"hat\" changes it by an estimated", "conservative"]),
+        ("step_up.toml", &["potential.0.value=0.6"], &["upper end of vx", "at jumps of V"]),
+        (
+            "example2.toml",
+            &["initial.velocity=[\"2 if x < -0.5 else 0.6\"]"],
+            &["initial.velocity is outside of the velocity box for"],
+        ),
+        ("barriers.toml", &[], &["narrowest region of V: potential.0, 8 cells along x"]),
+        ("periodic2d.toml", &["axis.0.x.cells=24"], &["mass at t = 0: "]),
+    ];
+    check_all(rows, |(name, settings, words)| {
+        let finished = check(name).set(settings).succeed()?;
+        finished.says(&finished.output, words)
+    });
+    // After a run, the same warnings and the ledger; without a warning only where it is asked for.
+    let place = directory();
+    let job = run("step_up.toml").set(&["potential.0.value=0.6", "solver.tolerance=1e-3"]);
+    let finished = job.on(2).into(place.path()).succeed().unwrap();
+    finished.says(&finished.errors, &["warning: mass: an estimated"]).unwrap();
+    finished.says(&finished.output, &["ledger\n", "lost in all"]).unwrap();
+    for (verbose, says) in [(&[][..], false), (&["-v"][..], true)] {
+        let place = directory();
+        let job = run("step_up.toml").set(&["time.end=0.1", "solver.tolerance=1e-3"]);
+        let finished = job.with(verbose.iter().copied()).into(place.path()).succeed().unwrap();
+        let said = finished.output.contains("\n  energy: kinetic");
+        require(said == says, &finished, || "the ledger".to_owned()).unwrap();
+    }
+}
+
+/// The energies are those of the data, and kept where V is smooth and the elements resolve it.
+#[test]
+fn energies_are_kept() {
+    let place = directory();
+    let settings = ["solver.method=classical", "axis.0.x.cells=32", "axis.0.v.cells=28"];
+    let job = run("harmonic_step.toml").set(&settings).set(&["scheme.degree=3"]).on(2);
+    let summary = job.solve(place.path()).unwrap();
+    let energy = |key: &str| number(&summary, "energy", key).unwrap();
+    let before = energy("kinetic_initial") + energy("potential_initial");
+    let after = energy("kinetic") + energy("potential");
+    assert!(energy("potential") > 0.0 && energy("kinetic") > 0.0);
+    summary.holds(near("energy", after / before, 1.0, 2e-3)).unwrap();
+    assert_eq!(summary.number("potential_energy").unwrap(), energy("potential"));
+}
+
+/// Measure-valued data: the masses are known, what entered the grid is not.
+#[test]
+fn measure_valued_data_have_a_ledger() {
+    let place = directory();
+    let settings = ["axis.0.x.cells=48", "axis.0.v.cells=48", "solver.tolerance=1e-4"];
+    let summary = run("example2.toml").set(&settings).on(2).solve(place.path()).unwrap();
+    let mass = &summary.value["ledger"]["mass"];
+    assert!(mass["entered"].is_null() && mass["lost"].is_null(), "{mass}");
+    let number = |key: &str| mass[key].as_f64().unwrap();
+    near("formula", number("formula"), number("initial"), 0.05 * number("initial")).unwrap();
+    let balance = number("formula") + number("entered_estimate") - number("left_estimate");
+    near("balance", number("end"), balance, 0.1 * number("absolute")).unwrap();
+    let said = summary.value["ledger"]["omitted"].to_string();
+    assert!(said.contains("not linear in the fields"), "{said}");
+}
+
+/// Constants stand for numbers, and mistakes in them name key and value.
+#[test]
+fn constants_are_those_numbers() {
+    let (named, plain) = (directory(), directory());
+    let short = ["axis.0.x.cells=24", "axis.0.v.cells=20", "time.end=0.3", CLASSICAL];
+    let job = run("step_up.toml").set(&short);
+    let constants = ["constants.h=\"2*tenth\"", "constants.tenth=0.1", "potential.1.value=h"];
+    job.clone().set(&constants).solve(named.path()).unwrap();
+    job.solve(plain.path()).unwrap();
+    let [named, plain] = [named, plain].map(|place| crate::support::field(place.path()).unwrap());
+    assert_eq!(named, plain);
+    for (setting, words) in [
+        (&["potential.1.value=2*hh"][..], ["potential.1.value = \"2*hh\"", "unknown name \"hh\""]),
+        (&["constants.a=b", "constants.b=2*a"], ["constants.a = \"b\"", "a -> b -> a"]),
+        (&["constants.vx=1"], ["constants.vx = 1", "already means something"]),
+    ] {
+        let finished = check("step_up.toml").set(setting).run().unwrap();
+        finished.ended(2, &words).unwrap();
+    }
+}
