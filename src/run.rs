@@ -30,7 +30,7 @@ pub mod warnings;
 use crate::base::error::Result;
 use crate::base::lock::DirectoryLock;
 use crate::matrix::bounds::Bounds;
-use crate::matrix::observables::{CellVolumes, Totals, moments};
+use crate::matrix::observables::{CellVolumes, moments};
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::layout::{Resources, refuse_hopeless};
@@ -38,7 +38,7 @@ use crate::problem::case::Case;
 use crate::problem::potential::nodal_values;
 use crate::quantum::readout::Readout;
 use crate::results;
-use crate::results::dataset::{ExactSolution, PlateauPoint, Results, slices};
+use crate::results::dataset::{Early, ExactSolution, PlateauPoint, Results, slices};
 use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
 use crate::results::shown::Shown;
@@ -137,7 +137,9 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
         Some(output) => Checkpointing::open(&prepared, &output, world.started, &mut log)?,
         None => None,
     };
-    let initial = initial_totals(&mut prepared);
+    let at_start = at_start(&mut prepared);
+    let initial = at_start.as_ref().map(|found| found.totals);
+    let at_start = at_start.filter(|_| prepared.case.at_start.is_some());
     summary.mass_initial = initial.map(|totals| totals.mass);
     let mut ledger = match output {
         Some(_) => ledger::foreseen(&world.group(), &shown.case)?,
@@ -153,7 +155,8 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
         provenance: &provenance,
         checkpointing: checkpointing.as_mut(),
     });
-    let solution = fields::solve(&mut prepared, files, &mut summary)?;
+    let mut solution = fields::solve(&mut prepared, files, &mut summary)?;
+    solution.early.splice(0..0, at_start);
     log.watch.part("write", solution.warped_seconds);
     log.watch.lap("solve");
     compare::refuse_not_finite(&prepared, &solution)?;
@@ -270,9 +273,9 @@ fn plan_modes(
     Ok(())
 }
 
-/// Mass and energies of the fields at the start, which are dropped; none where the run starts from
-/// modes. Collective.
-fn initial_totals(prepared: &mut Prepared) -> Option<Totals> {
+/// What is known at time zero, with the fields only where they are to be written: the system's are
+/// dropped. None where the run starts from modes. Collective.
+fn at_start(prepared: &mut Prepared) -> Option<Early> {
     if prepared.case.start.is_some() {
         return None;
     }
@@ -283,7 +286,12 @@ fn initial_totals(prepared: &mut Prepared) -> Option<Totals> {
     let share = &prepared.place.share;
     let moments = moments(world, case, share, &mine);
     let volumes = CellVolumes::new(&case.space, share);
-    Some(volumes.totals(world, &moments, &nodal_values(case, share)))
+    let totals = volumes.totals(world, &moments, &nodal_values(case, share));
+    let fields = match case.at_start.is_some_and(|start| start.fields) {
+        true => mine.iter().map(|field| field.to_vec()).collect(),
+        false => Vec::new(),
+    };
+    Some(Early { time: 0.0, moments, totals, fields })
 }
 
 impl Solution {
@@ -302,7 +310,7 @@ impl Solution {
     fn write_prepared(self, world: &World, directory: &Path) -> Result<Summary> {
         let Self { mut summary, mut log, results, lock: _lock, .. } = self;
         let (all, case) = (world.group(), &self.case);
-        let grids = result_file::write(
+        let steps = result_file::write(
             &all,
             directory,
             &Results {
@@ -312,6 +320,7 @@ impl Solution {
                 fields: &slices(&results.fields),
                 exact: self.exact.as_ref(),
                 moments: &results.moments,
+                potential: &results.potential,
                 totals: results.totals,
                 early: &results.early,
                 plateau: &self.plateau,
@@ -321,7 +330,7 @@ impl Solution {
             },
         )?;
         all.on_first_rank(|| {
-            xdmf::write(directory, case.end, &grids)?;
+            xdmf::write(directory, &steps)?;
             warped::remove_older(directory, case)
         })?;
         log.watch.lap("write");

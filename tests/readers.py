@@ -151,60 +151,82 @@ def blocks(block):
 
 
 def with_vtk(directory, n, density):
-    """Every field of fields.xdmf at every cell, placed by VTK, against result.h5 at the cell with that centre."""
+    """Every field of fields.xdmf at every time and cell, placed by VTK, against result.h5 at the cell with that centre."""
     reader = vtkXdmfReader()
     reader.SetFileName(str((directory / "fields.xdmf").absolute()))
     reader.Update()
     steps = reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
-    shown = set()
     with h5py.File(directory / "result.h5") as file:
-        same(steps, [file.attrs["time"]], "time")
-        centres = {name: file[name][()] for name in SPACE[:n] + VELOCITY[:n]}
-        middle = {name: len(c) // 2 for name, c in centres.items()}
-        for image in blocks(reader.GetOutputDataObject(0)):
-            cells = [m - 1 for m in image.GetDimensions()]
-            where = [image.GetOrigin()[a] + image.GetSpacing()[a] * (np.arange(cells[a]) + 0.5) for a in range(3)]
-            arrays = image.GetCellData()
-            values = {arrays.GetArrayName(k): vtk_to_numpy(arrays.GetArray(k)) for k in range(arrays.GetNumberOfArrays())}
-            names = set(values)
-            if names & {"density"}:
-                grid, axes = "space", SPACE[:n]
+        times = file["time"][()] if "history" in file else [file.attrs["time"]]
+        field_times = list(file["field_time"][()]) if "field_time" in file else []
+        same(steps, times, "time")
+        fields = ["f"] if density else ["phi", *[f"psi_{a}" for a in SPACE[:n]]]
+        for k, time in enumerate(times):
+            reader.UpdateTimeStep(time)
+            at_end = k + 1 == len(times)
+            with_fields = at_end or time in field_times
+
+            def stored(name):
+                base = name.split("_")[0] if name.startswith("psi_") else name
+                if at_end or base == "potential":
+                    return file[base]
+                index = field_times.index(time) if base in ("f", "phi", "psi") else k
+                return file[f"history/{base}"][index]
+
+            expected = {f"space/{m}" for m in ["density", "momentum", "velocity", "potential"]}
+            shown = fields + (["exact"] if density and at_end else [])
+            expected |= {f"plane_{a}/{f}" for a in SPACE[:n] for f in shown if with_fields}
+            if not density and at_end:
+                expected |= {"space/density_exact", "space/velocity_exact"}
+            found = at_a_time(reader, file, n, stored)
+            assert found == expected, (time, found ^ expected)
+    return len(times)
+
+
+def at_a_time(reader, file, n, dataset):
+    """The names of what VTK shows now; `dataset` gives what is stored by a name."""
+    shown = set()
+    centres = {name: file[name][()] for name in SPACE[:n] + VELOCITY[:n]}
+    middle = {name: len(c) // 2 for name, c in centres.items()}
+    for image in blocks(reader.GetOutputDataObject(0)):
+        cells = [m - 1 for m in image.GetDimensions()]
+        where = [image.GetOrigin()[a] + image.GetSpacing()[a] * (np.arange(cells[a]) + 0.5) for a in range(3)]
+        arrays = image.GetCellData()
+        values = {arrays.GetArrayName(k): vtk_to_numpy(arrays.GetArray(k)) for k in range(arrays.GetNumberOfArrays())}
+        names = set(values)
+        if names & {"density"}:
+            grid, axes = "space", SPACE[:n]
+        else:
+            # A plane (x_a, v_a), told by its axes: those of the tests differ.
+            fits = [a for a in range(n) if cells[:2] == [len(centres[SPACE[a]]), len(centres[VELOCITY[a]])]]
+            assert len(fits) == 1, (cells, fits)
+            grid, axes = f"plane_{SPACE[fits[0]]}", [SPACE[fits[0]], VELOCITY[fits[0]]]
+        for a, axis in enumerate(axes):
+            same(where[a], centres[axis], f"{grid}: centres along {axis}", 1e-12)
+        for a in range(len(axes), 3):
+            assert cells[a] == 1, f"{grid}: {cells}"
+        if len(axes) < 3:
+            same(where[2], [0.0], f"{grid}: place along the third axis", 1e-12)
+        for name, found in values.items():
+            shown.add(f"{grid}/{name}")
+            # VTK counts along x first.
+            found = found.reshape(*cells[::-1], -1)
+            stored = dataset(name)
+            if grid != "space":
+                if name.startswith("psi_"):
+                    stored = stored[SPACE.index(name[-1])]
+                stored = stored[tuple(slice(None) if a in axes else middle[a] for a in centres)][..., None]
+            elif stored.ndim == n:
+                stored = stored[()][..., None]
             else:
-                # A plane (x_a, v_a), told by its axes: those of the tests differ.
-                fits = [a for a in range(n) if cells[:2] == [len(centres[SPACE[a]]), len(centres[VELOCITY[a]])]]
-                assert len(fits) == 1, (cells, fits)
-                grid, axes = f"plane_{SPACE[fits[0]]}", [SPACE[fits[0]], VELOCITY[fits[0]]]
-            for a, axis in enumerate(axes):
-                same(where[a], centres[axis], f"{grid}: centres along {axis}", 1e-12)
-            for a in range(len(axes), 3):
-                assert cells[a] == 1, f"{grid}: {cells}"
-            if len(axes) < 3:
-                same(where[2], [0.0], f"{grid}: place along the third axis", 1e-12)
-            for name, found in values.items():
-                shown.add(f"{grid}/{name}")
-                # VTK counts along x first.
-                found = found.reshape(*cells[::-1], -1)
-                stored = file[name.split("_")[0] if name.startswith("psi_") else name]
-                if grid != "space":
-                    if name.startswith("psi_"):
-                        stored = stored[SPACE.index(name[-1])]
-                    stored = stored[tuple(slice(None) if a in axes else middle[a] for a in centres)][..., None]
-                elif stored.ndim == n:
-                    stored = stored[()][..., None]
-                else:
-                    stored = np.moveaxis(stored[()], 0, -1)
-                    if n > 1:
-                        pad = np.zeros((*stored.shape[:-1], 3 - n))
-                        stored = np.concatenate([stored, pad], axis=-1)
-                found = np.moveaxis(found.reshape([*[m for m in cells[::-1]][3 - len(axes):], -1]), -1, 0)
-                found = np.moveaxis(found.transpose(0, *range(len(axes), 0, -1)), 0, -1)
-                same(found, stored, f"{grid}/{name}")
-    expected = {f"space/{m}" for m in ["density", "momentum", "velocity"]}
-    fields = ["f", "exact"] if density else ["phi", *[f"psi_{a}" for a in SPACE[:n]]]
-    expected |= {f"plane_{a}/{f}" for a in SPACE[:n] for f in fields}
-    if not density:
-        expected |= {"space/density_exact", "space/velocity_exact"}
-    assert shown == expected, shown ^ expected
+                stored = np.moveaxis(stored[()], 0, -1)
+                if n > 1:
+                    pad = np.zeros((*stored.shape[:-1], 3 - n))
+                    stored = np.concatenate([stored, pad], axis=-1)
+            found = np.moveaxis(found.reshape([*[m for m in cells[::-1]][3 - len(axes):], -1]), -1, 0)
+            found = np.moveaxis(found.transpose(0, *range(len(axes), 0, -1)), 0, -1)
+            same(found, stored, f"{grid}/{name}")
+    return shown
 
 
 for place in sys.argv[1:]:
@@ -213,7 +235,7 @@ for place in sys.argv[1:]:
         dimension, is_density = with_h5py(directory / "result.h5")
         with_xarray(directory / "result.h5", dimension, is_density)
         early = ", history" if history(directory / "result.h5", dimension, is_density) else ""
-        with_vtk(directory, dimension, is_density)
+        steps = with_vtk(directory, dimension, is_density)
         files = warped(directory, dimension)
         whole = f", {files} warped" if files else ""
-        print(f"{place}: read by h5py {h5py.__version__}, xarray {xarray.__version__}, VTK{early}{whole}")
+        print(f"{place}: read by h5py {h5py.__version__}, xarray {xarray.__version__}, VTK ({steps} times){early}{whole}")

@@ -220,10 +220,17 @@ impl<'a> FullestRank<'a> {
             let early = early_bytes(case, self.points, self.share());
             list.push(("output times".to_owned(), early));
         }
+        list.extend(self.at_start(self.share()));
         let recovered = 8 * ((readings + steps) * self.fields() + plateau) * self.share();
         list.push(("recovered fields".to_owned(), recovered));
         list.push(("ghost exchange".to_owned(), 2 * 128 * self.ghosts));
         list
+    }
+
+    /// The fields at time zero, of so many cells, where they are kept to be written.
+    fn at_start(&self, cells: u64) -> Option<(String, u64)> {
+        self.case.at_start.filter(|start| start.fields)?;
+        Some(("fields at time 0".to_owned(), 8 * self.fields() * cells))
     }
 
     /// What a classical run has beside the system: initial values and results, and the vectors of
@@ -237,6 +244,7 @@ impl<'a> FullestRank<'a> {
         if !case.times.is_empty() {
             list.push(("output times".to_owned(), early_bytes(case, 0, cells)));
         }
+        list.extend(self.at_start(cells));
         if case.limiter != Limiter::None {
             // One slope an unknown, two neighbours a space cell and axis; faces at the box's ends
             // and at about as many jumps.
@@ -264,7 +272,7 @@ impl<'a> FullestRank<'a> {
             let groups = mesh.groups.min(case.space.x[0].cells);
             let mesh = Mesh { space: mesh.space.clone(), groups };
             let share = there / layers * largest_share(&shown.x[0], &mesh);
-            let times = 1 + case.times.iter().filter(|t| t.fields).count() as u64;
+            let times = 1 + case.shown_times().filter(|t| t.fields).count() as u64;
             list.push(("results as shown".to_owned(), 8 * self.fields() * times * share));
         }
         if case.exact.is_some() {

@@ -22,7 +22,7 @@ pub(crate) mod warp;
 pub use crate::problem::case::data::{
     Data, Exact, Field, Inflow, MOST_FIELDS, Region, TIME, WarpedStart,
 };
-pub use crate::problem::case::output::{DeltaWidth, OutputTime, Plateau, Storage};
+pub use crate::problem::case::output::{DeltaWidth, OutputTime, OutputTimes, Plateau, Storage};
 pub use crate::problem::case::readout::{Effort, Readout};
 pub use crate::problem::case::solver::{
     Allowed, DEFAULT_CFL, Integrator, Interface, Limiter, Method, Propagation, PropagatorMethod,
@@ -132,7 +132,9 @@ pub struct Case {
     pub recovery_points: usize,
     /// `output.plateau`.
     pub plateau: Option<Plateau>,
-    /// `output.moments_every`, `moment_times` and `field_times`, ascending.
+    /// What of `output.moment_times`, `field_times` and `fields_every` is time zero.
+    pub at_start: Option<OutputTime>,
+    /// The rest of these and of `output.moments_every`, ascending.
     pub times: Vec<OutputTime>,
     /// `output.warped_field`: whether all modes are kept, and `w(t, x, v, p)` is written.
     pub warped_field: bool,
@@ -193,6 +195,8 @@ impl Case {
         let end = tables.time.check(file)?;
         let solver = tables.solver;
         let output = tables.output;
+        let start = tables.initial.start(file)?;
+        let times = output.times(file, end, start.is_none())?;
         let readout = tables.readout.map(|table| table.check(file, &space));
         Ok(Self {
             name: String::new(),
@@ -203,7 +207,7 @@ impl Case {
             exact: tables.exact.check(file, n, &data)?,
             data,
             fields,
-            start: tables.initial.start(file)?,
+            start,
             end,
             interface: tables.scheme.interface(degree > 0 || reflects),
             flux: tables.scheme.flux(file, degree)?,
@@ -222,7 +226,8 @@ impl Case {
             reductions: Reductions::default(),
             recovery_points: output.recovery_points(file)?,
             plateau: output.plateau(file)?,
-            times: output.times(file, end)?,
+            at_start: times.start,
+            times: times.between,
             warped_field: output.warped_field,
             expand: output.expand,
             positive: output.positive,
@@ -381,7 +386,7 @@ impl Case {
         let conflict = if self.space.degree() == 0 {
             "a cell of degree 0 has one value, its average, which is kept: there is nothing to \
              scale; leave it out, or choose scheme.degree above 0"
-        } else if !self.times.is_empty() {
+        } else if self.shown_times().next().is_some() {
             "limits the field at the end only; leave it or the output times out"
         } else if self.readout.is_some() {
             "limits what is written, not the state that [readout] measures; leave one of them out"
@@ -393,7 +398,12 @@ impl Case {
 
     /// Refuses methods that do not know of an inflow that depends on time.
     fn check_varying_inflow(&self, file: &CaseFile<'_>) -> Result<()> {
-        let timed = ["output.moments_every", "output.moment_times", "output.field_times"];
+        let timed = [
+            "output.moments_every",
+            "output.moment_times",
+            "output.field_times",
+            "output.fields_every",
+        ];
         if let Some(key) = timed.into_iter().find(|key| file.has(key)) {
             return file.refuse(
                 key,
@@ -491,6 +501,11 @@ impl Case {
             field.inflow = Inflow::Formula(field.entering().vanishing());
         }
         case
+    }
+
+    /// The times at which results are written, but for the end.
+    pub fn shown_times(&self) -> impl Iterator<Item = &OutputTime> + Clone {
+        self.at_start.iter().chain(&self.times)
     }
 
     /// How long each leg of the run takes: from one output time to the next, the last to the end.

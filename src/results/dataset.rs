@@ -30,6 +30,8 @@ pub struct Results<'a> {
     pub exact: Option<&'a ExactSolution>,
     /// Moments there.
     pub moments: &'a Moments,
+    /// `V` there.
+    pub potential: &'a [f64],
     /// Mass and energies in all of space.
     pub totals: Totals,
     /// What was found at earlier times, ascending.

@@ -55,6 +55,7 @@ const DENSITY_EXACT: Kind =
 const VELOCITY_EXACT: Kind =
     vector("velocity_exact", Over::Space, "exact mean velocity of the cell");
 const DENSITY: Kind = scalar("density", Over::Space, "integral of f over v");
+const POTENTIAL: Kind = scalar("potential", Over::Space, "V at the cell's centre, or at the node");
 const MOMENTUM: Kind = vector("momentum", Over::Space, "integral of v f over v");
 const VELOCITY: Kind = vector("velocity", Over::Space, "momentum / density");
 
@@ -103,11 +104,17 @@ pub fn exact(solution: Option<&ExactSolution>) -> Vec<Field<'_>> {
     all.into_iter().map(|(kind, components)| Field { kind, components }).collect()
 }
 
+/// `V`, which does not change.
+pub fn potential(values: &[f64]) -> Field<'_> {
+    Field { kind: POTENTIAL, components: vec![values] }
+}
+
 /// All that a result holds over space and phase space at the final time.
 pub fn at_the_end<'a>(results: &'a Results<'_>) -> Vec<Field<'a>> {
     let mut all = fields(&results.case.data, results.fields.iter().copied());
     all.extend(exact(results.exact));
     all.extend(moments(results.moments));
+    all.push(potential(results.potential));
     all
 }
 

@@ -18,12 +18,13 @@ use crate::results::fields::{self, Field, Layout};
 use crate::results::writer::{Outcome, Writer};
 use std::ops::Range;
 
-/// Names of the axes of output times.
+/// Name of the axis of output times.
 pub const TIME: &str = "time";
-const FIELD_TIME: &str = "field_time";
+/// Name of the axis of those at which fields are written.
+pub const FIELD_TIME: &str = "field_time";
 
 /// The results whose fields are written.
-fn with_fields<'a>(results: &'a Results<'_>) -> impl Iterator<Item = &'a Early> + Clone {
+pub fn with_fields<'a>(results: &'a Results<'_>) -> impl Iterator<Item = &'a Early> + Clone {
     results.early.iter().filter(|e| !e.fields.is_empty())
 }
 
@@ -121,10 +122,11 @@ fn fields(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Result
 
 /// Datasets over phase space, and over space, that the history adds to a file.
 pub fn datasets(case: &Case) -> [usize; 2] {
-    if case.times.is_empty() {
+    let times = case.shown_times().count();
+    if times == 0 {
         return [0, 0];
     }
-    let fields = case.times.iter().filter(|t| t.fields).count();
+    let fields = case.shown_times().filter(|t| t.fields).count();
     let moments = 1 + 2 * case.space.dimension();
-    [fields * case.fields.len(), (case.times.len() + 1) * moments]
+    [fields * case.fields.len(), (times + 1) * moments]
 }

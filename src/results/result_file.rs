@@ -6,6 +6,7 @@
 //! | `/density` | (N_x1, …, N_xn) | ρ = ∫ f dv |
 //! | `/momentum`, `/velocity` | (n, N_x1, …, N_xn) | ∫ v f dv and its mean; NaN in vacuum |
 //! | `/phi`, `/psi` | as `/f`; (n, …) | measure-valued, instead of `/f`: `f = φ Π_a δ(ψ_a)` |
+//! | `/potential` | (N_x1, …, N_xn) | `V` at the nodes; not finite where its formula is not |
 //! | `/exact` | as `/f` | the exact solution, where one is named |
 //! | `/density_exact`, `/velocity_exact` | as `/density` … | measure-valued: cell averages |
 //! | `/multivalued/x`, `v`, `density`, `branch` | points | branches of the exact velocity (1D) |
@@ -35,7 +36,7 @@ use crate::quantum::readout::files::numbers as readout_numbers;
 use crate::results::dataset::{About, PlateauPoint, Results};
 use crate::results::fields::{self, COMPONENT, DIRECTION, Layout, POINT};
 use crate::results::room::require_room;
-use crate::results::views::Grid;
+use crate::results::views::Step;
 use crate::results::writer::{Outcome, Writer, attribute, text};
 use crate::results::{averages, history, readback, views};
 use std::path::Path;
@@ -45,13 +46,13 @@ use std::path::Path;
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`], the same on all ranks.
-pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<Vec<Grid>> {
+pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<Vec<Step>> {
     let path = directory.join("result.h5");
     world.on_first_rank(|| enough_room(directory, results.case))?;
     put_in_place(world, &path, |partial| {
-        let grids = write_all(world, partial, results)?;
+        let steps = write_all(world, partial, results)?;
         readback::check(world, partial)?;
-        Ok(grids)
+        Ok(steps)
     })
 }
 
@@ -86,7 +87,7 @@ pub fn put_in_place<T>(
 }
 
 /// Writes the whole file. Collective over `world`.
-fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Grid>> {
+fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Step>> {
     let plan = plan_text(results.plan);
     let most = most_bytes(results.case) + plan.len() as u64;
     let mut writer = Writer::create(world, path, most, &results.case.storage)?;
@@ -107,12 +108,12 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Gr
     if let Some(readout) = results.readout {
         writer.agree(measured(&writer, readout))?;
     }
-    let grids = match results.case.storage.xdmf {
+    let steps = match results.case.storage.xdmf {
         true => views::write(&writer, results)?,
         false => Vec::new(),
     };
     writer.close()?;
-    Ok(grids)
+    Ok(steps)
 }
 
 /// Refuses to start what the disk cannot hold.
@@ -132,7 +133,7 @@ pub fn most_bytes(case: &Case) -> u64 {
     let (space, storage) = (&case.space, &case.storage);
     let n = space.dimension();
     // Datasets over phase space, over planes in it and over space, each with its points.
-    let (mut fields, mut moments, mut points) = (case.fields.len(), 1 + 2 * n, 0);
+    let (mut fields, mut moments, mut points) = (case.fields.len(), 2 + 2 * n, 0);
     match (&case.exact, &case.data) {
         (None, _) => {}
         (Some(Exact::Characteristics), Data::Measure { .. }) => {
@@ -141,11 +142,12 @@ pub fn most_bytes(case: &Case) -> u64 {
         }
         (Some(_), _) => fields += 1,
     }
-    let planes = if storage.xdmf { fields } else { 0 };
+    let [early_fields, mut early_moments] = history::datasets(case);
+    let planes = if storage.xdmf { fields + early_fields } else { 0 };
     if storage.xdmf && n > 1 {
-        moments += 11;
+        moments += 12;
+        early_moments += 7 * case.shown_times().count();
     }
-    let [early_fields, early_moments] = history::datasets(case);
     let all = |sizes: &[usize]| {
         let planes = planes * (0..n).map(|a| sizes[a] * sizes[n + a]).sum::<usize>();
         (fields + early_fields) * sizes.iter().product::<usize>()
@@ -167,7 +169,11 @@ pub fn most_bytes(case: &Case) -> u64 {
         // As in `Storage::most_chunks`.
         chunks = 4 * numbers / CHUNK;
     }
-    (8 * (numbers + elements + points + 4 * case.times.len() + readout_numbers(case))
+    (8 * (numbers
+        + elements
+        + points
+        + 5 * (1 + case.shown_times().count())
+        + readout_numbers(case))
         + CHUNK_ENTRY * chunks
         + MARGIN
         + 2 * case.text.len()) as u64

@@ -1,17 +1,18 @@
 //! What `fields.xdmf` shows: moments over space, and fields on the planes (x_a, v_a) through the
-//! middle of the other axes.
+//! middle of the other axes; at the output times too, planes where fields are written.
 //!
 //! XDMF takes the first index of a dataset for the last direction, and nothing turns that round: a
 //! dataset over (x, y) is shown with y across. So what is shown is stored once more with its axes
 //! reversed, vectors with their three components last: `/xdmf/space/NAME` (N_xn, …, N_x1[, 3]) and
 //! `/xdmf/plane_x/NAME` (N_vx, N_x). In one dimension the plane is the whole of phase space, and
-//! moments need no second copy.
+//! moments need no second copy. What was there before the end is in `/xdmf/history`, a time first.
 
 use crate::base::checksum::Slab;
 use crate::base::error::Result;
-use crate::problem::grid::{Axis, axis_names};
+use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::dataset::{ExactSolution, Results};
 use crate::results::fields::{self, DIRECTION, Field, Over};
+use crate::results::history::{FIELD_TIME, TIME, with_fields};
 use crate::results::writer::Writer;
 use std::ops::Range;
 
@@ -33,6 +34,24 @@ pub struct Grid {
     pub fields: Vec<View>,
 }
 
+/// What is shown at a time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// The time.
+    pub time: f64,
+    /// Its grids.
+    pub grids: Vec<Grid>,
+}
+
+/// One time of a dataset whose first index counts times.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Moment {
+    /// Number of the time.
+    pub index: usize,
+    /// Lengths of the dataset, the times first.
+    pub shape: Vec<usize>,
+}
+
 /// A dataset of `result.h5` over a grid, its last index along the grid's first axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
@@ -42,6 +61,8 @@ pub struct View {
     pub dataset: String,
     /// Whether it has three components, as its last index.
     pub vector: bool,
+    /// Which time of it is shown; all of it where it has none.
+    pub moment: Option<Moment>,
 }
 
 impl Grid {
@@ -70,19 +91,116 @@ impl Grid {
     }
 
     fn show(&mut self, name: &str, dataset: String, vector: bool) {
-        self.fields.push(View { name: name.to_owned(), dataset, vector });
+        self.fields.push(View { name: name.to_owned(), dataset, vector, moment: None });
+    }
+
+    /// The same of time number `index` of a dataset of this `shape`.
+    fn show_at(&mut self, name: &str, dataset: &str, vector: bool, index: usize, shape: &[usize]) {
+        let moment = Some(Moment { index, shape: shape.to_vec() });
+        let (name, dataset) = (name.to_owned(), dataset.to_owned());
+        self.fields.push(View { name, dataset, vector, moment });
     }
 }
 
-/// Writes the copies and lists the grids with their datasets. Collective.
+/// Writes the copies and lists the grids with their datasets, time by time. Collective.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].
-pub fn write(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
+pub fn write(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Step>> {
     writer.group("xdmf")?;
     let mut grids = planes(writer, results)?;
     grids.push(space(writer, results)?);
-    Ok(grids)
+    let mut steps = earlier(writer, results)?;
+    steps.push(Step { time: results.case.end, grids });
+    Ok(steps)
+}
+
+/// The output times before the end. Collective.
+fn earlier(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Step>> {
+    if results.early.is_empty() {
+        return Ok(Vec::new());
+    }
+    writer.group("xdmf/history")?;
+    let mut steps: Vec<Step> =
+        results.early.iter().map(|early| Step { time: early.time, grids: Vec::new() }).collect();
+    earlier_planes(writer, results, &mut steps)?;
+    earlier_space(writer, results, &mut steps)?;
+    Ok(steps)
+}
+
+/// Adds the fields on planes to the `steps` that have fields. Collective.
+fn earlier_planes(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step]) -> Result<()> {
+    let (case, space) = (results.case, &results.case.space);
+    let n = space.dimension();
+    let names = axis_names(n);
+    let middle: Vec<usize> = space.axes().map(|a| a.cells / 2).collect();
+    let count = with_fields(results).count();
+    for a in (0..n).filter(|_| count > 0) {
+        let name = format!("plane_{}", names[a]);
+        writer.group(&format!("xdmf/history/{name}"))?;
+        let part = PlanePart::new(results, a, &middle);
+        let shape = [count, space.v[a].cells, space.x[a].cells];
+        let mut grids = vec![Grid::new(&name, &[&space.x[a], &space.v[a]]); count];
+        for (k, field) in case.fields.iter().enumerate() {
+            let values: Vec<Vec<f64>> =
+                with_fields(results).map(|e| part.values(&e.fields[k], shape[1])).collect();
+            let slab = |time| Slab::of(&[time..time + 1, 0..shape[1], part.cells.clone()]);
+            let slabs: Vec<(Slab, &[f64])> =
+                values.iter().enumerate().map(|(time, v)| (slab(time), &v[..])).collect();
+            let path = format!("/xdmf/history/{name}/{}", field.name);
+            let what = format!("{} on this plane at the field times", field.name);
+            writer.field(&path, &[FIELD_TIME, names[n + a], names[a]], &slabs, &what)?;
+            for (time, grid) in grids.iter_mut().enumerate() {
+                grid.show_at(field.name, &path, false, time, &shape);
+            }
+        }
+        let with = steps.iter_mut().zip(results.early).filter(|(_, e)| !e.fields.is_empty());
+        for ((step, _), grid) in with.zip(grids) {
+            step.grids.push(grid);
+        }
+    }
+    Ok(())
+}
+
+/// Adds the moments over space to all `steps`. Collective.
+fn earlier_space(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step]) -> Result<()> {
+    let space = &results.case.space;
+    let n = space.dimension();
+    let early = results.early.iter().map(|e| &e.moments);
+    let times: Vec<_> = early.chain([results.moments]).map(fields::moments).collect();
+    let mut grids = vec![space_grid(space); steps.len()];
+    for (k, Field { kind, .. }) in times[0].iter().enumerate() {
+        let (mut path, vector) = (format!("/history/{}", kind.name), kind.vector && n > 1);
+        let mut shape: Vec<usize> = vec![times.len()];
+        shape.extend((kind.vector && n == 1).then_some(1));
+        shape.extend(space.x.iter().rev().map(|axis| axis.cells));
+        shape.extend(vector.then_some(3));
+        if n > 1 {
+            path = format!("/xdmf/history/{}", kind.name);
+            let copies: Vec<Copied<'_>> =
+                times.iter().map(|fields| Copied::new(results, &fields[k])).collect();
+            let axes: Vec<&str> = [TIME].into_iter().chain(copies[0].axes.clone()).collect();
+            let slab = |time: usize| {
+                let time = std::iter::once(time..time + 1);
+                Slab::of(&time.chain(copies[0].ranges.clone()).collect::<Vec<_>>())
+            };
+            let slabs: Vec<(Slab, &[f64])> =
+                copies.iter().enumerate().map(|(t, copy)| (slab(t), &copy.values[..])).collect();
+            let what = format!("copy of /history/{}, axes reversed", kind.name);
+            writer.field(&path, &axes, &slabs, &what)?;
+        }
+        for (time, grid) in grids.iter_mut().enumerate() {
+            grid.show_at(kind.name, &path, vector, time, &shape);
+        }
+    }
+    for (step, mut grid) in steps.iter_mut().zip(grids) {
+        // V does not change, and is stored once.
+        let place = if n > 1 { "/xdmf/space/potential" } else { "/potential" };
+        grid.show("potential", place.to_owned(), false);
+        grid.fields.sort_by_key(|view| view.vector);
+        step.grids.push(grid);
+    }
+    Ok(())
 }
 
 /// `values` over axes of these lengths, row-major, with the axes reversed.
@@ -99,23 +217,31 @@ fn reversed(values: &[f64], lengths: &[usize]) -> Vec<f64> {
     out
 }
 
-/// The moments over space.
-fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
-    let space = &results.case.space;
-    let n = space.dimension();
+/// The grid of space. In one dimension a strip along the velocity axis, so that it fills the frame
+/// of the plane (x, v).
+fn space_grid(space: &PhaseSpace) -> Grid {
     let mut grid = Grid::new("space", &space.x.iter().collect::<Vec<_>>());
-    // Scalars first.
-    let mut fields = Vec::from(fields::moments(results.moments));
-    fields.extend(fields::exact(results.exact));
-    fields.retain(|field| field.kind.over == Over::Space);
-    fields.sort_by_key(|field| field.kind.vector);
-    if n == 1 {
-        // A strip along the velocity axis, so that it fills the frame of the plane (x, v).
-        let v = &space.v[0];
+    if let [v] = &space.v[..] {
         (grid.origin[1], grid.spacing[1]) = (v.lower, v.upper - v.lower);
         if let Some(faces) = &mut grid.faces {
             faces[1] = vec![v.lower, v.upper];
         }
+    }
+    grid
+}
+
+/// The moments over space.
+fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
+    let space = &results.case.space;
+    let n = space.dimension();
+    let mut grid = space_grid(space);
+    // Scalars first.
+    let mut fields = Vec::from(fields::moments(results.moments));
+    fields.push(fields::potential(results.potential));
+    fields.extend(fields::exact(results.exact));
+    fields.retain(|field| field.kind.over == Over::Space);
+    fields.sort_by_key(|field| field.kind.vector);
+    if n == 1 {
         for Field { kind, .. } in fields {
             grid.show(kind.name, format!("/{}", kind.name), false);
         }
@@ -130,24 +256,41 @@ fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
     Ok(grid)
 }
 
-/// A dataset over space once more at `path`, its axes reversed, three components of a vector last.
-fn copy(writer: &Writer<'_>, results: &Results<'_>, field: &Field<'_>, path: &str) -> Result<()> {
-    let names = axis_names(results.share.len());
-    let mut axes: Vec<&str> = names[..results.share.len()].iter().rev().copied().collect();
-    let mut ranges: Vec<Range<usize>> = results.share.iter().rev().cloned().collect();
-    let lengths: Vec<usize> = results.share.iter().map(|r| r.len()).collect();
-    let mut stride = 1;
-    if field.kind.vector {
-        stride = 3;
-        axes.push(DIRECTION);
-        ranges.push(0..3);
-    }
-    let mut values = vec![0.0; stride * field.components[0].len()];
-    for (a, component) in field.components.iter().enumerate() {
-        for (i, value) in reversed(component, &lengths).into_iter().enumerate() {
-            values[stride * i + a] = value;
+/// A rank's share of a field over space with its axes reversed, three components of a vector last.
+struct Copied<'a> {
+    /// Names of its axes.
+    axes: Vec<&'a str>,
+    /// Where it lies.
+    ranges: Vec<Range<usize>>,
+    /// Its values.
+    values: Vec<f64>,
+}
+
+impl Copied<'_> {
+    fn new(results: &Results<'_>, field: &Field<'_>) -> Self {
+        let names = axis_names(results.share.len());
+        let mut axes: Vec<&str> = names[..results.share.len()].iter().rev().copied().collect();
+        let mut ranges: Vec<Range<usize>> = results.share.iter().rev().cloned().collect();
+        let lengths: Vec<usize> = results.share.iter().map(|r| r.len()).collect();
+        let mut stride = 1;
+        if field.kind.vector {
+            stride = 3;
+            axes.push(DIRECTION);
+            ranges.push(0..3);
         }
+        let mut values = vec![0.0; stride * field.components[0].len()];
+        for (a, component) in field.components.iter().enumerate() {
+            for (i, value) in reversed(component, &lengths).into_iter().enumerate() {
+                values[stride * i + a] = value;
+            }
+        }
+        Self { axes, ranges, values }
     }
+}
+
+/// A dataset over space once more at `path`.
+fn copy(writer: &Writer<'_>, results: &Results<'_>, field: &Field<'_>, path: &str) -> Result<()> {
+    let Copied { axes, ranges, values } = Copied::new(results, field);
     let what = format!("copy of /{}, axes reversed", field.kind.name);
     writer.field(path, &axes, &[(Slab::of(&ranges), &values)], &what)
 }

@@ -2,7 +2,7 @@
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
-use crate::results::views::{Grid, View};
+use crate::results::views::{Grid, Step, View};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -12,24 +12,41 @@ pub const NAME: &str = "fields.xdmf";
 /// What its text ends with.
 pub(crate) const END: &str = "</Domain>\n</Xdmf>\n";
 
-/// Writes `directory/fields.xdmf` for the state at `time`; without grids there is none, and an
-/// older one goes. By one rank.
+/// Writes `directory/fields.xdmf` for the states at the times of `steps`; without any there is
+/// none, and an older one goes. By one rank.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].
-pub fn write(directory: &Path, time: f64, grids: &[Grid]) -> Result<()> {
+pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
     let path = directory.join(NAME);
-    if grids.is_empty() {
+    if steps.is_empty() {
         disk::clear(&path).map_err(|e| failure(&path, &e))
     } else {
-        disk::write(&path, document(time, grids).as_bytes())
+        disk::write(&path, document(steps).as_bytes())
     }
 }
 
-/// The file's text: each grid three-dimensional, flat ones one cell thick, which all readers place
-/// alike.
-fn document(time: f64, grids: &[Grid]) -> String {
+/// The file's text. Several times are one collection in time, of collections of grids.
+fn document(steps: &[Step]) -> String {
     let mut text = String::from("<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n<Domain>\n");
+    if let [only] = steps {
+        return text + &grids_text(only.time, &only.grids) + END;
+    }
+    text += "<Grid Name=\"times\" GridType=\"Collection\" CollectionType=\"Temporal\">\n";
+    for Step { time, grids } in steps {
+        let _ = write!(
+            text,
+            "<Grid Name=\"t = {time}\" GridType=\"Collection\" CollectionType=\"Spatial\">\n\
+             <Time Value=\"{time}\"/>\n{}</Grid>\n",
+            grids_text(*time, grids)
+        );
+    }
+    text + "</Grid>\n" + END
+}
+
+/// Each grid three-dimensional, flat ones one cell thick, which all readers place alike.
+fn grids_text(time: f64, grids: &[Grid]) -> String {
+    let mut text = String::new();
     for grid in grids {
         // XDMF names the slowest axis first.
         let numbers = |list: [f64; 3]| format!("{} {} {}", list[2], list[1], list[0]);
@@ -54,18 +71,42 @@ fn document(time: f64, grids: &[Grid]) -> String {
             grid.name,
             counts(1),
         );
-        for View { name, dataset, vector } in &grid.fields {
-            let (kind, components) = if *vector { ("Vector", " 3") } else { ("Scalar", "") };
+        for view in &grid.fields {
+            let (kind, components) = if view.vector { ("Vector", " 3") } else { ("Scalar", "") };
             let _ = write!(
                 text,
-                "<Attribute Name=\"{name}\" AttributeType=\"{kind}\" \
+                "<Attribute Name=\"{}\" AttributeType=\"{kind}\" \
                  Center=\"Cell\">\n{}</Attribute>\n",
-                item(&(counts(0) + components), "HDF", &format!("result.h5:{dataset}")),
+                view.name,
+                values(view, &(counts(0) + components)),
             );
         }
         text += "</Grid>\n";
     }
-    text + END
+    text
+}
+
+/// Where the numbers of a view are, which are so many along each axis.
+fn values(view: &View, counts: &str) -> String {
+    let place = format!("result.h5:{}", view.dataset);
+    let Some(moment) = &view.moment else {
+        return item(counts, "HDF", &place);
+    };
+    let list =
+        |numbers: &[usize]| numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(" ");
+    let rank = moment.shape.len();
+    let (mut start, mut count) = (vec![0; rank], moment.shape.clone());
+    (start[0], count[0]) = (moment.index, 1);
+    format!(
+        "<DataItem ItemType=\"HyperSlab\" Dimensions=\"{counts}\" NumberType=\"Float\" \
+         Precision=\"8\">\n\
+         <DataItem Dimensions=\"3 {rank}\" NumberType=\"Int\" Format=\"XML\">{} {} {}</DataItem>\n\
+         {}</DataItem>\n",
+        list(&start),
+        list(&vec![1; rank]),
+        list(&count),
+        item(&list(&moment.shape), "HDF", &place)
+    )
 }
 
 /// The faces along an axis, which XDMF lists from the first axis on.

@@ -19,6 +19,8 @@ pub struct Expanded {
     pub fields: Vec<Vec<f64>>,
     /// Moments at `T`.
     pub moments: Moments,
+    /// `V` on the share's space cells.
+    pub potential: Vec<f64>,
     /// Mass and energies in all of space.
     pub totals: Totals,
     /// The output times before the end.
@@ -90,7 +92,7 @@ pub(crate) fn expand(
         }
     }
     let exact_seconds = began.elapsed().as_secs_f64();
-    Ok(Expanded { fields, moments, totals, early, exact_seconds })
+    Ok(Expanded { fields, moments, potential, totals, early, exact_seconds })
 }
 
 /// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and the same of `f_exact`. Collective.

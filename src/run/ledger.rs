@@ -12,6 +12,7 @@ pub mod flight;
 
 use crate::base::error::Result;
 use crate::base::quadrature::gauss_legendre;
+use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::{CellVolumes, Totals};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
@@ -33,6 +34,8 @@ const REPLICATES: usize = 16;
 const POINTS_PER_CELL: usize = 16;
 const LEAST_POINTS: usize = 1 << 14;
 const MOST_POINTS: usize = 1 << 19;
+/// The part of these points that each end has where something enters.
+const ENTERING_PART: usize = 8;
 /// Particles of a replicate that are followed, of the initial data and of what enters.
 const FOLLOWED: [usize; 2] = [256, 64];
 /// Most nodes at which the initial data are looked for.
@@ -113,7 +116,54 @@ struct Estimates {
     error: Tally,
 }
 
-/// The open ends of the box: of measure-valued data, of space alone.
+/// What particles tell of each source.
+struct Sources {
+    initial: Estimates,
+    entering: Vec<(AxisEnd, Estimates)>,
+}
+
+impl Sources {
+    /// Draws and follows the particles of all sources. Collective.
+    fn follow(world: &Group, drawer: &Drawer<'_>, flight: &mut Flight<'_>, points: usize) -> Self {
+        let case = drawer.case;
+        let initial = replicated(world, drawer, flight, Source::Initial, points);
+        let (n, measure) = (case.space.dimension(), drawer.is_measure());
+        let entering = open_ends(case).into_iter();
+        let entering = entering.filter(|end| case.enters() && (end.axis < n || !measure));
+        let mut follow = |end: AxisEnd| {
+            let source = Source::Entering(end);
+            (end, replicated(world, drawer, flight, source, points / ENTERING_PART))
+        };
+        let entering = entering.map(&mut follow).collect();
+        Self { initial, entering }
+    }
+
+    fn all(&self) -> impl Iterator<Item = &Estimates> {
+        [&self.initial].into_iter().chain(self.entering.iter().map(|(_, found)| found))
+    }
+
+    /// A number of the tally, over all sources.
+    fn sum(&self, of: impl Fn(&Tally) -> f64) -> f64 {
+        self.all().map(|found| of(&found.mean)).sum()
+    }
+
+    /// What enters through an end.
+    fn entered(&self, end: AxisEnd) -> f64 {
+        let found = self.entering.iter().find(|(other, _)| *other == end);
+        found.map_or(0.0, |(_, found)| found.mean.mass)
+    }
+
+    /// Standard error of all that leaves.
+    fn error_of_outflow(&self) -> f64 {
+        let squares = |found: &Estimates| {
+            let ends = found.error.outflow.iter().chain(&found.error.at_jumps);
+            ends.map(|error| error * error).sum::<f64>()
+        };
+        self.all().map(squares).sum::<f64>().sqrt()
+    }
+}
+
+/// The open ends of the box.
 fn open_ends(case: &Case) -> Vec<AxisEnd> {
     let n = case.space.dimension();
     let axes = (0..2 * n).filter(|&a| a >= n || !case.space.is_periodic(a));
@@ -122,73 +172,59 @@ fn open_ends(case: &Case) -> Vec<AxisEnd> {
 
 /// Fills in what particles tell. Collective.
 fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger) {
-    let n = case.space.dimension();
     let measure = matches!(case.data, Data::Measure { .. });
-    let points = (POINTS_PER_CELL
-        * if measure { case.space.space_cells() } else { case.space.cells() })
-    .clamp(LEAST_POINTS, MOST_POINTS);
-    let within = match measure {
-        true => SampleBox::whole(&case.space, 0.0),
-        false => {
-            let support = Support::find(world, case, points / 4);
-            ledger.mass.beyond = Some(support.beyond);
-            support.within
-        }
-    };
+    let cells = if measure { case.space.space_cells() } else { case.space.cells() };
+    let points = (POINTS_PER_CELL * cells).clamp(LEAST_POINTS, MOST_POINTS);
+    let mut within = SampleBox::whole(&case.space, 0.0);
+    if !measure {
+        let support = Support::find(world, case, points / 4);
+        ledger.mass.beyond = Some(support.beyond);
+        within = support.within;
+    }
     let mut flight = Flight::new(case, tracer.clone());
     let force = |point: &[f64; 6], axis: usize| -tracer.slope_at(point, axis);
     let drawer = Drawer { case, within, force: &force };
-    let initial = replicated(world, &drawer, &mut flight, Source::Initial, points);
-    let ends = open_ends(case);
-    let mut entering = Vec::new();
-    if case.enters() {
-        for &end in ends.iter().filter(|end| end.axis < n || !measure) {
-            let source = Source::Entering(end);
-            entering.push((end, replicated(world, &drawer, &mut flight, source, points / 8)));
-        }
-    }
-    let all = || [&initial].into_iter().chain(entering.iter().map(|(_, found)| found));
-    let sum = |of: &dyn Fn(&Tally) -> f64| all().map(|found| of(&found.mean)).sum::<f64>();
+    let sources = Sources::follow(world, &drawer, &mut flight, points);
     let mass = &mut ledger.mass;
+    let initial = &sources.initial;
     (mass.formula, mass.formula_error) = (Some(initial.mean.mass), Some(initial.error.mass));
-    let absolute = sum(&|tally| tally.absolute);
-    mass.absolute = Some(absolute);
     mass.outside = measure.then_some(initial.mean.outside);
-    let entered = |end: &AxisEnd| {
-        let found = entering.iter().find(|(other, _)| other == end);
-        found.map_or(0.0, |(_, found)| found.mean.mass)
-    };
-    mass.entered_estimate = Some(ends.iter().map(entered).sum());
+    mass.entered_estimate = Some(sources.entering.iter().map(|(_, e)| e.mean.mass).sum());
+    let absolute = sources.sum(|tally| tally.absolute);
+    mass.absolute = Some(absolute);
+    let names = axis_names(case.space.dimension());
     for jump in &mut ledger.jumps {
-        let axis = axis_names(n).iter().position(|name| *name == jump.axis).unwrap_or(0);
-        let mean = sum(&|tally| tally.energy[axis]) / absolute;
+        let axis = names.iter().position(|name| *name == jump.axis).unwrap_or(0);
+        let mean = sources.sum(|tally| tally.energy[axis]) / absolute;
         jump.mean_energy = Some(mean).filter(|mean| mean.is_finite());
     }
-    if case.reflects() {
-        let why = "what leaves through which end: partial reflection has no single characteristic";
-        ledger.omitted.push(why.into());
-        return;
+    match case.reflects() {
+        true => ledger.omitted.push(
+            "what leaves through which end: partial reflection has no single characteristic".into(),
+        ),
+        false => outflow(case, &sources, ledger),
     }
-    mass.particles = FOLLOWED[0] * REPLICATES + FOLLOWED[1] * REPLICATES * entering.len();
-    mass.interface_estimate = Some(sum(&|tally| tally.interface));
-    let names = axis_names(n);
-    for end in &ends {
-        let at = end_index(*end);
+}
+
+/// Fills in what leaves, and what the interface adds.
+fn outflow(case: &Case, sources: &Sources, ledger: &mut Ledger) {
+    let names = axis_names(case.space.dimension());
+    for end in open_ends(case) {
+        let at = end_index(end);
         ledger.ends.push(End {
             axis: names[end.axis].to_owned(),
             end: if end.upper { "upper" } else { "lower" }.to_owned(),
-            outflow: sum(&|tally| tally.outflow[at]),
-            outflow_at_jumps: sum(&|tally| tally.at_jumps[at]),
-            inflow: entered(end),
+            outflow: sources.sum(|tally| tally.outflow[at]),
+            outflow_at_jumps: sources.sum(|tally| tally.at_jumps[at]),
+            inflow: sources.entered(end),
         });
     }
-    let left: f64 = ledger.ends.iter().map(|end| end.outflow + end.outflow_at_jumps).sum();
-    let squares = |tally: &Tally| {
-        tally.outflow.iter().chain(&tally.at_jumps).map(|error| error * error).sum::<f64>()
-    };
+    let left = ledger.ends.iter().map(|end| end.outflow + end.outflow_at_jumps).sum();
     let mass = &mut ledger.mass;
+    mass.particles = REPLICATES * (FOLLOWED[0] + FOLLOWED[1] * sources.entering.len());
+    mass.interface_estimate = Some(sources.sum(|tally| tally.interface));
     mass.left_estimate = Some(left);
-    mass.left_error = Some(all().map(|found| squares(&found.error)).sum::<f64>().sqrt());
+    mass.left_error = Some(sources.error_of_outflow());
 }
 
 /// Mean and standard error of a source's tally over its replicates, which the ranks share.
@@ -317,26 +353,30 @@ pub fn entered(prepared: &Prepared) -> Option<f64> {
     }
     let (matrix, space) = (&system.matrix, &prepared.communicator.space);
     let volumes = CellVolumes::new(&case.space, &matrix.block.ranges);
-    let mut integrals: Vec<f64> = match case.varies() {
+    let integrals: Vec<f64> = match case.varies() {
         false => matrix.inflow.iter().map(|row| case.end * row.values[0]).collect(),
-        true => vec![0.0; matrix.inflow.len()],
+        true => varying_integrals(case, matrix),
     };
-    if case.varies() {
-        let part = case.end / TIME_PARTS as f64;
-        let rule = gauss_legendre(2);
-        for k in 0..TIME_PARTS {
-            let ends = [k as f64 * part, (k + 1) as f64 * part];
-            for point in rule.iter().map(|point| point.moved_to(ends)) {
-                let values = matrix.entering.values(&case.fields[0], point.node);
-                for (sum, value) in integrals.iter_mut().zip(values) {
-                    *sum += point.weight * value;
-                }
-            }
-        }
-    }
     let rows = matrix.inflow.iter().zip(&integrals);
     let terms: Vec<f64> = rows.map(|(row, b)| b * volumes.relative(row.row as usize)).collect();
     Some(space.sum_terms(&terms) * volumes.mean())
+}
+
+/// `∫ b_i dt` to the end of an inflow that depends on time, row by row.
+fn varying_integrals(case: &Case, matrix: &BlockMatrix) -> Vec<f64> {
+    let part = case.end / TIME_PARTS as f64;
+    let rule = gauss_legendre(2);
+    let mut integrals = vec![0.0; matrix.inflow.len()];
+    for k in 0..TIME_PARTS {
+        let ends = [k as f64 * part, (k + 1) as f64 * part];
+        for point in rule.iter().map(|point| point.moved_to(ends)) {
+            let values = matrix.entering.values(&case.fields[0], point.node);
+            for (sum, value) in integrals.iter_mut().zip(values) {
+                *sum += point.weight * value;
+            }
+        }
+    }
+    integrals
 }
 
 impl Ledger {

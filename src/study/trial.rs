@@ -59,7 +59,14 @@ pub fn trial(world: &World, case: &Case) -> Result<Trial> {
 
 /// `case` with no output but the fields at its end.
 pub fn final_fields_only(case: &Case) -> Case {
-    Case { plateau: None, readout: None, times: Vec::new(), warped_field: false, ..case.clone() }
+    Case {
+        plateau: None,
+        readout: None,
+        at_start: None,
+        times: Vec::new(),
+        warped_field: false,
+        ..case.clone()
+    }
 }
 
 /// Removes what the case file fixes of the series in `p`: interval, points, recovery point, sampled

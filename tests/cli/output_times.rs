@@ -83,3 +83,46 @@ fn moments_alone_are_those_of_the_field() {
     }
     assert_eq!(alone["/f"], with["/f"]);
 }
+
+/// The start is the data themselves: fields and moments at time 0 where they are asked for, and
+/// every multiple of `output.fields_every` from there on.
+#[test]
+fn the_start_is_the_data() {
+    const F: &str = "exp(-8*x^2 - 9*(v - 0.3)^2)";
+    let data = format!("initial.f={F}");
+    let exact = format!("exact={{ f = \"{F}\" }}");
+    let grid = ["axis.0.x.cells=24", "axis.0.v.cells=20", "time.end=0.1", "solver.tolerance=1e-4"];
+    let rows: [(&[&str], &[f64], &[f64]); 4] = [
+        (&["output.field_times=[0, 0.05]"], &[0.0, 0.05, 0.1], &[0.0, 0.05]),
+        (&["output.fields_every=0.04"], &[0.0, 0.04, 0.08, 0.1], &[0.0, 0.04, 0.08]),
+        (&["output.moment_times=[0]", "output.field_times=[0.05]"], &[0.0, 0.05, 0.1], &[0.05]),
+        (&["output.fields_every=0.05", "solver.method=classical"], &[0.0, 0.05, 0.1], &[0.0, 0.05]),
+    ];
+    check_all(&rows, |(settings, times, with_fields)| {
+        let place = directory();
+        let job = run("example1.toml").set(&grid).set(&[&data, &exact]).set(settings).on(3);
+        let summary = job.solve(place.path())?;
+        let stored = datasets(place.path())?;
+        let near_all = |name: &str, expected: &[f64]| {
+            let found = stored[name].numbers();
+            let same = found.len() == expected.len() && distance(&found, expected) < 1e-12;
+            summary.require(same, || format!("{name}: {found:?}"))
+        };
+        near_all("/axis/time", times)?;
+        near_all("/axis/field_time", with_fields)?;
+        let fields = &stored["/history/f"].bytes;
+        let start = stored["/exact"].bytes == fields[..stored["/f"].bytes.len()];
+        summary.require(start == (with_fields[0] == 0.0), || "f at the start".to_owned())?;
+        let ledger = &summary.value["ledger"];
+        for (name, group, key) in [
+            ("mass", "mass", "initial"),
+            ("kinetic_energy", "energy", "kinetic_initial"),
+            ("potential_energy", "energy", "potential_initial"),
+        ] {
+            let first = stored[&format!("/history/{name}")].numbers()[0];
+            let expected = ledger[group][key].as_f64().unwrap_or(f64::NAN);
+            near(name, first, expected, 1e-14)?;
+        }
+        Ok(())
+    });
+}

@@ -34,13 +34,22 @@ pub enum DeltaWidth {
     Gradient,
 }
 
-/// A time before the end at which results are written.
+/// A time before the end, or that of the start, at which results are written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutputTime {
     /// The time.
     pub time: f64,
     /// Whether the fields are, and not their moments only.
     pub fields: bool,
+}
+
+/// When results are written besides the end.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OutputTimes {
+    /// At time zero, where that is asked for.
+    pub start: Option<OutputTime>,
+    /// Between, ascending.
+    pub between: Vec<OutputTime>,
 }
 
 /// How the fields are stored in `result.h5`.
@@ -80,6 +89,7 @@ pub struct OutputTable {
     moments_every: Option<f64>,
     moment_times: List<f64>,
     field_times: List<f64>,
+    fields_every: Option<f64>,
     pub delta_width: DeltaWidth,
     pub expand: bool,
     pub positive: bool,
@@ -97,6 +107,7 @@ impl Default for OutputTable {
             moments_every: None,
             moment_times: List::default(),
             field_times: List::default(),
+            fields_every: None,
             delta_width: DeltaWidth::default(),
             expand: false,
             positive: false,
@@ -117,9 +128,11 @@ impl OutputTable {
         }
     }
 
-    /// The times before the end at which moments or fields are asked for, ascending.
-    pub fn times(&self, file: &CaseFile<'_>, end: f64) -> Result<Vec<OutputTime>> {
-        let inside = |time: f64| time > SAME_TIME * end && time < (1.0 - SAME_TIME) * end;
+    /// The times before the end at which moments or fields are asked for; the start only where its
+    /// field is known, from a formula.
+    pub fn times(&self, file: &CaseFile<'_>, end: f64, known: bool) -> Result<OutputTimes> {
+        let before = |time: f64| time < (1.0 - SAME_TIME) * end;
+        let inside = |time: f64| time == 0.0 || time > SAME_TIME * end && before(time);
         let mut times: Vec<OutputTime> = Vec::new();
         let lists = [
             ("output.moment_times", &self.moment_times, false),
@@ -128,22 +141,34 @@ impl OutputTable {
         for (key, List(list), fields) in lists {
             if let Some(time) = list.iter().find(|time| !inside(**time)) {
                 let message = format!(
-                    "{time} given; times above 0 and below time.end = {end} expected, whose \
+                    "{time} given; times from 0 on and below time.end = {end} expected, whose \
                      results are always written"
                 );
                 return file.refuse(key, message);
             }
+            if !known && list.contains(&0.0) {
+                let message = "0 given, where initial.warped says nothing of f; times above 0";
+                return file.refuse(key, message);
+            }
             times.extend(list.iter().map(|&time| OutputTime { time, fields }));
         }
-        if let Some(every) = self.moments_every {
+        let intervals = [
+            ("output.moments_every", self.moments_every, false),
+            ("output.fields_every", self.fields_every, true),
+        ];
+        for (key, every, fields) in intervals {
+            let Some(every) = every else {
+                continue;
+            };
             if !(every > 0.0 && end / every <= MOST_TIMES as f64) {
                 let message = format!(
                     "must be above 0, and time.end = {end} at most {MOST_TIMES} times as long"
                 );
-                return file.refuse("output.moments_every", message);
+                return file.refuse(key, message);
             }
-            let multiples = (1..=MOST_TIMES).map(|k| k as f64 * every);
-            let fields = false;
+            // Fields are a film, which begins with the first picture.
+            let first = usize::from(!(fields && known));
+            let multiples = (first..=MOST_TIMES).map(|k| k as f64 * every);
             times.extend(
                 (multiples.take_while(|&t| inside(t))).map(|time| OutputTime { time, fields }),
             );
@@ -158,7 +183,8 @@ impl OutputTable {
             let message = format!("{} times in all; at most {MOST_TIMES}", times.len());
             return file.refuse("output.moment_times", message);
         }
-        Ok(times)
+        let start = times.first().copied().filter(|first| first.time == 0.0);
+        Ok(OutputTimes { start, between: times.split_off(usize::from(start.is_some())) })
     }
 
     /// `plateau`.

@@ -3,7 +3,18 @@
 use crate::results::figure::{Axis, Layer, Map, Panel};
 use crate::results::pictures::stored::{Plane, Stored};
 
-/// A panel with a plane of a run over its axes number `axes`.
+/// The part of the larger end that the smaller one has where values are of both signs, and not
+/// only beside zero by the errors of a scheme.
+const SIGNED: f64 = 0.1;
+
+/// The range about zero of values of both signs.
+fn about_zero([lower, upper]: [f64; 2]) -> Option<[f64; 2]> {
+    let most = upper.max(-lower);
+    (upper.min(-lower) > SIGNED * most).then_some([-most, most])
+}
+
+/// A panel with a plane of a run over its axes number `axes`. Values of both signs have the colours
+/// of differences, zero in the middle.
 pub fn map(
     run: &Stored,
     axes: [usize; 2],
@@ -13,13 +24,14 @@ pub fn map(
 ) -> Panel {
     let names = run.names();
     let ends = axes.map(|a| [run.axis(a).lower, run.axis(a).upper]);
+    let signed = range.and_then(about_zero);
     Panel::new(title, Axis::linear(names[axes[0]]), Axis::linear(names[axes[1]])).map(Map {
         x: ends[0],
         y: ends[1],
         shape: plane.shape,
         values: plane.values,
-        range,
-        differences: false,
+        range: signed.or(range),
+        differences: signed.is_some(),
         label: String::new(),
     })
 }
@@ -75,6 +87,15 @@ pub fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>, scale: f64) -> Opt
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn values_of_both_signs_are_seen_about_zero() {
+        assert_eq!(about_zero([-0.5, 2.0]), Some([-2.0, 2.0]));
+        assert_eq!(about_zero([-3.0, 2.0]), Some([-3.0, 3.0]));
+        for range in [[0.0, 2.0], [-0.1, 2.0], [1.0, 2.0], [-2.0, -1.0]] {
+            assert_eq!(about_zero(range), None);
+        }
+    }
 
     #[test]
     fn round_off_is_no_structure() {

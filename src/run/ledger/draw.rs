@@ -116,7 +116,8 @@ pub struct Drawer<'a> {
 }
 
 impl Drawer<'_> {
-    fn is_measure(&self) -> bool {
+    /// Whether the data are measure-valued.
+    pub fn is_measure(&self) -> bool {
         matches!(self.case.data, Data::Measure { .. })
     }
 
