@@ -9,6 +9,7 @@
 //!
 //! Uses: results, quantum, solve, and every room below.
 
+mod at_start;
 mod checkpointing;
 pub mod classical;
 pub mod compare;
@@ -30,20 +31,19 @@ pub mod warnings;
 use crate::base::error::Result;
 use crate::base::lock::DirectoryLock;
 use crate::matrix::bounds::Bounds;
-use crate::matrix::observables::{CellVolumes, moments};
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::problem::case::Case;
-use crate::problem::potential::nodal_values;
 use crate::quantum::readout::Readout;
 use crate::results;
-use crate::results::dataset::{Early, ExactSolution, PlateauPoint, Results, slices};
+use crate::results::dataset::{ExactSolution, PlateauPoint, Results, slices};
 use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
 use crate::results::shown::Shown;
 use crate::results::summary::{Accuracy, Summary};
 use crate::results::{result_file, warped, xdmf};
+use crate::run::at_start::at_start;
 use crate::run::checkpointing::Checkpointing;
 use crate::run::exact::exact_solution;
 use crate::run::expand::Expanded;
@@ -271,27 +271,6 @@ fn plan_modes(
     }
     log.line(&warnings::opening_line(&prepared.plan));
     Ok(())
-}
-
-/// What is known at time zero, with the fields only where they are to be written: the system's are
-/// dropped. None where the run starts from modes. Collective.
-fn at_start(prepared: &mut Prepared) -> Option<Early> {
-    if prepared.case.start.is_some() {
-        return None;
-    }
-    let initial = std::mem::take(&mut prepared.system.initial);
-    let (world, case) = (&prepared.communicator.world, &prepared.case);
-    let mine: Vec<&[f64]> =
-        (initial.iter()).map(|field| &field[prepared.place.mine.clone()]).collect();
-    let share = &prepared.place.share;
-    let moments = moments(world, case, share, &mine);
-    let volumes = CellVolumes::new(&case.space, share);
-    let totals = volumes.totals(world, &moments, &nodal_values(case, share));
-    let fields = match case.at_start.is_some_and(|start| start.fields) {
-        true => mine.iter().map(|field| field.to_vec()).collect(),
-        false => Vec::new(),
-    };
-    Some(Early { time: 0.0, moments, totals, fields })
 }
 
 impl Solution {

@@ -24,11 +24,12 @@ pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
     let resources = Resources { ranks: world.group().size(), ..Resources::default() };
     // Where the grid is small enough, planning finds formulas that are not finite and tolerances
     // that cannot be met.
-    let plan = planning::plan(world, &case, &resources)?;
+    let preview = planning::preview(world, &case, &resources)?;
     print(world, &describe(&case, &bounds));
-    let ledger = ledger::foreseen(&world.group(), &Shown::new(&case).case)?;
+    let mut ledger = ledger::foreseen(&world.group(), &Shown::new(&case).case)?;
+    ledger.mass.initial = preview.at_start.map(|totals| totals.mass);
     print(world, &ledger.text());
-    let planned = plan.warp.map_or(Vec::new(), |w| w.warnings);
+    let planned = preview.plan.warp.map_or(Vec::new(), |w| w.warnings);
     let found = [warnings::warnings(&case), planned, ledger.warnings()].concat();
     for warning in &found {
         print(world, &format!("warning: {warning}"));

@@ -2,12 +2,14 @@
 
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
+use crate::matrix::observables::Totals;
 use crate::parallel::communicator::{Group, World};
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::plan::{ASSUMED_RATIO, Plan};
 use crate::problem::case::{Case, Method};
 use crate::results::warped::given::Given;
+use crate::run::at_start::at_start;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
 use std::borrow::Cow;
@@ -21,6 +23,22 @@ const CHEAP_UPDATES: f64 = 1e8;
 /// # Errors
 /// As [`Plan::new`] and [`Prepared::new`].
 pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
+    Ok(preview(world, case, resources)?.plan)
+}
+
+/// What is known of a run before it.
+pub struct Preview {
+    /// The plan.
+    pub plan: Plan,
+    /// Totals of the data on the grid at time zero, where the grid was assembled for the plan.
+    pub at_start: Option<Totals>,
+}
+
+/// The plan of [`plan`], and what else its preparation tells. Collective.
+///
+/// # Errors
+/// As [`plan`].
+pub fn preview(world: &World, case: &Case, resources: &Resources) -> Result<Preview> {
     let all = world.group();
     let case = &reduced(&all, &*with_start(&all, case)?)?;
     refuse_hopeless(case, resources)?;
@@ -28,13 +46,16 @@ pub fn plan(world: &World, case: &Case, resources: &Resources) -> Result<Plan> {
     let updates = case.space.cells() as f64 * (bounds.rate * case.end).max(1.0);
     let must = bounds.growth.is_infinite();
     if case.method == Method::Classical || (updates > CHEAP_UPDATES && !must) {
-        return Plan::with_bounds(case, bounds, resources, ASSUMED_RATIO);
+        let plan = Plan::with_bounds(case, bounds, resources, ASSUMED_RATIO)?;
+        return Ok(Preview { plan, at_start: None });
     }
     refuse_hopeless_here(world, case)?;
     let here = Resources { ranks: all.size(), ..Resources::default() };
     let mut prepared = Prepared::new(world, case, &here)?;
     let ratio = prepared.probe();
-    Plan::with_bounds(case, prepared.bounds, resources, ratio)
+    let at_start = at_start(&mut prepared).map(|found| found.totals);
+    let plan = Plan::with_bounds(case, prepared.bounds, resources, ratio)?;
+    Ok(Preview { plan, at_start })
 }
 
 /// The case with the points of the warped field that it starts from, if it does. Collective.

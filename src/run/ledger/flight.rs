@@ -75,19 +75,19 @@ impl<'a> Flight<'a> {
     /// Follows a particle with the part `share` of its mass.
     pub fn follow(&mut self, tally: &mut Tally, particle: &Particle, share: f64) {
         let mass = share * particle.mass;
-        let mut factor = 1.0;
-        let mut last = 1.0;
+        // The product of the factors at all jumps met, and at all but the last.
+        let (mut factor, mut before) = (1.0, 1.0);
         let gains = &mut self.gains;
         let found = self.tracer.follow_with(&particle.point, particle.time, &mut |met| {
-            last = gains.as_mut().map_or(1.0, |gains| gains.factor(met));
-            factor *= last;
+            before = factor;
+            factor *= gains.as_mut().map_or(1.0, |gains| gains.factor(met));
         });
         if let Some(exit) = found.exit {
             let end = end_index(AxisEnd { axis: exit.axis, upper: exit.upper });
             if exit.at_jump {
                 tally.at_jumps[end] += mass;
                 // Where it goes is no cell of the grid: nothing is added to it.
-                factor = if last != 0.0 { factor / last } else { factor };
+                factor = before;
             } else {
                 tally.outflow[end] += mass;
             }

@@ -1,0 +1,27 @@
+//! The data at time zero, on the grid.
+
+use crate::matrix::observables::{CellVolumes, moments};
+use crate::problem::potential::nodal_values;
+use crate::results::dataset::Early;
+use crate::solve::prepared::Prepared;
+
+/// What is known at time zero, with the fields only where they are to be written: the system's are
+/// dropped. None where the run starts from modes. Collective.
+pub fn at_start(prepared: &mut Prepared) -> Option<Early> {
+    if prepared.case.start.is_some() {
+        return None;
+    }
+    let initial = std::mem::take(&mut prepared.system.initial);
+    let (world, case) = (&prepared.communicator.world, &prepared.case);
+    let mine: Vec<&[f64]> =
+        (initial.iter()).map(|field| &field[prepared.place.mine.clone()]).collect();
+    let share = &prepared.place.share;
+    let moments = moments(world, case, share, &mine);
+    let volumes = CellVolumes::new(&case.space, share);
+    let totals = volumes.totals(world, &moments, &nodal_values(case, share));
+    let fields = match case.at_start.is_some_and(|start| start.fields) {
+        true => mine.iter().map(|field| field.to_vec()).collect(),
+        false => Vec::new(),
+    };
+    Some(Early { time: 0.0, moments, totals, fields })
+}
