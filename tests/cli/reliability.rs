@@ -2,7 +2,9 @@
 //! and memory that are too small.
 
 use crate::checkpoint::{OFTEN, WHOLE, children, newest, run as long_run, same, send};
-use crate::support::{Finished, Job, case, check_all, datasets, differences, directory};
+use crate::support::{
+    Finished, Job, case, check_all, datasets, differences, directory, directory_on_disk,
+};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -182,7 +184,7 @@ fn one_run_at_a_time_in_a_directory() {
 fn runs_go_on_while_killed_ranks_tidy_up() {
     LazyLock::force(&WHOLE);
     for _ in 0..3 {
-        let place = directory();
+        let place = directory_on_disk();
         let path = place.path();
         let job = long_run().on(3).set(&[OFTEN]).into(path);
         let mut second = None;

@@ -3,7 +3,9 @@
 use super::{
     Blow, OFTEN, WHOLE, copy, count, generations, io, manifest, run, same, stopped, struck,
 };
-use crate::support::{Job, Summary, case, check_all, datasets, differences, directory};
+use crate::support::{
+    Job, Summary, case, check_all, datasets, differences, directory_on_disk as directory,
+};
 use std::fs;
 use std::path::Path;
 use std::sync::LazyLock;

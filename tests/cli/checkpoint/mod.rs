@@ -4,7 +4,9 @@
 mod damaged;
 mod stopped;
 
-use crate::support::{Finished, Job, Stored, Summary, case, datasets, differences, directory};
+use crate::support::{
+    Finished, Job, Stored, Summary, case, datasets, differences, directory_on_disk as directory,
+};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;

@@ -5,7 +5,8 @@ use super::{
     stopped, struck,
 };
 use crate::support::{
-    Finished, Job, case, check_all, datasets, datasets_of, differences, directory,
+    Finished, Job, case, check_all, datasets, datasets_of, differences,
+    directory_on_disk as directory,
 };
 use std::fs;
 use std::sync::LazyLock;

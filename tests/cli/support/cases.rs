@@ -3,6 +3,7 @@
 use super::launch::Job;
 use phasewarp::problem::case::Case;
 use std::path::Path;
+use std::sync::LazyLock;
 
 /// The case files, sorted by name.
 pub fn cases() -> Vec<String> {
@@ -81,8 +82,31 @@ pub fn parsed(name: &str, settings: &[&str]) -> Result<Case, String> {
     Case::load(Path::new(&case(name)), &settings).map_err(|e| e.to_string())
 }
 
-/// A directory of its own below `target/`, deleted when the test is over.
+/// Room in memory for files, from which on results are kept there.
+const ENOUGH: u64 = 4 << 30;
+
+/// Where results are kept: in memory where there is room, as most of a short run is waiting for the
+/// disk that its results are forced to; below `target/` elsewhere.
+static RESULTS: LazyLock<&Path> = LazyLock::new(|| {
+    let memory = Path::new("/dev/shm");
+    let on_disk = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    // SAFETY: a path that ends with a zero byte, and a structure of integers.
+    let room = unsafe {
+        let mut room: libc::statvfs = std::mem::zeroed();
+        let known = libc::statvfs(c"/dev/shm".as_ptr(), &raw mut room) == 0;
+        if known { room.f_bavail as u64 * room.f_frsize as u64 } else { 0 }
+    };
+    let writable = tempfile::tempfile_in(memory).is_ok();
+    if room >= ENOUGH && writable { memory } else { on_disk }
+});
+
+/// A directory of its own for results, deleted when the test is over.
 pub fn directory() -> tempfile::TempDir {
+    tempfile::tempdir_in(*RESULTS).expect("a temporary directory")
+}
+
+/// The same below `target/`, for runs that are to be met while they write.
+pub fn directory_on_disk() -> tempfile::TempDir {
     tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a temporary directory below target/")
 }
 

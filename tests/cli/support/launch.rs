@@ -159,9 +159,11 @@ impl Job {
         words.join(" ")
     }
 
-    /// Starts it and waits for its end. An error when it had to be killed.
+    /// Starts it and waits for its end. An error when it had to be killed. One rank is started
+    /// without mpirun, which takes longer to start than the program.
     pub fn run(&self) -> Result<Finished, String> {
-        self.run_while(|_, _| {})
+        let alone = Self { ranks: self.ranks.filter(|&ranks| ranks > 1), ..self.clone() };
+        alone.run_while(|_, _| {})
     }
 
     /// As [`run`](Self::run); meanwhile, every few milliseconds, `meanwhile` gets the process and
