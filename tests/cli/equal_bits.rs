@@ -119,8 +119,8 @@ const MEASURE_PLANE: &[&str] = &[
 ];
 
 /// Compares a scene's results on every mesh of 3 and 4 ranks, and of 7 where `--ranks-x` is left to
-/// the program, with those of one rank. (What is left to it on fewer is one of those meshes; those of
-/// 4 ranks have two blocks along each axis, and two groups.)
+/// the program, with those of one rank. (What is left to it on fewer is one of those meshes. Those
+/// of 4 ranks have two blocks along each axis, groups alone, and both.)
 fn same_bits_everywhere(scene: &Scene) {
     let reference = directory();
     let job = || run(scene.name).set(scene.settings);
