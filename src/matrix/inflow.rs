@@ -80,6 +80,15 @@ impl Entering {
         })
     }
 
+    /// `Σ rate · square(ghost centre)`, row by row of the list of inflow rows, where `square` gives
+    /// the square of what enters there.
+    pub fn strengths(&self, square: impl Fn(&[f64; 6]) -> f64) -> impl Iterator<Item = f64> {
+        self.ends.iter().enumerate().map(move |(m, &end)| {
+            let start = m.checked_sub(1).map_or(0, |before| self.ends[before]);
+            self.ghosts[start..end].iter().map(|(rate, point)| rate * square(point)).sum()
+        })
+    }
+
     /// The first ghost of row `m` at which `field`'s inflow is not finite, and its value there.
     pub fn worst(&self, field: &Field, m: usize, time: f64) -> (f64, [f64; 6]) {
         let start = m.checked_sub(1).map_or(0, |before| self.ends[before]);

@@ -341,13 +341,6 @@ impl Case {
         if let Data::Measure { .. } = self.data {
             self.check_level_sets(file, reflects)?;
         }
-        if self.varies() && self.warp.inflow == Embedding::Scalar {
-            return file.refuse(
-                "solver.warp.inflow",
-                "\"scalar\" takes no t in inflow.value of a degree above 0 or with partial \
-                 reflection; \"boundary\" does",
-            );
-        }
         Ok(())
     }
 

@@ -65,6 +65,8 @@ pub struct Schedule {
     pub envelope: Vec<f64>,
     /// The auxiliary unknowns, in weighted unknowns.
     pub unknowns: Vec<f64>,
+    /// What the inflow adds to the growth of elements by one unknown for all rows.
+    pub summed_growth: f64,
     /// Relative l2 error of the field from the steps.
     pub error: f64,
     /// `‖f(T)‖`.
@@ -99,6 +101,21 @@ pub fn stage_values(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64>
         }
     }
     values
+}
+
+/// `Σ rate max b̄²` with the largest square of each ghost's `b̄` over the stages, row by row of
+/// [`BlockMatrix::inflow`].
+fn largest_strengths(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64> {
+    let formula = case.fields[0].entering();
+    let h = case.end / steps as f64;
+    let square = |point: &[f64; 6]| {
+        let stages = (0..steps).flat_map(|step| {
+            let [b1, b2] = nodes().map(|c| formula.at_point(point, (step as f64 + c) * h));
+            halves().map(|[u, w]| u * b1 + w * b2)
+        });
+        stages.fold(0.0, |most: f64, b| most.max(b * b))
+    };
+    matrix.entering.strengths(square).collect()
 }
 
 /// Looks at the inflow all through the run; the largest `|b_i|`, on this rank.
@@ -214,6 +231,25 @@ impl Search<'_> {
         norm(self.communicator, self.case, self.matrix, unweighted)
     }
 
+    /// What one unknown for all rows adds to the growth by each row, times `δ²`: `π b²/(2 g)`, of
+    /// elements `½ π Σ rate b²`. `most` are the largest `|b̄|` of the rows over the stages.
+    fn halved_strengths(&self, most: &[f64], steps: usize) -> Vec<f64> {
+        if self.matrix.by_elements {
+            let strengths = largest_strengths(self.case, self.matrix, steps);
+            let weighted = strengths.iter().zip(&self.roots);
+            return weighted.map(|(strength, root)| 0.5 * root * root * strength).collect();
+        }
+        let rows = self.matrix.inflow.iter().zip(&self.roots).zip(most);
+        rows.map(|((aux, root), b)| {
+            let weighted = root * b;
+            match *b {
+                0.0 => 0.0,
+                _ => weighted * weighted / (2.0 * aux.damping),
+            }
+        })
+        .collect()
+    }
+
     /// Whether a run sees the inflow: steps so long that they miss a pulse agree with each other,
     /// too. Collective over the space group.
     fn sees(&self, run: &Run, largest: f64) -> bool {
@@ -307,17 +343,10 @@ impl Schedule {
         }
         let scalar = warp.inflow == Embedding::Scalar;
         let deltas: Vec<f64> = if scalar {
-            // Σ b²/(2 g), weighted.
-            let share = |((aux, root), b): ((&Inflow, &f64), &f64)| {
-                let weighted = root * b;
-                [match *b {
-                    0.0 => 0.0,
-                    _ => weighted * weighted / (2.0 * aux.damping),
-                }]
-            };
-            let terms = inflow.iter().zip(roots).zip(&most).map(share);
+            let terms = search.halved_strengths(&most, self.steps).into_iter().map(|term| [term]);
             let [sum] = space.sum_lanes(space.sum_count(rows), terms);
             let delta = given.unwrap_or((sum / allowed).sqrt());
+            self.summed_growth = if delta > 0.0 { sum / (delta * delta) } else { 0.0 };
             self.unknowns = vec![delta];
             vec![delta; rows]
         } else {

@@ -176,6 +176,7 @@ impl DiscreteSystem {
         };
         if let Some(schedule) = &schedule {
             states[0][cells..matrix.rows()].copy_from_slice(&schedule.unknowns);
+            matrix.summed_growth = schedule.summed_growth;
         }
         let fixed = matrix.inflow.iter().map(|aux| aux.coupling);
         let coupled_growth = match &schedule {

@@ -62,6 +62,13 @@ impl Varying {
                 "1.1 + x + 2*v",
                 &[elements[0], elements[1], elements[2], full[0], full[1]],
             ),
+            Self::new(
+                "varying, elements, scalar",
+                "slope_jump.toml",
+                &[3],
+                "1.2 + x + 2*v",
+                &[elements[0], elements[1], elements[2], "solver.warp.inflow='scalar'"],
+            ),
         ]
     }
 }

@@ -227,7 +227,8 @@ mod tests {
             for axis in 0..dimensions {
                 let values = (0..count).map(|k| sequence.point(k)[axis]);
                 let mean: f64 = values.sum::<f64>() / f64::from(count as u32);
-                assert!((mean - 0.5).abs() < 2e-3, "{dimensions} {axis}: {mean}");
+                // Random points would be 4.5e-3 off.
+                assert!((mean - 0.5).abs() < 3e-3, "{dimensions} {axis}: {mean}");
             }
             // The part in which all coordinates are below 0.7.
             let below = (0..count)

@@ -167,7 +167,8 @@ mod tests {
         assert_eq!(tally.numbers(), numbers);
     }
 
-    /// The conservative law keeps mass, but for what it takes beyond the grid; the hat law does not.
+    /// The conservative law keeps mass, but for what it takes beyond the grid; the hat law does not
+    /// keep it.
     #[test]
     fn factors_are_one_where_mass_is_kept() {
         let axis = Axis::new(-1.5, 1.5, 64);
