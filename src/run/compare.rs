@@ -278,7 +278,9 @@ fn estimate(
         // Both readings share what the steps of time leave.
         let estimate = estimate + system.schedule.as_ref().map_or(0.0, |s| s.error);
         summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
-        summary.error_estimate_reliable = estimate.is_finite() && estimate > round_off;
+        summary.doubt = warp.estimate_doubt().map(str::to_owned);
+        let tells = estimate.is_finite() && estimate > round_off;
+        summary.error_estimate_reliable = tells && summary.doubt.is_none();
         if summary.error_estimate_reliable && estimate > 1.5 * plan.tolerance {
             warnings.push(format!(
                 "the error estimate {estimate:.1e} is above the tolerance {:e}",

@@ -66,7 +66,21 @@ pub struct WarpPlan {
     pub warnings: Vec<String>,
 }
 
+/// Fewer modes of a designed profile may err alike at both readings.
+const FEWEST_MODES_TO_TELL: usize = 10;
+
 impl WarpPlan {
+    /// Why the distance of the two readings may not tell the error; `None` where it does.
+    pub fn estimate_doubt(&self) -> Option<&'static str> {
+        match &self.profile {
+            Some(Profile::Designed(_)) if self.modes < FEWEST_MODES_TO_TELL => {
+                Some("so few modes may err alike at both recovery points")
+            }
+            None | Some(Profile::Designed(_) | Profile::Gaussian(_) | Profile::Constant(_)) => None,
+            Some(_) => Some("the modes that this profile omits may cancel at both recovery points"),
+        }
+    }
+
     /// Plans profile, modes and degrees for growth bound `bounds.growth`.
     ///
     /// # Errors

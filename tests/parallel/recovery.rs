@@ -174,7 +174,7 @@ pub fn recovered_field(world: &World) {
                 if let Some(steps) = recovery.steps {
                     found.check_step_error(&unsplit[k], steps, &at);
                 } else {
-                    found.check_tolerance(recovery, twin.by_elements(), &at);
+                    found.check_tolerance(recovery, &at);
                 }
                 if recovery.steps.is_none() || mesh.blocks() == 1 {
                     report_bits(world, &name, &found.fields.concat());
@@ -257,18 +257,18 @@ impl RecoveredField {
     }
 
     /// The error is within the tolerance, and the second recovery point tells how large it is.
-    fn check_tolerance(&self, recovery: &Recovery, by_elements: bool, name: &str) {
+    fn check_tolerance(&self, recovery: &Recovery, name: &str) {
         assert!(self.step_error.is_none(), "{name}");
         let error = self.error;
         assert!(error <= recovery.tolerance, "{name}: error {error:e}");
         let estimate =
             distance(&self.scaled[1], &self.scaled[0]) / self.run.plan.estimator_efficiency / error;
         let gaussian = recovery.profile == ProfileChoice::Gaussian;
-        // A few elements have few frequencies: errors of the two readings average out less.
-        let factor = match (by_elements, gaussian) {
-            (true, _) => 20.0,
-            (false, true) => 3.0,
-            (false, false) => 5.0,
+        // Where the plan doubts the estimate, the two readings may err alike.
+        let factor = match (self.run.plan.estimate_doubt(), gaussian) {
+            (Some(_), _) => 20.0,
+            (None, true) => 3.0,
+            (None, false) => 5.0,
         };
         let close = (1.0 / factor..factor).contains(&estimate);
         assert!(close, "{name}: {estimate}");
