@@ -1,7 +1,7 @@
 //! `[readout]` from outside: what a run tells of some cells as a quantum computer would.
 
 use crate::support::{Job, Mistake, all_refused, case, check_all, directory};
-use crate::support::{datasets, differences};
+use crate::support::{datasets, differences, near};
 use serde_json::Value;
 use std::path::Path;
 
@@ -53,30 +53,50 @@ fn the_same_bits_on_any_ranks_and_beside_any_cells() {
     }
 }
 
+/// In the plane, and with partial reflection, of cells and of elements.
 #[test]
-fn the_same_bits_in_the_plane() {
-    let job = || {
-        let readout = "readout={cells=[[0,0],[3,4],[5,1]],accuracy=0.02,seed=1}";
-        Job::new(["run", &case("barrier2d.toml")]).set(&[
-            "axis.0.x.cells=7",
-            "axis.0.v.cells=6",
-            "axis.1.x.cells=5",
-            "axis.1.v.cells=4",
-            readout,
-        ])
-    };
-    let reference = directory();
-    job().solve(reference.path()).unwrap();
-    let found = datasets(reference.path()).unwrap();
-    assert_eq!(found["/readout/cell"].shape, [3 * 5 * 5]);
-    check_all(&[(2, "1,2"), (3, "1,1"), (4, "2,2")], |(ranks, blocks)| {
-        let place = directory();
-        job().with(["--ranks-x", blocks]).on(*ranks).solve(place.path())?;
-        let differ = differences(&datasets(place.path())?, &found);
-        if differ.is_empty() && csv(place.path())? == csv(reference.path())? {
-            return Ok(());
+fn the_same_bits_in_other_scenes() {
+    const PLANE: &[&str] = &[
+        "axis.0.x.cells=7",
+        "axis.0.v.cells=6",
+        "axis.1.x.cells=5",
+        "axis.1.v.cells=4",
+        "readout={cells=[[0,0],[3,4],[5,1]],accuracy=0.02,seed=1}",
+    ];
+    const CELLS: &[&str] =
+        &["axis.0.x.cells=12", "axis.0.v.cells=10", "readout={cells=[[3],[5],[11]]}"];
+    let elements = [CELLS, &["scheme.degree=2"]].concat();
+    let cells = [CELLS, &["scheme.degree=0"]].concat();
+    let plane: &[(usize, &str)] = &[(2, "1,2"), (3, "1,1"), (4, "2,2")];
+    let line: &[(usize, &str)] = &[(2, "2"), (3, "1"), (4, "2")];
+    // The last is how many observables there are of a cell.
+    let rows = [
+        ("barrier2d.toml", PLANE, plane, 5),
+        ("partial_reflection.toml", &cells, line, 3),
+        ("partial_reflection.toml", &elements, line, 3),
+    ];
+    check_all(&rows, |(name, settings, meshes, observables)| {
+        let job = || Job::new(["run", &case(name)]).set(settings);
+        let reference = directory();
+        job().solve(reference.path())?;
+        let found = datasets(reference.path())?;
+        let shape = &found["/readout/cell"].shape;
+        if *shape != [3 * observables * 5] {
+            return Err(format!("{name}: rows {shape:?}"));
         }
-        Err(format!("{ranks} ranks, {blocks} blocks: {differ:?}"))
+        // The values are those of the moments, whatever reflects.
+        let [values, density] = ["/readout/value", "/density"].map(|d| found[d].numbers());
+        let cell = found["/readout/cell"].numbers()[0] as usize;
+        near("the density at the first cell", values[0], density[cell], 1e-13)?;
+        for (ranks, blocks) in *meshes {
+            let place = directory();
+            job().with(["--ranks-x", blocks]).on(*ranks).solve(place.path())?;
+            let differ = differences(&datasets(place.path())?, &found);
+            if !differ.is_empty() || csv(place.path())? != csv(reference.path())? {
+                return Err(format!("{name}: {ranks} ranks, {blocks} blocks: {differ:?}"));
+            }
+        }
+        Ok(())
     });
 }
 
