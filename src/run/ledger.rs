@@ -31,9 +31,9 @@ const MOST_PARTS: usize = 1 << 16;
 /// Independent replicates of each source.
 const REPLICATES: usize = 16;
 /// Points of a source for each cell, and the least and the most of them.
-const POINTS_PER_CELL: usize = 16;
+const POINTS_PER_CELL: usize = 4;
 const LEAST_POINTS: usize = 1 << 14;
-const MOST_POINTS: usize = 1 << 19;
+const MOST_POINTS: usize = 1 << 17;
 /// The part of these points that each end has where something enters.
 const ENTERING_PART: usize = 8;
 /// Particles of a replicate that are followed, of the initial data and of what enters.
