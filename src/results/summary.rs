@@ -204,9 +204,8 @@ pub struct Summary {
     #[serde(skip)]
     pub doubt: Option<String>,
     /// Whether the estimate can tell: false where round-off hides the difference, where there is
-    /// one point only, where both points may err alike
-    /// ([`WarpPlan::estimate_doubt`](crate::schrodingerization::warp_plan::WarpPlan::estimate_doubt)),
-    /// or where a step is too long to estimate its error.
+    /// one point only, where both points may err alike (`WarpPlan::estimate_doubt`), or where a
+    /// step is too long to estimate its error.
     pub error_estimate_reliable: bool,
     /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`), the
     /// largest over the fields.
