@@ -184,6 +184,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let measured = [summary.error_l2_relative, summary.error_density_l2_relative];
     let asked = prepared.plan.warp.as_ref().map(|_| prepared.case.tolerance);
     let told = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
+    let told = summary.error_semidiscrete.or(told);
     summary.accuracy = Accuracy::new(asked, told, measured, estimated);
     Ok(Solution {
         case: shown.case,

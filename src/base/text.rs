@@ -35,6 +35,15 @@ pub fn fixed(value: f64, decimals: usize) -> String {
     }
 }
 
+/// A part of a whole, as `-4.25 %`.
+pub fn percent(part: f64) -> String {
+    let percent = 100.0 * part;
+    match (0.01..1e4).contains(&percent.abs()) {
+        true => format!("{percent:.2} %"),
+        false => format!("{} %", short(percent)),
+    }
+}
+
 /// Four digits, without trailing zeros.
 pub fn short(value: f64) -> String {
     if value == 0.0 {

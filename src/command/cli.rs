@@ -73,8 +73,8 @@ pub struct AccuracyArgs {
         allow_negative_numbers = true
     )]
     pub accuracy: Option<f64>,
-    /// Time for the trials by which it is chosen, about; by default 60s
-    #[arg(long, value_name = "TIME", requires = "accuracy", value_parser = parse_duration)]
+    /// Time for the trials by which it, or solver.accuracy, is chosen, about; by default 60s
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     pub budget: Option<Duration>,
 }
 

@@ -35,7 +35,14 @@ pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
 pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) -> Result<Case> {
     let case = load(world, args)?;
     let Some(accuracy) = wanted.accuracy.or(case.accuracy) else {
-        return Ok(case);
+        return match wanted.budget {
+            None => Ok(case),
+            Some(_) => Err(Error::Input(
+                "--budget is the time to choose for an accuracy: --accuracy or solver.accuracy is \
+                 missing"
+                    .to_owned(),
+            )),
+        };
     };
     refuse_what_is_chosen(&args.set)?;
     let budget = wanted.budget.unwrap_or(DEFAULT_BUDGET).as_secs_f64();
@@ -51,7 +58,7 @@ pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) 
         }
     }
     let set: Vec<String> = case.overrides.iter().chain(&entry.settings).cloned().collect();
-    Case::parse(&case.name, &case.text, &set)
+    Ok(Case { accuracy: Some(accuracy), ..Case::parse(&case.name, &case.text, &set)? })
 }
 
 /// Refuses `--set` of keys that an accuracy chooses.

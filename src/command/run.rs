@@ -52,7 +52,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         }
     }
     print(world, &closing_line(&summary, &directory));
-    if let Some(line) = resolution_line(&summary) {
+    for line in goal_line(&case, &summary).into_iter().chain(summary.accuracy.line()) {
         print(world, &line);
     }
     let ledger = summary.ledger.iter().filter(|l| args.verbose || !l.warnings().is_empty());
@@ -73,23 +73,15 @@ fn load_to_resume(world: &World, args: &CaseArgs) -> Result<Case> {
     }
 }
 
-/// What limits the accuracy, where that is the grid.
-fn resolution_line(summary: &Summary) -> Option<String> {
-    let accuracy = &summary.accuracy;
-    if !accuracy.under_resolved {
-        return None;
-    }
-    let percent =
-        |name: &str, error: Option<f64>| error.map(|e| format!("{name} {:.2} %", 100.0 * e));
-    let errors = [percent("f", accuracy.grid), percent("density", accuracy.grid_density)];
-    let how = if accuracy.grid_measured { "measured" } else { "estimated" };
-    let of_algorithm = (accuracy.algorithm.or(accuracy.asked))
-        .map_or(String::new(), |e| format!(", the algorithm's {e:.1e}"));
-    Some(format!(
-        "UNDER-RESOLVED: error of the grid ({how}, relative L2) {}{of_algorithm}; more cells or a \
-         higher scheme.degree would lower it",
-        errors.into_iter().flatten().collect::<Vec<_>>().join(", ")
-    ))
+/// Whether the density is as near to the exact one as was asked for.
+fn goal_line(case: &Case, summary: &Summary) -> Option<String> {
+    let goal = case.accuracy?;
+    let found = match summary.error_density_l1_relative {
+        Some(error) if error <= goal => format!("reached, {error:.1e}"),
+        Some(error) => format!("MISSED, {error:.1e}"),
+        None => "not measured, as there is no [exact]".to_owned(),
+    };
+    Some(format!("accuracy {goal:e} of the density (relative L1): {found}"))
 }
 
 /// Seconds, errors and where the results are.
@@ -100,10 +92,7 @@ fn closing_line(summary: &Summary, directory: &Path) -> String {
             format!(", error estimate {estimate:.1e} (tolerance {:e})", summary.tolerance)
         } else {
             let doubt = summary.doubt.as_deref();
-            format!(
-                ", no error estimate: {}",
-                doubt.unwrap_or("below what can be told from round-off")
-            )
+            format!(", no error estimate: {}", doubt.unwrap_or("round-off may hide it"))
         };
     }
     if let (Some(density), Some(velocity)) = (summary.error_density_l1, summary.error_velocity_l1) {

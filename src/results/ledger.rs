@@ -4,7 +4,7 @@
 //! flow; all else is measured on the grid, or is an integral of the case's formulas. What is not
 //! known is `null` in `summary.json`.
 
-use crate::base::text::short;
+use crate::base::text::{percent, short};
 use serde::{Deserialize, Serialize};
 
 /// Parts above this are worth a warning.
@@ -114,15 +114,6 @@ pub struct Region {
     pub axis: String,
     /// Cells across it; elements of a degree above 0.
     pub cells: usize,
-}
-
-/// `-4.25 %`.
-fn percent(share: f64) -> String {
-    let percent = 100.0 * share;
-    match (0.01..1e4).contains(&percent.abs()) {
-        true => format!("{percent:.2} %"),
-        false => format!("{} %", short(percent)),
-    }
 }
 
 impl Ledger {

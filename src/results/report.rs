@@ -15,6 +15,7 @@ use crate::results::pictures::Album;
 use crate::results::pictures::history::steps;
 use crate::results::pictures::stored::Stored;
 use crate::results::report::html::{Rows, Text, shown};
+use crate::results::summary::Accuracy;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Deserialize;
 use serde_json::Value;
@@ -247,8 +248,10 @@ impl Report<'_> {
                  (L1)."
             )
         });
-        let both: Vec<String> = estimate.into_iter().chain(exact).collect();
-        (!both.is_empty()).then(|| both.join(" "))
+        let accuracy = Accuracy::deserialize(&self.summary["accuracy"]).ok();
+        let accuracy = accuracy.and_then(|accuracy| accuracy.line()).map(|line| line + ".");
+        let all: Vec<String> = accuracy.into_iter().chain(estimate).chain(exact).collect();
+        (!all.is_empty()).then(|| all.join(" "))
     }
 
     fn effort(&self) -> Option<String> {

@@ -2,11 +2,12 @@
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
+use crate::base::text::percent;
 use crate::problem::case::{Interface, Method};
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::Readout;
 use crate::results::ledger::Ledger;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -63,7 +64,7 @@ pub struct GridErrors {
 
 /// How far a run may be trusted: what the algorithm adds to the semi-discrete solution, and how far
 /// that is from the exact one.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Accuracy {
     /// `solver.tolerance`; none of the classical method.
     pub asked: Option<f64>,
@@ -115,6 +116,31 @@ impl Accuracy {
             grid_density_estimate,
             under_resolved,
         }
+    }
+
+    /// What limits the run, with both numbers; nothing where the grid's error is not known.
+    pub fn line(&self) -> Option<String> {
+        let named =
+            |name: &str, error: Option<f64>| error.map(|e| format!("{name} {}", percent(e)));
+        let errors = [named("f", self.grid), named("density", self.grid_density)];
+        let errors: Vec<String> = errors.into_iter().flatten().collect();
+        if errors.is_empty() {
+            return None;
+        }
+        let [head, advice] = match self.under_resolved {
+            true => ["UNDER-RESOLVED", "; more cells or a higher scheme.degree would lower it"],
+            false => ["accuracy", ""],
+        };
+        let how = if self.grid_measured { "measured" } else { "estimated" };
+        let of_algorithm = match (self.algorithm, self.asked) {
+            (Some(error), _) => format!(", the algorithm's {error:.1e}"),
+            (None, Some(asked)) => format!(", the algorithm's within the tolerance {asked:e}"),
+            (None, None) => String::new(),
+        };
+        let errors = errors.join(", ");
+        Some(format!(
+            "{head}: error of the grid ({how}, relative L2) {errors}{of_algorithm}{advice}"
+        ))
     }
 }
 

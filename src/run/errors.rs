@@ -114,7 +114,8 @@ pub fn estimated(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2]>
         0 => by_dissipation(prepared, f)?,
         _ => by_tails(prepared, f),
     };
-    Ok(found.map(|e| Some(e.min(1.0)).filter(|e| e.is_finite())))
+    // Where nothing is left of the field there is no relative error.
+    Ok(found.map(|e| Some(e).filter(|e| !e.is_nan()).map(|e| e.min(1.0))))
 }
 
 /// Error of degree 0 beside `T ‖D f(T)‖`.

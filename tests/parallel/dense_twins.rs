@@ -256,6 +256,20 @@ impl Twin {
                 &[velocities, SLOPE_INFLOW, scalar, largest],
             ),
             with(
+                "elements, partial reflection",
+                "example1.toml",
+                &[5, 2],
+                &[("0.x", 2), ("0.v", 1)],
+                &["potential.0.reflection='0.4/(1 + E)'", "exact={}"],
+            ),
+            with(
+                "elements, two dimensions, partial reflection",
+                "barrier2d.toml",
+                &[3, 2, 3, 2],
+                &[("0.x", 1), ("0.v", 1), ("1.v", 1)],
+                &["potential.0.reflection='min(1, 0.1/(0.1 + E))'", "exact={}"],
+            ),
+            with(
                 "elements, two dimensions, inflow",
                 "barrier2d.toml",
                 &[3, 2, 3, 2],
