@@ -2,7 +2,7 @@
 //! tell.
 
 use crate::support::{
-    INTERFACES, at_most, cases, check_all, datasets, directory, distance,
+    INTERFACES, at_most, check_all, datasets, directory, dissipative, distance,
     estimate_is_right_or_silent, field, finite_volumes, meets_its_tolerance, near, parsed, plan,
     refused, require, run, shrunk, tolerance_is_met,
 };
@@ -15,7 +15,7 @@ const TOLERANCES: [&str; 4] = ["1e-3", "1e-6", "1e-9", "1e-11"];
 fn tolerances_are_met_in_every_case() {
     let mut rows = Vec::new();
     let of_degree_0 = finite_volumes();
-    for name in cases() {
+    for name in dissipative() {
         // Elements of a higher degree have no interface law to choose.
         let laws = if of_degree_0.contains(&name) { &INTERFACES[..] } else { &INTERFACES[..1] };
         for interface in laws {
@@ -40,13 +40,25 @@ fn tolerances_are_met_in_every_case() {
     });
 }
 
+/// Where nothing is dissipated one mode is the solution, to any tolerance.
+#[test]
+fn a_unitary_flow_takes_one_mode() {
+    check_all(&TOLERANCES, |tolerance| {
+        let place = directory();
+        let set = ["solver.verify=true", &format!("solver.tolerance={tolerance}")];
+        let summary = run("unitary_advection.toml").set(&set).on(2).solve(place.path())?;
+        summary.require(summary.number("modes")? == 1.0, || "more than one mode".into())?;
+        tolerance_is_met(&summary)
+    });
+}
+
 /// Every case by every other propagator: Krylov meets the tolerance; the implicit methods are as
 /// far from the exact solution as the error that they report, say so, and run with split space too.
 #[test]
 fn every_propagator_runs_in_every_case() {
     let mut rows = Vec::new();
     // What an inflow that varies refuses is tried elsewhere.
-    for name in (cases().into_iter()).filter(|name| name != "pulsed_inflow.toml") {
+    for name in (dissipative().into_iter()).filter(|name| name != "pulsed_inflow.toml") {
         rows.push((name.clone(), "krylov", "1e-6", None, 2));
         rows.push((name.clone(), "crank-nicolson", "1e-2", Some(30.0), 2));
         rows.push((name.clone(), "backward-euler", "1e-2", Some(60.0), 1));
@@ -263,7 +275,7 @@ fn smallest_tolerance_is_accepted_and_met() {
         require(is_number, &finished, || "no smallest tolerance named".into())?;
         Ok(number)
     };
-    check_all(&cases(), |name| {
+    check_all(&dissipative(), |name| {
         let small = shrunk(name);
         let number = smallest(name, small)?;
         let job = plan(name, 1).set(small);

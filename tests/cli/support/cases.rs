@@ -24,6 +24,12 @@ pub fn finite_volumes() -> Vec<String> {
     cases().into_iter().filter(of_degree_0).collect()
 }
 
+/// The cases with dissipation: without, a plan takes one mode, which needs no error estimate.
+pub fn dissipative() -> Vec<String> {
+    let dissipates = |name: &String| parsed(name, &[]).is_ok_and(|case| case.flux > 0.0);
+    cases().into_iter().filter(dissipates).collect()
+}
+
 /// What makes a case small enough for tests that go through all of them, faces still on the jumps;
 /// nothing for most.
 pub fn shrunk(name: &str) -> &'static [&'static str] {
