@@ -68,7 +68,9 @@ def test_a_failure_is_a_row(small: pw.Case, tmp_path: Path) -> None:
 def test_chosen_columns(small: pw.Case, tmp_path: Path) -> None:
     columns = ["modes", "probabilities.at_slice.all.value"]
     table = pw.sweep(small, {"solver.tolerance": [1e-2]}, tmp_path, columns=columns, progress=False)
-    assert table.columns.tolist() == ["solver.tolerance", *columns, "directory"]
+    # Runs on few cells have warnings, which are a column of their own.
+    found = [column for column in table.columns if column != "warnings"]
+    assert found == ["solver.tolerance", *columns, "directory"]
 
 
 def test_nothing_to_vary(small: pw.Case, tmp_path: Path) -> None:
