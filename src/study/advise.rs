@@ -521,6 +521,7 @@ impl<'a> Study<'a> {
             let each = application_weight(e.degree, e.limiter) as f64;
             e.applications * e.computed_cells * each
         };
+        doubt_the_dearest(&mut entries, work);
         let best = [Method::Schrodingerized, Method::Classical].map(|method| {
             (entries.iter())
                 .filter(|e| e.refused.is_none() && e.estimate.is_none() && e.method == method)
@@ -534,12 +535,17 @@ impl<'a> Study<'a> {
         });
         if entries.iter().all(|e| e.refused.is_some()) {
             // One reason: that of the fewest cells.
+            let is_open = |e: &Entry| e.known == Known::Extrapolated && e.order.pairs.is_empty();
+            let verdict = match entries.iter().any(is_open) {
+                true => "is not settled within this budget",
+                false => "is out of reach",
+            };
             let nearest = (entries.iter()).min_by(|a, b| a.cells.total_cmp(&b.cells));
             let reason = nearest.map_or(String::new(), |e| {
                 format!("{}: {}", e.name, e.refused.as_deref().unwrap_or_default())
             });
             return Err(Error::Input(format!(
-                "{}: --accuracy {:e} of the density is out of reach. With the fewest cells, {}",
+                "{}: --accuracy {:e} of the density {verdict}. With the fewest cells, {}",
                 case.name, wanted.accuracy, reason
             )));
         }
@@ -557,6 +563,29 @@ impl<'a> Study<'a> {
             left_out,
             warnings,
         })
+    }
+}
+
+/// An extrapolated set-up whose order is not settled is no advice where it takes more than so many
+/// times the work of another set-up that may do.
+const DEAREST: f64 = 100.0;
+
+/// Marks set-ups as estimates whose grids follow from orders that are not settled, and which take
+/// far more work than another one.
+fn doubt_the_dearest(entries: &mut [Entry], work: impl Fn(&Entry) -> f64) {
+    let possible = entries.iter().filter(|e| e.refused.is_none());
+    let Some(least) = possible.min_by(|a, b| work(a).total_cmp(&work(b))) else { return };
+    let (name, least) = (least.name.clone(), work(least));
+    for entry in entries {
+        let open = entry.known == Known::Extrapolated && !entry.order.settled;
+        if open && entry.refused.is_none() && work(entry) > DEAREST * least {
+            entry.estimate.get_or_insert_with(|| {
+                format!(
+                    "not settled within this budget; {name} may take less than a hundredth of its \
+                     work: a longer --budget decides"
+                )
+            });
+        }
     }
 }
 
