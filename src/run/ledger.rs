@@ -34,8 +34,6 @@ const REPLICATES: usize = 16;
 const POINTS_PER_CELL: usize = 4;
 const LEAST_POINTS: usize = 1 << 14;
 const MOST_POINTS: usize = 1 << 17;
-/// The part of these points that each end has where something enters.
-const ENTERING_PART: usize = 8;
 /// Particles of a replicate that are followed, of the initial data and of what enters.
 const FOLLOWED: [usize; 2] = [256, 64];
 /// Most nodes at which the initial data are looked for.
@@ -132,7 +130,7 @@ impl Sources {
         let entering = entering.filter(|end| case.enters() && (end.axis < n || !measure));
         let mut follow = |end: AxisEnd| {
             let source = Source::Entering(end);
-            (end, replicated(world, drawer, flight, source, points / ENTERING_PART))
+            (end, replicated(world, drawer, flight, source, points))
         };
         let entering = entering.map(&mut follow).collect();
         Self { initial, entering }
