@@ -150,7 +150,7 @@ static OF_STEP_UP: LazyLock<Value> = LazyLock::new(|| {
 
 #[test]
 fn what_is_found_does_not_depend_on_ranks() {
-    let three = chart("step_up.toml", &SMALL, (3, 6.0), directory().path()).unwrap();
+    let three = chart("step_up.toml", &SMALL, (3, 12.0), directory().path()).unwrap();
     let knobs = [
         "method",
         "grid",
