@@ -151,7 +151,10 @@ def blocks(block):
 
 
 def with_vtk(directory, n, density):
-    """Every field of fields.xdmf at every time and cell, placed by VTK, against result.h5 at the cell with that centre."""
+    """Every field of fields.xdmf at every time and cell against result.h5.
+
+    VTK places the values; the cell of result.h5 is the one with that centre.
+    """
     reader = vtkXdmfReader()
     reader.SetFileName(str((directory / "fields.xdmf").absolute()))
     reader.Update()
@@ -190,15 +193,18 @@ def at_a_time(reader, file, n, dataset):
     middle = {name: len(c) // 2 for name, c in centres.items()}
     for image in blocks(reader.GetOutputDataObject(0)):
         cells = [m - 1 for m in image.GetDimensions()]
-        where = [image.GetOrigin()[a] + image.GetSpacing()[a] * (np.arange(cells[a]) + 0.5) for a in range(3)]
+        origin, spacing = image.GetOrigin(), image.GetSpacing()
+        where = [origin[a] + spacing[a] * (np.arange(cells[a]) + 0.5) for a in range(3)]
         arrays = image.GetCellData()
-        values = {arrays.GetArrayName(k): vtk_to_numpy(arrays.GetArray(k)) for k in range(arrays.GetNumberOfArrays())}
+        count = range(arrays.GetNumberOfArrays())
+        values = {arrays.GetArrayName(k): vtk_to_numpy(arrays.GetArray(k)) for k in count}
         names = set(values)
         if names & {"density"}:
             grid, axes = "space", SPACE[:n]
         else:
             # A plane (x_a, v_a), told by its axes: those of the tests differ.
-            fits = [a for a in range(n) if cells[:2] == [len(centres[SPACE[a]]), len(centres[VELOCITY[a]])]]
+            sizes = [[len(centres[SPACE[a]]), len(centres[VELOCITY[a]])] for a in range(n)]
+            fits = [a for a in range(n) if cells[:2] == sizes[a]]
             assert len(fits) == 1, (cells, fits)
             grid, axes = f"plane_{SPACE[fits[0]]}", [SPACE[fits[0]], VELOCITY[fits[0]]]
         for a, axis in enumerate(axes):
@@ -215,7 +221,8 @@ def at_a_time(reader, file, n, dataset):
             if grid != "space":
                 if name.startswith("psi_"):
                     stored = stored[SPACE.index(name[-1])]
-                stored = stored[tuple(slice(None) if a in axes else middle[a] for a in centres)][..., None]
+                place = tuple(slice(None) if a in axes else middle[a] for a in centres)
+                stored = stored[place][..., None]
             elif stored.ndim == n:
                 stored = stored[()][..., None]
             else:
@@ -223,7 +230,8 @@ def at_a_time(reader, file, n, dataset):
                 if n > 1:
                     pad = np.zeros((*stored.shape[:-1], 3 - n))
                     stored = np.concatenate([stored, pad], axis=-1)
-            found = np.moveaxis(found.reshape([*[m for m in cells[::-1]][3 - len(axes):], -1]), -1, 0)
+            found = found.reshape([*cells[::-1][3 - len(axes):], -1])
+            found = np.moveaxis(found, -1, 0)
             found = np.moveaxis(found.transpose(0, *range(len(axes), 0, -1)), 0, -1)
             same(found, stored, f"{grid}/{name}")
     return shown
@@ -238,4 +246,5 @@ for place in sys.argv[1:]:
         steps = with_vtk(directory, dimension, is_density)
         files = warped(directory, dimension)
         whole = f", {files} warped" if files else ""
-        print(f"{place}: read by h5py {h5py.__version__}, xarray {xarray.__version__}, VTK ({steps} times){early}{whole}")
+        versions = f"h5py {h5py.__version__}, xarray {xarray.__version__}"
+        print(f"{place}: read by {versions}, VTK ({steps} times){early}{whole}")

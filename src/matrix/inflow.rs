@@ -73,28 +73,26 @@ impl Entering {
     /// `b_i(time)` of `field`, row by row of the list of inflow rows.
     pub fn values(&self, field: &Field, time: f64) -> impl Iterator<Item = f64> {
         let formula = field.entering();
-        self.ends.iter().enumerate().map(move |(m, &end)| {
-            let start = m.checked_sub(1).map_or(0, |before| self.ends[before]);
-            let value = |(rate, point): &(f64, [f64; 6])| rate * formula.at_point(point, time);
-            self.ghosts[start..end].iter().map(value).sum()
-        })
+        self.sums(move |point| formula.at_point(point, time))
     }
 
-    /// `Σ rate · square(ghost centre)`, row by row of the list of inflow rows, where `square` gives
-    /// the square of what enters there.
-    pub fn strengths(&self, square: impl Fn(&[f64; 6]) -> f64) -> impl Iterator<Item = f64> {
-        self.ends.iter().enumerate().map(move |(m, &end)| {
-            let start = m.checked_sub(1).map_or(0, |before| self.ends[before]);
-            self.ghosts[start..end].iter().map(|(rate, point)| rate * square(point)).sum()
-        })
+    /// `Σ rate · value(ghost centre)`, row by row of the list of inflow rows.
+    pub fn sums(&self, value: impl Fn(&[f64; 6]) -> f64) -> impl Iterator<Item = f64> {
+        let all = 0..self.ends.len();
+        all.map(move |m| self.ghosts_of(m).iter().map(|(rate, point)| rate * value(point)).sum())
+    }
+
+    /// Rates and centres of the ghosts of row `m`.
+    fn ghosts_of(&self, m: usize) -> &[(f64, [f64; 6])] {
+        let start = m.checked_sub(1).map_or(0, |before| self.ends[before]);
+        &self.ghosts[start..self.ends[m]]
     }
 
     /// The first ghost of row `m` at which `field`'s inflow is not finite, and its value there.
     pub fn worst(&self, field: &Field, m: usize, time: f64) -> (f64, [f64; 6]) {
-        let start = m.checked_sub(1).map_or(0, |before| self.ends[before]);
         let value =
             |&(_, point): &(f64, [f64; 6])| (field.entering().at_point(&point, time), point);
-        let mut values = self.ghosts[start..self.ends[m]].iter().map(value);
+        let mut values = self.ghosts_of(m).iter().map(value);
         values.find(|(value, _)| !value.is_finite()).unwrap_or((f64::NAN, [0.0; 6]))
     }
 }

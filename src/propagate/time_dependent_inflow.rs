@@ -115,7 +115,7 @@ fn largest_strengths(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64
         });
         stages.fold(0.0, |most: f64, b| most.max(b * b))
     };
-    matrix.entering.strengths(square).collect()
+    matrix.entering.sums(square).collect()
 }
 
 /// Looks at the inflow all through the run; the largest `|b_i|`, on this rank.

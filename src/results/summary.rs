@@ -68,7 +68,8 @@ pub struct GridErrors {
 pub struct Accuracy {
     /// `solver.tolerance`; none of the classical method.
     pub asked: Option<f64>,
-    /// Estimate of the relative l2 distance to the semi-discrete solution, where there is one.
+    /// Relative l2 distance to the semi-discrete solution: as measured (`solver.verify`), else its
+    /// estimate, where that is reliable.
     pub algorithm: Option<f64>,
     /// Relative L2 distance of `f` to the exact solution.
     pub grid: Option<f64>,

@@ -281,7 +281,7 @@ fn estimate(
         summary.doubt = warp.estimate_doubt().map(str::to_owned);
         let tells = estimate.is_finite() && estimate > round_off;
         summary.error_estimate_reliable = tells && summary.doubt.is_none();
-        if summary.error_estimate_reliable && estimate > 1.5 * plan.tolerance {
+        if tells && estimate > 1.5 * plan.tolerance {
             warnings.push(format!(
                 "the error estimate {estimate:.1e} is above the tolerance {:e}",
                 plan.tolerance

@@ -32,13 +32,12 @@ use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Data, Effort, LARGEST_TOLERANCE, Limiter, Method};
 use crate::run::planning;
 use crate::study::advise::density::distance;
-use crate::study::advise::entry::{Advised, Entry, Given, Parts};
+use crate::study::advise::entry::{Advised, Entry, Given, Parts, doubt_the_dearest};
 use crate::study::advise::reach::{DISCRETISATION, Goal, Known, KnownError, Reach, look, reach};
 use crate::study::advise::report::{MOST_SHOWN, grid_text, warnings};
 use crate::study::advise::scheme::Scheme;
 use crate::study::advise::settings::{command, plain, settings};
 use crate::study::advise::trials::{Trials, cells, mode_updates};
-use crate::study::cost::application_weight;
 use crate::study::grids::shape_text;
 use crate::study::trial::final_fields_only;
 
@@ -516,16 +515,12 @@ impl<'a> Study<'a> {
         };
         let mut entries: Vec<Entry> = candidates.into_iter().map(settled).collect();
         let warnings = warnings(case, &entries);
+        doubt_the_dearest(&mut entries);
         // By work, which no clock counts; the case's own interface where it is the same.
-        let work = |e: &Entry| {
-            let each = application_weight(e.degree, e.limiter) as f64;
-            e.applications * e.computed_cells * each
-        };
-        doubt_the_dearest(&mut entries, work);
         let best = [Method::Schrodingerized, Method::Classical].map(|method| {
             (entries.iter())
                 .filter(|e| e.refused.is_none() && e.estimate.is_none() && e.method == method)
-                .min_by(|a, b| work(a).total_cmp(&work(b)))
+                .min_by(|a, b| a.work().total_cmp(&b.work()))
                 .map(|e| e.name.clone())
         });
         entries.sort_by(|a, b| {
@@ -563,29 +558,6 @@ impl<'a> Study<'a> {
             left_out,
             warnings,
         })
-    }
-}
-
-/// An extrapolated set-up whose order is not settled is no advice where it takes more than so many
-/// times the work of another set-up that may do.
-const DEAREST: f64 = 100.0;
-
-/// Marks set-ups as estimates whose grids follow from orders that are not settled, and which take
-/// far more work than another one.
-fn doubt_the_dearest(entries: &mut [Entry], work: impl Fn(&Entry) -> f64) {
-    let possible = entries.iter().filter(|e| e.refused.is_none());
-    let Some(least) = possible.min_by(|a, b| work(a).total_cmp(&work(b))) else { return };
-    let (name, least) = (least.name.clone(), work(least));
-    for entry in entries {
-        let open = entry.known == Known::Extrapolated && !entry.order.settled;
-        if open && entry.refused.is_none() && work(entry) > DEAREST * least {
-            entry.estimate.get_or_insert_with(|| {
-                format!(
-                    "not settled within this budget; {name} may take less than a hundredth of its \
-                     work: a longer --budget decides"
-                )
-            });
-        }
     }
 }
 

@@ -2,7 +2,7 @@
 //! against a separate implementation; partial reflection.
 
 use crate::support::{
-    Job, Mistake, SLOPES, all_refused, at_most, case, check_all, directory, near, run,
+    Job, Mistake, SLOPES, Summary, all_refused, at_most, case, check_all, directory, near, run,
 };
 use serde_json::Value;
 
@@ -77,6 +77,35 @@ fn estimates_of_the_grid_are_of_the_size_of_its_error() {
         let as_said = said["grid_measured"] == true && said["under_resolved"] == large;
         summary.require(as_said && said["asked"].is_null(), || format!("{said}"))
     });
+}
+
+/// A run that is told how near the density is to be says whether it is; the report has both errors.
+/// A measured error of the algorithm takes the place of its estimate, and where nothing is left of
+/// the field nothing is claimed.
+#[test]
+fn goals_are_judged_and_nothing_is_claimed_of_nothing() {
+    let place = directory();
+    let grid = ["axis.0.x.cells=10", "axis.0.v.cells=10", "solver.verify=true"];
+    let beams = || run("smooth-beams.toml").set(&grid);
+    let job = beams().set(&["solver.tolerance=1e-4"]);
+    let finished = job.clone().into(place.path()).succeed().unwrap();
+    finished.says(&finished.output, &["UNDER-RESOLVED: error of the grid (measured"]).unwrap();
+    let summary = Summary::read(finished, place.path()).unwrap();
+    let error = summary.number("error_semidiscrete").unwrap();
+    assert_eq!(accuracy(&summary.value, "algorithm").unwrap(), error);
+    let shown = Job::new(["report", &place.path().display().to_string()]);
+    shown.succeed().unwrap();
+    let report = std::fs::read_to_string(place.path().join("report.html")).unwrap();
+    assert!(report.contains("UNDER-RESOLVED: error of the grid (measured, relative L2)"));
+
+    let empty = beams().set(&["initial.f=0"]).into(place.path()).succeed().unwrap();
+    let all = empty.output.clone() + &empty.errors;
+    assert!(!all.contains("error of the grid"), "{}", empty.report("an error of nothing"));
+
+    let goal = run("smooth-beams.toml").with(["--accuracy", "2e-1", "--budget", "20s"]);
+    let finished = goal.within(120).into(place.path()).succeed().unwrap();
+    let said = ["accuracy 2e-1 of the density (relative L1): reached, "];
+    finished.says(&finished.output, &said).unwrap();
 }
 
 /// The last line of a run names both errors where that of the grid is the larger by far, as it is

@@ -28,7 +28,7 @@ fn check_prints_what_was_understood() {
             let said = !words.is_empty() && finished.output.contains(words.as_str());
             require(said, &finished, || format!("\"{words}\" is not said"))?;
         }
-        // The hat interface does not keep mass, and not all data end within their box: that is said.
+        // The hat interface does not keep mass, and not all data end within their box: said.
         let mut warnings = finished.output.lines().filter(|line| line.starts_with("warning"));
         let other = warnings.find(|line| !line.starts_with("warning: mass: "));
         require(other.is_none(), &finished, || "no other warning expected".into())

@@ -127,8 +127,8 @@ fn answers_are_those_of_the_whole_grid() {
             less.require(found.shape == whole.shape, || {
                 format!("{name}: {:?}, of the whole grid {:?}", found.shape, whole.shape)
             })?;
-            // Mean velocities are not known where there is next to nothing. Planes are copies of parts
-            // of fields (tests/readers.py), which may be small beside the whole.
+            // Mean velocities are not known where there is next to nothing. Planes are copies of
+            // parts of fields (tests/readers.py), which may be small beside the whole.
             if !name.contains("velocity") && !name.contains("plane_") {
                 let apart = distance(&found.numbers(), &whole.numbers());
                 let same = apart <= 3e-7 || whole.numbers().iter().all(|x| *x == 0.0);

@@ -4,6 +4,7 @@
 use crate::problem::case::{Interface, Limiter, Method};
 use crate::study::advise::order::Order;
 use crate::study::advise::reach::{Known, Level};
+use crate::study::cost::application_weight;
 use serde::Serialize;
 
 /// Parts of the error of the density, each relative to it in L1.
@@ -87,6 +88,12 @@ pub struct Entry {
 }
 
 impl Entry {
+    /// Its work, which no clock counts: updates of unknowns.
+    pub fn work(&self) -> f64 {
+        let each = application_weight(self.degree, self.limiter) as f64;
+        self.applications * self.computed_cells * each
+    }
+
     /// Where the grid follows from orders that are not settled, what begins the reason why it is
     /// not advised: a longer budget may find a smaller one.
     pub fn not_settled_yet(&self) -> &'static str {
@@ -108,6 +115,29 @@ impl Entry {
             Some(format!("{open}it is expected to take more than 30 days on these ranks"))
         } else {
             None
+        }
+    }
+}
+
+/// An extrapolated set-up whose order is not settled is no advice where it takes more than so many
+/// times the work of another set-up that may do.
+const DEAREST: f64 = 100.0;
+
+/// Marks set-ups as estimates whose grids follow from orders that are not settled, and which take
+/// far more work than another one.
+pub fn doubt_the_dearest(entries: &mut [Entry]) {
+    let possible = entries.iter().filter(|e| e.refused.is_none());
+    let Some(least) = possible.min_by(|a, b| a.work().total_cmp(&b.work())) else { return };
+    let (name, least) = (least.name.clone(), least.work());
+    for entry in entries {
+        let open = entry.known == Known::Extrapolated && !entry.order.settled;
+        if open && entry.refused.is_none() && entry.work() > DEAREST * least {
+            entry.estimate.get_or_insert_with(|| {
+                format!(
+                    "not settled within this budget; {name} may take less than a hundredth of its \
+                     work: a longer --budget decides"
+                )
+            });
         }
     }
 }
@@ -168,5 +198,56 @@ impl Advised {
         let mut of_method = self.entries.iter().filter(|e| e.method == method);
         let why = of_method.find_map(|e| e.estimate.clone().or_else(|| e.refused.clone()));
         why.unwrap_or_else(|| format!("nothing was tried; {}", self.left_out.join("; ")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A set-up of so many applications, extrapolated by orders that are settled or not.
+    fn entry(applications: f64, settled: bool) -> Entry {
+        let order = Order { pairs: vec![0.6, 1.1], order: 0.85, counted_on: 0.6, settled };
+        Entry {
+            name: format!("{applications}"),
+            method: Method::Classical,
+            interface: Interface::Conservative,
+            limiter: Limiter::None,
+            degree: 0,
+            shape: vec![10, 10],
+            cells: 100.0,
+            computed_cells: 100.0,
+            tolerance: None,
+            error: 0.01,
+            known: Known::Extrapolated,
+            parts: Parts::of_discretisation(0.01, 0.5),
+            order,
+            levels: Vec::new(),
+            moved_edges: Vec::new(),
+            applications,
+            memory_bytes_per_rank: 0.0,
+            seconds: None,
+            seconds_measured: false,
+            refused: None,
+            estimate: None,
+            settings: Vec::new(),
+            command: String::new(),
+        }
+    }
+
+    #[test]
+    fn what_is_open_and_far_dearer_than_another_is_an_estimate() {
+        let mut entries = [
+            entry(1.0, false),
+            entry(99.0, false),
+            entry(101.0, false),
+            entry(1e6, true),
+            Entry { known: Known::Estimated, ..entry(1e6, false) },
+            Entry { refused: Some("no".into()), ..entry(1e-6, false) },
+        ];
+        doubt_the_dearest(&mut entries);
+        let doubted = entries.each_ref().map(|e| e.estimate.is_some());
+        assert_eq!(doubted, [false, false, true, false, false, false]);
+        assert!(entries[2].estimate.as_deref().is_some_and(|why| why.contains("; 1 may take")));
     }
 }
