@@ -27,7 +27,7 @@ PYTHON  = $(abspath $(or $(CARGO_TARGET_DIR),target))/python/bin/python
     browser setup clean help
 
 run: build ## solve example 1 of the paper on two ranks (or CASE=, RANKS=, RESULTS=)
-	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS)
+	mpirun -np $(RANKS) $(PROGRAM) run $(CASE) -o $(RESULTS) --force
 	@echo "Results in $(RESULTS): result.h5 (fields), summary.json (errors, cost)"
 
 build: setup ## build the program in release mode
@@ -42,7 +42,7 @@ bench: setup ## measure rates, runs and peers, into docs/performance.md (ARGS=--
 example3: $(foreach n,8 16 32,example3-$(n)) ## example 3 by size, into docs/performance.md
 
 example3-%: build ## example 3 on so many cells an axis (64: a quarter of an hour)
-	mpirun -np $(RANKS) $(PROGRAM) run cases/example3.toml -o results/$@ --set solver.tolerance=1e-6 \
+	mpirun -np $(RANKS) $(PROGRAM) run cases/example3.toml -o results/$@ --force --set solver.tolerance=1e-6 \
 	    $(foreach key,axis.0.x axis.0.v axis.1.x axis.1.v,--set $(key).cells=$*)
 	@if command -v python3 >/dev/null; then scripts/bench/report.py --only example3; fi
 

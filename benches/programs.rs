@@ -118,7 +118,8 @@ impl Row {
 
     /// One run: seconds from outside, and its summary.
     fn run(&self, directory: &Path, extra: &[&str]) -> Outcome<(f64, Value)> {
-        let mut more = vec!["-o".to_owned(), directory.display().to_string()];
+        let mut more =
+            ["-o", &directory.display().to_string(), "--force"].map(str::to_owned).to_vec();
         for setting in extra {
             more.extend(["--set".to_owned(), (*setting).to_owned()]);
         }

@@ -23,10 +23,14 @@ read_settings() {
 
 # show_plan RANKS CASE [OPTION]…: checks the case and prints its plan. Options are those of `run`.
 show_plan() {
-    local ranks=$1 case=$2 node=() of_case=() option next=""
+    local ranks=$1 case=$2 node=() of_case=() of_plan=() option next=""
     shift 2
-    # `check` looks at the case alone: it has no --ranks-x.
+    # `check` looks at the case alone: it has no --ranks-x. Neither writes: no --force.
     for option in "$@"; do
+        if [ "$option" = --force ]; then
+            continue
+        fi
+        of_plan+=("$option")
         if [ "$next" = dropped ]; then
             next=""
         elif [ "$option" = --ranks-x ]; then
@@ -40,7 +44,7 @@ show_plan() {
             --ranks-per-node "${SLURM_NTASKS_PER_NODE:-$ranks}")
     fi
     launch 1 "$program" check "$case" "${of_case[@]}"
-    launch 1 "$program" plan "$case" --ranks "$ranks" "${node[@]}" "$@"
+    launch 1 "$program" plan "$case" --ranks "$ranks" "${node[@]}" "${of_plan[@]}"
 }
 
 # seconds_of [[D-]H:]M:S: the seconds of a time; prints nothing if it is not a time.

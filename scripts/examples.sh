@@ -37,8 +37,9 @@ example() {
     for key in "$@"; do
         set+=(--set "$key")
     done
-    mpirun -np "${RANKS:-2}" "$program" run "cases/${paper}example$n.toml" -o "$results" "${set[@]}"
-    mpirun -np "${RANKS:-2}" "$program" run "cases/example$n.toml" -o "$results-classical" \
+    mpirun -np "${RANKS:-2}" "$program" run "cases/${paper}example$n.toml" -o "$results" --force \
+        "${set[@]}"
+    mpirun -np "${RANKS:-2}" "$program" run "cases/example$n.toml" -o "$results-classical" --force \
         --set solver.method=classical --set solver.classical.integrator=forward-euler "${set[@]}"
     "$program" plot "$results" --beside "$results-classical" -o "$results/plots" >/dev/null
 }

@@ -23,7 +23,7 @@ trap 'rm -rf "$results"' EXIT
 run() {
     local case=$1 degree=$2 elements=$3
     shift 3
-    "$program" run "cases/$case.toml" -o "$results" --set "scheme.degree=$degree" \
+    "$program" run "cases/$case.toml" -o "$results" --force --set "scheme.degree=$degree" \
         --set "axis.0.x.cells=$elements" --set "axis.0.v.cells=$elements" "$@" \
         >"$results/log" 2>&1 || { cat "$results/log" >&2 && exit 1; }
 }

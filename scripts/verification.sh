@@ -25,7 +25,7 @@ row() {
     shift 2
     for interface in hat conservative; do
         for tolerance in 1e-3 1e-6 1e-9 1e-11; do
-            "$program" run "$case" -o "$results" --set solver.verify=true "$@" \
+            "$program" run "$case" -o "$results" --force --set solver.verify=true "$@" \
                 --set solver.tolerance=$tolerance --set scheme.interface=$interface \
                 >"$results/log" 2>&1 || { cat "$results/log" >&2 && exit 1; }
             python3 - "$label" "$interface" "$tolerance" "$results/summary.json" <<'P'

@@ -38,6 +38,7 @@ use crate::problem::case::Case;
 use crate::quantum::readout::Readout;
 use crate::results;
 use crate::results::dataset::{ExactSolution, PlateauPoint, Results, slices};
+use crate::results::finished;
 use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
 use crate::results::shown::Shown;
@@ -62,6 +63,9 @@ use std::path::Path;
 /// The first error of any rank, the same on all; [`crate::base::error::Error::Stopped`] where the
 /// run stopped early and can go on.
 pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> Result<Summary> {
+    if !options.force {
+        finished::refuse_to_replace(&world.group(), directory, case, options.resume)?;
+    }
     let case = &*with_start(&world.group(), case)?;
     let output = Output { directory, options };
     compute(world, case, Some(output))?.write_prepared(world, directory)
@@ -159,6 +163,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     solution.early.splice(0..0, at_start);
     log.watch.part("write", solution.warped_seconds);
     log.watch.lap("solve");
+    solution.warning.iter().for_each(|warning| log.warn_later(warning.clone()));
     compare::refuse_not_finite(&prepared, &solution)?;
     for warning in compare::compare(&prepared, &solution, &mut summary) {
         log.warn_later(warning);
@@ -290,6 +295,8 @@ impl Solution {
     fn write_prepared(self, world: &World, directory: &Path) -> Result<Summary> {
         let Self { mut summary, mut log, results, lock: _lock, .. } = self;
         let (all, case) = (world.group(), &self.case);
+        // Pictures of an older result are none of the next one.
+        all.on_first_rank(|| finished::remove_older(directory, case))?;
         let steps = result_file::write(
             &all,
             directory,
@@ -309,10 +316,7 @@ impl Solution {
                 provenance: &provenance(world, case),
             },
         )?;
-        all.on_first_rank(|| {
-            xdmf::write(directory, &steps)?;
-            warped::remove_older(directory, case)
-        })?;
+        all.on_first_rank(|| xdmf::write(directory, &steps))?;
         log.watch.lap("write");
         all.on_first_rank(|| match &summary.readout {
             Some(readout) => Readout::write(readout, directory),

@@ -63,7 +63,7 @@ is "settings" "$(printf '<%s>' "${settings[@]}")" \
     "<--set><output.field_times=[0.1, 0.2]><--set><exact={f='x * v'}><--set><solver.tolerance=1e-9>"
 # Of the options of a run, `check` gets those of the case, and `plan` all.
 is "check and plan" "$(program=say LAUNCH=echo memory_per_node="" &&
-    show_plan 4 c.toml --mode full --ranks-x 2,1 --set a=1 --ranks-x=2 | tr '\n' ';')" \
+    show_plan 4 c.toml --mode full --force --ranks-x 2,1 --set a=1 --ranks-x=2 | tr '\n' ';')" \
     "1 say check c.toml --mode full --set a=1;$(
     )1 say plan c.toml --ranks 4 --mode full --ranks-x 2,1 --set a=1 --ranks-x=2;"
 

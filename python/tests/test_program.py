@@ -126,7 +126,7 @@ def stops(case: pw.Case, place: Path, walltimes: list[float]) -> pw.StoppedError
     """Return how a run stopped in the first time that a batch fits into: machines are shared."""
     for walltime in walltimes:
         try:
-            pw.run(case, place, walltime=walltime)
+            pw.run(case, place, walltime=walltime, force=True)
         except pw.StoppedError as stopped:
             return stopped
         except pw.CaseError as too_short:

@@ -225,7 +225,7 @@ def phasewarp(program, place, cells, tolerance, ranks, more=()):
     command = [
         "mpirun", "-np",
         str(ranks), program, "run",
-        os.path.join(ROOT, "cases/example1.toml"), "-o", directory
+        os.path.join(ROOT, "cases/example1.toml"), "-o", directory, "--force"
     ]
     for setting in settings:
         command += ["--set", setting]

@@ -4,8 +4,12 @@ use std::ffi::CString;
 use std::os::fd::AsRawFd;
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, LazyLock};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, LazyLock, Once};
+use std::time::{Duration, Instant};
+
+/// Signals closer to each other count as one: `timeout` and launchers send the same one twice.
+const ONE_SIGNAL: Duration = Duration::from_millis(500);
 
 /// Bytes of the largest cache that a core has to itself, its share of the second level; 1 MiB where
 /// the system does not say.
@@ -99,6 +103,53 @@ pub fn stop_flag() -> Arc<AtomicBool> {
         flag
     });
     Arc::clone(&FLAG)
+}
+
+/// From now on the first SIGTERM or SIGINT (Ctrl-C) raises [`stop_flag`] too, and the next one ends
+/// the process at once. A signal that is ignored stays so. `says` is written to standard error as
+/// soon as the first one comes.
+pub fn stop_when_terminated(says: &'static str) {
+    static BEGUN: Once = Once::new();
+    BEGUN.call_once(|| {
+        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+            if !is_ignored(signal) {
+                stop_on(signal, says);
+            }
+        }
+    });
+}
+
+/// Whether this process, or who started it, chose to ignore a signal.
+fn is_ignored(signal: i32) -> bool {
+    // SAFETY: the structure is read only where the call filled it.
+    unsafe {
+        let mut action = std::mem::zeroed::<libc::sigaction>();
+        libc::sigaction(signal, std::ptr::null(), &mut action) == 0
+            && action.sa_sigaction == libc::SIG_IGN
+    }
+}
+
+fn stop_on(signal: i32, says: &'static str) {
+    /// Milliseconds, and one, from `start` to the first signal; 0 before.
+    static FIRST: AtomicU64 = AtomicU64::new(0);
+    let (flag, start) = (stop_flag(), Instant::now());
+    let act = move || {
+        flag.store(true, Ordering::Relaxed);
+        let now = start.elapsed().as_millis() as u64 + 1;
+        match FIRST.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed) {
+            // SAFETY: a plain call, which signals may interrupt.
+            Ok(_) => unsafe {
+                libc::write(libc::STDERR_FILENO, says.as_ptr().cast(), says.len());
+            },
+            Err(first) if now.saturating_sub(first) >= ONE_SIGNAL.as_millis() as u64 => {
+                let _ = signal_hook::low_level::emulate_default_handler(signal);
+            }
+            Err(_) => {}
+        }
+    };
+    // SAFETY: it stores to atomics, reads a clock, writes to a descriptor, and resets a handler:
+    // nothing that allocates, locks or panics. It fails for signals that cannot be caught only.
+    let _ = unsafe { signal_hook::low_level::register(signal, act) };
 }
 
 /// Ends the process at once, without the clean-up that waits for other ranks or open files.

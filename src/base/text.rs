@@ -20,6 +20,14 @@ pub(crate) fn word(choice: &impl serde::Serialize) -> String {
     serde_json::to_value(choice).ok().and_then(|value| text(&value)).unwrap_or_default()
 }
 
+/// A text with at most so many characters, and `…` for the rest.
+pub(crate) fn shortened(text: &str, most: usize) -> String {
+    match text.char_indices().nth(most) {
+        None => text.to_owned(),
+        Some((end, _)) => format!("{}…", &text[..end]),
+    }
+}
+
 /// Bytes for people: `1.5 GiB`.
 pub fn bytes_text(bytes: u64) -> String {
     bytesize::ByteSize(bytes).display().iec().to_string()

@@ -110,6 +110,10 @@ pub struct RunArgs {
     /// Continue from the newest checkpoint in DIR/checkpoint, on any ranks
     #[arg(long, conflicts_with = "accuracy")]
     pub resume: bool,
+    /// Replace the results of another run in DIR, or files there that no run wrote; with --resume,
+    /// if there is nothing to go on from
+    #[arg(long)]
+    pub force: bool,
     /// Stop with a checkpoint (exit code 75) before so much time has passed: 3600, 90m, 1:30:00
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     pub walltime: Option<Duration>,

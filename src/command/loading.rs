@@ -25,15 +25,26 @@ pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
     Case::parse(&args.case.display().to_string(), &text, &set)
 }
 
-/// As [`load`]; where an accuracy is asked for, by `--accuracy` or by `solver.accuracy`, with the
-/// grid, degree, interface and tolerance that [`advise`] chooses for it, which are printed.
-/// Collective.
+/// As [`load`], [`with_accuracy`]. Collective.
 ///
 /// # Errors
-/// As [`load`] and [`advise`]; [`Error::Input`] where `--set` gives what is chosen, or where
-/// nothing is advised.
+/// As both.
 pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) -> Result<Case> {
-    let case = load(world, args)?;
+    with_accuracy(world, load(world, args)?, args, wanted)
+}
+
+/// `case`, which was loaded by `args`; where an accuracy is asked for, by `--accuracy` or by
+/// `solver.accuracy`, with the grid, degree, interface and tolerance that [`advise`] chooses for
+/// it, which are printed. Collective.
+///
+/// # Errors
+/// As [`advise`]; [`Error::Input`] where `--set` gives what is chosen, or where nothing is advised.
+pub fn with_accuracy(
+    world: &World,
+    case: Case,
+    args: &CaseArgs,
+    wanted: &AccuracyArgs,
+) -> Result<Case> {
     let Some(accuracy) = wanted.accuracy.or(case.accuracy) else {
         return match wanted.budget {
             None => Ok(case),

@@ -12,7 +12,7 @@ use crate::results::pictures;
 use crate::results::pictures::Album;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::stored::Stored;
-use crate::results::report::{Report, missing};
+use crate::results::report::{self, Report, missing};
 use crate::run::planning::with_start;
 use crate::scheme::reduce::reduced;
 use std::path::PathBuf;
@@ -49,7 +49,7 @@ pub fn execute(world: &World, args: &PlotArgs) -> Result<()> {
     let written = world.group().on_first_rank(|| {
         let (_, album) = album(args)?;
         let directory = args.output.clone();
-        let directory = directory.unwrap_or_else(|| args.directory.join("plots"));
+        let directory = directory.unwrap_or_else(|| args.directory.join(pictures::FOLDER));
         let files = album.write(&directory)?;
         Ok(Written { files, left_out: album.left_out })
     })?;
@@ -94,7 +94,7 @@ fn write_report(
     let page = page.html()?;
     let directory = args.output.as_ref().unwrap_or(&args.directory);
     disk::make(directory)?;
-    let path = directory.join("report.html");
+    let path = directory.join(report::NAME);
     disk::write(&path, page.as_bytes())?;
     let mut left_out = album.left_out;
     left_out.extend(missing);

@@ -4,27 +4,38 @@ use crate::base::error::{Error, Result};
 use crate::base::log::report;
 use crate::base::machine;
 use crate::base::text::fixed;
-use crate::command::cli::{CaseArgs, RunArgs};
-use crate::command::loading::{default_directory, load, load_for_accuracy};
+use crate::command::cli::RunArgs;
+use crate::command::loading::{default_directory, load, with_accuracy};
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
-use crate::problem::case::Case;
-use crate::results::finished::is_finished;
+use crate::problem::case::{Case, Method};
+use crate::results::finished::{is_finished, refuse_to_replace};
 use crate::results::summary::Summary;
 use crate::run;
 use crate::run::options::Options;
 use std::path::Path;
 
+/// Written as soon as a signal comes that asks for a checkpoint.
+const TOLD_TO_STOP: &str =
+    "told to stop: a checkpoint follows this batch of modes; a second signal ends at once\n";
+
 /// Solves the case, unless it is to be resumed and is finished. Collective.
 ///
 /// # Errors
-/// As [`run::run`] and `load_for_accuracy`.
+/// As [`run::run`] and `with_accuracy`.
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
+    let given = load(world, &args.case)?;
+    let directory = args.output.clone().unwrap_or_else(|| default_directory(&given.name));
     let case = match args.resume {
-        false => load_for_accuracy(world, &args.case, &args.accuracy)?,
-        true => load_to_resume(world, &args.case)?,
+        true => refuse_accuracy(given)?,
+        false => {
+            // Before the trials for an accuracy, which take a minute.
+            if !args.force {
+                refuse_to_replace(&world.group(), &directory, &given, false)?;
+            }
+            with_accuracy(world, given, &args.case, &args.accuracy)?
+        }
     };
-    let directory = args.output.clone().unwrap_or_else(|| default_directory(&case.name));
     if args.resume {
         match is_finished(&world.group(), &directory, &case) {
             Ok(true) => {
@@ -42,9 +53,14 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     let options = Options {
         ranks_x: args.ranks_x.clone(),
         resume: args.resume,
+        force: args.force,
         walltime: args.walltime,
         stop: machine::stop_flag(),
     };
+    if case.method == Method::Schrodingerized {
+        let speaks = world.group().rank() == 0;
+        machine::stop_when_terminated(if speaks { TOLD_TO_STOP } else { "" });
+    }
     let summary = run::run(world, &case, &directory, &options)?;
     if world.group().rank() == 0 {
         for warning in &summary.warnings[summary.warnings_printed..] {
@@ -60,9 +76,8 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     Ok(())
 }
 
-/// The case of a run that goes on, whose grid is known. Collective.
-fn load_to_resume(world: &World, args: &CaseArgs) -> Result<Case> {
-    let case = load(world, args)?;
+/// The case of a run that goes on, whose grid is known.
+fn refuse_accuracy(case: Case) -> Result<Case> {
     match case.accuracy {
         None => Ok(case),
         Some(accuracy) => Err(Error::Input(format!(

@@ -1,17 +1,26 @@
-//! Whether a run was finished before, and its files are as they were written.
+//! What is in a directory before a run writes there: its own results, finished and as they were
+//! written; or others, which it does not replace unasked.
 
-use crate::base::disk::failure;
-use crate::base::error::Result;
+use crate::base::disk::{self, failure};
+use crate::base::error::{Error, Result};
+use crate::base::text::shortened;
 use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
+use crate::results::pictures;
 use crate::results::readback::{self, read_text, text_attribute};
+use crate::results::report;
 use crate::results::warped;
 use crate::results::writer::Outcome;
 use crate::results::xdmf;
 use hdf5::File;
 use std::path::Path;
 use std::time::SystemTime;
+
+/// The files of text of a run.
+const TEXTS: [&str; 3] = ["summary.json", xdmf::NAME, "readout.csv"];
+/// Characters of a value at most that are shown.
+const MOST_SHOWN: usize = 40;
 
 /// Whether `directory` holds the results of `case` as this program makes them, written after the
 /// file that it starts from; how often it makes checkpoints does not matter. Every dataset is
@@ -22,8 +31,9 @@ use std::time::SystemTime;
 /// `case`, but a file is damaged.
 pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool> {
     // One rank looks, as any program would.
-    let same =
-        world.rank() == 0 && is_whole(directory, case) && is_same(directory, case).unwrap_or(false);
+    let same = world.rank() == 0
+        && is_whole(directory, case)
+        && matches!(difference(directory, case), Ok(None));
     if world.max_count(usize::from(same)) == 0 {
         return Ok(false);
     }
@@ -53,23 +63,94 @@ fn modified(path: &Path) -> Option<SystemTime> {
     found.and_then(|found| found.modified().ok())
 }
 
-/// Whether `result.h5` says that it is of this case, by this program.
-fn is_same(directory: &Path, case: &Case) -> Outcome<bool> {
+/// How what `result.h5` is the result of differs from `case` and this program, if it does.
+fn difference(directory: &Path, case: &Case) -> Outcome<Option<String>> {
     let file = File::open(directory.join("result.h5"))?;
     let program = format!("phasewarp {}", env!("CARGO_PKG_VERSION"));
-    if text_attribute(&file, "program")? != program || text_attribute(&file, "git")? != GIT {
-        return Ok(false);
-    }
+    let [by, git] = [text_attribute(&file, "program")?, text_attribute(&file, "git")?];
     let dataset = file.dataset("case")?;
     let overrides = text_attribute(&dataset, "overrides")?;
     let overrides: Vec<String> = overrides.lines().map(str::to_owned).collect();
-    let found = Case::parse(&case.name, &read_text(&dataset)?, &overrides);
-    let settings = |case: &Case| {
-        let mut settings = case.settings.clone();
-        settings.retain(|key, _| !key.starts_with("checkpoint."));
-        settings
+    if by != program || git != GIT {
+        return Ok(Some(format!("it is by {by} (git {git}), this is {program} (git {GIT})")));
+    }
+    let Ok(found) = Case::parse(&case.name, &read_text(&dataset)?, &overrides) else {
+        return Ok(Some("its case is not one of this program".to_owned()));
     };
-    Ok(found.is_ok_and(|found| settings(&found) == settings(case)))
+    let of = |case: &Case, key: &str| {
+        let value = case.settings.get(key).filter(|_| !key.starts_with("checkpoint."));
+        value.map_or("not given".to_owned(), |value| shortened(value, MOST_SHOWN))
+    };
+    let differs = |key: &&String| {
+        let values = [&found, case].map(|case| case.settings.get(*key));
+        !key.starts_with("checkpoint.") && values[0] != values[1]
+    };
+    let key = found.settings.keys().chain(case.settings.keys()).find(differs);
+    Ok(key.map(|key| format!("{key} is {} there, {} here", of(&found, key), of(case, key))))
+}
+
+/// Refuses to replace what is in `directory`: results of a finished run, and files with the names
+/// of results that no run wrote. A run that is to `resume` may replace those of the same case,
+/// which are damaged if it is not finished, and goes on from a checkpoint whatever is beside it.
+/// Collective over `world`.
+///
+/// # Errors
+/// [`Error::Directory`], the same on all ranks.
+pub fn refuse_to_replace(world: &Group, directory: &Path, case: &Case, resume: bool) -> Result<()> {
+    world.on_first_rank(|| match obstacle(directory, case, resume) {
+        None => Ok(()),
+        Some(reason) => Err(Error::Directory { path: directory.to_owned(), reason }),
+    })
+}
+
+/// What a run of `case` would replace, and what to do.
+fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
+    let there = |name: &&str| std::fs::symlink_metadata(directory.join(name)).is_ok();
+    let instead = "--force replaces it, -o gives another directory";
+    if there(&"result.h5") {
+        let goes_on = resume && directory.join("checkpoint").is_dir();
+        return match difference(directory, case) {
+            Ok(_) if goes_on => None,
+            Ok(None) if resume => None,
+            Ok(None) => Some(format!(
+                "it holds the result of this case; --resume keeps it where it is finished and as \
+                 it was written, {instead}"
+            )),
+            Ok(Some(what)) => Some(format!("it holds another result: {what}; {instead}")),
+            Err(_) => Some(format!("it holds a result.h5 that is not phasewarp's; {instead}")),
+        };
+    }
+    let ours = |name: &str| {
+        let file = File::open(directory.join(name));
+        file.and_then(|file| text_attribute(&file, "program"))
+            .is_ok_and(|program| program.starts_with("phasewarp "))
+    };
+    // A run that was stopped leaves the warped fields of times that it came to.
+    let warped = warped::names(case);
+    let warped = warped.iter().map(String::as_str).filter(|name| !ours(name));
+    let mut names = TEXTS.into_iter().chain(warped);
+    let name = names.find(there)?;
+    Some(format!("it holds {name}, which belongs to no result.h5 there; {instead}"))
+}
+
+/// Removes from `directory` what an earlier run left and this one does not write: its warped
+/// fields, its table of readings, its report and its pictures. By one rank.
+///
+/// # Errors
+/// [`Error::Output`].
+pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
+    warped::remove_older(directory, case)?;
+    let table = case.readout.is_none().then_some(Path::new("readout.csv").to_owned());
+    let others = [report::NAME.into()].into_iter().chain(table).chain(pictures::files(directory));
+    for name in others {
+        let path = directory.join(name);
+        if !path.is_dir() {
+            disk::clear(&path).map_err(|e| failure(&path, &e))?;
+        }
+    }
+    // Only where nothing else is in it.
+    let _ = std::fs::remove_dir(directory.join(pictures::FOLDER));
+    Ok(())
 }
 
 /// Whether the files of text are there and end as they were written. By one rank.

@@ -32,6 +32,36 @@ use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Read, Stored};
 use std::path::{Path, PathBuf};
 
+/// The folder of pictures in the directory of a run.
+pub const FOLDER: &str = "plots";
+/// Names of pictures; a number may follow.
+const NAMES: [&str; 10] = [
+    "phase_space",
+    "moments",
+    "density",
+    "velocity",
+    "history",
+    "profile",
+    "modes",
+    "plateau",
+    "readout",
+    "time",
+];
+
+/// The files of pictures in `directory/plots`, from `directory`.
+pub fn files(directory: &Path) -> Vec<PathBuf> {
+    let is_ours = |name: &str| {
+        let stem = name.strip_suffix(".svg").or_else(|| name.strip_suffix(".png"));
+        stem.is_some_and(|stem| {
+            let numbered = stem.rsplit_once('_').filter(|(_, n)| n.parse::<u32>().is_ok());
+            NAMES.contains(&numbered.map_or(stem, |(name, _)| name))
+        })
+    };
+    let entries = std::fs::read_dir(directory.join(FOLDER)).into_iter().flatten();
+    let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    names.filter(|name| is_ours(name)).map(|name| Path::new(FOLDER).join(name)).collect()
+}
+
 /// A figure and the name of its files.
 pub struct Picture {
     /// Name, without an ending.
@@ -91,6 +121,7 @@ pub fn draw(run: &Stored, beside: Option<&Stored>, cuts: &[Cut]) -> Result<Album
 
 impl Album {
     fn add(&mut self, name: &str, drawn: Read<Option<Figure>>) {
+        debug_assert!(NAMES.iter().any(|known| name.starts_with(known)), "{name}");
         match drawn {
             Ok(Some(figure)) => self.pictures.push(Picture { name: name.to_owned(), figure }),
             Ok(None) => {}

@@ -20,6 +20,9 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Deserialize;
 use serde_json::Value;
 
+/// Name of the page, in the directory of the run.
+pub const NAME: &str = "report.html";
+
 /// How the page looks.
 const STYLE: &str = include_str!("report/style.css");
 

@@ -87,5 +87,5 @@ pub(crate) fn classically(
     }
     summary.matvecs = case.integrator.stages() * plan.classical_steps * system.states.len();
     summary.matvecs_here = summary.matvecs;
-    Ok(Found { fields, plateau: Vec::new(), early, warped_seconds: 0.0 })
+    Ok(Found { fields, plateau: Vec::new(), early, warped_seconds: 0.0, warning: None })
 }

@@ -30,6 +30,7 @@ pub(crate) fn solve(
         fields: found.fields,
         plateau: found.plateau,
         warped_seconds: found.warped_seconds,
+        warning: found.warning,
     })
 }
 

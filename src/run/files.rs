@@ -27,6 +27,8 @@ pub(crate) struct Found {
     pub early: Vec<Vec<Vec<f64>>>,
     /// Seconds that went into the files of warped fields.
     pub warped_seconds: f64,
+    /// What the user should know of the start.
+    pub warning: Option<String>,
 }
 
 /// What was solved for, on this rank's share.
@@ -39,4 +41,6 @@ pub(crate) struct SolvedFields {
     pub early: Vec<Early>,
     /// Seconds that went into the files of warped fields.
     pub warped_seconds: f64,
+    /// What the user should know of the start.
+    pub warning: Option<String>,
 }

@@ -13,7 +13,7 @@ use crate::propagate::propagator;
 use crate::results::dataset::About;
 use crate::results::summary::Summary;
 use crate::results::warped;
-use crate::results::warped::given::Given;
+use crate::results::warped::given::{Domain, Given, Read};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
 use crate::run::files::{Files, Found};
@@ -35,7 +35,8 @@ use std::time::Instant;
 /// Every field by the modes of the plan. Collective.
 ///
 /// # Errors
-/// As [`crate::solve::modes::run`]; files that cannot be written or read.
+/// As [`crate::solve::modes::run`]; files that cannot be written or read, or a start that is not
+/// flat where it is read.
 ///
 /// # Panics
 /// Where the plan has no modes.
@@ -73,10 +74,11 @@ pub(crate) fn by_modes(
         pi: &system.weights.pi[..place.block.cells()],
         buffers: BUFFERS,
     };
-    let mut largest = None;
+    let (mut largest, mut warning) = (None, None);
     if let (Some(start), Some(kept)) = (&case.start, &mut kept) {
-        let read = begin(start, warp, &spread, system, kept)?;
+        let read = begin(start, plan, case, &spread, system, kept)?;
         largest = Some(read.largest_norm);
+        warning = read.warning;
         if let Some(checkpointing) = &mut checkpointing {
             let generation = resumed.as_ref().map(|r| &r.generation);
             (checkpointing.store).begins_with(read.checksum, generation)?;
@@ -132,7 +134,7 @@ pub(crate) fn by_modes(
     count(summary, &recovered, communicator);
     let warped_seconds = warped.map_or(0.0, |w| w.took);
     drop((propagator, kept));
-    Ok(Found { warped_seconds, ..unweighted(prepared, recovered, summary) })
+    Ok(Found { warped_seconds, warning, ..unweighted(prepared, recovered, summary) })
 }
 
 /// What a run goes on from, with the batches that are left of it.
@@ -185,6 +187,7 @@ fn unweighted(prepared: &Prepared, recovered: Recovered, summary: &mut Summary) 
         plateau: (recovered.plateau.into_iter()).map(|u| prepared.unweighted(u)).collect(),
         early: recovered.early,
         warped_seconds: 0.0,
+        warning: None,
     }
 }
 
@@ -251,29 +254,61 @@ struct Begun {
     largest_norm: f64,
     /// Checksum of the file's `/w`.
     checksum: u64,
+    /// How far `f` may be off, where that is more than the tolerance.
+    warning: Option<String>,
+}
+
+/// Parts of `f` by which it may be off, whatever the tolerance, before it is refused.
+const MOST_UNEVEN: f64 = 1e-3;
+
+/// Refuses a start whose `e^p w` is not flat where `f` is read from, and warns of one that is less
+/// flat than `case.tolerance`; only warns where the warped field is what is asked for.
+fn judge(start: &WarpedStart, case: &Case, domain: Domain, uneven: f64) -> Result<Option<String>> {
+    let [lower, upper] = domain.ends;
+    let said = format!(
+        "e^p w varies by {uneven:.1e} of its largest value where f at p = {:.4} depends on it, \
+         from p = {lower:.4} to {upper:.4}: f may be off by that",
+        domain.point
+    );
+    let bound = MOST_UNEVEN.max(10.0 * case.tolerance);
+    if uneven <= bound || case.warped_field {
+        return Ok((uneven > case.tolerance).then(|| format!("initial.warped: {said}")));
+    }
+    Err(Error::Input(format!(
+        "{} = \"{}\": {said}, at most {bound:.0e} is accepted; solver.warp.recovery reads f \
+         elsewhere, output.warped_field = true asks for w instead of f",
+        start.place,
+        start.path.display()
+    )))
 }
 
 /// Reads the modes that the run starts from. Collective.
 ///
 /// # Errors
-/// As [`Given::read`]; [`Error::Magnitude`] for values whose squares overflow or vanish.
+/// As [`Given::read`] and [`judge`]; [`Error::Magnitude`] for values whose squares overflow or
+/// vanish.
 fn begin(
     start: &WarpedStart,
-    warp: &WarpPlan,
+    plan: &Plan,
+    case: &Case,
     spread: &Spread<'_>,
     system: &DiscreteSystem,
     kept: &mut KeptModes,
 ) -> Result<Begun> {
+    let warp = plan.warp.as_ref().expect("a plan by modes");
     let given = Given {
         path: start.path.clone(),
         interval: warp.interval,
         points: warp.points.unwrap_or_default(),
     };
-    let (checksum, peak) = given.read(spread, &warp.series, kept)?;
+    let domain = Domain::new(&warp.readings[0], &plan.bounds, case.end);
+    let Read { checksum, largest: peak, unevenness } =
+        given.read(spread, &warp.series, kept, domain)?;
     let communicator = spread.communicator;
     if peak != 0.0 && !(1e-100..=1e100).contains(&peak) {
         return Err(Error::Magnitude { key: start.place.clone(), value: peak });
     }
+    let warning = judge(start, case, domain, unevenness)?;
     let mut part = vec![0.0; kept.rows()];
     let mut largest = 0.0f64;
     for k in 0..kept.modes().len() {
@@ -288,5 +323,5 @@ fn begin(
         kept.progress_mut()[k] = ModeProgress::start(norm);
         largest = largest.max(norm);
     }
-    Ok(Begun { largest_norm: communicator.world.max(largest), checksum })
+    Ok(Begun { largest_norm: communicator.world.max(largest), checksum, warning })
 }

@@ -12,6 +12,8 @@ pub struct Options {
     pub ranks_x: Option<Vec<usize>>,
     /// Whether to go on from a checkpoint (`--resume`).
     pub resume: bool,
+    /// Whether to replace whatever the directory holds (`--force`).
+    pub force: bool,
     /// The wall time since the program began after which to stop with a checkpoint (`--walltime`).
     pub walltime: Option<Duration>,
     /// Raised when the run shall stop with a checkpoint.

@@ -123,7 +123,7 @@ impl<'a> Checkpoints<'a> {
             let written = self.store.write(world, self.mesh, &snapshot);
             self.watch.wrote(started.elapsed());
             let why = match (verdict, self.wall_seconds) {
-                (Verdict::StopAsTold, _) => "stopped by SIGUSR1".to_owned(),
+                (Verdict::StopAsTold, _) => "stopped by a signal".to_owned(),
                 (Verdict::StopInTime, Some(seconds)) => format!("stopped by --walltime {seconds}"),
                 _ => {
                     match written {

@@ -27,6 +27,7 @@ mod refused_formulas;
 mod refused_settings;
 mod refused_sizes;
 mod reliability;
+mod replaced;
 mod resources;
 mod result_files;
 mod simulator;

@@ -168,7 +168,7 @@ fn what_is_given_by_hand_and_not_enough_is_warned_of() {
         let said = finished.errors.matches(words).count();
         assert_eq!(said, 1, "{words}: {}", finished.errors);
     }
-    let summary = job.solve(place.path()).unwrap();
+    let summary = job.with(["--force"]).solve(place.path()).unwrap();
     let warnings = summary.value["warnings"].as_array().map_or(0, Vec::len);
     assert!(warnings >= 2, "{}", summary.value["warnings"]);
 }

@@ -44,7 +44,7 @@ fn the_same_bits_on_any_ranks_and_beside_any_cells() {
     assert!(!differ.contains(&"/readout/overlap".to_owned()), "{differ:?}");
     // Cell 11 is the middle one of [-1.5, 1.5].
     for alone in ["readout={cells=[[11]],seed=7}", "readout={points=[[0.01]],seed=7}"] {
-        run(&[SMALL, &[alone]]).solve(place.path()).unwrap();
+        run(&[SMALL, &[alone]]).with(["--force"]).solve(place.path()).unwrap();
         let found = csv(place.path()).unwrap();
         let lines: Vec<&str> = found.lines().skip(1).collect();
         assert_eq!(lines.len(), 15);

@@ -175,7 +175,7 @@ fn one_run_at_a_time_in_a_directory() {
     // What a killed run leaves keeps nobody away.
     fs::write(path.join("run.lock"), b"process 1").expect("a file");
     fs::write(path.join("result.h5.partial"), b"half").expect("a file");
-    run().into(path).on(1).succeed().expect("a run");
+    run().with(["--force"]).into(path).on(1).succeed().expect("a run");
     assert_eq!(names(path), ["fields.xdmf", "result.h5", "summary.json"]);
 }
 
@@ -221,7 +221,7 @@ fn links_and_pipes_are_not_followed() {
         }
     }
     let settings = ["output.warped_field=true", "readout={cells=[[3]]}"];
-    run().set(&settings).on(2).solve(&path).expect("a run");
+    run().set(&settings).with(["--force"]).on(2).solve(&path).expect("a run");
     assert_eq!(fs::read(&victim).expect("a file"), b"text");
     let mut expected = all.map(str::to_owned);
     expected.sort();
@@ -251,7 +251,9 @@ fn a_run_does_not_overwrite_the_file_that_it_starts_from() {
     let start = path.join("warped_f.h5");
     let bytes = fs::read(&start).expect("a file");
     let from = format!("initial={{warped='{}'}}", start.display());
-    let job = |settings: &[&str]| run().set(&[&from, "exact={f='0'}"]).set(settings).into(path);
+    let job = |settings: &[&str]| {
+        run().set(&[&from, "exact={f='0'}"]).set(settings).with(["--force"]).into(path)
+    };
     let refused = job(&full[..1]).on(2).run().expect("an end");
     refused.ended(2, &["would overwrite warped_f.h5", "-o"]).unwrap();
     job(&[]).on(2).succeed().expect("a run that writes no warped field");

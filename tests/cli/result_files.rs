@@ -123,7 +123,7 @@ fn results_say_what_made_them() {
     // Without what is shown by ParaView, and what an earlier run left of it.
     assert!(place.path().join("fields.xdmf").is_file());
     assert!(stored.contains_key("/xdmf/plane_x/f"));
-    job.set(&["output.xdmf=false"]).solve(place.path()).unwrap();
+    job.set(&["output.xdmf=false"]).with(["--force"]).solve(place.path()).unwrap();
     assert!(!place.path().join("fields.xdmf").exists());
     let names: Vec<String> = datasets(place.path()).unwrap().into_keys().collect();
     assert!(!names.iter().any(|name| name.contains("xdmf")), "{names:?}");

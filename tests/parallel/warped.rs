@@ -17,12 +17,15 @@ use phasewarp::problem::case::Case;
 use phasewarp::results::dataset::About;
 use phasewarp::results::readback;
 use phasewarp::results::warped;
-use phasewarp::results::warped::given::Given;
+use phasewarp::results::warped::given::{Domain, Given};
 use phasewarp::results::warped::spread::Spread;
 use phasewarp::schrodingerization::profile::series::Series;
 use phasewarp::solve::kept::{KeptModes, ModeProgress};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+
+/// Where nobody asks how flat a field is.
+const ANYWHERE: Domain = Domain { point: 0.0, ends: [0.0; 2] };
 
 /// A directory that all ranks know, deleted in the end.
 struct SharedDirectory {
@@ -207,7 +210,7 @@ impl WarpedField<'_> {
         let modes = dealt(ones.modes(), groups);
         let spread = self.rank.spread(self.case, &modes, self.buffers);
         let mut back = self.rank.room(&modes);
-        given.read(&spread, &ones, &mut back).expect("it can be read");
+        given.read(&spread, &ones, &mut back, ANYWHERE).expect("it can be read");
         let rows = self.rank.rows();
         for (k, &l) in modes[self.rank.communicator.modes.rank()].iter().enumerate() {
             let found = &back.values()[k * rows..(k + 1) * rows];
@@ -385,7 +388,7 @@ fn refused_contents(world: &World, files: &Files<'_>) {
             }
         });
         let mut kept = rank.room(&modes);
-        let read = given.expect("a file").read(&spread, &ones, &mut kept);
+        let read = given.expect("a file").read(&spread, &ones, &mut kept, ANYWHERE);
         check_refusal(&read.expect_err(message), message);
         files.group.barrier();
     }

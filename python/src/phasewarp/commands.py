@@ -206,6 +206,7 @@ def run(
     mode: Mode | None = None,
     ranks_x: Sequence[int] | None = None,
     resume: bool = False,
+    force: bool = False,
     walltime: str | float | None = None,
     timeout: float | None = None,
     program: StrPath | None = None,
@@ -217,7 +218,7 @@ def run(
     case
         The case, or its file.
     output
-        Directory of the results. What an earlier run left there is replaced, unless `resume`.
+        Directory of the results. It is refused if it holds other results, unless `force`.
     ranks
         MPI ranks, started by ``mpirun -np`` or as ``PHASEWARP_LAUNCHER`` says.
     mode
@@ -227,6 +228,8 @@ def run(
     resume
         Continue from the newest checkpoint in `output`, on any number of ranks. A run that is
         finished there, of this case, is not repeated.
+    force
+        Replace the results of another run in `output`.
     walltime
         Stop with a checkpoint before so much time has passed: seconds, or ``"90m"``.
     timeout
@@ -246,7 +249,12 @@ def run(
         For any other failure.
     """
     given = options(
-        output=str(output), mode=mode, ranks_x=ranks_x, resume=resume, walltime=walltime
+        output=str(output),
+        mode=mode,
+        ranks_x=ranks_x,
+        resume=resume,
+        force=force,
+        walltime=walltime,
     )
     with as_case(case).arguments() as words:
         call(["run", *words, *given], ranks=ranks, timeout=timeout, program=program)

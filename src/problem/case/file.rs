@@ -4,6 +4,7 @@
 //! its span: a range of bytes of the file, or, beyond the file's end, the number of a `--set`.
 
 use crate::base::error::{Error, Result};
+use crate::base::text::shortened;
 use crate::problem::case::reader::{Entry, Mistake, joined, written};
 use crate::problem::formula::{Constants, Expression};
 use serde::de::DeserializeOwned;
@@ -248,7 +249,7 @@ impl<'t> CaseFile<'t> {
             return format!("{}: {key}", self.name);
         };
         match self.override_at(start) {
-            Some(set) => format!("--set {}: {key}", shortened(set)),
+            Some(set) => format!("--set {}: {key}", shortened(set, MOST_SHOWN)),
             None => format!("{}:{}: {key}", self.name, position(self.text, start).line),
         }
     }
@@ -263,7 +264,7 @@ impl<'t> CaseFile<'t> {
             return Error::Input(format!("{}: {message}", self.name));
         };
         if let Some(set) = self.override_at(start) {
-            return Error::Input(format!("--set {}: {message}", shortened(set)));
+            return Error::Input(format!("--set {}: {message}", shortened(set, MOST_SHOWN)));
         }
         let Position { line, column, content } = position(self.text, start);
         let shown: String = content.chars().take(MOST_SHOWN).collect();
@@ -355,25 +356,17 @@ fn collect(value: &DeValue<'_>, path: &str, settings: &mut BTreeMap<String, Stri
 /// A value as messages show it.
 fn described(value: &DeValue<'_>) -> String {
     match value {
-        DeValue::String(text) => format!("\"{}\"", shortened(text)),
-        DeValue::Integer(number) => shortened(&written(number)),
-        DeValue::Float(number) => shortened(number.as_str()),
+        DeValue::String(text) => format!("\"{}\"", shortened(text, MOST_SHOWN)),
+        DeValue::Integer(number) => shortened(&written(number), MOST_SHOWN),
+        DeValue::Float(number) => shortened(number.as_str(), MOST_SHOWN),
         DeValue::Datetime(date) => date.to_string(),
         DeValue::Boolean(b) => b.to_string(),
         DeValue::Array(list) => {
             let items = list.iter().take(8).map(|item| described(item.get_ref()));
             let items: Vec<String> = items.collect();
             let more = if list.len() > 8 { ", …" } else { "" };
-            shortened(&format!("[{}{more}]", items.join(", ")))
+            shortened(&format!("[{}{more}]", items.join(", ")), MOST_SHOWN)
         }
         DeValue::Table(_) => "a table".into(),
-    }
-}
-
-/// A text as messages show it.
-fn shortened(text: &str) -> String {
-    match text.char_indices().nth(MOST_SHOWN) {
-        None => text.to_owned(),
-        Some((end, _)) => format!("{}…", &text[..end]),
     }
 }

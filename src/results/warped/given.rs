@@ -2,6 +2,7 @@
 
 use crate::base::checksum;
 use crate::base::error::{Error, Result};
+use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
@@ -10,6 +11,7 @@ use crate::results::readback::read_slab;
 use crate::results::warped::spread::{POINTS, Spread, with_points};
 use crate::results::writer::CHECKSUM;
 use crate::schrodingerization::profile::series::Series;
+use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::transform::Transform;
 use crate::solve::kept::KeptModes;
 use hdf5::types::TypeDescriptor;
@@ -22,6 +24,82 @@ use std::path::{Path, PathBuf};
 const SAME: f64 = 1e-6;
 /// The same as a part of a step.
 const OF_A_STEP: f64 = 0.05;
+
+/// What was read of a file, over all ranks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Read {
+    /// The checksum of `/w`.
+    pub checksum: u64,
+    /// The largest magnitude in it.
+    pub largest: f64,
+    /// How far `e^p w` is from flat, as a part of its largest value: the largest
+    /// `e^{p◇} |w(p) − e^{−p} u|` over cells and points `p` of the domain of dependence, with
+    /// `u = e^p w` at the point next to `p◇`. So far may `f` be off.
+    pub unevenness: f64,
+}
+
+/// Where `e^p w` has to be flat: where information comes from to the place at which it is read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Domain {
+    /// `p◇`.
+    pub point: f64,
+    /// `[p◇ − λ⁺T, p◇ + λ⁻T]`, and the width of the reading.
+    pub ends: [f64; 2],
+}
+
+impl Domain {
+    /// That of a `reading` after `time`.
+    pub fn new(reading: &Reading, bounds: &Bounds, time: f64) -> Self {
+        let (below, above) = (bounds.growth.max(0.0) * time, bounds.decay.max(0.0) * time);
+        let last = reading.point + reading.width + above;
+        Self { point: reading.point, ends: [reading.point - below, last] }
+    }
+}
+
+/// The part of a [`Domain`] that the points of a file see.
+struct Flatness {
+    /// The points of the domain; the first of them is number `first`.
+    first: usize,
+    /// `e^{p◇}` of the domain, and `e^{−p}` of its points.
+    amplification: f64,
+    decay: Vec<f64>,
+    /// The one next to `p◇`, from `first` on.
+    reference: usize,
+    /// The largest distance and the largest `u` so far.
+    distance: f64,
+    largest: f64,
+}
+
+impl Flatness {
+    fn new(domain: Domain, interval: [f64; 2], points: usize) -> Self {
+        let step = (interval[1] - interval[0]) / points as f64;
+        let number = |p: f64| ((p - interval[0]) / step).clamp(0.0, (points - 1) as f64);
+        // Next to p◇ there is always one.
+        let middle = number(domain.point).round() as usize;
+        let slack = 1e-9;
+        let first = (number(domain.ends[0]) - slack).ceil().max(0.0) as usize;
+        let last = (number(domain.ends[1]) + slack).floor() as usize;
+        let (first, last) = (first.min(middle), last.max(middle));
+        Self {
+            first,
+            amplification: domain.point.exp(),
+            decay: (first..=last).map(|j| (-(interval[0] + step * j as f64)).exp()).collect(),
+            reference: middle - first,
+            distance: 0.0,
+            largest: 0.0,
+        }
+    }
+
+    /// Looks at a cell: its values at all points.
+    fn look(&mut self, values: &[f64]) {
+        let values = &values[self.first..self.first + self.decay.len()];
+        let u = values[self.reference] / self.decay[self.reference];
+        self.largest = self.largest.max(u.abs());
+        for (w, decay) in values.iter().zip(&self.decay) {
+            self.distance = self.distance.max(self.amplification * (w - decay * u).abs());
+        }
+    }
+}
 
 /// A file to start from.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,8 +133,8 @@ impl Given {
         Ok(Self { path: path.to_owned(), interval, points: world.max_count(points) })
     }
 
-    /// Reads the field into the modes `kept` for the factors of `series`; gives the checksum of
-    /// `/w` and the largest magnitude in it. Collective over the world.
+    /// Reads the field into the modes `kept` for the factors of `series`, and looks at it where it
+    /// has to be flat. Collective over the world.
     ///
     /// # Errors
     /// [`Error::Input`] where the file cannot be read, is not as it was written, or holds NaN or
@@ -66,13 +144,14 @@ impl Given {
         spread: &Spread<'_>,
         series: &Series,
         kept: &mut KeptModes,
-    ) -> Result<(u64, f64)> {
+        domain: Domain,
+    ) -> Result<Read> {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
         let opened = readback::open(world, &self.path);
         let file = ManuallyDrop::new(world.agree(opened.map_err(|e| wrong(&e)))?);
-        let read = self.read_from(&file, spread, series, kept);
+        let read = self.read_from(&file, spread, series, kept, domain);
         // All ranks have the same outcome, so that all close it, as must be.
         let closed = ManuallyDrop::into_inner(file).close();
         world.agree(closed.map_err(|e| wrong(&e)))?;
@@ -85,7 +164,8 @@ impl Given {
         spread: &Spread<'_>,
         series: &Series,
         kept: &mut KeptModes,
-    ) -> Result<(u64, f64)> {
+        domain: Domain,
+    ) -> Result<Read> {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
@@ -97,6 +177,7 @@ impl Given {
         let (mut transpose, mut all, _) = spread.buffers(&transform);
         let (modes, points, rows) = (transform.modes(), transform.points(), kept.rows());
         let (mut sum, mut largest) = (0u64, 0.0f64);
+        let mut flatness = Flatness::new(domain, self.interval, points);
         spread.rounds(spread.cells_at_once(points), |cells, slab| {
             let own = cells[transpose.rank()].clone();
             let slab = with_points(slab, points);
@@ -119,6 +200,7 @@ impl Given {
             largest = values.iter().fold(largest, |most, w| most.max(w.abs()));
             let lines = all.chunks_exact_mut(modes).zip(values.chunks_exact(points));
             for (cell, (modes, values)) in own.zip(lines) {
+                flatness.look(values);
                 transform.to_modes(values, spread.pi[cell].sqrt(), modes);
             }
             transpose.to_modes(&all, cells, kept.values_mut(), rows);
@@ -127,11 +209,14 @@ impl Given {
         // Files of other programs carry none.
         let expected = dataset.attr(CHECKSUM).and_then(|a| a.read_scalar::<u64>());
         let sum = world.sum_modulo(sum);
+        let (scale, distance) = (world.max(flatness.largest), world.max(flatness.distance));
+        let unevenness = if distance == 0.0 { 0.0 } else { distance / scale };
+        let largest = world.max(largest);
         world.agree(match expected {
             Ok(expected) if expected != sum => {
                 Err(wrong(&"/w is not as it was written (its checksum differs)"))
             }
-            _ => Ok((sum, world.max(largest))),
+            _ => Ok(Read { checksum: sum, largest, unevenness }),
         })
     }
 }

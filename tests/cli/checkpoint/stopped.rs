@@ -1,8 +1,8 @@
 //! Runs killed at any moment, told to stop, or out of time end with the same bits.
 
 use super::{
-    Blow, OFTEN, Result, WHOLE, count, ends_well, generations, manifest, newest, random, run,
-    stopped, struck,
+    Blow, OFTEN, Result, WHOLE, children, count, ends_well, generations, manifest, newest, random,
+    run, send, stopped, struck,
 };
 use crate::support::{
     Finished, Job, case, check_all, datasets, datasets_of, differences,
@@ -10,7 +10,7 @@ use crate::support::{
 };
 use std::fs;
 use std::sync::LazyLock;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 #[test]
 fn runs_killed_at_any_moment_end_with_the_same_bits() {
@@ -82,6 +82,95 @@ fn told_to_stop_a_run_leaves_a_checkpoint_for_any_ranks() {
         let summary = ends_well(run().on(after).with(["--ranks-x", blocks]), path)?;
         summary.require(summary.boolean("resumed")?, || "did not go on".to_owned())
     });
+}
+
+/// What a process is sent, and what becomes of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Told {
+    /// The signal, to a process without mpirun.
+    Once(&'static str),
+    /// The same twice in a moment, as launchers do.
+    Twice(&'static str),
+    /// The same again a second later.
+    Again(&'static str),
+    /// The same to one of so many ranks.
+    Rank(&'static str, usize),
+}
+
+#[test]
+fn ctrl_c_and_sigterm_leave_a_checkpoint_and_a_second_one_ends_at_once() {
+    LazyLock::force(&WHOLE);
+    let rows = [
+        Told::Once("-INT"),
+        Told::Once("-TERM"),
+        Told::Twice("-INT"),
+        Told::Again("-TERM"),
+        Told::Rank("-TERM", 1),
+        Told::Rank("-INT", 2),
+        Told::Rank("-TERM", 3),
+    ];
+    check_all(&rows, |told| {
+        let place = directory();
+        let path = place.path();
+        // One that is to end at once is in a batch of many minutes.
+        let job = match told {
+            Told::Rank(_, ranks) => run().on(*ranks),
+            Told::Again(_) => run().set(&["axis.0.x.cells=800", "axis.0.v.cells=800"]),
+            _ => run(),
+        };
+        let job = job.set(&[OFTEN]).into(path);
+        let mut sent: Option<Instant> = None;
+        let mut again = false;
+        let finished = job.closely().run_while(|process, since| {
+            let ranks = children(process.id());
+            if let Some(sent) = sent {
+                let Told::Again(signal) = told else { return };
+                if !again && sent.elapsed() > Duration::from_secs(1) {
+                    again = true;
+                    send(signal, process.id());
+                }
+                return;
+            }
+            let ready = match told {
+                Told::Again(_) => path.join("run.lock").exists() && since.as_secs() >= 1,
+                _ => generations(path).len() == 2,
+            };
+            if ready {
+                sent = Some(Instant::now());
+                match *told {
+                    Told::Once(signal) | Told::Again(signal) => send(signal, process.id()),
+                    Told::Twice(signal) => (0..2).for_each(|_| send(signal, process.id())),
+                    Told::Rank(signal, _) => send(signal, *ranks.last().expect("a rank")),
+                }
+            }
+        })?;
+        if let Told::Again(_) = told {
+            let ended = finished.code.is_none() && path.join("run.lock").exists();
+            return if ended { Ok(()) } else { Err(finished.report("ended by the signal")) };
+        }
+        if finished.code != Some(75) || !finished.errors.contains("stopped by a signal") {
+            return Err(finished.report("exit code 75 expected"));
+        }
+        let summary = ends_well(run().on(2), path)?;
+        summary.require(summary.boolean("resumed")?, || "did not go on".to_owned())
+    });
+}
+
+#[test]
+fn a_classical_run_ends_at_once() {
+    let place = directory();
+    let path = place.path();
+    let classical = ["solver.method=classical", "axis.0.x.cells=600", "axis.0.v.cells=600"];
+    let mut sent = false;
+    let job = run().set(&classical).set(&["time.end=1.4"]).into(path).closely();
+    let finished = job.run_while(|process, since| {
+        if !sent && path.join("run.lock").exists() && since > Duration::from_millis(500) {
+            sent = true;
+            send("-INT", process.id());
+        }
+    });
+    let finished = finished.expect("an end");
+    assert!(sent && finished.code.is_none(), "{}", finished.report("ended by the signal"));
 }
 
 /// Stops a run in stage number `stage`, goes on with it on other ranks, and compares everything
@@ -222,6 +311,7 @@ fn what_is_finished_is_not_computed_again() {
     let job = |settings: &[&str]| run().set(&first).set(settings).into(path).on(2);
     job(&[]).succeed().expect("a run");
     let said = |finished: &Finished| finished.output.contains("the run is finished");
+    // Settings, and whether that is the finished run; other results are not replaced unasked.
     let rows: [(&[&str], bool); 4] = [
         (&[], true),
         (&["checkpoint.minutes=3", "time.end=0.10"], true),
@@ -230,16 +320,21 @@ fn what_is_finished_is_not_computed_again() {
     ];
     for (settings, finished) in rows {
         let written = fs::read(path.join("summary.json")).expect("a summary");
-        let again = job(settings).with(["--resume"]).succeed().expect("a run");
-        assert_eq!(said(&again), finished, "{}", again.report("finished"));
+        let again = job(settings).with(["--resume"]);
+        match finished {
+            true => {
+                let again = again.succeed().expect("a run");
+                assert!(said(&again), "{}", again.report("finished"));
+            }
+            false => again.is_refused(&["another result", " there, ", "--force"]).unwrap(),
+        }
         let now = fs::read(path.join("summary.json")).expect("a summary");
-        assert_eq!(now == written, finished, "{settings:?}");
+        assert_eq!(now, written, "{settings:?}");
     }
     // Something is missing, or it was not asked.
     fs::remove_file(path.join("warped_f.h5")).expect("a file");
-    let last = job(rows[3].0);
-    let again = last.clone().with(["--resume"]).succeed().expect("a run");
+    let again = job(&[]).with(["--resume"]).succeed().expect("a run");
     assert!(!said(&again), "{}", again.report("solved"));
-    let again = last.succeed().expect("a run");
+    let again = job(&[]).with(["--force"]).succeed().expect("a run");
     assert!(!said(&again), "{}", again.report("solved"));
 }

@@ -213,14 +213,15 @@ fn older_warped_fields_go() {
     };
     assert_eq!(left().len(), 7);
     let second = small(&["output.field_times=[0.3]"]).with(["--mode", "full"]);
-    second.on(1).solve(path).unwrap();
+    second.on(1).with(["--force"]).solve(path).unwrap();
     let others = ["warped_f_1.h5", "warped_mine.h5"];
     assert_eq!(left(), ["warped_f.h5", "warped_f_0001.h5", others[0], others[1]]);
     let file = path.join("warped_f_0001.h5").display().to_string();
     let from = format!("initial={{warped='{file}'}}");
-    small(&[&from, "time.end=0.1"]).on(3).solve(path).unwrap();
+    let forced = |settings: &[&str]| small(settings).with(["--force"]);
+    forced(&[&from, "time.end=0.1"]).on(3).solve(path).unwrap();
     assert_eq!(left(), ["warped_f_0001.h5", others[0], others[1]]);
-    small(&["axis.0.x.cells=15"]).solve(path).unwrap();
+    forced(&["axis.0.x.cells=15"]).solve(path).unwrap();
     assert_eq!(left(), others);
 }
 
@@ -258,7 +259,8 @@ fn damage_to_a_warped_field_is_noticed() {
     finished.ended(1, &["/w", "warped_f_0001.h5"]).unwrap();
     // Nor is it a start.
     let from = format!("initial={{warped='{}'}}", path.display());
-    let finished = small(&[&from]).into(place.path()).on(2).run().unwrap();
+    let again = small(&[&from]).with(["--force"]);
+    let finished = again.into(place.path()).on(2).run().unwrap();
     finished.ended(2, &["checksum"]).unwrap();
 }
 

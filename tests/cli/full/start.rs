@@ -144,6 +144,35 @@ fn any_field_may_be_the_start() {
     assert!(distance(&found, &values) > 0.1, "nothing moved");
 }
 
+/// Without weights S has positive eigenvalues: f at p = 0.01 depends on e^p w below 0, where that of
+/// e^(-|p|) is not flat.
+#[test]
+fn a_start_that_is_not_flat_is_refused() {
+    let place = directory();
+    let short = ["exact={f='0'}", "time.end=0.5", "solver.tolerance=1e-3"];
+    let profile = ["solver.warp.profile=exponential", POINTS[0], "solver.warp.points=4800"];
+    small(&short).set(&profile).with(["--mode", "full"]).solve(place.path()).unwrap();
+    let from = format!("initial={{warped='{}'}}", place.path().join("warped_f.h5").display());
+    let start = |settings: &[&str]| {
+        let read = ["solver.warp.recovery=0.01", &from];
+        small(&short).set(&read).set(settings)
+    };
+    let grows = "solver.warp.weights=none";
+    for ranks in [1, 3] {
+        let refused = start(&[grows]).into(directory().path()).on(ranks).run().unwrap();
+        let says = ["initial.warped", "e^p w varies by 2.", "solver.warp.recovery"];
+        refused.ended(2, &says).unwrap();
+    }
+    // Where w is what is asked for, and where nothing comes from below.
+    for (settings, most) in [(&[grows, "output.warped_field=true"][..], "e-1 of"), (&[], "e-3 of")]
+    {
+        let asked = directory();
+        let summary = start(settings).solve(asked.path()).unwrap();
+        let warnings = summary.warnings();
+        assert!(warnings.contains("e^p w varies by") && warnings.contains(most), "{warnings}");
+    }
+}
+
 /// What makes no sense is refused by name, before anything is run.
 #[test]
 fn senseless_starts_are_refused() {

@@ -1,0 +1,110 @@
+//! What is in the directory of a run before it begins: results are not replaced unasked.
+
+use crate::support::{Job, case, check_all, directory};
+use std::fs;
+use std::path::Path;
+
+/// A run of half a second at most.
+fn run(settings: &[&str]) -> Job {
+    let small = ["axis.0.x.cells=23", "axis.0.v.cells=17", "solver.tolerance=1e-3", "time.end=0.3"];
+    Job::new(["run", &case("example1.toml")]).set(&small).set(settings)
+}
+
+/// Bytes of all files in a directory and below, by their names.
+fn contents(directory: &Path) -> Vec<(String, Vec<u8>)> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(directory).expect("a directory") {
+        let path = entry.expect("an entry").path();
+        let name = path.file_name().expect("a name").to_string_lossy().into_owned();
+        match path.is_dir() {
+            true => {
+                let below = contents(&path).into_iter();
+                found.extend(below.map(|(file, bytes)| (format!("{name}/{file}"), bytes)));
+            }
+            false => found.push((name, fs::read(&path).expect("a file"))),
+        }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn results_are_not_replaced_unasked() {
+    let place = directory();
+    let path = place.path();
+    run(&[]).into(path).succeed().expect("a run");
+    let before = contents(path);
+    let other = "it holds another result: solver.tolerance is 0.001 there, 0.01 here";
+    // Settings, options, and what the refusal says beside the ways out.
+    let rows: [(&[&str], &[&str], &str); 6] = [
+        (&[], &[], "it holds the result of this case; --resume keeps it"),
+        (&["checkpoint.minutes=3"], &[], "it holds the result of this case; --resume keeps it"),
+        (&["solver.tolerance=1e-2"], &[], other),
+        (&["solver.tolerance=1e-2"], &["--resume"], other),
+        (&["output.compression=1"], &["--resume"], "output.compression is not given there, 1 here"),
+        // Before the trials, of which none fits into that time.
+        (&[], &["--accuracy", "1e-2", "--budget", "1h"], "it holds"),
+    ];
+    check_all(&rows, |(settings, options, said)| {
+        let job = run(settings).with(options.iter().copied()).into(path);
+        let says = [said, "--force replaces it", "-o gives another directory"];
+        job.is_refused(&says)?;
+        job.on(2).is_refused(&says)
+    });
+    assert!(contents(path) == before, "a refused run changed the directory");
+    let finished = run(&[]).into(path).with(["--resume", "--force"]).succeed().expect("an end");
+    assert!(finished.output.contains("the run is finished"), "{}", finished.report("finished"));
+    assert!(contents(path) == before, "a finished run was repeated");
+}
+
+#[test]
+fn what_is_replaced_goes_with_its_pictures() {
+    let place = directory();
+    let path = place.path();
+    run(&["readout={cells=[[3]]}", "output.warped_field=true"]).into(path).succeed().unwrap();
+    let shown = path.display().to_string();
+    for command in ["plot", "report"] {
+        Job::new([command, &shown]).succeed().expect("pictures");
+    }
+    let names = || contents(path).into_iter().map(|(name, _)| name).collect::<Vec<_>>();
+    for name in ["plots/phase_space.svg", "plots/readout.png", "report.html", "warped_f.h5"] {
+        assert!(names().iter().any(|n| n == name), "{name}: {:?}", names());
+    }
+    fs::write(path.join("plots/mine.svg"), "mine").expect("a file");
+    run(&["output.xdmf=false"]).with(["--force"]).on(2).into(path).succeed().unwrap();
+    assert_eq!(names(), ["plots/mine.svg", "result.h5", "summary.json"]);
+    fs::remove_file(path.join("plots/mine.svg")).expect("a file");
+    Job::new(["plot", &shown]).succeed().expect("pictures");
+    run(&[]).with(["--force"]).into(path).succeed().unwrap();
+    assert_eq!(names(), ["fields.xdmf", "result.h5", "summary.json"]);
+    assert!(!path.join("plots").exists(), "an empty folder stays");
+}
+
+#[test]
+fn files_that_no_run_wrote_are_not_replaced_unasked() {
+    let rows = [
+        ("result.h5", "it holds a result.h5 that is not phasewarp's"),
+        ("summary.json", "it holds summary.json, which belongs to no result.h5 there"),
+        ("fields.xdmf", "it holds fields.xdmf"),
+        ("readout.csv", "it holds readout.csv"),
+        ("warped_f.h5", "it holds warped_f.h5"),
+    ];
+    check_all(&rows, |(name, said)| {
+        let place = directory();
+        let path = place.path();
+        let file = path.join(name);
+        fs::write(&file, "a letter").map_err(|e| e.to_string())?;
+        let job = run(&["output.warped_field=true"]).into(path);
+        job.is_refused(&[said, "--force"])?;
+        job.clone().with(["--resume"]).is_refused(&[said, "--force"])?;
+        let kept = fs::read(&file).is_ok_and(|bytes| bytes == b"a letter");
+        if !kept || contents(path).len() != 1 {
+            return Err(format!("{name}: the directory was changed"));
+        }
+        job.with(["--force"]).on(2).succeed().map(|_| ())
+    });
+    // What has another name is in nobody's way.
+    let place = directory();
+    fs::write(place.path().join("letter.txt"), "a letter").expect("a file");
+    run(&[]).into(place.path()).succeed().expect("a run");
+}
