@@ -79,7 +79,9 @@ fn difference(directory: &Path, case: &Case) -> Outcome<Option<String>> {
     };
     let of = |case: &Case, key: &str| {
         let value = case.settings.get(key).filter(|_| !key.starts_with("checkpoint."));
-        value.map_or("not given".to_owned(), |value| shortened(value, MOST_SHOWN))
+        value.map_or("not given".to_owned(), |value| {
+            shortened(value.trim_matches(['"', ' ', '\n']), MOST_SHOWN)
+        })
     };
     let differs = |key: &&String| {
         let values = [&found, case].map(|case| case.settings.get(*key));

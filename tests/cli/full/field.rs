@@ -232,7 +232,7 @@ fn a_directory_in_the_way_of_a_warped_field_is_refused() {
     std::fs::create_dir(place.path().join("warped_f_0001.h5")).unwrap();
     let job = small(&["output.field_times=[0.3]"]).into(place.path());
     job.clone().on(2).succeed().unwrap();
-    let job = job.with(["--mode", "full"]).on(2);
+    let job = job.with(["--mode", "full", "--force"]).on(2);
     job.is_refused(&["warped_f_0001.h5 in it is a directory"]).unwrap();
 }
 

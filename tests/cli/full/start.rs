@@ -209,12 +209,14 @@ fn senseless_starts_are_refused() {
     std::fs::write(home.path().join("case.toml"), text).unwrap();
     std::fs::copy(&file, home.path().join("start.h5")).unwrap();
     let job = Job::new(["run", &home.path().join("case.toml").display().to_string()]);
-    let settings =
-        ["axis.0.x.cells=14", "axis.0.v.cells=11", "exact={f='0'}", "initial={warped='start.h5'}"];
-    job.set(&settings).solve(home.path()).unwrap();
+    let grid = ["axis.0.x.cells=14", "axis.0.v.cells=11", "exact={f='0'}"];
+    job.set(&grid)
+        .set(&["initial={warped='start.h5'}", "output.warped_field=true"])
+        .solve(home.path())
+        .unwrap();
     // check and plan look at the file as well.
     for command in ["plan", "check"] {
-        let job = Job::new([command, &case("example1.toml")]).set(&settings[..3]);
+        let job = Job::new([command, &case("example1.toml")]).set(&grid);
         job.clone().set(&[&from]).succeed().unwrap();
         let job = job.set(&["initial={warped='no.h5'}"]);
         job.is_refused(&["initial.warped"]).unwrap();
