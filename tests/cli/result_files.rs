@@ -11,8 +11,9 @@ use std::collections::BTreeMap;
 fn refused_runs_leave_older_results() {
     let place = directory();
     let small = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
-    let solve =
-        |settings: &[&str]| run("example1.toml").set(&small).set(settings).into(place.path());
+    let solve = |settings: &[&str]| {
+        run("example1.toml").set(&small).set(settings).into(place.path()).with(["--force"])
+    };
     let contents = || -> BTreeMap<String, Vec<u8>> {
         std::fs::read_dir(place.path())
             .unwrap()
