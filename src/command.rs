@@ -6,12 +6,15 @@ pub mod check;
 pub mod cli;
 pub mod describe;
 pub mod export;
+pub mod init;
 mod loading;
 pub mod plan;
 pub mod plot;
 mod printing;
 pub mod resources;
 pub mod run;
+pub mod schema;
+pub mod shell;
 pub mod spectrum;
 pub mod stability;
 pub mod values;
@@ -27,6 +30,10 @@ use crate::parallel::communicator::World;
 pub fn execute(world: &World, cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Run(args) => run::execute(world, args),
+        Command::Schema => schema::execute(world),
+        Command::Init(args) => init::execute(world, args),
+        Command::Completions(args) => shell::completions(world, args),
+        Command::Man(args) => shell::man(world, args),
         Command::Plan(args) => plan::execute(world, args),
         Command::Check(args) => check::execute(world, args),
         Command::CheckResult(args) => check::execute_on_result(world, args),

@@ -46,6 +46,14 @@ pub enum Command {
     Stability(StabilityArgs),
     /// Growth and decay of the symmetric part, with and without weights
     Spectrum(SpectrumArgs),
+    /// Write a commented case file to begin with
+    Init(InitArgs),
+    /// The keys of a case file as a JSON schema, by which editors complete and check them
+    Schema,
+    /// What a shell needs to complete commands and options
+    Completions(CompletionsArgs),
+    /// Write manual pages
+    Man(ManArgs),
 }
 
 /// The case file and changes to it.
@@ -76,6 +84,35 @@ pub struct AccuracyArgs {
     /// Time for the trials by which it, or solver.accuracy, is chosen, about; by default 60s
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     pub budget: Option<Duration>,
+}
+
+/// Options of `init`.
+#[derive(Debug, Args)]
+pub struct InitArgs {
+    /// The case file that is written
+    #[arg(default_value = "case.toml")]
+    pub file: PathBuf,
+    /// Space dimensions
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=3))]
+    pub dimension: u8,
+    /// Replace a file of that name
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Options of `completions`.
+#[derive(Debug, Args)]
+pub struct CompletionsArgs {
+    /// The shell
+    pub shell: clap_complete::Shell,
+}
+
+/// Options of `man`.
+#[derive(Debug, Args)]
+pub struct ManArgs {
+    /// Directory of the pages, such as ~/.local/share/man/man1
+    #[arg(value_name = "DIR")]
+    pub directory: PathBuf,
 }
 
 /// Options of `check`.

@@ -13,6 +13,7 @@ pub(crate) mod axes;
 pub(crate) mod constants;
 pub(crate) mod data;
 pub(crate) mod file;
+pub(crate) mod keys;
 pub(crate) mod output;
 pub(crate) mod reader;
 pub(crate) mod readout;
@@ -22,6 +23,7 @@ pub(crate) mod warp;
 pub use crate::problem::case::data::{
     Data, Exact, Field, Inflow, MOST_FIELDS, Region, TIME, WarpedStart,
 };
+pub use crate::problem::case::keys::Kind;
 pub use crate::problem::case::output::{DeltaWidth, OutputTime, OutputTimes, Plateau, Storage};
 pub use crate::problem::case::readout::{Effort, Readout};
 pub use crate::problem::case::solver::{
@@ -69,6 +71,11 @@ struct Tables {
     output: OutputTable,
     checkpoint: CheckpointTable,
     readout: Option<ReadoutTable>,
+}
+
+/// All keys that a case file may have, as the table that the whole file is.
+pub fn keys() -> Kind {
+    keys::of::<Tables>()
 }
 
 /// A problem and how to solve it, as read from a case file.

@@ -252,10 +252,13 @@ impl<'de> Deserializer<'de> for Entry<'de> {
 
     fn deserialize_enum<V: Visitor<'de>>(
         self,
-        _: &'static str,
+        name: &'static str,
         _: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Mistake> {
+        if name == NUMBER_OR {
+            return self.deserialize_any(visitor);
+        }
         match self.value.as_str() {
             Some(text) => (visitor.visit_enum(StrDeserializer::new(text)))
                 .map_err(|mistake: Mistake| mistake.at(&self.key)),
@@ -273,6 +276,17 @@ impl<'de> Deserializer<'de> for Entry<'de> {
 #[derive(Clone, Debug, serde::Deserialize)]
 pub struct Formula(pub String);
 
+/// What a [`List`] and a [`NumberOr`] call themselves when they ask for a value.
+pub const LIST: &str = "List";
+/// As [`LIST`].
+pub const NUMBER_OR: &str = "NumberOr";
+
+/// Words that may stand in the place of a number.
+pub trait Words: DeserializeOwned {
+    /// All of them.
+    const ALL: &'static [&'static str];
+}
+
 /// A number, or one of the words of `W` in its place.
 #[derive(Clone, Copy, Debug)]
 pub enum NumberOr<W> {
@@ -280,11 +294,11 @@ pub enum NumberOr<W> {
     Word(W),
 }
 
-impl<'de, W: DeserializeOwned> Deserialize<'de> for NumberOr<W> {
+impl<'de, W: Words> Deserialize<'de> for NumberOr<W> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Reader<W>(PhantomData<W>);
 
-        impl<W: DeserializeOwned> Visitor<'_> for Reader<W> {
+        impl<W: Words> Visitor<'_> for Reader<W> {
             type Value = NumberOr<W>;
 
             fn expecting(&self, f: &mut Formatter<'_>) -> fmt::Result {
@@ -303,7 +317,7 @@ impl<'de, W: DeserializeOwned> Deserialize<'de> for NumberOr<W> {
             }
         }
 
-        deserializer.deserialize_any(Reader(PhantomData))
+        deserializer.deserialize_enum(NUMBER_OR, W::ALL, Reader(PhantomData))
     }
 }
 
@@ -359,6 +373,6 @@ impl<'de, T: Item> Deserialize<'de> for List<T> {
             }
         }
 
-        deserializer.deserialize_any(Reader(PhantomData))
+        deserializer.deserialize_tuple_struct(LIST, 1, Reader(PhantomData))
     }
 }

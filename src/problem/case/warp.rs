@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::problem::case::data::Field;
 use crate::problem::case::file::CaseFile;
-use crate::problem::case::reader::{List, NumberOr};
+use crate::problem::case::reader::{List, NumberOr, Words};
 use crate::problem::limits::{BETAS, LARGEST_SHIFT, MOST, MOST_MODES, MOST_ORDER};
 use serde::{Deserialize, Serialize};
 
@@ -237,11 +237,19 @@ enum DeltaWord {
     Max,
 }
 
+impl Words for DeltaWord {
+    const ALL: &'static [&'static str] = &["max"];
+}
+
 /// `solver.warp.shift` that is no number.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum ShiftWord {
     Growth,
+}
+
+impl Words for ShiftWord {
+    const ALL: &'static [&'static str] = &["growth"];
 }
 
 impl WarpTable {

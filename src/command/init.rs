@@ -1,0 +1,87 @@
+//! `phasewarp init`: a case file to begin with.
+
+use crate::base::disk;
+use crate::base::error::{Error, Result};
+use crate::command::cli::InitArgs;
+use crate::command::printing::print;
+use crate::parallel::communicator::World;
+use std::fmt::Write;
+
+/// Cells of a space axis and of a velocity axis, by dimension: a run takes seconds.
+const CELLS: [[usize; 2]; 3] = [[120, 96], [20, 12], [8, 6]];
+
+/// Writes a case file, on the first rank. Collective.
+///
+/// # Errors
+/// [`Error::Input`] where there is such a file and `--force` is not given; [`Error::Output`].
+pub fn execute(world: &World, args: &InitArgs) -> Result<()> {
+    world.group().on_first_rank(|| {
+        if !args.force && std::fs::symlink_metadata(&args.file).is_ok() {
+            let file = args.file.display();
+            return Err(Error::Input(format!("{file} is there; --force replaces it")));
+        }
+        disk::write(&args.file, text(usize::from(args.dimension)).as_bytes())
+    })?;
+    let file = args.file.display();
+    print(world, &format!("{file}: change it, then: phasewarp check {file}; phasewarp run {file}"));
+    Ok(())
+}
+
+/// A case in `n` dimensions: a beam meets a step up, which reflects its slow part.
+pub fn text(n: usize) -> String {
+    let [cells, velocities] = CELLS[n - 1];
+    let mut text = format!(
+        "# A case of phasewarp: a cloud of particles meets a potential step, in {n} dimension{}.\n\
+         # docs/usage.md lists all keys; `phasewarp schema` tells them to an editor.\n\
+         title = \"A cloud at a step\"\n\n",
+        if n == 1 { "" } else { "s" }
+    );
+    for a in 0..n {
+        let x = ["x", "y", "z"][a];
+        // Formatting cannot fail.
+        let _ = match a {
+            0 => write!(
+                text,
+                "[[axis]]                     # one table a space dimension: x, y, z\n\
+                 # space; a face has to lie where V jumps, here x = 0\n\
+                 x = {{ lower = -1, upper = 1, cells = {cells} }}\n\
+                 # velocity: wide enough for what the step makes faster or slower\n\
+                 v = {{ lower = -1.2, upper = 1.2, cells = {velocities} }}\n\n"
+            ),
+            _ => write!(
+                text,
+                "[[axis]]                     # {x}: what leaves at one end enters at the other\n\
+                 x = {{ lower = -1, upper = 1, cells = {cells}, boundary = \"periodic\" }}\n\
+                 v = {{ lower = -1.2, upper = 1.2, cells = {velocities} }}\n\n"
+            ),
+        };
+    }
+    let velocity = if n == 1 { "v" } else { "vx" };
+    let mut square = format!("((x + 0.5)/0.2)^2 + (({velocity} - 0.7)/0.15)^2");
+    for a in 1..n {
+        let (x, v) = (["x", "y", "z"][a], ["vx", "vy", "vz"][a]);
+        square += &format!(" + ({x}/0.4)^2 + ({v}/0.3)^2");
+    }
+    text + &format!(
+        "[[potential]]                # V: the first region whose condition holds gives it\n\
+         where = \"x < 0\"\n\
+         value = \"0\"\n\
+         [[potential]]                # the last region has no condition\n\
+         value = \"0.2\"                # who comes with v^2 < 0.4 is reflected\n\n\
+         [initial]                    # f at t = 0\n\
+         f = \"exp(-({square})/2)\"\n\n\
+         [inflow]                     # f of what enters through the ends of the box\n\
+         value = \"0\"\n\n\
+         [time]\n\
+         end = 1.0\n\n\
+         # [scheme]                   # elements: more accurate where f is smooth\n\
+         # degree = 2\n\n\
+         [solver]\n\
+         method = \"schrodingerized\"   # or \"classical\"\n\
+         tolerance = 1e-4             # relative l2 distance to the exact semi-discrete solution\n\n\
+         [exact]                      # what the result is compared with\n\
+         kind = \"characteristics\"     # particles traced back; or f = \"formula\" of t too\n\n\
+         [output]\n\
+         moments_every = 0.25         # density and momentum at these times too\n"
+    )
+}

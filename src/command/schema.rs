@@ -1,0 +1,244 @@
+//! `phasewarp schema`: the case file as a JSON schema, by which editors complete and check keys.
+
+use crate::base::error::Result;
+use crate::command::printing::print_json;
+use crate::parallel::communicator::World;
+use crate::problem::case::{Kind, keys};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+
+/// The tables of keys in this document are what the schema says of them.
+const DOCUMENT: &str = include_str!("../../docs/usage.md");
+
+/// Prints the schema. Collective.
+///
+/// # Errors
+/// None.
+pub fn execute(world: &World) -> Result<()> {
+    print_json(world, &schema());
+    Ok(())
+}
+
+/// JSON schema, draft 7, of a case file: every key of the tables that read one, with what
+/// docs/usage.md says of it.
+pub fn schema() -> Value {
+    let mut schema = described("", &keys(), &descriptions());
+    if let Value::Object(schema) = &mut schema {
+        schema.insert("$schema".to_owned(), json!("http://json-schema.org/draft-07/schema#"));
+        schema.insert("title".to_owned(), json!("phasewarp case"));
+        schema.insert("required".to_owned(), json!(["axis", "potential", "initial", "time"]));
+    }
+    schema
+}
+
+/// What is expected at `path`, with its description.
+fn described(path: &str, kind: &Kind, of_keys: &BTreeMap<String, String>) -> Value {
+    let mut schema = expected(path, kind, of_keys);
+    if let (Some(text), Value::Object(schema)) = (of_keys.get(path), &mut schema) {
+        schema.insert("description".to_owned(), json!(text));
+    }
+    schema
+}
+
+fn expected(path: &str, kind: &Kind, of_keys: &BTreeMap<String, String>) -> Value {
+    let table = |entries: &[(&'static str, Kind)]| {
+        let below = |name: &str| match path {
+            "" => name.to_owned(),
+            _ => format!("{path}.{name}"),
+        };
+        let entry = |(name, kind): &(&'static str, Kind)| {
+            ((*name).to_owned(), described(&below(name), kind, of_keys))
+        };
+        let entries: Map<String, Value> = entries.iter().map(entry).collect();
+        json!({ "type": "object", "properties": entries, "additionalProperties": false })
+    };
+    match kind {
+        Kind::Unknown => json!({}),
+        Kind::Number => json!({ "type": "number" }),
+        Kind::Whole => json!({ "type": "integer" }),
+        Kind::Switch => json!({ "type": "boolean" }),
+        Kind::Text => json!({ "type": "string" }),
+        Kind::Formula => json!({ "type": ["string", "number"] }),
+        Kind::Word(words) => json!({ "enum": words }),
+        Kind::NumberOr(words) => json!({ "anyOf": [{ "type": "number" }, { "enum": words }] }),
+        Kind::List(item) => {
+            let item = described(&format!("{path}.N"), item, of_keys);
+            json!({ "type": "array", "items": item })
+        }
+        Kind::Table(entries) => table(entries),
+        Kind::Switches(entries) => json!({ "anyOf": [{ "type": "boolean" }, table(entries)] }),
+        Kind::Names(value) => {
+            let value = described(&format!("{path}.N"), value, of_keys);
+            json!({ "type": "object", "additionalProperties": value })
+        }
+    }
+}
+
+/// What the tables of the document say, by key; `N` stands for the number of a table in a list.
+fn descriptions() -> BTreeMap<String, String> {
+    let mut found = BTreeMap::new();
+    let section = DOCUMENT.split("\n## ").find(|part| part.starts_with("The case file"));
+    for line in section.unwrap_or_default().lines().filter(|line| line.starts_with("| `")) {
+        let cells: Vec<&str> = line.trim_matches('|').split(" | ").map(str::trim).collect();
+        let [names, default, meaning] = cells[..] else {
+            continue;
+        };
+        let mut text = plain(meaning);
+        if !default.is_empty() {
+            text += &format!(" (default: {})", plain(default));
+        }
+        // "`a.b`, `.c`, or `.d`": the later ones stand beside the first.
+        let mut parent = "";
+        for name in names.split('`').skip(1).step_by(2) {
+            let key = match name.strip_prefix('.') {
+                Some(name) => format!("{parent}.{name}"),
+                None => name.trim_matches(['[', ']']).to_owned(),
+            };
+            if !name.starts_with('.') {
+                parent = name.rsplit_once('.').map_or("", |(parent, _)| parent);
+            }
+            found.insert(key, text.clone());
+        }
+    }
+    found
+}
+
+/// A cell of a table without marks: links are their texts.
+fn plain(text: &str) -> String {
+    let mut plain = String::new();
+    let mut rest = text;
+    while let Some((before, after)) = rest.split_once('[') {
+        plain += before;
+        match after.split_once("](") {
+            Some((shown, link)) if !shown.contains('[') => {
+                plain += shown;
+                rest = link.split_once(')').map_or("", |(_, rest)| rest);
+            }
+            _ => {
+                plain.push('[');
+                rest = after;
+            }
+        }
+    }
+    (plain + rest).replace('`', "").replace("\\|", "|").trim().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    /// What `value` at `path` is, that `schema` does not allow.
+    fn mistakes(path: &str, value: &Value, schema: &Value, found: &mut Vec<String>) {
+        if let Some(choices) = schema["anyOf"].as_array() {
+            let fits = |choice: &&Value| {
+                let mut wrong = Vec::new();
+                mistakes(path, value, choice, &mut wrong);
+                wrong.is_empty()
+            };
+            if choices.iter().find(fits).is_none() {
+                found.push(format!("{path} = {value}: none of {choices:?}"));
+            }
+            return;
+        }
+        if let Some(words) = schema["enum"].as_array()
+            && !words.contains(value)
+        {
+            found.push(format!("{path} = {value}: not in {words:?}"));
+        }
+        let is = |kind: &str| match kind {
+            "object" => value.is_object(),
+            "array" => value.is_array(),
+            "string" => value.is_string(),
+            "boolean" => value.is_boolean(),
+            "integer" => value.is_i64(),
+            _ => value.is_number(),
+        };
+        let kinds: Vec<&str> = match &schema["type"] {
+            Value::Array(kinds) => kinds.iter().filter_map(Value::as_str).collect(),
+            kind => kind.as_str().into_iter().collect(),
+        };
+        if !kinds.is_empty() && !kinds.iter().any(|kind| is(kind)) {
+            found.push(format!("{path} = {value}: {kinds:?} expected"));
+        }
+        for (name, value) in value.as_object().into_iter().flatten() {
+            match &schema["properties"][name] {
+                Value::Null => found.push(format!("{path}.{name}: no such key")),
+                below => mistakes(&format!("{path}.{name}"), value, below, found),
+            }
+        }
+        for value in value.as_array().into_iter().flatten() {
+            mistakes(path, value, &schema["items"], found);
+        }
+    }
+
+    fn wrong(text: &str) -> Vec<String> {
+        let value: Value = toml::from_str(text).expect("TOML");
+        let mut found = Vec::new();
+        mistakes("", &value, &schema(), &mut found);
+        found
+    }
+
+    #[test]
+    fn all_cases_fit() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases");
+        let mut count = 0;
+        for folder in [root.clone(), root.join("paper")] {
+            for entry in folder.read_dir().expect("a folder") {
+                let path = entry.expect("an entry").path();
+                if path.extension().is_some_and(|ending| ending == "toml") {
+                    let found = wrong(&std::fs::read_to_string(&path).expect("a case"));
+                    assert!(found.is_empty(), "{}: {found:?}", path.display());
+                    count += 1;
+                }
+            }
+        }
+        assert!(count > 12, "only {count} cases");
+    }
+
+    #[test]
+    fn mistakes_do_not_fit() {
+        for (text, key) in [
+            ("tme.end = 1", ".tme"),
+            ("time.end = \"one\"", ".time.end"),
+            ("axis = [{ x = { cells = 1.5 } }]", ".axis.x.cells"),
+            ("solver.method = \"clasical\"", ".solver.method"),
+            ("solver.warp.delta = \"most\"", ".solver.warp.delta"),
+            ("solver.reduce = 3", ".solver.reduce"),
+            ("output.field_times = 0.5", ".output.field_times"),
+            ("initial.f = true", ".initial.f"),
+        ] {
+            let found = wrong(text);
+            assert!(found.len() == 1 && found[0].starts_with(key), "{text}: {found:?}");
+        }
+        for text in ["initial.f = 1", "solver.reduce = false", "solver.warp.delta = \"max\""] {
+            assert!(wrong(text).is_empty(), "{text}");
+        }
+    }
+
+    /// Every key that is no table is in the document.
+    #[test]
+    fn every_key_is_described() {
+        fn look(path: &str, schema: &Value, found: &mut Vec<String>) {
+            let table = schema["anyOf"].as_array().map_or(schema, |choices| &choices[1]);
+            if let Some(entries) = table["properties"].as_object() {
+                for (name, below) in entries {
+                    look(&format!("{path}.{name}"), below, found);
+                }
+            } else if schema["items"]["properties"].is_object() {
+                look(path, &schema["items"], found);
+            } else if schema["description"].is_null() {
+                found.push(path.to_owned());
+            }
+        }
+        let mut found = Vec::new();
+        look("", &schema(), &mut found);
+        // Said of the whole axis, in docs/high-order.md, and of one table of `[exact]`.
+        found.retain(|key| {
+            ![".axis.x.", ".axis.v.", ".exact.", ".output.plateau."]
+                .iter()
+                .any(|start| key.starts_with(start))
+        });
+        assert!(found.is_empty(), "{found:?}");
+    }
+}

@@ -1,0 +1,34 @@
+//! `phasewarp completions` and `phasewarp man`: for shells, from the definition of the command
+//! line.
+
+use crate::base::disk::{failure, make};
+use crate::base::error::Result;
+use crate::command::cli::{Cli, CompletionsArgs, ManArgs};
+use crate::command::printing::print;
+use crate::parallel::communicator::World;
+use clap::CommandFactory;
+
+/// Prints what a shell needs to complete commands and options. Collective.
+///
+/// # Errors
+/// None.
+pub fn completions(world: &World, args: &CompletionsArgs) -> Result<()> {
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut Cli::command(), "phasewarp", &mut script);
+    print(world, &String::from_utf8_lossy(&script));
+    Ok(())
+}
+
+/// Writes a manual page for the program and for each command. Collective.
+///
+/// # Errors
+/// [`crate::base::error::Error::Directory`], [`crate::base::error::Error::Output`].
+pub fn man(world: &World, args: &ManArgs) -> Result<()> {
+    world.group().on_first_rank(|| {
+        make(&args.directory)?;
+        let pages = clap_mangen::generate_to(Cli::command(), &args.directory);
+        pages.map_err(|e| failure(&args.directory, &e))
+    })?;
+    print(world, &format!("manual pages in {}", args.directory.display()));
+    Ok(())
+}

@@ -1,0 +1,246 @@
+//! The keys that a case file may have, found by reading one that agrees to everything.
+//!
+//! The tables of the sections are the only list of keys. A [`Deserializer`] that answers every
+//! question of theirs with a value of the right kind learns from the questions which keys there
+//! are, and what is expected there.
+
+use crate::problem::case::reader::{LIST, Mistake, NUMBER_OR};
+use serde::de::value::{StrDeserializer, StringDeserializer};
+use serde::de::{
+    self, DeserializeOwned, DeserializeSeed, Deserializer, IntoDeserializer, MapAccess, SeqAccess,
+    Visitor,
+};
+use std::cell::RefCell;
+
+/// What is expected at a key.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Kind {
+    /// Nobody asked.
+    #[default]
+    Unknown,
+    /// A number.
+    Number,
+    /// A whole number.
+    Whole,
+    /// True or false.
+    Switch,
+    /// Any text.
+    Text,
+    /// A formula: a text, or a number.
+    Formula,
+    /// One of these words.
+    Word(&'static [&'static str]),
+    /// A number, or one of these words.
+    NumberOr(&'static [&'static str]),
+    /// A list.
+    List(Box<Kind>),
+    /// A table with these keys.
+    Table(Vec<(&'static str, Kind)>),
+    /// A table with these switches, or one switch for all of them.
+    Switches(Vec<(&'static str, Kind)>),
+    /// A table with keys of any name.
+    Names(Box<Kind>),
+}
+
+/// The keys of `T`.
+pub fn of<T: DeserializeOwned>() -> Kind {
+    let kind = RefCell::default();
+    // What is read stands for nothing.
+    let read = T::deserialize(Question { answer: &kind });
+    debug_assert!(read.is_ok());
+    kind.into_inner()
+}
+
+/// A value that is whatever it is asked for.
+#[derive(Clone, Copy)]
+struct Question<'a> {
+    /// What it was asked for.
+    answer: &'a RefCell<Kind>,
+}
+
+impl Question<'_> {
+    fn is(self, kind: Kind) {
+        self.answer.replace(kind);
+    }
+}
+
+impl<'de> Deserializer<'de> for Question<'_> {
+    type Error = Mistake;
+
+    fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Mistake> {
+        Err(de::Error::custom("a value of any kind is asked for"))
+    }
+
+    fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        self.is(Kind::Number);
+        visitor.visit_f64(1.0)
+    }
+
+    fn deserialize_i64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        self.is(Kind::Whole);
+        visitor.visit_i64(1)
+    }
+
+    fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        self.is(Kind::Switch);
+        visitor.visit_bool(true)
+    }
+
+    fn deserialize_string<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        self.is(Kind::Text);
+        visitor.visit_str("")
+    }
+
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        visitor.visit_some(self)
+    }
+
+    fn deserialize_newtype_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        visitor: V,
+    ) -> Result<V::Value, Mistake> {
+        self.is(Kind::Formula);
+        let text: StringDeserializer<Mistake> = "1".to_owned().into_deserializer();
+        visitor.visit_newtype_struct(text)
+    }
+
+    fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        let item = RefCell::default();
+        let read = visitor.visit_seq(Parts { answer: &item, left: 1 })?;
+        self.is(Kind::List(Box::new(item.into_inner())));
+        Ok(read)
+    }
+
+    fn deserialize_tuple_struct<V: Visitor<'de>>(
+        self,
+        name: &'static str,
+        _: usize,
+        visitor: V,
+    ) -> Result<V::Value, Mistake> {
+        debug_assert_eq!(name, LIST);
+        self.deserialize_seq(visitor)
+    }
+
+    fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
+        let found = RefCell::default();
+        let read = visitor.visit_map(Entries { names: &["name"], found: &found, at: 0 })?;
+        let value = found.into_inner().pop().map(|(_, kind)| kind);
+        self.is(Kind::Names(Box::new(value.unwrap_or_default())));
+        Ok(read)
+    }
+
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        name: &'static str,
+        known: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Mistake> {
+        let found = RefCell::default();
+        let read = visitor.visit_map(Entries { names: known, found: &found, at: 0 })?;
+        let found = found.into_inner();
+        self.is(if name == "Allowed" { Kind::Switches(found) } else { Kind::Table(found) });
+        Ok(read)
+    }
+
+    fn deserialize_enum<V: Visitor<'de>>(
+        self,
+        name: &'static str,
+        words: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Mistake> {
+        if name == NUMBER_OR {
+            self.is(Kind::NumberOr(words));
+            return visitor.visit_f64(1.0);
+        }
+        self.is(Kind::Word(words));
+        visitor.visit_enum(StrDeserializer::new(words[0]))
+    }
+
+    serde::forward_to_deserialize_any! {
+        i8 i16 i32 i128 u8 u16 u32 u64 u128 f32 char str bytes byte_buf unit unit_struct tuple
+        identifier ignored_any
+    }
+}
+
+/// The parts of a list.
+struct Parts<'a> {
+    answer: &'a RefCell<Kind>,
+    left: usize,
+}
+
+impl<'de> SeqAccess<'de> for Parts<'_> {
+    type Error = Mistake;
+
+    fn next_element_seed<T: DeserializeSeed<'de>>(
+        &mut self,
+        seed: T,
+    ) -> Result<Option<T::Value>, Mistake> {
+        if self.left == 0 {
+            return Ok(None);
+        }
+        self.left -= 1;
+        seed.deserialize(Question { answer: self.answer }).map(Some)
+    }
+}
+
+/// The entries of a table: every key that it knows.
+struct Entries<'a> {
+    names: &'static [&'static str],
+    found: &'a RefCell<Vec<(&'static str, Kind)>>,
+    at: usize,
+}
+
+impl<'de> MapAccess<'de> for Entries<'_> {
+    type Error = Mistake;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(
+        &mut self,
+        seed: K,
+    ) -> Result<Option<K::Value>, Mistake> {
+        let name = self.names.get(self.at);
+        name.map(|name| seed.deserialize(StrDeserializer::new(name))).transpose()
+    }
+
+    fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, Mistake> {
+        let kind = RefCell::default();
+        let value = seed.deserialize(Question { answer: &kind })?;
+        self.found.borrow_mut().push((self.names[self.at], kind.into_inner()));
+        self.at += 1;
+        Ok(value)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every kind by its key, `N` for the numbers of lists.
+    fn flat(path: &str, kind: &Kind, found: &mut Vec<(String, Kind)>) {
+        match kind {
+            Kind::Table(entries) | Kind::Switches(entries) => {
+                for (name, kind) in entries {
+                    flat(&format!("{path}.{name}"), kind, found);
+                }
+            }
+            Kind::List(item) => flat(&format!("{path}.N"), item, found),
+            other => found.push((path.trim_start_matches('.').to_owned(), other.clone())),
+        }
+    }
+
+    #[test]
+    fn every_key_has_a_kind() {
+        let mut found = Vec::new();
+        flat("", &crate::problem::case::keys(), &mut found);
+        assert!(found.len() > 60, "{found:?}");
+        assert!(found.iter().all(|(_, kind)| *kind != Kind::Unknown), "{found:?}");
+        let is = |key: &str| &found.iter().find(|(name, _)| name == key).expect(key).1;
+        assert_eq!(*is("time.end"), Kind::Number);
+        assert_eq!(*is("axis.N.x.cells"), Kind::Whole);
+        assert_eq!(*is("potential.N.value"), Kind::Formula);
+        assert_eq!(*is("solver.method"), Kind::Word(&["schrodingerized", "classical"]));
+        assert_eq!(*is("solver.warp.delta"), Kind::NumberOr(&["max"]));
+        assert_eq!(*is("output.field_times.N"), Kind::Number);
+        assert_eq!(*is("solver.reduce.axes"), Kind::Switch);
+    }
+}
