@@ -4,14 +4,49 @@ use crate::base::error::Result;
 use crate::command::cli::{CheckArgs, CheckResultArgs};
 use crate::command::describe::describe;
 use crate::command::loading::{load_for_accuracy, reduced_case};
-use crate::command::printing::print;
+use crate::command::printing::{print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
+use crate::problem::case::Case;
+use crate::problem::grid::axis_names;
+use crate::results::ledger::Ledger;
 use crate::results::readback;
 use crate::results::shown::Shown;
 use crate::run::{ledger, planning, warnings};
+use serde::Serialize;
+
+/// What `check --json` prints.
+#[derive(Serialize)]
+struct Checked<'a> {
+    title: &'a str,
+    /// The keys that are given, with their values.
+    settings: &'a std::collections::BTreeMap<String, String>,
+    /// Those of space, then those of velocity.
+    axes: Vec<CheckedAxis>,
+    /// Unknowns: cells, of elements nodes.
+    cells: usize,
+    bounds: &'a Bounds,
+    /// What is left out of the computation, as nothing depends on it.
+    dropped: &'a [String],
+    /// What could not be left out, and why.
+    kept: &'a [String],
+    ledger: &'a Ledger,
+    warnings: &'a [String],
+}
+
+/// An axis in `check --json`.
+#[derive(Serialize)]
+struct CheckedAxis {
+    name: String,
+    lower: f64,
+    upper: f64,
+    /// Elements, of degree 0 cells.
+    elements: usize,
+    degree: usize,
+    periodic: bool,
+}
 
 /// Prints the case as it was read, and warnings about it. Collective.
 ///
@@ -25,16 +60,51 @@ pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
     // Where the grid is small enough, planning finds formulas that are not finite and tolerances
     // that cannot be met.
     let preview = planning::preview(world, &case, &resources)?;
-    print(world, &describe(&case, &bounds));
     let mut ledger = ledger::foreseen(&world.group(), &Shown::new(&case).case)?;
     ledger.mass.initial = preview.at_start.map(|totals| totals.mass);
-    print(world, &ledger.text());
     let planned = preview.plan.warp.map_or(Vec::new(), |w| w.warnings);
     let found = [warnings::warnings(&case), planned, ledger.warnings()].concat();
+    if args.json {
+        print_json(world, &checked(&case, &bounds, &ledger, &found));
+        return Ok(());
+    }
+    print(world, &describe(&case, &bounds));
+    print(world, &ledger.text());
     for warning in &found {
         print(world, &format!("warning: {warning}"));
     }
     Ok(())
+}
+
+fn checked<'a>(
+    case: &'a Case,
+    bounds: &'a Bounds,
+    ledger: &'a Ledger,
+    warnings: &'a [String],
+) -> Checked<'a> {
+    let periodic = case.space.periodic.iter().take(case.space.dimension()).copied();
+    let names = axis_names(case.space.dimension());
+    let whole = case.space.whole();
+    let axes = names.iter().zip(whole.axes()).zip(periodic.chain(std::iter::repeat(false)));
+    let axes = axes.map(|((name, axis), periodic)| CheckedAxis {
+        name: name.to_string(),
+        lower: axis.lower,
+        upper: axis.upper,
+        elements: axis.elements(),
+        degree: axis.nodes.degree,
+        periodic,
+    });
+    Checked {
+        title: &case.title,
+        settings: &case.settings,
+        axes: axes.collect(),
+        cells: case.space.cells(),
+        bounds,
+        dropped: &case.reductions.dropped,
+        kept: &case.reductions.kept,
+        ledger,
+        warnings,
+    }
 }
 
 /// Compares the datasets of a run with their checksums. Collective.

@@ -124,6 +124,9 @@ pub struct CheckArgs {
     /// What it is to reach.
     #[command(flatten)]
     pub accuracy: AccuracyArgs,
+    /// As JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Options of `run`.

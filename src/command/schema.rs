@@ -162,9 +162,12 @@ mod tests {
             found.push(format!("{path} = {value}: {kinds:?} expected"));
         }
         for (name, value) in value.as_object().into_iter().flatten() {
-            match &schema["properties"][name] {
-                Value::Null => found.push(format!("{path}.{name}: no such key")),
-                below => mistakes(&format!("{path}.{name}"), value, below, found),
+            match [&schema["properties"][name], &schema["additionalProperties"]] {
+                [Value::Null, below @ Value::Object(_)] => {
+                    mistakes(&format!("{path}.{name}"), value, below, found);
+                }
+                [Value::Null, _] => found.push(format!("{path}.{name}: no such key")),
+                [below, _] => mistakes(&format!("{path}.{name}"), value, below, found),
             }
         }
         for value in value.as_array().into_iter().flatten() {

@@ -81,7 +81,10 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
     let split = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e').unwrap_or(text.len());
     let (number, unit) = text.split_at(split);
     let factor = match unit.trim().to_ascii_lowercase().as_str() {
-        "" | "b" => 1.0,
+        "" if !number.is_empty() => {
+            return Err(format!("{number} of what? KiB, MiB, GiB, TiB, kB, MB, GB, TB or B"));
+        }
+        "b" => 1.0,
         "kb" => 1e3,
         "mb" => 1e6,
         "gb" => 1e9,
@@ -139,12 +142,12 @@ mod tests {
             ("4GiB", 4 << 30),
             ("4G", 4 << 30),
             ("500 MB", 500_000_000),
-            ("1e9", 1_000_000_000),
+            ("1e9B", 1_000_000_000),
             ("12k", 12_288),
         ] {
             assert_eq!(parse_bytes(text), Ok(bytes));
         }
-        for text in ["", "GiB", "4 parsecs", "-1GB", "nan"] {
+        for text in ["", "GiB", "256", "1e9", "4 parsecs", "-1GB", "nan"] {
             assert!(parse_bytes(text).is_err(), "{text}");
         }
     }

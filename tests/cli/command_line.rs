@@ -43,6 +43,7 @@ const MISTAKES: &[(&str, &[&str])] = &[
     ("plan EXAMPLE --ranks -1", &["-1"]),
     ("plan EXAMPLE --ranks two", &["'two'", "--ranks"]),
     ("plan EXAMPLE --memory-per-rank 4~parsecs", &["4 parsecs", "--memory-per-rank", "GiB"]),
+    ("plan EXAMPLE --memory-per-node 256", &["256 of what", "--memory-per-node", "GiB"]),
     ("plan EXAMPLE --ranks 6 --ranks-x 4", &["--ranks-x", "4", "6", "1, 2, 3, 6"]),
     ("run EXAMPLE -o OUT --ranks-x 3", &["--ranks-x", "3 blocks", "2 ranks", "1, 2"]),
     ("run EXAMPLE -o OUT --ranks-x 0", &["--ranks-x", "0", "1 to 128"]),

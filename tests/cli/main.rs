@@ -9,6 +9,7 @@ mod command_line;
 mod embedding;
 mod equal_bits;
 mod exact_solutions;
+mod first_steps;
 mod full;
 mod ledger;
 mod matrices;
