@@ -8,6 +8,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, LazyLock, Once};
 use std::time::{Duration, Instant};
 
+/// Whether the first signal comes too late for a checkpoint.
+static NO_CHECKPOINT: AtomicBool = AtomicBool::new(false);
+
 /// Signals closer to each other count as one: `timeout` and launchers send the same one twice.
 const ONE_SIGNAL: Duration = Duration::from_millis(500);
 
@@ -119,6 +122,12 @@ pub fn stop_when_terminated(says: &'static str) {
     });
 }
 
+/// From now on a signal asks for nothing: the run is over. `mpirun` sends SIGTERM to the others when
+/// the first rank ends with an error.
+pub fn no_more_checkpoints() {
+    NO_CHECKPOINT.store(true, Ordering::Relaxed);
+}
+
 /// Whether this process, or who started it, chose to ignore a signal.
 fn is_ignored(signal: i32) -> bool {
     // SAFETY: the structure is read only where the call filled it.
@@ -137,6 +146,7 @@ fn stop_on(signal: i32, says: &'static str) {
         flag.store(true, Ordering::Relaxed);
         let now = start.elapsed().as_millis() as u64 + 1;
         match FIRST.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed) {
+            Ok(_) if NO_CHECKPOINT.load(Ordering::Relaxed) => {}
             // SAFETY: a plain call, which signals may interrupt.
             Ok(_) => unsafe {
                 libc::write(libc::STDERR_FILENO, says.as_ptr().cast(), says.len());

@@ -74,8 +74,9 @@ pub fn text(n: usize) -> String {
          value = \"0\"\n\n\
          [time]\n\
          end = 1.0\n\n\
-         # [scheme]                   # elements: more accurate where f is smooth\n\
-         # degree = 2\n\n\
+         [scheme]\n\
+         interface = \"conservative\"   # keeps the mass where V jumps\n\
+         # degree = 2                 # elements: more accurate where f is smooth\n\n\
          [solver]\n\
          method = \"schrodingerized\"   # or \"classical\"\n\
          tolerance = 1e-4             # relative l2 distance to the exact semi-discrete solution\n\n\

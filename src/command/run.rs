@@ -61,7 +61,9 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         let speaks = world.group().rank() == 0;
         machine::stop_when_terminated(if speaks { TOLD_TO_STOP } else { "" });
     }
-    let summary = run::run(world, &case, &directory, &options)?;
+    let solved = run::run(world, &case, &directory, &options);
+    machine::no_more_checkpoints();
+    let summary = solved?;
     if world.group().rank() == 0 {
         for warning in &summary.warnings[summary.warnings_printed..] {
             report(&format!("warning: {warning}"));
