@@ -22,4 +22,5 @@ pub mod observables;
 pub mod projection;
 pub mod rows;
 pub mod sampling;
+pub mod terms;
 pub mod weights;

@@ -24,6 +24,7 @@ use crate::parallel::partition::Block;
 use crate::plan::balance::Batch;
 use crate::plan::layout::{Layout, Resources};
 use crate::problem::case::{Case, Interface, Limiter, Method, Propagation};
+use crate::problem::legs::Leg;
 use crate::propagate;
 use crate::propagate::classical::classical_steps;
 use crate::propagate::method::{RunWork, Setting};
@@ -221,6 +222,7 @@ impl Plan {
             points: None,
             plateau: Vec::new(),
             estimator_efficiency: 1.0,
+            legs: vec![Leg::new(case.end, false)],
             leg_work: vec![work.clone()],
             mode_tolerances: vec![tolerance; modes],
             applications: case.fields.len() * work.iter().sum::<usize>(),
@@ -312,6 +314,10 @@ impl fmt::Display for Plan {
                 writeln!(f, "kept            all of them: w(T, x, v, p) at {points} points in p")?;
             }
             writeln!(f, "propagator      {}", self.propagator_text(w))?;
+            let passed: usize = w.legs.iter().map(|leg| leg.passed.len()).sum();
+            if passed > 0 {
+                writeln!(f, "moments         at {passed} times from series that go past them")?;
+            }
             match w.solves {
                 0 => writeln!(f, "applications    {}", w.applications)?,
                 solves => writeln!(f, "solves          {solves}")?,

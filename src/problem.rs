@@ -9,5 +9,6 @@ pub mod element;
 pub mod exact;
 pub mod formula;
 pub mod grid;
+pub mod legs;
 pub mod limits;
 pub mod potential;

@@ -21,6 +21,7 @@ pub mod implicit;
 pub mod krylov;
 pub mod limiter;
 pub mod method;
+pub mod passed;
 pub mod shifted;
 pub mod time_dependent_inflow;
 

@@ -10,13 +10,14 @@ use phasewarp::parallel::partition::Mesh;
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::{Case, Integrator};
+use phasewarp::problem::legs::Leg;
 use phasewarp::propagate::chebyshev::Chebyshev;
 use phasewarp::propagate::classical::Classical;
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::limiter::Reconstruction;
 use phasewarp::propagate::method::{BatchSpec, Propagator};
-use phasewarp::solve::modes::{self, Leg, RunHooks, Task};
+use phasewarp::solve::modes::{self, RunHooks, Task};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use support::dense::case;
@@ -178,7 +179,7 @@ fn allocations_of_a_run(world: &World, case: &Case, name: &str) {
             let task = Task {
                 communicator: parts.communicator,
                 warp,
-                legs: &[Leg { time: case.end, moments_only: false }],
+                legs: &[Leg::new(case.end, false)],
                 batches: &batches[..count],
                 initial: &parts.initial,
                 shares: std::slice::from_ref(&cells),

@@ -39,6 +39,7 @@ pub const MOMENTS: usize = 5;
 pub struct VelocityFactors {
     each: Vec<[f64; MOMENTS]>,
     volume: f64,
+    dimension: usize,
 }
 
 impl VelocityFactors {
@@ -57,12 +58,17 @@ impl VelocityFactors {
             let part: f64 = weights.product();
             each.push([1.0, v[0], v[1], v[2], energy].map(|q| part * q));
         });
-        Self { each, volume: space.velocity_volume() }
+        Self { each, volume: space.velocity_volume(), dimension: space.dimension() }
     }
 
     /// Number of velocity cells.
     pub fn cells(&self) -> usize {
         self.each.len()
+    }
+
+    /// Dimensions of space.
+    pub fn dimension(&self) -> usize {
+        self.dimension
     }
 
     /// `(1, v_x, v_y, v_z, ½|v|²)` of each times its volume beside the mean; missing axes are 0.
@@ -89,6 +95,23 @@ impl VelocityFactors {
             }
         }
         sums
+    }
+}
+
+/// How moments of `f` follow from the weighted unknowns `ũ = √π f`.
+pub struct MomentsOf<'a> {
+    /// What of each velocity cell is in each moment.
+    pub factors: &'a VelocityFactors,
+    /// `π` of the block's cells.
+    pub pi: &'a [f64],
+    /// A bound from below on `π` over all cells; the same on all ranks.
+    pub least: f64,
+}
+
+impl MomentsOf<'_> {
+    /// Moments that there are at a point in so many dimensions: density, momenta, energy.
+    pub fn count(&self) -> usize {
+        self.factors.dimension() + 2
     }
 }
 

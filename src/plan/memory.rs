@@ -10,6 +10,7 @@ use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::descriptor;
 use crate::propagate::method::{BatchCoupling, MatrixShare};
+use crate::propagate::passed::PassedMoments;
 use crate::scheme::reduce::grid;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
@@ -212,11 +213,21 @@ impl<'a> FullestRank<'a> {
         list.push(("recovery sums".to_owned(), sums));
         // Where a batch starts, or stands between two legs.
         let between = size_of::<Lanes>() as u64 * self.rows();
-        if case.start.is_some() && case.times.is_empty() {
+        if case.start.is_some() && warp.legs.len() == 1 {
             list.push(("start of a batch".to_owned(), between));
         }
-        if !case.times.is_empty() {
+        if warp.legs.len() > 1 {
             list.push(("between legs".to_owned(), between));
+        }
+        let passed = warp.legs.iter().map(|leg| leg.passed.len()).max().unwrap_or(0);
+        if passed > 0 {
+            let counts = [self.points, self.cells, self.length()];
+            let largest = warp.largest_work() as u64;
+            let bytes =
+                PassedMoments::bytes(passed as u64, largest, counts, case.space.dimension() as u64);
+            list.push(("moments on the way".to_owned(), bytes));
+        }
+        if !case.times.is_empty() {
             let early = early_bytes(case, self.points, self.share());
             list.push(("output times".to_owned(), early));
         }

@@ -20,7 +20,8 @@
 //! ```
 //!
 //! as many applications as forwards, but two vectors a mode and none for the sum: the start `x` is
-//! mostly real and common to the modes of a batch. Each lane has a degree of its own, with zeros
+//! mostly real and common to the modes of a batch. Where moments are wanted on the way, it is summed
+//! forwards (see [`crate::propagate::passed`]). Each lane has a degree of its own, with zeros
 //! above it, so its bits do not depend on the others'.
 //!
 //! The interval is guaranteed, not estimated: see [`crate::matrix::bounds`].
@@ -34,6 +35,7 @@ use crate::propagate::method::{
     BatchCoupling, BatchReport, BatchSpec, Descriptor, Evolution, Initial, MatrixShare, ModeDemand,
     Propagator, RunWork, Setting, Start,
 };
+use crate::propagate::passed::PassedMoments;
 use num_complex::Complex64;
 
 /// Below this the first three Bessel functions are their leading terms to round-off.
@@ -148,7 +150,7 @@ impl Chebyshev {
             previous: vector(),
             coefficients: vec![0.0; (largest_degree + 1) * LANES],
             series: Vec::with_capacity(2 * largest_degree + 200),
-            levels: Vec::with_capacity(blocking.as_ref().map_or(1, Blocking::depth)),
+            levels: Vec::with_capacity(blocking.as_ref().map_or(2, Blocking::depth)),
             blocking,
         }
     }
@@ -234,6 +236,52 @@ impl Chebyshev {
             left -= levels;
         }
     }
+
+    /// The series of degree `degree` from [`prepare`](Self::prepare) of `start`, into `current`,
+    /// summed forwards, its terms being read on the way: two at a time, so that the vectors are
+    /// read half as often. Collective over the space group.
+    fn forwards<R: StartRow>(
+        &mut self,
+        matrix: &BlockMatrix,
+        exchange: &mut GhostExchange,
+        constants: &StepConstants,
+        degree: usize,
+        start: &[R],
+        passed: &mut PassedMoments<'_>,
+    ) {
+        let constants = |k: usize| {
+            let mut constants = StepConstants { coefficient: [0.0; LANES], ..constants.clone() };
+            if k > 0 {
+                constants.scale.iter_mut().for_each(|a| *a *= 2.0);
+            }
+            constants
+        };
+        let coefficients = |k: Option<usize>| {
+            let row = k.map(|k| &self.coefficients[k * LANES..(k + 1) * LANES]);
+            row.map_or([0.0; LANES], |row| std::array::from_fn(|l| row[l]))
+        };
+        self.previous.fill(Lanes::ZERO);
+        self.current.fill(Lanes::ZERO);
+        for (i, current) in self.current[..matrix.rows()].iter_mut().enumerate() {
+            R::add::<false>(start, i, &[1.0; LANES], &mut current.0);
+        }
+        let (mut first, mut k) = (None, 0);
+        loop {
+            let terms = [(first, &self.previous[..]), (Some(k), &self.current[..])];
+            passed.add(matrix, terms, [coefficients(first), coefficients(Some(k))]);
+            if k == degree {
+                break;
+            }
+            let to = degree.min(k + 2);
+            self.levels.clear();
+            self.levels.extend((k..to).map(constants));
+            let steps = Steps { levels: &self.levels, couplings: None };
+            let (y, x) = (&mut self.previous, &mut self.current);
+            matrix.steps::<()>(exchange, self.blocking.as_ref(), &steps, y, x, &[]);
+            (first, k) = ((to == k + 2).then_some(k + 1), to);
+        }
+        std::mem::swap(&mut self.current, &mut passed.sum);
+    }
 }
 
 impl Propagator for Chebyshev {
@@ -249,6 +297,28 @@ impl Propagator for Chebyshev {
         match initial.state {
             Start::Real(start) => self.series(matrix, exchange, &constants, degree, None, start),
             Start::Lanes(start) => self.series(matrix, exchange, &constants, degree, None, start),
+        }
+        Ok(report)
+    }
+
+    fn propagate_past(
+        &mut self,
+        system: &mut Evolution<'_>,
+        batch: &BatchSpec,
+        initial: &Initial<'_>,
+        passed: &mut PassedMoments<'_>,
+    ) -> Result<BatchReport> {
+        let (constants, report) = self.prepare(system, batch, system.time);
+        passed.prepare(system, batch);
+        let (matrix, exchange) = (system.matrix, &mut *system.exchange);
+        let degree = batch.largest_work();
+        match initial.state {
+            Start::Real(start) => {
+                self.forwards(matrix, exchange, &constants, degree, start, passed);
+            }
+            Start::Lanes(start) => {
+                self.forwards(matrix, exchange, &constants, degree, start, passed);
+            }
         }
         Ok(report)
     }
@@ -272,6 +342,10 @@ impl Descriptor for Method {
 
     fn applications_per_work(&self) -> usize {
         1
+    }
+
+    fn passes_times(&self) -> bool {
+        true
     }
 
     fn arrays(&self, share: &MatrixShare<'_>) -> Vec<(String, u64)> {

@@ -11,6 +11,7 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::Mesh;
 use crate::problem::case::{Case, Propagation};
+use crate::propagate::passed::PassedMoments;
 use num_complex::Complex64;
 use std::ops::Range;
 
@@ -168,6 +169,24 @@ pub trait Propagator {
         initial: &Initial<'_>,
     ) -> Result<BatchReport>;
 
+    /// The same, and the moments at the times that `passed` has been told, into it. Collective over
+    /// the space group.
+    ///
+    /// # Errors
+    /// As [`propagate`](Self::propagate).
+    ///
+    /// # Panics
+    /// Where [`Descriptor::passes_times`] is not true.
+    fn propagate_past(
+        &mut self,
+        _system: &mut Evolution<'_>,
+        _batch: &BatchSpec,
+        _initial: &Initial<'_>,
+        _passed: &mut PassedMoments<'_>,
+    ) -> Result<BatchReport> {
+        panic!("this method stops at every output time");
+    }
+
     /// `w(T)` of the batch that was propagated last, on this rank's rows, but for the lanes'
     /// phases.
     fn state(&self) -> &[Lanes];
@@ -278,6 +297,11 @@ pub trait Descriptor: Sync {
     /// How many times longer a unit of work takes where space is split over ranks.
     fn cost_of_splitting(&self) -> f64 {
         1.0
+    }
+
+    /// Whether a leg may pass times at which moments are wanted.
+    fn passes_times(&self) -> bool {
+        false
     }
 
     /// The propagator's arrays and their bytes.

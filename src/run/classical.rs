@@ -5,13 +5,13 @@ use crate::base::progress::Progress;
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::GhostExchange;
 use crate::problem::case::Integrator;
+use crate::problem::legs::Leg;
 use crate::propagate::classical::{
     Classical, ClassicalSpan, EXACT, classical_steps, duhamel_panels,
 };
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
 use crate::run::files::Found;
-use crate::solve::modes::Leg;
 use crate::solve::prepared::Prepared;
 
 /// How a state is integrated over a leg.

@@ -3,12 +3,12 @@
 
 use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, MOMENTS, Moments, VelocityFactors, moments};
+use crate::problem::legs::Leg;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{Early, slices};
 use crate::results::summary::Summary;
 use crate::run::files::{Files, SolvedFields};
 use crate::run::{classical, modes};
-use crate::solve::modes::Leg;
 use crate::solve::prepared::Prepared;
 
 /// Every field at `T`, and what is wanted before, by the plan of `prepared`; counts go into
@@ -34,17 +34,17 @@ pub(crate) fn solve(
     })
 }
 
-/// Moments and fields at the output times, from what was recovered there: `[field][leg]`.
+/// Moments and fields at the output times, from what was recovered there: `[field][time]`.
 /// Collective.
 fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) -> Vec<Early> {
     let case = &prepared.case;
     let volumes = CellVolumes::new(&case.space, &prepared.place.share);
     let potential = nodal_values(case, &prepared.place.share);
     let legs = Leg::all(case);
-    let at_leg = |leg: usize| {
-        let found = (recovered.iter_mut()).map(|legs| std::mem::take(&mut legs[leg])).collect();
-        let time = &case.times[leg];
-        let (moments, fields) = match legs[leg].moments_only {
+    let at_time = |t: usize| {
+        let found = (recovered.iter_mut()).map(|times| std::mem::take(&mut times[t])).collect();
+        let time = &case.times[t];
+        let (moments, fields) = match legs[t].moments_only {
             true => (moments_of_sums(prepared, found), Vec::new()),
             false => moments_of_fields(prepared, found, time.fields),
         };
@@ -55,7 +55,7 @@ fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) -> Vec<Early>
             fields,
         }
     };
-    (0..case.times.len()).map(at_leg).collect()
+    (0..case.times.len()).map(at_time).collect()
 }
 
 fn moments_of_sums(prepared: &Prepared, found: Vec<Vec<f64>>) -> Moments {

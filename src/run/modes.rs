@@ -2,12 +2,13 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
-use crate::matrix::observables::VelocityFactors;
+use crate::matrix::observables::{MomentsOf, VelocityFactors};
 use crate::parallel::communicator::Communicator;
 use crate::plan::Plan;
 use crate::plan::balance::cost;
 use crate::plan::memory::BUFFERS;
 use crate::problem::case::{Case, WarpedStart};
+use crate::problem::legs::Leg;
 use crate::propagate::method::{Evolution, Initial};
 use crate::propagate::propagator;
 use crate::results::dataset::About;
@@ -22,10 +23,9 @@ use crate::solve::checkpoint::store::Generation;
 use crate::solve::checkpoint::{Checkpoints, Resumed, RunSize};
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::modes;
-use crate::solve::modes::{Keeping, Leg, Recovered, RunHooks, Task};
+use crate::solve::modes::{Keeping, Recovered, RunHooks, Task};
 use crate::solve::place::Place;
 use crate::solve::prepared::Prepared;
-use crate::solve::sum::MomentsOf;
 use crate::solve::system::DiscreteSystem;
 use num_complex::Complex64;
 use std::collections::BTreeMap;
@@ -50,7 +50,7 @@ pub(crate) fn by_modes(
     let speaks = communicator.world.rank() == 0 && files.is_some();
     let mut warped = (files.as_ref()).map(|files| WarpedFiles::new(case, plan, warp, files));
     let mut checkpointing = files.and_then(|files| files.checkpointing);
-    let legs = Leg::all(case);
+    let legs = &warp.legs;
     let stages = system.states.len() * warp.points.map_or(1, |_| legs.len());
     let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
     let resumed = generation.map(|found| resumed(found, plan, communicator, place));
@@ -101,7 +101,7 @@ pub(crate) fn by_modes(
     let task = Task {
         communicator,
         warp,
-        legs: &legs,
+        legs,
         batches,
         initial: &initial,
         shares: &place.ranges,
@@ -226,16 +226,17 @@ impl<'a> WarpedFiles<'a> {
     ) -> Result<()> {
         // Times before the end that are to show the fields are numbered.
         let times = &self.case.times;
-        let wanted = |leg: &usize| times.get(*leg).is_none_or(|t| t.fields);
-        if !self.case.warped_field || !wanted(&leg) {
+        let time = Leg::output_times(&self.warp.legs[..=leg]).count() - 1;
+        let wanted = |time: &usize| times.get(*time).is_none_or(|t| t.fields);
+        if !self.case.warped_field || !wanted(&time) {
             return Ok(());
         }
         let started = Instant::now();
-        let number = times.get(leg).map(|_| (0..=leg).filter(wanted).count());
+        let number = times.get(time).map(|_| (0..=time).filter(wanted).count());
         let about = About {
             case: self.case,
             plan: self.plan,
-            time: times.get(leg).map_or(self.case.end, |t| t.time),
+            time: times.get(time).map_or(self.case.end, |t| t.time),
             seconds: self.seconds,
             provenance: self.provenance,
         };

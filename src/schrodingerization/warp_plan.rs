@@ -4,6 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
 use crate::problem::case::Case;
+use crate::problem::legs::Leg;
 use crate::propagate;
 use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::method::BatchCoupling;
@@ -46,7 +47,10 @@ pub struct WarpPlan {
     /// What each mode takes: applications (Chebyshev: the degrees of its series; Krylov: at most),
     /// or solves of an implicit method. Who computes it with which others is the layout's.
     pub work: Vec<usize>,
-    /// The same by leg, from one output time to the next, then by mode.
+    /// The legs of the run.
+    #[serde(skip)]
+    pub legs: Vec<Leg>,
+    /// The same by leg, then by mode.
     #[serde(skip)]
     pub leg_work: Vec<Vec<usize>>,
     /// Relative error that each mode is allowed: its share of a tenth of the state's tolerance;
@@ -66,6 +70,11 @@ pub struct WarpPlan {
     pub warnings: Vec<String>,
 }
 
+/// How many times longer an application takes whose result is read and added to a sum, beside one
+/// that is summed backwards.
+const READING: f64 = 1.3;
+/// What it takes more for each time and moment, beside a velocity cell.
+const ADDING: f64 = 0.1;
 /// Fewer modes of a designed profile may err alike at both readings.
 const FEWEST_MODES_TO_TELL: usize = 10;
 
@@ -111,7 +120,7 @@ impl WarpPlan {
             }
             None => vec![case.tolerance; modes.count],
         };
-        let leg_work = leg_work(case, bounds, &modes, &mode_tolerances);
+        let (legs, leg_work) = cheapest_legs(case, bounds, &modes, &mode_tolerances);
         let work: Vec<usize> =
             (0..modes.count).map(|l| leg_work.iter().map(|work| work[l]).sum()).collect();
         let total = case.fields.len() * total_work(case, bounds, &modes, &work);
@@ -129,6 +138,7 @@ impl WarpPlan {
             points: (case.warped_field || case.start.is_some()).then(|| points(series)),
             mode_tolerances,
             work,
+            legs,
             leg_work,
             estimator_efficiency: placement.estimator_efficiency,
             readings: placement.readings,
@@ -219,19 +229,63 @@ impl WarpPlan {
     }
 }
 
+/// The legs of least cost, and what each mode takes in each: from one output time to the next, or
+/// past those at which moments are all that is wanted.
+fn cheapest_legs(
+    case: &Case,
+    bounds: &Bounds,
+    modes: &Modes<'_>,
+    tolerances: &[f64],
+) -> (Vec<Leg>, Vec<Vec<usize>>) {
+    let with_work = |legs: Vec<Leg>| {
+        let work = leg_work(case, bounds, modes, tolerances, &legs);
+        (legs, work)
+    };
+    let single = with_work(Leg::all(case));
+    let joined = Leg::joined(&single.0);
+    let passes = descriptor(case.propagator.method).passes_times();
+    if !passes || joined.len() == single.0.len() {
+        return single;
+    }
+    let joined = with_work(joined);
+    let cost = |(legs, work): &(Vec<Leg>, Vec<Vec<usize>>)| -> f64 {
+        let of_leg = |(leg, work): (&Leg, &Vec<usize>)| {
+            cost_of_passing(case, leg.passed.len()) * work.iter().sum::<usize>() as f64
+        };
+        legs.iter().zip(work).map(of_leg).sum()
+    };
+    if cost(&joined) < cost(&single) { joined } else { single }
+}
+
+/// How many times longer an application takes in a leg that passes so many times. The same on any
+/// ranks and processor, as is the plan.
+pub fn cost_of_passing(case: &Case, times: usize) -> f64 {
+    if times == 0 {
+        return 1.0;
+    }
+    let moments = (case.space.dimension() + 2) as f64;
+    let each = moments / case.space.velocity_cells() as f64;
+    READING + ADDING * each * times as f64
+}
+
 /// What each mode takes, leg by leg.
 fn leg_work(
     case: &Case,
     bounds: &Bounds,
     modes: &Modes<'_>,
     tolerances: &[f64],
+    legs: &[Leg],
 ) -> Vec<Vec<usize>> {
-    let (legs, mut scratch) = (case.legs(), Vec::new());
-    let mut of_leg = |&time: &f64| -> Vec<usize> {
+    let mut scratch = Vec::new();
+    let mut of_leg = |leg: &Leg| -> Vec<usize> {
         let of_mode = |l: usize| {
-            let span = Span { time, tolerance: tolerances[l] / legs.len() as f64 };
+            let span = Span { time: leg.time, tolerance: tolerances[l] / legs.len() as f64 };
             let mu = modes.wavenumber(l);
-            propagate::work(&case.propagator, bounds, mu, span, &mut scratch)
+            let work = propagate::work(&case.propagator, bounds, mu, span, &mut scratch);
+            // From `k ≥ ht` on, `J_k(ht)` grows with the time: what is left out is largest at the
+            // end.
+            let turn = bounds.interval(mu).half_width * leg.time;
+            if leg.passed.is_empty() { work } else { work.max(turn.ceil() as usize) }
         };
         let mut work: Vec<usize> = (0..modes.count).map(of_mode).collect();
         if descriptor(case.propagator.method).batch_coupling() == BatchCoupling::Coupled {

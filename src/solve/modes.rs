@@ -6,7 +6,8 @@
 //! the result has the same bits for any mode groups, any batches of independent modes and any
 //! order.
 //!
-//! A run has *legs*, from one output time to the next. It goes in *stages*, each a pass over all
+//! A run has *legs*, from one output time to the next, or past some at which moments are all that
+//! is wanted (see [`crate::propagate::passed`]). It goes in *stages*, each a pass over all
 //! modes of a field: of a streamed run, in which a batch takes all legs one after the other; of a
 //! full one, which keeps the modes, in which it takes one. Both do the same with a mode, so that
 //! their results have the same bits.
@@ -14,17 +15,19 @@
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::matrix::lanes::{LANES, Lanes};
+use crate::matrix::observables::MomentsOf;
 use crate::parallel::communicator::Communicator;
 use crate::plan::balance::Batch;
-use crate::problem::case::{Case, Data};
+use crate::problem::legs::Leg;
 use crate::propagate::method::{BatchSpec, Evolution, Initial, Propagator, Start};
+use crate::propagate::passed::PassedMoments;
 use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::watch::Standing;
 use crate::solve::checkpoint::{Checkpoints, Resumed};
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::statistics::BatchStatistics;
-use crate::solve::sum::{MomentsOf, Sum};
+use crate::solve::sum::Sum;
 use num_complex::Complex64;
 use std::ops::Range;
 use std::time::Instant;
@@ -47,28 +50,8 @@ pub struct Task<'a> {
     pub initial: &'a [Initial<'a>],
     /// `shares[g]`: the block's cells that rank `g` of the mode groups keeps of the results.
     pub shares: &'a [Range<usize>],
-    /// How moments follow, where a leg wants no more than them.
+    /// How moments follow, where no more than them is wanted at a time.
     pub moments: Option<&'a MomentsOf<'a>>,
-}
-
-/// A leg of the run.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Leg {
-    /// How long it takes.
-    pub time: f64,
-    /// Whether the moments at its end are all that is wanted.
-    pub moments_only: bool,
-}
-
-impl Leg {
-    /// Those of a case. Moments of measure-valued data are not linear in the fields, and take them.
-    pub fn all(case: &Case) -> Vec<Self> {
-        let linear = matches!(case.data, Data::Density);
-        let wants = case.times.iter().map(|t| linear && !t.fields);
-        (case.legs().into_iter().zip(wants.chain([false])))
-            .map(|(time, moments_only)| Self { time, moments_only })
-            .collect()
-    }
 }
 
 /// What was recovered, on this rank's share of the block's cells.
@@ -78,9 +61,9 @@ pub struct Recovered {
     pub fields: Vec<Vec<Vec<f64>>>,
     /// `plateau[r]`: `ũ(T)` of the first field by the plateau's reading `r`.
     pub plateau: Vec<Vec<f64>>,
-    /// `early[k][leg]`: `ũ` of field `k` by the first reading at the end of each leg but the last;
-    /// or, where they are all that is wanted, sums over the velocities for the moments of `f`,
-    /// point by point.
+    /// `early[k][t]`: `ũ` of field `k` by the first reading at each output time before the end; or,
+    /// where they are all that is wanted, sums over the velocities for the moments of `f`, point by
+    /// point.
     pub early: Vec<Vec<Vec<f64>>>,
     /// Largest over the modes of (change of the norm) / (what its method allows plus 1e-12); at
     /// most 1. None where the method does not keep the norm.
@@ -128,7 +111,7 @@ pub(crate) struct StageBatches<'a> {
 pub(crate) struct Stage<'a> {
     pub(crate) field: usize,
     pub(crate) legs: Range<usize>,
-    /// By leg of the stage, what is added up at its end.
+    /// By leg of the stage, what is added up at each time that it passes, then at its end.
     pub(crate) sums: Vec<Vec<Sum<'a>>>,
     /// Whether the method leaves an error of its time step.
     pub(crate) stepped: bool,
@@ -152,20 +135,20 @@ impl<'a> Stage<'a> {
         let points = system.matrix.block.space_cells();
         let field = |reading, size| Sum::of_field(warp, reading, size * norm, points, velocities);
         let last = task.legs.len() - 1;
-        let sums = legs
-            .clone()
-            .map(|leg| match task.moments {
-                _ if leg == last => {
-                    let plateau = if k == 0 { &warp.plateau[..] } else { &[] };
-                    let readings = warp.readings.iter().chain(plateau);
-                    readings.map(|r| field(r, 1.0)).collect()
-                }
-                Some(moments) if task.legs[leg].moments_only => {
-                    vec![Sum::of_moments(warp, &warp.readings[0], norm, points, moments)]
-                }
-                _ => vec![field(&warp.readings[0], 1.0)],
-            })
-            .collect();
+        let moments = || {
+            let of = |moments| Sum::of_moments(warp, &warp.readings[0], norm, points, moments);
+            task.moments.map(of)
+        };
+        let at_end = |leg: usize| match moments().filter(|_| task.legs[leg].moments_only) {
+            _ if leg == last => {
+                let plateau = if k == 0 { &warp.plateau[..] } else { &[] };
+                warp.readings.iter().chain(plateau).map(|r| field(r, 1.0)).collect()
+            }
+            Some(moments) => vec![moments],
+            None => vec![field(&warp.readings[0], 1.0)],
+        };
+        let on_the_way = |leg: usize| task.legs[leg].passed.iter().filter_map(|_| moments());
+        let sums = legs.clone().map(|leg| on_the_way(leg).chain(at_end(leg)).collect()).collect();
         let stepped = propagator.step_error().is_some();
         let step_sum = (stepped && legs.end > last).then(|| {
             // T Δt^q c G^(q+1) w, G at most as large as H of the last mode.
@@ -183,16 +166,18 @@ impl<'a> Stage<'a> {
     fn finish(self, task: &Task<'_>, velocities: usize, recovered: &mut Recovered) {
         let modes = &task.communicator.modes;
         let share = |sum: Sum<'_>| sum.share(modes, velocities, task.shares);
-        let mut legs: Vec<Vec<Vec<f64>>> =
-            (self.sums.into_iter()).map(|sums| sums.into_iter().map(share).collect()).collect();
-        let end = (self.legs.end == task.legs.len()).then(|| legs.pop().unwrap_or_default());
+        let mut found: Vec<Vec<f64>> = self.sums.into_iter().flatten().map(share).collect();
+        let at_end = (self.legs.end == task.legs.len()).then(|| {
+            let plateau = if self.field == 0 { task.warp.plateau.len() } else { 0 };
+            found.split_off(found.len() - task.warp.readings.len() - plateau)
+        });
         if self.legs.start == 0 {
             recovered.early.push(Vec::new());
         }
         if let Some(early) = recovered.early.last_mut() {
-            early.extend(legs.into_iter().flatten());
+            early.extend(found);
         }
-        let Some(mut end) = end else { return };
+        let Some(mut end) = at_end else { return };
         if self.field == 0 {
             recovered.plateau = end.split_off(task.warp.readings.len());
         }
@@ -235,6 +220,10 @@ pub fn run(
     let begun = hooks.keeping.as_ref().is_some_and(|keeping| keeping.begun);
     let between = if begun || task.legs.len() > 1 { system.matrix.rows() } else { 0 };
     let legs = task.legs.len();
+    let times = task.legs.iter().map(|leg| leg.passed.len()).max().unwrap_or(0);
+    let matrix = system.matrix;
+    let passed = (task.moments.filter(|_| times > 0))
+        .map(|moments| PassedMoments::new(matrix, moments, times, task.warp.largest_work()));
     let at_once = if hooks.keeping.is_some() { 1 } else { legs };
     let stages: Vec<(usize, usize)> = (0..task.initial.len())
         .flat_map(|k| (0..legs).step_by(at_once).map(move |leg| (k, leg)))
@@ -248,6 +237,7 @@ pub fn run(
         keeping: hooks.keeping,
         checkpoints: hooks.checkpoints,
         between: vec![Lanes::ZERO; between],
+        passed,
         before: BatchStatistics::default(),
         statistics: BatchStatistics::default(),
         recovered: Recovered::default(),
@@ -269,6 +259,8 @@ struct ModeRun<'r, 'a, 's, 'k, 'c> {
     checkpoints: Option<&'r mut Checkpoints<'c>>,
     /// The state of a batch between two legs.
     between: Vec<Lanes>,
+    /// The moments of a batch at the times that a leg passes.
+    passed: Option<PassedMoments<'a>>,
     /// What was counted before the checkpoint that the run goes on from.
     before: BatchStatistics,
     /// What was counted since the beginning.
@@ -367,6 +359,7 @@ impl ModeRun<'_, '_, '_, '_, '_> {
             let destination = BatchDestination {
                 stage,
                 between: &mut self.between,
+                passed: self.passed.as_mut(),
                 keeping: self.keeping.as_deref_mut(),
                 statistics: &mut self.statistics,
             };
@@ -397,10 +390,12 @@ impl ModeRun<'_, '_, '_, '_, '_> {
 }
 
 /// Where the modes of a batch go.
-struct BatchDestination<'b, 'a, 'k> {
+struct BatchDestination<'b, 'a, 'k, 'm> {
     stage: &'b mut Stage<'a>,
     /// The state at the end of a leg, from which the next begins.
     between: &'b mut [Lanes],
+    /// The moments at the times that a leg passes, if one passes any.
+    passed: Option<&'b mut PassedMoments<'m>>,
     /// Of a full run, what is kept.
     keeping: Option<&'b mut Keeping<'k>>,
     statistics: &'b mut BatchStatistics,
@@ -413,9 +408,9 @@ fn add_batch(
     system: &mut Evolution<'_>,
     propagator: &mut dyn Propagator,
     batch: &Batch,
-    destination: BatchDestination<'_, '_, '_>,
+    destination: BatchDestination<'_, '_, '_, '_>,
 ) -> Result<()> {
-    let BatchDestination { stage, between, keeping, statistics } = destination;
+    let BatchDestination { stage, between, mut passed, keeping, statistics } = destination;
     let (warp, initial) = (task.warp, &task.initial[stage.field]);
     let cells = system.matrix.block.cells();
     let mut phases = [Complex64::ONE; LANES];
@@ -435,7 +430,8 @@ fn add_batch(
         }
     }
     for leg in stage.legs.clone() {
-        system.time = task.legs[leg].time;
+        let Leg { time, passed: times, .. } = &task.legs[leg];
+        system.time = *time;
         let spec = specification(warp, leg, batch);
         let start = Initial {
             state: match leg {
@@ -444,7 +440,18 @@ fn add_batch(
             },
             norms,
         };
-        let report = propagator.propagate(system, &spec, &start)?;
+        let (on_the_way, at_end) = stage.sums[leg - stage.legs.start].split_at_mut(times.len());
+        let report = match passed.as_deref_mut().filter(|_| !times.is_empty()) {
+            Some(passed) => {
+                passed.begin(times, &weights(warp, batch, &warp.readings[0], &phases));
+                let report = propagator.propagate_past(system, &spec, &start, passed)?;
+                for (t, sum) in on_the_way.iter_mut().enumerate() {
+                    sum.add_moments(passed.at(t));
+                }
+                report
+            }
+            None => propagator.propagate(system, &spec, &start)?,
+        };
         for l in 0..LANES {
             phases[l] = if leg == 0 { report.phases[l] } else { phases[l] * report.phases[l] };
             allowed[l] += report.tails[l] + UNITARITY_ROUND_OFF;
@@ -454,7 +461,7 @@ fn add_batch(
         let (ratio, found) = norms_kept(system, state, &spec, limits, &norms, &batch.modes)?;
         statistics.norms(ratio, found);
         statistics.took(&report);
-        for sum in &mut stage.sums[leg - stage.legs.start] {
+        for sum in at_end {
             sum.add(&weights(warp, batch, &sum.reading, &phases), &state[..cells]);
         }
         if leg + 1 < stage.legs.end {

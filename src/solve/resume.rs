@@ -3,6 +3,7 @@
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::MOMENTS;
+use crate::problem::legs::Leg;
 use crate::solve::checkpoint::Resumed;
 use crate::solve::checkpoint::file::Destination;
 use crate::solve::kept::KeptModes;
@@ -70,9 +71,8 @@ impl Stage<'_> {
         let mut results = into.results.into_iter();
         let state = &generation.state;
         let mut next = |count: usize| results.by_ref().take(count).collect::<Vec<_>>();
-        let last = task.legs.len() - 1;
         for k in 0..self.field {
-            recovered.early.push(next(last));
+            recovered.early.push(next(Leg::output_times(task.legs).count() - 1));
             recovered.fields.push(next(task.warp.readings.len()));
             if k == 0 {
                 recovered.plateau = next(task.warp.plateau.len());
@@ -81,7 +81,7 @@ impl Stage<'_> {
             recovered.step_errors.extend(next(errors));
         }
         if self.legs.start > 0 {
-            recovered.early.push(next(self.legs.start));
+            recovered.early.push(next(Leg::output_times(&task.legs[..self.legs.start]).count()));
         }
         recovered.step_beyond.clone_from(&state.step_beyond);
         if modes.rank() == 0 {
@@ -101,12 +101,8 @@ impl Recovered {
         };
         let field = |values| Numbers { width: velocities, values };
         for (k, early) in self.early.iter().enumerate() {
-            all.extend(
-                early
-                    .iter()
-                    .zip(task.legs)
-                    .map(|(values, leg)| Numbers { width: moments(leg.moments_only), values }),
-            );
+            let times = early.iter().zip(Leg::output_times(task.legs));
+            all.extend(times.map(|(values, only)| Numbers { width: moments(only), values }));
             let Some(readings) = self.fields.get(k) else {
                 continue;
             };

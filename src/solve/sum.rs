@@ -3,7 +3,7 @@
 
 use crate::base::fixed_point::FixedPoint;
 use crate::matrix::lanes::{LANES, Lanes};
-use crate::matrix::observables::{MOMENTS, VelocityFactors};
+use crate::matrix::observables::{MOMENTS, MomentsOf};
 use crate::parallel::communicator::Group;
 use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::warp_plan::WarpPlan;
@@ -21,16 +21,6 @@ pub struct Sum<'a> {
     /// Two integers a number.
     pub(crate) parts: Vec<i64>,
     moments: Option<&'a MomentsOf<'a>>,
-}
-
-/// How moments of `f` follow from the weighted unknowns `ũ = √π f`.
-pub struct MomentsOf<'a> {
-    /// What of each velocity cell is in each moment.
-    pub factors: &'a VelocityFactors,
-    /// `π` of the block's cells.
-    pub pi: &'a [f64],
-    /// A bound from below on `π` over all cells; the same on all ranks.
-    pub least: f64,
 }
 
 impl<'a> Sum<'a> {
@@ -81,14 +71,6 @@ impl<'a> Sum<'a> {
         let read = |Lanes(w): &Lanes| -> [f64; LANES] {
             std::array::from_fn(|l| re[l] * w[l] - im[l] * w[LANES + l])
         };
-        let put = |fixed: &FixedPoint, sum: &mut [i64], values: [f64; LANES]| {
-            let (mut coarse, mut fine) = ([0; LANES], [0; LANES]);
-            for l in 0..LANES {
-                [coarse[l], fine[l]] = fixed.split(values[l]);
-            }
-            sum[0] += coarse.iter().sum::<i64>();
-            sum[1] += fine.iter().sum::<i64>();
-        };
         let Some(MomentsOf { factors, pi, .. }) = self.moments else {
             for (sum, row) in self.parts.chunks_exact_mut(2).zip(state) {
                 put(&self.fixed[0], sum, read(row));
@@ -109,6 +91,18 @@ impl<'a> Sum<'a> {
             }
             for (m, sum) in sums.chunks_exact_mut(2).enumerate() {
                 put(&self.fixed[m], sum, moments[m]);
+            }
+        }
+    }
+
+    /// Adds the moments at each point of space, by lane: density, momenta, energy. Allocates
+    /// nothing.
+    pub fn add_moments<'b>(&mut self, points: impl Iterator<Item = &'b [[f64; LANES]]>) {
+        for (sums, moments) in self.parts.chunks_exact_mut(2 * MOMENTS).zip(points) {
+            for (m, values) in moments.iter().enumerate() {
+                // The energy is the last.
+                let m = if m + 1 < moments.len() { m } else { MOMENTS - 1 };
+                put(&self.fixed[m], &mut sums[2 * m..2 * m + 2], *values);
             }
         }
     }
@@ -136,4 +130,15 @@ impl<'a> Sum<'a> {
         };
         parts.enumerate().map(|(k, p)| fixed(k).join([p[0], p[1]])).collect()
     }
+}
+
+/// Adds the lanes of a number to its two integers.
+#[inline(always)]
+fn put(fixed: &FixedPoint, sum: &mut [i64], values: [f64; LANES]) {
+    let (mut coarse, mut fine) = ([0; LANES], [0; LANES]);
+    for l in 0..LANES {
+        [coarse[l], fine[l]] = fixed.split(values[l]);
+    }
+    sum[0] += coarse.iter().sum::<i64>();
+    sum[1] += fine.iter().sum::<i64>();
 }

@@ -15,9 +15,9 @@ use phasewarp::problem::case::{
     Case, Coefficients, Embedding, OutputTime, ProfileChoice, Propagation, PropagatorMethod,
     RecoveryMethod, Shift,
 };
+use phasewarp::problem::legs::Leg;
 use phasewarp::propagate::descriptor;
 use phasewarp::propagate::method::BatchCoupling;
-use phasewarp::solve::modes::Leg;
 
 /// How a field is recovered.
 struct Recovery {

@@ -4,7 +4,7 @@ use crate::pieces::gather_field;
 use crate::support::prepared::{Prepared, parts, resources};
 use phasewarp::base::progress::Progress;
 use phasewarp::matrix::lanes::LANES;
-use phasewarp::matrix::observables::VelocityFactors;
+use phasewarp::matrix::observables::{MomentsOf, VelocityFactors};
 use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::Mesh;
 use phasewarp::plan::Plan;
@@ -12,8 +12,7 @@ use phasewarp::plan::balance::Batch;
 use phasewarp::problem::case::Case;
 use phasewarp::schrodingerization::warp_plan::WarpPlan;
 use phasewarp::solve::modes;
-use phasewarp::solve::modes::{Leg, Recovered, RunHooks, Task};
-use phasewarp::solve::sum::MomentsOf;
+use phasewarp::solve::modes::{Recovered, RunHooks, Task};
 use std::ops::Range;
 
 /// A streamed run of a case on a mesh.
@@ -68,7 +67,7 @@ impl<'a> StreamedRun<'a> {
             &Task {
                 communicator: parts.communicator,
                 warp,
-                legs: &Leg::all(self.case),
+                legs: &warp.legs,
                 batches: &batches,
                 initial: &parts.initial[self.fields.clone()],
                 shares: &shares,

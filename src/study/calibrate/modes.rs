@@ -3,11 +3,12 @@
 use crate::base::error::Result;
 use crate::base::progress::Progress;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::observables::VelocityFactors;
+use crate::matrix::observables::{MomentsOf, VelocityFactors};
 use crate::parallel::communicator::{Communicator, GhostExchange};
 use crate::plan::Plan;
 use crate::plan::balance::Batch;
 use crate::problem::case::Case;
+use crate::problem::legs::Leg;
 use crate::propagate;
 use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::method::{BatchCoupling, Evolution, Initial, Propagator};
@@ -16,10 +17,9 @@ use crate::propagate::{Span, descriptor, propagator};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::kept::{KeptModes, ModeProgress};
 use crate::solve::modes;
-use crate::solve::modes::{Keeping, Leg, RunHooks, Task};
+use crate::solve::modes::{Keeping, RunHooks, Task};
 use crate::solve::place::Place;
 use crate::solve::prepared::Prepared;
-use crate::solve::sum::MomentsOf;
 use crate::solve::system::DiscreteSystem;
 use crate::study::calibrate::timing::{Expected, LONG_ENOUGH, Line, PARTS, Timed, line, repeated};
 use num_complex::Complex64;
@@ -210,7 +210,7 @@ impl<'a> Shortened<'a> {
         part: usize,
     ) -> Self {
         let fraction = part as f64 / PARTS as f64;
-        let mut legs = Leg::all(case);
+        let mut legs = warp.legs.clone();
         let mut warp = warp.clone();
         let mut scratch = Vec::new();
         let schedule = schedule.map(|all| {
@@ -232,6 +232,7 @@ impl<'a> Shortened<'a> {
                 steps => (steps * part).div_ceil(PARTS) as f64 / steps as f64,
             };
             leg.time *= fraction;
+            leg.passed.iter_mut().for_each(|time| *time *= fraction);
             if part == PARTS {
                 continue;
             }

@@ -1,0 +1,55 @@
+//! Legs of a run: from one time at which the whole field is at hand to the next.
+
+use crate::problem::case::{Case, Data};
+
+/// A leg of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Leg {
+    /// How long it takes.
+    pub time: f64,
+    /// Whether the moments at its end are all that is wanted.
+    pub moments_only: bool,
+    /// Times on the way, from its beginning, at which moments are wanted; ascending.
+    pub passed: Vec<f64>,
+}
+
+impl Leg {
+    /// A leg that passes no output time.
+    pub fn new(time: f64, moments_only: bool) -> Self {
+        Self { time, moments_only, passed: Vec::new() }
+    }
+
+    /// Those of a case, from each output time to the next. Moments of measure-valued data are not
+    /// linear in the fields, and take them.
+    pub fn all(case: &Case) -> Vec<Self> {
+        let linear = matches!(case.data, Data::Density);
+        let wants = case.times.iter().map(|t| linear && !t.fields);
+        (case.legs().into_iter().zip(wants.chain([false])))
+            .map(|(time, moments_only)| Self::new(time, moments_only))
+            .collect()
+    }
+
+    /// `legs` with those joined between which moments are all that is wanted.
+    pub fn joined(legs: &[Self]) -> Vec<Self> {
+        let mut joined = Vec::new();
+        let (mut now, mut passed) = (0.0, Vec::new());
+        for leg in legs {
+            now += leg.time;
+            if leg.moments_only {
+                passed.push(now);
+            } else {
+                let passed = std::mem::take(&mut passed);
+                joined.push(Self { time: std::mem::take(&mut now), moments_only: false, passed });
+            }
+        }
+        joined
+    }
+
+    /// For each output time of `legs`, the end of the last included: whether moments are all that
+    /// is wanted.
+    pub fn output_times(legs: &[Self]) -> impl Iterator<Item = bool> + '_ {
+        let of_leg =
+            |leg: &Self| std::iter::repeat_n(true, leg.passed.len()).chain([leg.moments_only]);
+        legs.iter().flat_map(of_leg)
+    }
+}

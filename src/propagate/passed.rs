@@ -1,0 +1,165 @@
+//! Moments at times that a leg passes, from one series.
+//!
+//! The terms `φ_k` of a Chebyshev series do not depend on the time, its coefficients do. So a
+//! linear functional `M` of the state takes one series for any number of times `t ≤ T`:
+//!
+//! ```text
+//! M exp(−iHt) x = e^{−ict} ( J_0(ht) M φ_0 + 2 Σ_k J_k(ht) M φ_k )
+//! ```
+//!
+//! It is summed forwards, so that each term is there, and each is read once: its moments, a few
+//! numbers at each point of space, are added to those of every time. The state at `T` is the sum of
+//! the terms, which takes a third vector.
+
+use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::lanes::{LANES, Lanes};
+use crate::matrix::observables::MomentsOf;
+use crate::matrix::terms::{TermPass, TermWeights};
+use crate::propagate::chebyshev::bessel_series;
+use crate::propagate::method::{BatchSpec, Evolution};
+use num_complex::Complex64;
+
+/// The moments of a batch at the times that a leg passes, and what they take; made once.
+pub struct PassedMoments<'a> {
+    moments: &'a MomentsOf<'a>,
+    /// `1/√π` of the cells.
+    scales: Vec<f64>,
+    /// The times of the leg, since its beginning.
+    times: Vec<f64>,
+    /// By time: what each lane is multiplied by.
+    weights: Vec<[Complex64; LANES]>,
+    /// By time: how many terms there are.
+    lengths: Vec<usize>,
+    /// By time, term and lane: `J_0`, `2J_k`.
+    coefficients: Vec<f64>,
+    /// Terms that there is room for.
+    most_terms: usize,
+    /// By time: the weights of a pass.
+    of_pass: Vec<TermWeights>,
+    /// By point of space, time and moment.
+    values: Vec<[f64; LANES]>,
+    /// The sum of the terms.
+    pub(crate) sum: Vec<Lanes>,
+    series: Vec<f64>,
+}
+
+impl<'a> PassedMoments<'a> {
+    /// Room for legs that pass at most `times` times in series of at most `largest_degree`.
+    pub fn new(
+        matrix: &BlockMatrix,
+        moments: &'a MomentsOf<'a>,
+        times: usize,
+        largest_degree: usize,
+    ) -> Self {
+        let points = matrix.block.space_cells();
+        Self {
+            scales: moments.pi.iter().map(|pi| 1.0 / pi.sqrt()).collect(),
+            times: Vec::with_capacity(times),
+            weights: Vec::with_capacity(times),
+            lengths: Vec::with_capacity(times),
+            coefficients: vec![0.0; times * (largest_degree + 1) * LANES],
+            most_terms: largest_degree + 1,
+            of_pass: Vec::with_capacity(times),
+            values: vec![[0.0; LANES]; points * times * moments.count()],
+            sum: vec![Lanes::ZERO; matrix.length()],
+            series: Vec::with_capacity(2 * largest_degree + 200),
+            moments,
+        }
+    }
+
+    /// Bytes on a rank with so many points of space, cells, and length of a vector.
+    pub fn bytes(times: u64, largest_degree: u64, counts: [u64; 3], dimension: u64) -> u64 {
+        let [points, cells, length] = counts;
+        let lane = 8 * LANES as u64;
+        lane * times * (largest_degree + 1 + points * (dimension + 2))
+            + 8 * cells
+            + size_of::<Lanes>() as u64 * length
+    }
+
+    /// The times that the next leg passes, and what each lane is multiplied by, but for what the
+    /// leg itself does to its phase.
+    pub fn begin(&mut self, times: &[f64], weights: &[Complex64; LANES]) {
+        self.times.clear();
+        self.times.extend_from_slice(times);
+        self.weights.clear();
+        self.weights.resize(times.len(), *weights);
+        self.lengths.clear();
+        self.lengths.resize(times.len(), 0);
+    }
+
+    /// The coefficients of the terms at each time, each lane to its own degree.
+    pub(crate) fn prepare(&mut self, system: &Evolution<'_>, batch: &BatchSpec) {
+        self.values.fill([0.0; LANES]);
+        self.sum.fill(Lanes::ZERO);
+        for (t, &time) in self.times.iter().enumerate() {
+            let from = t * self.most_terms * LANES;
+            let coefficients = &mut self.coefficients[from..from + self.most_terms * LANES];
+            coefficients.fill(0.0);
+            for l in 0..LANES {
+                let interval = system.bounds.interval(batch.wavenumbers[l]);
+                self.weights[t][l] *= Complex64::new(0.0, -interval.centre * time).exp();
+                let tau = interval.half_width * time;
+                bessel_series(&mut self.series, tau, batch.tolerances[l]);
+                self.series.truncate(batch.work[l] + 1);
+                self.lengths[t] = self.lengths[t].max(self.series.len());
+                for (k, j) in self.series.iter().enumerate() {
+                    coefficients[k * LANES + l] = if k == 0 { *j } else { 2.0 * j };
+                }
+            }
+        }
+    }
+
+    /// Adds the terms `k` and `k + 1`, of which the first may be left out; `coefficients` are those
+    /// of the end of the leg.
+    pub(crate) fn add(
+        &mut self,
+        matrix: &BlockMatrix,
+        terms: [(Option<usize>, &[Lanes]); 2],
+        coefficients: [[f64; LANES]; 2],
+    ) {
+        let last = terms.iter().filter_map(|(k, _)| *k).max().unwrap_or(0);
+        let first = terms.iter().filter_map(|(k, _)| *k).min().unwrap_or(last);
+        // Later times take more terms.
+        let from = self.lengths.iter().take_while(|length| **length <= first).count();
+        self.of_pass.clear();
+        for t in from..self.times.len() {
+            let row = |k: Option<usize>| match k {
+                Some(k) if k < self.most_terms => {
+                    let at = (t * self.most_terms + k) * LANES;
+                    &self.coefficients[at..at + LANES]
+                }
+                _ => &[0.0; LANES],
+            };
+            self.of_pass.push(terms.map(|(k, _)| {
+                let (a, mut weights) = (row(k), [0.0; 2 * LANES]);
+                for l in 0..LANES {
+                    weights[l] = a[l] * self.weights[t][l].re;
+                    weights[LANES + l] = -a[l] * self.weights[t][l].im;
+                }
+                weights
+            }));
+        }
+        let rows = matrix.rows();
+        TermPass {
+            terms: terms.map(|(_, term)| &term[..rows]),
+            coefficients,
+            sum: &mut self.sum[..rows],
+            scales: &self.scales,
+            factors: self.moments.factors.each(),
+            dimension: self.moments.factors.dimension(),
+            times: self.times.len(),
+            active: from..self.times.len(),
+            weights: &self.of_pass,
+            values: &mut self.values,
+        }
+        .run();
+    }
+
+    /// By point of space, the moments at time number `time` of the leg, by lane: density, momenta,
+    /// energy.
+    pub fn at(&self, time: usize) -> impl Iterator<Item = &[[f64; LANES]]> {
+        let (count, times) = (self.moments.count(), self.times.len());
+        let points = self.values.chunks_exact(times * count);
+        points.map(move |values| &values[time * count..(time + 1) * count])
+    }
+}
