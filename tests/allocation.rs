@@ -5,12 +5,12 @@ mod support;
 
 use phasewarp::base::progress::Progress;
 use phasewarp::matrix::lanes::LANES;
+use phasewarp::matrix::observables::{MomentsOf, VelocityFactors};
 use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::Mesh;
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::{Case, Integrator};
-use phasewarp::problem::legs::Leg;
 use phasewarp::propagate::chebyshev::Chebyshev;
 use phasewarp::propagate::classical::Classical;
 use phasewarp::propagate::implicit::Implicit;
@@ -149,6 +149,8 @@ fn runs(world: &World) {
     ] {
         allocations_of_a_run(world, &small(file, &[set]), file);
     }
+    let many = small("example1.toml", &["output.moments_every=0.05"]);
+    allocations_of_a_run(world, &many, "moments on the way");
     for (file, set) in [
         ("inflow_barrier.toml", "scheme.degree=2"),
         ("smooth-beams.toml", "axis.0.v.degree=3"),
@@ -173,17 +175,21 @@ fn allocations_of_a_run(world: &World, case: &Case, name: &str) {
     // The whole of a run, readings and sums included: as many for one batch as for all.
     let cells = 0..parts.pi.len();
     let batches = &plan.layout.groups[0];
+    let passes = warp.legs.iter().any(|leg| !leg.passed.is_empty());
+    assert_eq!(passes, !case.times.is_empty(), "{name}");
+    let factors = VelocityFactors::new(&case.space);
+    let moments = MomentsOf { factors: &factors, pi: parts.pi, least: 1.0 };
     assert!(batches.len() > 1, "{name}");
     let few = [1, batches.len()].map(|count| {
         allocations(|| {
             let task = Task {
                 communicator: parts.communicator,
                 warp,
-                legs: &[Leg::new(case.end, false)],
+                legs: &warp.legs,
                 batches: &batches[..count],
                 initial: &parts.initial,
                 shares: std::slice::from_ref(&cells),
-                moments: None,
+                moments: Some(&moments),
             };
             let (system, progress) = (&mut parts.evolution, &mut Progress::silent());
             let recovered =

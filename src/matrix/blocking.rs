@@ -102,7 +102,21 @@ impl Blocking {
         if !Self::possible(matrix) {
             return None;
         }
-        let shape = BlockingShape::planned(matrix, SHARE * cache_per_core() as f64)?;
+        let parts = matrix.independent_velocities();
+        let cache = SHARE * cache_per_core() as f64;
+        let shape = BlockingShape::planned(matrix, cache, BYTES_PER_ROW, parts)?;
+        Some(Self::new(matrix, &shape))
+    }
+
+    /// The same for steps whose results are read as they come, into a third vector: a tile has all
+    /// velocities.
+    pub fn planned_to_read(matrix: &BlockMatrix) -> Option<Self> {
+        if !Self::possible(matrix) {
+            return None;
+        }
+        let bytes = BYTES_PER_ROW + size_of::<Lanes>() as f64;
+        let cache = SHARE * cache_per_core() as f64;
+        let shape = BlockingShape::planned(matrix, cache, bytes, 1)?;
         Some(Self::new(matrix, &shape))
     }
 
@@ -178,17 +192,17 @@ impl Blocking {
 
 impl BlockingShape {
     /// The shape of least modelled traffic whose tiles in use fit into `cache` bytes, if that is
-    /// less than step after step.
-    fn planned(matrix: &BlockMatrix, cache: f64) -> Option<Self> {
+    /// less than step after step: `vectors` are bytes a row beside the matrix, and a tile has one
+    /// of so many `parts` of the velocities.
+    fn planned(matrix: &BlockMatrix, cache: f64, vectors: f64, parts: usize) -> Option<Self> {
         let rows = matrix.rows() as f64;
-        let bytes = BYTES_PER_ROW + matrix.bytes() as f64 / rows;
+        let bytes = vectors + matrix.bytes() as f64 / rows;
         if bytes * rows <= cache {
             return None;
         }
         let across = &matrix.block.ranges[1..];
         let widest = across.iter().map(Range::len).max().unwrap_or(1);
         let wide = matrix.block.wide_ranges();
-        let parts = matrix.independent_velocities();
         let nodes = matrix.stored().lines().nodes;
         let tile = bytes * (nodes * matrix.block.velocity_cells.div_ceil(parts)) as f64;
         let mut best: Option<(f64, Self)> = None;
@@ -387,11 +401,27 @@ impl BlockMatrix {
         x: &mut Vec<Lanes>,
         start: &[R],
     ) {
+        self.steps_and_read(exchange, blocking, steps, y, x, start, &mut |_, _, _| {});
+    }
+
+    /// The same; and `read` is called with each vector's rows as soon as they are there: number of
+    /// the step, rows, vector. Rows come in runs of whole tiles.
+    pub fn steps_and_read<R: StartRow>(
+        &self,
+        exchange: &mut GhostExchange,
+        blocking: Option<&Blocking>,
+        steps: &Steps<'_>,
+        y: &mut Vec<Lanes>,
+        x: &mut Vec<Lanes>,
+        start: &[R],
+        read: &mut impl FnMut(usize, Range<usize>, &[Lanes]),
+    ) {
         let &Steps { levels, couplings } = steps;
         let Some(blocking) = blocking.filter(|_| levels.len() > 1) else {
-            for constants in levels {
+            for (level, constants) in levels.iter().enumerate() {
                 self.step(exchange, constants, couplings, y, x, start);
                 std::mem::swap(y, x);
+                read(level, 0..self.rows(), x);
             }
             return;
         };
@@ -406,7 +436,7 @@ impl BlockMatrix {
         if !blocking.exchanges.is_empty() {
             exchange.start(&vectors[0][..rows]);
             from = ends.next().unwrap_or(0);
-            self.advance(blocking, &order[..from], steps, &mut vectors, start);
+            self.advance(blocking, &order[..from], steps, &mut vectors, start, read);
             exchange.finish(&mut vectors[0][rows..]);
         }
         for (level, to) in (0..levels.len()).zip(ends) {
@@ -415,7 +445,7 @@ impl BlockMatrix {
                 exchange.start(&vector[..rows]);
                 exchange.finish(&mut vector[rows..]);
             }
-            self.advance(blocking, &order[from..to], steps, &mut vectors, start);
+            self.advance(blocking, &order[from..to], steps, &mut vectors, start, read);
             from = to;
         }
         if levels.len() % 2 == 1 {
@@ -431,6 +461,7 @@ impl BlockMatrix {
         steps: &Steps<'_>,
         vectors: &mut [&mut [Lanes]; 2],
         start: &[R],
+        read: &mut impl FnMut(usize, Range<usize>, &[Lanes]),
     ) {
         let (behind, _) = self.rows.lines().place(self.block.cells());
         let step = kernel::stepper::<R>();
@@ -442,15 +473,20 @@ impl BlockMatrix {
             let (y, x) = if level % 2 == 0 { (&mut **odd, &**even) } else { (&mut **even, &**odd) };
             let Tile { lines, auxiliaries } = &blocking.tiles[tile as usize];
             let lines = lines.start as usize..lines.end as usize;
-            step(&self.rows, lines, constants, y, x, start);
+            step(&self.rows, lines.clone(), constants, y, x, start);
+            for row in self.rows.lines().rows_of_cells(lines.start) {
+                read(level as usize, row..row + lines.len(), y);
+            }
             let ranges = auxiliaries.start as usize..auxiliaries.end as usize;
             for own in &blocking.auxiliaries[ranges] {
                 let own = own.start as usize..own.end as usize;
                 let lines = behind + own.start..behind + own.end;
                 step(&self.rows, lines, constants, y, x, start);
                 if let Some(couplings) = steps.couplings {
-                    self.step_couplings(constants, own.clone(), &couplings[own], y, x);
+                    self.step_couplings(constants, own.clone(), &couplings[own.clone()], y, x);
                 }
+                let cells = self.block.cells();
+                read(level as usize, cells + own.start..cells + own.end, y);
             }
         }
     }

@@ -28,7 +28,7 @@
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::blocking::{Blocking, Steps};
+use crate::matrix::blocking::{Blocking, MOST_LEVELS, Steps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::parallel::communicator::GhostExchange;
 use crate::propagate::method::{
@@ -150,7 +150,7 @@ impl Chebyshev {
             previous: vector(),
             coefficients: vec![0.0; (largest_degree + 1) * LANES],
             series: Vec::with_capacity(2 * largest_degree + 200),
-            levels: Vec::with_capacity(blocking.as_ref().map_or(2, Blocking::depth)),
+            levels: Vec::with_capacity(MOST_LEVELS),
             blocking,
         }
     }
@@ -238,8 +238,7 @@ impl Chebyshev {
     }
 
     /// The series of degree `degree` from [`prepare`](Self::prepare) of `start`, into `current`,
-    /// summed forwards, its terms being read on the way: two at a time, so that the vectors are
-    /// read half as often. Collective over the space group.
+    /// summed forwards, with its terms read into `passed`. Collective over the space group.
     fn forwards<R: StartRow>(
         &mut self,
         matrix: &BlockMatrix,
@@ -256,29 +255,27 @@ impl Chebyshev {
             }
             constants
         };
-        let coefficients = |k: Option<usize>| {
-            let row = k.map(|k| &self.coefficients[k * LANES..(k + 1) * LANES]);
-            row.map_or([0.0; LANES], |row| std::array::from_fn(|l| row[l]))
-        };
+        let rows = matrix.rows();
         self.previous.fill(Lanes::ZERO);
         self.current.fill(Lanes::ZERO);
-        for (i, current) in self.current[..matrix.rows()].iter_mut().enumerate() {
+        for (i, current) in self.current[..rows].iter_mut().enumerate() {
             R::add::<false>(start, i, &[1.0; LANES], &mut current.0);
         }
-        let (mut first, mut k) = (None, 0);
-        loop {
-            let terms = [(first, &self.previous[..]), (Some(k), &self.current[..])];
-            passed.add(matrix, terms, [coefficients(first), coefficients(Some(k))]);
-            if k == degree {
-                break;
-            }
-            let to = degree.min(k + 2);
+        let (mut terms, blocking) = passed.reader(matrix, &self.coefficients);
+        terms.expect(0..1);
+        terms.read(0, 0..rows, &self.current);
+        let most = blocking.map_or(1, Blocking::depth);
+        let mut done = 0;
+        while done < degree {
+            let to = degree.min(done + most);
             self.levels.clear();
-            self.levels.extend((k..to).map(constants));
+            self.levels.extend((done..to).map(constants));
+            terms.expect(done + 1..to + 1);
             let steps = Steps { levels: &self.levels, couplings: None };
             let (y, x) = (&mut self.previous, &mut self.current);
-            matrix.steps::<()>(exchange, self.blocking.as_ref(), &steps, y, x, &[]);
-            (first, k) = ((to == k + 2).then_some(k + 1), to);
+            let mut read = |level, rows, term: &[Lanes]| terms.read(level, rows, term);
+            matrix.steps_and_read::<()>(exchange, blocking, &steps, y, x, &[], &mut read);
+            done = to;
         }
         std::mem::swap(&mut self.current, &mut passed.sum);
     }

@@ -12,12 +12,14 @@
 //! the terms, which takes a third vector.
 
 use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::blocking::{Blocking, MOST_LEVELS};
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MomentsOf;
-use crate::matrix::terms::{TermPass, TermWeights};
+use crate::matrix::terms::TermRows;
 use crate::propagate::chebyshev::bessel_series;
 use crate::propagate::method::{BatchSpec, Evolution};
 use num_complex::Complex64;
+use std::ops::Range;
 
 /// The moments of a batch at the times that a leg passes, and what they take; made once.
 pub struct PassedMoments<'a> {
@@ -34,13 +36,14 @@ pub struct PassedMoments<'a> {
     coefficients: Vec<f64>,
     /// Terms that there is room for.
     most_terms: usize,
-    /// By time: the weights of a pass.
-    of_pass: Vec<TermWeights>,
+    /// By term and time: what the terms of a trip are multiplied by.
+    of_terms: Vec<[f64; 2 * LANES]>,
     /// By point of space, time and moment.
     values: Vec<[f64; LANES]>,
     /// The sum of the terms.
     pub(crate) sum: Vec<Lanes>,
     series: Vec<f64>,
+    blocking: Option<Blocking>,
 }
 
 impl<'a> PassedMoments<'a> {
@@ -59,12 +62,18 @@ impl<'a> PassedMoments<'a> {
             lengths: Vec::with_capacity(times),
             coefficients: vec![0.0; times * (largest_degree + 1) * LANES],
             most_terms: largest_degree + 1,
-            of_pass: Vec::with_capacity(times),
+            of_terms: Vec::with_capacity(times * MOST_LEVELS),
+            blocking: Blocking::planned_to_read(matrix),
             values: vec![[0.0; LANES]; points * times * moments.count()],
             sum: vec![Lanes::ZERO; matrix.length()],
             series: Vec::with_capacity(2 * largest_degree + 200),
             moments,
         }
+    }
+
+    /// The same, steps blocked as given: a tile has all velocities.
+    pub fn blocked(self, blocking: Option<Blocking>) -> Self {
+        Self { blocking, ..self }
     }
 
     /// Bytes on a rank with so many points of space, cells, and length of a vector.
@@ -109,50 +118,29 @@ impl<'a> PassedMoments<'a> {
         }
     }
 
-    /// Adds the terms `k` and `k + 1`, of which the first may be left out; `coefficients` are those
-    /// of the end of the leg.
-    pub(crate) fn add(
-        &mut self,
+    /// What reads the terms of a series, which has these `coefficients` at the end of the leg; and
+    /// the blocking of its steps.
+    pub(crate) fn reader<'r>(
+        &'r mut self,
         matrix: &BlockMatrix,
-        terms: [(Option<usize>, &[Lanes]); 2],
-        coefficients: [[f64; LANES]; 2],
-    ) {
-        let last = terms.iter().filter_map(|(k, _)| *k).max().unwrap_or(0);
-        let first = terms.iter().filter_map(|(k, _)| *k).min().unwrap_or(last);
-        // Later times take more terms.
-        let from = self.lengths.iter().take_while(|length| **length <= first).count();
-        self.of_pass.clear();
-        for t in from..self.times.len() {
-            let row = |k: Option<usize>| match k {
-                Some(k) if k < self.most_terms => {
-                    let at = (t * self.most_terms + k) * LANES;
-                    &self.coefficients[at..at + LANES]
-                }
-                _ => &[0.0; LANES],
-            };
-            self.of_pass.push(terms.map(|(k, _)| {
-                let (a, mut weights) = (row(k), [0.0; 2 * LANES]);
-                for l in 0..LANES {
-                    weights[l] = a[l] * self.weights[t][l].re;
-                    weights[LANES + l] = -a[l] * self.weights[t][l].im;
-                }
-                weights
-            }));
-        }
-        let rows = matrix.rows();
-        TermPass {
-            terms: terms.map(|(_, term)| &term[..rows]),
-            coefficients,
-            sum: &mut self.sum[..rows],
-            scales: &self.scales,
-            factors: self.moments.factors.each(),
-            dimension: self.moments.factors.dimension(),
-            times: self.times.len(),
-            active: from..self.times.len(),
-            weights: &self.of_pass,
-            values: &mut self.values,
-        }
-        .run();
+        coefficients: &'r [f64],
+    ) -> (TermReader<'r>, Option<&'r Blocking>) {
+        let Self { moments, scales, weights, lengths, of_terms, values, sum, .. } = self;
+        let reader = TermReader {
+            moments,
+            scales,
+            weights,
+            lengths,
+            table: &self.coefficients,
+            most_terms: self.most_terms,
+            at_end: coefficients,
+            of_terms,
+            values,
+            sum: &mut sum[..matrix.rows()],
+            first: 0,
+            active: 0..0,
+        };
+        (reader, self.blocking.as_ref())
     }
 
     /// By point of space, the moments at time number `time` of the leg, by lane: density, momenta,
@@ -161,5 +149,67 @@ impl<'a> PassedMoments<'a> {
         let (count, times) = (self.moments.count(), self.times.len());
         let points = self.values.chunks_exact(times * count);
         points.map(move |values| &values[time * count..(time + 1) * count])
+    }
+}
+
+/// Reads the terms of a series.
+pub(crate) struct TermReader<'r> {
+    moments: &'r MomentsOf<'r>,
+    scales: &'r [f64],
+    weights: &'r [[Complex64; LANES]],
+    lengths: &'r [usize],
+    table: &'r [f64],
+    most_terms: usize,
+    at_end: &'r [f64],
+    of_terms: &'r mut Vec<[f64; 2 * LANES]>,
+    values: &'r mut [[f64; LANES]],
+    sum: &'r mut [Lanes],
+    /// The first of the terms that are expected.
+    first: usize,
+    /// The times to which these add.
+    active: Range<usize>,
+}
+
+impl TermReader<'_> {
+    /// These terms are the next.
+    pub(crate) fn expect(&mut self, terms: Range<usize>) {
+        // Later times take more terms.
+        let ended = self.lengths.iter().take_while(|length| **length <= terms.start).count();
+        self.first = terms.start;
+        self.active = ended..self.lengths.len();
+        self.of_terms.clear();
+        for k in terms {
+            for t in self.active.clone() {
+                let from = (t * self.most_terms + k) * LANES;
+                let coefficients = &self.table[from..from + LANES];
+                let mut weights = [0.0; 2 * LANES];
+                for (l, a) in coefficients.iter().enumerate() {
+                    weights[l] = a * self.weights[t][l].re;
+                    weights[LANES + l] = -a * self.weights[t][l].im;
+                }
+                self.of_terms.push(weights);
+            }
+        }
+    }
+
+    /// Some rows of the `level`-th of these terms: whole points of space, or auxiliary unknowns.
+    pub(crate) fn read(&mut self, level: usize, rows: Range<usize>, term: &[Lanes]) {
+        let (k, cells) = (self.first + level, self.scales.len());
+        let own = rows.start.min(cells)..rows.end.min(cells);
+        let (nv, times) = (self.moments.factors.cells(), self.lengths.len());
+        let width = times * self.moments.count();
+        TermRows {
+            term: &term[rows.clone()],
+            coefficient: self.at_end[k * LANES..].first_chunk().unwrap_or(&[0.0; LANES]),
+            sum: &mut self.sum[rows],
+            scales: &self.scales[own.clone()],
+            factors: self.moments.factors.each(),
+            dimension: self.moments.factors.dimension(),
+            times,
+            active: self.active.clone(),
+            weights: &self.of_terms[level * self.active.len()..],
+            values: &mut self.values[own.start / nv * width..own.end / nv * width],
+        }
+        .read();
     }
 }

@@ -40,6 +40,7 @@ fn memory_is_what_was_planned() {
         ("example1.toml", &small, &chunks, 2),
         ("example1.toml", &grid, &[], 1),
         ("example1.toml", &grid, &["scheme.interface=conservative"], 2),
+        ("example1.toml", &grid, &["output.moments_every=0.0005"], 1),
         ("example1.toml", &large, &["solver.method=classical"], 1),
         ("example1.toml", &grid, &["solver.verify=true"], 1),
         ("slope_jump.toml", &grid, &slopes, 1),

@@ -84,6 +84,37 @@ fn moments_alone_are_those_of_the_field() {
     assert_eq!(alone["/f"], with["/f"]);
 }
 
+/// Moments at many times take the applications of a run without, and little more than those of
+/// legs from each to the next, in which they are the same.
+#[test]
+fn many_times_take_the_applications_of_one() {
+    let rows = [
+        ("example1.toml", &["solver.tolerance=1e-6"][..], 20),
+        ("example1.toml", &["solver.tolerance=1e-9"], 100),
+        ("inflow_barrier.toml", &["axis.0.x.cells=40", "axis.0.v.cells=33"], 50),
+        ("barrier2d.toml", &["axis.0.x.cells=9", "axis.1.v.cells=7"], 20),
+        ("smooth-beams.toml", &["axis.0.x.cells=10", "axis.0.v.cells=6", "scheme.degree=2"], 20),
+    ];
+    check_all(&rows, |&(name, settings, times)| {
+        let (one, many, legs) = (directory(), directory(), directory());
+        let job = run(name).set(settings).set(&["time.end=0.5"]);
+        let every = format!("output.moments_every={}", 0.5 / f64::from(times));
+        let first = job.clone().on(2).solve(one.path())?;
+        let summary = job.clone().set(&[&every]).on(3).solve(many.path())?;
+        let [few, all] = [&first, &summary].map(|summary| summary.number("matvecs"));
+        let (few, all) = (few?, all?);
+        summary.require(all <= 1.3 * few, || format!("{all} applications, {few}"))?;
+        // A field at each of two times in the middle: three legs.
+        let fields = "output.field_times=[0.2, 0.3]";
+        job.set(&[&every, fields]).on(1).solve(legs.path())?;
+        let (many, legs) = (datasets(many.path())?, datasets(legs.path())?);
+        ["density", "momentum", "mass", "kinetic_energy"].iter().try_for_each(|dataset| {
+            let name = format!("/history/{dataset}");
+            at_most(dataset, distance(&many[&name].numbers(), &legs[&name].numbers()), 2e-6)
+        })
+    });
+}
+
 /// The start is the data themselves: fields and moments at time 0 where they are asked for, and
 /// every multiple of `output.fields_every` from there on.
 #[test]

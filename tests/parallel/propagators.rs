@@ -11,6 +11,7 @@ use num_complex::Complex64;
 use phasewarp::matrix::blocking::{Blocking, BlockingShape};
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::matrix::lanes::{LANES, Lanes};
+use phasewarp::matrix::observables::{MomentsOf, VelocityFactors};
 use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::Mesh;
 use phasewarp::problem::case::{Propagation, PropagatorMethod};
@@ -18,6 +19,7 @@ use phasewarp::propagate::chebyshev::{Chebyshev, bessel_series};
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::method::{BatchReport, BatchSpec, Propagator};
+use phasewarp::propagate::passed::PassedMoments;
 use phasewarp::propagate::{Span, work};
 use std::collections::BTreeMap;
 
@@ -165,6 +167,7 @@ fn chebyshev_series(
     assert_eq!(found.report.applications, work.iter().sum::<usize>());
     let same = propagate(weighted, &mut blocked, &batch, time).states == found.states;
     assert!(same, "{name}: blocked");
+    passing_times(weighted, &mut plain, &batch, name, time);
     for l in 0..LANES {
         let (error, change) = (found.error(l, &reference[l]), found.change_of_norm(l));
         let tail = found.report.tails[l];
@@ -178,6 +181,43 @@ fn chebyshev_series(
         assert!(tail <= tolerance * (1.0 + 1e-9) + 1e-15, "{at}");
         assert!(tolerance < 1e-9 || tail > 1e-9, "{at}");
     }
+}
+
+/// A series that passes times ends where one that does not ends, and reads moments of the same bits
+/// step after step and in blocks.
+fn passing_times(
+    weighted: &mut Weighted,
+    chebyshev: &mut Chebyshev,
+    batch: &BatchSpec,
+    name: &str,
+    time: f64,
+) {
+    let most = chebyshev.largest_degree();
+    let space = weighted.prepared.case.space.clone();
+    let factors = VelocityFactors::new(&space);
+    let mut parts = parts(&mut weighted.prepared, time);
+    let matrix = parts.evolution.matrix;
+    let moments = MomentsOf { factors: &factors, pi: parts.pi, least: 1.0 };
+    let shape = BlockingShape { depth: 3, width: 2, parts: 1 };
+    let blocking = Blocking::possible(matrix).then(|| Blocking::new(matrix, &shape));
+    let (evolution, start) = (&mut parts.evolution, &parts.initial[0]);
+    chebyshev.propagate(evolution, batch, start).expect("a series");
+    let whole = chebyshev.state()[..matrix.rows()].to_vec();
+    let read = [None, blocking].map(|blocking| {
+        let mut passed = PassedMoments::new(matrix, &moments, 2, most).blocked(blocking);
+        let weights = std::array::from_fn(|l| Complex64::cis(0.3 * l as f64));
+        passed.begin(&[0.2 * time, 0.9 * time], &weights);
+        let report = chebyshev.propagate_past(evolution, batch, start, &mut passed);
+        let applications = report.expect("a series").applications;
+        assert_eq!(applications, batch.work.iter().sum::<usize>(), "{name}");
+        let far = whole.iter().zip(chebyshev.state()).flat_map(|(Lanes(a), Lanes(b))| {
+            let apart = |part: usize| (a[part] - b[part]).abs();
+            (0..2 * LANES).map(apart).collect::<Vec<f64>>()
+        });
+        assert!(far.fold(0.0, f64::max) <= 1e-12 * start.norms[0], "{name}");
+        (0..2).flat_map(|t| passed.at(t).flatten().copied().collect::<Vec<_>>()).collect::<Vec<_>>()
+    });
+    assert!(read[0] == read[1] && read[0].iter().flatten().any(|x| *x != 0.0), "{name}");
 }
 
 /// The Krylov propagator meets each mode's tolerance, takes no more applications than planned,

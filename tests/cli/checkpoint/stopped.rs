@@ -251,6 +251,8 @@ fn stages_that_are_finished_are_not_computed_again() {
         "solver.warp.profile=exponential",
         "solver.warp.points=2048",
         "output.field_times=[0.3,0.6]",
+        // Moments on the way.
+        "output.moment_times=[0.05,0.1,0.15,0.2,0.25,0.35,0.4,0.45,0.5,0.55]",
     ]);
     let rows = [
         (elements, 2, [(2, "1"), (3, "3")]),
