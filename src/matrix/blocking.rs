@@ -401,7 +401,7 @@ impl BlockMatrix {
         x: &mut Vec<Lanes>,
         start: &[R],
     ) {
-        self.steps_and_read(exchange, blocking, steps, y, x, start, &mut |_, _, _| {});
+        self.steps_and_read(exchange, blocking, steps, [y, x], start, &mut |_, _, _| {});
     }
 
     /// The same; and `read` is called with each vector's rows as soon as they are there: number of
@@ -411,8 +411,7 @@ impl BlockMatrix {
         exchange: &mut GhostExchange,
         blocking: Option<&Blocking>,
         steps: &Steps<'_>,
-        y: &mut Vec<Lanes>,
-        x: &mut Vec<Lanes>,
+        [y, x]: [&mut Vec<Lanes>; 2],
         start: &[R],
         read: &mut impl FnMut(usize, Range<usize>, &[Lanes]),
     ) {

@@ -90,17 +90,20 @@ fn read_some<const FMA: bool, const COUNT: usize>(rows: TermRows<'_>) {
             *sum = added::<FMA>(&coefficients, row, sum);
         }
         let values = &mut values[active.start * COUNT..active.end * COUNT];
-        for (values, weights) in values.chunks_exact_mut(COUNT).zip(weights) {
-            for (value, moments) in values.iter_mut().zip(&moments) {
-                let mut new = *value;
+        let (values, _) = values.as_chunks_mut::<COUNT>();
+        for (values, weights) in values.iter_mut().zip(weights) {
+            // One time after the other: a compiler that sees through this gathers over times, which
+            // takes six times as long.
+            let mut new: [[f64; LANES]; COUNT] = *std::hint::black_box(&*values);
+            for (new, moments) in new.iter_mut().zip(&moments) {
                 for l in 0..LANES {
                     new[l] = multiply_add::<FMA>(weights[l], moments[l], new[l]);
                 }
                 for l in 0..LANES {
                     new[l] = multiply_add::<FMA>(weights[LANES + l], moments[LANES + l], new[l]);
                 }
-                *value = new;
             }
+            *values = new;
         }
     }
     for (Lanes(row), Lanes(sum)) in term.iter().zip(sum).skip(scales.len()) {

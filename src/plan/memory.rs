@@ -221,10 +221,8 @@ impl<'a> FullestRank<'a> {
         }
         let passed = warp.legs.iter().map(|leg| leg.passed.len()).max().unwrap_or(0);
         if passed > 0 {
-            let counts = [self.points, self.cells, self.length()];
             let largest = warp.largest_work() as u64;
-            let bytes =
-                PassedMoments::bytes(passed as u64, largest, counts, case.space.dimension() as u64);
+            let bytes = PassedMoments::bytes(&share, self.points, passed as u64, largest);
             list.push(("moments on the way".to_owned(), bytes));
         }
         if !case.times.is_empty() {

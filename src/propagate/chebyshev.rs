@@ -272,9 +272,9 @@ impl Chebyshev {
             self.levels.extend((done..to).map(constants));
             terms.expect(done + 1..to + 1);
             let steps = Steps { levels: &self.levels, couplings: None };
-            let (y, x) = (&mut self.previous, &mut self.current);
+            let vectors = [&mut self.previous, &mut self.current];
             let mut read = |level, rows, term: &[Lanes]| terms.read(level, rows, term);
-            matrix.steps_and_read::<()>(exchange, blocking, &steps, y, x, &[], &mut read);
+            matrix.steps_and_read::<()>(exchange, blocking, &steps, vectors, &[], &mut read);
             done = to;
         }
         std::mem::swap(&mut self.current, &mut passed.sum);

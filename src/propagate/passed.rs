@@ -17,7 +17,7 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MomentsOf;
 use crate::matrix::terms::TermRows;
 use crate::propagate::chebyshev::bessel_series;
-use crate::propagate::method::{BatchSpec, Evolution};
+use crate::propagate::method::{BatchSpec, Evolution, MatrixShare};
 use num_complex::Complex64;
 use std::ops::Range;
 
@@ -76,13 +76,15 @@ impl<'a> PassedMoments<'a> {
         Self { blocking, ..self }
     }
 
-    /// Bytes on a rank with so many points of space, cells, and length of a vector.
-    pub fn bytes(times: u64, largest_degree: u64, counts: [u64; 3], dimension: u64) -> u64 {
-        let [points, cells, length] = counts;
-        let lane = 8 * LANES as u64;
-        lane * times * (largest_degree + 1 + points * (dimension + 2))
-            + 8 * cells
-            + size_of::<Lanes>() as u64 * length
+    /// Bytes on a rank with so many points of space.
+    pub fn bytes(share: &MatrixShare<'_>, points: u64, times: u64, largest_degree: u64) -> u64 {
+        let space = &share.case.space;
+        let (moments, velocities) = (space.dimension() as u64 + 2, space.velocity_cells());
+        let order = Blocking::bytes_per_row(velocities) * share.rows as f64;
+        8 * LANES as u64 * times * (largest_degree + 1 + points * moments)
+            + 8 * points * velocities as u64
+            + size_of::<Lanes>() as u64 * share.length
+            + order as u64
     }
 
     /// The times that the next leg passes, and what each lane is multiplied by, but for what the

@@ -259,7 +259,7 @@ fn cheapest_legs(
 
 /// How many times longer an application takes in a leg that passes so many times. The same on any
 /// ranks and processor, as is the plan.
-pub fn cost_of_passing(case: &Case, times: usize) -> f64 {
+fn cost_of_passing(case: &Case, times: usize) -> f64 {
     if times == 0 {
         return 1.0;
     }
