@@ -108,11 +108,11 @@ impl Plan {
     ) -> Result<Self> {
         let warp = match case.method {
             Method::Schrodingerized => Some(WarpPlan::new(case, &bounds, ratio)?),
-            Method::Classical if bounds.rate * case.end > LONGEST_SPAN * LONGEST_SPAN => {
+            Method::Classical if bounds.rate * case.duration() > LONGEST_SPAN * LONGEST_SPAN => {
                 return Err(Error::TooLong {
-                    end: case.end,
+                    end: case.duration(),
                     rate: bounds.rate,
-                    span: bounds.rate * case.end,
+                    span: bounds.rate * case.duration(),
                     limit: LONGEST_SPAN * LONGEST_SPAN,
                 });
             }
@@ -140,7 +140,7 @@ impl Plan {
             shape: case.space.shape(),
             cells: case.space.cells(),
             reductions: case.reductions.dropped.clone(),
-            time: case.end,
+            time: case.duration(),
             method: case.method,
             interface: case.interface,
             propagation: match steps {
@@ -209,7 +209,7 @@ impl Plan {
         let mut scratch = Vec::new();
         let mut of_mode = |l| {
             let (mu, bounds) = (series.wavenumber(l), &self.bounds);
-            let span = Span { time: case.end, tolerance };
+            let span = Span { time: case.duration(), tolerance };
             propagate::work(&case.propagator, bounds, mu, span, &mut scratch)
         };
         let work: Vec<usize> = (0..modes).map(&mut of_mode).collect();

@@ -15,6 +15,7 @@ pub mod report;
 pub mod result_file;
 pub mod room;
 pub mod shown;
+pub mod start_field;
 pub mod summary;
 pub mod views;
 pub mod warped;
@@ -41,17 +42,27 @@ const LATE: Duration = Duration::from_secs(10);
 pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<DirectoryLock>> {
     let clear_way = || -> std::io::Result<()> {
         let warped = crate::results::warped::names(case);
-        let start = case.start.as_ref().and_then(|start| std::fs::canonicalize(&start.path).ok());
+        let given = [
+            case.start.as_ref().map(|start| ("initial.warped", &start.path)),
+            case.start_field.as_ref().map(|start| ("initial.field", &start.path)),
+        ];
+        let given = given
+            .into_iter()
+            .flatten()
+            .filter_map(|(key, path)| std::fs::canonicalize(path).ok().map(|path| (key, path)));
+        let given: Vec<(&str, std::path::PathBuf)> = given.collect();
         let names = ["result.h5", crate::results::xdmf::NAME, "summary.json", "readout.csv"];
         for name in names.into_iter().chain(warped.iter().map(String::as_str)) {
             let path = directory.join(name);
             if path.is_dir() {
                 return Err(std::io::Error::other(format!("{name} in it is a directory")));
             }
-            if start.is_some() && std::fs::canonicalize(&path).ok() == start {
+            let same =
+                |(_, file): &&(&str, _)| std::fs::canonicalize(&path).ok().as_ref() == Some(file);
+            if let Some((key, _)) = given.iter().find(same) {
                 let what = format!(
-                    "the run would overwrite {name}, from which it starts (initial.warped); give \
-                     another directory (-o)"
+                    "the run would overwrite {name}, from which it starts ({key}); give another \
+                     directory (-o)"
                 );
                 return Err(std::io::Error::other(what));
             }

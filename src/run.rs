@@ -172,6 +172,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
         compare::verify(&mut prepared, &solution, log.speaks, &mut summary);
         log.watch.lap("verify");
     }
+    summary.continued = compare::continued(&prepared, &solution.fields[0][0], &summary);
     let plateau = compare::plateau(&prepared, &solution);
     let estimated = errors::estimated(&mut prepared, &solution.fields[0][0])?;
     let results = expand::expand(&prepared, solution, &shown, exact.as_ref(), &mut summary)?;
@@ -190,6 +191,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let asked = prepared.plan.warp.as_ref().map(|_| prepared.case.tolerance);
     let told = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
     let told = summary.error_semidiscrete.or(told);
+    let told = summary.continued.as_ref().and_then(|c| c.error_total).or(told);
     summary.accuracy = Accuracy::new(asked, told, measured, estimated);
     Ok(Solution {
         case: shown.case,

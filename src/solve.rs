@@ -14,6 +14,7 @@ pub mod prepared;
 pub mod resume;
 pub mod snapshot;
 pub mod spectrum;
+pub mod start_field;
 pub mod statistics;
 pub mod sum;
 pub mod system;

@@ -134,6 +134,18 @@ def stops(case: pw.Case, place: Path, walltimes: list[float]) -> pw.StoppedError
     raise AssertionError("it did not stop")
 
 
+def test_going_on(small: pw.Case, tmp_path: Path) -> None:
+    """A finished run goes on to a later time."""
+    end = float(small["time.end"])
+    first = pw.run(small.replace({"time.end": 0.5 * end}), tmp_path / "first")
+    every = {"output.fields_every": 0.3 * end, "title": "second part"}
+    second = pw.continue_run(first, end, tmp_path / "second", settings=every, ranks=2)
+    assert second.summary["title"] == "second part"
+    assert second.summary["continued"]["time"] == 0.5 * end
+    times = second.open()["time"].to_numpy()
+    assert times.tolist() == pytest.approx([0.5 * end, 0.6 * end, 0.9 * end, end])
+
+
 def test_plan(small: pw.Case) -> None:
     plan = pw.plan(small, ranks=4, memory_per_rank="1GiB")
     assert plan["cells"] <= 256 and plan["warp"]["modes"] > 0

@@ -75,7 +75,7 @@ impl Slab {
     }
 
     /// Boxes of about `most` elements that make up a dataset of this shape, in its order.
-    pub fn pieces(shape: &[usize], most: usize) -> impl Iterator<Item = Self> {
+    pub fn pieces(shape: &[usize], most: usize) -> impl Iterator<Item = Self> + use<> {
         // Whole beyond `axis`, a range along it, one by one before it.
         let mut axis = shape.len().saturating_sub(1);
         let mut beyond = 1;

@@ -61,6 +61,14 @@ pub enum Command {
 pub struct CaseArgs {
     /// Case file (TOML).
     pub case: PathBuf,
+    /// Changes to it.
+    #[command(flatten)]
+    pub changes: Changes,
+}
+
+/// Changes to a case.
+#[derive(Clone, Debug, Args)]
+pub struct Changes {
     /// Replaces a key of the case: --set axis.0.x.cells=256
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
@@ -132,13 +140,29 @@ pub struct CheckArgs {
 /// Options of `run`.
 #[derive(Debug, Args)]
 pub struct RunArgs {
-    /// The case.
+    /// Case file (TOML); none with --continue, which takes that of the results.
+    #[arg(required_unless_present = "continued")]
+    pub case: Option<PathBuf>,
+    /// Changes to it.
     #[command(flatten)]
-    pub case: CaseArgs,
+    pub changes: Changes,
+    /// Go on from the results of a finished run, with a plan of its own, to the time of --until;
+    /// --set changes its case
+    #[arg(
+        long = "continue",
+        value_name = "DIR",
+        requires = "until",
+        conflicts_with_all = ["case", "accuracy", "budget"]
+    )]
+    pub continued: Option<PathBuf>,
+    /// The final time of --continue, counted from 0 as all times
+    #[arg(long, value_name = "TIME", requires = "continued", allow_negative_numbers = true)]
+    pub until: Option<f64>,
     /// What it is to reach.
     #[command(flatten)]
     pub accuracy: AccuracyArgs,
-    /// Directory of the results; by default results/NAME of the case file
+    /// Directory of the results; by default results/NAME of the case file, with --continue
+    /// DIR-until-TIME
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
     /// Print the ledger of mass and energy; without it, only where something is off

@@ -86,6 +86,9 @@ fn formulas(case: &Case) -> String {
              nothing enters\n"
         );
     }
+    if let Some(start) = &case.start_field {
+        text += &format!("f({}) = /f of {}\n", case.begin, start.path.display());
+    }
     for field in case.fields.iter().filter(|_| case.start.is_none()) {
         text += &format!("{}(0) = {}\n", field.name, field.initial.text());
         text += &match &field.inflow {
@@ -102,8 +105,12 @@ fn method(case: &Case, bounds: &Bounds) -> String {
         0 => format!("interface {}", word(&case.interface)),
         _ => format!("flux {}, interface matched by energy", case.flux),
     };
+    let from = match case.begin {
+        0.0 => String::new(),
+        begin => format!("from t = {begin} to "),
+    };
     let common = format!(
-        "T = {}, {interface}, method {}, tolerance {:e}\n",
+        "{from}T = {}, {interface}, method {}, tolerance {:e}\n",
         case.end,
         word(&case.method),
         case.tolerance

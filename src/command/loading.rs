@@ -2,13 +2,16 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::command::cli::{AccuracyArgs, CaseArgs, Mode};
+use crate::command::cli::{AccuracyArgs, CaseArgs, Changes, Mode};
 use crate::parallel::communicator::World;
 use crate::problem::case;
 use crate::problem::case::Case;
+use crate::results::pictures::stored::Stored;
+use crate::results::readback;
 use crate::run::planning;
 use crate::scheme::reduce::reduced;
 use crate::study::advise::{Wanted, advise};
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -20,9 +23,116 @@ pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
     let group = world.group();
     let text = group.on_first_rank(|| case::read_text(&args.case))?;
     let text = group.broadcast_text(&text);
-    let mode = (args.mode).map(|mode| format!("output.warped_field={}", mode == Mode::Full));
-    let set: Vec<String> = args.set.iter().cloned().chain(mode).collect();
-    Case::parse(&args.case.display().to_string(), &text, &set)
+    Case::parse(&args.case.display().to_string(), &text, &overrides(&args.changes))
+}
+
+/// The `--set` options that changes amount to.
+fn overrides(changes: &Changes) -> Vec<String> {
+    let mode = (changes.mode).map(|mode| format!("output.warped_field={}", mode == Mode::Full));
+    changes.set.iter().cloned().chain(mode).collect()
+}
+
+/// The case of a run that goes on from the results in a directory.
+#[derive(Default, Serialize, Deserialize)]
+struct Continuation {
+    /// The name of its case file.
+    name: String,
+    /// The case file.
+    text: String,
+    /// The `--set` options.
+    overrides: Vec<String>,
+    /// What of them is left out.
+    left_out: Vec<String>,
+}
+
+/// Keys of a continued run that follow from what it goes on from.
+const OF_CONTINUATION: [&str; 3] = ["initial.field", "time.start", "time.end"];
+/// Keys that list times of the part that is done.
+const OF_TIMES: [&str; 2] = ["output.moment_times", "output.field_times"];
+
+/// The case of the results in `directory`, from their time until `until`, changed by `changes`.
+/// Every dataset there is compared with its checksum. Collective.
+///
+/// # Errors
+/// [`Error::Input`] where there is nothing to go on from, or no later time; [`Error::Output`] where
+/// it is damaged.
+pub fn load_continued(
+    world: &World,
+    directory: &Path,
+    until: f64,
+    changes: &Changes,
+) -> Result<Case> {
+    let group = world.group();
+    let found = group.on_first_rank(|| continuation(directory, until, changes))?;
+    let text = group.broadcast_text(&serde_json::to_string(&found).unwrap_or_default());
+    let found: Continuation = serde_json::from_str(&text)
+        .map_err(|e| Error::Input(format!("--continue {}: {e}", directory.display())))?;
+    readback::check(&group, &directory.join("result.h5"))?;
+    let case = Case::parse(&found.name, &found.text, &found.overrides)?;
+    if group.rank() == 0 && !found.left_out.is_empty() {
+        let keys = found.left_out.join(" and ");
+        report(&format!("--continue: {keys} left out, whose times are before the start"));
+    }
+    Ok(case)
+}
+
+/// What there is to go on from. By one rank.
+fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Continuation> {
+    let wrong = |what: &dyn std::fmt::Display| {
+        Error::Input(format!("--continue {}: {what}", directory.display()))
+    };
+    let stored = Stored::look(directory)?;
+    if directory.join("checkpoint").exists() {
+        return Err(wrong(&"a run there is not finished; --resume finishes it"));
+    }
+    stored.summary.as_ref().map_err(|e| wrong(e))?;
+    let case = stored.case.as_ref().map_err(|e| wrong(e))?;
+    let time = stored.time;
+    if !(until > time && until.is_finite()) {
+        let what = format!("--until {until}: its results are at t = {time}; a later time");
+        return Err(wrong(&what));
+    }
+    let own = overrides(changes);
+    let key_of = |set: &String| set.split('=').next().unwrap_or_default().trim().to_owned();
+    let keys: Vec<String> = own.iter().map(key_of).collect();
+    if let Some(key) = keys.iter().find(|key| OF_CONTINUATION.contains(&key.as_str())) {
+        return Err(wrong(&format!(
+            "--set {key}: that follows from DIR and --until; leave it out"
+        )));
+    }
+    let path = std::fs::canonicalize(directory.join("result.h5")).map_err(|e| wrong(&e))?;
+    let path = path.to_str().ok_or_else(|| wrong(&"its path is no UTF-8 text"))?;
+    let is_given = |key: &&str| {
+        case.settings.keys().any(|k| k.starts_with(*key)) && !keys.iter().any(|k| k == key)
+    };
+    let left_out: Vec<String> =
+        OF_TIMES.iter().filter(|key| is_given(key)).map(|key| (*key).to_owned()).collect();
+    let before = stored.overrides.iter().cloned();
+    let before = before.filter(|set| !OF_CONTINUATION.contains(&key_of(set).as_str()));
+    let overrides = before
+        .chain(left_out.iter().map(|key| format!("{key}=[]")))
+        .chain(own)
+        .chain([
+            format!("initial.field={}", serde_json::Value::from(path)),
+            format!("time.start={time:?}"),
+            format!("time.end={until:?}"),
+        ])
+        .collect();
+    let name = stored.provenance.get("case_file").map_or("case", String::as_str).to_owned();
+    Ok(Continuation { name, text: stored.text, overrides, left_out })
+}
+
+/// `DIR-until-TIME`.
+pub fn default_directory_until(directory: &Path, until: f64) -> PathBuf {
+    // Without a slash at its end; `.` and `..` by the name that they have.
+    let path: PathBuf = directory.components().collect();
+    let path = match path.file_name() {
+        Some(_) => path,
+        None => std::fs::canonicalize(&path).unwrap_or(path),
+    };
+    let mut name = path.into_os_string();
+    name.push(format!("-until-{until}"));
+    name.into()
 }
 
 /// As [`load`], [`with_accuracy`]. Collective.
@@ -30,10 +140,10 @@ pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
 /// # Errors
 /// As both.
 pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) -> Result<Case> {
-    with_accuracy(world, load(world, args)?, args, wanted)
+    with_accuracy(world, load(world, args)?, &args.changes, wanted)
 }
 
-/// `case`, which was loaded by `args`; where an accuracy is asked for, by `--accuracy` or by
+/// `case`, which was loaded with `changes`; where an accuracy is asked for, by `--accuracy` or by
 /// `solver.accuracy`, with the grid, degree, interface and tolerance that [`advise`] chooses for
 /// it, which are printed. Collective.
 ///
@@ -42,7 +152,7 @@ pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) 
 pub fn with_accuracy(
     world: &World,
     case: Case,
-    args: &CaseArgs,
+    changes: &Changes,
     wanted: &AccuracyArgs,
 ) -> Result<Case> {
     let Some(accuracy) = wanted.accuracy.or(case.accuracy) else {
@@ -55,7 +165,7 @@ pub fn with_accuracy(
             )),
         };
     };
-    refuse_what_is_chosen(&args.set)?;
+    refuse_what_is_chosen(&changes.set)?;
     let budget = wanted.budget.unwrap_or(DEFAULT_BUDGET).as_secs_f64();
     let advised = advise(world, &case, Wanted { accuracy, budget })?;
     let Some(entry) = advised.best_of(case.method) else {

@@ -109,5 +109,5 @@ fn prepare(world: &World, case: &Case) -> Result<Prepared> {
 /// Norms of the first field. Collective.
 fn norms(prepared: &mut Prepared) -> StateNorms {
     let Prepared { system, communicator, bounds, case, .. } = prepared;
-    system.rough_norms(communicator, bounds, case.end)
+    system.rough_norms(communicator, bounds, case.duration())
 }

@@ -4,16 +4,18 @@ use crate::base::error::{Error, Result};
 use crate::base::log::report;
 use crate::base::machine;
 use crate::base::text::fixed;
-use crate::command::cli::RunArgs;
-use crate::command::loading::{default_directory, load, with_accuracy};
+use crate::command::cli::{CaseArgs, RunArgs};
+use crate::command::loading::{
+    default_directory, default_directory_until, load, load_continued, with_accuracy,
+};
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Method};
 use crate::results::finished::{is_finished, refuse_to_replace};
-use crate::results::summary::Summary;
+use crate::results::summary::{Continued, Summary};
 use crate::run;
 use crate::run::options::Options;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Written as soon as a signal comes that asks for a checkpoint.
 const TOLD_TO_STOP: &str =
@@ -24,16 +26,17 @@ const TOLD_TO_STOP: &str =
 /// # Errors
 /// As [`run::run`] and `with_accuracy`.
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
-    let given = load(world, &args.case)?;
-    let directory = args.output.clone().unwrap_or_else(|| default_directory(&given.name));
-    let case = match args.resume {
-        true => refuse_accuracy(given)?,
-        false => {
+    let Asked { case: given, directory } = asked(world, args)?;
+    let case = match (args.resume, &args.continued) {
+        // Its grid is known.
+        (_, Some(_)) => given,
+        (true, None) => refuse_accuracy(given)?,
+        (false, None) => {
             // Before the trials for an accuracy, which take a minute.
             if !args.force {
                 refuse_to_replace(&world.group(), &directory, &given, false)?;
             }
-            with_accuracy(world, given, &args.case, &args.accuracy)?
+            with_accuracy(world, given, &args.changes, &args.accuracy)?
         }
     };
     if args.resume {
@@ -70,12 +73,36 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         }
     }
     print(world, &closing_line(&summary, &directory));
-    for line in goal_line(&case, &summary).into_iter().chain(summary.accuracy.line()) {
+    let inherited = summary.continued.as_ref().map(Continued::line);
+    let goal = goal_line(&case, &summary);
+    for line in inherited.into_iter().chain(goal).chain(summary.accuracy.line()) {
         print(world, &line);
     }
     let ledger = summary.ledger.iter().filter(|l| args.verbose || !l.warnings().is_empty());
     ledger.for_each(|ledger| print(world, &ledger.text()));
     Ok(())
+}
+
+/// What a run is to solve, and where its results go.
+struct Asked {
+    case: Case,
+    directory: PathBuf,
+}
+
+/// What `args` ask for. Collective.
+fn asked(world: &World, args: &RunArgs) -> Result<Asked> {
+    let given = args.output.clone();
+    if let (Some(from), Some(until)) = (&args.continued, args.until) {
+        let case = load_continued(world, from, until, &args.changes)?;
+        let directory = given.unwrap_or_else(|| default_directory_until(from, until));
+        return Ok(Asked { case, directory });
+    }
+    // The command line has one of both.
+    let case =
+        CaseArgs { case: args.case.clone().unwrap_or_default(), changes: args.changes.clone() };
+    let case = load(world, &case)?;
+    let directory = given.unwrap_or_else(|| default_directory(&case.name));
+    Ok(Asked { case, directory })
 }
 
 /// The case of a run that goes on, whose grid is known.

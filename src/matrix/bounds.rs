@@ -150,7 +150,7 @@ impl Bounds {
             (true, Delta::Planned) => INFLOW_GROWTH,
             (true, _) => f64::INFINITY,
         };
-        let growth = f64::max(weights, couplings) / case.end;
+        let growth = f64::max(weights, couplings) / case.duration();
         Ok(Self {
             rate,
             growth,
@@ -159,7 +159,11 @@ impl Bounds {
             forces: force > 0.0,
             lines,
             causes,
-            coupling: if inflow { 0.5 * f64::sqrt(INFLOW_GROWTH * rate / case.end) } else { 0.0 },
+            coupling: if inflow {
+                0.5 * f64::sqrt(INFLOW_GROWTH * rate / case.duration())
+            } else {
+                0.0
+            },
             jumps,
             kinds: kinds.len(),
             stages: 0,

@@ -49,7 +49,7 @@ impl BlockMatrix {
     pub fn couple(&mut self, space: &Group, case: &Case, pi: &mut [f64]) {
         self.inflow_rows = space.sum_count(self.inflow.len());
         let largest = space.max(self.inflow.iter().fold(0.0, |m, aux| m.max(aux.largest())));
-        let allowed = INFLOW_GROWTH / case.end;
+        let allowed = INFLOW_GROWTH / case.duration();
         let given = match case.warp.delta {
             Delta::Planned => None,
             Delta::Largest => Some(largest),

@@ -25,7 +25,7 @@ impl InflowRows {
 pub struct Inflow {
     /// Local number of row `i`.
     pub row: u32,
-    /// `b_i` of each field; at time zero, if it varies.
+    /// `b_i` of each field; at the start, if it varies.
     pub values: [f64; MOST_FIELDS],
     /// `g_i`: the row adds `−½ g_i x_i²` to `xᵀSx` on its own account.
     pub damping: f64,

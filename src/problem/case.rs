@@ -21,7 +21,7 @@ pub(crate) mod solver;
 pub(crate) mod warp;
 
 pub use crate::problem::case::data::{
-    Data, Exact, Field, Inflow, MOST_FIELDS, Region, TIME, WarpedStart,
+    Data, Exact, Field, Inflow, MOST_FIELDS, Origin, Region, StartField, TIME, WarpedStart,
 };
 pub use crate::problem::case::keys::Kind;
 pub use crate::problem::case::output::{DeltaWidth, OutputTime, OutputTimes, Plateau, Storage};
@@ -50,6 +50,7 @@ use crate::problem::limits::LONGEST_FILE;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::io::Read;
+use std::ops::Range;
 use std::path::Path;
 use std::time::Duration;
 
@@ -100,7 +101,11 @@ pub struct Case {
     pub fields: Vec<Field>,
     /// `initial.warped`; `f(0)` is not known then, and its formula stands for nothing.
     pub start: Option<WarpedStart>,
-    /// Final time `T`.
+    /// `initial.field`: `f` at [`begin`](Self::begin), where that is not `initial.f` at 0.
+    pub start_field: Option<StartField>,
+    /// `time.start`, 0 unless a file gives `f` there. Formulas and outputs count from 0.
+    pub begin: f64,
+    /// `time.end`: final time `T`.
     pub end: f64,
     /// `scheme.interface`.
     pub interface: Interface,
@@ -199,11 +204,13 @@ impl Case {
         let potential = data::potential(file, &tables.potential.0, n)?;
         let reflects = potential.iter().any(|region| region.reflection.is_some());
         let (data, fields) = tables.initial.check(file, n, &tables.inflow)?;
-        let end = tables.time.check(file)?;
+        let Range { start: begin, end } = tables.time.check(file)?;
+        let duration = end - begin;
         let solver = tables.solver;
         let output = tables.output;
         let start = tables.initial.start(file)?;
-        let times = output.times(file, end, start.is_none())?;
+        let start_field = tables.initial.field(file, &data)?;
+        let times = output.times(file, begin..end, start.is_none())?;
         let readout = tables.readout.map(|table| table.check(file, &space));
         Ok(Self {
             name: String::new(),
@@ -215,6 +222,8 @@ impl Case {
             data,
             fields,
             start,
+            start_field,
+            begin,
             end,
             interface: tables.scheme.interface(degree > 0 || reflects),
             flux: tables.scheme.flux(file, degree)?,
@@ -225,8 +234,8 @@ impl Case {
             tolerance_place: file.place("solver.tolerance"),
             interval_place: file.place("solver.warp.interval"),
             verify: solver.verify,
-            warp: solver.warp.check(file, end)?,
-            propagator: solver.propagator.check(file, end)?,
+            warp: solver.warp.check(file, duration)?,
+            propagator: solver.propagator.check(file, duration)?,
             integrator: solver.classical.integrator,
             cfl: solver.classical.cfl(file)?,
             reduce: solver.reduce,
@@ -508,10 +517,15 @@ impl Case {
         self.at_start.iter().chain(&self.times)
     }
 
+    /// How long the run is: `time.end − time.start`.
+    pub fn duration(&self) -> f64 {
+        self.end - self.begin
+    }
+
     /// How long each leg of the run takes: from one output time to the next, the last to the end.
     pub fn legs(&self) -> Vec<f64> {
         let ends = (self.times.iter().map(|t| t.time)).chain([self.end]);
-        let mut now = 0.0;
+        let mut now = self.begin;
         ends.map(|end| end - std::mem::replace(&mut now, end)).collect()
     }
 

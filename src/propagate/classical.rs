@@ -117,6 +117,8 @@ pub struct Classical<'a> {
     held: Vec<f64>,
     /// An inflow that varies, and `√π_i` of its rows.
     source: Option<(&'a Field, Vec<f64>)>,
+    /// The time at which a state begins, of what varies.
+    begin: f64,
     progress: Progress,
 }
 
@@ -132,13 +134,14 @@ impl<'a> Classical<'a> {
             reconstruction: None,
             held: Vec::new(),
             source: None,
+            begin: 0.0,
             progress: Progress::silent(),
         }
     }
 
     /// Of a case: with what enters, where that varies with time; `pi` are the weights.
     pub fn of(case: &'a Case, matrix: &'a BlockMatrix, pi: &[f64]) -> Self {
-        let this = Self::new(matrix);
+        let this = Self { begin: case.begin, ..Self::new(matrix) };
         if case.varies() { this.with_source(&case.fields[0], pi) } else { this }
     }
 
@@ -160,10 +163,10 @@ impl<'a> Classical<'a> {
         self.held.extend(values);
     }
 
-    /// `b(time)`, in weighted unknowns, into `held`.
+    /// `b`, so long after the beginning, in weighted unknowns, into `held`.
     fn hold_source(&mut self, time: f64) {
         if let Some((field, roots)) = &self.source {
-            let values = self.matrix.entering.values(field, time);
+            let values = self.matrix.entering.values(field, self.begin + time);
             self.held.clear();
             self.held.extend(values.zip(roots).map(|(b, root)| b * root));
         }

@@ -89,11 +89,11 @@ impl Schedule {
 /// `b̄_i` by stage, then row by row of [`BlockMatrix::inflow`].
 pub fn stage_values(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64> {
     let field = &case.fields[0];
-    let h = case.end / steps as f64;
+    let h = case.duration() / steps as f64;
     let mut values = Vec::with_capacity(2 * steps * matrix.inflow.len());
     for step in 0..steps {
         let at = |c: f64| -> Vec<f64> {
-            (matrix.entering.values(field, (step as f64 + c) * h)).collect()
+            (matrix.entering.values(field, case.begin + (step as f64 + c) * h)).collect()
         };
         let [first, second] = nodes().map(at);
         for [u, w] in halves() {
@@ -107,10 +107,11 @@ pub fn stage_values(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64>
 /// [`BlockMatrix::inflow`].
 fn largest_strengths(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64> {
     let formula = case.fields[0].entering();
-    let h = case.end / steps as f64;
+    let h = case.duration() / steps as f64;
     let square = |point: &[f64; 6]| {
         let stages = (0..steps).flat_map(|step| {
-            let [b1, b2] = nodes().map(|c| formula.at_point(point, (step as f64 + c) * h));
+            let at = |c: f64| formula.at_point(point, case.begin + (step as f64 + c) * h);
+            let [b1, b2] = nodes().map(at);
             halves().map(|[u, w]| u * b1 + w * b2)
         });
         stages.fold(0.0, |most: f64, b| most.max(b * b))
@@ -126,7 +127,7 @@ pub fn sampled(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
     let field = &case.fields[0];
     let mut largest: f64 = 0.0;
     for k in 0..=SAMPLES {
-        let time = case.end * k as f64 / SAMPLES as f64;
+        let time = case.begin + case.duration() * k as f64 / SAMPLES as f64;
         for (m, value) in matrix.entering.values(field, time).enumerate() {
             if !value.is_finite() {
                 let (value, point) = matrix.entering.worst(field, m, time);
@@ -209,7 +210,8 @@ impl Search<'_> {
         world.agree(fits(self.matrix, steps))?;
         let values = stage_values(self.case, self.matrix, steps);
         let (rows, stages) = (self.matrix.inflow.len(), 2 * steps);
-        let span = ClassicalSpan { rate: self.start.rate, time: self.case.end / stages as f64 };
+        let span =
+            ClassicalSpan { rate: self.start.rate, time: self.case.duration() / stages as f64 };
         let mut state = self.start.state.to_vec();
         let mut classical = Classical::new(self.matrix);
         // Ranks that nothing enters take part in the others' exchanges.
@@ -329,7 +331,7 @@ impl Schedule {
         let (inflow, roots) = (&search.matrix.inflow, &search.roots);
         let (space, warp) = (&search.communicator.space, &search.case.warp);
         let rows = inflow.len();
-        let allowed = INFLOW_GROWTH / search.case.end;
+        let allowed = INFLOW_GROWTH / search.case.duration();
         let given = match warp.delta {
             Delta::Planned => None,
             Delta::Largest => Some(largest),

@@ -412,7 +412,7 @@ impl Description {
             qubits_phase_space: registers.phase_space.clone(),
             qubits_label: registers.label,
             qubits: registers.total(),
-            time: case.end,
+            time: case.duration(),
             lower: grid.lower,
             period: grid.period,
             recovery_index: grid.recovery_index,
@@ -486,7 +486,7 @@ impl ModeEvolution<'_> {
         let mut scratch = Vec::new();
         let mut work = |l: usize| {
             let interval = bounds.interval(series.wavenumber(l));
-            degree(&mut scratch, interval.half_width * case.end, TOLERANCE)
+            degree(&mut scratch, interval.half_width * case.duration(), TOLERANCE)
         };
         let modes = series.modes();
         let works: Vec<usize> = (0..modes).map(&mut work).collect();
@@ -499,7 +499,7 @@ impl ModeEvolution<'_> {
             exchange: &mut problem.exchange,
             space: &communicator.space,
             bounds,
-            time: case.end,
+            time: case.duration(),
             terms: problem.terms,
         };
         for first in (0..modes).step_by(LANES) {

@@ -134,7 +134,7 @@ pub fn choices(system: &System<'_>) -> Vec<Choice> {
 
 /// The cost of `system` with `profile` as planned.
 fn choice(system: &System<'_>, profile: ProfileChoice, plan: &WarpPlan) -> Choice {
-    let (time, tolerance) = (system.case.end, system.case.tolerance);
+    let (time, tolerance) = (system.case.duration(), system.case.tolerance);
     let points = points(&plan.series).next_power_of_two();
     let highest = plan.series.wavenumber(points / 2);
     let (s, k, nonzeros) = system.matrix;

@@ -135,7 +135,7 @@ impl Record {
         let highest = warp.series.wavenumber(points / 2);
         let largest = space.max(extremes(&system.matrix, highest).0);
         let d = sparsity.of_hamiltonian() as f64;
-        let (time, tolerance) = (case.end, case.tolerance);
+        let (time, tolerance) = (case.duration(), case.tolerance);
         let planned = PlannedState { bounds, warp, time, points };
         let probabilities = Probabilities::new(&planned, norms, &|x| Figure::estimate(x, NORMS));
         let fine = tolerance * probabilities.amplitude();

@@ -50,8 +50,12 @@ fn is_whole(directory: &Path, case: &Case) -> bool {
     let (Some(result), Some(summary)) = (written("result.h5"), written("summary.json")) else {
         return false;
     };
-    let start = case.start.as_ref();
-    let older = start.is_none_or(|start| modified(&start.path).is_some_and(|start| start < result));
+    let given = [
+        case.start.as_ref().map(|start| &start.path),
+        case.start_field.as_ref().map(|start| &start.path),
+    ];
+    let mut given = given.into_iter().flatten();
+    let older = given.all(|path| modified(path).is_some_and(|start| start < result));
     let fields = warped::names(case);
     let stopped = directory.join("checkpoint").exists();
     !stopped && summary >= result && older && fields.iter().all(|name| written(name).is_some())

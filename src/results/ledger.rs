@@ -259,7 +259,7 @@ impl Ledger {
         let grid = self.mass.initial.map(|mass| format!("{} on the grid", short(mass)));
         let missed = self.missed_by_grid().map(|missed| format!("off by {}", percent(missed)));
         let parts: Vec<String> = formula.into_iter().chain(grid).chain(missed).collect();
-        (!parts.is_empty()).then(|| format!("mass at t = 0: {}", parts.join(", ")))
+        (!parts.is_empty()).then(|| format!("mass at the start: {}", parts.join(", ")))
     }
 
     fn balance_line(&self) -> Option<String> {

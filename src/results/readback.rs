@@ -6,10 +6,10 @@ use crate::base::checksum::Slab;
 use crate::base::disk::failure;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
-use crate::results::writer::{CHECKSUM, Outcome};
+use crate::parallel::files::{CHECKSUM, open, read_slab};
+use crate::results::writer::Outcome;
 use hdf5::types::{TypeDescriptor, VarLenUnicode};
-use hdf5::{Dataset, File, Hyperslab, Location, SliceOrIndex};
-use ndarray::IxDyn;
+use hdf5::{Dataset, File, Location};
 use std::collections::BTreeMap;
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
@@ -75,16 +75,6 @@ struct Share {
     ranks: usize,
 }
 
-/// Opens a file on all ranks of `world`. Collective, as closing it.
-///
-/// A file that only some ranks can open stays open to the end of the process: the library does not
-/// close it then, which would wait for the others.
-pub(crate) fn open(world: &Group, path: &Path) -> Outcome<File> {
-    // SAFETY: a plain call.
-    unsafe { hdf5_sys::h5::H5dont_atexit() };
-    File::with_options().with_fapl(|p| p.mpio(world.raw(), None)).open(path)
-}
-
 /// By name, this rank's part of the checksum of each dataset in the group and below, and the one
 /// the dataset carries.
 fn sums_of(
@@ -123,20 +113,6 @@ fn sum_of(Share { rank, ranks }: Share, dataset: &Dataset) -> Outcome<u64> {
         sum = sum.wrapping_add(checksum::of_slab(&shape, &slab, &values));
     }
     Ok(sum)
-}
-
-/// The numbers of a slab, row-major, read by this rank on its own.
-pub(crate) fn read_slab(dataset: &Dataset, slab: &Slab) -> Outcome<Vec<f64>> {
-    let selection: Vec<SliceOrIndex> = (slab.start.iter().zip(&slab.count))
-        .map(|(&start, &count)| SliceOrIndex::SliceTo {
-            start,
-            step: 1,
-            end: start + count,
-            block: 1,
-        })
-        .collect();
-    let values = dataset.read_slice::<f64, _, IxDyn>(Hyperslab::from(selection))?;
-    Ok(values.into_raw_vec_and_offset().0)
 }
 
 /// An attribute that [`crate::results::writer::text`] made.

@@ -15,7 +15,7 @@ use crate::results::pictures::Album;
 use crate::results::pictures::history::steps;
 use crate::results::pictures::stored::Stored;
 use crate::results::report::html::{Rows, Text, shown};
-use crate::results::summary::Accuracy;
+use crate::results::summary::{Accuracy, Continued};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Deserialize;
 use serde_json::Value;
@@ -221,10 +221,11 @@ impl Report<'_> {
         };
         format!(
             "The Liouville equation f_t + v·∇_x f − ∇V·∇_v f = 0 in {} space dimension{}, on {} \
-             cells, solved from t = 0 to {} {method}.",
+             cells, solved from t = {} to {} {method}.",
             run.dimension(),
             if run.dimension() == 1 { "" } else { "s" },
             shape.join(" × "),
+            run.provenance.get("start_time").map_or("0", String::as_str),
             short(run.time)
         )
     }
@@ -253,7 +254,12 @@ impl Report<'_> {
         });
         let accuracy = Accuracy::deserialize(&self.summary["accuracy"]).ok();
         let accuracy = accuracy.and_then(|accuracy| accuracy.line()).map(|line| line + ".");
-        let all: Vec<String> = accuracy.into_iter().chain(estimate).chain(exact).collect();
+        let continued = Continued::deserialize(&self.summary["continued"]).ok();
+        let continued = continued.map(|continued| {
+            format!("The run went on from {}: {}.", continued.file, continued.line())
+        });
+        let own = accuracy.into_iter().chain(estimate);
+        let all: Vec<String> = own.chain(continued).chain(exact).collect();
         (!all.is_empty()).then(|| all.join(" "))
     }
 

@@ -145,6 +145,44 @@ impl Accuracy {
     }
 }
 
+/// What a run that went on from a result (`initial.field`) has of that, and its error with it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Continued {
+    /// The file.
+    pub file: String,
+    /// Checksum of its `/f`, as result files write it.
+    pub checksum: String,
+    /// Its time, at which the run began.
+    pub time: f64,
+    /// Relative l2 distance of its `f` to the semi-discrete solution from time 0, where known.
+    pub error: Option<f64>,
+    /// The most that is left of that at the end, relative to the result there.
+    pub error_inherited: Option<f64>,
+    /// That and what the run added by itself, as measured or else as estimated, where that is
+    /// reliable.
+    pub error_total: Option<f64>,
+}
+
+impl Continued {
+    /// What there is of errors before the start, for the closing line.
+    pub fn line(&self) -> String {
+        match (self.error_inherited, self.error_total) {
+            (Some(inherited), Some(total)) => format!(
+                "error since t = 0: at most {total:.1e}, of which {inherited:.1e} are inherited \
+                 from before t = {}",
+                self.time
+            ),
+            (Some(inherited), None) => {
+                format!("error inherited from before t = {}: at most {inherited:.1e}", self.time)
+            }
+            (None, _) => format!(
+                "error inherited from before t = {}: not known, and in no estimate",
+                self.time
+            ),
+        }
+    }
+}
+
 /// All numbers of a finished run. Absent ones are `null`, never zero.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Summary {
@@ -237,6 +275,9 @@ pub struct Summary {
     /// Relative l2 distance to the exact semi-discrete solution (`solver.verify = true`), the
     /// largest over the fields.
     pub error_semidiscrete: Option<f64>,
+    /// Where the run went on from a result: errors above are those of its own part.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub continued: Option<Continued>,
     /// The same by field, and each field's range.
     pub fields: Vec<FieldSummary>,
     /// Largest over modes of the change of the norm, as a fraction of what is allowed.
@@ -257,7 +298,7 @@ pub struct Summary {
     /// ∫ f dx dv at T; for measure-valued data ∫ ρ dx, as all moments by the discrete delta
     /// function.
     pub mass: f64,
-    /// ∫ f dx dv at 0.
+    /// ∫ f dx dv at the start.
     pub mass_initial: Option<f64>,
     /// ½ ∫ |v|² f dx dv at T.
     pub kinetic_energy: f64,

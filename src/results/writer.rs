@@ -11,6 +11,7 @@ use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::base::{checksum, machine};
 use crate::parallel::communicator::Group;
+use crate::parallel::files::CHECKSUM;
 use crate::problem::case::Storage;
 use crate::problem::limits::{CHUNK, MOST_CHUNKS};
 use hdf5::types::{VarLenArray, VarLenUnicode};
@@ -58,9 +59,6 @@ pub fn text(s: &str) -> VarLenUnicode {
 pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Outcome<()> {
     at.new_attr::<T>().create(name)?.write_scalar(value)
 }
-
-/// Name of the attribute that holds the checksum of a dataset.
-pub const CHECKSUM: &str = "checksum";
 
 impl<'a> Writer<'a> {
     /// Creates the file, of at most `bytes` bytes. Collective over `world`, as all other methods.

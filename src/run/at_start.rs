@@ -1,11 +1,11 @@
-//! The data at time zero, on the grid.
+//! The data at the start, on the grid.
 
 use crate::matrix::observables::{CellVolumes, moments};
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::Early;
 use crate::solve::prepared::Prepared;
 
-/// What is known at time zero, with the fields only where they are to be written: the system's are
+/// What is known at the start, with the fields only where they are to be written: the system's are
 /// dropped. None where the run starts from modes. Collective.
 pub fn at_start(prepared: &mut Prepared) -> Option<Early> {
     if prepared.case.start.is_some() {
@@ -23,5 +23,5 @@ pub fn at_start(prepared: &mut Prepared) -> Option<Early> {
         true => mine.iter().map(|field| field.to_vec()).collect(),
         false => Vec::new(),
     };
-    Some(Early { time: 0.0, moments, totals, fields })
+    Some(Early { time: case.begin, moments, totals, fields })
 }

@@ -13,7 +13,7 @@ use crate::propagate::round_off;
 use crate::quantum::figure::Figure;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::results::dataset::PlateauPoint;
-use crate::results::summary::{FieldSummary, Summary};
+use crate::results::summary::{Continued, FieldSummary, Summary};
 use crate::run::classical::{Integration, integrate};
 use crate::run::files::SolvedFields;
 use crate::schrodingerization::profile::series::points;
@@ -137,7 +137,12 @@ pub(crate) fn compare(
     warnings.extend(include_step_error(plan, summary));
     let norms = state_norms(prepared, &solution.fields[0][0]);
     summary.probabilities = Some(Probabilities::new(
-        &PlannedState { bounds: &plan.bounds, warp, time: case.end, points: points(&warp.series) },
+        &PlannedState {
+            bounds: &plan.bounds,
+            warp,
+            time: case.duration(),
+            points: points(&warp.series),
+        },
         norms,
         &Figure::exact,
     ));
@@ -211,6 +216,33 @@ fn exact_semidiscrete(
         ends.push(system.unweighted(&place.mine, state[place.mine.clone()].to_vec()));
     }
     ends
+}
+
+/// What a run that went on from a file inherits of its error. The difference `e` of two solutions
+/// with the same inflow obeys `e' = A e`: in the weighted norm it grows by `e^{growth t}` at most,
+/// and the weights differ by their spread at most. Collective.
+pub(crate) fn continued(prepared: &Prepared, f: &[f64], summary: &Summary) -> Option<Continued> {
+    let (case, system) = (&prepared.case, &prepared.system);
+    let start = case.start_field.as_ref()?;
+    let origin = start.origin?;
+    let norms = FieldNorms::new(prepared, f);
+    let before = system.norm(&prepared.communicator, &system.states[0], true);
+    let ratio = before / norms.square(f).sqrt();
+    let weights = &system.weights;
+    let spread = if weights.are_volumes { 1.0 } else { weights.spread };
+    let growth = (weights.certificate.max(0.0) * case.duration()).exp();
+    let inherited = origin.error.map(|error| error * ratio * spread * growth);
+    let error_inherited = inherited.filter(|error| error.is_finite());
+    let told = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
+    let own = summary.error_semidiscrete.or(told);
+    Some(Continued {
+        file: start.path.display().to_string(),
+        checksum: format!("{:016x}", origin.checksum),
+        time: case.begin,
+        error: origin.error,
+        error_inherited,
+        error_total: error_inherited.zip(own).map(|(inherited, own)| inherited + own),
+    })
 }
 
 /// The first field at each reading of the plateau: its norm, and its distance to the field.

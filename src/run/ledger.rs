@@ -64,6 +64,9 @@ pub fn foreseen(world: &Group, case: &Case) -> Result<Ledger> {
     ledger.jumps = jumps(case, &potential);
     if case.start.is_some() {
         ledger.omitted.push("the initial mass, and all estimates: initial.warped has no f".into());
+    } else if let Some(start) = &case.start_field {
+        let why = format!("all estimates: f at t = {} is of {}", case.begin, start.path.display());
+        ledger.omitted.push(why);
     } else {
         let tracer = Tracer::with_cells(case, MOST_PARTS)?.forward();
         estimate(world, case, tracer, &mut ledger);
@@ -352,7 +355,7 @@ pub fn entered(prepared: &Prepared) -> Option<f64> {
     let (matrix, space) = (&system.matrix, &prepared.communicator.space);
     let volumes = CellVolumes::new(&case.space, &matrix.block.ranges);
     let integrals: Vec<f64> = match case.varies() {
-        false => matrix.inflow.iter().map(|row| case.end * row.values[0]).collect(),
+        false => matrix.inflow.iter().map(|row| case.duration() * row.values[0]).collect(),
         true => varying_integrals(case, matrix),
     };
     let rows = matrix.inflow.iter().zip(&integrals);
@@ -362,11 +365,11 @@ pub fn entered(prepared: &Prepared) -> Option<f64> {
 
 /// `∫ b_i dt` to the end of an inflow that depends on time, row by row.
 fn varying_integrals(case: &Case, matrix: &BlockMatrix) -> Vec<f64> {
-    let part = case.end / TIME_PARTS as f64;
+    let part = case.duration() / TIME_PARTS as f64;
     let rule = gauss_legendre(2);
     let mut integrals = vec![0.0; matrix.inflow.len()];
     for k in 0..TIME_PARTS {
-        let ends = [k as f64 * part, (k + 1) as f64 * part];
+        let ends = [k, k + 1].map(|k| case.begin + k as f64 * part);
         for point in rule.iter().map(|point| point.moved_to(ends)) {
             let values = matrix.entering.values(&case.fields[0], point.node);
             for (sum, value) in integrals.iter_mut().zip(values) {
@@ -378,7 +381,7 @@ fn varying_integrals(case: &Case, matrix: &BlockMatrix) -> Vec<f64> {
 }
 
 impl Ledger {
-    /// Fills in what the run measured: totals at time zero and at the end, and what entered.
+    /// Fills in what the run measured: totals at the start and at the end, and what entered.
     pub(crate) fn close(&mut self, initial: Option<Totals>, end: Totals, entered: Option<f64>) {
         let mass = &mut self.mass;
         mass.initial = initial.map(|totals| totals.mass);

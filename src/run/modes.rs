@@ -112,7 +112,7 @@ pub(crate) fn by_modes(
         exchange: &mut system.exchange,
         space: &communicator.space,
         bounds: &plan.bounds,
-        time: case.end,
+        time: case.duration(),
         terms: system.terms,
     };
     let mut write = |field: usize, leg: usize, kept: &KeptModes| match &mut warped {
@@ -302,7 +302,7 @@ fn begin(
         interval: warp.interval,
         points: warp.points.unwrap_or_default(),
     };
-    let domain = Domain::new(&warp.readings[0], &plan.bounds, case.end);
+    let domain = Domain::new(&warp.readings[0], &plan.bounds, case.duration());
     let Read { checksum, largest: peak, unevenness } =
         given.read(spread, &warp.series, kept, domain)?;
     let communicator = spread.communicator;

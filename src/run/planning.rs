@@ -7,7 +7,8 @@ use crate::parallel::communicator::{Group, World};
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::plan::{ASSUMED_RATIO, Plan};
-use crate::problem::case::{Case, Method};
+use crate::problem::case::{Case, Method, StartField};
+use crate::results::start_field::origin;
 use crate::results::warped::given::Given;
 use crate::run::at_start::at_start;
 use crate::scheme::reduce::reduced;
@@ -43,7 +44,7 @@ pub fn preview(world: &World, case: &Case, resources: &Resources) -> Result<Prev
     let case = &reduced(&all, &*with_start(&all, case)?)?;
     refuse_hopeless(case, resources)?;
     let bounds = Bounds::new(case)?;
-    let updates = case.space.cells() as f64 * (bounds.rate * case.end).max(1.0);
+    let updates = case.space.cells() as f64 * (bounds.rate * case.duration()).max(1.0);
     let must = bounds.growth.is_infinite();
     if case.method == Method::Classical || (updates > CHEAP_UPDATES && !must) {
         let plan = Plan::with_bounds(case, bounds, resources, ASSUMED_RATIO)?;
@@ -58,11 +59,17 @@ pub fn preview(world: &World, case: &Case, resources: &Resources) -> Result<Prev
     Ok(Preview { plan, at_start })
 }
 
-/// The case with the points of the warped field that it starts from, if it does. Collective.
+/// The case with what the file that it starts from says, if it does: the points of a warped field,
+/// the origin of a field. Collective.
 ///
 /// # Errors
-/// As [`Given::new`].
+/// As [`Given::new`] and [`origin`].
 pub fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
+    if let Some(start) = &case.start_field {
+        let origin = Some(origin(world, start, case)?);
+        let start_field = Some(StartField { origin, ..start.clone() });
+        return Ok(Cow::Owned(Case { start_field, ..case.clone() }));
+    }
     let Some(start) = &case.start else {
         return Ok(Cow::Borrowed(case));
     };

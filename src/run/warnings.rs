@@ -16,10 +16,17 @@ pub fn warnings(case: &Case) -> Vec<String> {
         "output.plateau has no effect: with solver.method = \"classical\" nothing is read at any p"
             .to_owned()
     });
+    let origin = case.start_field.as_ref().and_then(|start| start.origin);
+    let limited = origin.filter(|origin| origin.positive).map(|_| {
+        "initial.field: f was limited to positive values there (output.positive), which adds to \
+         its error what no estimate knows; a first part without it is exact in that"
+            .to_owned()
+    });
     (found.edges.iter().map(stray_edge))
         .chain(found.empty.iter().map(empty_region))
         .chain(idle)
         .chain(unread)
+        .chain(limited)
         .collect()
 }
 

@@ -23,13 +23,13 @@
 //! of `D A D⁻¹` is `−½ Σ_faces α s (f_o − f_i)² − ½ Σ_outflow s f² ≤ 0` in any dimension.
 
 use crate::base::error::{Error, Result};
-use crate::problem::case::{Case, Field};
+use crate::problem::case::Case;
 use crate::problem::element::ReferenceElement;
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::{JumpKind, Potential};
 use crate::scheme::interface::energy::{FaceCoupling, FaceSide};
 use crate::scheme::interface::velocity;
-use crate::scheme::row::Row;
+use crate::scheme::row::{Entering, Row};
 use std::collections::HashMap;
 
 /// What is common to the rows of elements.
@@ -164,8 +164,8 @@ pub(super) struct Lines<'a> {
     pub potential: &'a Potential,
     /// What is common to all rows.
     pub elements: &'a Elements,
-    /// The fields of which something enters.
-    pub entering: &'a [Field],
+    /// What enters.
+    pub entering: Entering<'a>,
 }
 
 impl Lines<'_> {

@@ -95,6 +95,7 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
 fn needs_all(case: &Case) -> Option<&'static str> {
     let keys = [
         ("initial.warped", case.start.is_some()),
+        ("initial.field", case.start_field.is_some()),
         ("output.warped_field", case.warped_field),
         ("[readout]", case.readout.is_some()),
         (

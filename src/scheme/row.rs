@@ -8,7 +8,7 @@ use crate::scheme::interface::Source;
 pub struct Row {
     /// `(column, value)`, ascending and distinct columns.
     pub entries: Vec<(usize, f64)>,
-    /// `b_i` of each field, at time zero: what enters through the boundary.
+    /// `b_i` of each field, at the start: what enters through the boundary.
     pub inflow: [f64; MOST_FIELDS],
     /// `−Σ_j A_ij ≥ 0`: the rate at which the row draws on the inflow.
     pub draw: f64,
@@ -21,6 +21,15 @@ pub struct Row {
     /// First place where an inflow formula was not finite.
     pub(super) bad: Option<(usize, f64, [f64; 6])>,
     pub(super) scratch: Vec<Source>,
+}
+
+/// What enters.
+#[derive(Clone, Copy)]
+pub(super) struct Entering<'a> {
+    /// The fields of which something does; none if nothing enters.
+    pub fields: &'a [Field],
+    /// The start, at which a varying inflow is taken.
+    pub time: f64,
 }
 
 impl Row {
@@ -45,14 +54,15 @@ impl Row {
         });
     }
 
-    /// Adds `rate` times the inflow of `fields` at `point`; of none if nothing enters.
-    pub(super) fn enter(&mut self, fields: &[Field], rate: f64, point: [f64; 6]) {
+    /// Adds `rate` times what `enters` at `point`.
+    pub(super) fn enter(&mut self, enters: Entering<'_>, rate: f64, point: [f64; 6]) {
+        let Entering { fields, time } = enters;
         if fields.is_empty() {
             return;
         }
         self.ghosts.push((rate, point));
         for (f, field) in fields.iter().enumerate() {
-            let value = field.entering().at_point(&point, 0.0);
+            let value = field.entering().at_point(&point, time);
             if !value.is_finite() && self.bad.is_none() {
                 self.bad = Some((f, value, point));
             }

@@ -20,6 +20,7 @@ use crate::problem::grid::{Cell, PhaseSpace, describe_point};
 use crate::problem::potential::Potential;
 use crate::scheme::galerkin::{Elements, Lines};
 use crate::scheme::interface::{Side, sources, velocity};
+use crate::scheme::row::Entering;
 pub use crate::scheme::row::Row;
 use std::ops::Range;
 
@@ -216,9 +217,10 @@ impl<'a> Scheme<'a> {
         row.enter(self.entering(), rate, point);
     }
 
-    /// The fields of which something enters.
-    fn entering(&self) -> &[Field] {
-        if self.no_inflow { &[] } else { &self.case.fields }
+    /// What enters.
+    fn entering(&self) -> Entering<'_> {
+        let fields: &[Field] = if self.no_inflow { &[] } else { &self.case.fields };
+        Entering { fields, time: self.case.begin }
     }
 
     /// `Σ rate b²` over the ghosts of a row, of the field with inflow; of degree 0, `b²/g` with the
@@ -229,7 +231,8 @@ impl<'a> Scheme<'a> {
             return if b == 0.0 { 0.0 } else { b * b / row.draw };
         }
         let square = |point: &[f64; 6]| {
-            let values = self.case.fields.iter().map(|f| f.entering().at_point(point, 0.0));
+            let values =
+                self.case.fields.iter().map(|f| f.entering().at_point(point, self.case.begin));
             let b: f64 = values.sum();
             b * b
         };

@@ -147,7 +147,7 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
         });
     }
     // Information comes from up to λ⁺T below.
-    let growth = bounds.growth.max(0.0) * case.end;
+    let growth = bounds.growth.max(0.0) * case.duration();
     let point = case.warp.recovery.unwrap_or(growth);
     if !(interval[0]..interval[1]).contains(&point) {
         let [lower, upper] = interval;
@@ -231,7 +231,7 @@ fn transformed(
 /// A warning about large growth that the case causes: weights left out where particles graze, or a
 /// small `δ`.
 fn much_growth(case: &Case, bounds: &Bounds) -> Option<String> {
-    let growth = bounds.growth * case.end;
+    let growth = bounds.growth * case.duration();
     if growth <= MUCH_GROWTH {
         return None;
     }
@@ -260,13 +260,13 @@ fn much_growth(case: &Case, bounds: &Bounds) -> Option<String> {
 
 /// `σT` of the spectral shift.
 fn shift(case: &Case, bounds: &Bounds) -> f64 {
-    case.warp.shift.of(bounds.growth) * case.end
+    case.warp.shift.of(bounds.growth) * case.duration()
 }
 
 /// What is asked of the profile: everything shares the tolerance, unless the interval is given by
 /// hand. Then any one effect may take all of it, and the second reading may be worse.
 fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> Demand {
-    let (warp, time) = (&case.warp, case.end);
+    let (warp, time) = (&case.warp, case.duration());
     // Spectral shift: u = e^{σt} ũ, ũ' = (A − σ) ũ, planned for.
     let shift = shift(case, bounds);
     let growth = (bounds.growth * time - shift).max(0.0);
@@ -329,7 +329,7 @@ fn relaxed(
         });
     };
     let transport =
-        Demand { decay: bounds.dissipation * case.end + shift(case, bounds), ..*demand };
+        Demand { decay: bounds.dissipation * case.duration() + shift(case, bounds), ..*demand };
     if let Some(planned) = Profile::plan(choice, &transport) {
         warnings.push(format!(
             "solver.warp.interval has a length of {:.4}; {:.4} guarantees the tolerance, with the \

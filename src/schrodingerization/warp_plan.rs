@@ -97,11 +97,11 @@ impl WarpPlan {
     /// tolerance, [`Error::Interval`] when the interval given by hand is too short,
     /// [`Error::Modes`] and [`Error::TooLong`] when it takes too much.
     pub fn new(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Self> {
-        if bounds.rate * case.end > LONGEST_SPAN {
+        if bounds.rate * case.duration() > LONGEST_SPAN {
             return Err(Error::TooLong {
-                end: case.end,
+                end: case.duration(),
                 rate: bounds.rate,
-                span: 2.0 * bounds.rate * case.end,
+                span: 2.0 * bounds.rate * case.duration(),
                 limit: 2.0 * LONGEST_SPAN,
             });
         }
@@ -176,7 +176,7 @@ impl WarpPlan {
         for l in (stride / 2..count).step_by(stride) {
             let weight = modes.weight(l, &placement.readings[0]).norm();
             let span = Span {
-                time: case.end / stages as f64,
+                time: case.duration() / stages as f64,
                 tolerance: mode_tolerance(case.tolerance / ratio, count, weight),
             };
             let mu = modes.wavenumber(l);
@@ -308,7 +308,7 @@ fn total_work(case: &Case, bounds: &Bounds, modes: &Modes<'_>, work: &[usize]) -
     }
     let of_mode = |(l, &work): (usize, &usize)| {
         let interval = bounds.interval(modes.wavenumber(l));
-        stages * stage_degree(&mut scratch, interval.half_width * case.end, work, stages)
+        stages * stage_degree(&mut scratch, interval.half_width * case.duration(), work, stages)
     };
     work.iter().enumerate().map(of_mode).sum()
 }

@@ -11,10 +11,11 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Beginnings of the keys that change no bit of a checkpoint.
-pub(crate) const WITHOUT_EFFECT: [&str; 9] = [
+pub(crate) const WITHOUT_EFFECT: [&str; 10] = [
     "title",
     "reference",
     "initial.warped",
+    "initial.field",
     "output.compression",
     "output.chunks",
     "output.expand",
@@ -32,6 +33,8 @@ pub struct Fingerprint {
     pub(crate) settings: BTreeMap<String, String>,
     /// The warped field that it starts from, if it does.
     pub(crate) start: Option<Start>,
+    /// The checksum of the field that it starts from, if that is of a file.
+    pub(crate) field: Option<u64>,
     /// Of the plan.
     pub(crate) plan: u64,
 }
@@ -60,6 +63,7 @@ impl Fingerprint {
                 points: (warp.interval.map(f64::to_bits), warp.points.unwrap_or(0)),
                 values: None,
             }),
+            field: case.start_field.as_ref().and_then(|start| Some(start.origin?.checksum)),
             plan: checksum::of_text(format!("{planned:?}").as_bytes()),
         }
     }
@@ -86,6 +90,9 @@ impl Fingerprint {
                     "began from another file: that of initial.warped has changed".to_owned(),
                 );
             }
+        }
+        if self.field != other.field {
+            return Some("began from another field: that of initial.field has changed".to_owned());
         }
         (self.plan != other.plan)
             .then(|| "is of another plan, made on a processor of another kind".to_owned())

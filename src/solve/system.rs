@@ -12,6 +12,7 @@ use crate::problem::formula::Expression;
 use crate::propagate::classical::{Classical, ClassicalSpan, ROUGH};
 use crate::propagate::time_dependent_inflow;
 use crate::propagate::time_dependent_inflow::{Schedule, TIME_SHARE};
+use crate::solve::start_field;
 use serde::Serialize;
 use std::ops::Range;
 use std::time::Instant;
@@ -28,9 +29,9 @@ pub struct DiscreteSystem {
     pub matrix: BlockMatrix,
     /// The weights.
     pub weights: Weights,
-    /// `ũ(0)` of each field: weighted cells, then auxiliary unknowns, then room for ghosts.
+    /// `ũ` of each field at the start: weighted cells, then auxiliary unknowns, then room for ghosts.
     pub states: Vec<Vec<f64>>,
-    /// Each field at time zero on this rank's cells; a run drops them once it has their mass.
+    /// Each field at the start on this rank's cells; a run drops them once it has their mass.
     pub initial: Vec<Vec<f64>>,
     /// Unknowns that count as terms of a norm: space cells and auxiliary ones, over the space
     /// group.
@@ -82,8 +83,8 @@ fn weighted(
             // No path is worth following much longer than the grid is wide.
             let width: usize = case.space.axes().map(|a| a.cells).sum();
             let goal = WeightGoal {
-                limit: WEIGHT_GROWTH / case.end,
-                shift: WEIGHT_SHIFT / case.end,
+                limit: WEIGHT_GROWTH / case.duration(),
+                shift: WEIGHT_SHIFT / case.duration(),
                 max_weight_sweeps: sweeps.min(2 * width),
             };
             Weights::dissipative(matrix, exchange, space, goal)?
@@ -95,12 +96,25 @@ fn weighted(
     Ok(weights)
 }
 
-/// The values of each field at time zero at the block's cells. Collective.
-fn initial_values(case: &Case, matrix: &BlockMatrix, world: &Group) -> Result<Vec<Vec<f64>>> {
+/// The values of each field at the start at the block's cells: of its formula, or of a file.
+/// Collective.
+fn initial_values(
+    case: &Case,
+    matrix: &BlockMatrix,
+    communicator: &Communicator,
+) -> Result<Vec<Vec<f64>>> {
+    let world = &communicator.world;
     let values = |(k, field): (usize, &Field)| {
-        let sampled = sampling::sample(world, &case.space, &matrix.block, &field.initial, 0.0);
-        let values = world.agree(sampled)?;
-        magnitude(world, &field.initial, values.iter().copied())?;
+        let values = match &case.start_field {
+            Some(start) => start_field::read(communicator, &case.space, &matrix.block, start)?,
+            None => {
+                let (space, block) = (&case.space, &matrix.block);
+                let sampled = sampling::sample(world, space, block, &field.initial, 0.0);
+                let values = world.agree(sampled)?;
+                magnitude(world, &field.initial, values.iter().copied())?;
+                values
+            }
+        };
         magnitude(world, field.entering(), matrix.inflow.iter().map(|aux| aux.values[k]))?;
         Ok(values)
     };
@@ -149,7 +163,7 @@ impl DiscreteSystem {
         matrix.couple(space, case, &mut weights.pi);
         matrix.gather_elements();
         let cells = matrix.block.cells();
-        let initial = initial_values(case, &matrix, &communicator.world)?;
+        let initial = initial_values(case, &matrix, communicator)?;
         let mut states: Vec<Vec<f64>> = (initial.iter().enumerate())
             .map(|(k, values)| weighted_state(case, &matrix, &weights.pi, k, values))
             .collect();

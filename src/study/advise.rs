@@ -85,6 +85,11 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
         let what = "advice takes other grids, and the file holds one; give initial.f";
         return Err(Error::Input(format!("{}: {what}", start.place)));
     }
+    if let Some(start) = &case.start_field {
+        let what = "advice takes other grids, and the file holds f on one; leave it out, with \
+                    time.start";
+        return Err(Error::Input(format!("{}: {what}", start.place)));
+    }
     let mut study = Study::new(world, case, wanted)?;
     study.try_as_it_stands()?;
     let found = study.reach_by_schemes()?;

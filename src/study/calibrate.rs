@@ -215,7 +215,7 @@ impl Run<'_> {
     /// Seconds that `solver.verify` takes: applications like those of the probe, which took `probe`
     /// seconds, of every field on every group, to round-off.
     fn seconds_to_verify(&self, block: &Prepared, probe: f64) -> f64 {
-        let courant = self.bounds.rate * self.case.end;
+        let courant = self.bounds.rate * self.case.duration();
         let fields = self.case.fields.len();
         let groups = block.communicator.modes.size();
         let probed = fields.div_ceil(groups) * poisson_window(courant, ROUGH).end;

@@ -42,7 +42,7 @@ mod tests;
 /// Runs the trials of `case` that fit into `limit`. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] for a case that starts from a warped field; the first trial's error where
+/// [`Error::Input`] for a case that starts from a file; the first trial's error where
 /// nothing could be run.
 pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     if case.start.is_some() {
@@ -51,6 +51,11 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
              give initial.f",
             case.name
         )));
+    }
+    if let Some(start) = &case.start_field {
+        let what = "the file holds f on one grid, which a chart varies; leave it out, with \
+                    time.start";
+        return Err(Error::Input(format!("{}: {what}", start.place)));
     }
     refuse_hopeless_here(world, case)?;
     let jumps = Bounds::new(case)?.jumps;

@@ -90,12 +90,17 @@ impl Entry {
 /// Measures the panels `only` of `case`, all if there are none, within about `limit`. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] for a case that starts from a warped field. A panel that fails is left out with
+/// [`Error::Input`] for a case that starts from a file. A panel that fails is left out with
 /// the reason.
 pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Result<Stability> {
     if case.start.is_some() {
         let what = "initial.warped: stability takes a case whose field at the start is a formula";
         return Err(Error::Input(what.to_owned()));
+    }
+    if let Some(start) = &case.start_field {
+        let what = "stability takes a case whose field at the start is a formula; leave it out, \
+                    with time.start";
+        return Err(Error::Input(format!("{}: {what}", start.place)));
     }
     let mut budget = Budget::new(world, limit.as_secs_f64());
     let wanted: Vec<&Entry> =
@@ -120,7 +125,7 @@ pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Re
         title: title(case).to_owned(),
         degree: case.space.degree(),
         shape: case.space.elements(),
-        time: case.end,
+        time: case.duration(),
         ranks: world.group().size(),
         panels,
         left_out,

@@ -79,7 +79,7 @@ pub fn plan_series(case: &mut Case) {
 
 /// A propagator that takes `steps` equal steps to `T`, or none.
 pub fn propagation(case: &Case, method: PropagatorMethod, steps: Option<usize>) -> Propagation {
-    Propagation { method, step: steps.map(|n| case.end / n as f64) }
+    Propagation { method, step: steps.map(|n| case.duration() / n as f64) }
 }
 
 /// The ranks of `world` on any mesh.

@@ -156,7 +156,7 @@ fn what_is_off_is_said_before_and_after() {
             &["initial.velocity is outside of the velocity box for"],
         ),
         ("barriers.toml", &[], &["narrowest region of V: potential.0, 8 cells along x"]),
-        ("periodic2d.toml", &["axis.0.x.cells=24"], &["mass at t = 0: "]),
+        ("periodic2d.toml", &["axis.0.x.cells=24"], &["mass at the start: "]),
     ];
     check_all(rows, |(name, settings, words)| {
         let finished = check(name).set(settings).succeed()?;

@@ -6,6 +6,7 @@ mod advise;
 mod chart;
 mod checkpoint;
 mod command_line;
+mod continued;
 mod embedding;
 mod equal_bits;
 mod exact_solutions;

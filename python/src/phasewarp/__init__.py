@@ -12,7 +12,16 @@ arrays, tables and sparse matrices. The program computes; this package does not.
 """
 
 from phasewarp.case import Case, potential_table, write_warped
-from phasewarp.commands import advise, check, optimise, plan, resources, run, spectrum
+from phasewarp.commands import (
+    advise,
+    check,
+    continue_run,
+    optimise,
+    plan,
+    resources,
+    run,
+    spectrum,
+)
 from phasewarp.matrices import Matrices, matrices
 from phasewarp.program import (
     CaseError,
@@ -38,6 +47,7 @@ __all__ = [
     "TimedOutError",
     "advise",
     "check",
+    "continue_run",
     "find_program",
     "matrices",
     "open_result",

@@ -129,9 +129,10 @@ class Case:
         """Return the tables as the program sees them, with paths that hold from anywhere."""
         tree = deepcopy(self._tree)
         start = tree.get("initial", {})
-        if isinstance(start, dict) and isinstance(start.get("warped"), str):
-            directory = Path() if self.path is None else self.path.parent
-            start["warped"] = str(directory.absolute() / start["warped"])
+        directory = Path() if self.path is None else self.path.parent
+        for key in ("warped", "field"):
+            if isinstance(start, dict) and isinstance(start.get(key), str):
+                start[key] = str(directory.absolute() / start[key])
         return tree
 
     def to_toml(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from phasewarp.case import Case
@@ -258,6 +258,45 @@ def run(
     )
     with as_case(case).arguments() as words:
         call(["run", *words, *given], ranks=ranks, timeout=timeout, program=program)
+    return Result(output)
+
+
+def continue_run(
+    result: Result | StrPath,
+    until: float,
+    output: StrPath,
+    *,
+    settings: Mapping[str, str | float | bool | Sequence[float]] | None = None,
+    ranks: int = 1,
+    resume: bool = False,
+    force: bool = False,
+    walltime: str | float | None = None,
+    timeout: float | None = None,
+    program: StrPath | None = None,
+) -> Result:
+    """Go on from the results of a finished run, with a plan of its own.
+
+    Parameters
+    ----------
+    result
+        The run, or its directory. It is not changed.
+    until
+        The final time, counted from 0 as all times.
+    output
+        Directory of the new results.
+    settings
+        Changes to the case by dotted keys, such as ``{"output.fields_every": 0.1}``. The grid
+        stays.
+    ranks, resume, force, walltime, timeout, program
+        As for :func:`run`, which says what is raised.
+    """
+    directory = result.directory if isinstance(result, Result) else result
+    words = ["run", "--continue", str(directory), "--until", repr(float(until))]
+    for key, value in (settings or {}).items():
+        # JSON of numbers, texts, truth values and lists of numbers is TOML.
+        words += ["--set", f"{key}={json.dumps(value)}"]
+    words += options(output=str(output), resume=resume, force=force, walltime=walltime)
+    call(words, ranks=ranks, timeout=timeout, program=program)
     return Result(output)
 
 

@@ -5,7 +5,7 @@ use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::{Formula, Item, List};
 use crate::problem::formula::Expression;
 use crate::problem::grid::MAX_DIMENSION;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Most fields of a case: a density and a level set for each velocity axis.
@@ -102,6 +102,30 @@ pub struct WarpedStart {
     pub place: String,
 }
 
+/// `initial.field`: a result that holds `f` at `time.start`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StartField {
+    /// Where it is.
+    pub path: PathBuf,
+    /// File and line of the key, for errors.
+    pub place: String,
+    /// What the file says of itself, once it was looked at.
+    pub origin: Option<Origin>,
+}
+
+/// What a result says of itself, to runs that go on from it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Origin {
+    /// The checksum of `/f`.
+    pub checksum: u64,
+    /// Its time.
+    pub time: f64,
+    /// Relative l2 distance of its `f` to the semi-discrete solution, where that is known.
+    pub error: Option<f64>,
+    /// Whether its `f` was limited to positive values.
+    pub positive: bool,
+}
+
 /// The exact solution results are compared with.
 #[derive(Clone, Debug)]
 pub enum Exact {
@@ -131,6 +155,7 @@ pub struct InitialTable {
     density: Option<Formula>,
     velocity: Option<List<Formula>>,
     warped: Option<String>,
+    field: Option<String>,
 }
 
 /// `[inflow]`.
@@ -306,18 +331,48 @@ impl InitialTable {
         Ok((Data::Measure { density, velocity }, fields))
     }
 
-    /// `initial.warped`: relative to the directory of the case file.
+    /// `initial.warped`.
     pub fn start(&self, file: &CaseFile<'_>) -> Result<Option<WarpedStart>> {
-        let Some(path) = &self.warped else {
+        let path = path_of(file, "initial.warped", self.warped.as_ref(), "warped_f.h5")?;
+        let place = file.place("initial.warped");
+        Ok(path.map(|path| WarpedStart { path, place }))
+    }
+
+    /// `initial.field`, which stands beside `initial.f`.
+    pub fn field(&self, file: &CaseFile<'_>, data: &Data) -> Result<Option<StartField>> {
+        let key = "initial.field";
+        let Some(path) = path_of(file, key, self.field.as_ref(), "result.h5")? else {
             return Ok(None);
         };
-        if path.is_empty() {
-            let message = "the path of a file expected, such as \"warped_f.h5\"";
-            return file.refuse("initial.warped", message);
+        if self.warped.is_some() {
+            return file.refuse(key, "give either initial.warped, or initial.field and initial.f");
         }
-        let directory = Path::new(file.name()).parent().unwrap_or(Path::new(""));
-        Ok(Some(WarpedStart { path: directory.join(path), place: file.place("initial.warped") }))
+        if !matches!(data, Data::Density) {
+            return file.refuse(
+                key,
+                "measure-valued data are several fields, and runs go on from /f only; a run from \
+                 time 0 to the later time.end gives them",
+            );
+        }
+        Ok(Some(StartField { path, place: file.place(key), origin: None }))
     }
+}
+
+/// The file that `key` names, relative to the directory of the case file.
+fn path_of(
+    file: &CaseFile<'_>,
+    key: &str,
+    path: Option<&String>,
+    example: &str,
+) -> Result<Option<PathBuf>> {
+    let Some(path) = path else {
+        return Ok(None);
+    };
+    if path.is_empty() {
+        return file.refuse(key, format!("the path of a file expected, such as \"{example}\""));
+    }
+    let directory = Path::new(file.name()).parent().unwrap_or(Path::new(""));
+    Ok(Some(directory.join(path)))
 }
 
 impl ExactTable {

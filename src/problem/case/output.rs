@@ -6,6 +6,7 @@ use crate::problem::case::reader::List;
 use crate::problem::grid::PhaseSpace;
 use crate::problem::limits::{CHUNK, MOST_CHUNKS};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Most times at which anything is written.
 const MOST_TIMES: usize = 10_000;
@@ -130,9 +131,10 @@ impl OutputTable {
 
     /// The times before the end at which moments or fields are asked for; the start only where its
     /// field is known, from a formula.
-    pub fn times(&self, file: &CaseFile<'_>, end: f64, known: bool) -> Result<OutputTimes> {
-        let before = |time: f64| time < (1.0 - SAME_TIME) * end;
-        let inside = |time: f64| time == 0.0 || time > SAME_TIME * end && before(time);
+    pub fn times(&self, file: &CaseFile<'_>, run: Range<f64>, known: bool) -> Result<OutputTimes> {
+        let Range { start, end } = run;
+        let same = SAME_TIME * (end - start);
+        let inside = |time: f64| time == start || time > start + same && time < end - same;
         let mut times: Vec<OutputTime> = Vec::new();
         let lists = [
             ("output.moment_times", &self.moment_times, false),
@@ -141,8 +143,8 @@ impl OutputTable {
         for (key, List(list), fields) in lists {
             if let Some(time) = list.iter().find(|time| !inside(**time)) {
                 let message = format!(
-                    "{time} given; times from 0 on and below time.end = {end} expected, whose \
-                     results are always written"
+                    "{time} given; times from {start} on and below time.end = {end} expected, \
+                     whose results are always written"
                 );
                 return file.refuse(key, message);
             }
@@ -160,31 +162,34 @@ impl OutputTable {
             let Some(every) = every else {
                 continue;
             };
-            if !(every > 0.0 && end / every <= MOST_TIMES as f64) {
+            if !(every > 0.0 && (end - start) / every <= MOST_TIMES as f64) {
                 let message = format!(
                     "must be above 0, and time.end = {end} at most {MOST_TIMES} times as long"
                 );
                 return file.refuse(key, message);
             }
             // Fields are a film, which begins with the first picture.
-            let first = usize::from(!(fields && known));
-            let multiples = (first..=MOST_TIMES).map(|k| k as f64 * every);
-            times.extend(
-                (multiples.take_while(|&t| inside(t))).map(|time| OutputTime { time, fields }),
-            );
+            times.extend((fields && known).then_some(OutputTime { time: start, fields }));
+            let first = (start / every).floor();
+            let multiples = (1..=MOST_TIMES + 1).map(|k| (first + k as f64) * every);
+            let multiples = multiples.filter(|&t| t > start && inside(t));
+            times.extend(multiples.map(|time| OutputTime { time, fields }));
         }
         times.sort_by(|a, b| a.time.total_cmp(&b.time));
         times.dedup_by(|later, earlier| {
-            let same = later.time - earlier.time <= SAME_TIME * end;
-            earlier.fields |= same && later.fields;
-            same
+            let is_same = later.time - earlier.time <= same;
+            earlier.fields |= is_same && later.fields;
+            is_same
         });
         if times.len() > MOST_TIMES {
             let message = format!("{} times in all; at most {MOST_TIMES}", times.len());
             return file.refuse("output.moment_times", message);
         }
-        let start = times.first().copied().filter(|first| first.time == 0.0);
-        Ok(OutputTimes { start, between: times.split_off(usize::from(start.is_some())) })
+        let at_start = times.first().copied().filter(|first| first.time == start);
+        Ok(OutputTimes {
+            start: at_start,
+            between: times.split_off(usize::from(at_start.is_some())),
+        })
     }
 
     /// `plateau`.

@@ -6,6 +6,7 @@ use crate::problem::case::file::CaseFile;
 use crate::problem::case::warp::WarpTable;
 use crate::problem::limits::{LARGEST_TOLERANCE, MOST, MOST_STEPS};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::time::Duration;
 
 /// Default of `solver.classical.cfl`.
@@ -103,19 +104,36 @@ impl PropagatorMethod {
 /// `[time]`.
 #[derive(Debug, Default, Deserialize)]
 pub struct TimeTable {
+    #[serde(default)]
+    start: f64,
     end: Option<f64>,
 }
 
 impl TimeTable {
-    /// The final time.
-    pub fn check(&self, file: &CaseFile<'_>) -> Result<f64> {
+    /// The time at which the run begins, and the final one.
+    pub fn check(&self, file: &CaseFile<'_>) -> Result<Range<f64>> {
         let end = file.required("time.end", self.end, "a number")?;
         let least = 1.0 / MOST;
         file.within("time.end", end, least..=MOST, || {
             format!("must be above 0, between {least:e} and {MOST:e}")
-        })
+        })?;
+        let start = file.within("time.start", self.start, 0.0..=MOST, || {
+            format!("must be from 0 to {MOST:e}")
+        })?;
+        if end - start < least.max(SHORTEST * end) {
+            let message = format!("must be below time.end = {end}, by {SHORTEST:e} of it at least");
+            return file.refuse("time.start", message);
+        }
+        if start > 0.0 && !file.has("initial.field") {
+            let message = "initial.f is f(0): initial.field, a file of f at that time, is missing";
+            return file.refuse("time.start", message);
+        }
+        Ok(start..end)
     }
 }
+
+/// The shortest run, as a part of its final time: the difference of both has digits.
+const SHORTEST: f64 = 1e-6;
 
 /// `[scheme]`.
 #[derive(Debug, Default, Deserialize)]
@@ -214,8 +232,8 @@ pub struct Propagation {
 }
 
 impl Propagation {
-    /// The settings of a run to `end`.
-    pub(super) fn check(self, file: &CaseFile<'_>, end: f64) -> Result<Self> {
+    /// The settings of a run that takes `time`.
+    pub(super) fn check(self, file: &CaseFile<'_>, time: f64) -> Result<Self> {
         let key = "solver.propagator.step";
         match self.step {
             None if self.method.order() > 0 => file
@@ -225,9 +243,9 @@ impl Propagation {
                 "the Chebyshev series takes the whole time at once; leave it out, or choose \
                  another method",
             ),
-            Some(step) if !(end / step > 0.0 && end / step <= MOST_STEPS) => file.refuse(
+            Some(step) if !(time / step > 0.0 && time / step <= MOST_STEPS) => file.refuse(
                 key,
-                format!("must be above 0, and time.end = {end:e} at most {MOST_STEPS:e} steps"),
+                format!("must be above 0, and time.end = {time:e} at most {MOST_STEPS:e} steps"),
             ),
             _ => Ok(self),
         }

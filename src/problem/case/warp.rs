@@ -253,8 +253,8 @@ impl Words for ShiftWord {
 }
 
 impl WarpTable {
-    /// The settings of a run to `end`.
-    pub fn check(&self, file: &CaseFile<'_>, end: f64) -> Result<Warp> {
+    /// The settings of a run that takes `time`.
+    pub fn check(&self, file: &CaseFile<'_>, time: f64) -> Result<Warp> {
         let interval = self.interval(file)?;
         let warp = Warp {
             profile: self.profile(file)?,
@@ -266,7 +266,7 @@ impl WarpTable {
             weights: self.weights == Weights::Dissipative,
             inflow: self.inflow,
             delta: self.delta(file)?,
-            shift: self.shift(file, end)?,
+            shift: self.shift(file, time)?,
         };
         match warp.by_hand() {
             Some(key) if warp.profile == ProfileChoice::Designed => file.refuse(
@@ -401,7 +401,7 @@ impl WarpTable {
     }
 
     /// `shift`: a number or `"growth"`; 0 where none is given.
-    fn shift(&self, file: &CaseFile<'_>, end: f64) -> Result<Shift> {
+    fn shift(&self, file: &CaseFile<'_>, time: f64) -> Result<Shift> {
         let key = "solver.warp.shift";
         let shift = match self.shift {
             None => 0.0,
@@ -411,7 +411,7 @@ impl WarpTable {
         file.within(key, shift, -MOST..=MOST, || {
             format!("must be between -{MOST:e} and {MOST:e}")
         })?;
-        let growth = shift * end;
+        let growth = shift * time;
         file.within(key, growth, -LARGEST_SHIFT..=LARGEST_SHIFT, || {
             format!(
                 "times time.end is {growth:.1}; at most {LARGEST_SHIFT} either way, e^{{shift T}} \

@@ -90,7 +90,7 @@ impl Regime {
         let (n, tolerance) = (case.space.dimension(), case.tolerance);
         let scene = Scene {
             order,
-            time: case.end,
+            time: case.duration(),
             jump: sparsity.jumps.iter().fold(0.0, |m: f64, j| m.max(*j)),
             extent: case.space.v.iter().map(|v| v.upper - v.lower).fold(0.0, f64::max),
         };

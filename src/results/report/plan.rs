@@ -50,7 +50,7 @@ fn problem(rows: &mut Rows, plan: &Value) {
     rows.text("fields", number(&plan["fields"]));
     rows.text("method", word(&plan["method"]));
     rows.text("rows at jumps of V", word(&plan["interface"]));
-    rows.text("final time T", number(&plan["time"]));
+    rows.text("length T of the run", number(&plan["time"]));
     let holds = |key: &str| plan["bounds"][key].as_bool() == Some(true);
     let scene = SCENE.into_iter().filter(|(key, _)| holds(key));
     let scene: Vec<&str> = scene.map(|(_, text)| text).collect();

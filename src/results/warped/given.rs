@@ -4,12 +4,10 @@ use crate::base::checksum;
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
+use crate::parallel::files::{CHECKSUM, open, read_slab};
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
-use crate::results::readback;
-use crate::results::readback::read_slab;
 use crate::results::warped::spread::{POINTS, Spread, with_points};
-use crate::results::writer::CHECKSUM;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::transform::Transform;
@@ -149,7 +147,7 @@ impl Given {
         let world = &spread.communicator.world;
         let wrong =
             |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", self.path.display()));
-        let opened = readback::open(world, &self.path);
+        let opened = open(world, &self.path);
         let file = ManuallyDrop::new(world.agree(opened.map_err(|e| wrong(&e)))?);
         let read = self.read_from(&file, spread, series, kept, domain);
         // All ranks have the same outcome, so that all close it, as must be.

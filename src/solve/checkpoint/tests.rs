@@ -60,6 +60,7 @@ fn fingerprint() -> Fingerprint {
         program: "1".to_owned(),
         settings: settings(&[("time.end", "2"), ("output.xdmf", "true")]),
         start: Some(Start { points: ([4, 5], 6), values: Some(7) }),
+        field: Some(9),
         plan: 3,
     }
 }
@@ -321,6 +322,7 @@ fn runs_that_differ_are_told_apart() {
         // Other points make another plan, too; that is not the reason.
         (change(&|f| (f.start, f.plan) = (start(([4, 5], 8), Some(7)), 9)), "initial.warped"),
         (change(&|f| f.start = start(([4, 5], 6), Some(8))), "initial.warped"),
+        (change(&|f| f.field = Some(8)), "initial.field"),
         (change(&|f| f.plan = 9), "another plan"),
     ] {
         let why = own.difference(&other);

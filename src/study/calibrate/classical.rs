@@ -46,7 +46,9 @@ pub fn expected(prepared: &mut Prepared) -> Result<Expected> {
 fn of_part(case: &Case, part: usize) -> Case {
     let fraction = part as f64 / PARTS as f64;
     let mut case = case.clone();
-    case.end *= fraction;
-    case.times.iter_mut().for_each(|at| at.time *= fraction);
+    let begin = case.begin;
+    let cut = |time: &mut f64| *time = begin + (*time - begin) * fraction;
+    cut(&mut case.end);
+    case.times.iter_mut().for_each(|at| cut(&mut at.time));
     case
 }

@@ -154,7 +154,7 @@ impl<'a> Trials<'a> {
             exchange: &mut *self.exchange,
             space: &self.communicator.space,
             bounds: &self.plan.bounds,
-            time: self.case.end,
+            time: self.case.duration(),
             terms: self.terms,
         };
         let mut kept = self.warp.points.map(|_| {

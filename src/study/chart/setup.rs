@@ -106,7 +106,7 @@ impl Modes {
 
 fn apply_paper(case: &mut Case, points: usize, steps: Option<usize>, bounds: Option<&Bounds>) {
     plan_modes(case);
-    let time = case.end;
+    let time = case.duration();
     case.interface = Interface::Hat;
     case.tolerance = LARGEST_TOLERANCE;
     case.warp.profile = ProfileChoice::Exponential { alpha: 1.0 };

@@ -135,8 +135,8 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         let mut found = assembled(world, &scaled)?;
         Ok(Point {
             x: factor * height,
-            measured: growth(&mut found)? * case.end,
-            theory: expected_growth(&scaled)?.unwrap_or(f64::NAN) * case.end,
+            measured: growth(&mut found)? * case.duration(),
+            theory: expected_growth(&scaled)?.unwrap_or(f64::NAN) * case.duration(),
         })
     };
     let own = at(1.0)?;

@@ -127,7 +127,8 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         for (treatment, curve) in treatments.iter().zip(&mut curves) {
             let case = treatment.of(&grid);
             let Growth { measured, theory } = Growth::of(sweep, &case, *treatment)?;
-            let [measured_factor, by_theory] = [measured, theory].map(|of| (of * case.end).exp());
+            let [measured_factor, by_theory] =
+                [measured, theory].map(|of| (of * case.duration()).exp());
             curve.points.push(Point { x, measured: measured_factor, theory: by_theory });
             let name = format!("{}: lambda+ at {x} cells", curve.name);
             let border = Border::place(name, Some(measured), Some(theory));

@@ -72,7 +72,7 @@ impl Steps {
             };
             match tried {
                 Ok(trial) => found.points.push(Point {
-                    x: case.end / f64::from(steps),
+                    x: case.duration() / f64::from(steps),
                     measured: trial.summary.error_semidiscrete.unwrap_or(f64::NAN),
                     theory: trial.summary.step_error.unwrap_or(f64::NAN),
                 }),

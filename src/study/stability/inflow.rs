@@ -103,7 +103,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     if largest == 0.0 {
         return Err("what enters is zero on this grid".into());
     }
-    let chosen = Loss::of(&mut planned, case.end)?.total();
+    let chosen = Loss::of(&mut planned, case.duration())?.total();
     let (mut notes, mut curves) = (notes(whole, &case), Curves::default());
     for k in -PER_DECADE * DECADES..=PER_DECADE * DECADES {
         if sweep.is_over(&mut notes) {
@@ -111,8 +111,8 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         }
         let delta = largest * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));
         let mut found = with(Delta::Given(delta))?;
-        let bound = found.bounds.growth * case.end;
-        curves.push(delta, &Loss::of(&mut found, case.end)?, bound);
+        let bound = found.bounds.growth * case.duration();
+        curves.push(delta, &Loss::of(&mut found, case.duration())?, bound);
     }
     let (measured, theory) = (curves.least(|p| p.measured), curves.least(|p| p.theory));
     let [at, best] = measured.map_or([f64::NAN; 2], |p| [p.x, p.measured]);

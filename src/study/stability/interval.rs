@@ -59,7 +59,7 @@ struct Shortest {
 impl Intervals {
     fn new(sweep: &Sweep<'_>, case: &Case) -> Result<Self> {
         let mut yardstick = Yardstick::new(sweep.world, case)?;
-        let extent = Extent::measured(&mut yardstick, case.end)?;
+        let extent = Extent::measured(&mut yardstick, case.duration())?;
         let Switched { profile, room } = Switched::new();
         Ok(Self {
             yardstick,

@@ -93,7 +93,7 @@ fn read(
     let at: Vec<f64> =
         (0..).map(|k| FROM + APART * f64::from(k)).take_while(|p| *p <= TO).collect();
     let mut yardstick = Yardstick::new(sweep.world, case)?;
-    let extent = Extent::measured(&mut yardstick, case.end)?;
+    let extent = Extent::measured(&mut yardstick, case.duration())?;
     let period = extent.length() + TO + room;
     let modes = (profile.cutoff * period / std::f64::consts::TAU).ceil() as usize + 1;
     let series = Series::analytic(period, modes, |mu| profile.coefficient(mu));
@@ -112,7 +112,7 @@ fn read(
         name,
         points: at.iter().zip(&errors).map(point).collect(),
         extent,
-        growth_bound: yardstick.bounds().growth * case.end,
+        growth_bound: yardstick.bounds().growth * case.duration(),
         // What the profile's own error becomes in the field.
         level: LEVEL * ratio * extent.growth.max(0.0).exp() * 2.0,
     }))

@@ -53,7 +53,7 @@ impl Yardstick {
             Resources { ranks_x: Some(prepared.plan.layout.mesh.space.clone()), ..resources };
         prepared.plan.bounds = prepared.bounds.clone();
         let mut yardstick = Self { prepared, resources, exact: Vec::new(), ratio: 0.0 };
-        yardstick.propagate(case.end);
+        yardstick.propagate(case.duration());
         Ok(yardstick)
     }
 

@@ -1,0 +1,149 @@
+//! The result from which a run goes on (`initial.field`), looked at before anything is computed.
+
+use crate::base::error::{Error, Result};
+use crate::parallel::communicator::Group;
+use crate::parallel::files::CHECKSUM;
+use crate::problem::case::{Case, Origin, StartField};
+use crate::problem::grid::{Axis, axis_names};
+use crate::results::readback::{read_text, text_attribute};
+use hdf5::types::TypeDescriptor;
+use hdf5::{Dataset, File};
+use serde_json::Value;
+use std::path::Path;
+
+/// By how much numbers of a file may differ from those of the case, relative to the largest.
+const SAME: f64 = 1e-12;
+
+/// What a file holds, or what is wrong with it.
+type Found<T> = std::result::Result<T, String>;
+
+/// What the file `start` says of itself, where it holds `f` on the grid of `case` at its
+/// `time.start`. Collective over `world`.
+///
+/// # Errors
+/// [`Error::Input`], the same on all ranks, saying what is wrong with it.
+pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<Origin> {
+    // One rank looks at it as any program would.
+    let found = world.on_first_rank(|| {
+        let found = look(&start.path, case);
+        found.map(Some).map_err(|what| {
+            Error::Input(format!("{} = \"{}\": {what}", start.place, start.path.display()))
+        })
+    })?;
+    let text = found.and_then(|found| serde_json::to_string(&found).ok()).unwrap_or_default();
+    let text = world.broadcast_text(&text);
+    serde_json::from_str(&text).map_err(|e| Error::Input(format!("{}: {e}", start.place)))
+}
+
+fn look(path: &Path, case: &Case) -> Found<Origin> {
+    let found = std::fs::metadata(path).map_err(|e| e.to_string())?;
+    if !found.is_file() {
+        return Err("is no file".to_owned());
+    }
+    std::fs::File::open(path).map_err(|e| e.to_string())?;
+    // HDF5 lists every function that the error passed.
+    let file = File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?")?;
+    let program = text_attribute(&file, "program").unwrap_or_default();
+    if !program.starts_with("phasewarp ") {
+        return Err("is no result of phasewarp, which is expected".to_owned());
+    }
+    let f = file.dataset("f").map_err(|_| match file.link_exists("phi") {
+        true => "holds measure-valued data, /phi and /psi; /f is expected",
+        false => "holds no dataset /f",
+    })?;
+    if !matches!(f.dtype().and_then(|kind| kind.to_descriptor()), Ok(TypeDescriptor::Float(_))) {
+        return Err("/f holds other than real numbers, which are expected".to_owned());
+    }
+    let number = |name: &str| file.attr(name).and_then(|a| a.read_scalar::<f64>());
+    let time = number("time").map_err(|_| "says no time")?;
+    if !is_same(time, case.begin, time) {
+        return Err(format!("is f at t = {time}, time.start is {}", case.begin));
+    }
+    same_grid(&file, &f, case)?;
+    let checksum = f.attr(CHECKSUM).and_then(|a| a.read_scalar());
+    let case_of = stored_case(&file);
+    Ok(Origin {
+        checksum: checksum.map_err(|_| "/f carries no checksum")?,
+        time,
+        error: error_of(path.parent().unwrap_or(Path::new(""))),
+        positive: case_of.is_some_and(|case| case.positive),
+    })
+}
+
+/// The case of a result, where this program understands it.
+fn stored_case(file: &File) -> Option<Case> {
+    let dataset = file.dataset("case").ok()?;
+    let overrides = text_attribute(&dataset, "overrides").ok()?;
+    let overrides: Vec<String> = overrides.lines().map(str::to_owned).collect();
+    Case::parse("case", &read_text(&dataset).ok()?, &overrides).ok()
+}
+
+/// Relative l2 distance of the `f` of a directory to the semi-discrete solution, from time 0 on;
+/// none where its summary does not tell.
+fn error_of(directory: &Path) -> Option<f64> {
+    let text = std::fs::read_to_string(directory.join("summary.json")).ok()?;
+    let summary: Value = serde_json::from_str(&text).ok()?;
+    if summary["continued"].is_object() {
+        return summary["continued"]["error_total"].as_f64();
+    }
+    let reliable = summary["error_estimate_reliable"].as_bool() == Some(true);
+    let estimate = summary["error_estimate"].as_f64().filter(|_| reliable);
+    summary["error_semidiscrete"].as_f64().or(estimate)
+}
+
+/// Whether `a` and `b` are the same number, beside numbers of this size.
+fn is_same(a: f64, b: f64, size: f64) -> bool {
+    (a - b).abs() <= SAME * size.abs()
+}
+
+/// Refuses another grid than that of `case`; an axis that was merged stands for all of its cells.
+fn same_grid(file: &File, f: &Dataset, case: &Case) -> Found<()> {
+    let whole = case.space.whole();
+    let names = axis_names(whole.dimension());
+    let shape = f.shape();
+    if shape.len() != names.len() {
+        let (found, expected) = (shape.len(), names.len());
+        return Err(format!("/f has {found} axes, the case {expected}"));
+    }
+    for ((name, axis), cells) in names.iter().zip(whole.axes()).zip(shape) {
+        let dataset = file.dataset(&format!("axis/{name}"));
+        let dataset = dataset.map_err(|_| format!("holds no dataset /axis/{name}"))?;
+        same_axis(name, &dataset, cells, axis)?;
+    }
+    Ok(())
+}
+
+fn same_axis(name: &str, dataset: &Dataset, cells: usize, axis: &Axis) -> Found<()> {
+    let number = |key: &str| dataset.attr(key).and_then(|a| a.read_scalar::<f64>());
+    let degree = dataset.attr("degree").and_then(|a| a.read_scalar::<u64>()).unwrap_or(0);
+    let size = axis.lower.abs().max(axis.upper.abs());
+    for (what, expected) in [("lower", axis.lower), ("upper", axis.upper)] {
+        let found = number(what).map_err(|_| format!("/axis/{name} says no {what}"))?;
+        if !is_same(found, expected, size) {
+            return Err(format!("{what} end of {name}: {found} there, {expected} in the case"));
+        }
+    }
+    if cells == 1 {
+        return Ok(());
+    }
+    let elements = cells / (degree as usize + 1);
+    let found = [("degree", degree as usize), ("cells", elements)];
+    let expected = [axis.nodes.degree, axis.elements()];
+    for ((what, found), expected) in found.into_iter().zip(expected) {
+        if found != expected {
+            return Err(format!("{what} along {name}: {found} there, {expected} in the case"));
+        }
+    }
+    let centres = dataset.read_raw::<f64>().map_err(|e| format!("/axis/{name}: {e}"))?;
+    let expected = axis.centres();
+    let mut both = centres.iter().zip(&expected);
+    match both.find(|(found, expected)| !is_same(**found, **expected, size)) {
+        _ if centres.len() != expected.len() => {
+            Err(format!("/axis/{name} has {} points, {} expected", centres.len(), expected.len()))
+        }
+        Some((found, expected)) => {
+            Err(format!("/axis/{name} holds {found} where the case has {expected}"))
+        }
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,139 @@
+//! The field of a result from which a run goes on (`initial.field`), read by each rank for its
+//! block.
+
+use crate::base::checksum::{self, Slab};
+use crate::base::error::{Error, Result};
+use crate::parallel::communicator::{Communicator, Group};
+use crate::parallel::files::{CHECKSUM, open, read_slab};
+use crate::parallel::partition::Block;
+use crate::problem::case::StartField;
+use crate::problem::grid::PhaseSpace;
+use hdf5::Dataset;
+use std::mem::ManuallyDrop;
+use std::ops::Range;
+
+/// Numbers read at a time: 4 MiB.
+const PIECE: usize = 1 << 19;
+
+/// `/f` of the file `start` on the cells of `block`, velocities fastest. An axis that the run of
+/// the file merged has one cell there, whose value all have. Collective over the world.
+///
+/// # Errors
+/// [`Error::Input`] where the file cannot be read, is not as it was written, or holds NaN or
+/// infinity; [`Error::Magnitude`] for values whose squares overflow or vanish.
+pub fn read(
+    communicator: &Communicator,
+    space: &PhaseSpace,
+    block: &Block,
+    start: &StartField,
+) -> Result<Vec<f64>> {
+    let world = &communicator.world;
+    let wrong = |what: &dyn std::fmt::Display| {
+        Error::Input(format!("{} = \"{}\": {what}", start.place, start.path.display()))
+    };
+    let opened = open(world, &start.path);
+    // Closing waits for all ranks: a file that only some could open stays open.
+    let file = ManuallyDrop::new(world.agree(opened.map_err(|e| wrong(&e)))?);
+    let dataset = file.dataset("f").map_err(|e| wrong(&e));
+    let read = world.agree(dataset).and_then(|dataset| {
+        let part = Part::of(&dataset, space, block);
+        let part = world.agree(part.ok_or_else(|| wrong(&"/f has another shape than the grid")))?;
+        part.read(&communicator.space, world, &dataset, &wrong)
+    });
+    let closed = ManuallyDrop::into_inner(file).close();
+    world.agree(closed.map_err(|e| wrong(&e)))?;
+    let values = read?;
+    let largest = world.max(values.iter().fold(0.0, |most: f64, x| most.max(x.abs())));
+    if largest != 0.0 && !(1e-100..=1e100).contains(&largest) {
+        return Err(Error::Magnitude { key: start.place.clone(), value: largest });
+    }
+    Ok(values)
+}
+
+/// What of `/f` is a rank's.
+struct Part {
+    /// The shape of `/f`.
+    shape: Vec<usize>,
+    /// By axis, the cells of the rank's block.
+    wanted: Vec<Range<usize>>,
+    /// By axis, where they are in the file: one cell of an axis that was merged.
+    stored: Vec<Range<usize>>,
+}
+
+impl Part {
+    /// That of `block`; none where the shape is not that of `space`.
+    fn of(dataset: &Dataset, space: &PhaseSpace, block: &Block) -> Option<Self> {
+        let shape = dataset.shape();
+        let velocities = space.v.iter().map(|v| 0..v.cells);
+        let wanted: Vec<Range<usize>> = block.ranges.iter().cloned().chain(velocities).collect();
+        let cells = space.shape();
+        let fits = |(found, cells): (&usize, &usize)| found == cells || *found == 1;
+        if shape.len() != cells.len() || !shape.iter().zip(&cells).all(fits) {
+            return None;
+        }
+        let axes = wanted.iter().zip(shape.iter().zip(&cells));
+        let stored = axes.map(|(range, (found, cells))| match found == cells || range.is_empty() {
+            true => range.clone(),
+            false => 0..1,
+        });
+        Some(Self { stored: stored.collect(), shape, wanted })
+    }
+
+    /// The numbers. Collective over `space`, whose blocks make up the grid, and `world`.
+    fn read(
+        &self,
+        space: &Group,
+        world: &Group,
+        dataset: &Dataset,
+        wrong: &dyn Fn(&dyn std::fmt::Display) -> Error,
+    ) -> Result<Vec<f64>> {
+        // Of the ranks that share a merged cell the first one adds it to the checksum.
+        let mut both = self.wanted.iter().zip(&self.stored);
+        let adds = both.all(|(wanted, stored)| wanted == stored || wanted.start == 0);
+        let mut sum = 0u64;
+        let mine = self.pieces().try_fold(Vec::new(), |mut values: Vec<f64>, slab| {
+            let piece = read_slab(dataset, &slab).map_err(|e| wrong(&e))?;
+            if let Some(place) = piece.iter().position(|f| !f.is_finite()) {
+                let what = format!("the {place}-th number from {:?}", slab.start);
+                return Err(wrong(&format!("/f is {} at {what}", piece[place])));
+            }
+            if adds {
+                sum = sum.wrapping_add(checksum::of_slab(&self.shape, &slab, &piece));
+            }
+            values.extend(piece);
+            Ok(values)
+        });
+        let values = world.agree(mine)?;
+        let expected = dataset.attr(CHECKSUM).and_then(|a| a.read_scalar::<u64>());
+        let is_whole = space.sum_modulo(sum) == world.agree(expected.map_err(|e| wrong(&e)))?;
+        let damaged = || wrong(&"/f is not as it was written (its checksum differs)");
+        world.agree(is_whole.then_some(()).ok_or_else(damaged))?;
+        Ok(self.repeated(values))
+    }
+
+    /// Boxes that make up what is read, in its order.
+    fn pieces(&self) -> impl Iterator<Item = Slab> {
+        let Slab { start: first, count } = Slab::of(&self.stored);
+        let empty = count.contains(&0);
+        Slab::pieces(&count, PIECE).filter(move |_| !empty).map(move |mut slab| {
+            slab.start.iter_mut().zip(&first).for_each(|(at, first)| *at += first);
+            slab
+        })
+    }
+
+    /// The value of a merged cell for all that it stands for.
+    fn repeated(&self, values: Vec<f64>) -> Vec<f64> {
+        if self.wanted == self.stored {
+            return values;
+        }
+        let axes = self.wanted.iter().zip(&self.stored);
+        axes.enumerate().fold(values, |values, (a, (wanted, stored))| {
+            if wanted.len() == stored.len() {
+                return values;
+            }
+            let inner: usize = self.stored[a + 1..].iter().map(Range::len).product();
+            let lines = values.chunks_exact(inner.max(1));
+            lines.flat_map(|line| line.repeat(wanted.len())).collect()
+        })
+    }
+}

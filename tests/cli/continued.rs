@@ -1,0 +1,282 @@
+//! Runs that go on from the results of others: `run --continue DIR --until T2`.
+
+use crate::checkpoint::{Blow, OFTEN, generations, struck};
+use crate::support::{
+    Job, Summary, at_most, case, check_all, datasets, differences, directory, directory_on_disk,
+    distance, field, near, run,
+};
+use std::fs;
+use std::path::Path;
+
+/// From the results in `directory` until `time`.
+fn on(directory: &Path, time: f64) -> Job {
+    let directory = directory.display().to_string();
+    Job::new(["run", "--continue", &directory, "--until", &time.to_string()])
+}
+
+/// A number of `summary.continued`.
+fn inherited(summary: &Summary, key: &str) -> Option<f64> {
+    summary.value["continued"][key].as_f64()
+}
+
+/// Two parts are one run: as near to it as the errors that both tell, with the same distance to the
+/// exact solution, which counts from time 0.
+#[test]
+fn two_parts_are_one_run() {
+    const CLASSICAL: &str = "solver.method=classical";
+    type Row<'a> = (&'a str, &'a [&'a str], f64, f64);
+    let elements = &["axis.0.x.cells=10", "axis.0.v.cells=6", "scheme.degree=2"][..];
+    let grid = &["axis.0.x.cells=40", "axis.0.v.cells=34", "solver.tolerance=1e-7"][..];
+    let pulse = &["axis.0.x.cells=24", "axis.0.v.cells=21", "solver.tolerance=1e-5"][..];
+    let plane = &["axis.0.x.cells=9", "axis.1.x.cells=8", "axis.0.v.cells=7", "axis.1.v.cells=6"];
+    let rows: [Row<'_>; 10] = [
+        ("example1.toml", grid, 0.2, 0.5),
+        ("example1.toml", &[grid, &[CLASSICAL]].concat(), 0.2, 0.5),
+        ("inflow_barrier.toml", grid, 0.1, 0.4),
+        ("inflow_barrier.toml", elements, 0.1, 0.2),
+        ("smooth-beams.toml", elements, 0.1, 0.3),
+        ("pulsed_inflow.toml", pulse, 0.8, 1.2),
+        ("pulsed_inflow.toml", &[pulse, &[CLASSICAL]].concat(), 0.8, 1.2),
+        ("well.toml", &[grid, &["scheme.interface=conservative"]].concat(), 0.4, 0.9),
+        ("barrier2d.toml", plane, 0.1, 0.2),
+        // Whose first part has one cell along y.
+        ("periodic2d.toml", &["axis.0.x.cells=12", "axis.1.x.cells=4"], 0.3, 0.5),
+    ];
+    check_all(&rows, |&(name, settings, middle, end)| {
+        let (whole, first, second) = (directory(), directory(), directory());
+        let verified = ["solver.verify=true"];
+        let job = run(name).set(settings).set(&verified);
+        let until = |time: f64| format!("time.end={time}");
+        let at_once = job.clone().set(&[&until(end), "output.expand=true"]).on(2);
+        let at_once = at_once.solve(whole.path())?;
+        let before = job.set(&[&until(middle)]).on(3).solve(first.path())?;
+        let summary = on(first.path(), end).on(2).solve(second.path())?;
+        let off = distance(&field(second.path())?, &field(whole.path())?);
+        let error = at_once.number("error_semidiscrete")?;
+        let told = inherited(&summary, "error_total");
+        let told = told.ok_or_else(|| "no error since time 0".to_owned())?;
+        summary.holds(at_most("distance to one run", off, 1.01 * (told + error) + 1e-13))?;
+        let tolerance =
+            if settings.contains(&CLASSICAL) { 1e-12 } else { at_once.number("tolerance")? };
+        summary.holds(at_most("distance to one run", off, 5.0 * tolerance))?;
+        let own = summary.number("error_semidiscrete")?;
+        summary.holds(at_most("error of the second part", own, tolerance))?;
+        let known = inherited(&summary, "error") == before.value["error_semidiscrete"].as_f64();
+        summary.require(known, || {
+            format!("error of the first part: {}", summary.value["continued"])
+        })?;
+        let key = "error_l2_relative";
+        if at_once.value[key].is_number() {
+            near(key, summary.number(key)?, at_once.number(key)?, 10.0 * tolerance)?;
+        }
+        near("mass at the start", summary.number("mass_initial")?, before.number("mass")?, 1e-12)?;
+        near("mass", summary.number("mass")?, at_once.number("mass")?, 10.0 * tolerance)
+    });
+}
+
+/// Explicit steps go on, too; what enters depends on the time since 0.
+#[test]
+fn steps_go_on() {
+    let (whole, first, second) = (directory(), directory(), directory());
+    let job = run("pulsed_inflow.toml").set(&[
+        "axis.0.x.cells=24",
+        "axis.0.v.cells=21",
+        "solver.method=classical",
+        "solver.classical.integrator=ssp-rk3",
+    ]);
+    job.clone().set(&["time.end=1.2"]).solve(whole.path()).unwrap();
+    job.set(&["time.end=0.8"]).solve(first.path()).unwrap();
+    let finished = on(first.path(), 1.2).on(2).into(second.path()).succeed().unwrap();
+    let off = distance(&field(second.path()).unwrap(), &field(whole.path()).unwrap());
+    // Third order in steps of about a cell: what both parts differ in, no more.
+    assert!(off < 1e-3, "{off:e}");
+    finished.says(&finished.output, &["error inherited from before t = 0.8: not known"]).unwrap();
+    let summary = Summary::read(finished, second.path()).unwrap();
+    assert_eq!(inherited(&summary, "error_total"), None);
+}
+
+/// The same bits on any ranks and any mesh, and after a stop; and a third part.
+#[test]
+fn a_second_part_has_the_same_bits_on_any_ranks() {
+    let first = directory_on_disk();
+    let settings = [
+        "axis.0.x.cells=40",
+        "axis.0.v.cells=30",
+        "solver.tolerance=1e-3",
+        "solver.warp.profile=exponential",
+        "solver.warp.points=2048",
+        "time.end=0.3",
+    ];
+    run("inflow_barrier.toml").set(&settings).on(2).solve(first.path()).unwrap();
+    let reference = directory_on_disk();
+    let job = || on(first.path(), 0.7).set(&["output.field_times=[0.3, 0.5]"]);
+    let before = job().solve(reference.path()).unwrap();
+    let expected = datasets(reference.path()).unwrap();
+    let start = expected["/history/f"].bytes.len() / 2;
+    assert_eq!(
+        expected["/history/f"].bytes[..start],
+        datasets(first.path()).unwrap()["/f"].bytes,
+        "f at the start is that of the file"
+    );
+    assert_eq!(expected["/axis/field_time"].numbers(), [0.3, 0.5]);
+    let rows = [(2, "1"), (2, "2"), (3, "3"), (4, "2"), (4, "1")];
+    check_all(&rows, |&(ranks, blocks)| {
+        let place = directory_on_disk();
+        let job = job().on(ranks).with(["--ranks-x", blocks]);
+        let summary = job.solve(place.path())?;
+        let differ = differences(&datasets(place.path())?, &expected);
+        summary.require(differ.is_empty(), || format!("other bits in {differ:?}"))
+    });
+    let place = directory_on_disk();
+    let path = place.path();
+    let stopped = job().on(2).set(&[OFTEN]).into(path);
+    let stopped = struck(&stopped, Blow::Signal, |_| generations(path).len() == 2).unwrap();
+    assert_eq!(stopped.code, Some(75), "{}", stopped.report("stopped"));
+    let summary = job().on(3).with(["--resume"]).solve(path).unwrap();
+    assert_eq!(summary.boolean("resumed"), Ok(true));
+    let differ = differences(&datasets(path).unwrap(), &expected);
+    assert!(differ.is_empty(), "other bits after a stop in {differ:?}");
+    let again = job().with(["--resume"]).into(path).succeed().unwrap();
+    assert!(again.output.contains("the run is finished"), "{}", again.output);
+
+    // A third part: errors add up, and the file is that of the second.
+    let third = directory();
+    let summary = on(reference.path(), 0.8).solve(third.path()).unwrap();
+    assert_eq!(inherited(&summary, "error"), inherited(&before, "error_total"));
+    assert!(inherited(&summary, "error_total") > inherited(&before, "error_total"));
+}
+
+/// Times of outputs count from 0; those of the first part are left out, and said to be.
+#[test]
+fn output_times_are_absolute() {
+    let (first, second) = (directory(), directory());
+    let settings = [
+        "axis.0.x.cells=23",
+        "axis.0.v.cells=17",
+        "solver.tolerance=1e-3",
+        "time.end=0.25",
+        "output.field_times=[0.1]",
+        "output.moments_every=0.1",
+    ];
+    run("example1.toml").set(&settings).solve(first.path()).unwrap();
+    let finished = on(first.path(), 0.5).into(second.path()).succeed().unwrap();
+    finished.says(&finished.errors, &["--continue: output.field_times left out"]).unwrap();
+    let stored = datasets(second.path()).unwrap();
+    let times = stored["/axis/time"].numbers();
+    assert!(distance(&times, &[0.3, 0.4, 0.5]) < 1e-12, "{times:?}");
+    assert!(!stored.contains_key("/history/f"));
+    let rows: [(&[&str], &[f64]); 3] = [
+        (&["output.fields_every=0.1"], &[0.25, 0.3, 0.4, 0.5]),
+        (&["output.field_times=[0.25, 0.45]"], &[0.25, 0.3, 0.4, 0.45, 0.5]),
+        (&["output.moment_times=[0.35]"], &[0.3, 0.35, 0.4, 0.5]),
+    ];
+    check_all(&rows, |(settings, expected)| {
+        let place = directory();
+        let summary = on(first.path(), 0.5).set(settings).on(2).solve(place.path())?;
+        let times = datasets(place.path())?["/axis/time"].numbers();
+        let same = times.len() == expected.len() && distance(&times, expected) < 1e-12;
+        summary.require(same, || format!("{times:?}"))
+    });
+    on(first.path(), 0.5)
+        .set(&["output.field_times=[0.1]"])
+        .into(second.path())
+        .with(["--force"])
+        .is_refused(&["output.field_times", "times from 0.25 on and below time.end = 0.5"])
+        .unwrap();
+}
+
+#[test]
+fn what_cannot_go_on_is_refused() {
+    let first = directory();
+    let path = first.path();
+    let small = ["axis.0.x.cells=24", "axis.0.v.cells=16", "solver.tolerance=1e-3"];
+    run("example1.toml").set(&small).set(&["time.end=0.2"]).into(path).succeed().unwrap();
+    let measure = directory();
+    let measured = ["axis.0.x.cells=24", "axis.0.v.cells=16", "time.end=0.1"];
+    run("example2.toml").set(&measured).into(measure.path()).succeed().unwrap();
+    let nothing = directory();
+    let place = directory();
+    let file = format!("initial.field={}", path.join("result.h5").display());
+    let go = |settings: &[&str]| on(path, 0.5).set(settings).into(place.path());
+    let given = |command: &str, settings: &[&str]| {
+        Job::new([command, &case("example1.toml")]).set(&small).set(&[&file]).set(settings)
+    };
+    let start = "time.start=0.2";
+    let rows: [(Job, &[&str]); 19] = [
+        (on(path, 0.2), &["--until 0.2", "its results are at t = 0.2", "a later time"]),
+        (on(path, 0.1), &["--until 0.1", "a later time"]),
+        (on(nothing.path(), 0.5), &["result.h5", "a directory that `phasewarp run` wrote"]),
+        (on(measure.path(), 0.5), &["initial.field", "measure-valued data are several fields"]),
+        (go(&["time.start=0"]), &["--set time.start", "follows from DIR and --until"]),
+        (go(&["initial.field=a.h5"]), &["--set initial.field", "follows from DIR"]),
+        (go(&["axis.0.x.cells=26"]), &["initial.field", "cells along x: 24 there, 26 in the case"]),
+        (go(&["scheme.degree=1"]), &["degree along x: 0 there, 1 in the case"]),
+        (go(&["axis.0.v.upper=3"]), &["upper end of vx", "3 in the case"]),
+        (
+            on(path, 0.5).into(path).with(["--force"]),
+            &["would overwrite result.h5", "initial.field"],
+        ),
+        (on(path, 0.5).into(path), &["it holds another result", "--force replaces it"]),
+        (given("run", &["time.start=0.3"]), &["is f at t = 0.2, time.start is 0.3"]),
+        (
+            given("run", &["time.start=2", "time.end=1"]),
+            &["time.start", "must be below time.end = 1"],
+        ),
+        (given("run", &["time.start=-1"]), &["time.start", "must be from 0"]),
+        (given("run", &[start, "initial.warped=w.h5"]), &["initial.f", "initial.warped"]),
+        (given("advise", &[start]), &["initial.field", "advice takes other grids"]),
+        (given("chart", &[start]), &["initial.field", "which a chart varies"]),
+        (given("stability", &[start]), &["initial.field", "a formula"]),
+        (run("example1.toml").set(&[start]), &["time.start", "initial.field", "is missing"]),
+    ];
+    check_all(&rows, |(job, says)| job.is_refused(says));
+    // A result of which a bit is flipped, and one that a run is about to replace.
+    let damaged = directory();
+    let bytes = fs::read(path.join("result.h5")).unwrap();
+    let f = datasets(path).unwrap()["/f"].bytes.clone();
+    let at = bytes.windows(f.len()).position(|w| w == f).expect("f in the file");
+    let mut changed = bytes;
+    changed[at + f.len() / 2] ^= 4;
+    fs::write(damaged.path().join("result.h5"), changed).unwrap();
+    fs::copy(path.join("summary.json"), damaged.path().join("summary.json")).unwrap();
+    let finished = on(damaged.path(), 0.5).on(2).into(place.path()).run().unwrap();
+    finished.ended(1, &["/f is not as it was written"]).unwrap();
+    let file = format!("initial.field={}", damaged.path().join("result.h5").display());
+    let job = run("example1.toml").set(&small).set(&[&file, start, "time.end=0.5"]);
+    job.on(2).into(place.path()).is_refused(&["/f is not as it was written"]).unwrap();
+    fs::create_dir(path.join("checkpoint")).unwrap();
+    on(path, 0.5).is_refused(&["a run there is not finished"]).unwrap();
+}
+
+/// What else works with a field to start from, and where results go by default.
+#[test]
+fn other_commands_take_a_field() {
+    let first = directory();
+    let path = first.path();
+    let small = ["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.tolerance=1e-2"];
+    let part = path.join("part");
+    run("example1.toml").set(&small).set(&["time.end=0.2"]).solve(&part).unwrap();
+    Job::new(["run", "--continue", "part/", "--until", "0.25"]).inside(path).succeed().unwrap();
+    assert!(path.join("part-until-0.25/summary.json").exists());
+    let file = format!("initial.field={}", part.join("result.h5").display());
+    let out = path.join("out").display().to_string();
+    let rows: [(&str, &[&str]); 6] = [
+        ("check", &[]),
+        ("plan", &["--json"]),
+        ("plan", &["--calibrate"]),
+        ("spectrum", &[]),
+        ("resources", &[]),
+        ("export-matrix", &["-o", &out]),
+    ];
+    check_all(&rows, |(command, options)| {
+        let job = Job::new([command, case("example1.toml").as_str()]).with(options.iter().copied());
+        let job = job.set(&small).set(&[&file, "time.start=0.2", "time.end=0.3"]);
+        let finished = job.succeed()?;
+        match *command {
+            "check" => {
+                finished.says(&finished.output, &["f(0.2) = /f of", "from t = 0.2 to T = 0.3"])
+            }
+            _ => Ok(()),
+        }
+    });
+}
