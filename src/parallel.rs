@@ -1,7 +1,8 @@
 //! Who owns which part of phase space, and how ranks exchange.
 //!
 //! [`partition`] splits space blocks and mode groups; [`communicator::Communicator`] holds the
-//! groups, the exchange of ghost layers, the transpose and votes; [`files`] opens what all ranks read.
+//! groups, the exchange of ghost layers, the transpose and votes; [`files`] opens what all ranks
+//! read.
 //!
 //! Uses: problem (the grid), base.
 

@@ -29,7 +29,8 @@ pub struct DiscreteSystem {
     pub matrix: BlockMatrix,
     /// The weights.
     pub weights: Weights,
-    /// `ũ` of each field at the start: weighted cells, then auxiliary unknowns, then room for ghosts.
+    /// `ũ` of each field at the start: weighted cells, then auxiliary unknowns, then room for
+    /// ghosts.
     pub states: Vec<Vec<f64>>,
     /// Each field at the start on this rank's cells; a run drops them once it has their mass.
     pub initial: Vec<Vec<f64>>,
