@@ -156,7 +156,7 @@ pub struct RunArgs {
     )]
     pub continued: Option<PathBuf>,
     /// The final time of --continue, counted from 0 as all times
-    #[arg(long, value_name = "TIME", requires = "continued", allow_negative_numbers = true)]
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true)]
     pub until: Option<f64>,
     /// What it is to reach.
     #[command(flatten)]

@@ -97,6 +97,10 @@ fn asked(world: &World, args: &RunArgs) -> Result<Asked> {
         let directory = given.unwrap_or_else(|| default_directory_until(from, until));
         return Ok(Asked { case, directory });
     }
+    if let Some(until) = args.until {
+        let what = "is the end of --continue DIR; of a case file it is --set time.end";
+        return Err(Error::Input(format!("--until {until}: {what}")));
+    }
     // The command line has one of both.
     let case =
         CaseArgs { case: args.case.clone().unwrap_or_default(), changes: args.changes.clone() };

@@ -258,8 +258,8 @@ impl Report<'_> {
         let continued = continued.map(|continued| {
             format!("The run went on from {}: {}.", continued.file, continued.line())
         });
-        let own = accuracy.into_iter().chain(estimate);
-        let all: Vec<String> = own.chain(continued).chain(exact).collect();
+        let found = accuracy.into_iter().chain(estimate).chain(exact);
+        let all: Vec<String> = found.chain(continued).collect();
         (!all.is_empty()).then(|| all.join(" "))
     }
 

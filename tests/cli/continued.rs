@@ -210,7 +210,9 @@ fn what_cannot_go_on_is_refused() {
         Job::new([command, &case("example1.toml")]).set(&small).set(&[&file]).set(settings)
     };
     let start = "time.start=0.2";
-    let rows: [(Job, &[&str]); 19] = [
+    let rows: [(Job, &[&str]); 21] = [
+        (run("example1.toml").with(["--until", "0.5"]), &["--until 0.5", "--set time.end"]),
+        (Job::new(["run", "--continue", "results"]), &["--until <TIME>"]),
         (on(path, 0.2), &["--until 0.2", "its results are at t = 0.2", "a later time"]),
         (on(path, 0.1), &["--until 0.1", "a later time"]),
         (on(nothing.path(), 0.5), &["result.h5", "a directory that `phasewarp run` wrote"]),

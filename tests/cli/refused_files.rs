@@ -10,7 +10,7 @@ fn mistakes_in_the_file_are_named_with_their_line() {
         ("tolerance = 1e-6", "tolerence = 1e-6", &["solver.tolerence", "mean \"tolerance\""]),
         ("[solver.propagator]", "[solver.propogator]", &["propogator", "mean \"propagator\""]),
         ("title     =", "tittle    =", &["tittle", "mean \"title\""]),
-        ("end = 1.0", "end = 1.0\nbegin = 0", &["time.begin", "known here: end"]),
+        ("end = 1.0", "end = 1.0\nbegin = 0", &["time.begin", "known here: start, end"]),
         // Wrong types.
         ("tolerance = 1e-6", "tolerance = \"small\"", &["solver.tolerance", "\"small\"", "number"]),
         ("verify    = false", "verify    = 0", &["solver.verify", "0", "true or false"]),
