@@ -6,7 +6,7 @@
 //! - [`implicit`]: Crank–Nicolson and backward Euler, of second and first order in the step. The
 //!   cost is counted in steps, each a solve.
 //!
-//! A propagator is a file of this folder that implements [`method::Propagator`] and says in a
+//! [`evolution`] is what they propagate. A propagator is a file of this folder that implements [`method::Propagator`] and says in a
 //! [`method::Descriptor`] what a plan needs to know beforehand. [`descriptor`] is the table: to add
 //! a propagator, add its file, a line there, and its name to [`PropagatorMethod`].
 //! [`commutator_free`] is the Chebyshev propagator where the inflow depends on time; [`classical`]
@@ -14,9 +14,11 @@
 //!
 //! Uses: matrix, scheme, parallel, problem, base. Paper: section 3.1, equation (3.13).
 
+pub mod bessel;
 pub mod chebyshev;
 pub mod classical;
 pub mod commutator_free;
+pub mod evolution;
 pub mod implicit;
 pub mod krylov;
 pub mod limiter;

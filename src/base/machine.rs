@@ -122,8 +122,8 @@ pub fn stop_when_terminated(says: &'static str) {
     });
 }
 
-/// From now on a signal asks for nothing: the run is over. `mpirun` sends SIGTERM to the others when
-/// the first rank ends with an error.
+/// From now on a signal asks for nothing: the run is over. `mpirun` sends SIGTERM to the others
+/// when the first rank ends with an error.
 pub fn no_more_checkpoints() {
     NO_CHECKPOINT.store(true, Ordering::Relaxed);
 }

@@ -79,7 +79,7 @@ pub fn text(n: usize) -> String {
          # degree = 2                 # elements: more accurate where f is smooth\n\n\
          [solver]\n\
          method = \"schrodingerized\"   # or \"classical\"\n\
-         tolerance = 1e-4             # relative l2 distance to the exact semi-discrete solution\n\n\
+         tolerance = 1e-4             # relative l2 distance to the semi-discrete solution\n\n\
          [exact]                      # what the result is compared with\n\
          kind = \"characteristics\"     # particles traced back; or f = \"formula\" of t too\n\n\
          [output]\n\

@@ -74,12 +74,16 @@ fn expected(path: &str, kind: &Kind, of_keys: &BTreeMap<String, String>) -> Valu
     }
 }
 
+/// Stands for `|` in a cell of a table.
+const BAR: &str = "\u{1}";
+
 /// What the tables of the document say, by key; `N` stands for the number of a table in a list.
 fn descriptions() -> BTreeMap<String, String> {
     let mut found = BTreeMap::new();
     let section = DOCUMENT.split("\n## ").find(|part| part.starts_with("The case file"));
     for line in section.unwrap_or_default().lines().filter(|line| line.starts_with("| `")) {
-        let cells: Vec<&str> = line.trim_matches('|').split(" | ").map(str::trim).collect();
+        let line = line.replace("\\|", BAR);
+        let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
         let [names, default, meaning] = cells[..] else {
             continue;
         };
@@ -120,7 +124,7 @@ fn plain(text: &str) -> String {
             }
         }
     }
-    (plain + rest).replace('`', "").replace("\\|", "|").trim().to_owned()
+    (plain + rest).replace('`', "").replace(BAR, "|").trim().to_owned()
 }
 
 #[cfg(test)]

@@ -3,8 +3,10 @@
 
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
-use crate::propagate::chebyshev::{Chebyshev, bessel_series, degree};
-use crate::propagate::method::{BatchReport, BatchSpec, Evolution, Initial, Propagator};
+use crate::propagate::bessel::bessel_series;
+use crate::propagate::chebyshev::{Chebyshev, degree};
+use crate::propagate::evolution::{BatchSpec, Evolution, Initial};
+use crate::propagate::method::{BatchReport, Propagator};
 use crate::propagate::time_dependent_inflow::Schedule;
 use num_complex::Complex64;
 

@@ -22,9 +22,9 @@
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
+use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
 use crate::propagate::method::{
-    BatchCoupling, BatchReport, BatchSpec, Descriptor, Evolution, Initial, MatrixShare, ModeDemand,
-    Propagator, RunWork, Setting,
+    BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, RunWork, Setting,
 };
 use crate::propagate::shifted::{REFINEMENTS, RESTART, Shifted, factor_bytes};
 use num_complex::Complex64;

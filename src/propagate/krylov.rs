@@ -31,10 +31,10 @@ use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::Interval;
 use crate::matrix::lanes::{LANES, Lanes, StepConstants};
-use crate::propagate::chebyshev::bessel_series;
+use crate::propagate::bessel::bessel_series;
+use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
 use crate::propagate::method::{
-    BatchCoupling, BatchReport, BatchSpec, Descriptor, Evolution, Initial, MatrixShare, ModeDemand,
-    Propagator, RunWork, Setting,
+    BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, RunWork, Setting,
 };
 use num_complex::Complex64;
 

@@ -4,131 +4,12 @@
 //! know of it beforehand.
 
 use crate::base::error::Result;
-use crate::base::fixed_point::FixedPoint;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::{LANES, Lanes};
-use crate::parallel::communicator::{GhostExchange, Group};
-use crate::parallel::partition::Mesh;
-use crate::problem::case::{Case, Propagation};
+use crate::problem::case::Propagation;
+use crate::propagate::evolution::{BatchSpec, Evolution, Initial, MatrixShare};
 use crate::propagate::passed::PassedMoments;
 use num_complex::Complex64;
-use std::ops::Range;
-
-/// What is propagated: the matrix on this rank, how its ranks exchange, and what is known of it.
-pub struct Evolution<'a> {
-    /// The rows of `(S, K)`.
-    pub matrix: &'a BlockMatrix,
-    /// Exchange of ghosts, for rows of [`Lanes`].
-    pub exchange: &'a mut GhostExchange,
-    /// The ranks that split space.
-    pub space: &'a Group,
-    /// Bounds of its spectrum.
-    pub bounds: &'a Bounds,
-    /// `T`.
-    pub time: f64,
-    /// Space cells and auxiliary unknowns over the space group: terms of a norm.
-    pub terms: usize,
-}
-
-impl Evolution<'_> {
-    /// Sums of `term(row)` over all unknowns, by lane, where a sum's terms add up to no more than
-    /// `bounds[l]` in magnitude: over the velocities at each point of space, then exactly over
-    /// space and ranks, so that the bits do not depend on the partition. Collective over the space
-    /// group; allocates nothing.
-    pub fn lane_sums(
-        &self,
-        bounds: &[f64; LANES],
-        mut term: impl FnMut(usize) -> [f64; LANES],
-    ) -> [f64; LANES] {
-        let fixed = bounds.map(|bound| FixedPoint::new(2.0 * bound, self.terms));
-        let mut totals = [0i64; 2 * LANES];
-        for rows in pieces(self.matrix) {
-            let mut sums = [0.0; LANES];
-            for i in rows {
-                let term = term(i);
-                for l in 0..LANES {
-                    sums[l] += term[l];
-                }
-            }
-            for l in 0..LANES {
-                let parts = fixed[l].split(sums[l]);
-                totals[2 * l] += parts[0];
-                totals[2 * l + 1] += parts[1];
-            }
-        }
-        self.space.sum_integers(&mut totals);
-        std::array::from_fn(|l| fixed[l].join([totals[2 * l], totals[2 * l + 1]]))
-    }
-}
-
-/// The rows that are always together on a rank: the velocities at each point of space, then each
-/// auxiliary unknown; one that the ranks share on the first of them.
-pub(crate) fn pieces(matrix: &BlockMatrix) -> impl Iterator<Item = Range<usize>> {
-    let (nv, cells) = (matrix.block.velocity_cells, matrix.block.cells());
-    let points = (0..cells / nv).map(move |c| c * nv..(c + 1) * nv);
-    points.chain((cells..matrix.counted_rows()).map(|i| i..i + 1))
-}
-
-/// This rank's rows of what is propagated.
-#[derive(Clone, Copy)]
-pub enum Start<'a> {
-    /// A real vector, the same in every mode.
-    Real(&'a [f64]),
-    /// A complex vector a mode.
-    Lanes(&'a [Lanes]),
-}
-
-impl Start<'_> {
-    /// Row `i` of every lane.
-    pub fn row(&self, i: usize) -> Lanes {
-        match self {
-            Start::Real(state) => {
-                let mut row = Lanes::ZERO;
-                row.0[..LANES].fill(state[i]);
-                row
-            }
-            Start::Lanes(state) => state[i],
-        }
-    }
-}
-
-/// A state to propagate and the norms of its lanes.
-#[derive(Clone, Copy)]
-pub struct Initial<'a> {
-    /// The state.
-    pub state: Start<'a>,
-    /// By lane, its norm over all ranks of the space group, or a bound on it.
-    pub norms: [f64; LANES],
-}
-
-impl<'a> Initial<'a> {
-    /// The real vector `state` of norm `norm` in every mode.
-    pub fn real(state: &'a [f64], norm: f64) -> Self {
-        Self { state: Start::Real(state), norms: [norm; LANES] }
-    }
-}
-
-/// A batch to propagate.
-#[derive(Clone, Debug)]
-pub struct BatchSpec {
-    /// Lanes in use.
-    pub modes: usize,
-    /// `μ` by lane; unused lanes repeat the last.
-    pub wavenumbers: [f64; LANES],
-    /// Relative error that each lane is allowed.
-    pub tolerances: [f64; LANES],
-    /// What the plan says each lane's mode takes: applications (Chebyshev: its degree), or steps of
-    /// an implicit method, which are as many in every lane; unused lanes repeat the last.
-    pub work: [usize; LANES],
-}
-
-impl BatchSpec {
-    /// Most work of a lane.
-    pub fn largest_work(&self) -> usize {
-        self.work.iter().copied().max().unwrap_or(0)
-    }
-}
 
 /// What is known of a propagated batch.
 #[derive(Clone, Copy, Debug)]
@@ -264,23 +145,6 @@ pub struct RunWork {
     pub steps: usize,
     /// `T`.
     pub time: f64,
-}
-
-/// The part of the matrix on the fullest rank of a mesh.
-#[derive(Clone, Copy)]
-pub struct MatrixShare<'a> {
-    /// The case.
-    pub case: &'a Case,
-    /// Bounds of its generator.
-    pub bounds: &'a Bounds,
-    /// The ranks.
-    pub mesh: &'a Mesh,
-    /// Rows.
-    pub rows: u64,
-    /// Rows and ghosts.
-    pub length: u64,
-    /// Entries.
-    pub entries: u64,
 }
 
 /// What a plan needs to know of a propagator before there is one.

@@ -16,8 +16,8 @@ use crate::matrix::blocking::{Blocking, MOST_LEVELS};
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MomentsOf;
 use crate::matrix::terms::TermRows;
-use crate::propagate::chebyshev::bessel_series;
-use crate::propagate::method::{BatchSpec, Evolution, MatrixShare};
+use crate::propagate::bessel::bessel_series;
+use crate::propagate::evolution::{BatchSpec, Evolution, MatrixShare};
 use num_complex::Complex64;
 use std::ops::Range;
 

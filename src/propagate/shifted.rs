@@ -13,7 +13,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::fixed_point::FixedPoint;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::propagate::method::{Evolution, MatrixShare, pieces};
+use crate::propagate::evolution::{Evolution, MatrixShare, pieces};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::lu::{LuRef, NumericLu, SymbolicLu, factorize_symbolic_lu};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};

@@ -9,7 +9,7 @@ use crate::plan::balance::cost;
 use crate::plan::memory::BUFFERS;
 use crate::problem::case::{Case, WarpedStart};
 use crate::problem::legs::Leg;
-use crate::propagate::method::{Evolution, Initial};
+use crate::propagate::evolution::{Evolution, Initial};
 use crate::propagate::propagator;
 use crate::results::dataset::About;
 use crate::results::summary::Summary;

@@ -1,6 +1,6 @@
 //! The coefficients of the Chebyshev series against the integral that defines them.
 
-use phasewarp::propagate::chebyshev::bessel_series;
+use phasewarp::propagate::bessel::bessel_series;
 use std::f64::consts::PI;
 
 /// `J_k(τ) = (1/π) ∫_0^π cos(kθ − τ sin θ) dθ`, by a trapezoidal rule that is exact to round-off.
