@@ -6,9 +6,10 @@
 //! - [`implicit`]: Crank–Nicolson and backward Euler, of second and first order in the step. The
 //!   cost is counted in steps, each a solve.
 //!
-//! [`evolution`] is what they propagate. A propagator is a file of this folder that implements [`method::Propagator`] and says in a
-//! [`method::Descriptor`] what a plan needs to know beforehand. [`descriptor`] is the table: to add
-//! a propagator, add its file, a line there, and its name to [`PropagatorMethod`].
+//! [`evolution`] is what they propagate. A propagator is a file of this folder that implements
+//! [`method::Propagator`] and says in a [`method::Descriptor`] what a plan needs to know
+//! beforehand. [`descriptor`] is the table: to add a propagator, add its file, a line there, and
+//! its name to [`PropagatorMethod`].
 //! [`commutator_free`] is the Chebyshev propagator where the inflow depends on time; [`classical`]
 //! integrates `f' = A f + b` directly.
 //!
