@@ -3,6 +3,9 @@
 RANKS   ?= 2
 CASE    ?= cases/example1.toml
 BUDGET  ?= 60s
+TRIALS  ?= 200
+SCENES  ?= 1000
+FIRST   ?= 0
 RESULTS ?= results/$(basename $(notdir $(CASE)))
 
 # After a fresh rustup the shell finds cargo only at the next login.
@@ -22,7 +25,7 @@ PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 PYTHON  = $(abspath $(or $(CARGO_TARGET_DIR),target))/python/bin/python
 
 .DEFAULT_GOAL := build
-.PHONY: run build test bench example3 calibration study stability chart examples quantum baseline \
+.PHONY: run build test torture bench example3 calibration study stability chart examples quantum baseline \
     slurm docs check check-fmt check-clippy check-doc check-python readers qiskit python mkdocs \
     browser setup clean help
 
@@ -36,13 +39,18 @@ build: setup ## build the program in release mode
 test: setup ## run every test, also on several ranks (ARGS= is passed to cargo test)
 	$(CARGO) test --release $(ARGS)
 
+torture: setup ## blows at random moments and random scenes, many (TRIALS=, SCENES=, FIRST=)
+	PHASEWARP_TRIALS=$(TRIALS) PHASEWARP_SCENES=$(SCENES) PHASEWARP_FIRST_TRIAL=$(FIRST) \
+	    $(CARGO) test --release --test cli -- --nocapture torture random_cases
+
 bench: setup ## measure rates, runs and peers, into docs/performance.md (ARGS=--quick, --counts)
 	CARGO="$(CARGO)" scripts/bench/bench.sh $(ARGS)
 
 example3: $(foreach n,8 16 32,example3-$(n)) ## example 3 by size, into docs/performance.md
 
 example3-%: build ## example 3 on so many cells an axis (64: a quarter of an hour)
-	mpirun -np $(RANKS) $(PROGRAM) run cases/example3.toml -o results/$@ --force --set solver.tolerance=1e-6 \
+	mpirun -np $(RANKS) $(PROGRAM) run cases/example3.toml -o results/$@ --force \
+	    --set solver.tolerance=1e-6 \
 	    $(foreach key,axis.0.x axis.0.v axis.1.x axis.1.v,--set $(key).cells=$*)
 	@if command -v python3 >/dev/null; then scripts/bench/report.py --only example3; fi
 

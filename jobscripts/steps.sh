@@ -63,11 +63,34 @@ seconds_of() {
     echo $((86400 * 10#$days + sum))
 }
 
+# this_job: the number by which Slurm knows this job, of an array this task of it.
+this_job() {
+    if [ -n "${SLURM_ARRAY_TASK_ID:-}" ]; then
+        echo "${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID"
+    else
+        echo "${SLURM_JOB_ID:-}"
+    fi
+}
+
+# read_options: `options` becomes the options of this Slurm job, for the next one.
+read_options() {
+    # shellcheck disable=SC2034  # read by the scripts
+    options=(--job-name="$SLURM_JOB_NAME" --ntasks="$SLURM_NTASKS" --nodes="$SLURM_JOB_NUM_NODES"
+        --partition="$SLURM_JOB_PARTITION"
+        --time="$(squeue --noheader --jobs "$(this_job)" --format %l | tr -d ' ')"
+        ${SLURM_JOB_ACCOUNT:+--account="$SLURM_JOB_ACCOUNT"}
+        ${SLURM_JOB_QOS:+--qos="$SLURM_JOB_QOS"}
+        ${SLURM_CPUS_PER_TASK:+--cpus-per-task="$SLURM_CPUS_PER_TASK"}
+        ${SLURM_NTASKS_PER_NODE:+--ntasks-per-node="$SLURM_NTASKS_PER_NODE"}
+        ${SLURM_MEM_PER_NODE:+--mem="$SLURM_MEM_PER_NODE"}
+        ${SLURM_MEM_PER_CPU:+--mem-per-cpu="$SLURM_MEM_PER_CPU"})
+}
+
 # seconds_left: the seconds until the job ends; prints nothing if unknown.
 seconds_left() {
     local limit
     if [ -n "${SLURM_JOB_ID:-}" ]; then
-        seconds_of "$(squeue --noheader --jobs "$SLURM_JOB_ID" --format %L 2>/dev/null | tr -d ' ')"
+        seconds_of "$(squeue --noheader --jobs "$(this_job)" --format %L 2>/dev/null | tr -d ' ')"
     elif [ -n "${PBS_JOBID:-}" ]; then
         limit=$(qstat -f "$PBS_JOBID" 2>/dev/null | sed -n 's/.*Resource_List.walltime = //p')
         limit=$(seconds_of "$limit")
@@ -75,19 +98,19 @@ seconds_left() {
     fi
 }
 
-# solve RANKS CASE RESULTS [OPTION]…: solves the case, from the newest checkpoint on if there is
-# one. A USR1 that the job receives is passed on to the program, which then writes a checkpoint.
-# Returns the program's exit code.
+# solve RANKS COMMAND…: a command of the program that goes on from its checkpoints, with what is
+# left of the job as its wall time. A USR1 that the job receives is passed on to the program, which
+# then writes a checkpoint. Returns the program's exit code.
 solve() {
-    local ranks=$1 case=$2 results=$3 words code=0 told="" left walltime=()
-    shift 3
+    local ranks=$1 words code=0 told="" left walltime=()
+    shift
     left=$(seconds_left)
     if [ -n "$left" ] && [ "$left" -gt "$reserve" ]; then
         walltime=(--walltime $((left - reserve)))
     fi
     read -ra words <<<"$LAUNCH"
     # In the background, because the shell runs a trap at once only while it waits.
-    "${words[@]}" "$ranks" "$program" run "$case" -o "$results" --resume "${walltime[@]}" "$@" &
+    "${words[@]}" "$ranks" "$program" "$@" "${walltime[@]}" &
     local job=$!
     trap 'told=yes; echo "told to stop: USR1"; kill -USR1 "$job" 2>/dev/null || true' USR1
     wait "$job" || code=$?

@@ -183,8 +183,10 @@ explain() {
     if [ "${#packages[@]}" -gt 0 ]; then
         cat >&2 <<'TEXT'
 setup: install, as root, and run this again:
-         Debian, Ubuntu    apt-get install openmpi-bin libopenmpi-dev libclang-dev libhdf5-openmpi-dev pkg-config gcc
-         Fedora, RHEL      dnf install openmpi-devel hdf5-openmpi-devel clang-devel pkgconf-pkg-config gcc
+         Debian, Ubuntu    apt-get install openmpi-bin libopenmpi-dev libclang-dev \
+                           libhdf5-openmpi-dev pkg-config gcc
+         Fedora, RHEL      dnf install openmpi-devel hdf5-openmpi-devel clang-devel \
+                           pkgconf-pkg-config gcc
                            then: module load mpi/openmpi-x86_64
        or, on a cluster, load modules; their names differ, typically
                            module load gcc openmpi hdf5/<version>-mpi llvm

@@ -8,15 +8,18 @@ pub mod describe;
 pub mod export;
 pub mod init;
 mod loading;
+pub mod movie;
 pub mod plan;
 pub mod plot;
 mod printing;
 pub mod resources;
 pub mod run;
+pub mod sbatch;
 pub mod schema;
 pub mod shell;
 pub mod spectrum;
 pub mod stability;
+pub mod sweep;
 pub mod values;
 
 use crate::base::error::Result;
@@ -30,6 +33,7 @@ use crate::parallel::communicator::World;
 pub fn execute(world: &World, cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Run(args) => run::execute(world, args),
+        Command::Sweep(args) => sweep::execute(world, args),
         Command::Schema => schema::execute(world),
         Command::Init(args) => init::execute(world, args),
         Command::Completions(args) => shell::completions(world, args),
@@ -39,6 +43,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         Command::CheckResult(args) => check::execute_on_result(world, args),
         Command::Advise(args) => advise::execute(world, args),
         Command::Plot(args) => plot::execute(world, args),
+        Command::Movie(args) => movie::execute(world, args),
         Command::Report(args) => plot::execute_report(world, args),
         Command::Chart(args) => chart::execute(world, args),
         Command::ExportQuantum(args) => export::quantum(world, args),

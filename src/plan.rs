@@ -20,7 +20,6 @@ use crate::base::error::{Error, Result};
 use crate::base::text::bytes_text;
 use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
-use crate::parallel::partition::Block;
 use crate::plan::balance::Batch;
 use crate::plan::layout::{Layout, Resources};
 use crate::problem::case::{Case, Interface, Limiter, Method, Propagation};
@@ -125,16 +124,6 @@ impl Plan {
             .fold(0.0, f64::max);
         let steps = steps.iter().sum();
         let layout = Layout::new(case, &bounds, warp.as_ref(), resources)?;
-        let largest = Block::new(&case.space, &layout.mesh, 0);
-        if 2 * largest.cells() + largest.ghosts() > u32::MAX as usize {
-            return Err(Error::Ranks(format!(
-                "{} cells on a rank, {} of memory; at most {} can be numbered: more blocks along \
-                x (--ranks-x)",
-                largest.cells(),
-                bytes_text(layout.memory()),
-                u32::MAX / 2
-            )));
-        }
         Ok(Self {
             title: case.title.clone(),
             shape: case.space.shape(),
@@ -190,6 +179,31 @@ impl Plan {
             case.warp.interval = None;
         }
         Self::with_bounds(&case, bounds.expected(), resources, 1.0)
+    }
+
+    /// This plan, made by [`provisional`](Self::provisional), with the growth and the `ratio` that
+    /// were measured. The process mesh stays: a run is assembled on it before it can measure, and
+    /// whoever plans a run takes the mesh that it will have.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn measured(
+        &self,
+        case: &Case,
+        bounds: Bounds,
+        resources: &Resources,
+        ratio: f64,
+    ) -> Result<Self> {
+        Self::with_bounds(case, bounds, &resources.on_mesh(&self.layout.mesh), ratio)
+    }
+
+    /// This plan on other `resources`: the same modes, dealt anew.
+    ///
+    /// # Errors
+    /// [`Error::Ranks`] and [`Error::Memory`].
+    pub fn on(&self, case: &Case, resources: &Resources) -> Result<Self> {
+        let layout = Layout::new(case, &self.bounds, self.warp.as_ref(), resources)?;
+        Ok(Self { layout, ..self.clone() })
     }
 
     /// This plan with the modes of `series` instead of its own, each within `tolerance` of its

@@ -8,6 +8,7 @@
 //! | [`optimise`] | the cheapest profile, recovery point and `δ` |
 //! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |
 //! | [`matrices`] | `A`, `b` and `(S, K)` as files, for any program of linear algebra |
+//! | [`walk`] | calls of the oracles, bits and registers of `e^{−iHT}` by the walk |
 //! | [`readout`] | density, momentum and mean velocity as they would be measured |
 //! | [`resources`] | queries, qubits, gates; records for other programs |
 //!
@@ -27,12 +28,13 @@ pub mod probability;
 pub mod readout;
 pub mod resources;
 pub mod sparsity;
+pub mod walk;
 
 /// The modes that `plan` has for `case`.
 ///
 /// # Errors
 /// [`Error::Input`] for a plan of the classical method, which has none.
-fn planned_modes<'a>(case: &Case, plan: &'a Plan) -> Result<&'a WarpPlan> {
+pub(crate) fn planned_modes<'a>(case: &Case, plan: &'a Plan) -> Result<&'a WarpPlan> {
     let none = || Error::Input(format!("{}: nothing is planned by modes", case.name));
     plan.warp.as_ref().ok_or_else(none)
 }

@@ -5,9 +5,11 @@ pub mod dataset;
 pub mod draw;
 pub mod fields;
 pub mod figure;
+pub mod file_checksums;
 pub mod finished;
 pub mod history;
 pub mod ledger;
+pub mod movie;
 pub mod pictures;
 pub mod provenance;
 pub mod readback;
@@ -17,6 +19,7 @@ pub mod room;
 pub mod shown;
 pub mod start_field;
 pub mod summary;
+pub mod untrusted;
 pub mod views;
 pub mod warped;
 pub mod writer;
@@ -33,6 +36,12 @@ use std::time::{Duration, Instant};
 /// How long a rank waits to see a file that another one made: network file systems are late.
 const LATE: Duration = Duration::from_secs(10);
 
+/// Names of the files that a run may write before `summary.json`.
+pub(crate) fn file_names(case: &Case) -> Vec<String> {
+    let texts = ["result.h5", xdmf::NAME, "readout.csv"].map(str::to_owned);
+    texts.into_iter().chain(warped::names(case)).collect()
+}
+
 /// Makes the output directory and makes sure that this run alone writes there, that all ranks see
 /// it and that it has room, before anything is computed. Gives its lock, on the first rank.
 /// Collective.
@@ -41,7 +50,6 @@ const LATE: Duration = Duration::from_secs(10);
 /// [`crate::base::error::Error::Directory`].
 pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<DirectoryLock>> {
     let clear_way = || -> std::io::Result<()> {
-        let warped = crate::results::warped::names(case);
         let given = [
             case.start.as_ref().map(|start| ("initial.warped", &start.path)),
             case.start_field.as_ref().map(|start| ("initial.field", &start.path)),
@@ -51,8 +59,8 @@ pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<Di
             .flatten()
             .filter_map(|(key, path)| std::fs::canonicalize(path).ok().map(|path| (key, path)));
         let given: Vec<(&str, std::path::PathBuf)> = given.collect();
-        let names = ["result.h5", crate::results::xdmf::NAME, "summary.json", "readout.csv"];
-        for name in names.into_iter().chain(warped.iter().map(String::as_str)) {
+        let names = file_names(case);
+        for name in names.iter().map(String::as_str).chain([summary::NAME]) {
             let path = directory.join(name);
             if path.is_dir() {
                 return Err(std::io::Error::other(format!("{name} in it is a directory")));

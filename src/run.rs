@@ -30,6 +30,7 @@ pub mod warnings;
 
 use crate::base::error::Result;
 use crate::base::lock::DirectoryLock;
+use crate::base::log::report;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
@@ -38,6 +39,7 @@ use crate::problem::case::Case;
 use crate::quantum::readout::Readout;
 use crate::results;
 use crate::results::dataset::{ExactSolution, PlateauPoint, Results, slices};
+use crate::results::file_checksums;
 use crate::results::finished;
 use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
@@ -69,6 +71,18 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     let case = &*with_start(&world.group(), case)?;
     let output = Output { directory, options };
     compute(world, case, Some(output))?.write_prepared(world, directory)
+}
+
+/// Whether `directory` holds the finished results of `case`; results that are damaged are reported,
+/// and are to be computed anew. Collective.
+pub fn is_done(world: &World, directory: &Path, case: &Case) -> bool {
+    let found = finished::is_finished(&world.group(), directory, case);
+    if let (Err(damage), 0) = (&found, world.group().rank()) {
+        report(&format!(
+            "warning: --resume: {damage}: the finished run is damaged and is computed anew"
+        ));
+    }
+    matches!(found, Ok(true))
 }
 
 /// Solves a case in memory, without console output, files or checkpoints. Collective over all
@@ -324,6 +338,7 @@ impl Solution {
             Some(readout) => Readout::write(readout, directory),
             None => Ok(()),
         })?;
+        summary.files = file_checksums::of_files(&all, directory, &results::file_names(case))?;
         summary.finish(&all, &log.watch);
         all.on_first_rank(|| summary.write(directory))?;
         if let Some(checkpointing) = self.checkpointing.filter(|_| log.speaks) {

@@ -6,11 +6,13 @@
 //! | [`chart`] | what accuracy each method buys at which cost | `Chart` |
 //! | [`stability`] | where each method begins to fail | `Stability` |
 //! | [`calibrate`] | how long a run will take | [`calibrate::Calibration`] |
+//! | [`sweep`] | what a case gives with other values | [`sweep::Sweep`] |
+//! | [`ranks`] | how many ranks are worth it | [`ranks::RankTable`] |
 //!
-//! They stand on one kernel: a [`trial`] is a run for its numbers only, a [`budget`] is the time
-//! that a study may take, [`cost`] predicts the seconds of a trial, [`grids`] are coarser and finer
-//! grids of a case, [`knobs`] its other choices, and a [`treatment`] is a measure against growth at
-//! jumps.
+//! The runs of a [`sweep`] are those of `phasewarp run`. The others stand on one kernel: a
+//! [`trial`] is a run for its numbers only, a [`budget`] is the time that a study may take,
+//! [`cost`] predicts the seconds of a trial, [`grids`] are coarser and finer grids of a case,
+//! [`knobs`] its other choices, and a [`treatment`] is a measure against growth at jumps.
 //!
 //! A study may use run, results, and every room below. Only commands use studies.
 
@@ -22,7 +24,9 @@ pub mod cost;
 pub mod files;
 pub mod grids;
 pub mod knobs;
+pub mod ranks;
 pub mod stability;
+pub mod sweep;
 pub mod text;
 pub mod treatment;
 pub mod trial;

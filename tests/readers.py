@@ -1,10 +1,12 @@
 """Opens the results of a run as a user would, and checks values, not only that files open.
 
-    python tests/readers.py DIR [DIR...]    what went wrong as an exception, otherwise one line a directory
-    python tests/readers.py --packages      nothing, if every package is there
+    python tests/readers.py DIR [DIR...]
+        what went wrong as an exception, otherwise one line a directory
+    python tests/readers.py --packages
+        nothing, if every package is there
 
-The directories hold runs of cases with the exact solution f = 1 + x + 10 v in one dimension, 1 + x + 10 y + 100 vx +
-1000 vy in two and so on, or with measure-valued data.
+The directories hold runs of cases with the exact solution f = 1 + x + 10 v in one dimension,
+1 + x + 10 y + 100 vx + 1000 vy in two and so on, or with measure-valued data.
 """
 
 import json
@@ -47,8 +49,17 @@ def same(found, expected, what, by=0.0):
 def with_h5py(path):
     """Attributes, checksums, dimension scales, and the moments from f."""
     with h5py.File(path) as file:
-        for name, kind in [("program", str), ("git", str), ("rustc", str), ("mpi", str), ("hdf5", str),
-                           ("command", str), ("date", str), ("ranks", np.integer), ("time", float)]:
+        for name, kind in [
+            ("program", str),
+            ("git", str),
+            ("rustc", str),
+            ("mpi", str),
+            ("hdf5", str),
+            ("command", str),
+            ("date", str),
+            ("ranks", np.integer),
+            ("time", float),
+        ]:
             assert isinstance(file.attrs[name], kind), f"{name}: {file.attrs[name]!r}"
         assert file.attrs["date"].endswith("Z") and file.attrs["program"].startswith("phasewarp ")
         assert "[[axis]]" in file["case"][()].decode() and file["plan"][()].decode().startswith("{")
@@ -65,8 +76,9 @@ def with_h5py(path):
         names = SPACE[:n] + VELOCITY[:n]
         main = file["f" if "f" in file else "phi"]
         assert main.shape == tuple(len(file[name]) for name in names)
-        assert [d[0].name for d in main.dims] == [f"/axis/{a}" for a in names] or \
-            [d[0].name for d in main.dims] == [f"/{a}" for a in names]
+        assert [d[0].name for d in main.dims] == [f"/axis/{a}" for a in names] or [
+            d[0].name for d in main.dims
+        ] == [f"/{a}" for a in names]
         if "f" in file:
             widths = np.prod([file[v][1] - file[v][0] for v in VELOCITY[:n]])
             density = main[()].sum(axis=tuple(range(n, 2 * n))) * widths
@@ -89,13 +101,20 @@ def with_xarray(path, n, density):
             weights = {name: 10.0**k for k, name in enumerate(names)}
             expected = 1.0 + sum(w * data[name] for name, w in weights.items())
             same(data["exact"], expected, "exact", 1e-12 * 10.0 ** (2 * n))
-            place = {name: float(data[name][(k + 1) % data.sizes[name]]) for k, name in enumerate(names)}
+            place = {
+                name: float(data[name][(k + 1) % data.sizes[name]]) for k, name in enumerate(names)
+            }
             value = float(data["exact"].sel(place))
-            same(value, 1.0 + sum(weights[name] * place[name] for name in names), "exact at one cell", 1e-12 * 10.0 ** (2 * n))
+            same(
+                value,
+                1.0 + sum(weights[name] * place[name] for name in names),
+                "exact at one cell",
+                1e-12 * 10.0 ** (2 * n),
+            )
 
 
 def history(path, n, density):
-    """Moments and fields over time by name, where there are some, the last moments being those of the end."""
+    """Moments and fields over time by name, where there are some; the last moments are the end's."""
     with h5py.File(path) as file:
         if "history" not in file:
             return False
@@ -119,12 +138,17 @@ def history(path, n, density):
 
 
 def warped(directory, n):
-    """Whole warped fields by name, where there are some: e^p w is the field at that time, read at a point of the file; their number."""
+    """Whole warped fields by name, where there are some, and their number.
+
+    e^p w, read at a point of the file, is the field at that time.
+    """
     paths = sorted(directory.glob("warped_f*.h5"))
     for path in paths:
         with h5py.File(path) as file, h5py.File(directory / "result.h5") as result:
             for name in ["w", "case", "plan", *SPACE[:n], *VELOCITY[:n], "p"]:
-                assert file[name].attrs["checksum"] == checksum(file[name][()]), f"checksum of {name}"
+                assert file[name].attrs["checksum"] == checksum(file[name][()]), (
+                    f"checksum of {name}"
+                )
             point = json.loads(file["plan"][()])["warp"]["readings"][0]["point"]
             time = file.attrs["time"]
             if time == result.attrs["time"]:
@@ -230,7 +254,7 @@ def at_a_time(reader, file, n, dataset):
                 if n > 1:
                     pad = np.zeros((*stored.shape[:-1], 3 - n))
                     stored = np.concatenate([stored, pad], axis=-1)
-            found = found.reshape([*cells[::-1][3 - len(axes):], -1])
+            found = found.reshape([*cells[::-1][3 - len(axes) :], -1])
             found = np.moveaxis(found, -1, 0)
             found = np.moveaxis(found.transpose(0, *range(len(axes), 0, -1)), 0, -1)
             same(found, stored, f"{grid}/{name}")

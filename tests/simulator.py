@@ -1,10 +1,13 @@
 """Runs what `phasewarp export-quantum` wrote in Qiskit, and compares amplitudes.
 
-    python tests/simulator.py DIR [DIR...]    what went wrong as an exception, otherwise one line a directory
-    python tests/simulator.py --packages      nothing, if every package is there
+    python tests/simulator.py DIR [DIR...]
+        what went wrong as an exception, otherwise one line a directory
+    python tests/simulator.py --packages
+        nothing, if every package is there
 
-The circuit is the one of the paper: preparation, inverse transform of the p-register, exp(-iHT) as a gate, transform; then the p-register is
-found at the recovery point and the label at 0, and overlaps are read by Hadamard tests, from what is left and from the whole state.
+The circuit is the one of the paper: preparation, inverse transform of the p-register, exp(-iHT) as
+a gate, transform. Then the p-register is found at the recovery point and the label at 0, and
+overlaps are read by Hadamard tests, from what is left and from the whole state.
 """
 
 import json
@@ -41,7 +44,7 @@ def reflection(state):
 
 
 def hadamard_test(first, second):
-    """2 p_0 - 1 of (|0>|first> + |1>|second>)/sqrt(2), a Hadamard gate on the ancilla, and that measured."""
+    """2 p_0 - 1 of (|0>|first> + |1>|second>)/sqrt(2), after a Hadamard gate on the ancilla."""
     qubits = int(np.log2(len(first)))
     circuit = QuantumCircuit(qubits + 1)
     system, ancilla = list(range(qubits)), qubits
@@ -57,7 +60,10 @@ def check(folder):
     about = json.loads((folder / "description.json").read_text())
     n_p, n = about["qubits_p"], about["qubits"]
     points, p = 2**n_p, list(range(n_p))
-    states = {name: np.load(folder / f"{name}.npy") for name in ["initial", "initial_modes", "final_modes", "final"]}
+    states = {
+        name: np.load(folder / f"{name}.npy")
+        for name in ["initial", "initial_modes", "final_modes", "final"]
+    }
     weights, field = np.load(folder / "weights.npy"), np.load(folder / "field.npy")
     worst = 0.0
 
@@ -96,7 +102,12 @@ def check(folder):
     left = state.data.reshape(-1, points)[:, found] / in_p**0.5
     left = Statevector(left)
     in_block = left.probabilities([n - n_p - 1])[0] if about["qubits_label"] else 1.0
-    same(in_block, about["probability_field_given_p"], "probability of the block", TOLERANCE / in_p**0.5)
+    same(
+        in_block,
+        about["probability_field_given_p"],
+        "probability of the block",
+        TOLERANCE / in_p**0.5,
+    )
     block = left.data[: len(weights)] / in_block**0.5
     norm = np.exp(about["recovery"]) * about["norm_of_state"] * (in_p * in_block) ** 0.5
     # A slice of small probability has few digits of the amplitudes' 1e-10.

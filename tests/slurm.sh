@@ -283,6 +283,23 @@ for script in strong weak; do
     fi
 done
 
+# A sweep as an array, of a case whose name a shell would take apart; then its table.
+name="results/a b; exit 9"
+mkdir -p "$name"
+cp "$case" "$name/c d.toml"
+sweep=("$name/c d.toml" "$name" --set axis.0.v.cells=32 --vary "solver.tolerance=1e-2,1e-3"
+    --vary 'output.field_times=[0.5, 0.1],[]')
+job=$(submit --time=5 --array=1-4 --job-name=sweep jobscripts/sweep.sbatch "${sweep[@]}")
+for task in 1 2 3 4; do
+    finish "${job}_$task" 120
+    ended "${job}_$task" "COMPLETED 0:0"
+done
+srun -n 1 "$program" sweep "${sweep[0]}" -o "${sweep[@]:1}" --table >"$place/table.log"
+is "rows of the sweep" "$(wc -l <"$name/table.csv")" 5
+if grep -q "not finished" "$name/table.csv"; then
+    fail "the sweep: $(cat "$name/table.csv")"
+fi
+
 # A mistake in the case ends at once, with its own code, and is not submitted again.
 job=$(submit --time=5 --job-name=mistake jobscripts/run.sbatch "$case" results/mistake \
     --set solver.tolerance=2)

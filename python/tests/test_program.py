@@ -159,6 +159,18 @@ def test_plan(small: pw.Case) -> None:
     assert predicted["wall_seconds"] >= predicted["solve_seconds"] > 0
 
 
+def test_plans_of_many_ranks(small: pw.Case) -> None:
+    table = pw.plan(small, ranks=[1, 2, 64], ranks_per_node=4)
+    assert table["ranks"].tolist() == [1, 2, 64]
+    assert table["time"][0] == table["efficiency"][0] == 1
+    assert table["worth_it"][0] and not table["worth_it"][2]
+    worth = table["ranks"][table["worth_it"]].tolist()
+    assert table["ranks"][table["recommended"]].tolist() == worth[-1:]
+    assert table["nodes"].tolist() == [1, 1, 16] and "seconds" not in table
+    one = pw.plan(small, ranks=[2], calibrate=1)
+    assert len(one) == 1 and one["seconds"][0] > 0
+
+
 def np_of(mesh: dict[str, list[int] | int]) -> int:
     """Return the number of ranks of a mesh in one dimension."""
     space, groups = mesh["space"], mesh["groups"]

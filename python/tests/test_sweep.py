@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
 
 import phasewarp as pw
+from phasewarp.program import call
+from phasewarp.sweep import run_name
 
 
 def test_table(small: pw.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,6 +74,29 @@ def test_chosen_columns(small: pw.Case, tmp_path: Path) -> None:
     # Runs on few cells have warnings, which are a column of their own.
     found = [column for column in table.columns if column != "warnings"]
     assert found == ["solver.tolerance", *columns, "directory"]
+
+
+def test_directories_are_those_of_the_command(small: pw.Case, tmp_path: Path) -> None:
+    vary: dict[str, list[Any]] = {"solver.tolerance": [1e-2, 1e-5], "output.field_times": [[0.1]]}
+    table = pw.sweep(small, vary, tmp_path, progress=False)
+    words = ["--vary", "solver.tolerance=1e-2,1e-5", "--vary", "output.field_times=[0.1]"]
+    with small.arguments() as case:
+        call(["sweep", *case, *words, "-o", str(tmp_path), "--table"])
+    again = pd.read_csv(tmp_path / "table.csv")
+    table["output.field_times"] = table["output.field_times"].map(str)
+    pd.testing.assert_frame_equal(again, table, check_dtype=False)
+    # The same case as in src/study/sweep/name.rs.
+    case_of_name = pw.Case(
+        {
+            "time": {"end": 1e-5},
+            "title": 'é "\x7f\n',
+            "solver": {"verify": True},
+            "output": {"field_times": [0.1, 2]},
+        }
+    )
+    point = dict.fromkeys(["time.end", "output.field_times", "title"])
+    name = run_name(case_of_name, point, "full")
+    assert name == "end=1e-05_field_times=-0.1,2-_title=-_f18ba48d0e2ddcc6"
 
 
 def test_nothing_to_vary(small: pw.Case, tmp_path: Path) -> None:

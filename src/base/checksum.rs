@@ -11,6 +11,12 @@
 //! `mix` is a permutation of the 64-bit numbers (that of SplitMix64: Steele, Lea, Flood 2014). Any
 //! single changed element changes the sum; other changes go undetected once in 2^64.
 
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+
 /// The term of the element at `index`.
 fn term(index: u64, bits: u64) -> u64 {
     let z = bits.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
@@ -27,6 +33,39 @@ pub fn of_run(first: u64, elements: impl Iterator<Item = u64>) -> u64 {
 /// The checksum of a text.
 pub fn of_text(bytes: &[u8]) -> u64 {
     of_run(0, bytes.iter().copied().map(u64::from))
+}
+
+/// Size and checksum of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FileChecksum {
+    /// Its size.
+    pub bytes: u64,
+    /// The checksum of its bytes as 64-bit words, little-endian, the last one filled up with zeros.
+    pub checksum: u64,
+}
+
+/// Those of files, by name.
+pub type FileChecksums = BTreeMap<String, FileChecksum>;
+
+/// Size and checksum of a file, of the checksum the part of every `of`-th piece from `first` on.
+///
+/// # Errors
+/// What the system says.
+pub fn of_file(path: &Path, first: usize, of: usize) -> std::io::Result<FileChecksum> {
+    const PIECE: usize = 4 << 20;
+    let file = File::open(path)?;
+    let bytes = file.metadata()?.len();
+    let (mut piece, mut checksum) = (vec![0; PIECE], 0u64);
+    for start in (0..bytes).step_by(PIECE).skip(first).step_by(of) {
+        let length = (bytes - start).min(PIECE as u64) as usize;
+        file.read_exact_at(&mut piece[..length], start)?;
+        let filled = length.next_multiple_of(8);
+        piece[length..filled].fill(0);
+        let (words, _) = piece[..filled].as_chunks();
+        let words = words.iter().map(|word| u64::from_le_bytes(*word));
+        checksum = checksum.wrapping_add(of_run(start / 8, words));
+    }
+    Ok(FileChecksum { bytes, checksum })
 }
 
 /// The part of a slab in the checksum of a dataset of this shape.

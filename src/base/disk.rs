@@ -1,6 +1,7 @@
 //! Output directories, files that are written whole or not at all, and errors about both.
 
 use crate::base::error::{Error, Result};
+use crate::base::text::visible;
 use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, ErrorKind, Write};
@@ -41,11 +42,19 @@ pub(crate) fn clear(path: &Path) -> io::Result<()> {
 /// # Errors
 /// [`Error::Output`].
 pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_with(path, |file| file.write_all(bytes))
+}
+
+/// As [`write`], of what `fill` writes into the file.
+///
+/// # Errors
+/// [`Error::Output`].
+pub fn write_with(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -> Result<()> {
     let partial = partial(path);
     let written = clear(&partial).and_then(|()| {
         // Exclusively: nothing that someone puts there meanwhile is followed or overwritten.
         let mut file = File::create_new(&partial)?;
-        file.write_all(bytes)?;
+        fill(&mut file)?;
         file.sync_all()?;
         std::fs::rename(&partial, path)
     });
@@ -53,6 +62,26 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
         let _ = clear(&partial);
     }
     written.map_err(|e| failure(path, &e))
+}
+
+/// As [`write`], of a text: what a terminal or a page would obey is shown instead.
+///
+/// # Errors
+/// [`Error::Output`].
+pub fn write_text(path: &Path, text: &str) -> Result<()> {
+    write(path, visible(text).as_bytes())
+}
+
+/// The text of a file, which must be one: nothing waits for the other end of a pipe.
+///
+/// # Errors
+/// [`Error::Output`].
+pub fn read_text(path: &Path) -> Result<String> {
+    match std::fs::metadata(path) {
+        Ok(found) if !found.is_file() => Err(failure(path, &"is no file")),
+        Ok(_) => std::fs::read_to_string(path).map_err(|e| failure(path, &e)),
+        Err(e) => Err(failure(path, &e)),
+    }
 }
 
 pub(crate) fn refused(directory: &Path, why: &io::Error) -> Error {

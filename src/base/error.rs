@@ -188,6 +188,9 @@ pub enum Error {
          need none"
     )]
     Factors(String),
+    /// The results are there, but not as exact as was asked for (`solver.strict`).
+    #[error("{0}; solver.strict = true makes this an error, the results are kept")]
+    Missed(String),
     /// The result holds NaN or infinity.
     #[error("the computed field is not finite ({0}); please report this case")]
     NotFinite(String),
@@ -234,6 +237,34 @@ pub enum Error {
         stage: usize,
         /// All stages.
         stages: usize,
+    },
+    /// A sweep was stopped before its end on request; the same command goes on.
+    #[error(
+        "{why}: {finished} of {runs} runs are finished in {}; the same command goes on from there",
+        path.display()
+    )]
+    SweepStopped {
+        /// Why.
+        why: String,
+        /// The directory of the sweep.
+        path: PathBuf,
+        /// Runs finished.
+        finished: usize,
+        /// All runs.
+        runs: usize,
+    },
+    /// Runs of a sweep failed; the others are done.
+    #[error(
+        "{failed} of {runs} runs failed: {} says why, in its column error",
+        path.display()
+    )]
+    SweepFailed {
+        /// The table.
+        path: PathBuf,
+        /// Runs that failed.
+        failed: usize,
+        /// All runs.
+        runs: usize,
     },
     /// Too short a time for anything to be finished.
     #[error(
@@ -296,11 +327,12 @@ impl Error {
 
     /// Whether it is no error, but a run that was asked to stop.
     pub fn is_stop(&self) -> bool {
-        matches!(self, Error::Stopped { .. })
+        matches!(self, Error::Stopped { .. } | Error::SweepStopped { .. })
     }
 
     /// The process's exit code: 2 when the user's input is wrong, 75 (sendmail's code of a
-    /// temporary failure) when the same command with `--resume` continues, 1 otherwise.
+    /// temporary failure) when the same command with `--resume` continues, 3 when runs of a sweep
+    /// failed, 1 otherwise.
     pub fn exit_code(&self) -> i32 {
         match self {
             Error::Input(_)
@@ -316,7 +348,8 @@ impl Error {
             | Error::TooLong { .. }
             | Error::WallTime { .. }
             | Error::Magnitude { .. } => 2,
-            Error::Stopped { .. } => 75,
+            Error::Stopped { .. } | Error::SweepStopped { .. } => 75,
+            Error::SweepFailed { .. } => 3,
             Error::Remote { code, .. } => *code,
             Error::Output { .. }
             | Error::Checkpoint { .. }
@@ -325,6 +358,7 @@ impl Error {
             | Error::Unitarity { .. }
             | Error::Solver { .. }
             | Error::Factors(_)
+            | Error::Missed(_)
             | Error::NotFinite(_) => 1,
         }
     }

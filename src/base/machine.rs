@@ -167,3 +167,41 @@ pub fn leave(code: i32) -> ! {
     // SAFETY: nothing runs afterwards.
     unsafe { libc::_exit(code) }
 }
+
+/// Ends this process when the one that started it ends.
+pub fn end_with_parent() {
+    // SAFETY: a plain call.
+    unsafe {
+        libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL);
+    }
+}
+
+/// Limits the address space of this process to `bytes`, and leaves no core when it fails.
+pub fn limit_memory(bytes: u64) {
+    limit(libc::RLIMIT_AS, bytes);
+    limit(libc::RLIMIT_CORE, 0);
+}
+
+/// Ends this process by SIGXCPU when it has used so many `seconds` of processor time more, or up to
+/// one more.
+pub fn limit_processor_time(seconds: u64) {
+    // SAFETY: the structure is read after the call has filled it.
+    let used = unsafe {
+        let mut used = std::mem::zeroed::<libc::rusage>();
+        libc::getrusage(libc::RUSAGE_SELF, &mut used);
+        used.ru_utime.tv_sec + used.ru_stime.tv_sec
+    };
+    limit(libc::RLIMIT_CPU, used as u64 + 1 + seconds);
+}
+
+/// Sets a limit on a resource of this process, within what the system lets it have.
+fn limit(resource: libc::__rlimit_resource_t, most: u64) {
+    // SAFETY: the structure is read only where the call filled it.
+    unsafe {
+        let mut limit = std::mem::zeroed::<libc::rlimit>();
+        if libc::getrlimit(resource, &mut limit) == 0 {
+            limit.rlim_cur = (most as libc::rlim_t).min(limit.rlim_max);
+            libc::setrlimit(resource, &limit);
+        }
+    }
+}

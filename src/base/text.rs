@@ -1,5 +1,7 @@
 //! Words and numbers as they are printed.
 
+use std::borrow::Cow;
+
 /// A choice as the case file writes it, its parameters behind it.
 pub(crate) fn word(choice: &impl serde::Serialize) -> String {
     fn text(value: &serde_json::Value) -> Option<String> {
@@ -25,6 +27,39 @@ pub(crate) fn shortened(text: &str, most: usize) -> String {
     match text.char_indices().nth(most) {
         None => text.to_owned(),
         Some((end, _)) => format!("{}…", &text[..end]),
+    }
+}
+
+/// A text without what a terminal or a page would obey instead of showing: control characters but
+/// for the end of a line and the tabulator, marks that change the direction of writing, and ends of
+/// lines of other kinds are written as in JSON, `\u001b`.
+pub fn visible(text: &str) -> Cow<'_, str> {
+    let obeyed = |c: char| {
+        c.is_control() && c != '\n' && c != '\t'
+            || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{feff}')
+            || ('\u{2028}'..='\u{202e}').contains(&c)
+            || ('\u{2066}'..='\u{2069}').contains(&c)
+    };
+    if !text.chars().any(obeyed) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        match obeyed(c) {
+            true => shown += &format!("\\u{:04x}", u32::from(c)),
+            false => shown.push(c),
+        }
+    }
+    Cow::Owned(shown)
+}
+
+/// A word as a shell takes it.
+pub fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
     }
 }
 
@@ -80,6 +115,18 @@ pub fn short(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nothing_in_a_text_is_obeyed() {
+        for (text, shown) in [
+            ("a\tb\nλ⁺ é 漢", "a\tb\nλ⁺ é 漢"),
+            ("\u{1b}[31mred", "\\u001b[31mred"),
+            ("a\rb\u{7f}\u{9b}2J\u{0}", "a\\u000db\\u007f\\u009b2J\\u0000"),
+            ("\u{202e}txt\u{2066}\u{200f}\u{2028}", "\\u202etxt\\u2066\\u200f\\u2028"),
+        ] {
+            assert_eq!(visible(text), shown);
+        }
+    }
 
     #[test]
     fn sizes() {

@@ -7,13 +7,13 @@ use crate::command::loading::{load_for_accuracy, reduced_case};
 use crate::command::printing::{print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
-use crate::plan::here::refuse_hopeless_here;
+use crate::plan::here::{announce_look, refuse_hopeless_here};
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::problem::grid::axis_names;
 use crate::results::ledger::Ledger;
-use crate::results::readback;
 use crate::results::shown::Shown;
+use crate::results::untrusted;
 use crate::run::{ledger, planning, warnings};
 use serde::Serialize;
 
@@ -55,6 +55,7 @@ struct CheckedAxis {
 pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
     let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
     refuse_hopeless_here(world, &case)?;
+    announce_look(world, &case);
     let bounds = Bounds::new(&case)?;
     let resources = Resources { ranks: world.group().size(), ..Resources::default() };
     // Where the grid is small enough, planning finds formulas that are not finite and tolerances
@@ -110,9 +111,9 @@ fn checked<'a>(
 /// Compares the datasets of a run with their checksums. Collective.
 ///
 /// # Errors
-/// As [`readback::check_result`].
+/// As [`untrusted::check_directory`].
 pub fn execute_on_result(world: &World, args: &CheckResultArgs) -> Result<()> {
-    for (path, datasets) in readback::check_result(&world.group(), &args.directory)? {
+    for (path, datasets) in untrusted::check_directory(&world.group(), &args.directory)? {
         print(world, &format!("{}: {datasets} datasets as written", path.display()));
     }
     Ok(())

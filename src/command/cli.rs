@@ -1,7 +1,9 @@
 //! The command line.
 
 use crate::base::version::VERSION;
-use crate::command::values::{parse_accuracy, parse_bytes, parse_duration, parse_refinement};
+use crate::command::values::{
+    RankNumbers, parse_accuracy, parse_bytes, parse_duration, parse_ranks, parse_refinement,
+};
 use crate::study::stability::panel::Name;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -21,6 +23,8 @@ pub struct Cli {
 pub enum Command {
     /// Solve a case; writes DIR/result.h5, DIR/fields.xdmf and DIR/summary.json
     Run(RunArgs),
+    /// Solve a case with every combination of values; writes DIR/table.csv and DIR/table.tex
+    Sweep(SweepArgs),
     /// Memory and work of a run; nothing is solved
     Plan(PlanArgs),
     /// Validate a case and print it as it was read
@@ -31,6 +35,9 @@ pub enum Command {
     Advise(AdviseArgs),
     /// Draw a finished run, as SVG and PNG into DIR/plots
     Plot(PlotArgs),
+    /// Phase space and density of a finished run at all times of its fields, as a GIF and, by
+    /// ffmpeg, as a WebM, into DIR/plots
+    Movie(MovieArgs),
     /// Write a finished run as one self-contained page, DIR/report.html
     Report(PlotArgs),
     /// Accuracy against cost, method by method: chart.csv, chart.json, chart.svg, chart.png
@@ -183,6 +190,39 @@ pub struct RunArgs {
     pub walltime: Option<Duration>,
 }
 
+/// Options of `sweep`.
+#[derive(Debug, Args)]
+pub struct SweepArgs {
+    /// The case.
+    #[command(flatten)]
+    pub case: CaseArgs,
+    /// A key and its values, as --set takes them: --vary axis.0.x.cells=64,128; of several keys
+    /// every combination, the last key fastest
+    #[arg(long, value_name = "KEY=VALUE[,...]", required = true)]
+    pub vary: Vec<String>,
+    /// Directory of the runs' directories and of the table; by default results/NAME-sweep
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Only print number, values and directory of each run, separated by tabulators
+    #[arg(long, conflicts_with_all = ["index", "table"])]
+    pub list: bool,
+    /// Only the run of this number, from 1, without a table: for job arrays
+    #[arg(long, value_name = "K", conflicts_with = "table")]
+    pub index: Option<usize>,
+    /// Only the table of what is finished; nothing is solved
+    #[arg(long)]
+    pub table: bool,
+    /// Blocks along each x-axis; the other ranks split the modes
+    #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
+    pub ranks_x: Option<Vec<usize>>,
+    /// Replace results of other runs, or of another version of the program, in the directories
+    #[arg(long)]
+    pub force: bool,
+    /// Stop (exit code 75) before so much time has passed: 3600, 90m, 1:30:00
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    pub walltime: Option<Duration>,
+}
+
 /// Options of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
@@ -192,9 +232,10 @@ pub struct PlanArgs {
     /// What it is to reach.
     #[command(flatten)]
     pub accuracy: AccuracyArgs,
-    /// Number of ranks; by default 1, with --calibrate as many as it is started on
-    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
-    pub ranks: Option<u64>,
+    /// Number of ranks; by default 1, with --calibrate as many as it is started on. Of many, 1,2,6
+    /// or 1..64 for 1, 2, 4, … 64: a table, and which is worth it
+    #[arg(long, value_name = "N[,N...]", value_parser = parse_ranks)]
+    pub ranks: Option<RankNumbers>,
     /// Blocks along each x-axis; the other ranks split the modes
     #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
     pub ranks_x: Option<Vec<usize>>,
@@ -213,13 +254,22 @@ pub struct PlanArgs {
     #[arg(
         long,
         value_name = "N",
-        requires = "memory_per_node",
         value_parser = clap::value_parser!(u64).range(1..=1_000_000)
     )]
     pub ranks_per_node: Option<u64>,
     /// Run a few steps on the ranks this is started on, and predict the time of the run
     #[arg(long)]
     pub calibrate: bool,
+    /// Write a job script for Slurm that runs the case on that number of ranks, of many on the last
+    /// that is worth it
+    #[arg(long, value_name = "FILE")]
+    pub sbatch: Option<PathBuf>,
+    /// Directory of the results of that job; by default results/NAME of the case file
+    #[arg(short, long, value_name = "DIR", requires = "sbatch")]
+    pub output: Option<PathBuf>,
+    /// Replace FILE
+    #[arg(long, requires = "sbatch")]
+    pub force: bool,
     /// As JSON
     #[arg(long)]
     pub json: bool,
@@ -272,6 +322,37 @@ pub struct PlotArgs {
     /// Results of another run on the same grid, drawn beside
     #[arg(long, value_name = "DIR")]
     pub beside: Option<PathBuf>,
+}
+
+/// Options of `movie`.
+#[derive(Clone, Debug, Args)]
+pub struct MovieArgs {
+    /// Directory of the results
+    #[arg(value_name = "DIR")]
+    pub directory: PathBuf,
+    /// Directory of what is written; by default DIR/plots
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// In more than one dimension: where planes cut the other axes, x=0.1,vy=0; repeat it for more
+    /// movies
+    #[arg(long = "slice", value_name = "NAME=POSITION[,...]", allow_hyphen_values = true)]
+    pub slices: Vec<String>,
+    /// Frames a second; the last one stays for a second
+    #[arg(
+        long,
+        value_name = "N",
+        default_value = "10",
+        value_parser = clap::value_parser!(u16).range(1..=50)
+    )]
+    pub fps: u16,
+    /// Only every N-th time; the last one always
+    #[arg(
+        long,
+        value_name = "N",
+        default_value = "1",
+        value_parser = clap::value_parser!(u32).range(1..=10_000)
+    )]
+    pub every: u32,
 }
 
 /// Options of `chart`.

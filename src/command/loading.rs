@@ -6,8 +6,7 @@ use crate::command::cli::{AccuracyArgs, CaseArgs, Changes, Mode};
 use crate::parallel::communicator::World;
 use crate::problem::case;
 use crate::problem::case::Case;
-use crate::results::pictures::stored::Stored;
-use crate::results::readback;
+use crate::results::untrusted;
 use crate::run::planning;
 use crate::scheme::reduce::reduced;
 use crate::study::advise::{Wanted, advise};
@@ -20,10 +19,14 @@ const DEFAULT_BUDGET: Duration = Duration::from_secs(60);
 
 /// Reads the case file on rank 0 and parses it on all. Collective.
 pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
-    let group = world.group();
-    let text = group.on_first_rank(|| case::read_text(&args.case))?;
-    let text = group.broadcast_text(&text);
+    let text = load_text(world, &args.case)?;
     Case::parse(&args.case.display().to_string(), &text, &overrides(&args.changes))
+}
+
+/// Reads the text of a case file on rank 0, for all. Collective.
+pub fn load_text(world: &World, path: &Path) -> Result<String> {
+    let text = world.group().on_first_rank(|| case::read_text(path))?;
+    Ok(world.group().broadcast_text(&text))
 }
 
 /// The `--set` options that changes amount to.
@@ -67,7 +70,6 @@ pub fn load_continued(
     let text = group.broadcast_text(&serde_json::to_string(&found).unwrap_or_default());
     let found: Continuation = serde_json::from_str(&text)
         .map_err(|e| Error::Input(format!("--continue {}: {e}", directory.display())))?;
-    readback::check(&group, &directory.join("result.h5"))?;
     let case = Case::parse(&found.name, &found.text, &found.overrides)?;
     if group.rank() == 0 && !found.left_out.is_empty() {
         let keys = found.left_out.join(" and ");
@@ -81,7 +83,7 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
     let wrong = |what: &dyn std::fmt::Display| {
         Error::Input(format!("--continue {}: {what}", directory.display()))
     };
-    let stored = Stored::look(directory)?;
+    let stored = untrusted::open(directory)?;
     if directory.join("checkpoint").exists() {
         return Err(wrong(&"a run there is not finished; --resume finishes it"));
     }

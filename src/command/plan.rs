@@ -3,19 +3,25 @@
 use crate::base::error::Result;
 use crate::command::cli::PlanArgs;
 use crate::command::loading::{load_for_accuracy, reduced_case};
-use crate::command::printing::{print, print_json};
+use crate::command::printing::{print, print_as, print_json};
+use crate::command::sbatch;
+use crate::command::sbatch::Needs;
+use crate::command::values::RankNumbers;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::advice::{Advice, Node};
-use crate::plan::here::memory_per_rank;
+use crate::plan::here::{announce_look, memory_per_rank};
 use crate::plan::layout::Resources;
+use crate::problem::case::Case;
 use crate::run::planning;
+use crate::run::planning::Planned;
 use crate::study::calibrate::{Calibration, calibrate};
+use crate::study::ranks::{Choice, RankTable, Reference};
 use serde::Serialize;
 
-/// What `plan --json` prints.
+/// What `plan --json` prints of one number of ranks.
 #[derive(Serialize)]
-struct Planned<'a> {
+struct Printed<'a> {
     #[serde(flatten)]
     plan: &'a Plan,
     advice: &'a Advice,
@@ -23,42 +29,111 @@ struct Planned<'a> {
     calibration: Option<&'a Calibration>,
 }
 
-/// Plans the case, with `--calibrate` from a few steps of it. Collective.
+/// Plans the case on one number of ranks or many, with `--calibrate` from a few steps of it.
+/// Collective.
 ///
 /// # Errors
-/// As [`planning::plan`], [`calibrate`] and `load_for_accuracy`.
+/// As [`planning::plan`], [`calibrate`], `load_for_accuracy` and [`sbatch::write`].
 pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
+    sbatch::refuse(world, args)?;
     let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
-    let started = world.group().size();
-    let ranks = args.ranks.map_or(if args.calibrate { started } else { 1 }, |n| n as usize);
-    let node = args
-        .memory_per_node
-        .map(|memory| Node { memory, ranks: args.ranks_per_node.map_or(ranks, |n| n as usize) });
-    // A node that is not full has more for each rank.
-    let share = node.map(|node| node.memory / node.ranks.min(ranks) as u64);
-    let resources = Resources {
+    announce_look(world, &case);
+    let needs = match &args.ranks {
+        None if args.calibrate => on_one(world, args, &case, world.group().size())?,
+        None => on_one(world, args, &case, 1)?,
+        Some(RankNumbers::One(ranks)) => on_one(world, args, &case, *ranks)?,
+        Some(RankNumbers::Many(numbers)) => on_many(world, args, &case, numbers)?,
+    };
+    sbatch::write(world, args, &case, needs)
+}
+
+/// The node that `args` speak of.
+fn node(args: &PlanArgs, ranks: usize) -> Option<Node> {
+    let on_node = args.ranks_per_node.map(|n| n as usize);
+    let memory = args.memory_per_node;
+    (memory.is_some() || on_node.is_some())
+        .then(|| Node { memory, ranks: on_node.unwrap_or(ranks) })
+}
+
+/// What a run on so many ranks may take.
+fn resources(args: &PlanArgs, ranks: usize) -> Resources {
+    let share = node(args, ranks).and_then(|node| node.share(ranks));
+    Resources {
         ranks,
         ranks_x: args.ranks_x.clone(),
         memory_per_rank: args.memory_per_rank.or(share),
-    };
+    }
+}
+
+/// Prints the plan on so many ranks. Collective.
+fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<Needs> {
+    let resources = resources(args, ranks);
     let (plan, calibration) = if args.calibrate {
-        let (plan, found) = calibrate(world, &case, &resources)?;
+        let (plan, found) = calibrate(world, case, &resources)?;
         (plan, Some(found))
     } else {
-        (planning::plan(world, &case, &resources)?, None)
+        (planning::plan(world, case, &resources)?, None)
     };
     // As if all its ranks were started here.
-    let here = memory_per_rank(&world.group()) as f64 * started as f64 / ranks as f64;
-    let advice = Advice::new(&case, &plan, &resources, node, here as u64);
+    let all = world.group();
+    let here = memory_per_rank(&all) as f64 * all.size() as f64 / ranks as f64;
+    let advice = Advice::new(case, &plan, &resources, node(args, ranks), here as u64);
+    let calibration = calibration.as_ref();
     if args.json {
-        let planned = Planned { plan: &plan, advice: &advice, calibration: calibration.as_ref() };
-        print_json(world, &planned);
-        return Ok(());
+        print_json(world, &Printed { plan: &plan, advice: &advice, calibration });
+    } else {
+        print(world, &plan.to_string());
+        print(world, &advice.to_string());
+        if let Some(calibration) = calibration {
+            print(world, &calibration.to_string());
+        }
     }
-    print(world, &plan.to_string());
-    print(world, &advice.to_string());
-    if let Some(calibration) = calibration {
-        print(world, &calibration.to_string());
+    Ok(Needs {
+        ranks,
+        ranks_per_node: args.ranks_per_node.map(|n| n as usize),
+        memory: plan.memory(),
+        seconds: calibration.map(|found| found.wall_seconds),
+    })
+}
+
+/// Prints a table of so many numbers of ranks, rising; what the last needs that is worth it.
+/// Collective.
+fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Result<Needs> {
+    let most = numbers.last().copied().unwrap_or(1);
+    let measured = planning::MeasuredCase::new(world, case, &resources(args, most))?;
+    let mut known: Option<Planned> = None;
+    let mut choices = Vec::new();
+    for &ranks in numbers {
+        let resources = resources(args, ranks);
+        let planned = match &known {
+            None => measured.plan(&resources),
+            Some(known) => known.on(&measured.case, &resources),
+        };
+        let plan = planned.map(|planned| known.insert(planned).plan.clone());
+        choices.push(Choice { ranks, node: node(args, ranks), plan });
     }
-    Ok(())
+    let calibrated = match args.calibrate {
+        true => {
+            Some(calibrate(world, case, &resources(args, ranks_of_reference(world, &choices)))?)
+        }
+        false => None,
+    };
+    let reference = calibrated.as_ref().map(|(plan, calibration)| Reference { plan, calibration });
+    let table = RankTable::new(&measured.case, choices, reference.as_ref())?;
+    print_as(world, &table, args.json);
+    let best = table.recommended();
+    Ok(Needs {
+        ranks: best.map_or(1, |best| best.ranks),
+        ranks_per_node: args.ranks_per_node.map(|n| n as usize),
+        memory: best.map_or(0, |best| best.memory),
+        seconds: best.and_then(|best| best.seconds),
+    })
+}
+
+/// The number of ranks whose seconds are measured: as many as were started, or else the next that
+/// fits.
+fn ranks_of_reference(world: &World, choices: &[Choice]) -> usize {
+    let started = world.group().size();
+    let fitting = || choices.iter().filter(|choice| choice.plan.is_ok()).map(|c| c.ranks);
+    fitting().find(|&ranks| ranks >= started).or(fitting().next_back()).unwrap_or(started)
 }

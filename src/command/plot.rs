@@ -12,7 +12,9 @@ use crate::results::pictures;
 use crate::results::pictures::Album;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::stored::Stored;
+use crate::results::report::times::Times;
 use crate::results::report::{self, Report, missing};
+use crate::results::untrusted;
 use crate::run::planning::with_start;
 use crate::scheme::reduce::reduced;
 use std::path::PathBuf;
@@ -22,15 +24,15 @@ const MOST_POINTS: usize = 10_000_000;
 
 /// What was written.
 #[derive(Default)]
-struct Written {
-    files: Vec<PathBuf>,
+pub(super) struct Written {
+    pub files: Vec<PathBuf>,
     /// Names of what was left out, and why.
-    left_out: Vec<(String, String)>,
+    pub left_out: Vec<(String, String)>,
 }
 
 impl Written {
     /// Prints the names of the files and what was left out.
-    fn print(&self, world: &World) {
+    pub fn print(&self, world: &World) {
         for (name, why) in &self.left_out {
             print(world, &format!("{name}: left out: {why}"));
         }
@@ -43,11 +45,11 @@ impl Written {
 /// Draws a run; the first rank reads and writes. Collective.
 ///
 /// # Errors
-/// As [`Stored::open`], [`Cut::parse`], [`pictures::draw`] and [`Album::write`], the same on all
+/// As [`untrusted::open`], [`Cut::parse`], [`pictures::draw`] and [`Album::write`], the same on all
 /// ranks.
 pub fn execute(world: &World, args: &PlotArgs) -> Result<()> {
     let written = world.group().on_first_rank(|| {
-        let (_, album) = album(args)?;
+        let Drawn { album, .. } = album(args)?;
         let directory = args.output.clone();
         let directory = directory.unwrap_or_else(|| args.directory.join(pictures::FOLDER));
         let files = album.write(&directory)?;
@@ -64,9 +66,9 @@ pub fn execute(world: &World, args: &PlotArgs) -> Result<()> {
 pub fn execute_report(world: &World, args: &PlotArgs) -> Result<()> {
     let group = world.group();
     let opened = group.on_first_rank(|| album(args).map(Some))?;
-    let description = description(world, opened.as_ref().map(|(run, _)| run));
+    let description = description(world, opened.as_ref().map(|drawn| &drawn.run));
     let written = group.on_first_rank(|| match opened {
-        Some((run, album)) => write_report(args, &run, album, description),
+        Some(drawn) => write_report(args, drawn, description),
         None => Ok(Written::default()),
     })?;
     written.print(world);
@@ -76,26 +78,31 @@ pub fn execute_report(world: &World, args: &PlotArgs) -> Result<()> {
 /// Writes the page. On the first rank.
 fn write_report(
     args: &PlotArgs,
-    run: &Stored,
-    album: Album,
+    drawn: Drawn,
     description: std::result::Result<String, String>,
 ) -> Result<Written> {
+    let Drawn { run, mut album, cut } = drawn;
     let summary = run.summary.as_ref().map_err(|why| {
         let what = "a directory that `phasewarp run` wrote is expected";
         Error::Input(format!("{why}; {what}"))
     })?;
     let missing = missing(summary);
+    let times = Times::new(&run, &cut).unwrap_or_else(|why| {
+        album.left_out.push(("times".to_owned(), why));
+        None
+    });
     let page = Report {
-        run,
+        run: &run,
         summary,
         album: &album,
+        times: times.as_ref(),
         description: description.as_deref().map_err(String::as_str),
     };
     let page = page.html()?;
     let directory = args.output.as_ref().unwrap_or(&args.directory);
     disk::make(directory)?;
     let path = directory.join(report::NAME);
-    disk::write(&path, page.as_bytes())?;
+    disk::write_text(&path, &page)?;
     let mut left_out = album.left_out;
     left_out.extend(missing);
     if let Err(why) = description {
@@ -129,12 +136,21 @@ fn description(world: &World, run: Option<&Stored>) -> std::result::Result<Strin
     described().map_err(|e| e.to_string())
 }
 
+/// A run and its pictures.
+struct Drawn {
+    run: Stored,
+    album: Album,
+    /// Where the first of them cut it.
+    cut: Cut,
+}
+
 /// The run and its pictures.
-fn album(args: &PlotArgs) -> Result<(Stored, Album)> {
-    let run = Stored::open(&args.directory)?;
-    let beside = (args.beside.as_deref()).map(Stored::open).transpose()?;
+fn album(args: &PlotArgs) -> Result<Drawn> {
+    let run = untrusted::open(&args.directory)?;
+    let beside = (args.beside.as_deref()).map(untrusted::open).transpose()?;
     let cuts = args.slices.iter().map(|text| Cut::parse(&run, text));
     let cuts: Vec<Cut> = cuts.collect::<Result<_>>()?;
     let album = pictures::draw(&run, beside.as_ref(), &cuts)?;
-    Ok((run, album))
+    let cut = cuts.into_iter().next().unwrap_or_else(|| Cut::middle(&run));
+    Ok(Drawn { run, album, cut })
 }

@@ -7,17 +7,19 @@ use crate::command::printing::{print, print_as, print_json};
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
-use crate::problem::case::{Case, Method};
+use crate::problem::case::{Case, Delta, Method};
 use crate::quantum::access::largest_parts;
-use crate::quantum::optimise::{Ranking, System, choices, deltas};
-use crate::quantum::resources::Record;
+use crate::quantum::optimise::{Ranking, System, choices, deltas, preparation, scheme_of};
+use crate::quantum::planned_modes;
+use crate::quantum::resources::{Comparison, Record};
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 
-/// Counts for the case as it is, or ranks choices for it; prints what was found. Collective.
+/// Counts for the cheapest set-up and the case's own, or ranks choices; prints what was found.
+/// Collective.
 ///
 /// # Errors
-/// As `count`; [`Error::Input`] for `--optimise` in a format that holds one choice.
+/// As `compare`; [`Error::Input`] for `--optimise` in a format that holds one choice.
 pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     if args.optimise {
@@ -26,54 +28,69 @@ pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
                         azure and qref hold one";
             return Err(Error::Input(what.to_owned()));
         }
+        has_counts(&case)?;
         print_as(world, &optimise(world, &case)?, args.format == RecordFormat::Json);
         return Ok(());
     }
-    let record = count(world, &case)?;
+    let found = compare(world, &case)?;
     match args.format {
-        RecordFormat::Text => print(world, &record.to_string()),
-        RecordFormat::Json => print_json(world, &record),
-        RecordFormat::Azure => print_json(world, &record.logical_counts()),
-        RecordFormat::Qref => print_json(world, &record.qref()),
+        RecordFormat::Text => print(world, &found.to_string()),
+        RecordFormat::Json => print_json(world, &found),
+        RecordFormat::Azure => print_json(world, &found.cheapest.logical_counts()),
+        RecordFormat::Qref => print_json(world, &found.cheapest.qref()),
     }
     Ok(())
 }
 
-/// Assembles `case` on all ranks and counts. Collective.
+/// The counts of the cheapest set-up and of the case's own. Collective.
 ///
 /// # Errors
-/// [`Error::Input`] for a classical case; as [`Prepared::new`] and [`Prepared::plan_modes`].
-fn count(world: &World, case: &Case) -> Result<Record> {
+/// [`Error::Input`] for a classical case; as [`Prepared::new`], [`Prepared::plan_modes`] and
+/// [`preparation`].
+fn compare(world: &World, case: &Case) -> Result<Comparison> {
     has_counts(case)?;
     let mut prepared = prepare(world, case)?;
     let ratio = prepared.probe();
     prepared.plan_modes(&Resources::here(world), ratio)?;
+    let norms_of_own = norms(&mut prepared);
+    let warp = planned_modes(case, &prepared.plan)?;
+    let own = Record::new(&prepared, warp.into(), norms_of_own)?;
+    drop(prepared);
+    let ranking = optimise(world, case)?;
+    let Some(choice) = ranking.first() else {
+        return Ok(Comparison { cheapest: own.clone(), own });
+    };
+    let scheme = scheme_of(case);
+    let mut prepared = match choice.delta {
+        None => prepare(world, &scheme)?,
+        Some(delta) => prepare(world, &with_delta(&scheme, delta))?,
+    };
+    let ratio = prepared.probe();
     let norms = norms(&mut prepared);
-    Record::new(&prepared, norms)
+    prepared.case = choice.of(&prepared.case, &prepared.bounds);
+    let planned = preparation(&prepared.case, &prepared.bounds, ratio)?;
+    let cheapest = Record::new(&prepared, planned, norms)?;
+    Ok(Comparison { cheapest, own })
 }
 
-/// Every choice of profile, recovery point and `δ`, the cheapest first. Collective.
+/// Every choice of profile, parameter, recovery point and `δ`, the cheapest first. Collective.
 ///
 /// # Errors
-/// As [`count`].
+/// As [`Prepared::new`].
 fn optimise(world: &World, case: &Case) -> Result<Ranking> {
-    has_counts(case)?;
+    let case = scheme_of(case);
     let mut all = Vec::new();
-    let own = prepare(world, case)?;
-    let inflow = own.system.matrix.inflow.iter();
-    let largest = inflow.flat_map(|aux| aux.values).fold(0.0, |m: f64, b| m.max(b.abs()));
-    let largest = own.communicator.space.max(largest);
-    drop(own);
-    for delta in deltas(case, largest) {
-        let mut case = case.clone();
-        case.warp.delta = delta;
+    let largest = if case.enters() { largest_inflow(world, &case)? } else { 0.0 };
+    for delta in deltas(&case, largest) {
+        let case = with_delta(&case, delta);
         let mut prepared = prepare(world, &case)?;
         let ratio = prepared.probe();
         let norms = norms(&mut prepared);
         let (s, k, nonzeros) = largest_parts(&prepared.system.matrix);
         let space = &prepared.communicator.space;
         all.extend(choices(&System {
-            case: &case,
+            world: Some(&world.group()),
+            case: &prepared.case,
             bounds: &prepared.bounds,
             ratio,
             norms,
@@ -81,6 +98,24 @@ fn optimise(world: &World, case: &Case) -> Result<Ranking> {
         }));
     }
     Ok(Ranking::new(all))
+}
+
+/// The largest `|b|`. Collective.
+///
+/// # Errors
+/// As [`Prepared::new`].
+fn largest_inflow(world: &World, case: &Case) -> Result<f64> {
+    let prepared = prepare(world, case)?;
+    let inflow = prepared.system.matrix.inflow.iter();
+    let largest = inflow.flat_map(|aux| aux.values).fold(0.0, |m: f64, b| m.max(b.abs()));
+    Ok(prepared.communicator.space.max(largest))
+}
+
+/// `case` with another `δ`.
+fn with_delta(case: &Case, delta: Delta) -> Case {
+    let mut case = case.clone();
+    case.warp.delta = delta;
+    case
 }
 
 /// Refuses what the paper's counts are not for.

@@ -1,7 +1,6 @@
 //! `phasewarp run`: solves a case.
 
 use crate::base::error::{Error, Result};
-use crate::base::log::report;
 use crate::base::machine;
 use crate::base::text::fixed;
 use crate::command::cli::{CaseArgs, RunArgs};
@@ -11,7 +10,7 @@ use crate::command::loading::{
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Method};
-use crate::results::finished::{is_finished, refuse_to_replace};
+use crate::results::finished::refuse_to_replace;
 use crate::results::summary::{Continued, Summary};
 use crate::run;
 use crate::run::options::Options;
@@ -39,19 +38,10 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
             with_accuracy(world, given, &args.changes, &args.accuracy)?
         }
     };
-    if args.resume {
-        match is_finished(&world.group(), &directory, &case) {
-            Ok(true) => {
-                let shown = directory.display();
-                print(world, &format!("--resume: the run is finished; results in {shown}"));
-                return Ok(());
-            }
-            Ok(false) => {}
-            Err(damage) if world.group().rank() == 0 => report(&format!(
-                "warning: --resume: {damage}: the finished run is damaged and is computed anew"
-            )),
-            Err(_) => {}
-        }
+    if args.resume && run::is_done(world, &directory, &case) {
+        let shown = directory.display();
+        print(world, &format!("--resume: the run is finished; results in {shown}"));
+        return Ok(());
     }
     let options = Options {
         ranks_x: args.ranks_x.clone(),
@@ -68,9 +58,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     machine::no_more_checkpoints();
     let summary = solved?;
     if world.group().rank() == 0 {
-        for warning in &summary.warnings[summary.warnings_printed..] {
-            report(&format!("warning: {warning}"));
-        }
+        summary.report_late_warnings();
     }
     print(world, &closing_line(&summary, &directory));
     let inherited = summary.continued.as_ref().map(Continued::line);
@@ -80,7 +68,14 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     }
     let ledger = summary.ledger.iter().filter(|l| args.verbose || !l.warnings().is_empty());
     ledger.for_each(|ledger| print(world, &ledger.text()));
-    Ok(())
+    match missed(&case, &summary) {
+        Some(what) if case.strict => Err(Error::Missed(what)),
+        Some(what) => {
+            print(world, &what);
+            Ok(())
+        }
+        None => Ok(()),
+    }
 }
 
 /// What a run is to solve, and where its results go.
@@ -121,15 +116,34 @@ fn refuse_accuracy(case: Case) -> Result<Case> {
     }
 }
 
-/// Whether the density is as near to the exact one as was asked for.
+/// Whether the density is as near to the exact one as was asked for; where it is not, `missed` says
+/// so at the end.
 fn goal_line(case: &Case, summary: &Summary) -> Option<String> {
     let goal = case.accuracy?;
     let found = match summary.error_density_l1_relative {
         Some(error) if error <= goal => format!("reached, {error:.1e}"),
-        Some(error) => format!("MISSED, {error:.1e}"),
+        Some(_) => return None,
         None => "not measured, as there is no [exact]".to_owned(),
     };
     Some(format!("accuracy {goal:e} of the density (relative L1): {found}"))
+}
+
+/// What the run misses of the tolerance and the accuracy that it was asked for.
+fn missed(case: &Case, summary: &Summary) -> Option<String> {
+    let estimate = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
+    let measured = summary.error_semidiscrete.map(|error| (error, "measured"));
+    let algorithm = measured.or(estimate.map(|error| (error, "estimated")));
+    let tolerance = (algorithm.filter(|_| case.method == Method::Schrodingerized))
+        .filter(|(error, _)| *error > case.tolerance)
+        .map(|(error, how)| {
+            format!("tolerance {:e} MISSED: {error:.2e} ({how}, relative l2)", case.tolerance)
+        });
+    let density = summary.error_density_l1_relative.zip(case.accuracy);
+    let accuracy = density.filter(|(error, goal)| error > goal).map(|(error, goal)| {
+        format!("accuracy {goal:e} of the density MISSED: {error:.2e} (relative L1)")
+    });
+    let all: Vec<String> = tolerance.into_iter().chain(accuracy).collect();
+    (!all.is_empty()).then(|| all.join("; "))
 }
 
 /// Seconds, errors and where the results are.

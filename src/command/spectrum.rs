@@ -2,6 +2,7 @@
 //! weights.
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
+use crate::base::log::report;
 use crate::base::text::bytes_text;
 use crate::command::cli::SpectrumArgs;
 use crate::command::loading::load;
@@ -9,7 +10,7 @@ use crate::command::printing::{print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::plan::here::{memory_per_rank, refuse_hopeless_here};
+use crate::plan::here::{announce_look, memory_per_rank, refuse_hopeless_here};
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Interface, Method};
 use crate::scheme::interface::law_of;
@@ -17,7 +18,9 @@ use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
 use crate::solve::spectrum::{End, Extremes};
 use crate::study::grids::refined;
+use crate::study::text::seconds_text;
 use serde::Serialize;
+use std::time::Instant;
 
 /// The system whose `S` is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -136,6 +139,7 @@ fn plan(world: &World, case: &Case) -> Result<(Bounds, Plan)> {
     let mut classical = case.clone();
     classical.method = Method::Classical;
     refuse_hopeless_here(world, &classical)?;
+    announce_look(world, case);
     let bounds = Bounds::new(case)?;
     let resources = Resources::here(world);
     let plan = Plan::with_bounds(&classical, bounds.clone(), &resources, 1.0)?;
@@ -150,6 +154,7 @@ fn on_grid(
     steps: usize,
 ) -> Result<GridSpectrum> {
     let mut prepared = Prepared::with_sweeps(world, case, bounds, plan.clone(), usize::MAX)?;
+    announce_steps(world, case, &mut prepared, steps)?;
     let space = &prepared.communicator.space;
     let (lanczos, bound) = spectrum::of(&mut prepared.system, space, steps)?;
     let system = &prepared.system;
@@ -175,6 +180,26 @@ fn on_grid(
         sqrt_pi: [sqrt_pi[0], -sqrt_pi[1]],
         sweeps: weights.sweeps,
     })
+}
+
+/// Says on the first rank how long the Lanczos steps take, where that is long. Collective.
+fn announce_steps(world: &World, case: &Case, prepared: &mut Prepared, steps: usize) -> Result<()> {
+    const FEW: usize = 1 << 18;
+    const LONG: f64 = 4.0;
+    if case.space.cells() <= FEW {
+        return Ok(());
+    }
+    let started = Instant::now();
+    spectrum::of(&mut prepared.system, &prepared.communicator.space, 1)?;
+    let seconds = steps as f64 * started.elapsed().as_secs_f64();
+    if world.group().rank() == 0 && seconds > LONG {
+        let seconds = seconds_text(seconds);
+        report(&format!(
+            "{} cells: {steps} Lanczos steps take up to {seconds}",
+            case.space.cells()
+        ));
+    }
+    Ok(())
 }
 
 /// A number with six digits behind the point, or four that count where these are few.

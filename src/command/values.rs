@@ -10,6 +10,47 @@ pub fn parse_accuracy(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Numbers of ranks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum RankNumbers {
+    /// One.
+    One(usize),
+    /// A list to compare, rising.
+    Many(Vec<usize>),
+}
+
+/// A number of ranks, or many, `1,2,4`; `A..B` stands for A, 2A, 4A, … up to B.
+pub fn parse_ranks(text: &str) -> Result<RankNumbers, String> {
+    const MOST: usize = 1_000_000;
+    let number = |word: &str| match word.trim().parse() {
+        Ok(n @ 1..=MOST) => Ok(n),
+        _ => Err(format!(
+            "'{}': a whole number in 1..={MOST} expected, or many: 1,2,4 or 1..64",
+            word.trim()
+        )),
+    };
+    if !text.contains(',') && !text.contains("..") {
+        return number(text).map(RankNumbers::One);
+    }
+    let mut all = Vec::new();
+    for part in text.split(',') {
+        match part.split_once("..") {
+            None => all.push(number(part)?),
+            Some((first, last)) => {
+                let (first, last) = (number(first)?, number(last)?);
+                if first > last {
+                    return Err(format!("{first}..{last}: the larger number comes last"));
+                }
+                let doubled = std::iter::successors(Some(first), |n| Some(2 * n));
+                all.extend(doubled.take_while(|&n| n <= last));
+            }
+        }
+    }
+    all.sort_unstable();
+    all.dedup();
+    Ok(RankNumbers::Many(all))
+}
+
 /// A whole number from 1 to 64.
 pub fn parse_refinement(text: &str) -> Result<usize, String> {
     match text.trim().parse() {
@@ -107,6 +148,24 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_of_ranks() {
+        for (text, ranks) in [
+            ("2,2", vec![2]),
+            ("4..4", vec![4]),
+            ("4, 1,2,4", vec![1, 2, 4]),
+            ("1..16", vec![1, 2, 4, 8, 16]),
+            ("3..20", vec![3, 6, 12]),
+            ("1..4,6,48..100", vec![1, 2, 4, 6, 48, 96]),
+        ] {
+            assert_eq!(parse_ranks(text), Ok(RankNumbers::Many(ranks)));
+        }
+        assert_eq!(parse_ranks(" 64 "), Ok(RankNumbers::One(64)));
+        for text in ["", "0", "1,", "1...4", "4..1", "0..4", "1..", "1000001", "-1", "1,x", "1 2"] {
+            assert!(parse_ranks(text).is_err(), "{text}");
+        }
+    }
 
     #[test]
     fn durations() {

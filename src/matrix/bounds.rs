@@ -23,9 +23,13 @@ use crate::scheme::interface::law_of;
 use crate::scheme::rows::{fastest, transport_rate};
 use serde::Serialize;
 use std::collections::HashSet;
+use std::ops::Range;
 
 /// More kinds of cells than this are not counted.
 pub const MOST_KINDS: usize = 4096;
+
+/// Cells of space on which `V` is looked at together, unless a layer has more.
+const CELLS_AT_ONCE: usize = 1 << 14;
 
 /// Growth over the whole run, `λ⁺T`, that the weights may leave where particles are trapped. Less
 /// costs sweeps, more costs modes and degrees: from 0.375 to 0.15 the applications of example 1 at
@@ -105,13 +109,15 @@ impl Bounds {
     /// # Errors
     /// [`crate::base::error::Error::Formula`] where `V` is not finite.
     pub fn new(case: &Case) -> Result<Self> {
-        // Layer by layer, so that the whole potential is never kept.
+        // Some layers at a time, so that the whole potential is never kept.
         let mut ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
+        let layer: usize = ranges[1..].iter().map(Range::len).product();
+        let layers = (CELLS_AT_ONCE / layer.max(1)).max(1);
         let (mut force, mut jumps) = (0.0f64, [false; MAX_DIMENSION]);
         let mut steepest = [0.0f64; MAX_DIMENSION];
         let mut kinds = HashSet::new();
-        for i in 0..case.space.x[0].cells {
-            ranges[0] = i..i + 1;
+        for i in (0..case.space.x[0].cells).step_by(layers) {
+            ranges[0] = i..(i + layers).min(case.space.x[0].cells);
             let layer = Potential::new(case, &ranges)?;
             force = force.max(layer.force_rate(&case.space));
             for (a, most) in steepest.iter_mut().enumerate() {

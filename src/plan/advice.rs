@@ -14,10 +14,28 @@ const SHOWN: usize = 4;
 /// A node of the machine that a run is planned for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Node {
-    /// Bytes it has for its ranks.
-    pub memory: u64,
+    /// Bytes it has for its ranks, if known.
+    pub memory: Option<u64>,
     /// Ranks on it.
     pub ranks: usize,
+}
+
+impl Node {
+    /// Nodes that so many ranks take.
+    pub fn count(&self, ranks: usize) -> usize {
+        ranks.div_ceil(self.ranks)
+    }
+
+    /// Bytes on a full node, each of its ranks taking `memory`.
+    pub fn filled(&self, ranks: usize, memory: u64) -> u64 {
+        self.ranks.min(ranks) as u64 * memory
+    }
+
+    /// What each of so many ranks has of its memory, if that is known. A node that is not full has
+    /// more for each.
+    pub fn share(&self, ranks: usize) -> Option<u64> {
+        Some(self.memory? / self.ranks.min(ranks) as u64)
+    }
 }
 
 /// A process mesh that the ranks can have.
@@ -27,7 +45,7 @@ pub struct Candidate {
     pub space: Vec<usize>,
     /// Mode groups.
     pub groups: usize,
-    /// Modelled time over that of the cheapest mesh that fits.
+    /// Modelled time over that of the first mesh.
     pub cost: f64,
     /// Largest and mean modelled cost of a mode group, as a ratio.
     pub imbalance: f64,
@@ -43,7 +61,8 @@ pub struct Candidate {
 /// What to ask for.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Advice {
-    /// The meshes, those that fit first, the cheapest first.
+    /// The meshes: that of a run which is not told another, then those that fit, the cheapest
+    /// first.
     pub meshes: Vec<Candidate>,
     /// The node.
     pub node: Option<Node>,
@@ -92,13 +111,19 @@ impl Advice {
                 }
             })
             .collect();
-        meshes.sort_by(|a, b| (b.fits.cmp(&a.fits)).then(a.cost.total_cmp(&b.cost)));
-        let least = meshes.first().map_or(1.0, |best| best.cost);
-        if least > 0.0 {
-            meshes.iter_mut().for_each(|mesh| mesh.cost /= least);
+        // A run chooses before the norms are measured by which these are compared.
+        let chosen =
+            |mesh: &Candidate| resources.ranks_x.is_none() && mesh.space == plan.layout.mesh.space;
+        meshes.sort_by(|a, b| {
+            let fits = chosen(b).cmp(&chosen(a)).then(b.fits.cmp(&a.fits));
+            fits.then(a.cost.total_cmp(&b.cost))
+        });
+        let first = meshes.first().map_or(1.0, |first| first.cost);
+        if first > 0.0 {
+            meshes.iter_mut().for_each(|mesh| mesh.cost /= first);
         }
-        let nodes = node.map(|node| ranks.div_ceil(node.ranks));
-        let full = node.map(|node| node.ranks.min(ranks) as u64 * plan.memory());
+        let nodes = node.map(|node| node.count(ranks));
+        let full = node.map(|node| node.filled(ranks, plan.memory()));
         let memory = limit.unwrap_or(here);
         let known = Resources { memory_per_rank: Some(memory), ..resources.clone() };
         let largest = warp.and_then(|warp| Layout::largest_points(case, bounds, warp, &known));
@@ -123,12 +148,12 @@ impl fmt::Display for Advice {
         if let (Some(node), Some(nodes), Some(memory)) =
             (self.node, self.nodes, self.memory_per_node)
         {
+            let of = node.memory.map_or(String::new(), |all| format!(" of {}", bytes_text(all)));
             writeln!(
                 f,
-                "nodes           {nodes} of {} ranks: {} of {} on a full one",
+                "nodes           {nodes} of {} ranks: {}{of} on a full one",
                 node.ranks,
                 bytes_text(memory),
-                bytes_text(node.memory)
             )?;
         }
         if let (Some(points), Some(space)) = (self.largest_points, &self.largest_points_mesh) {
@@ -175,7 +200,7 @@ impl fmt::Display for Advice {
 }
 
 /// As `--ranks-x` takes it.
-fn joined(blocks: &[usize]) -> String {
+pub(crate) fn joined(blocks: &[usize]) -> String {
     let blocks: Vec<String> = blocks.iter().map(usize::to_string).collect();
     blocks.join(",")
 }

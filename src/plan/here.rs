@@ -1,10 +1,14 @@
 //! What the machine at hand admits: memory a rank, and cases that cannot fit.
 
 use crate::base::error::Result;
+use crate::base::log::report;
 use crate::base::memory;
 use crate::parallel::communicator::{Group, World};
 use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::problem::case::Case;
+use crate::problem::potential::Potential;
+use std::ops::Range;
+use std::time::Instant;
 
 /// Bytes a rank of `world` may take: its share of what the ranks on its node have together, within
 /// its own limits, the least over all. Collective.
@@ -19,6 +23,43 @@ impl Resources {
     pub fn here(world: &World) -> Self {
         let all = world.group();
         Self { ranks: all.size(), ranks_x: None, memory_per_rank: Some(memory_per_rank(&all)) }
+    }
+}
+
+/// Seconds that it takes to evaluate `V` on all cells of space, from some of them; 0 where they are
+/// few. By one rank's clock.
+pub fn seconds_to_look(case: &Case) -> f64 {
+    const FEW: usize = 1 << 21;
+    const SAMPLE: f64 = 16384.0;
+    let axes = &case.space.x;
+    if case.space.space_cells() <= FEW {
+        return 0.0;
+    }
+    let side = SAMPLE.powf(1.0 / axes.len() as f64) as usize;
+    let ranges: Vec<_> = axes.iter().map(|axis| 0..axis.cells.min(side)).collect();
+    let some: usize = ranges.iter().map(Range::len).product();
+    let started = Instant::now();
+    // What is wrong with V is said by who needs it.
+    let _ = Potential::new(case, &ranges);
+    started.elapsed().as_secs_f64() * case.space.space_cells() as f64 / some as f64
+}
+
+/// Says on the first rank what takes long before a plan is there: a look at a fine grid, and points
+/// in `p` by the million.
+pub fn announce_look(world: &World, case: &Case) {
+    const LONG: f64 = 1.0;
+    const MANY: usize = 1 << 20;
+    if world.group().rank() > 0 {
+        return;
+    }
+    if let Some(points) = case.warp.points.filter(|&points| points > MANY) {
+        let each = "the work of each mode is planned, which takes some seconds";
+        report(&format!("solver.warp.points = {points}: {each}"));
+    }
+    let seconds = seconds_to_look(case);
+    if seconds > LONG {
+        let cells = case.space.space_cells() as f64;
+        report(&format!("V on {cells:.3e} cells of space: each look takes about {seconds:.0} s"));
     }
 }
 

@@ -49,6 +49,13 @@ pub struct Resources {
     pub memory_per_rank: Option<u64>,
 }
 
+impl Resources {
+    /// The same ranks on the blocks of `mesh`.
+    pub fn on_mesh(&self, mesh: &Mesh) -> Self {
+        Self { ranks_x: Some(mesh.space.clone()), ..self.clone() }
+    }
+}
+
 /// Refuses a grid that no layout can fit into the memory of `resources`: arithmetic only, before
 /// anything is evaluated on the grid.
 ///
@@ -88,7 +95,7 @@ impl Layout {
         let limit = resources.memory_per_rank.unwrap_or(u64::MAX);
         if let Some(space) = &resources.ranks_x {
             let layout = Self::of_mesh(case, bounds, warp, mesh_of(case, space, ranks)?);
-            return layout.within(case, bounds, warp, resources);
+            return layout.within(case, bounds, warp, resources)?.numbered(case);
         }
         // The cheapest split of the ranks that fits, fewest blocks first.
         let mut best: Option<(bool, f64, Self)> = None;
@@ -104,9 +111,24 @@ impl Layout {
             }
         }
         match best {
-            Some((_, _, layout)) => layout.within(case, bounds, warp, resources),
+            Some((_, _, layout)) => layout.within(case, bounds, warp, resources)?.numbered(case),
             None => Err(Error::Ranks(format!("{ranks} ranks do not fit the grid"))),
         }
+    }
+
+    /// Refuses more cells on a rank than can be numbered.
+    fn numbered(self, case: &Case) -> Result<Self> {
+        let largest = Block::new(&case.space, &self.mesh, 0);
+        if 2 * largest.cells() + largest.ghosts() <= u32::MAX as usize {
+            return Ok(self);
+        }
+        Err(Error::Ranks(format!(
+            "{} cells on a rank, {} of memory; at most {} can be numbered: more blocks along x \
+             (--ranks-x)",
+            largest.cells(),
+            bytes_text(self.memory()),
+            u32::MAX / 2
+        )))
     }
 
     /// Every split of `ranks` into blocks × groups, fewest blocks first.

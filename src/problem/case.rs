@@ -48,6 +48,7 @@ use crate::problem::formula::Constants;
 use crate::problem::grid::PhaseSpace;
 use crate::problem::limits::LONGEST_FILE;
 use serde::Deserialize;
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::ops::Range;
@@ -77,6 +78,14 @@ struct Tables {
 /// All keys that a case file may have, as the table that the whole file is.
 pub fn keys() -> Kind {
     keys::of::<Tables>()
+}
+
+/// The values of a case file with its `--set` options, as JSON; they are not checked.
+///
+/// # Errors
+/// [`Error::Input`] where the text is no TOML, or an override no `key=value` that fits it.
+pub fn values(name: &str, text: &str, overrides: &[String]) -> Result<Value> {
+    Ok(CaseFile::parse(name, text, overrides)?.json())
 }
 
 /// A problem and how to solve it, as read from a case file.
@@ -126,6 +135,8 @@ pub struct Case {
     pub interval_place: String,
     /// `solver.verify`: whether to measure that distance (one classical solve).
     pub verify: bool,
+    /// `solver.strict`: whether a run that misses what was asked for ends with an error.
+    pub strict: bool,
     /// `[solver.warp]`.
     pub warp: Warp,
     /// `[solver.propagator]`.
@@ -234,6 +245,7 @@ impl Case {
             tolerance_place: file.place("solver.tolerance"),
             interval_place: file.place("solver.warp.interval"),
             verify: solver.verify,
+            strict: solver.strict,
             warp: solver.warp.check(file, duration)?,
             propagator: solver.propagator.check(file, duration)?,
             integrator: solver.classical.integrator,

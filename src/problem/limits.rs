@@ -15,6 +15,16 @@ pub const MOST_ORDER: usize = 16;
 /// The least and the largest `β` for which tails and values are computed.
 pub const BETAS: [f64; 2] = [0.3, 0.95];
 
+/// The least and the largest `α` of the exponential profile: beyond, it is practically a jump.
+pub const ALPHAS: [f64; 2] = [0.01, 100.0];
+
+/// The least and the largest `c` of the profile of Low and Somma: beyond, it is read where it is
+/// round-off.
+pub const CS: [f64; 2] = [0.05, 16.0];
+
+/// The least and the largest `σ` of the Gaussian profile.
+pub const SIGMAS: [f64; 2] = [0.05, 20.0];
+
 /// Most shots that are emulated: beyond, the roundings of probabilities are seen in the counts.
 pub const MOST_SHOTS: f64 = 1e15;
 

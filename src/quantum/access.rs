@@ -148,19 +148,15 @@ impl<'a> SparseAccess<'a> {
     }
 
     /// `|H_jk⟩_m`: real and imaginary part of [`value`](Self::value) as the nearest whole multiples
-    /// of `2^{1−m} ‖H‖_max`: `m` bits each, one of them the sign. `m` from 2 to 52.
+    /// of `‖H‖_max/(2^{m−1} − 1)`: `m` bits each, one of them the sign. `m` from 2 to 52.
     pub fn value_bits(&self, scratch: &mut Scratch, j: usize, k: usize, m: u32) -> [i64; 2] {
         let value = self.value(scratch, j, k);
-        let most = (1i64 << (m - 1)) - 1;
-        [value.re, value.im].map(|x| {
-            let scaled = x / self.unit(m);
-            (scaled.round() as i64).clamp(-most, most)
-        })
+        [value.re, value.im].map(|x| (x / self.unit(m)).round() as i64)
     }
 
     /// What the last of `m` bits stands for.
     pub fn unit(&self, m: u32) -> f64 {
-        self.largest / (1i64 << (m - 1)) as f64
+        self.largest / ((1i64 << (m - 1)) - 1) as f64
     }
 
     /// `√(π_i/π_j)` for cells.

@@ -1,25 +1,37 @@
-//! The `δ`, profile and recovery point with the smallest product of queries and repetitions
-//! (`phasewarp resources --optimise`).
+//! The `δ`, profile, parameter and recovery point with the smallest product of queries and
+//! repetitions (`phasewarp resources`, and `--optimise`, which shows what it was compared with).
 //!
 //! The two factors conflict. A profile with few modes has a low `‖H‖_max` and a small probability
 //! of the solution. A large `δ` fills the state with auxiliary unknowns, a small one couples them
-//! strongly. Every choice is planned as a run would be, to the same tolerance.
+//! strongly. Every choice is planned to the tolerance that a run would have, but for its cost on a
+//! quantum computer: a long period is nearly free there, a high wavenumber is not. The parameter of
+//! every profile is scanned over all values that a case file may have, together with the distance
+//! of the recovery point from where the profile is first `e^{−p}`.
+//!
+//! **The scheme** is the conservative interface where the degree is 0: it needs no weights, whose
+//! table as large as phase space no query could compute ([`scheme_of`]).
 
+use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
-use crate::problem::case::{Case, Coefficients, Delta, ProfileChoice};
+use crate::parallel::communicator::Group;
+use crate::problem::case::{Case, Coefficients, Delta, Interface, ProfileChoice, RecoveryMethod};
+use crate::problem::limits::{ALPHAS, BETAS, CS, MOST_ORDER, SIGMAS};
 use crate::quantum::figure::Figure;
 use crate::quantum::probability::{PlannedState, Probabilities};
-use crate::quantum::resources::walk;
-use crate::schrodingerization::profile::series::points;
-use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::quantum::resources::Preparation;
+use crate::quantum::walk::Evolution;
+use crate::schrodingerization::placement::{forecast_modes, place};
+use crate::schrodingerization::profile::Form;
+use crate::schrodingerization::profile::series::{Series, points};
 use crate::solve::system::StateNorms;
 use serde::Serialize;
+use std::f64::consts::TAU;
 use std::fmt;
 
-/// Profiles that are tried.
-const PROFILES: [ProfileChoice; 8] = [
+/// Profiles as a run takes them when nothing else is asked for, to compare with.
+const DEFAULTS: [ProfileChoice; 8] = [
     ProfileChoice::Designed,
-    ProfileChoice::Gaussian,
+    ProfileChoice::Gaussian { sigma: None },
     ProfileChoice::LowSomma { c: None },
     ProfileChoice::Acl { beta: 0.75 },
     ProfileChoice::Smooth { order: 8 },
@@ -27,10 +39,21 @@ const PROFILES: [ProfileChoice; 8] = [
     ProfileChoice::Exponential { alpha: 1.0 },
     ProfileChoice::Exponential { alpha: 10.0 },
 ];
-/// More modes than this are not planned in full.
+/// More modes than this are not compared.
 const MOST_MODES: usize = 1 << 14;
-/// How far above the planned recovery point others are tried.
-const FURTHER: [f64; 3] = [0.0, 0.5, 1.0];
+/// The furthest that `p◇` is moved beyond where the profile is first `e^{−p}`: there the
+/// probability is `e^{−4}` times as large.
+const FURTHEST: f64 = 2.0;
+
+/// `case` with the scheme that is taken on a quantum computer: of degree 0 the conservative
+/// interface, which is stable without weights.
+pub fn scheme_of(case: &Case) -> Case {
+    let mut case = case.clone();
+    if case.interface == Interface::Hat {
+        (case.interface, case.warp.weights) = (Interface::Conservative, false);
+    }
+    case
+}
 
 /// Values of `δ` that are tried where something enters, `largest` being the largest inflow.
 pub fn deltas(case: &Case, largest: f64) -> Vec<Delta> {
@@ -58,13 +81,18 @@ pub struct Choice {
     /// Walk steps until it succeeds in the window, or in the slice where there is none: repeated,
     /// and by amplitude amplification.
     pub cost: [Figure; 2],
+    /// The profile and the recovery point as they are asked for.
+    #[serde(skip)]
+    candidate: Candidate,
 }
 
 impl Choice {
-    fn unavailable(profile: ProfileChoice, delta: Option<Delta>, why: &str) -> Self {
+    /// One that cannot be planned.
+    fn unavailable(candidate: Candidate, delta: Option<Delta>, why: &str) -> Self {
         let none = || Figure::unavailable(why);
         Self {
-            profile,
+            profile: candidate.profile,
+            candidate,
             delta,
             recovery: none(),
             points: none(),
@@ -73,10 +101,26 @@ impl Choice {
             cost: [none(), none()],
         }
     }
+
+    /// The lower of both costs; infinite where there is none.
+    pub fn least_cost(&self) -> f64 {
+        self.cost.iter().filter_map(Figure::value).fold(f64::INFINITY, f64::min)
+    }
+
+    /// `case` with this choice, to be planned with `bounds`.
+    pub fn of(&self, case: &Case, bounds: &Bounds) -> Case {
+        let mut case = candidate_case(case, bounds, self.candidate);
+        if let Some(delta) = self.delta {
+            case.warp.delta = delta;
+        }
+        case
+    }
 }
 
 /// A system that some `δ` makes, as much as the choice needs to know.
 pub struct System<'a> {
+    /// Ranks that share the work, if there are others.
+    pub world: Option<&'a Group>,
     /// The case with that `δ`.
     pub case: &'a Case,
     /// Its bounds.
@@ -89,73 +133,236 @@ pub struct System<'a> {
     pub matrix: (f64, f64, usize),
 }
 
-impl System<'_> {
-    /// `δ`; none where nothing enters.
-    fn delta(&self) -> Option<Delta> {
-        self.case.enters().then_some(self.case.warp.delta)
+/// A profile, and how far beyond where it is first `e^{−p}` it is read; planned where that is none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Candidate {
+    profile: ProfileChoice,
+    further: Option<f64>,
+    /// The parameter as the scan has it; 0 of defaults.
+    value: f64,
+}
+
+impl Candidate {
+    /// A profile as it is planned.
+    fn planned(profile: ProfileChoice) -> Self {
+        Self { profile, further: None, value: 0.0 }
     }
 }
 
-/// Plans every profile and recovery point for one system; what cannot be planned says why.
-pub fn choices(system: &System<'_>) -> Vec<Choice> {
-    let mut found = Vec::new();
-    let delta = system.delta();
-    for profile in PROFILES {
-        let mut case = system.case.clone();
-        case.warp.profile = profile;
-        (case.warp.interval, case.warp.points, case.warp.recovery) = (None, None, None);
-        case.warp.coefficients = Coefficients::Analytic;
-        let plan = |case: &Case| {
-            let modes = WarpPlan::modes_of(case, system.bounds, system.ratio)?;
-            match modes <= MOST_MODES {
-                true => WarpPlan::new(case, system.bounds, system.ratio).map(Ok),
-                false => Ok(Err(format!("{modes} modes; up to {MOST_MODES} are compared"))),
-            }
+/// `case` with a candidate, without what is given by hand. One reading: what a second one tells is
+/// for emulations.
+fn candidate_case(case: &Case, bounds: &Bounds, candidate: Candidate) -> Case {
+    let mut case = case.clone();
+    let growth = bounds.growth * case.duration();
+    let shift = case.warp.shift.of(bounds.growth) * case.duration();
+    let warp = &mut case.warp;
+    warp.profile = candidate.profile;
+    (warp.interval, warp.points) = (None, None);
+    warp.recovery = candidate.further.map(|further| (growth - shift).max(0.0) + further);
+    (warp.coefficients, warp.recovery_method) = (Coefficients::Analytic, RecoveryMethod::Point);
+    (case.recovery_points, case.plateau, case.warped_field) = (1, None, false);
+    case
+}
+
+/// A profile with a parameter, over all that is scanned of it.
+struct Family {
+    of: fn(f64) -> ProfileChoice,
+    /// The parameter's values, ascending.
+    values: Vec<f64>,
+    /// Whether there are values between these.
+    continuous: bool,
+    /// Whether the recovery point is free: where it is not, the parameter moves it, or moving it
+    /// changes nothing.
+    free_point: bool,
+}
+
+impl Family {
+    /// All profiles that have a parameter.
+    fn all() -> [Self; 5] {
+        let ratios = |[least, most]: [f64; 2], count: i32| {
+            (0..=count)
+                .map(|i| least * (most / least).powf(f64::from(i) / f64::from(count)))
+                .collect()
         };
-        // These two may begin e^{−p} anywhere: another recovery point only shifts them.
-        let moves = matches!(profile, ProfileChoice::Designed | ProfileChoice::Gaussian);
-        let mut first = None;
-        for further in FURTHER.into_iter().take(if moves { 1 } else { FURTHER.len() }) {
-            case.warp.recovery = first.map(|point: f64| point + further);
-            match plan(&case).unwrap_or_else(|error| Err(error.to_string())) {
-                Ok(plan) => {
-                    first.get_or_insert(plan.readings[0].point);
-                    found.push(choice(system, profile, &plan));
-                }
-                Err(why) => {
-                    found.push(Choice::unavailable(profile, delta, &why));
-                    break;
-                }
-            }
-        }
+        let family = |of, values, free_point| Self { of, values, continuous: true, free_point };
+        [
+            family(
+                |sigma| ProfileChoice::Gaussian { sigma: Some(sigma) },
+                ratios(SIGMAS, 24),
+                false,
+            ),
+            family(|c| ProfileChoice::LowSomma { c: Some(c) }, ratios(CS, 24), false),
+            family(|beta| ProfileChoice::Acl { beta }, ratios(BETAS, 8), true),
+            family(|alpha| ProfileChoice::Exponential { alpha }, ratios(ALPHAS, 12), true),
+            Self {
+                of: |order| ProfileChoice::Smooth { order: order as usize },
+                values: (1..=MOST_ORDER).map(|order| order as f64).collect(),
+                continuous: false,
+                free_point: true,
+            },
+        ]
     }
+
+    /// The cheapest of all `values` read at all points, and of `before`. Every rank prices a share.
+    fn best(&self, system: &System<'_>, grid: &Grid, before: Option<Choice>) -> Option<Choice> {
+        let of = |value, further| Candidate { profile: (self.of)(value), further, value };
+        let all = grid.values.iter().flat_map(|&v| grid.further.iter().map(move |&f| of(v, f)));
+        let all: Vec<Candidate> = all.collect();
+        let (rank, ranks) = system.world.map_or((0, 1), |world| (world.rank(), world.size()));
+        let mut costs = vec![f64::NEG_INFINITY; all.len()];
+        for (k, cost) in costs.iter_mut().enumerate().skip(rank).step_by(ranks) {
+            *cost = choice(system, all[k]).least_cost();
+        }
+        if let Some(world) = system.world {
+            world.max_into(&mut costs);
+        }
+        let cheapest = costs.iter().zip(all).reduce(|a, b| if b.0 < a.0 { b } else { a });
+        let found = cheapest.map(|(_, candidate)| choice(system, candidate));
+        let both = before.into_iter().chain(found);
+        both.reduce(|best, next| if next.least_cost() < best.least_cost() { next } else { best })
+    }
+
+    /// The cheapest on the whole grid of the family.
+    fn coarse(&self, system: &System<'_>) -> Option<Choice> {
+        let further = match self.free_point {
+            true => (0..=4).map(|i| Some(FURTHEST * f64::from(i) / 4.0)).collect(),
+            false => vec![None],
+        };
+        self.best(system, &Grid { values: self.values.clone(), further }, None)
+    }
+
+    /// The cheapest on ever finer grids about `found`.
+    fn refined(&self, system: &System<'_>, mut found: Choice) -> Choice {
+        /// Finer grids.
+        const ZOOMS: i32 = 5;
+        /// Steps of a finer grid on either side of the best.
+        const STEPS: i32 = 2;
+        let [least, most] = [self.values[0], self.values[self.values.len() - 1]];
+        let ratio = self.values[1] / self.values[0];
+        let offsets = || (-STEPS..=STEPS).map(f64::from);
+        for zoom in 1..=ZOOMS {
+            let width = f64::from(STEPS).powi(-zoom);
+            let Candidate { value, further, .. } = found.candidate;
+            let values = match self.continuous {
+                true => {
+                    offsets().map(|i| (value * ratio.powf(i * width)).clamp(least, most)).collect()
+                }
+                false => vec![value],
+            };
+            let further = match further {
+                Some(point) => offsets()
+                    .map(|i| Some((point + 0.25 * FURTHEST * i * width).clamp(0.0, FURTHEST)))
+                    .collect(),
+                None => vec![None],
+            };
+            let grid = Grid { values, further };
+            found = self.best(system, &grid, Some(found.clone())).unwrap_or(found);
+        }
+        found
+    }
+}
+
+/// Values of a parameter and recovery points, all with all.
+struct Grid {
+    values: Vec<f64>,
+    further: Vec<Option<f64>>,
+}
+
+/// The cheapest of every profile for one system, and the profiles as they are by default; what
+/// cannot be planned says why. Collective.
+pub fn choices(system: &System<'_>) -> Vec<Choice> {
+    /// A family that is so many times as expensive on its grid is not looked at more closely.
+    const HOPELESS: f64 = 2.0;
+    let families = Family::all();
+    let coarse: Vec<(&Family, Choice)> =
+        families.iter().filter_map(|f| Some((f, f.coarse(system)?))).collect();
+    let least = coarse.iter().map(|(_, c)| c.least_cost()).fold(f64::INFINITY, f64::min);
+    let mut found: Vec<Choice> = coarse
+        .into_iter()
+        .map(|(family, choice)| match choice.least_cost() <= HOPELESS * least {
+            true => family.refined(system, choice),
+            false => choice,
+        })
+        .collect();
+    let skew = system.bounds.decay == 0.0 && system.bounds.growth == 0.0;
+    // Where S = 0 one mode does, whatever the profile.
+    let planned = skew.then_some(ProfileChoice::Planned);
+    let defaults = DEFAULTS.into_iter().chain(planned);
+    found.extend(defaults.map(|profile| choice(system, Candidate::planned(profile))));
     found
 }
 
-/// The cost of `system` with `profile` as planned.
-fn choice(system: &System<'_>, profile: ProfileChoice, plan: &WarpPlan) -> Choice {
-    let (time, tolerance) = (system.case.duration(), system.case.tolerance);
-    let points = points(&plan.series).next_power_of_two();
-    let highest = plan.series.wavenumber(points / 2);
+/// The state of `case`, planned to be measured: on a period so long that the window ends where
+/// hardly anything is left of `e^{−p}`.
+///
+/// # Errors
+/// As [`WarpPlan::modes_of`](crate::schrodingerization::warp_plan::WarpPlan::modes_of).
+pub fn preparation(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Preparation> {
+    /// Length added to the window: `e^{−6}` of the probability is beyond it.
+    const WINDOW: f64 = 3.0;
+    let placement = place(case, bounds, ratio)?;
+    let series = match placement.profile.as_ref().map(|profile| profile.form()) {
+        Some(Form::Transform(shape)) => {
+            let planned = &placement.series;
+            let highest = planned.wavenumber(planned.modes() - 1);
+            let period = planned.period + WINDOW;
+            let modes = (highest * period / TAU).ceil() as usize + 1;
+            Series::analytic(period, modes, |mu| shape.coefficient(mu))
+        }
+        _ => placement.series.clone(),
+    };
+    Ok(Preparation {
+        series,
+        point: placement.readings[0].point,
+        state_tolerance: case.tolerance / ratio,
+        planned: placement.profile.as_ref().map_or(String::new(), ToString::to_string),
+    })
+}
+
+/// The cost of `system` with `candidate`.
+fn choice(system: &System<'_>, candidate: Candidate) -> Choice {
+    let delta = system.case.enters().then_some(system.case.warp.delta);
+    let case = candidate_case(system.case, system.bounds, candidate);
+    let too_many = |modes: f64| {
+        let why = format!("{modes} modes; up to {MOST_MODES} are compared");
+        Choice::unavailable(candidate, delta, &why)
+    };
+    // Coefficients of a profile with a corner may take long, and be of no use.
+    if !matches!(candidate.profile, ProfileChoice::Designed | ProfileChoice::Planned) {
+        let modes = forecast_modes(&case, system.bounds, system.ratio);
+        if let Some(modes) = modes.filter(|&modes| modes > MOST_MODES as f64) {
+            return too_many(modes);
+        }
+    }
+    let Preparation { series, point, state_tolerance, .. } =
+        match preparation(&case, system.bounds, system.ratio) {
+            Ok(preparation) => preparation,
+            Err(error) => return Choice::unavailable(candidate, delta, &error.to_string()),
+        };
+    let modes = series.modes();
+    if modes > MOST_MODES {
+        return too_many(modes as f64);
+    }
+    let (time, tolerance) = (case.duration(), case.tolerance);
     let (s, k, nonzeros) = system.matrix;
     // An entry's S and K are at most the largest of each.
-    let tau = nonzeros as f64 * (highest * s).hypot(k) * time;
+    let tau = nonzeros as f64 * (series.wavenumber(modes - 1) * s).hypot(k) * time;
     let label = |x: f64| Figure::estimate(x, "norms of the classical solution to three digits");
-    let planned = PlannedState { bounds: system.bounds, warp: plan, time, points };
+    let points = points(&series).next_power_of_two();
+    let bounds = system.bounds;
+    let planned = PlannedState { bounds, series: &series, point, state_tolerance, time, points };
     let found = Probabilities::new(&planned, system.norms, &label);
-    let steps = walk(tau, tolerance * found.amplitude()).1;
+    let steps = Evolution::new(tau, tolerance * found.amplitude()).steps;
     let steps = steps.value().map_or(steps, Figure::bound);
-    let chain = match found.window {
-        Some(_) => &found.in_window,
-        None => &found.at_slice,
-    };
+    let chain = found.nearest();
     let of = |evolutions: &Figure| match (evolutions.value(), steps.value()) {
         (Some(n), Some(steps)) => label(n * steps),
         _ => evolutions.clone(),
     };
     Choice {
-        profile,
-        delta: system.delta(),
+        profile: candidate.profile,
+        candidate,
+        delta,
         recovery: Figure::exact(found.recovery),
         points: Figure::exact(found.points as f64),
         cost: [of(&chain.repetitions), of(&chain.amplified_evolutions)],
@@ -172,12 +379,13 @@ pub struct Ranking(pub Vec<Choice>);
 impl Ranking {
     /// Sorted.
     pub fn new(mut choices: Vec<Choice>) -> Self {
-        let key = |choice: &Choice| {
-            let costs = choice.cost.iter().filter_map(Figure::value);
-            costs.fold(f64::INFINITY, f64::min)
-        };
-        choices.sort_by(|a, b| key(a).total_cmp(&key(b)));
+        choices.sort_by(|a, b| a.least_cost().total_cmp(&b.least_cost()));
         Self(choices)
+    }
+
+    /// The cheapest; none where nothing could be planned.
+    pub fn first(&self) -> Option<&Choice> {
+        self.0.first().filter(|choice| choice.least_cost().is_finite())
     }
 }
 
@@ -185,7 +393,7 @@ impl fmt::Display for Ranking {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{:<22}{:>10}{:>8}{:>9}{:>12}{:>11}{:>11}{:>12}{:>12}",
+            "{:<30}{:>10}{:>8}{:>9}{:>12}{:>11}{:>11}{:>12}{:>12}",
             "profile",
             "delta",
             "p",
@@ -205,14 +413,14 @@ impl fmt::Display for Ranking {
                 Some(Delta::Largest) => "max".to_owned(),
                 Some(Delta::Given(delta)) => format!("{delta:.2e}"),
             };
-            let profile = crate::base::text::word(&choice.profile);
+            let profile = parameters(choice.profile);
             if let Figure::Unavailable { because } = &choice.recovery {
-                writeln!(f, "{profile:<22}{delta:>10}   unavailable: {because}")?;
+                writeln!(f, "{profile:<30}{delta:>10}   unavailable: {because}")?;
                 continue;
             }
             writeln!(
                 f,
-                "{profile:<22}{delta:>10}{:>8.3}{:>9}{:>12}{:>11}{:>11}{:>12}{:>12}",
+                "{profile:<30}{delta:>10}{:>8.3}{:>9}{:>12}{:>11}{:>11}{:>12}{:>12}",
                 choice.recovery.value().unwrap_or(f64::NAN),
                 choice.points.value().unwrap_or(f64::NAN),
                 number(&choice.walk_steps),
@@ -227,5 +435,109 @@ impl fmt::Display for Ranking {
             "cost: walk steps until the field is in the window, repeated until it is (naive) or by \
              amplitude amplification; estimates"
         )
+    }
+}
+
+/// A profile's name and parameter.
+fn parameters(profile: ProfileChoice) -> String {
+    match profile {
+        ProfileChoice::Planned => "one mode, S = 0".to_owned(),
+        ProfileChoice::Designed => "designed".to_owned(),
+        ProfileChoice::Gaussian { sigma: None } => "gaussian, planned sigma".to_owned(),
+        ProfileChoice::Gaussian { sigma: Some(sigma) } => format!("gaussian, sigma {sigma:.4}"),
+        ProfileChoice::Exponential { alpha } => format!("exponential, alpha {alpha:.4}"),
+        ProfileChoice::Smooth { order } => format!("smooth, order {order}"),
+        ProfileChoice::LowSomma { c: None } => "low-somma, planned c".to_owned(),
+        ProfileChoice::LowSomma { c: Some(c) } => format!("low-somma, c {c:.4}"),
+        ProfileChoice::Acl { beta } => format!("acl, beta {beta:.4}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Example 1 on 8² cells, with norms as of a run.
+    fn case() -> Case {
+        let text = r#"
+            [[axis]]
+            x = { lower = -1.5, upper = 1.5, cells = 8 }
+            v = { lower = -1.5, upper = 1.5, cells = 8 }
+            [[potential]]
+            where = "x < 0"
+            value = "0.2"
+            [[potential]]
+            value = "0"
+            [initial]
+            f = "exp(-20*((x+0.5)^2+(v-0.7)^2))"
+            [time]
+            end = 1.0
+            [solver]
+            tolerance = 1e-3
+            "#;
+        Case::parse("step", text, &[]).expect("a case")
+    }
+
+    /// Runs `test` on the system that is taken on a quantum computer.
+    fn with_system(test: impl Fn(&System<'_>)) {
+        let case = scheme_of(&case());
+        assert_eq!(case.interface, Interface::Conservative);
+        assert!(!case.warp.weights);
+        let bounds = Bounds::new(&case).expect("bounds");
+        let norms = StateNorms { start: 1.3, weighted: 1.0, field: 1.0, auxiliary: 0.0 };
+        let matrix = (4.0, 2.0, 5);
+        test(&System { world: None, case: &case, bounds: &bounds, ratio: 1.3, norms, matrix });
+    }
+
+    /// Nothing on a fine grid over all parameters and recovery points is cheaper than what was
+    /// found, but by what the grid of the scan leaves.
+    #[test]
+    fn an_exhaustive_scan_finds_nothing_cheaper() {
+        with_system(|system| {
+            let ranking = Ranking::new(choices(system));
+            let found = ranking.first().expect("a choice").least_cost();
+            let ratios = |[least, most]: [f64; 2]| {
+                (0..=150).map(move |i| least * (most / least).powf(f64::from(i) / 150.0))
+            };
+            let sigmas = ratios(SIGMAS).map(|s| ProfileChoice::Gaussian { sigma: Some(s) });
+            let cs = ratios(CS).map(|c| ProfileChoice::LowSomma { c: Some(c) });
+            let whole = sigmas.chain(cs).map(Candidate::planned);
+            let betas = ratios(BETAS).step_by(5).map(|beta| ProfileChoice::Acl { beta });
+            let alphas = ratios(ALPHAS).step_by(5);
+            let alphas = alphas.map(|alpha| ProfileChoice::Exponential { alpha });
+            let orders = (1..=MOST_ORDER).map(|order| ProfileChoice::Smooth { order });
+            let moved = betas.chain(alphas).chain(orders).flat_map(|profile| {
+                let further = (0..=20).map(|i| Some(0.1 * f64::from(i)));
+                further.map(move |further| Candidate { further, ..Candidate::planned(profile) })
+            });
+            for candidate in whole.chain(moved) {
+                let cost = choice(system, candidate).least_cost();
+                assert!(cost >= 0.98 * found, "{candidate:?}: {cost:e} {found:e}");
+            }
+            // What is cheapest to emulate is not; nor is the parameter that a run would take.
+            let emulated = [
+                ProfileChoice::Designed,
+                ProfileChoice::Gaussian { sigma: None },
+                ProfileChoice::LowSomma { c: None },
+            ];
+            for profile in emulated {
+                let cost = choice(system, Candidate::planned(profile)).least_cost();
+                assert!(cost > 10.0 * found, "{profile:?}: {cost:e} {found:e}");
+            }
+        });
+    }
+
+    /// The case of a choice plans what was priced.
+    #[test]
+    fn a_choice_is_planned_as_it_was_priced() {
+        with_system(|system| {
+            for found in choices(system).iter().filter(|choice| choice.points.value().is_some()) {
+                let case = found.of(system.case, system.bounds);
+                let planned = preparation(&case, system.bounds, system.ratio).expect("a plan");
+                assert_eq!(Some(planned.point), found.recovery.value());
+                let held = points(&planned.series).next_power_of_two();
+                assert_eq!(Some(held as f64), found.points.value());
+            }
+        });
     }
 }

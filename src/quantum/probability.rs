@@ -12,7 +12,10 @@
 //!
 //! with `C_w² = N_p ‖u(0)‖² Σ_l |c_l|²`, and `C_f = ‖f‖ = e^{p◇} C_w √P` (paper, the equation for
 //! `C_f`), `P` being their product at the slice. All three conditions are met in one of `1/P`
-//! repetitions, or after `⌊π/(4 arcsin √P)⌋` rounds of amplitude amplification.
+//! repetitions, or by exact amplitude amplification (Brassard, Høyer, Mosca and Tapp 2002): with
+//! `r = ⌈π/(4 arcsin √P) − ½⌉` rounds, and an ancilla turned so that the amplitude `√P` becomes
+//! `sin(π/(4r + 2))`, the `2r + 1` evolutions succeed for certain. Without the ancilla they do so
+//! with probability `sin²((2r + 1) arcsin √P)` only: 0.86 for `P = 0.15` and one round.
 //!
 //! **The window** ends where the field is no longer read correctly. At `p` the state's part at rate
 //! `s` of the spectrum of `−ST` is read from `g(p + s)`, so `g` must be `e^{−p}` within `ε e^{−p}`
@@ -40,10 +43,9 @@ pub struct Chain {
     pub all: Figure,
     /// Repetitions until it succeeds, on average: `1/P`.
     pub repetitions: Figure,
-    /// Rounds of amplitude amplification, each with the evolution and its inverse.
+    /// Rounds `r` of exact amplitude amplification, each with the evolution and its inverse.
     pub amplification_rounds: Figure,
-    /// Evolutions until it succeeds, on average: `(2r + 1)/sin²((2r + 1) arcsin √P)` with `r`
-    /// rounds.
+    /// Evolutions that it takes: `2r + 1`.
     pub amplified_evolutions: Figure,
 }
 
@@ -60,6 +62,9 @@ pub struct Probabilities {
     pub norms: StateNorms,
     /// `[p◇, p_e)`.
     pub window: Option<[f64; 2]>,
+    /// Bound on the error of the field over the whole window, in units of the tolerance that the
+    /// profile is planned for; where it is below 1, nothing is wrong.
+    pub window_error: Option<f64>,
     /// Of the slice at `p◇`. Halves with every doubling of `N_p`.
     pub at_slice: Chain,
     /// Of the window.
@@ -79,6 +84,35 @@ pub fn square_sum(series: &Series) -> f64 {
         .sum()
 }
 
+/// How far a series is from `e^{−p}`, sampled upwards from where what is read at a point comes
+/// from.
+struct Deviation {
+    /// Where the samples begin: `p◇ − Λ⁺`.
+    lower: f64,
+    /// Their distance.
+    step: f64,
+    /// `|g(p) − e^{−p}|`.
+    sizes: Vec<f64>,
+}
+
+impl Deviation {
+    /// Of `series` from `lower` on, over its period.
+    fn new(series: &Series, lower: f64) -> Self {
+        /// Samples of the shortest wave, about.
+        const SAMPLES: usize = 8;
+        let samples = (SAMPLES * series.modes()).next_power_of_two();
+        let step = series.period / samples as f64;
+        let mut values = vec![Complex64::ZERO; samples];
+        for (l, value) in values.iter_mut().take(series.modes()).enumerate() {
+            *value = series.factor(l) * Complex64::new(0.0, series.wavenumber(l) * lower).exp();
+        }
+        FftPlanner::new().plan_fft_inverse(samples).process(&mut values);
+        let size =
+            |(k, value): (usize, &Complex64)| (value.re - (-(lower + k as f64 * step)).exp()).abs();
+        Self { lower, step, sizes: values.iter().enumerate().map(size).collect() }
+    }
+}
+
 /// The end of the window that begins at `point`: the field is read within `tolerance` from every
 /// `p` in it. `None` where not even `point` is such a place.
 pub fn window_end(
@@ -87,27 +121,50 @@ pub fn window_end(
     [growth, decay]: [f64; 2],
     tolerance: f64,
 ) -> Option<f64> {
-    /// Samples of the shortest wave, about.
-    const SAMPLES: usize = 8;
-    /// Beyond this length the window adds nothing visible to the probability.
-    const LONGEST: f64 = 12.0;
-    let lower = point - growth;
-    let samples = (SAMPLES * series.modes()).next_power_of_two();
-    let step = series.period / samples as f64;
-    let mut values = vec![Complex64::ZERO; samples];
-    for (l, value) in values.iter_mut().take(series.modes()).enumerate() {
-        *value = series.factor(l) * Complex64::new(0.0, series.wavenumber(l) * lower).exp();
+    Deviation::new(series, point - growth).window_end(point, decay, tolerance)
+}
+
+impl Deviation {
+    /// As [`window_end`].
+    fn window_end(&self, point: f64, decay: f64, tolerance: f64) -> Option<f64> {
+        /// Beyond this length the window adds nothing visible to the probability.
+        const LONGEST: f64 = 12.0;
+        let Self { lower, step, sizes } = self;
+        // The first place, upwards, where g is not accurate enough for the lowest p that reads it.
+        let good = |(k, size): (usize, &f64)| {
+            let p = (lower + k as f64 * step - decay).max(point);
+            *size <= tolerance * (-p).exp()
+        };
+        let first = sizes.iter().enumerate().position(|at| !good(at));
+        let end = lower + first.unwrap_or(sizes.len()) as f64 * step - step - decay;
+        (end > point).then_some(end.min(point + LONGEST))
     }
-    FftPlanner::new().plan_fft_inverse(samples).process(&mut values);
-    // The first place, upwards, where g is not accurate enough for the lowest p that reads it.
-    let good = |(k, value): (usize, &Complex64)| {
-        let q = lower + k as f64 * step;
-        let p = (q - decay).max(point);
-        (value.re - (-q).exp()).abs() <= tolerance * (-p).exp()
-    };
-    let first = values.iter().enumerate().position(|at| !good(at));
-    let end = lower + first.unwrap_or(samples) as f64 * step - step - decay;
-    (end > point).then_some(end.min(point + LONGEST))
+
+    /// Bound on the error of the field that is read from the whole window `[point, end)`: with
+    /// `M(p)` the largest deviation of the series up to `p + Λ⁻`, which is where `p` is read from
+    /// at most, `√(∫M² dp/∫e^{−2p} dp)`.
+    fn window_error(&self, [point, end]: [f64; 2], decay: f64) -> f64 {
+        let Self { lower, step, sizes } = self;
+        let (mut most, mut seen) = (0.0f64, 0);
+        let (mut above, mut below) = (0.0, 0.0);
+        for k in 0..=((end - point) / step) as usize {
+            let p = point + k as f64 * step;
+            let upto = (((p + decay - lower) / step).ceil() as usize).min(sizes.len() - 1);
+            most = sizes[seen.min(upto)..=upto].iter().copied().fold(most, f64::max);
+            seen = upto;
+            above += most * most;
+            below += (-2.0 * p).exp();
+        }
+        (above / below).sqrt()
+    }
+}
+
+/// The fewest rounds of amplitude amplification that reach amplitude 1 from `√probability`.
+pub fn amplification_rounds(probability: f64) -> f64 {
+    /// Of a probability of 1, round-off must not make a round.
+    const ROUND_OFF: f64 = 1e-9;
+    let angle = probability.sqrt().min(1.0).asin();
+    (std::f64::consts::FRAC_PI_4 / angle - 0.5 - ROUND_OFF).ceil().max(0.0)
 }
 
 impl Chain {
@@ -117,10 +174,7 @@ impl Chain {
         let field = square(norms.weighted, state);
         let weights = square(norms.field, norms.weighted);
         let all = in_p * field * weights;
-        let angle = all.sqrt().min(1.0).asin();
-        let rounds = (std::f64::consts::FRAC_PI_4 / angle).floor();
-        let evolutions = 2.0 * rounds + 1.0;
-        let success = (evolutions * angle).sin().powi(2);
+        let rounds = amplification_rounds(all);
         Self {
             in_p: exact(in_p),
             field_given_p: exact(field),
@@ -128,7 +182,7 @@ impl Chain {
             all: exact(all),
             repetitions: exact(1.0 / all),
             amplification_rounds: exact(rounds),
-            amplified_evolutions: exact(evolutions / success),
+            amplified_evolutions: exact(2.0 * rounds + 1.0),
         }
     }
 
@@ -151,15 +205,35 @@ impl Chain {
 pub struct PlannedState<'a> {
     /// Bounds of the generator.
     pub bounds: &'a Bounds,
-    /// The plan of the modes.
-    pub warp: &'a WarpPlan,
+    /// The profile as a series.
+    pub series: &'a Series,
+    /// `p◇`.
+    pub point: f64,
+    /// The tolerance that the profile is planned for.
+    pub state_tolerance: f64,
     /// `T`.
     pub time: f64,
     /// Points in `p`: of the plan, or of the register that holds them.
     pub points: usize,
 }
 
+impl<'a> PlannedState<'a> {
+    /// The state of `warp`, on `points` points.
+    pub fn of(warp: &'a WarpPlan, bounds: &'a Bounds, time: f64, points: usize) -> Self {
+        let (point, state_tolerance) = (warp.readings[0].point, warp.state_tolerance);
+        Self { bounds, series: &warp.series, point, state_tolerance, time, points }
+    }
+}
+
 impl Probabilities {
+    /// The window, or the slice where there is none.
+    pub fn nearest(&self) -> &Chain {
+        match self.window {
+            Some(_) => &self.in_window,
+            None => &self.at_slice,
+        }
+    }
+
     /// `√P` of the window, or of the slice where there is none; 1 where neither is known. Relative
     /// to the field, an error of the whole state is `1/√P` times as large.
     pub fn amplitude(&self) -> f64 {
@@ -174,9 +248,7 @@ impl Probabilities {
         norms: StateNorms,
         label: &dyn Fn(f64) -> Figure,
     ) -> Self {
-        let PlannedState { bounds, warp, time, points } = *planned;
-        let series = &warp.series;
-        let point = warp.readings[0].point;
+        let PlannedState { bounds, series, point, state_tolerance, time, points } = *planned;
         let width = series.period / points as f64;
         let norm = norms.start * (points as f64 * square_sum(series)).sqrt();
         let state = norms.weighted.hypot(norms.auxiliary);
@@ -189,6 +261,7 @@ impl Probabilities {
                 norm_of_state: label(norm),
                 norms,
                 window: None,
+                window_error: None,
                 at_slice: none.clone(),
                 in_window: none,
                 norm_of_field: Figure::unavailable("nothing is left of the field"),
@@ -196,7 +269,8 @@ impl Probabilities {
         }
         // The grid of points is taken to have one at p◇: its origin is free.
         let lambda = [bounds.growth * time, bounds.decay * time];
-        let end = window_end(series, point, lambda, 10.0 * warp.state_tolerance);
+        let deviation = Deviation::new(series, point - lambda[0]);
+        let end = deviation.window_end(point, lambda[1], 10.0 * state_tolerance);
         let in_window = end.map(|end| {
             let slices = ((end - point) / width).floor() + 1.0;
             let sum = -(-2.0 * width * slices).exp_m1() / -(-2.0 * width).exp_m1();
@@ -210,11 +284,75 @@ impl Probabilities {
             norm_of_state: label(norm),
             norms,
             window: end.map(|end| [point, end]),
+            window_error: end
+                .map(|end| deviation.window_error([point, end], lambda[1]) / state_tolerance),
             in_window: in_window.unwrap_or_else(|| {
                 Chain::unavailable("the profile is e^{-p} at the recovery point only")
             }),
             norm_of_field: label(point.exp() * norm * all.sqrt()),
             at_slice,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Amplitudes of what is wanted and of the rest after `rounds` rounds, reflection by
+    /// reflection.
+    fn amplified(wanted: f64, rounds: u32) -> f64 {
+        let start = [wanted, (1.0 - wanted * wanted).sqrt()];
+        let mut state = start;
+        for _ in 0..rounds {
+            // The wanted part's sign, then about the start.
+            state[0] = -state[0];
+            let along = 2.0 * (start[0] * state[0] + start[1] * state[1]);
+            state = [0, 1].map(|k| along * start[k] - state[k]);
+        }
+        state[0] * state[0]
+    }
+
+    /// The error of the field that is read from all points of a window, one rate of the spectrum
+    /// after the other, is within its bound, and not far below.
+    #[test]
+    fn the_error_of_a_window_is_bounded() {
+        let (sigma, offset) = (0.4f64, -1.2f64);
+        let transform = |mu: f64| {
+            let one = Complex64::new(1.0, mu);
+            (0.5 * sigma * sigma * one * one - one * offset).exp() / one
+        };
+        let series = Series::analytic(30.0, 60, transform);
+        let [point, end] = [0.0, 3.0];
+        let [growth, decay] = [0.1, 15.0];
+        let deviation = Deviation::new(&series, point - growth);
+        let bound = deviation.window_error([point, end], decay);
+        let points = || (0..300).map(|k| f64::from(k) * 0.01);
+        let of_rate = |rate: f64| {
+            let off = |p: f64| (series.value(p + rate) - (-p - rate).exp()).powi(2);
+            let (above, below) =
+                points().fold((0.0, 0.0), |(a, b), p| (a + off(p), b + (-2.0 * p).exp()));
+            (above / below).sqrt()
+        };
+        let rates = (0..=60).map(|i| -growth + (growth + decay) * f64::from(i) / 60.0);
+        let worst = rates.map(of_rate).fold(0.0, f64::max);
+        assert!(worst <= bound * 1.01, "{worst:e} {bound:e}");
+        assert!(worst >= 0.03 * bound, "{worst:e} {bound:e}");
+    }
+
+    #[test]
+    fn amplitude_amplification_succeeds_for_certain() {
+        for p in [1.0, 0.999, 0.5, 0.25, 0.2499, 0.15, 0.05, 1e-3, 1e-7] {
+            let rounds = amplification_rounds(p);
+            // The ancilla can only lower the amplitude.
+            let lowered = (std::f64::consts::FRAC_PI_2 / (2.0 * rounds + 1.0)).sin();
+            assert!(lowered <= p.sqrt() + 1e-8, "{p}: {rounds}");
+            assert!((amplified(lowered, rounds as u32) - 1.0).abs() < 1e-9, "{p}: {rounds}");
+            // One round fewer does not reach it.
+            let fewer = (2.0 * rounds - 1.0) * p.sqrt().asin();
+            assert!(rounds == 0.0 || fewer < std::f64::consts::FRAC_PI_2, "{p}: {rounds}");
+        }
+        // What is left undone without the ancilla.
+        assert!((amplified(0.15f64.sqrt(), 1) - 0.864).abs() < 1e-3);
     }
 }

@@ -7,26 +7,33 @@
 //! ```text
 //! m_i = Δv Σ_j q_j f_ij
 //!     = C_f Δv ‖q‖ ⟨χ_i|F⟩               |χ_i⟩ = |i⟩ ⊗ Σ_j q_j|j⟩/‖q‖,  |F⟩ = f/C_f
-//!     = e^{p◇} C_w Δv ‖q/√π‖ ⟨ζ_i|w⟩     |ζ_i⟩ = |0⟩ ⊗ |i⟩ ⊗ Σ_j q_j π_ij^{−½}|j⟩/‖q/√π‖ ⊗ |k◇⟩
+//!     = C_w/G Δv ‖q/√π‖ ⟨ζ_i|w⟩          |ζ_i⟩ = |0⟩ ⊗ |i⟩ ⊗ Σ_j q_j π_ij^{−½}|j⟩/‖q/√π‖ ⊗ |g⟩
+//!                                        |g⟩ = Σ_k e^{−p_k}|k⟩/G,  G² = Σ_k e^{−2p_k}
 //! ```
 //!
-//! from the postselected and from the enlarged state. The enlarged state holds `√π f`. There the
-//! weights are undone in `ζ`: since `π ≥ 1`, this never costs more than undoing them in the state,
-//! which has a probability of its own ([`crate::quantum::probability`]). Without weights these are
-//! the paper's formulas.
+//! from the postselected and from the enlarged state, `k` going over the window in which the
+//! profile is `e^{−p}` (the paper reads at its first point, where `G = e^{−p◇}`; the probability of
+//! a slice halves with every doubling of `N_p`). The enlarged state holds `√π f`. There the weights
+//! are undone in `ζ`: since `π ≥ 1`, this never costs more than undoing them in the state, which
+//! has a probability of its own ([`crate::quantum::probability`]). Without weights these are the
+//! paper's formulas.
 //!
 //! Each overlap is measured as in [`measurement`], with counts drawn from their exact
 //! distributions. What is drawn depends on the seed, the cell, the observable and the estimator
 //! only: it is the same on any ranks and for any other selection of cells.
 //!
 //! **Accuracy.** An overlap with error `ε_obs` of a state with error `ε_F` gives a moment with
-//! error `prefactor · ε_obs + C_f Δv ‖q‖ ε_F`; `ε_F` is the tolerance of the run. Bounds hold with
-//! probability [`CONFIDENCE`]; those of a mean velocity need two such bounds to hold.
+//! error `prefactor · ε_obs + C_f Δv ‖q‖ ε_F`; `ε_F` is the tolerance of the run, or as much more
+//! as the window's points have. The postselected state needs `C_f` too, with relative error `η`,
+//! which adds `|m| η`, and, as exact amplitude amplification rests on the `P` that gave it, `3/2
+//! |m| η²`. A bound holds with probability [`CONFIDENCE`] for each measurement that it needs: one
+//! from the enlarged state, two from the postselected state and for a mean velocity.
 //!
 //! **Cost**, in evolutions `e^{−iHT}` of the whole state. A shot from the postselected state takes
-//! `1/P` of them by repetition, `2r + 1` with `r` rounds of amplitude amplification; a shot from
-//! the enlarged state takes one. Amplitude estimation inverts the preparation, which excludes
-//! repetition.
+//! `1/P` of them by repetition, `2r + 1` with `r` rounds of exact amplitude amplification; a shot
+//! from the enlarged state takes one. Amplitude estimation inverts the preparation, which excludes
+//! repetition. `C_f = C_w √P/G` follows from how many repetitions succeed, or else takes an
+//! amplitude estimation of `P` of its own.
 //!
 //! A measurement of the x-register alone does not give the density: it finds the cell `i` with
 //! probability `Σ_j f_ij²/C_f²` (the paper's last remark there), reported as `basis_probability`.
@@ -49,15 +56,15 @@ use serde::Serialize;
 /// What is read, and what it takes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Readout {
-    /// Probability with which each bound holds, at least.
+    /// Probability with which the bound of each measurement holds, at least.
     pub confidence: f64,
     /// `C_f`.
     pub norm_of_field: Figure,
-    /// `P` of the slice at `p◇`.
+    /// `P` of the window, or of the slice at `p◇` where there is none.
     pub probability: Figure,
     /// `1/P`.
     pub repetitions: Figure,
-    /// Rounds of amplitude amplification.
+    /// Rounds of exact amplitude amplification.
     pub amplification_rounds: Figure,
     /// `ε_F`.
     pub state_error: Figure,
@@ -67,12 +74,16 @@ pub struct Readout {
     pub rows: Vec<Row>,
 }
 
+/// Why the moments of measure-valued data are no overlaps, and what has the same moments.
+pub const MEASURE_VALUED: &str = "f = phi delta(psi) is not a vector of amplitudes: phi and psi \
+     are in separate states, and the density, the integral of phi delta(psi) over v, is not linear \
+     in them; initial.f = density * a smooth delta function of v - velocity, of a width above some \
+     cells, is transported linearly, and its density and mean velocity are overlaps";
+
 /// Why there is nothing to be read from a case, if so.
 pub fn refused(case: &Case) -> Option<&'static str> {
     match (&case.data, case.method) {
-        (Data::Measure { .. }, _) => Some(
-            "f = phi delta(psi) is not a vector of amplitudes: phi and psi are in separate states",
-        ),
+        (Data::Measure { .. }, _) => Some(MEASURE_VALUED),
         (_, Method::Classical) => Some("solver.method = \"classical\" prepares no quantum state"),
         _ if case.varies() => Some(
             "inflow.value depends on t, and the evolution is that of a Hamiltonian that does not",
@@ -113,7 +124,7 @@ impl Readout {
         if source.norm() == 0.0 {
             return Self::unavailable(case, "nothing is left of the field");
         }
-        let chain = &source.probabilities.at_slice;
+        let chain = source.probabilities.nearest();
         let factors = VelocityFactors::new(&case.space);
         let reader = Reader { case, source, readout, factors: &factors };
         let (mut rows, mut basis) = (Vec::new(), Vec::new());

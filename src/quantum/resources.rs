@@ -2,11 +2,14 @@
 //! Euler's cost beside it.
 //!
 //! **Queries.** With `τ = d ‖H‖_max T`, `H` is block-encoded as `H/(d‖H‖_max)` by a walk, and
-//! `e^{−iHT}` by a sequence of `2K` phased steps of it. `K` is the degree at which the Jacobi–Anger
-//! series is cut: `2 Σ_{k>K} |J_k(τ)| ≤ ε` (Low and Chuang 2017). The paper's form of the same is
-//! `O(τ + log(1/ε)/log log(1/ε))` queries and a factor `O(n + m polylog m)` of other gates, for `n`
-//! qubits and values of `m = log₂(1/ε)` bits (its lemma in section 3.2); with constants 1 it is an
-//! estimate.
+//! `e^{−iHT}` is a sequence of phased steps of it, of several calls of the oracles each: see
+//! [`walk`](crate::quantum::walk). `‖H‖_max` is over the modes that carry something: the register
+//! of `p` has a power of two of modes, and the rows of those that the series does not have are
+//! empty. The factor `O(n + m polylog m)` of other gates (the paper's lemma in section 3.2, for `n`
+//! qubits and values of `m` bits) is an estimate with constants 1.
+//!
+//! **Set-ups.** [`Comparison`] has two: the one that is cheapest on a quantum computer
+//! ([`crate::quantum::optimise`]), and the case's own, which is planned to be emulated.
 //!
 //! The paper's asymptotic counts are in [`regime`], the printed table in `text`, the formats of
 //! other programs in `formats`.
@@ -16,16 +19,17 @@ pub mod regime;
 mod text;
 
 use crate::base::error::Result;
-use crate::problem::case::{Case, Interface};
-use crate::propagate::chebyshev::degree;
+use crate::problem::case::{Case, Data, Delta, Interface, ProfileChoice};
 use crate::quantum::access::extremes;
 use crate::quantum::figure::Figure;
-use crate::quantum::planned_modes;
 use crate::quantum::probability::{PlannedState, Probabilities};
-use crate::quantum::resources::regime::{Regime, gates_factor, logarithms};
+use crate::quantum::readout::MEASURE_VALUED;
+use crate::quantum::resources::regime::{Regime, gates_factor};
 use crate::quantum::sparsity;
 use crate::quantum::sparsity::Sparsity;
-use crate::schrodingerization::profile::series::points;
+use crate::quantum::walk::{Evolution, LOCATION_CALLS, VALUE_CALLS, WalkRegisters};
+use crate::schrodingerization::profile::series::{Series, points};
+use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use serde::Serialize;
@@ -46,6 +50,62 @@ pub struct Registers {
     pub p_without_growth: Figure,
     /// All of them, `p` counted so.
     pub total_without_growth: Figure,
+    /// With what the walk needs beside them.
+    pub walk: WalkRegisters,
+}
+
+/// How a state is prepared and read, as far as a count depends on it.
+pub struct Preparation {
+    /// The profile as a series.
+    pub series: Series,
+    /// `p◇`.
+    pub point: f64,
+    /// The tolerance that the profile is planned for.
+    pub state_tolerance: f64,
+    /// The profile in words.
+    pub planned: String,
+}
+
+impl From<&WarpPlan> for Preparation {
+    fn from(warp: &WarpPlan) -> Self {
+        Self {
+            series: warp.series.clone(),
+            point: warp.readings[0].point,
+            state_tolerance: warp.state_tolerance,
+            planned: warp.profile.as_ref().map_or(String::new(), ToString::to_string),
+        }
+    }
+}
+
+/// The choices that a count is for.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Setup {
+    /// The profile.
+    pub profile: ProfileChoice,
+    /// It, as planned.
+    pub planned: String,
+    /// `δ`; none where nothing enters.
+    pub delta: Option<Delta>,
+    /// Modes `l ≥ 0` that carry something.
+    pub modes: usize,
+    /// The largest `μ_l` of them.
+    pub highest_wavenumber: f64,
+}
+
+/// What dissipative weights `π` cost, which cannot be computed from the number of a cell.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WeightsTable {
+    /// Entries of the table: the cells.
+    pub entries: usize,
+    /// Toffoli gates of a value query, for `√(π_i/π_j)`: two reads of `entries − 1` each (Babbush
+    /// and others 2018).
+    pub toffolis_a_value_query: Figure,
+    /// Toffoli gates of all value queries.
+    pub toffolis: Figure,
+    /// Sweeps over the grid that compute the table, on a classical computer.
+    pub sweeps: usize,
+    /// Products that these take.
+    pub classical_operations: Figure,
 }
 
 /// What a case takes.
@@ -65,6 +125,8 @@ pub struct Record {
     pub interface: Interface,
     /// Whether the unknowns are scaled by dissipative weights.
     pub weighted: bool,
+    /// Profile and `δ`.
+    pub setup: Setup,
     /// `N_p`.
     pub points: usize,
     /// Length of the interval in `p`.
@@ -72,34 +134,59 @@ pub struct Record {
     /// Nonzeros, measured, against the paper's bounds.
     pub sparsity: Sparsity,
     /// `ε√P`, to which the evolution is approximated: beside the field that is measured in it, an
-    /// error of the whole state is `1/√P` times as large.
+    /// error of the whole state is `1/√P` times as large. The cut series and the rounding of values
+    /// have half of it each.
     pub walk_tolerance: Figure,
     /// `d`: nonzeros of a row of `H`.
     pub nonzeros: Figure,
-    /// `‖H‖_max`.
+    /// `‖H‖_max`, over the modes that carry something.
     pub largest_entry: Figure,
     /// `τ = d ‖H‖_max T`.
     pub tau: Figure,
     /// `K`, of the Jacobi–Anger series.
     pub degree: Figure,
-    /// `2K`: phased steps of the walk, each of a fixed number of queries to either oracle.
+    /// `2K`: phased steps of the walk.
     pub walk_steps: Figure,
-    /// The paper's form.
+    /// Calls of the location oracle and its inverse in an evolution.
+    pub location_queries: Figure,
+    /// Calls of the value oracle and its inverse.
+    pub value_queries: Figure,
+    /// Calls of both.
     pub queries: Figure,
+    /// `m`: bits of the real part of a value, and of the imaginary part.
+    pub value_bits: Figure,
     /// `n + m log₂(m)²`: other gates for each query.
     pub gates_factor: Figure,
     /// Gates of the two transforms in `p`, `n_p log₂ n_p` each.
     pub transform_gates: Figure,
     /// T gates.
     pub t_gates: Figure,
+    /// The table of the weights; none without weights.
+    pub weights_table: Option<WeightsTable>,
     /// Registers.
     pub qubits: Registers,
     /// Forward Euler on the same grid: products with the nonzeros of `A`, at CFL 1.
     pub classical_operations: Figure,
     /// With what probability the first field is measured.
     pub probabilities: Probabilities,
+    /// Calls of both oracles until the field is measured in the window, or in the slice where there
+    /// is none: repeated, and by amplitude amplification.
+    pub queries_until_measured: [Figure; 2],
     /// The paper's regimes.
     pub regimes: Vec<Regime>,
+    /// Why the moments of measure-valued data, whose first field is counted, are no overlaps, and
+    /// what has the same moments; none of other data.
+    pub measure_valued: Option<&'static str>,
+}
+
+/// The set-up that is cheapest on a quantum computer, and the case's own beside it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Comparison {
+    /// The cheapest.
+    #[serde(flatten)]
+    pub cheapest: Record,
+    /// As the case file has it, or as it is planned to be emulated.
+    pub own: Record,
 }
 
 /// Qubits that number `count` things.
@@ -107,43 +194,44 @@ fn qubits(count: usize) -> usize {
     count.next_power_of_two().trailing_zeros() as usize
 }
 
-/// The degree `K` of the Jacobi–Anger series for `τ` to `tolerance`, and the `2K` steps of the
-/// walk.
-pub fn walk(tau: f64, tolerance: f64) -> (Figure, Figure) {
-    /// Up to here the series is summed, beyond it is bounded (see [`degree`]).
-    const SUMMED: f64 = 1e4;
-    let order = degree(&mut Vec::new(), tau, tolerance) as f64;
-    let label = if tau <= SUMMED { Figure::exact } else { Figure::bound };
-    (label(order), label(2.0 * order))
-}
-
 /// What the norms rest on.
 const NORMS: &str = "norms of the classical solution to three digits";
 
 impl Record {
-    /// What a case takes, with its plan of the modes and this rank's part of the system.
-    /// Collective.
+    /// What the case of `prepared` takes with the state of `preparation`, from this rank's part of
+    /// the system. Collective.
     ///
     /// # Errors
-    /// As [`sparsity::measure`]; [`crate::base::error::Error::Input`] for a plan without modes.
-    pub fn new(prepared: &Prepared, norms: StateNorms) -> Result<Self> {
-        let Prepared { case, bounds, plan, system, communicator, .. } = prepared;
-        let (warp, space) = (planned_modes(case, plan)?, &communicator.space);
+    /// As [`sparsity::measure`].
+    pub fn new(prepared: &Prepared, preparation: Preparation, norms: StateNorms) -> Result<Self> {
+        let Prepared { case, bounds, system, communicator, .. } = prepared;
+        let Preparation { series, point, state_tolerance, planned } = preparation;
+        let space = &communicator.space;
         let sparsity = sparsity::measure(case, &system.matrix, space)?;
-        // A register has a power of two of points, and H the modes of all of them.
-        let points = points(&warp.series).next_power_of_two();
-        let highest = warp.series.wavenumber(points / 2);
+        // A register has a power of two of points.
+        let points = points(&series).next_power_of_two();
+        let modes = series.modes();
+        let highest = series.wavenumber(modes - 1);
         let largest = space.max(extremes(&system.matrix, highest).0);
         let d = sparsity.of_hamiltonian() as f64;
         let (time, tolerance) = (case.duration(), case.tolerance);
-        let planned = PlannedState { bounds, warp, time, points };
-        let probabilities = Probabilities::new(&planned, norms, &|x| Figure::estimate(x, NORMS));
+        let estimate = |x: f64| Figure::estimate(x, NORMS);
+        let state = PlannedState { bounds, series: &series, point, state_tolerance, time, points };
+        let probabilities = Probabilities::new(&state, norms, &estimate);
         let fine = tolerance * probabilities.amplitude();
         let tau = d * largest * time;
-        let (degree, walk_steps) = walk(tau, fine);
+        let evolution = Evolution::new(tau, fine);
+        let bits = f64::from(evolution.bits);
         let unknowns = system.terms - case.space.space_cells() + case.space.cells();
-        let qubits = Registers::new(case, unknowns, points);
+        let qubits = Registers::new(case, unknowns, points, evolution.bits);
         let operations = sparsity.entries as f64 * (bounds.rate * time).ceil().max(1.0);
+        let [location, value, both] =
+            [LOCATION_CALLS, VALUE_CALLS, LOCATION_CALLS + VALUE_CALLS].map(|n| evolution.calls(n));
+        let chain = probabilities.nearest();
+        let until = |evolutions: &Figure| match (evolutions.value(), both.value()) {
+            (Some(n), Some(each)) => estimate(n * each),
+            _ => evolutions.clone(),
+        };
         Ok(Self {
             title: case.title.clone(),
             shape: case.space.shape(),
@@ -152,21 +240,25 @@ impl Record {
             tolerance,
             interface: case.interface,
             weighted: bounds.weighted,
+            setup: Setup {
+                profile: case.warp.profile,
+                planned,
+                delta: case.enters().then_some(case.warp.delta),
+                modes,
+                highest_wavenumber: highest,
+            },
             points,
-            period: warp.series.period,
-            walk_tolerance: Figure::estimate(fine, NORMS),
+            period: series.period,
+            walk_tolerance: estimate(fine),
             nonzeros: Figure::exact(d),
             largest_entry: Figure::exact(largest),
             tau: Figure::exact(tau),
-            degree,
-            walk_steps,
-            queries: Figure::estimate(
-                tau + logarithms(fine),
-                "O(tau + log(1/eps)/log log(1/eps)) with constants 1",
-            ),
+            degree: evolution.degree,
+            walk_steps: evolution.steps,
+            value_bits: estimate(bits),
             gates_factor: Figure::estimate(
-                gates_factor(qubits.total as f64, fine),
-                "O(n + m polylog m) as n + m log2(m)^2, m = log2(1/eps)",
+                gates_factor(qubits.total as f64, bits),
+                "O(n + m polylog m) as n + m log2(m)^2, m bits of a value",
             ),
             transform_gates: Figure::estimate(
                 2.0 * qubits.p as f64 * (qubits.p as f64).log2().max(1.0),
@@ -175,18 +267,42 @@ impl Record {
             t_gates: Figure::unavailable(
                 "the oracles' circuits are not compiled, and they are most of it",
             ),
+            weights_table: bounds.weighted.then(|| {
+                WeightsTable::new(case.space.cells(), &value, system.weights.sweeps, &sparsity)
+            }),
             qubits,
             classical_operations: Figure::exact(operations),
+            queries_until_measured: [&chain.repetitions, &chain.amplified_evolutions].map(until),
+            location_queries: location,
+            value_queries: value,
+            queries: both,
             probabilities,
+            measure_valued: matches!(case.data, Data::Measure { .. }).then_some(MEASURE_VALUED),
             regimes: [1.0, 0.5].map(|order| Regime::new(case, &sparsity, order)).to_vec(),
             sparsity,
         })
     }
 }
 
+impl WeightsTable {
+    /// Of so many cells, read in every one of the `queries`.
+    fn new(entries: usize, queries: &Figure, sweeps: usize, sparsity: &Sparsity) -> Self {
+        const WHY: &str = "two reads of N - 1 Toffoli gates; a table in fewer takes more qubits";
+        let each = 2.0 * (entries as f64 - 1.0);
+        let all = queries.value().map_or(queries.clone(), |n| Figure::estimate(each * n, WHY));
+        Self {
+            entries,
+            toffolis_a_value_query: Figure::estimate(each, WHY),
+            toffolis: all,
+            sweeps,
+            classical_operations: Figure::exact(sweeps as f64 * sparsity.entries as f64),
+        }
+    }
+}
+
 impl Registers {
-    /// For `unknowns` of the system and `points` in `p`.
-    fn new(case: &Case, unknowns: usize, points: usize) -> Self {
+    /// For `unknowns` of the system, `points` in `p`, and values of `bits` bits.
+    fn new(case: &Case, unknowns: usize, points: usize, bits: u32) -> Self {
         const WITHOUT: &str = "dp = eps on an interval of length 1";
         let phase_space: Vec<usize> = case.space.axes().map(|a| qubits(a.cells)).collect();
         let auxiliary = usize::from(unknowns > case.space.cells());
@@ -200,21 +316,7 @@ impl Registers {
             total: system + p,
             p_without_growth: Figure::estimate(without, WITHOUT),
             total_without_growth: Figure::estimate(system as f64 + without, WITHOUT),
+            walk: WalkRegisters::new(system + p, bits),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn steps_of_the_walk() {
-        // J_k(τ) falls off beyond k = τ: at least τ terms, more for smaller tolerances.
-        let count = |tau: f64, tolerance: f64| walk(tau, tolerance).0.value().expect("a number");
-        assert_eq!(walk(50.0, 1e-6).1.value(), Some(2.0 * count(50.0, 1e-6)));
-        assert!(count(50.0, 1e-3) > 50.0 && count(50.0, 1e-9) > count(50.0, 1e-3));
-        assert!(count(1e3, 1e-6) < 1.1e3);
-        assert!(matches!(walk(1e6, 1e-6).0, Figure::UpperBound { .. }));
     }
 }

@@ -4,12 +4,21 @@
 //! |---|---|---|
 //! | `A^x_a`, transport along one axis | 3 | `Q_a` |
 //! | `A^v`, force along all | `2n + 1` | `2n + 1` |
-//! | `H` | `Σ Q_a + 2n + 3` | the same |
+//! | `H` | `Q + 5` (n = 1), `Q_1 + Q_2 + 7` (n = 2) | the same |
 //!
 //! with `Q_a = 2⌈√(5/4 + (2/Δv_a) √((Δv_a/2)² + 2 max|V⁻ − V⁺|)) − ½⌉ + 2` over the faces normal to
-//! axis `a` (paper, section 4.2 and appendix A; `Q + 5` in one dimension, `Q_1 + Q_2 + 7` in two,
-//! both with a diagonal of the inflow). The bounds are made for the hat function on a velocity axis
-//! whose cells lie symmetrically about zero; other cases are measured without a bound.
+//! axis `a` (paper, sections 4 to 6 and appendix A). For `H` in three dimensions the paper has the
+//! order `O(Σ Q_a + n)` and no number. Its argument, carried through, is
+//!
+//! ```text
+//! s(H) ≤ Σ_a (s_r(A^x_a) + s_c(A^x_a) − 1) + Σ_a s(A^v_a) − (2n − 1) + 1
+//!      ≤ Σ Q_a + 2n + 3n − 2n + 2  =  Σ Q_a + 3n + 2,
+//! ```
+//!
+//! the diagonals of `2n` matrices being one, and the diagonal of the inflow one entry: `Q + 5`, but
+//! `Q_1 + Q_2 + 8` in two dimensions. This bound is ours, [`Sparsity::our_bound`]. All are for the
+//! hat function on a velocity axis whose cells lie symmetrically about zero; other cases are
+//! measured without a bound.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -55,6 +64,9 @@ pub struct Sparsity {
     /// Whether the bounds are made for this case: hat interface, velocity cells symmetric about
     /// zero.
     pub bounded: bool,
+    /// `Σ Q_a + 3n + 2`, ours by the paper's argument, on the nonzeros of a row of `H`; none where
+    /// no bound is made for the case.
+    pub our_bound: Option<usize>,
     /// Nonzeros of `A` in all.
     pub entries: usize,
     /// Matrix by matrix.
@@ -117,12 +129,18 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
     parts.count(&scheme, block);
     let mut counts: Vec<Counts> = (0..=n + 1).map(|part| parts.counts(part, &q, &report)).collect();
     // H1, H2 and their pattern together, which is H's wherever μ is not 0.
-    let bound = q.iter().sum::<usize>() + 2 * n + 3;
+    let of_columns: usize = q.iter().sum();
+    let stated = match n {
+        1 => Some(of_columns + 5),
+        2 => Some(of_columns + 7),
+        _ => None,
+    };
+    let our_bound = bounded.then_some(of_columns + 3 * n + 2);
     type Present = fn(f64, f64) -> bool;
     let kinds: [(&str, Present, Option<usize>); 3] = [
         ("H1", |s, _| s != 0.0, None),
         ("H2", |_, k| k != 0.0, None),
-        ("H", |s, k| s != 0.0 || k != 0.0, Some(bound)),
+        ("H", |s, k| s != 0.0 || k != 0.0, stated),
     ];
     for (name, present, bound) in kinds {
         let fullest = parts.fullest_hamiltonian_row(matrix, &report, present);
@@ -130,7 +148,8 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
         // Symmetric but for signs.
         counts.push(Counts { matrix: name.to_owned(), rows: found.clone(), columns: found });
     }
-    Ok(Sparsity { q, jumps, bounded, entries: space.sum_count(parts.entries), counts })
+    let entries = space.sum_count(parts.entries);
+    Ok(Sparsity { q, jumps, bounded, our_bound, entries, counts })
 }
 
 /// Nonzeros of `A` by parts on this rank: transport axis by axis, then force (part `n`), then all.

@@ -14,13 +14,14 @@
 
 pub mod extent;
 pub mod panel;
+pub mod raster;
 pub mod shape;
 pub mod text;
 pub mod ticks;
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
-use crate::results::draw::panel::{ABOVE, BELOW, Frame};
+use crate::results::draw::panel::{ABOVE, BELOW, BOLD, Frame};
 use crate::results::draw::shape::{Area, Drawn, PIXELS, Place, pixels};
 use crate::results::figure::Figure;
 use crate::results::figure::palette::{INK, PAPER};
@@ -30,6 +31,9 @@ use std::path::{Path, PathBuf};
 /// Sizes of texts in points.
 const TITLE: f64 = 14.0;
 const CAPTION: f64 = 10.5;
+/// A line of the title, and how many there are at most for each line that is given.
+const TITLE_LINE: f64 = 20.0;
+const TITLE_LINES: usize = 2;
 /// Around all.
 const MARGIN: f64 = 12.0;
 /// A line of the caption.
@@ -50,7 +54,7 @@ impl Figure {
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path, name: &str) -> Result<[PathBuf; 2]> {
         let [svg, png] = ["svg", "png"].map(|end| directory.join(format!("{name}.{end}")));
-        disk::write(&svg, self.svg()?.as_bytes())?;
+        disk::write_text(&svg, &self.svg()?)?;
         self::png(self, &png).map_err(|e| failure(&png, &e))?;
         Ok([svg, png])
     }
@@ -76,9 +80,10 @@ fn png(figure: &Figure, path: &Path) -> Drawn {
 }
 
 /// Where everything of a figure stands, in points.
-struct Sheet<'a> {
+pub(crate) struct Sheet<'a> {
     figure: &'a Figure,
     frames: Vec<Frame<'a>>,
+    title: Vec<String>,
     caption: Vec<String>,
     /// Width of each column.
     columns: Vec<f64>,
@@ -102,19 +107,21 @@ impl<'a> Sheet<'a> {
         let columns: Vec<f64> = (left.iter().zip(widest(|frame| frame.room_right())))
             .map(|(left, right)| left + figure.frame[0] + right)
             .collect();
-        let titled = 1.1 * text::width(&figure.title, TITLE);
-        let width = columns.iter().sum::<f64>().max(titled) + 2.0 * MARGIN;
-        let caption = text::wrapped(&figure.caption, CAPTION, width - 2.0 * MARGIN);
-        let top = match figure.title.is_empty() {
-            true => MARGIN,
-            false => MARGIN + 22.0,
+        let across = columns.iter().sum::<f64>();
+        let width = across + 2.0 * MARGIN;
+        let title = text::fitted(&figure.title, TITLE, across / BOLD, TITLE_LINES);
+        let caption = text::wrapped(&figure.caption, CAPTION, across);
+        let top = match title.len() {
+            0 => MARGIN,
+            lines => MARGIN + 2.0 + TITLE_LINE * lines as f64,
         };
         let below = match caption.is_empty() {
             true => 0.0,
             false => 8.0 + LINE * caption.len() as f64,
         };
         let height = top + rows as f64 * (ABOVE + figure.frame[1] + BELOW) + below + MARGIN;
-        Self { figure, frames, caption, columns, left, size: [width.ceil(), height.ceil()], top }
+        let size = [width.ceil(), height.ceil()];
+        Self { figure, frames, title, caption, columns, left, size, top }
     }
 
     fn pixels(&self) -> [u32; 2] {
@@ -126,9 +133,9 @@ impl<'a> Sheet<'a> {
         root.fill(&PAPER).map_err(|e| e.to_string())?;
         let write =
             |line: &str, at: Place, style| text::draw(root, line, at.map(|c| c * PIXELS), &style);
-        if !self.figure.title.is_empty() {
-            let style = text::bold(TITLE, INK);
-            write(&self.figure.title, [MARGIN, MARGIN + 8.0], style)?;
+        for (k, line) in self.title.iter().enumerate() {
+            let at = [MARGIN, MARGIN + 8.0 + TITLE_LINE * k as f64];
+            write(line, at, text::bold(TITLE, INK))?;
         }
         let height = ABOVE + self.figure.frame[1] + BELOW;
         for (k, frame) in self.frames.iter().enumerate() {

@@ -7,9 +7,11 @@ use crate::base::text::shortened;
 use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
+use crate::results::file_checksums;
 use crate::results::pictures;
-use crate::results::readback::{self, read_text, text_attribute};
+use crate::results::readback::{read_text, text_attribute};
 use crate::results::report;
+use crate::results::untrusted::{self, Inspection};
 use crate::results::warped;
 use crate::results::writer::Outcome;
 use crate::results::xdmf;
@@ -24,7 +26,7 @@ const MOST_SHOWN: usize = 40;
 
 /// Whether `directory` holds the results of `case` as this program makes them, written after the
 /// file that it starts from; how often it makes checkpoints does not matter. Every dataset is
-/// compared with its checksum. Collective over `world`.
+/// compared with its checksum, and every file with that in `summary.json`. Collective over `world`.
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`], the same on all ranks, where the results are those of
@@ -37,11 +39,25 @@ pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool>
     if world.max_count(usize::from(same)) == 0 {
         return Ok(false);
     }
-    world.on_first_rank(|| check_texts(directory, case))?;
     for name in ["result.h5"].into_iter().chain(warped::names(case).iter().map(String::as_str)) {
-        readback::check(world, &directory.join(name))?;
+        untrusted::check(world, &directory.join(name))?;
     }
-    Ok(true)
+    // Files that the run would write, and no others that lie there.
+    let listed = file_checksums::check(world, directory)?;
+    let written = |name: &&str| case_writes(case, name);
+    let texts = [xdmf::NAME, "readout.csv"].into_iter().filter(written);
+    match ["result.h5"].into_iter().chain(texts).find(|name| !listed.contains_key(*name)) {
+        Some(name) => Err(file_checksums::not_listed(directory, name)),
+        None => Ok(true),
+    }
+}
+
+/// Whether a run of `case` writes the text `name`.
+fn case_writes(case: &Case, name: &str) -> bool {
+    match name {
+        xdmf::NAME => case.storage.xdmf,
+        _ => case.readout.is_some(),
+    }
 }
 
 /// Whether all files are there, the summary last, and no checkpoint is left to continue from.
@@ -69,7 +85,9 @@ fn modified(path: &Path) -> Option<SystemTime> {
 
 /// How what `result.h5` is the result of differs from `case` and this program, if it does.
 fn difference(directory: &Path, case: &Case) -> Outcome<Option<String>> {
-    let file = File::open(directory.join("result.h5"))?;
+    let path = directory.join("result.h5");
+    untrusted::inspect(&path, Inspection::Shapes).map_err(hdf5::Error::from)?;
+    let file = File::open(path)?;
     let program = format!("phasewarp {}", env!("CARGO_PKG_VERSION"));
     let [by, git] = [text_attribute(&file, "program")?, text_attribute(&file, "git")?];
     let dataset = file.dataset("case")?;
@@ -156,24 +174,5 @@ pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
     }
     // Only where nothing else is in it.
     let _ = std::fs::remove_dir(directory.join(pictures::FOLDER));
-    Ok(())
-}
-
-/// Whether the files of text are there and end as they were written. By one rank.
-fn check_texts(directory: &Path, case: &Case) -> Result<()> {
-    let read = |name: &str| {
-        let path = directory.join(name);
-        std::fs::read_to_string(&path).map_err(|e| failure(&path, &e))
-    };
-    let incomplete = |name: &str| failure(&directory.join(name), &"is not as it was written");
-    if serde_json::from_str::<serde_json::Value>(&read("summary.json")?).is_err() {
-        return Err(incomplete("summary.json"));
-    }
-    if case.storage.xdmf && !read(xdmf::NAME)?.ends_with(xdmf::END) {
-        return Err(incomplete(xdmf::NAME));
-    }
-    if case.readout.is_some() && !read("readout.csv")?.ends_with('\n') {
-        return Err(incomplete("readout.csv"));
-    }
     Ok(())
 }

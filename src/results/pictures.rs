@@ -3,6 +3,7 @@
 //! | picture | what it shows | where |
 //! |---|---|---|
 //! | `phase_space` | fields on the planes (x_a, v_a), beside the exact ones | `phase_space` |
+//! | `movie` | phase space and density at all times (`phasewarp movie`) | `film` |
 //! | `moments`; `density`, `velocity` | in one dimension as lines, in more as maps | `moments` |
 //! | `history` | mass, energy and, in one dimension, density at the output times | `history` |
 //! | `profile` | `g(p)`, where it is read, and its error against `e^{−p}` there | `profile` |
@@ -14,6 +15,7 @@
 //! out, and said. A second run on the same grid can be drawn beside the first.
 
 pub mod cut;
+pub mod film;
 pub mod history;
 pub mod jumps;
 pub mod maps;
@@ -34,8 +36,13 @@ use std::path::{Path, PathBuf};
 
 /// The folder of pictures in the directory of a run.
 pub const FOLDER: &str = "plots";
+/// Name of movies; a number may follow.
+pub const MOVIE: &str = "movie";
+/// Endings of pictures and movies.
+const ENDINGS: [&str; 4] = [".svg", ".png", ".gif", ".webm"];
 /// Names of pictures; a number may follow.
-const NAMES: [&str; 10] = [
+const NAMES: [&str; 11] = [
+    MOVIE,
     "phase_space",
     "moments",
     "density",
@@ -48,10 +55,10 @@ const NAMES: [&str; 10] = [
     "time",
 ];
 
-/// The files of pictures in `directory/plots`, from `directory`.
+/// The files of pictures and movies in `directory/plots`, from `directory`.
 pub fn files(directory: &Path) -> Vec<PathBuf> {
     let is_ours = |name: &str| {
-        let stem = name.strip_suffix(".svg").or_else(|| name.strip_suffix(".png"));
+        let stem = ENDINGS.iter().find_map(|ending| name.strip_suffix(ending));
         stem.is_some_and(|stem| {
             let numbered = stem.rsplit_once('_').filter(|(_, n)| n.parse::<u32>().is_ok());
             NAMES.contains(&numbered.map_or(stem, |(name, _)| name))

@@ -4,97 +4,176 @@
 use crate::base::checksum;
 use crate::base::checksum::Slab;
 use crate::base::disk::failure;
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::parallel::files::{CHECKSUM, open, read_slab};
 use crate::results::writer::Outcome;
+use hdf5::filters::Filter;
+use hdf5::plist::dataset_create::Layout;
 use hdf5::types::{TypeDescriptor, VarLenUnicode};
-use hdf5::{Dataset, File, Location};
+use hdf5::{Dataset, LinkType, Location, LocationToken, LocationType};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::mem::ManuallyDrop;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Numbers read at a time: 4 MiB.
 const PIECE: usize = 1 << 19;
+/// Objects in a file, and groups in each other, at most: several times what a run writes.
+const MOST_OBJECTS: usize = 1000;
+const DEEPEST: usize = 6;
+/// Times by which deflate makes a dataset smaller, at most.
+const MOST_DEFLATED: u64 = 1040;
 
-/// Reads every dataset of the file, each piece on one rank, mostly another one than wrote it; gives
-/// their number. Collective over `world`.
+/// By name, a part of the checksum of each dataset, and the checksum that it carries.
+pub type Sums = BTreeMap<String, [u64; 2]>;
+
+/// Reads every dataset of a file that this run wrote, each piece on one rank, mostly another one
+/// than wrote it; gives their number. Collective over `world`.
 ///
 /// # Errors
-/// [`Error::Output`], naming the first dataset that is not as written.
+/// [`crate::base::error::Error::Output`], naming the first dataset that is not as written.
 pub fn check(world: &Group, path: &Path) -> Result<usize> {
     let fail = |e: &dyn std::fmt::Display| failure(path, e);
     let opened = open(world, path).map_err(|e| fail(&e));
     // Closing waits for all ranks: a file that only some could open stays open.
     let file = ManuallyDrop::new(world.agree(opened)?);
-    let compared = compare(world, path, &file);
+    let share = Share { rank: world.rank(), ranks: world.size() };
+    let sums = sums_of(share, &file, |_, _| Ok(())).map_err(|e| fail(&e));
+    let compared = world.agree(sums).and_then(|sums| compare(world, path, &sums));
     // All ranks have the same outcome, so that all close it.
     let closed = ManuallyDrop::into_inner(file).close();
     world.agree(closed.map_err(|e| fail(&e)))?;
     compared
 }
 
-/// Compares every dataset with the checksum it carries; gives their number. Collective.
-fn compare(world: &Group, path: &Path, file: &File) -> Result<usize> {
-    let mut sums = BTreeMap::new();
-    let share = Share { rank: world.rank(), ranks: world.size() };
-    let read = sums_of(share, file, &mut sums).map_err(|e| failure(path, &e));
-    world.agree(read)?;
-    if sums.is_empty() {
-        return world.agree(Err(failure(path, &"holds no dataset with a checksum")));
+/// Compares the sums of the ranks' parts with the checksums that datasets carry; gives their
+/// number. Collective.
+pub(crate) fn compare(world: &Group, path: &Path, sums: &Sums) -> Result<usize> {
+    let fail = |what: &str| world.agree(Err(failure(path, &what)));
+    if !world.same(sums.len() as u64) {
+        return fail("holds other datasets on some ranks");
     }
-    for (name, (mine, expected)) in &sums {
+    if sums.is_empty() {
+        return fail("holds no dataset with a checksum");
+    }
+    for (name, [mine, expected]) in sums {
         if world.sum_modulo(*mine) != *expected {
-            return world.agree(Err(failure(path, &differs(name))));
+            return fail(&differs(name));
         }
     }
     Ok(sums.len())
 }
 
-/// As [`check`], of an open file, by one process alone.
-///
-/// # Errors
-/// What HDF5 says; the name of the first dataset that is not as written.
-pub(crate) fn check_alone(file: &File) -> Outcome<()> {
-    let mut sums = BTreeMap::new();
-    sums_of(Share { rank: 0, ranks: 1 }, file, &mut sums)?;
-    match sums.iter().find(|(_, (found, expected))| found != expected) {
-        Some((name, _)) => Err(hdf5::Error::from(differs(name))),
-        None => Ok(()),
-    }
-}
-
-fn differs(name: &str) -> String {
+/// What is said of a dataset whose checksum differs.
+pub(crate) fn differs(name: &str) -> String {
     format!("dataset {name} is not as it was written (its checksum differs)")
 }
 
 /// The pieces of a file that a process reads: every `ranks`-th.
-#[derive(Clone, Copy)]
-struct Share {
-    rank: usize,
-    ranks: usize,
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct Share {
+    /// Number of the process.
+    pub rank: usize,
+    /// How many there are.
+    pub ranks: usize,
 }
 
-/// By name, this rank's part of the checksum of each dataset in the group and below, and the one
-/// the dataset carries.
-fn sums_of(
-    share: Share,
-    group: &hdf5::Group,
-    sums: &mut BTreeMap<String, (u64, u64)>,
-) -> Outcome<()> {
-    for dataset in group.datasets()? {
-        let name = dataset.name();
-        let expected = (dataset.attr(CHECKSUM).and_then(|a| a.read_scalar()))
-            .map_err(|_| hdf5::Error::from(format!("dataset {name} carries no checksum")))?;
-        let mine = sum_of(share, &dataset)
-            .map_err(|e| hdf5::Error::from(format!("dataset {name} cannot be read: {e}")))?;
-        sums.insert(name, (mine, expected));
+fn error(what: String) -> hdf5::Error {
+    hdf5::Error::from(what)
+}
+
+/// Every dataset of a file by its name, as far as a run writes them: by hard links, in a few
+/// groups. One that has several names is there once, by that in the innermost group.
+pub(crate) fn datasets(file: &hdf5::Group) -> Outcome<BTreeMap<String, Dataset>> {
+    let (mut found, mut objects) = (BTreeMap::<String, (LocationToken, Dataset)>::new(), 0);
+    let mut left = vec![(file.group("/")?, String::new(), 0)];
+    while let Some((group, path, depth)) = left.pop() {
+        let mut names = Vec::new();
+        group.iter_visit_default(|name, link| {
+            objects += 1;
+            if objects > MOST_OBJECTS {
+                return Err(error(format!("holds more than {MOST_OBJECTS} objects")));
+            }
+            if link.link_type != LinkType::Hard {
+                return Err(error(format!("{path}/{name} leads elsewhere, which no run writes")));
+            }
+            names.push(name.to_owned());
+            Ok(())
+        })?;
+        for name in names {
+            let place = format!("{path}/{name}");
+            let info = group.loc_info_by_name(&name)?;
+            match info.loc_type {
+                LocationType::Group if depth == DEEPEST => {
+                    let what = format!("holds more than {DEEPEST} groups in each other");
+                    return Err(error(what));
+                }
+                LocationType::Group => left.push((group.group(&name)?, place, depth + 1)),
+                LocationType::Dataset => {
+                    found.retain(|_, (token, _)| *token != info.token);
+                    found.insert(place, (info.token, group.dataset(&name)?));
+                }
+                _ => return Err(error(format!("{place} is no dataset"))),
+            }
+        }
     }
-    (group.groups()?.iter()).try_for_each(|group| sums_of(share, group, sums))
+    Ok(found.into_iter().map(|(place, (_, dataset))| (place, dataset)).collect())
 }
 
-/// This rank's part of the checksum of a dataset.
-fn sum_of(Share { rank, ranks }: Share, dataset: &Dataset) -> Outcome<u64> {
+/// Whether a dataset can be read as the numbers or the text of its shape: they are in this file,
+/// and all there. Gives the bytes of a chunk, 0 where there are none.
+pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Outcome<u64> {
+    let list = dataset.dcpl()?;
+    if !list.external().is_empty() || list.layout() == Layout::Virtual {
+        return Err(error("its values are in another file".to_owned()));
+    }
+    let filters = list.filters();
+    if let Some(other) = filters.iter().find(|f| matches!(f, Filter::User(..))) {
+        return Err(error(format!("is stored by a filter that is not known ({other:?})")));
+    }
+    let size = dataset.dtype()?.size();
+    let bytes = |lengths: &[usize]| {
+        let all = lengths.iter().try_fold(size, |bytes, &n| bytes.checked_mul(n));
+        all.map_or(u64::MAX, |bytes| bytes as u64)
+    };
+    let shape = dataset.shape();
+    let (all, there) = (bytes(&shape), dataset.storage_size());
+    let most = match filters.is_empty() {
+        true => there,
+        false => there.saturating_mul(MOST_DEFLATED),
+    };
+    if all > most || there > file_bytes.saturating_add(size as u64) {
+        return Err(error(format!(
+            "its shape is {shape:?}, and {there} bytes of it are there, in a file of {file_bytes}"
+        )));
+    }
+    Ok(dataset.chunk().map_or(0, |chunk| bytes(&chunk)))
+}
+
+/// By name, a share of the checksum of each dataset, and the one the dataset carries. What is read
+/// is shown to `visit` piece by piece, with the name.
+pub(crate) fn sums_of(
+    share: Share,
+    file: &hdf5::Group,
+    mut visit: impl FnMut(&str, &[f64]) -> Outcome<()>,
+) -> Outcome<Sums> {
+    let sum = |(name, dataset): (String, Dataset)| {
+        let expected = (dataset.attr(CHECKSUM).and_then(|a| a.read_scalar()))
+            .map_err(|_| error(format!("dataset {name} carries no checksum")))?;
+        let mine = sum_of(share, &dataset, |values| visit(&name, values))
+            .map_err(|e| error(format!("dataset {name} cannot be read: {e}")))?;
+        Ok((name, [mine, expected]))
+    };
+    datasets(file)?.into_iter().map(sum).collect()
+}
+
+/// A share of the checksum of a dataset.
+fn sum_of(
+    Share { rank, ranks }: Share,
+    dataset: &Dataset,
+    mut visit: impl FnMut(&[f64]) -> Outcome<()>,
+) -> Outcome<u64> {
     if let TypeDescriptor::FixedUnicode(length) = dataset.dtype()?.to_descriptor()? {
         return if rank == 0 {
             Ok(checksum::of_text(&read_bytes(dataset, length)?))
@@ -110,6 +189,7 @@ fn sum_of(Share { rank, ranks }: Share, dataset: &Dataset) -> Outcome<u64> {
             continue;
         }
         let values = read_slab(dataset, &slab)?;
+        visit(&values)?;
         sum = sum.wrapping_add(checksum::of_slab(&shape, &slab, &values));
     }
     Ok(sum)
@@ -149,38 +229,4 @@ fn read_bytes(dataset: &Dataset, length: usize) -> Outcome<Vec<u8>> {
         )
     };
     if status >= 0 { Ok(bytes) } else { Err(hdf5::Error::from("a text could not be read")) }
-}
-
-/// As [`check`], of `directory/result.h5` and the warped fields beside it; gives the number of
-/// datasets of each file.
-///
-/// # Errors
-/// As [`check`]; [`Error::Input`] where there is no `result.h5`.
-pub fn check_result(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, usize)>> {
-    let path = directory.join("result.h5");
-    let fail = |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", path.display()));
-    world.agree(match std::fs::metadata(&path) {
-        Ok(found) if found.is_file() => Ok(()),
-        Ok(_) => Err(fail(&"is no file")),
-        Err(e) => Err(fail(&e)),
-    })?;
-    // What there is is for one rank to say.
-    let mut names = Vec::new();
-    if world.rank() == 0
-        && let Ok(entries) = std::fs::read_dir(directory)
-    {
-        let all = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-        names.extend(all.filter(|name| name.starts_with("warped_") && name.ends_with(".h5")));
-        names.sort_unstable();
-    }
-    let names = world.broadcast_text(&names.join("\n"));
-    ["result.h5"]
-        .into_iter()
-        .chain(names.lines())
-        .map(|name| {
-            let path = directory.join(name);
-            let datasets = check(world, &path)?;
-            Ok((path, datasets))
-        })
-        .collect()
 }

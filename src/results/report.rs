@@ -3,10 +3,13 @@
 //!
 //! Everything that comes from a file is escaped. The pictures are those of
 //! [`crate::results::pictures`], inside of the page as SVG. Tables are rows of a label and a value;
-//! what is not known has no row.
+//! what is not known has no row. The first screen says whether to trust the result; pictures
+//! follow, and what else is known is folded away.
 
 pub mod html;
 pub mod plan;
+pub mod times;
+pub mod trust;
 
 use crate::base::error::Result;
 use crate::base::text::{bytes_text, short};
@@ -15,6 +18,8 @@ use crate::results::pictures::Album;
 use crate::results::pictures::history::steps;
 use crate::results::pictures::stored::Stored;
 use crate::results::report::html::{Rows, Text, shown};
+use crate::results::report::times::Times;
+use crate::results::report::trust::trust;
 use crate::results::summary::{Accuracy, Continued};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Deserialize;
@@ -28,6 +33,9 @@ const STYLE: &str = include_str!("report/style.css");
 
 /// What the page may load: nothing but its own styles and pictures.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
+
+/// Warnings that are not folded away.
+const WARNINGS_SHOWN: usize = 3;
 
 /// Numbers of `summary.json` and their labels: errors to the semi-discrete solution.
 const TO_SEMIDISCRETE: [(&str, &str); 6] = [
@@ -108,6 +116,8 @@ pub struct Report<'a> {
     pub summary: &'a Value,
     /// Its pictures.
     pub album: &'a Album,
+    /// Phase space and density at several times, where there are some.
+    pub times: Option<&'a Times>,
     /// What `phasewarp check` says of the case; why nothing can be said.
     pub description: std::result::Result<&'a str, &'a str>,
 }
@@ -132,7 +142,7 @@ pub fn missing(summary: &Value) -> Vec<(String, String)> {
     all
 }
 
-/// A part of the page.
+/// A part of the page that is folded away.
 struct Section {
     id: &'static str,
     heading: &'static str,
@@ -145,7 +155,7 @@ impl Report<'_> {
     /// # Errors
     /// [`crate::base::error::Error::Output`] where a picture cannot be drawn.
     pub fn html(&self) -> Result<String> {
-        let sections = self.sections()?;
+        let sections = self.sections();
         let title = self.run.title();
         // The lines of the head can be found one by one.
         let page = html! {
@@ -161,13 +171,17 @@ impl Report<'_> {
                 body {
                     h1 { (Text(&title)) }
                     (self.summary_in_words())
+                    (trust(self.summary, self.run.plan["method"] == "classical"))
                     (self.lacking())
-                    nav {
-                        @for part in &sections { a href={ "#" (part.id) } { (part.heading) } " " }
-                    }
-                    @for part in &sections {
-                        "\n"
-                        section id=(part.id) { h2 { (part.heading) } (part.body) }
+                    (self.warnings())
+                    "\n"
+                    section id="pictures" { (self.pictures()?) }
+                    section id="detail" {
+                        h2 { "In detail" }
+                        @for part in &sections {
+                            "\n"
+                            details id=(part.id) { summary { (part.heading) } (part.body) }
+                        }
                     }
                 }
             }
@@ -176,13 +190,11 @@ impl Report<'_> {
     }
 
     /// The parts that hold something.
-    fn sections(&self) -> Result<Vec<Section>> {
+    fn sections(&self) -> Vec<Section> {
         let all = [
-            ("warnings", "Warnings", self.warnings()),
-            ("reductions", "What was left out of the computation", self.reductions()),
             ("errors", "Errors", self.errors()),
             ("ledger", "Ledger of mass and energy", self.ledger()),
-            ("pictures", "Pictures", self.pictures()?),
+            ("reductions", "What was left out of the computation", self.reductions()),
             ("cost", "Cost", self.cost()),
             ("probabilities", "Probabilities on a quantum computer", self.probabilities()),
             ("understood", "The case as it was read", self.description()),
@@ -191,7 +203,7 @@ impl Report<'_> {
             ("provenance", "Provenance", self.provenance()),
         ];
         let all = all.map(|(id, heading, body)| Section { id, heading, body });
-        Ok(all.into_iter().filter(|part| !part.body.0.is_empty()).collect())
+        all.into_iter().filter(|part| !part.body.0.is_empty()).collect()
     }
 
     fn number(&self, key: &str) -> Option<f64> {
@@ -201,7 +213,7 @@ impl Report<'_> {
     /// What was done and what came out, for who sees it for the first time.
     fn summary_in_words(&self) -> Markup {
         let reference = self.run.provenance.get("reference").map_or("", String::as_str);
-        let sentences = [Some(self.problem()), self.distances(), self.effort()];
+        let sentences = [Some(self.problem()), self.effort()];
         let sentences: Vec<String> = sentences.into_iter().flatten().collect();
         html! {
             @if !reference.is_empty() { p class="faint" { (Text(reference)) } }
@@ -271,8 +283,21 @@ impl Report<'_> {
 
     fn warnings(&self) -> Markup {
         let list = self.summary["warnings"].as_array();
-        let text = list.into_iter().flatten().filter_map(Value::as_str);
-        html! { @for warning in text { p class="warning" { (Text(warning)) } } }
+        let all: Vec<&str> = list.into_iter().flatten().filter_map(Value::as_str).collect();
+        let (first, others) = all.split_at(all.len().min(WARNINGS_SHOWN));
+        html! {
+            @if !all.is_empty() {
+                section id="warnings" {
+                    @for warning in first { p class="warning" { (Text(warning)) } }
+                    @if !others.is_empty() {
+                        details {
+                            summary { (others.len()) " more warnings" }
+                            @for warning in others { p class="warning" { (Text(warning)) } }
+                        }
+                    }
+                }
+            }
+        }
     }
 
     /// What the summary, or else the plan, says was left out.
@@ -299,6 +324,7 @@ impl Report<'_> {
         rows.values(&CONSERVED, self.summary);
         let fields = self.summary["fields"].as_array().filter(|f| !f.is_empty());
         html! {
+            @if let Some(sentences) = self.distances() { p { (Text(&sentences)) } }
             (rows.table())
             @if let Some(fields) = fields {
                 table {
@@ -360,6 +386,7 @@ impl Report<'_> {
             });
         }
         Ok(html! {
+            @if let Some(times) = self.times { (times.html()) }
             @for figure in figures { (figure) }
             @for (name, why) in &self.album.left_out {
                 p { "No picture " (Text(name)) ": " (Text(why)) "." }

@@ -6,6 +6,7 @@ use crate::parallel::files::CHECKSUM;
 use crate::problem::case::{Case, Origin, StartField};
 use crate::problem::grid::{Axis, axis_names};
 use crate::results::readback::{read_text, text_attribute};
+use crate::results::untrusted::{self, Inspection};
 use hdf5::types::TypeDescriptor;
 use hdf5::{Dataset, File};
 use serde_json::Value;
@@ -41,6 +42,7 @@ fn look(path: &Path, case: &Case) -> Found<Origin> {
         return Err("is no file".to_owned());
     }
     std::fs::File::open(path).map_err(|e| e.to_string())?;
+    untrusted::inspect(path, Inspection::Shapes)?;
     // HDF5 lists every function that the error passed.
     let file = File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?")?;
     let program = text_attribute(&file, "program").unwrap_or_default();

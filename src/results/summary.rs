@@ -1,13 +1,16 @@
 //! `summary.json`: the numbers of a run.
 
+use crate::base::checksum::{self, FileChecksums};
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
+use crate::base::log::report;
 use crate::base::text::percent;
 use crate::problem::case::{Interface, Method};
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::Readout;
 use crate::results::ledger::Ledger;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -351,6 +354,8 @@ pub struct Summary {
     pub readout: Option<Readout>,
     /// Where mass and energy went; none before the end of a run.
     pub ledger: Option<Ledger>,
+    /// Sizes and checksums of the files of the run.
+    pub files: FileChecksums,
     /// What the user should know.
     pub warnings: Vec<String>,
     /// How many of the warnings were printed before the run.
@@ -379,13 +384,73 @@ impl Summary {
         }
     }
 
+    /// Prints the warnings that were not printed before the run. On one rank.
+    pub fn report_late_warnings(&self) {
+        for warning in &self.warnings[self.warnings_printed..] {
+            report(&format!("warning: {warning}"));
+        }
+    }
+
     /// Writes `summary.json` into `directory`.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        let path = directory.join("summary.json");
-        let text = serde_json::to_string_pretty(self).map_err(|e| failure(&path, &e))?;
-        disk::write(&path, (text + "\n").as_bytes())
+        let path = directory.join(NAME);
+        let text = self.text().map_err(|e| failure(&path, &e))?;
+        disk::write_text(&path, &(text + "\n"))
+    }
+
+    /// The text of the file.
+    fn text(&self) -> serde_json::Result<String> {
+        let checksum = checksum_of(&serde_json::to_value(self)?)?;
+        serde_json::to_string_pretty(&WithChecksum { summary: self, checksum })
+    }
+}
+
+/// Name of the file.
+pub const NAME: &str = "summary.json";
+
+/// A summary with a checksum of its own.
+#[derive(Serialize)]
+struct WithChecksum<'a> {
+    #[serde(flatten)]
+    summary: &'a Summary,
+    checksum: String,
+}
+
+/// The checksum of a summary without it: of its compact text, keys in order.
+fn checksum_of(summary: &Value) -> serde_json::Result<String> {
+    Ok(format!("{:016x}", checksum::of_text(&serde_json::to_vec(summary)?)))
+}
+
+/// The summary that `text` is; none where it is none, or differs from its checksum. Those of older
+/// versions have none.
+pub(crate) fn parse(text: &str) -> Option<Value> {
+    let mut found: Value = serde_json::from_str(text).ok()?;
+    match found.as_object_mut()?.remove("checksum") {
+        Some(checksum) => {
+            (checksum.as_str() == checksum_of(&found).ok().as_deref()).then_some(found)
+        }
+        None => Some(found),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_summary_knows_its_changes() {
+        let warnings = vec!["\u{1b}[2J".to_owned()];
+        let summary =
+            Summary { mass: 0.1 + 0.2, decay_bound: 1e300, warnings, ..Summary::default() };
+        let text = summary.text().expect("a text");
+        assert_eq!(parse(&text).expect("a summary")["mass"], 0.1 + 0.2);
+        let shown = crate::base::text::visible(&text);
+        assert!(parse(&shown).is_some());
+        assert!(parse(&text.replacen("decay_bound\": 1e", "decay_bound\": 2e", 1)).is_none());
+        assert!(parse(&text.replacen("\"mass\": 0.3", "\"mass\": 0.2", 1)).is_none());
+        assert!(parse("{}").is_some() && parse("[]").is_none());
     }
 }

@@ -10,7 +10,7 @@ use std::path::Path;
 pub const NAME: &str = "fields.xdmf";
 
 /// What its text ends with.
-pub(crate) const END: &str = "</Domain>\n</Xdmf>\n";
+const END: &str = "</Domain>\n</Xdmf>\n";
 
 /// Writes `directory/fields.xdmf` for the states at the times of `steps`; without any there is
 /// none, and an older one goes. By one rank.
@@ -22,7 +22,7 @@ pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
     if steps.is_empty() {
         disk::clear(&path).map_err(|e| failure(&path, &e))
     } else {
-        disk::write(&path, document(steps).as_bytes())
+        disk::write_text(&path, &document(steps))
     }
 }
 

@@ -137,12 +137,7 @@ pub(crate) fn compare(
     warnings.extend(include_step_error(plan, summary));
     let norms = state_norms(prepared, &solution.fields[0][0]);
     summary.probabilities = Some(Probabilities::new(
-        &PlannedState {
-            bounds: &plan.bounds,
-            warp,
-            time: case.duration(),
-            points: points(&warp.series),
-        },
+        &PlannedState::of(warp, &plan.bounds, case.duration(), points(&warp.series)),
         norms,
         &Figure::exact,
     ));

@@ -40,23 +40,83 @@ pub struct Preview {
 /// # Errors
 /// As [`plan`].
 pub fn preview(world: &World, case: &Case, resources: &Resources) -> Result<Preview> {
-    let all = world.group();
-    let case = &reduced(&all, &*with_start(&all, case)?)?;
-    refuse_hopeless(case, resources)?;
-    let bounds = Bounds::new(case)?;
-    let updates = case.space.cells() as f64 * (bounds.rate * case.duration()).max(1.0);
-    let must = bounds.growth.is_infinite();
-    if case.method == Method::Classical || (updates > CHEAP_UPDATES && !must) {
-        let plan = Plan::with_bounds(case, bounds, resources, ASSUMED_RATIO)?;
-        return Ok(Preview { plan, at_start: None });
+    let measured = MeasuredCase::new(world, case, resources)?;
+    Ok(Preview { plan: measured.plan(resources)?.plan, at_start: measured.at_start })
+}
+
+/// A case as it is solved, with what was measured of it: what plans on any number of ranks are made
+/// of.
+pub struct MeasuredCase {
+    /// The case as it is solved.
+    pub case: Case,
+    /// Bounds before the growth is measured: by them a run chooses its process mesh.
+    expected: Bounds,
+    /// Bounds with the growth that was found.
+    bounds: Bounds,
+    /// `‖ũ(0)‖/‖f(T)‖`.
+    ratio: f64,
+    /// Totals of the data on the grid at time zero, where the grid was assembled.
+    pub at_start: Option<Totals>,
+}
+
+impl MeasuredCase {
+    /// Measures growth and norms on the ranks of `world` where that takes a fraction of a second,
+    /// or where no plan can be made without. Collective.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Memory`] where nothing fits into `resources`; as
+    /// [`Prepared::new`].
+    pub fn new(world: &World, case: &Case, resources: &Resources) -> Result<Self> {
+        let all = world.group();
+        let case = reduced(&all, &*with_start(&all, case)?)?;
+        refuse_hopeless(&case, resources)?;
+        let bounds = Bounds::new(&case)?;
+        let updates = case.space.cells() as f64 * (bounds.rate * case.duration()).max(1.0);
+        let must = bounds.growth.is_infinite();
+        let expected = bounds.clone();
+        if case.method == Method::Classical || (updates > CHEAP_UPDATES && !must) {
+            return Ok(Self { case, expected, bounds, ratio: ASSUMED_RATIO, at_start: None });
+        }
+        refuse_hopeless_here(world, &case)?;
+        let here = Resources { ranks: all.size(), ..Resources::default() };
+        let mut prepared = Prepared::new(world, &case, &here)?;
+        let ratio = prepared.probe();
+        let at_start = at_start(&mut prepared).map(|found| found.totals);
+        Ok(Self { case, expected, bounds: prepared.bounds, ratio, at_start })
     }
-    refuse_hopeless_here(world, case)?;
-    let here = Resources { ranks: all.size(), ..Resources::default() };
-    let mut prepared = Prepared::new(world, case, &here)?;
-    let ratio = prepared.probe();
-    let at_start = at_start(&mut prepared).map(|found| found.totals);
-    let plan = Plan::with_bounds(case, prepared.bounds, resources, ratio)?;
-    Ok(Preview { plan, at_start })
+
+    /// The plan of a run on `resources`, and the one that its process mesh is chosen by.
+    ///
+    /// # Errors
+    /// As [`Plan::new`].
+    pub fn plan(&self, resources: &Resources) -> Result<Planned> {
+        refuse_hopeless(&self.case, resources)?;
+        let provisional = Plan::provisional(&self.case, &self.expected, resources)?;
+        let bounds = self.bounds.clone();
+        let plan = provisional.measured(&self.case, bounds, resources, self.ratio)?;
+        Ok(Planned { provisional, plan })
+    }
+}
+
+/// A plan, and the one before anything was measured.
+pub struct Planned {
+    /// By which the process mesh is chosen.
+    provisional: Plan,
+    /// The plan of the run.
+    pub plan: Plan,
+}
+
+impl Planned {
+    /// The plan of a run of the same `case` on other `resources`; its modes are not planned again.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Ranks`] and [`crate::base::error::Error::Memory`].
+    pub fn on(&self, case: &Case, resources: &Resources) -> Result<Self> {
+        refuse_hopeless(case, resources)?;
+        let provisional = self.provisional.on(case, resources)?;
+        let plan = self.plan.on(case, &resources.on_mesh(&provisional.layout.mesh))?;
+        Ok(Self { provisional, plan })
+    }
 }
 
 /// The case with what the file that it starts from says, if it does: the points of a warped field,

@@ -28,6 +28,10 @@ pub(crate) fn readout(
         (_, Some(error)) => Figure::estimate(error, "the error estimate of the run"),
         (_, None) => Figure::unavailable("there is no error estimate of the run"),
     };
+    // The points of the window have errors of their own.
+    let window = probabilities.window_error.unwrap_or(1.0).max(1.0);
+    let state_error =
+        state_error.value().map_or(state_error.clone(), |x| state_error.with(x * window));
     let source = Source {
         share: &place.share,
         field,

@@ -31,11 +31,13 @@ pub fn warnings(case: &Case) -> Vec<String> {
 }
 
 fn stray_edge(edge: &StrayEdge) -> String {
+    // What a search leaves of zero is zero.
+    let at = if edge.at.abs() < 1e-12 * edge.face.abs() { 0.0 } else { edge.at };
     format!(
         "potential: a region's edge at {} = {} misses the faces of the grid; \
          it is moved to {}, by {:.2e}",
         ["x", "y", "z"][edge.axis],
-        fixed(edge.at + 0.0, 6),
+        fixed(at + 0.0, 6),
         fixed(edge.face + 0.0, 6),
         (edge.at - edge.face).abs()
     )

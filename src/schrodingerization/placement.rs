@@ -101,6 +101,13 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     })
 }
 
+/// How many modes [`place`] would plan of a profile that is known on the line, before their
+/// coefficients are computed; none where it would plan none.
+pub(crate) fn forecast_modes(case: &Case, bounds: &Bounds, ratio: f64) -> Option<f64> {
+    let (_, window) = Profile::plan(case.warp.choice(), &demand(case, bounds, ratio))?;
+    Some(window.modes(window.period))
+}
+
 /// Whether `A` is skew, `S = 0`, and nothing asks for the warped field as it is elsewhere.
 fn is_skew(case: &Case, bounds: &Bounds) -> bool {
     let warp = &case.warp;

@@ -97,13 +97,13 @@ impl Profile {
         }
         match choice {
             ProfileChoice::Planned => {
-                let both = [ProfileChoice::Designed, ProfileChoice::Gaussian];
+                let both = [ProfileChoice::Designed, ProfileChoice::Gaussian { sigma: None }];
                 let found = both.iter().filter_map(|c| Self::plan(*c, demand));
                 let work = |w: &Window| demand.work(w.period, w.modes(w.period) as usize);
                 found.min_by(|(_, a), (_, b)| work(a).total_cmp(&work(b)))
             }
             ProfileChoice::Designed => any(Designed::meeting(demand)),
-            ProfileChoice::Gaussian => any(Gaussian::meeting(demand)),
+            ProfileChoice::Gaussian { sigma } => any(Gaussian::meeting(sigma, demand)),
             ProfileChoice::Exponential { alpha } => any(Exponential::meeting(alpha, demand)),
             ProfileChoice::Smooth { order } => any(Smooth::meeting(order, demand)),
             ProfileChoice::LowSomma { c } => any(LowSomma::meeting(c, demand)),
@@ -116,7 +116,7 @@ impl Profile {
         match choice {
             ProfileChoice::Designed => Designed::possible(demand),
             ProfileChoice::Planned => {
-                Designed::possible(demand) || Gaussian::meeting(demand).is_some()
+                Designed::possible(demand) || Gaussian::meeting(None, demand).is_some()
             }
             _ => Self::plan(choice, demand).is_some(),
         }

@@ -92,9 +92,7 @@ impl Prepared {
     /// # Errors
     /// As [`Plan::new`]; [`Error::Ranks`] where ranks plan different series.
     pub fn plan_modes(&mut self, resources: &Resources, ratio: f64) -> Result<()> {
-        let resources =
-            Resources { ranks_x: Some(self.plan.layout.mesh.space.clone()), ..resources.clone() };
-        self.plan = Plan::with_bounds(&self.case, self.bounds.clone(), &resources, ratio)?;
+        self.plan = self.plan.measured(&self.case, self.bounds.clone(), resources, ratio)?;
         // Processors of different kinds might round differently, and ranks that count
         // differently wait for each other for ever.
         let world = &self.communicator.world;

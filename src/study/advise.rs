@@ -38,6 +38,7 @@ use crate::study::advise::report::{MOST_SHOWN, grid_text, warnings};
 use crate::study::advise::scheme::Scheme;
 use crate::study::advise::settings::{command, plain, settings};
 use crate::study::advise::trials::{Trials, cells, mode_updates};
+use crate::study::budget::refuse_long_look;
 use crate::study::grids::shape_text;
 use crate::study::trial::final_fields_only;
 
@@ -90,6 +91,7 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
                     time.start";
         return Err(Error::Input(format!("{}: {what}", start.place)));
     }
+    refuse_long_look(world, case, wanted.budget)?;
     let mut study = Study::new(world, case, wanted)?;
     study.try_as_it_stands()?;
     let found = study.reach_by_schemes()?;

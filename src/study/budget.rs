@@ -3,11 +3,30 @@
 //! Two measures: rank 0's clock, which decides for all ranks, and counted updates of unknowns, for
 //! decisions that must be the same on every machine and on any number of ranks.
 
+use crate::base::error::{Error, Result};
 use crate::parallel::communicator::{Group, World};
+use crate::plan::here::seconds_to_look;
+use crate::problem::case::Case;
 use std::time::Instant;
 
 /// Updates of an unknown that count as a second: a third of what a core does, or less.
 pub const UPDATES_PER_SECOND: f64 = 2e7;
+
+/// Refuses a grid on which a look at `V` alone takes longer than `limit` seconds. Collective.
+///
+/// # Errors
+/// [`Error::Input`].
+pub fn refuse_long_look(world: &World, case: &Case, limit: f64) -> Result<()> {
+    world.group().on_first_rank(|| match seconds_to_look(case) {
+        seconds if seconds > limit => Err(Error::Input(format!(
+            "{}: --budget {limit} s: to evaluate V once on {:.3e} cells of space takes about \
+             {seconds:.0} s; fewer cells (axis.N.x.cells) or a longer budget",
+            case.name,
+            case.space.space_cells() as f64
+        ))),
+        _ => Ok(()),
+    })
+}
 
 /// The time limit of a study, and what was used of it.
 pub struct Budget {

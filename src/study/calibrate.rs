@@ -207,7 +207,7 @@ impl Run<'_> {
             bounds = found.bounds;
         }
         watch.last = Instant::now();
-        let plan = Plan::with_bounds(case, bounds, self.resources, ratio)?;
+        let plan = self.provisional.measured(case, bounds, self.resources, ratio)?;
         watch.lap("design");
         Ok(plan)
     }

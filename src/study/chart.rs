@@ -26,7 +26,7 @@ use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::problem::case::Case;
-use crate::study::budget::Budget;
+use crate::study::budget::{Budget, refuse_long_look};
 use crate::study::chart::attempts::Attempts;
 use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::result::{Chart, mark_fronts};
@@ -58,6 +58,8 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
         return Err(Error::Input(format!("{}: {what}", start.place)));
     }
     refuse_hopeless_here(world, case)?;
+    refuse_long_look(world, case, limit.as_secs_f64())?;
+    let budget = Budget::new(world, limit.as_secs_f64());
     let jumps = Bounds::new(case)?.jumps;
     let stray = stray_edges(case);
     let treated = jumps && !case.reflects();
@@ -66,7 +68,6 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     });
     let Degrees { cases, left_out } = Degrees::of(case);
     let programme = programme.with_degrees(&cases);
-    let budget = Budget::new(world, limit.as_secs_f64());
     let mut attempts = Attempts::new(world, case, jumps, budget).with_degrees(&cases);
     attempts.try_all(programme.every_method());
     attempts.try_all(vec![Setting { space: case.space.clone(), setup: Setup::Given }]);

@@ -28,7 +28,7 @@ impl<T: Serialize> Files<'_, T> {
         let (json, csv) = (at("json"), at("csv"));
         let text = serde_json::to_string_pretty(self.found).map_err(|e| failure(&json, &e))?;
         for (path, text) in [(json, text + "\n"), (csv, self.table)] {
-            disk::write(&path, text.as_bytes())?;
+            disk::write_text(&path, &text)?;
         }
         self.figure.write(directory, self.name)?;
         Ok(())

@@ -43,7 +43,7 @@ pub const KNOBS: [Knob; 5] = [
 /// choices.
 pub const PROFILES: [(&str, ProfileChoice); 6] = [
     ("designed", ProfileChoice::Designed),
-    ("gaussian", ProfileChoice::Gaussian),
+    ("gaussian", ProfileChoice::Gaussian { sigma: None }),
     ("smooth", ProfileChoice::Smooth { order: DEFAULT_ORDER }),
     ("low-somma", ProfileChoice::LowSomma { c: None }),
     ("acl", ProfileChoice::Acl { beta: DEFAULT_BETA }),

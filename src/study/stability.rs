@@ -33,7 +33,7 @@ pub mod yardstick;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
-use crate::study::budget::Budget;
+use crate::study::budget::{Budget, refuse_long_look};
 use crate::study::stability::panel::{
     Findings, Found, LeftOut, Name, Panel, Scale, Stability, Sweep,
 };
@@ -102,6 +102,7 @@ pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Re
                     with time.start";
         return Err(Error::Input(format!("{}: {what}", start.place)));
     }
+    refuse_long_look(world, case, limit.as_secs_f64())?;
     let mut budget = Budget::new(world, limit.as_secs_f64());
     let wanted: Vec<&Entry> =
         (PANELS.iter()).filter(|entry| only.is_empty() || only.contains(&entry.name)).collect();

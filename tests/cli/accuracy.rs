@@ -336,3 +336,30 @@ fn reflected_parts_outside_of_0_and_1_are_refused() {
         Ok(())
     });
 }
+
+/// A time step that is too long for the tolerance: the last line says so, and with `solver.strict`
+/// the exit code; one that is met says nothing.
+#[test]
+fn a_tolerance_that_is_missed_is_said_last() {
+    let small = ["axis.0.x.cells=20", "axis.0.v.cells=18", "solver.tolerance=1e-6"];
+    let long = "solver.propagator={method='crank-nicolson',step=0.05}";
+    let [strict, verify] = ["solver.strict=true", "solver.verify=true"];
+    let missed = ["tolerance 1e-6 MISSED: ", "(measured, relative l2)"];
+    for ranks in [1, 3] {
+        let place = directory();
+        let job = |settings: &[&str]| {
+            let job = run("example1.toml").set(&small).set(settings).on(ranks);
+            job.into(place.path()).with(["--force"]).run().unwrap()
+        };
+        let finished = job(&[long, verify]);
+        let last = finished.output.lines().last().unwrap_or_default();
+        assert_eq!(finished.code, Some(0), "{}", finished.report("a run"));
+        finished.says(last, &missed).unwrap();
+        finished.says(&job(&[long]).output, &["MISSED", "(estimated, relative l2)"]).unwrap();
+        let refused = job(&[long, verify, strict]);
+        refused.ended(1, &[missed[0], "solver.strict"]).unwrap();
+        assert!(place.path().join("summary.json").is_file(), "results are kept");
+        let met = job(&[verify, strict]);
+        assert!(met.code == Some(0) && !met.output.contains("MISSED"), "{}", met.report("met"));
+    }
+}

@@ -12,6 +12,7 @@ mod equal_bits;
 mod exact_solutions;
 mod first_steps;
 mod full;
+mod hostile;
 mod ledger;
 mod matrices;
 mod measure_valued;
@@ -36,7 +37,9 @@ mod simulator;
 mod spectrum;
 mod stability;
 mod support;
+mod sweep;
 mod tolerances;
+mod torture;
 mod warnings;
 
 #[path = "../support/dense.rs"]

@@ -192,6 +192,251 @@ fn plans_for_nodes() {
     small.is_refused(&["6.2 MiB"]).unwrap();
 }
 
+/// The process mesh of a plan or of a run.
+#[derive(Debug, PartialEq)]
+struct Mesh {
+    blocks: serde_json::Value,
+    groups: serde_json::Value,
+}
+
+/// `plan` of one number of ranks and of many, `plan --calibrate` and `run` take the same process
+/// mesh. It is chosen before norms are measured; with them, by the plan's model, others are at most
+/// so many times as fast as docs/limits.md says.
+#[test]
+fn plans_and_runs_choose_the_same_mesh() {
+    const NUMBERS: [usize; 7] = [1, 2, 3, 4, 6, 8, 16];
+    const FASTER: f64 = 1.3;
+    let rows: [(&str, &[&str]); 6] = [
+        ("example1.toml", &["axis.0.x.cells=64", "axis.0.v.cells=64"]),
+        ("example1.toml", &["axis.0.x.cells=64", "axis.0.v.cells=64", "solver.tolerance=1e-9"]),
+        ("example1.toml", &["axis.0.x.cells=32", "axis.0.v.cells=32", "output.warped_field=true"]),
+        ("pulsed_inflow.toml", shrunk("pulsed_inflow.toml")),
+        ("smooth-beams.toml", shrunk("smooth-beams.toml")),
+        ("barrier2d.toml", &[]),
+    ];
+    check_all(&rows, |(name, settings)| {
+        let list = NUMBERS.map(|n| n.to_string()).join(",");
+        let planned = |words: &[&str]| {
+            let job = Job::new(["plan", &case(name), "--json"]).with(words.to_vec());
+            let finished = job.set(settings).succeed()?;
+            finished.json()
+        };
+        let table = planned(&["--ranks", &list])?;
+        for (k, ranks) in NUMBERS.iter().enumerate() {
+            let line = &table[k];
+            let of_table =
+                Mesh { blocks: line["space_blocks"].clone(), groups: line["mode_groups"].clone() };
+            let same = |what: &str, mesh: Mesh| match mesh == of_table {
+                true => Ok(()),
+                false => Err(format!(
+                    "{name} {settings:?} on {ranks} ranks: {what} {mesh:?}, \
+                    the table {of_table:?}"
+                )),
+            };
+            let mesh_of = |plan: &serde_json::Value| Mesh {
+                blocks: plan["layout"]["mesh"]["space"].clone(),
+                groups: plan["layout"]["mesh"]["groups"].clone(),
+            };
+            let number = ranks.to_string();
+            let plan = planned(&["--ranks", &number])?;
+            same("plan", mesh_of(&plan))?;
+            let times = plan["advice"]["meshes"].as_array().into_iter().flatten();
+            let fastest = times.filter_map(|mesh| mesh["cost"].as_f64()).fold(1.0, f64::min);
+            if fastest < 1.0 / FASTER {
+                return Err(format!("{name} {settings:?} on {ranks} ranks: {}", plan["advice"]));
+            }
+            if *ranks > 4 {
+                same("--calibrate", mesh_of(&planned(&["--ranks", &number, "--calibrate"])?))?;
+                continue;
+            }
+            let place = directory();
+            let summary = run(name).set(settings).on(*ranks).solve(place.path())?.value;
+            let [blocks, groups] = ["space_blocks", "mode_groups"].map(|key| summary[key].clone());
+            same("run", Mesh { blocks, groups })?;
+        }
+        Ok(())
+    });
+}
+
+/// Of many numbers of ranks, `plan` prints a line each, and which is the last that is worth it.
+#[test]
+fn numbers_of_ranks_are_compared() {
+    let job = |more: &[&str]| {
+        Job::new(["plan", &case("example1.toml"), "--ranks-per-node", "16", "--ranks"])
+            .with(more.to_vec())
+    };
+    let finished = job(&["1..4096", "--json"]).succeed().unwrap();
+    let lines = finished.json().unwrap();
+    let lines = lines.as_array().expect("an array");
+    let numbers = |key: &str| -> Vec<f64> {
+        lines.iter().map(|line| line[key].as_f64().unwrap_or(f64::NAN)).collect()
+    };
+    let (ranks, time, efficiency) = (numbers("ranks"), numbers("time"), numbers("efficiency"));
+    assert_eq!(ranks, (0..13).map(|k| f64::from(1 << k)).collect::<Vec<_>>());
+    let marked = |key: &str| -> Vec<f64> {
+        let those = lines.iter().filter(|line| line[key] == true);
+        those.filter_map(|line| line["ranks"].as_f64()).collect()
+    };
+    let (worth, last) = (marked("worth_it"), marked("recommended"));
+    assert_eq!(last[..], worth[worth.len() - 1..], "{}", finished.output);
+    // 128 x 128 cells are too few for thousands of ranks, and enough for two.
+    assert!((2.0..1024.0).contains(&last[0]), "{}", finished.output);
+    for (k, (&n, &t)) in ranks.iter().zip(&time).enumerate() {
+        assert!((efficiency[k] - 1.0 / (n * t)).abs() < 1e-12, "{n}: {}", efficiency[k]);
+        assert!(!worth.contains(&n) || efficiency[k] >= 0.5, "{n}: {}", efficiency[k]);
+        let blocks = lines[k]["space_blocks"][0].as_f64().unwrap_or(0.0);
+        assert_eq!(blocks * numbers("mode_groups")[k], n);
+        let on_node = numbers("memory")[k] * n.min(16.0);
+        assert_eq!(
+            (numbers("memory_per_node")[k], numbers("nodes")[k]),
+            (on_node, (n / 16.0).ceil())
+        );
+    }
+    let text = job(&["1,2,4096"]).succeed().unwrap();
+    text.says(&text.output, &["last worth it", "not worth it", "up to 2 ranks; more"]).unwrap();
+    assert!(text.output.lines().all(|line| line.chars().count() <= 100), "{}", text.output);
+    // All are worth it; some do not fit, and the first that does is what others are compared with.
+    let text = job(&["1,2"]).succeed().unwrap();
+    text.says(&text.output, &["up to 2 ranks, the last of these"]).unwrap();
+    let limited = |limit: &str| {
+        job(&["1,64"]).with(["--memory-per-rank", limit]).set(&["output.warped_field=true"])
+    };
+    let finished = limited("50MiB").with(["--json"]).succeed().unwrap();
+    let value = finished.json().unwrap();
+    assert!(
+        value[0]["refused"].as_str().is_some_and(|why| why.ends_with("a rank, 50.0 MiB there"))
+    );
+    assert_eq!(
+        (value[1]["time"].as_f64(), value[1]["recommended"].as_bool()),
+        (Some(1.0), Some(true))
+    );
+    limited("10MiB").is_refused(&["10.0 MiB"]).unwrap();
+}
+
+/// Calibrated, the table has seconds and core-hours, of which the step on the ranks that measured
+/// is that of a plan of them.
+#[test]
+fn compared_numbers_of_ranks_are_calibrated() {
+    let job = Job::new(["plan", &case("example1.toml"), "--ranks", "1,2,8", "--calibrate"]);
+    let finished = job.with(["--json"]).on(2).succeed().unwrap();
+    let table = finished.json().unwrap();
+    for line in table.as_array().expect("an array") {
+        let number = |key: &str| line[key].as_f64().unwrap_or(f64::NAN);
+        let hours = number("ranks") * number("seconds") / 3600.0;
+        assert!(number("seconds") > 0.0 && (number("core_hours") / hours - 1.0).abs() < 1e-12);
+        let of_first = number("seconds") / table[0]["seconds"].as_f64().unwrap_or(f64::NAN);
+        assert!((number("time") / of_first - 1.0).abs() < 1e-12, "{}", finished.output);
+    }
+}
+
+/// What the stub of a launcher was called with: it writes its words, each in brackets, and makes a
+/// run stop with a checkpoint.
+const LAUNCHER: &str = r#"#!/bin/bash
+printf '<%s>' "$@" >>"$CALLS"
+echo >>"$CALLS"
+if [ "$3" = run ] && [ -n "${STOPS:-}" ]; then
+    mkdir -p "$6/checkpoint/1"
+    echo '  "finished": 8' >"$6/checkpoint/1/manifest.json"
+    exit 75
+fi
+"#;
+
+/// `plan --sbatch` writes a script that bash accepts and that starts the run, whatever the names
+/// are; one that stops submits the same again.
+#[test]
+fn job_scripts_are_written() {
+    const NAME: &str = "a b;touch gone $(touch gone) 'c'.toml";
+    const RESULTS: &str = "all of; it's `touch gone`";
+    let place = directory();
+    let at = |name: &str| place.path().join(name);
+    let top = Path::new(env!("CARGO_MANIFEST_DIR"));
+    std::os::unix::fs::symlink(top.join("jobscripts"), at("jobscripts")).unwrap();
+    std::fs::copy(case("example1.toml"), at(NAME)).unwrap();
+    let title = "title=\"it's $HOME; touch gone\"";
+    let job = |more: &[&str]| {
+        let words = ["plan", NAME, "--sbatch", "my job.sbatch", "-o", RESULTS];
+        Job::new(words).set(&[title]).with(more.to_vec()).inside(place.path())
+    };
+    job(&["--ranks", "1,2,4096", "--ranks-per-node", "16"]).succeed().unwrap();
+    job(&[]).is_refused(&["my job.sbatch", "--force"]).unwrap();
+    let script = std::fs::read_to_string(at("my job.sbatch")).unwrap();
+    let header: Vec<&str> = script.lines().filter(|line| line.starts_with("#SBATCH")).collect();
+    assert_eq!(
+        header[..3],
+        [
+            "#SBATCH --job-name=phasewarp-a-b-touch-gone---touch-gone---c-",
+            "#SBATCH --ntasks=2",
+            "#SBATCH --ntasks-per-node=2"
+        ]
+    );
+    assert!(header[4].starts_with("#SBATCH --mem-per-cpu=") && header[4].ends_with('M'));
+    assert!(!script.contains("#SBATCH --time"), "{script}");
+    let started = bash(place.path(), &["-n", "my job.sbatch"], &[]);
+    assert_eq!(started.code, 0, "{}", started.calls);
+
+    // As Slurm starts it; then once more, stopped with a checkpoint.
+    let run = format!("<run><{NAME}><-o><{RESULTS}><--resume>");
+    let sets = format!("<--set><{title}>");
+    let started = bash(place.path(), &["my job.sbatch"], &[("SLURM_NTASKS", "2")]);
+    assert_eq!(started.code, 0, "{}", started.calls);
+    let calls: Vec<&str> = started.calls.lines().collect();
+    assert_eq!(calls[0], format!("<1><PROGRAM><check><{NAME}>{sets}"));
+    assert_eq!(calls[1], format!("<1><PROGRAM><plan><{NAME}><--ranks><2>{sets}"));
+    assert_eq!(calls[2], format!("<2><PROGRAM>{run}{sets}"));
+    let in_job = [
+        ("SLURM_NTASKS", "2"),
+        ("SLURM_JOB_ID", "7"),
+        ("SLURM_JOB_NAME", "n"),
+        ("SLURM_JOB_NUM_NODES", "1"),
+        ("SLURM_JOB_PARTITION", "p"),
+        ("STOPS", "yes"),
+    ];
+    let stopped = bash(place.path(), &["my job.sbatch"], &in_job);
+    assert_eq!(stopped.code, 75, "{}", stopped.calls);
+    let again = format!("<jobscripts/run.sbatch><{NAME}><{RESULTS}>{sets}");
+    let last = stopped.calls.lines().last().unwrap_or_default();
+    assert!(last.starts_with("<--job-name=n>") && last.ends_with(&again), "{}", stopped.calls);
+    assert!(!at("gone").exists(), "a name was obeyed");
+
+    // Calibrated, with the time that it takes; with the results where a run would put them.
+    let job = Job::new(["plan", NAME, "--sbatch", "timed", "--calibrate"]).inside(place.path());
+    job.succeed().unwrap();
+    let script = std::fs::read_to_string(at("timed")).unwrap();
+    assert!(script.contains("#SBATCH --ntasks=1\n#SBATCH --cpus-per-task=1\n"), "{script}");
+    assert!(script.contains("#SBATCH --time=00:0"), "{script}");
+    let name = NAME.trim_end_matches(".toml").replace('\'', r"'\''");
+    assert!(script.ends_with(&format!("    'results/{name}'\n")), "{script}");
+    let chosen = ["--set", "solver.accuracy=1e-2", "--force"];
+    job.with(chosen).is_refused(&["--sbatch", "solver.accuracy", "--accuracy"]).unwrap();
+}
+
+/// How a script ended, and what it called.
+struct Started {
+    code: i32,
+    calls: String,
+}
+
+/// Starts bash inside `place` with stubs of the launcher and of Slurm's commands.
+fn bash(place: &Path, words: &[&str], variables: &[(&str, &str)]) -> Started {
+    let (stubs, calls) = (place.join("stubs"), place.join("calls"));
+    std::fs::create_dir_all(&stubs).unwrap();
+    let _ = std::fs::remove_file(&calls);
+    for name in ["launcher", "sbatch", "squeue"] {
+        let stub = stubs.join(name);
+        std::fs::write(&stub, LAUNCHER).unwrap();
+        std::fs::set_permissions(&stub, std::os::unix::fs::PermissionsExt::from_mode(0o755))
+            .unwrap();
+    }
+    let path = format!("{}:{}", stubs.display(), std::env::var("PATH").unwrap_or_default());
+    let mut command = std::process::Command::new("bash");
+    command.args(words).current_dir(place).env("PATH", path).envs(variables.iter().copied());
+    command.env("LAUNCH", "launcher").env("PHASEWARP", "PROGRAM").env("CALLS", &calls);
+    let output = command.output().unwrap();
+    eprint!("{}", String::from_utf8_lossy(&output.stderr));
+    let calls = std::fs::read_to_string(&calls).unwrap_or_default();
+    Started { code: output.status.code().unwrap_or(-1), calls }
+}
+
 #[test]
 fn every_case_is_in_the_readme() {
     let readme = std::fs::read_to_string(case("README.md")).unwrap();

@@ -166,6 +166,7 @@ fn where_there_is_no_state_it_says_why() {
     const TINY: &[&str] = &["axis.0.x.cells=20", "axis.0.v.cells=16", "readout={points=[[0.1]]}"];
     let table: &[Row] = &[
         ("example2.toml", &[], 3, "not a vector of amplitudes"),
+        ("example2.toml", &[], 3, "is transported linearly"),
         ("example1.toml", &["solver.method=classical"], 3, "prepares no quantum state"),
         ("pulsed_inflow.toml", &["time.end=0.2", "solver.tolerance=1e-3"], 3, "depends on t"),
     ];

@@ -13,6 +13,7 @@ use phasewarp::problem::case::ProfileChoice;
 use phasewarp::quantum::access::{Scratch, SparseAccess};
 use phasewarp::quantum::probability::{square_sum, window_end};
 use phasewarp::quantum::sparsity::{Sparsity, measure};
+use phasewarp::quantum::walk::value_bits;
 use phasewarp::schrodingerization::profile::series::Series;
 use phasewarp::schrodingerization::profile::series::points;
 use std::f64::consts::TAU;
@@ -54,6 +55,7 @@ pub fn oracles(world: &World) {
         }
         assert!(largest <= access.largest() * (1.0 + 1e-13));
         let (largest, fullest) = (group.max(largest), group.max_count(fullest));
+        oracle.check_rounding(&mut scratch);
         if stride == 1 {
             assert_eq!(fullest, access.sparsity(), "{}", twin.name);
             let most = largest / access.largest();
@@ -117,12 +119,44 @@ impl Oracle<'_> {
         let [re, im] = access.value_bits(scratch, at.0, at.1, m);
         for (bits, x) in [(re, value.re), (im, value.im)] {
             let off = (bits as f64 * unit - x).abs();
-            // The largest itself is one unit more than the bits hold.
-            let most = if x.abs() > access.largest() - unit { 1.0 } else { 0.5 };
             // More bits than a double has tell nothing.
             let round_off = 1e-15 * access.largest();
-            assert!(off <= most * unit + round_off, "{m} bits: {off:e} {unit:e}");
+            assert!(off <= 0.5 * unit + round_off, "{m} bits: {off:e} {unit:e}");
             assert!(bits.unsigned_abs() < 1 << (m - 1));
+        }
+    }
+
+    /// Values of as many bits as the walk takes change `e^{−iH}` by less than the tolerance, as the
+    /// error of `H` itself shows; `log₂ 1/ε` bits do not keep it.
+    fn check_rounding(&self, scratch: &mut Scratch) {
+        let (access, tolerance) = (self.access, 1e-3);
+        let tau = access.sparsity() as f64 * access.largest();
+        // Bounds from above and below of the error's spectral norm.
+        let mut error = |m: u32| {
+            let (mut sum_of_row, mut norm_of_row) = (0.0f64, 0.0f64);
+            for j in (0..access.order()).step_by((access.order() / 100).max(1)) {
+                let (mut sum, mut square) = (0.0, 0.0);
+                for entry in 0..access.sparsity() {
+                    let k = access.location(scratch, j, entry);
+                    let value = access.value(scratch, j, k);
+                    let [re, im] = access.value_bits(scratch, j, k, m);
+                    let unit = access.unit(m);
+                    let off = value - Complex64::new(re as f64 * unit, im as f64 * unit);
+                    sum += off.norm();
+                    square += off.norm_sqr();
+                }
+                sum_of_row = sum_of_row.max(sum);
+                norm_of_row = norm_of_row.max(square.sqrt());
+            }
+            [norm_of_row, sum_of_row]
+        };
+        let bits = value_bits(tau, tolerance);
+        let [_, above] = error(bits);
+        assert!(above <= tolerance, "{}: {bits} bits, {above:e}", self.name);
+        if tau > 100.0 {
+            let few = (1.0 / tolerance).log2().ceil() as u32;
+            let [below, _] = error(few);
+            assert!(below > tolerance, "{}: {few} bits, {below:e}", self.name);
         }
     }
 
@@ -213,7 +247,7 @@ pub fn norm_of_the_state(world: &World) {
     let resources = Resources { ranks: group.size(), ..Resources::default() };
     let profiles = [
         (ProfileChoice::Designed, 1e-6),
-        (ProfileChoice::Gaussian, 1e-9),
+        (ProfileChoice::Gaussian { sigma: None }, 1e-9),
         (ProfileChoice::Smooth { order: 4 }, 1e-4),
         (ProfileChoice::Exponential { alpha: 1.0 }, 1e-2),
     ];

@@ -37,6 +37,7 @@ const RECOVERIES: [Recovery; 15] = {
     use ProfileChoice::{Acl, Designed, Exponential, Gaussian, LowSomma, Planned, Smooth};
     use PropagatorMethod::{BackwardEuler, CrankNicolson, Krylov};
     use RecoveryMethod::{Integral, LeastSquares, Point};
+    const GAUSSIAN: ProfileChoice = Gaussian { sigma: None };
     const LOW_SOMMA: ProfileChoice = LowSomma { c: None };
     const EXPONENTIAL: ProfileChoice = Exponential { alpha: 1.0 };
     [
@@ -44,17 +45,17 @@ const RECOVERIES: [Recovery; 15] = {
         by_series(Designed, Integral, Analytic, 1e-7),
         by_series(Planned, LeastSquares, Analytic, 1e-6),
         by_method(Designed, 1e-9, Krylov, None),
-        by_series(Gaussian, Point, Analytic, 1e-4),
-        by_series(Gaussian, Point, Analytic, 1e-9),
-        by_series(Gaussian, LeastSquares, Sampled, 1e-6),
+        by_series(GAUSSIAN, Point, Analytic, 1e-4),
+        by_series(GAUSSIAN, Point, Analytic, 1e-9),
+        by_series(GAUSSIAN, LeastSquares, Sampled, 1e-6),
         by_series(LOW_SOMMA, Point, Analytic, 1e-8),
         by_series(LOW_SOMMA, Integral, Sampled, 1e-5),
         by_series(Smooth { order: 8 }, Point, Sampled, 1e-4),
         by_series(EXPONENTIAL, Point, Sampled, 3e-2),
         by_series(Acl { beta: 0.75 }, LeastSquares, Analytic, 3e-2),
-        by_method(Gaussian, 1e-9, Krylov, None),
-        by_method(Gaussian, 1e-4, CrankNicolson, Some(20)),
-        by_method(Gaussian, 1e-3, BackwardEuler, Some(40)),
+        by_method(GAUSSIAN, 1e-9, Krylov, None),
+        by_method(GAUSSIAN, 1e-4, CrankNicolson, Some(20)),
+        by_method(GAUSSIAN, 1e-3, BackwardEuler, Some(40)),
     ]
 };
 
@@ -263,7 +264,7 @@ impl RecoveredField {
         assert!(error <= recovery.tolerance, "{name}: error {error:e}");
         let estimate =
             distance(&self.scaled[1], &self.scaled[0]) / self.run.plan.estimator_efficiency / error;
-        let gaussian = recovery.profile == ProfileChoice::Gaussian;
+        let gaussian = recovery.profile == ProfileChoice::Gaussian { sigma: None };
         // Where the plan doubts the estimate, the two readings may err alike.
         let factor = match (self.run.plan.estimate_doubt(), gaussian) {
             (Some(_), _) => 20.0,

@@ -276,10 +276,11 @@ impl Files<'_> {
     }
 }
 
-/// Makes a dataset for the field.
+/// Makes a dataset for the field, of ones.
 fn new_w(file: &File, shape: [usize; 3]) -> hdf5::Dataset {
-    let builder = file.new_dataset::<f64>().shape(shape);
-    builder.create("w").expect("a dataset")
+    let dataset = file.new_dataset::<f64>().shape(shape).create("w").expect("a dataset");
+    dataset.write_raw(&vec![1.0; shape.iter().product()]).expect("numbers");
+    dataset
 }
 
 /// An error of a user's file: on one line with `message`, exit code 2.
@@ -351,8 +352,8 @@ fn refused_files(files: &Files<'_>) {
         }),
         ("/w holds other than real numbers", &|file| {
             files.axes(file, &POINTS);
-            let builder = file.new_dataset::<Complex64>();
-            builder.shape([3, 2, 4]).create("w").expect("a dataset");
+            let dataset = file.new_dataset::<Complex64>().shape([3, 2, 4]).create("w");
+            dataset.and_then(|w| w.write_raw(&[Complex64::ONE; 24])).expect("a dataset");
         }),
         ("/axis/vx holds other cell centres", &|file| {
             files.axes_with(file, &shifted, &POINTS);

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, overload
+
+import pandas as pd
 
 from phasewarp.case import Case
 from phasewarp.program import StrPath, call
@@ -46,6 +48,7 @@ def check(case: CaseLike, *, program: StrPath | None = None) -> str:
         return call(["check", *words], program=program)
 
 
+@overload
 def plan(
     case: CaseLike,
     ranks: int = 1,
@@ -57,18 +60,50 @@ def plan(
     calibrate: int | None = None,
     mode: Mode | None = None,
     program: StrPath | None = None,
-) -> dict[str, Any]:
+) -> dict[str, Any]: ...
+
+
+@overload
+def plan(
+    case: CaseLike,
+    ranks: Sequence[int],
+    *,
+    ranks_x: Sequence[int] | None = None,
+    memory_per_rank: str | None = None,
+    memory_per_node: str | None = None,
+    ranks_per_node: int | None = None,
+    calibrate: int | None = None,
+    mode: Mode | None = None,
+    program: StrPath | None = None,
+) -> pd.DataFrame: ...
+
+
+def plan(
+    case: CaseLike,
+    ranks: int | Sequence[int] = 1,
+    *,
+    ranks_x: Sequence[int] | None = None,
+    memory_per_rank: str | None = None,
+    memory_per_node: str | None = None,
+    ranks_per_node: int | None = None,
+    calibrate: int | None = None,
+    mode: Mode | None = None,
+    program: StrPath | None = None,
+) -> dict[str, Any] | pd.DataFrame:
     """Return what a run will cost: every derived number, memory array by array, process meshes.
 
     Nothing is solved. docs/usage.md, "Plan", says what the entries are: ``advice`` has the process
     meshes (`memory` in bytes a rank) and ``layout`` the arrays of the fullest rank in bytes.
+
+    Of several numbers of ranks, return a table: one row a number, with `time` over that of the
+    first, `efficiency`, `memory`, and which number is ``recommended``, the last that is worth it.
 
     Parameters
     ----------
     case
         The case, or its file.
     ranks
-        MPI ranks of the run.
+        MPI ranks of the run, or several numbers of them to compare.
     ranks_x
         Blocks along each space axis; by default chosen.
     memory_per_rank, memory_per_node
@@ -77,14 +112,15 @@ def plan(
         Ranks that share the memory of a node; by default all.
     calibrate
         Start so many ranks, here, run a few steps, and predict the seconds of `ranks` ranks,
-        under ``calibration``.
+        under ``calibration``; in a table in the columns `seconds` and `core_hours`.
     mode
         As for :func:`run`.
     program
         As for :func:`phasewarp.find_program`.
     """
     given = options(
-        ranks=ranks,
+        # The last twice: so a list of one number is a list, too.
+        ranks=[*ranks, *ranks[-1:]] if isinstance(ranks, Sequence) else ranks,
         ranks_x=ranks_x,
         memory_per_rank=memory_per_rank,
         memory_per_node=memory_per_node,
@@ -94,7 +130,8 @@ def plan(
         json=True,
     )
     with as_case(case).arguments() as words:
-        return as_dict(call(["plan", *words, *given], ranks=calibrate or 1, program=program))
+        text = call(["plan", *words, *given], ranks=calibrate or 1, program=program)
+    return pd.DataFrame(json.loads(text)) if isinstance(ranks, Sequence) else as_dict(text)
 
 
 def advise(
@@ -132,7 +169,8 @@ def advise(
 def resources(case: CaseLike, *, ranks: int = 1, program: StrPath | None = None) -> dict[str, Any]:
     """Return what the case takes on a quantum computer: sparsity, queries, qubits, probabilities.
 
-    docs/quantum.md says what the entries are. Every number has a `label`: exact, upper-bound,
+    Of the set-up that is cheapest on a quantum computer, and under `own` of the case's. The
+    entries are described in docs/quantum.md. Every number has a `label`: exact, upper-bound,
     estimate or unavailable.
 
     Parameters

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 import re
@@ -12,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from phasewarp.case import Case
@@ -50,8 +50,9 @@ def sweep(
 ) -> pd.DataFrame:
     """Run a case with every combination of values, and return one row a run.
 
-    Every run has a directory of its own, named after its values and a checksum of its whole case.
-    So a sweep that was interrupted, or that has grown by a value, goes on where it was: finished
+    Every run has a directory of its own, named after its values and a checksum of its whole case,
+    as the command ``phasewarp sweep`` names it: each goes on with what the other has done. So a
+    sweep that was interrupted, or that has grown by a value, goes on where it was: finished
     runs of the same case are recognised by the program and not repeated, and one that was
     interrupted continues from its checkpoint. A run that fails does not end the sweep: its row has
     the message in the column ``error``.
@@ -118,8 +119,25 @@ def solve(case: Case, place: Path, **options: Any) -> Result | PhasewarpError:
 
 
 def run_name(case: Case, point: Mapping[str, Any], mode: Mode | None) -> str:
-    """Return the name of a run's directory: its values, and a checksum of its case."""
-    text = json.dumps([case.to_dict(), mode], sort_keys=True)
-    checksum = hashlib.sha256(text.encode()).hexdigest()[:12]
-    values = "_".join(f"{key.rsplit('.', 1)[-1]}={value}" for key, value in point.items())
-    return f"{re.sub(r'[^A-Za-z0-9.,=+_-]+', '-', values)[:80]}_{checksum}"
+    """Return the name of a run's directory, as ``phasewarp sweep`` names it."""
+    words = []
+    for key in point:
+        value = case[key]
+        shown = value if isinstance(value, str) else as_json(value)
+        words.append(f"{key.rsplit('.', 1)[-1]}={shown}")
+    values = re.sub(r"[^A-Za-z0-9.,=+_-]+", "-", "_".join(words))[:80]
+    return f"{values}_{checksum(as_json([case.to_dict(), mode]).encode()):016x}"
+
+
+def as_json(value: Any) -> str:
+    """Return JSON without blanks, keys in order."""
+    return json.dumps(value, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+
+
+def checksum(text: bytes) -> int:
+    """Return the checksum of docs/usage.md, "result.h5", of a text."""
+    z = np.frombuffer(text, np.uint8).astype(np.uint64)
+    z += np.arange(1, len(text) + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        z = (z ^ (z >> np.uint64(shift))) * np.uint64(factor)
+    return int((z ^ (z >> np.uint64(31))).sum(dtype=np.uint64))

@@ -5,9 +5,10 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::text::shortened;
-use crate::problem::case::reader::{Entry, Mistake, joined, written};
+use crate::problem::case::reader::{Entry, Mistake, integer, joined, written};
 use crate::problem::formula::{Constants, Expression};
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::ops::{Range, RangeInclusive};
 use toml::Spanned;
@@ -277,6 +278,11 @@ impl<'t> CaseFile<'t> {
         ))
     }
 
+    /// The whole file as JSON. Numbers that JSON has not are null, or text where they are whole.
+    pub fn json(&self) -> Value {
+        json(&self.root)
+    }
+
     /// Every value that is given, by its key; those of lists by their numbers.
     pub fn settings(&self) -> BTreeMap<String, String> {
         let mut settings = BTreeMap::new();
@@ -351,6 +357,25 @@ fn collect(value: &DeValue<'_>, path: &str, settings: &mut BTreeMap<String, Stri
         other => described(other),
     };
     settings.insert(path.to_owned(), text);
+}
+
+/// A value as JSON.
+fn json(value: &DeValue<'_>) -> Value {
+    match value {
+        DeValue::Table(table) => {
+            let entries = table.iter();
+            entries.map(|(key, value)| (key.get_ref().to_string(), json(value.get_ref()))).collect()
+        }
+        DeValue::Array(list) => list.iter().map(|item| json(item.get_ref())).collect(),
+        DeValue::Integer(number) => match integer(number) {
+            Some(number) => number.into(),
+            None => number.as_str().into(),
+        },
+        DeValue::Float(number) => number.as_str().parse::<f64>().unwrap_or(f64::NAN).into(),
+        DeValue::Boolean(b) => (*b).into(),
+        DeValue::String(text) => text.as_ref().into(),
+        DeValue::Datetime(date) => date.to_string().into(),
+    }
 }
 
 /// A value as messages show it.

@@ -72,7 +72,7 @@ fn nearest(given: &str, known: &[&str]) -> String {
 }
 
 /// The number, if it has 64 bits.
-fn integer(number: &DeInteger<'_>) -> Option<i64> {
+pub fn integer(number: &DeInteger<'_>) -> Option<i64> {
     i64::from_str_radix(number.as_str(), number.radix()).ok()
 }
 

@@ -4,7 +4,9 @@ use crate::base::error::Result;
 use crate::problem::case::data::Field;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::{List, NumberOr, Words};
-use crate::problem::limits::{BETAS, LARGEST_SHIFT, MOST, MOST_MODES, MOST_ORDER};
+use crate::problem::limits::{
+    ALPHAS, BETAS, CS, LARGEST_SHIFT, MOST, MOST_MODES, MOST_ORDER, SIGMAS,
+};
 use serde::{Deserialize, Serialize};
 
 /// Default of `solver.warp.alpha`.
@@ -23,7 +25,11 @@ pub enum ProfileChoice {
     /// A trigonometric polynomial that is `e^{−p}` where it must be, by least squares.
     Designed,
     /// `e^{−p}` cut off by a normal distribution function.
-    Gaussian,
+    Gaussian {
+        /// `σ > 0`; planned where none is given.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        sigma: Option<f64>,
+    },
     /// `e^{−p}` for `p ≥ 0`, `e^{αp}` for `p < 0` (the paper's).
     Exponential {
         /// `α > 0`.
@@ -147,7 +153,7 @@ impl Warp {
     /// are given by hand, as a designed one is no function on the line.
     pub fn choice(&self) -> ProfileChoice {
         match (self.profile, self.by_hand()) {
-            (ProfileChoice::Planned, Some(_)) => ProfileChoice::Gaussian,
+            (ProfileChoice::Planned, Some(_)) => ProfileChoice::Gaussian { sigma: None },
             (given, _) => given,
         }
     }
@@ -194,6 +200,7 @@ pub struct WarpTable {
     profile: ProfileName,
     alpha: Option<f64>,
     order: Option<i64>,
+    sigma: Option<f64>,
     c: Option<f64>,
     beta: Option<f64>,
     coefficients: Coefficients,
@@ -282,6 +289,7 @@ impl WarpTable {
     /// The profile with its own parameter; the others' parameters are refused.
     fn profile(&self, file: &CaseFile<'_>) -> Result<ProfileChoice> {
         let parameters = [
+            ("sigma", "gaussian", ProfileName::Gaussian),
             ("alpha", "exponential", ProfileName::Exponential),
             ("order", "smooth", ProfileName::Smooth),
             ("c", "low-somma", ProfileName::LowSomma),
@@ -294,7 +302,6 @@ impl WarpTable {
                 return file.refuse(&key, message);
             }
         }
-        // Beyond 100 and 16 the profile is practically a jump, or read where it is round-off.
         let within = |name: &str, value: f64, least: f64, most: f64| {
             let key = format!("solver.warp.{name}");
             file.within(&key, value, least..=most, || format!("must be between {least} and {most}"))
@@ -302,9 +309,11 @@ impl WarpTable {
         Ok(match self.profile {
             ProfileName::Planned => ProfileChoice::Planned,
             ProfileName::Designed => ProfileChoice::Designed,
-            ProfileName::Gaussian => ProfileChoice::Gaussian,
+            ProfileName::Gaussian => ProfileChoice::Gaussian {
+                sigma: self.sigma.map(|s| within("sigma", s, SIGMAS[0], SIGMAS[1])).transpose()?,
+            },
             ProfileName::Exponential => ProfileChoice::Exponential {
-                alpha: within("alpha", self.alpha.unwrap_or(DEFAULT_ALPHA), 0.01, 100.0)?,
+                alpha: within("alpha", self.alpha.unwrap_or(DEFAULT_ALPHA), ALPHAS[0], ALPHAS[1])?,
             },
             ProfileName::Smooth => {
                 let order = self
@@ -314,7 +323,7 @@ impl WarpTable {
                 ProfileChoice::Smooth { order }
             }
             ProfileName::LowSomma => ProfileChoice::LowSomma {
-                c: self.c.map(|c| within("c", c, 0.05, 16.0)).transpose()?,
+                c: self.c.map(|c| within("c", c, CS[0], CS[1])).transpose()?,
             },
             ProfileName::Acl => ProfileChoice::Acl {
                 beta: within("beta", self.beta.unwrap_or(DEFAULT_BETA), BETAS[0], BETAS[1])?,

@@ -10,7 +10,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 /// Columns of `/readout`.
-const COLUMNS: [(&str, &str); 12] = [
+const COLUMNS: [(&str, &str); 13] = [
     ("cell", "number of the space cell, the last axis fastest"),
     ("observable", "0 density, 1 to 3 momentum along x, y, z, 4 to 6 mean velocity"),
     (
@@ -26,7 +26,8 @@ const COLUMNS: [(&str, &str); 12] = [
     ("standard_error", "standard error of the estimate"),
     ("bound", "bound on the error of the estimate"),
     ("evolutions_repeated", "evolutions, postselection repeated"),
-    ("evolutions_coherent", "evolutions, coherent"),
+    ("evolutions_coherent", "evolutions, coherent, those for C_f included"),
+    ("evolutions_norm", "of these for C_f"),
 ];
 
 /// Most numbers that a case's readout takes in `result.h5`.
@@ -65,14 +66,15 @@ impl Readout {
     /// # Errors
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        disk::write(&directory.join("readout.csv"), self.csv().as_bytes())
+        disk::write_text(&directory.join("readout.csv"), &self.csv())
     }
 
     /// A heading, then a line for every row and estimator. Numbers that are not known are empty;
     /// the last column says why.
     pub fn csv(&self) -> String {
         let mut text = "cell,point,observable,value,estimator,overlap,shots,evaluations,estimate,\
-                        standard_error,bound,evolutions_repeated,evolutions_coherent,unavailable\n"
+                        standard_error,bound,evolutions_repeated,evolutions_coherent,\
+                        evolutions_norm,unavailable\n"
             .to_owned();
         let number = |figure: &Figure| figure.value().map_or(String::new(), |x| format!("{x:?}"));
         let joined = |list: Vec<String>| list.join(" ");
@@ -81,7 +83,7 @@ impl Readout {
             let point = joined(row.point.iter().map(f64::to_string).collect());
             let start = format!("{cell},{point},{},{}", row.observable.name(), number(&row.value));
             if row.measured.is_empty() {
-                let _ = writeln!(text, "{start},,,,,,,,,,\"{}\"", quoted(&row.value));
+                let _ = writeln!(text, "{start},,,,,,,,,,,\"{}\"", quoted(&row.value));
             }
             for m in &row.measured {
                 let figures = m.figures();

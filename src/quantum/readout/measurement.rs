@@ -144,6 +144,42 @@ pub fn evaluations(error: f64) -> f64 {
     least.log2().ceil().max(1.0).exp2()
 }
 
+/// Bound on the relative error of the root of a probability from the number of its `successes`,
+/// whatever the number of trials: `|√(k/n) − √P| ≤ √(ln 40/n)` with `n = N/P`.
+pub fn root_bound_of_successes(successes: f64) -> f64 {
+    all_zero_bound(successes)
+}
+
+/// Bound on the relative error of `√P = sin θ` by amplitude estimation, `|θ̂ − θ| ≤ π/M`.
+pub fn root_bound(probability: f64, evaluations: f64) -> f64 {
+    PI / (evaluations * probability.sqrt())
+}
+
+/// Evaluations, a power of two, that bring [`root_bound`] down to `error`.
+pub fn root_evaluations(probability: f64, error: f64) -> f64 {
+    root_bound(probability, error).log2().ceil().max(1.0).exp2()
+}
+
+/// `√(P̂/P)` for a `P̂` from the number of successes in `trials` preparations.
+pub fn root_by_successes(stream: &mut Stream, probability: f64, trials: u64) -> f64 {
+    let successes = stream.binomial(trials, probability);
+    (successes as f64 / (trials as f64 * probability)).sqrt()
+}
+
+/// `√(P̂/P)` for a `P̂` by [`amplitude_estimation`].
+pub fn root_by_estimation(stream: &mut Stream, probability: f64, evaluations: u64) -> f64 {
+    // The probability is (1 + o)/2.
+    let found = amplitude_estimation(stream, 2.0 * probability - 1.0, evaluations).value;
+    (0.5 * (1.0 + found) / probability).max(0.0).sqrt()
+}
+
+/// Part by which an overlap may be too small after exact amplitude amplification with a `√P` that
+/// is off by the part `error`. The angle after `2r + 1` evolutions is off by
+/// `δ ≤ (2r + 1) tan(π/(4r + 2)) error ≤ √3 error`, and the overlap is `cos δ` times as large.
+pub fn amplification_loss(error: f64) -> f64 {
+    1.5 * error * error
+}
+
 /// Preparations that amplitude estimation takes, over its runs.
 pub fn preparations(evaluations: f64) -> f64 {
     RUNS as f64 * (2.0 * evaluations - 1.0)

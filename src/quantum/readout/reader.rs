@@ -12,6 +12,7 @@ use crate::quantum::readout::measurement;
 use crate::quantum::readout::measurement::Estimate;
 use crate::quantum::readout::random::{Purpose, Stream};
 use crate::quantum::readout::row::{Estimator, Measured, Observable, Row, quoted};
+use std::f64::consts::FRAC_1_SQRT_2;
 use std::ops::Range;
 
 /// The recovered field on a rank's share, and the states that hold it.
@@ -49,25 +50,31 @@ struct Overlap {
     prefactor: f64,
 }
 
-/// How long an overlap is measured.
+/// How long an overlap is measured, and `C_f`.
 #[derive(Clone, Copy, Debug)]
 struct Repetitions {
     /// Shots, or runs of amplitude estimation.
     shots: f64,
     /// Values of the register of amplitude estimation; 0 of other estimators.
     evaluations: f64,
+    /// Values of the register of amplitude estimation of `P`; 0 where `C_f` is not asked for, or
+    /// follows from the number of shots that succeed.
+    norm_evaluations: f64,
 }
 
-/// An observable at a cell by one estimator, with what the mean velocity needs of it.
+/// An observable at a cell by one estimator, with what the mean velocity needs of it: there `C_f`
+/// cancels.
 struct Moment {
     measured: Measured,
+    /// For a `C_f` that is known.
     estimate: Option<Estimate>,
     bound: Option<f64>,
+    evolutions: [Figure; 2],
 }
 
 impl Repetitions {
     /// Bound on the error of an overlap, whatever the overlap.
-    fn bound(self, estimator: Estimator) -> f64 {
+    fn of_overlap(self, estimator: Estimator) -> f64 {
         match estimator {
             Estimator::Hadamard | Estimator::EnlargedHadamard => {
                 measurement::hadamard_bound(self.shots)
@@ -77,6 +84,28 @@ impl Repetitions {
                 measurement::amplitude_bound(0.0, self.evaluations)
             }
         }
+    }
+
+    /// Bound on the relative error of `C_f`, and with it of the part by which an amplified overlap
+    /// is too small; 0 where `C_f` is not asked for.
+    fn of_norm(self, estimator: Estimator, probability: f64) -> [f64; 2] {
+        match estimator {
+            Estimator::EnlargedHadamard | Estimator::EnlargedAmplitudeEstimation => [0.0; 2],
+            Estimator::Hadamard | Estimator::AllZero => {
+                [measurement::root_bound_of_successes(self.shots), 0.0]
+            }
+            Estimator::AmplitudeEstimation => {
+                let error = measurement::root_bound(probability, self.norm_evaluations);
+                [error, measurement::amplification_loss(error)]
+            }
+        }
+    }
+
+    /// Bound on the error of what is measured of `overlap`, relative to its prefactor.
+    fn bound(self, estimator: Estimator, overlap: f64, probability: f64) -> f64 {
+        let error = self.of_overlap(estimator);
+        let of_norm: f64 = self.of_norm(estimator, probability).iter().sum();
+        error + (overlap.abs() + error) * of_norm
     }
 }
 
@@ -175,8 +204,11 @@ impl Reader<'_> {
         let prefactor = match estimator.enlarged() {
             false => of_field,
             true => {
+                // Σ e^{−2p_k} over the window is P_p C_w²/‖u‖².
                 let p = self.source.probabilities;
-                p.recovery.exp() * p.norm_of_state.value()? * volume * sums.unweighted[k].sqrt()
+                let state = p.norms.weighted.hypot(p.norms.auxiliary);
+                let part = p.nearest().in_p.value()?.sqrt();
+                state / part * volume * sums.unweighted[k].sqrt()
             }
         };
         let value = sums.moments[k] * volume / prefactor;
@@ -187,7 +219,13 @@ impl Reader<'_> {
 
     /// Moment `k` at the cell of `row`.
     fn moment(&self, row: &Row, k: usize, sums: &CellSums, estimator: Estimator) -> Moment {
-        let none = |measured| Moment { measured, estimate: None, bound: None };
+        let none = |measured: Measured| Moment {
+            evolutions: [&measured.evolutions_repeated, &measured.evolutions_coherent]
+                .map(Figure::clone),
+            measured,
+            estimate: None,
+            bound: None,
+        };
         if let Some(why) = self.not_squared(row, sums).filter(|_| estimator == Estimator::AllZero) {
             return none(Measured::unavailable(estimator, why));
         }
@@ -201,19 +239,30 @@ impl Reader<'_> {
             ..Measured::unavailable(estimator, why)
         };
         let from_state = (self.source.state_error.value()).map(|error| of_field * error);
-        let repetitions = match self.repetitions(estimator, overlap.prefactor, from_state) {
+        let repetitions = match self.repetitions(estimator, overlap, from_state) {
             Ok(repetitions) => repetitions,
             Err(why) => return none(overlapping(&why)),
         };
-        let error = repetitions.bound(estimator);
-        let bound = from_state.map(|from_state| overlap.prefactor * error + from_state);
-        let estimate = self.draw(row, estimator, overlap, repetitions);
-        let [repeated, coherent] = self.evolutions(estimator, repetitions);
+        let within = |error: f64| from_state.map(|of| overlap.prefactor * error + of);
+        let bare_bound = within(repetitions.of_overlap(estimator));
+        let bound = within(repetitions.bound(estimator, overlap.value, self.probability()));
+        let (bare, estimate) = match self.draw(row, estimator, overlap, repetitions) {
+            Some((bare, whole)) => (Some(bare), Some(whole)),
+            None => (None, None),
+        };
+        let evolutions = self.evolutions(estimator, repetitions);
+        let of_norm = self.norm_evolutions(estimator, repetitions);
+        let [repeated, coherent] = evolutions.clone();
+        let coherent = match (coherent.value(), of_norm.value()) {
+            (Some(x), Some(y)) => coherent.with(x + y),
+            _ => coherent,
+        };
         let mut measured = Measured {
             shots: Figure::exact(repetitions.shots),
             bound: self.labelled(bound),
             evolutions_repeated: repeated,
             evolutions_coherent: coherent,
+            evolutions_norm: of_norm,
             ..overlapping("so many shots or evaluations are not emulated")
         };
         measured.evaluations = match estimator.coherent() {
@@ -229,7 +278,12 @@ impl Reader<'_> {
                 false => Figure::estimate(estimate.error, "from the counts"),
             };
         }
-        Moment { measured, estimate, bound }
+        Moment { measured, estimate: bare, bound: bare_bound, evolutions }
+    }
+
+    /// `P` of what is read; NaN where it is not known.
+    fn probability(&self) -> f64 {
+        self.source.probabilities.nearest().all.value().unwrap_or(f64::NAN)
     }
 
     /// Why `|overlap|²` does not give the observable, if so: its sign is not known.
@@ -242,15 +296,17 @@ impl Reader<'_> {
         negative.then_some("f is negative somewhere by more than its error")
     }
 
-    /// What is measured; nothing where it takes more than is emulated.
+    /// What is measured, for a `C_f` that is known and for the one that is measured; nothing where
+    /// it takes more than is emulated.
     fn draw(
         &self,
         row: &Row,
         estimator: Estimator,
         overlap: Overlap,
-        Repetitions { shots, evaluations }: Repetitions,
-    ) -> Option<Estimate> {
-        if shots > MOST_SHOTS || evaluations > MOST_EVALUATIONS {
+        repetitions: Repetitions,
+    ) -> Option<(Estimate, Estimate)> {
+        let Repetitions { shots, evaluations, norm_evaluations } = repetitions;
+        if shots > MOST_SHOTS || evaluations.max(norm_evaluations) > MOST_EVALUATIONS {
             return None;
         }
         let purpose = Purpose {
@@ -269,10 +325,32 @@ impl Reader<'_> {
                 measurement::amplitude_estimation(stream, o, evaluations)
             }
         };
-        Some(Estimate {
+        let bare = Estimate {
             value: overlap.prefactor * drawn.value,
             error: overlap.prefactor * drawn.error,
-        })
+        };
+        let probability = self.probability();
+        let (root, error) = match estimator {
+            Estimator::EnlargedHadamard | Estimator::EnlargedAmplitudeEstimation => (1.0, 0.0),
+            Estimator::Hadamard | Estimator::AllZero => {
+                // Of more trials than are emulated the same number succeeds.
+                let trials = (repetitions.shots / probability).min(MOST_SHOTS).round();
+                let probability = (repetitions.shots / trials).min(1.0);
+                let root =
+                    measurement::root_by_successes(stream, probability, trials.max(1.0) as u64);
+                (root, 0.5 * ((1.0 - probability) / repetitions.shots).sqrt())
+            }
+            Estimator::AmplitudeEstimation => {
+                let root =
+                    measurement::root_by_estimation(stream, probability, norm_evaluations as u64);
+                (root, repetitions.of_norm(estimator, probability)[0])
+            }
+        };
+        let whole = Estimate {
+            value: root * bare.value,
+            error: bare.error.hypot(bare.value.abs() * error),
+        };
+        Some((bare, whole))
     }
 
     /// A bound that rests on `ε_F`, with its label.
@@ -288,17 +366,23 @@ impl Reader<'_> {
     fn repetitions(
         &self,
         estimator: Estimator,
-        prefactor: f64,
+        overlap: Overlap,
         from_state: Option<f64>,
     ) -> Result<Repetitions, String> {
-        let of_shots = |shots: f64| Repetitions { shots, evaluations: 0.0 };
-        let of_runs =
-            |evaluations: f64| Repetitions { shots: measurement::RUNS as f64, evaluations };
+        let of_shots = |shots: f64| Repetitions { shots, evaluations: 0.0, norm_evaluations: 0.0 };
+        let of_runs = |evaluations: f64, norm_evaluations: f64| Repetitions {
+            shots: measurement::RUNS as f64,
+            evaluations,
+            norm_evaluations,
+        };
         let accuracy = match self.readout.effort {
             Effort::Given { shots, .. } if !estimator.coherent() => {
                 return Ok(of_shots(shots as f64));
             }
-            Effort::Given { evaluations, .. } => return Ok(of_runs(evaluations as f64)),
+            Effort::Given { evaluations, .. } => {
+                let of_norm = if estimator.enlarged() { 0.0 } else { evaluations as f64 };
+                return Ok(of_runs(evaluations as f64, of_norm));
+            }
             Effort::Accuracy(accuracy) => accuracy,
         };
         let from_state = from_state.ok_or("the state's own error is not known")?;
@@ -308,23 +392,56 @@ impl Reader<'_> {
                  readout.accuracy = {accuracy:e} allows"
             ));
         }
-        let error = (accuracy - from_state) / prefactor;
+        let error = (accuracy - from_state) / overlap.prefactor;
+        let size = overlap.value.abs();
+        // The error e of an overlap and c e of C_f: e + (|o| + e) c e = error.
+        let beside_norm = |c: f64| {
+            let linear = 1.0 + c * size;
+            2.0 * error / (linear + (linear * linear + 4.0 * c * error).sqrt())
+        };
         Ok(match estimator {
-            Estimator::Hadamard | Estimator::EnlargedHadamard => {
-                of_shots(measurement::hadamard_shots(error))
+            Estimator::Hadamard => {
+                of_shots(measurement::hadamard_shots(beside_norm(FRAC_1_SQRT_2)))
             }
-            Estimator::AllZero => of_shots(measurement::all_zero_shots(error)),
-            Estimator::AmplitudeEstimation | Estimator::EnlargedAmplitudeEstimation => {
-                of_runs(measurement::evaluations(error))
+            Estimator::EnlargedHadamard => of_shots(measurement::hadamard_shots(error)),
+            Estimator::AllZero => of_shots(measurement::all_zero_shots(beside_norm(1.0))),
+            Estimator::EnlargedAmplitudeEstimation => of_runs(measurement::evaluations(error), 0.0),
+            Estimator::AmplitudeEstimation => {
+                // Half for each; of C_f with what amplification then loses, h = η + 3η²/2.
+                let half = 0.5 * error;
+                let part = half / (size + half);
+                let of_norm = 2.0 * part / (1.0 + (1.0 + 6.0 * part).sqrt());
+                let evaluations = measurement::root_evaluations(self.probability(), of_norm);
+                of_runs(measurement::evaluations(half), evaluations)
             }
         })
+    }
+
+    /// Evolutions that `C_f` takes where everything is coherent: by amplitude estimation of `P`, to
+    /// the error that the number of successes gives where postselection is repeated.
+    fn norm_evolutions(&self, estimator: Estimator, repetitions: Repetitions) -> Figure {
+        if estimator.enlarged() {
+            return Figure::unavailable("C_f is not asked for: C_w is known");
+        }
+        let probability = self.probability();
+        if !probability.is_finite() {
+            return self.source.probabilities.nearest().all.clone();
+        }
+        let evaluations = match repetitions.norm_evaluations > 0.0 {
+            true => repetitions.norm_evaluations,
+            false => {
+                let [error, _] = repetitions.of_norm(estimator, probability);
+                measurement::root_evaluations(probability, error)
+            }
+        };
+        Figure::exact(measurement::preparations(evaluations))
     }
 
     /// Evolutions by repetition and coherently.
     fn evolutions(&self, estimator: Estimator, repetitions: Repetitions) -> [Figure; 2] {
         const WHY: &str = "the mean over postselections that fail";
-        const ROUNDS: &str = "rounds of amplitude amplification, taken to succeed";
-        let chain = &self.source.probabilities.at_slice;
+        const ROUNDS: &str = "exact amplitude amplification; its failure is in the bound";
+        let chain = self.source.probabilities.nearest();
         let uses = match estimator.coherent() {
             true => measurement::preparations(repetitions.evaluations),
             false => repetitions.shots,
@@ -334,7 +451,7 @@ impl Reader<'_> {
             None => figure.clone(),
         };
         let repeated = times(&chain.repetitions, &|r| r, WHY);
-        let coherent = times(&chain.amplification_rounds, &|r| 2.0 * r + 1.0, ROUNDS);
+        let coherent = times(&chain.amplified_evolutions, &|n| n, ROUNDS);
         match estimator {
             Estimator::Hadamard | Estimator::AllZero => [repeated, coherent],
             Estimator::AmplitudeEstimation => [
@@ -354,11 +471,11 @@ impl Reader<'_> {
 }
 
 /// The mean velocity from measured density and momentum. With errors `δρ` and `δm` its error is
-/// `|δu| ≤ (δm + |û|δρ)/(|ρ̂| − δρ)`. It costs both measurements.
+/// `|δu| ≤ (δm + |û|δρ)/(|ρ̂| − δρ)`. It costs both measurements, but for `C_f`, which cancels.
 fn ratio(rho: &Moment, m: &Moment) -> Measured {
     let estimator = m.measured.estimator;
-    let sum = |pick: fn(&Measured) -> &Figure| {
-        let [a, b] = [rho, m].map(|part| pick(&part.measured));
+    let sum = |pick: fn(&Moment) -> &Figure| {
+        let [a, b] = [rho, m].map(pick);
         match (a.value(), b.value()) {
             (Some(x), Some(y)) => b.with(x + y),
             (None, _) => a.clone(),
@@ -367,10 +484,11 @@ fn ratio(rho: &Moment, m: &Moment) -> Measured {
     };
     let without = |why: &str| Measured {
         overlap: Figure::unavailable("a quotient of two overlaps"),
-        shots: sum(|m| &m.shots),
+        shots: sum(|m| &m.measured.shots),
         evaluations: Figure::unavailable("those of density and momentum"),
-        evolutions_repeated: sum(|m| &m.evolutions_repeated),
-        evolutions_coherent: sum(|m| &m.evolutions_coherent),
+        evolutions_repeated: sum(|m| &m.evolutions[0]),
+        evolutions_coherent: sum(|m| &m.evolutions[1]),
+        evolutions_norm: Figure::unavailable("C_f cancels in the quotient"),
         ..Measured::unavailable(estimator, why)
     };
     let (Some(below), Some(above)) = (rho.estimate, m.estimate) else {

@@ -111,8 +111,10 @@ pub struct Measured {
     pub bound: Figure,
     /// Evolutions where postselection is repeated until it succeeds, on average.
     pub evolutions_repeated: Figure,
-    /// Evolutions and their inverses where everything is coherent.
+    /// Evolutions and their inverses where everything is coherent, those for `C_f` included.
     pub evolutions_coherent: Figure,
+    /// Those for `C_f`; of repeated postselections the number of successes gives it.
+    pub evolutions_norm: Figure,
 }
 
 /// An observable at a cell.
@@ -142,7 +144,7 @@ pub(crate) fn quoted(figure: &Figure) -> String {
 
 impl Measured {
     /// The figures, in the order of the columns of files.
-    pub fn figures(&self) -> [&Figure; 8] {
+    pub fn figures(&self) -> [&Figure; 9] {
         [
             &self.overlap,
             &self.shots,
@@ -152,6 +154,7 @@ impl Measured {
             &self.bound,
             &self.evolutions_repeated,
             &self.evolutions_coherent,
+            &self.evolutions_norm,
         ]
     }
 
@@ -167,6 +170,7 @@ impl Measured {
             bound: none(),
             evolutions_repeated: none(),
             evolutions_coherent: none(),
+            evolutions_norm: none(),
         }
     }
 }

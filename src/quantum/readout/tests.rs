@@ -40,42 +40,69 @@ fn data() -> (Vec<f64>, Vec<f64>) {
     (f, pi)
 }
 
-/// Of an enlarged state with auxiliary unknowns and some norm besides the slice at `recovery`.
-fn probabilities(f: &[f64], pi: &[f64]) -> Probabilities {
+/// `p◇` of the tests, and the distance of points.
+const RECOVERY: f64 = 0.4;
+const SPACING: f64 = 0.1;
+
+/// `Σ e^{−2p_k}` over so many points from `p◇` on.
+fn square(slices: usize) -> f64 {
+    (0..slices).map(|k| (-2.0 * (RECOVERY + SPACING * k as f64)).exp()).sum()
+}
+
+/// Of an enlarged state with auxiliary unknowns and norm `state`, whose slice at `p◇` is read.
+fn probabilities_of(f: &[f64], pi: &[f64], state: f64, slices: usize) -> Probabilities {
     let weighted = norm(f.iter().zip(pi).map(|(f, pi)| f * pi.sqrt()));
-    let (field, auxiliary, recovery, state) = (norm(f.iter().copied()), 0.7, 0.4f64, 31.0);
-    let p = (-2.0 * recovery).exp() * field * field / (state * state);
+    let (field, auxiliary) = (norm(f.iter().copied()), 0.7);
+    let recovery = RECOVERY;
+    let scale = square(slices) / (state * state);
+    let p = scale * field * field;
     let chain = || Chain {
-        in_p: Figure::unavailable("not needed"),
+        in_p: Figure::exact(scale * (weighted * weighted + auxiliary * auxiliary)),
         field_given_p: Figure::unavailable("not needed"),
         weights_given_field: Figure::unavailable("not needed"),
         all: Figure::exact(p),
         repetitions: Figure::exact(1.0 / p),
         amplification_rounds: Figure::exact(5.0),
-        amplified_evolutions: Figure::unavailable("not asked for"),
+        amplified_evolutions: Figure::exact(11.0),
     };
     Probabilities {
         points: 16,
         recovery,
         norm_of_state: Figure::exact(state),
         norms: StateNorms { start: 12.0, weighted, field, auxiliary },
-        window: None,
+        window: (slices > 1).then_some([recovery, recovery + SPACING * slices as f64]),
+        window_error: None,
         at_slice: chain(),
         in_window: chain(),
         norm_of_field: Figure::exact(field),
     }
 }
 
+/// Read at the slice of a state of norm 31.
+fn probabilities(f: &[f64], pi: &[f64]) -> Probabilities {
+    probabilities_of(f, pi, 31.0, 1)
+}
+
 /// The rows of `cell` of the data.
 fn rows(case: &Case, cell: [usize; 2], change: impl Fn(&mut Source<'_>)) -> Vec<Row> {
     let (f, pi) = data();
-    let probabilities = probabilities(&f, &pi);
+    rows_of(case, cell, &probabilities(&f, &pi), change)
+}
+
+/// The same of another state.
+fn rows_of(
+    case: &Case,
+    cell: [usize; 2],
+    probabilities: &Probabilities,
+    change: impl Fn(&mut Source<'_>),
+) -> Vec<Row> {
+    let (f, pi) = data();
     let mut source = Source {
         share: &SHARE,
         field: &f,
         pi: &pi,
         least: 0.5,
-        probabilities: &probabilities,
+        probabilities,
         state_error: Figure::bound(case.tolerance),
     };
     change(&mut source);
@@ -94,12 +121,19 @@ fn number(figure: &Figure) -> f64 {
 
 #[test]
 fn overlaps_are_inner_products_of_states() {
+    for slices in [1, 5] {
+        overlaps_are_inner_products(slices);
+    }
+}
+
+/// Of the state at one point, or of all in the window.
+fn overlaps_are_inner_products(slices: usize) {
     let case = case("cells = [[1, 2]]");
     let (f, pi) = data();
-    let p = probabilities(&f, &pi);
+    let p = probabilities_of(&f, &pi, 31.0, slices);
     let c_f = number(&p.norm_of_field);
-    for (k, row) in rows(&case, [1, 2], |_| {}).iter().take(3).enumerate() {
-        // χ, ζ, F and the part of w at p◇ over all of phase space, one number after the other.
+    for (k, row) in rows_of(&case, [1, 2], &p, |_| {}).iter().take(3).enumerate() {
+        // χ, ζ, F and the part of w at p_k over all of phase space, one number after the other.
         let (mut chi, mut zeta) = (vec![0.0; 36], vec![0.0; 36]);
         for i in 0..36 {
             let point = case.space.point(&case.space.cell(i));
@@ -115,8 +149,14 @@ fn overlaps_are_inner_products_of_states() {
         normalise(&mut chi);
         normalise(&mut zeta);
         let overlap: f64 = chi.iter().zip(&f).map(|(a, f)| a * f / c_f).sum();
-        let slice = (-p.recovery).exp() / number(&p.norm_of_state);
-        let of_enlarged: f64 = (0..36).map(|i| zeta[i] * slice * pi[i].sqrt() * f[i]).sum();
+        let mut window: Vec<f64> =
+            (0..slices).map(|k| (-(RECOVERY + SPACING * k as f64)).exp()).collect();
+        let amplitudes: Vec<f64> = window.iter().map(|e| e / number(&p.norm_of_state)).collect();
+        normalise(&mut window);
+        let of_enlarged: f64 = (0..36)
+            .flat_map(|i| (0..slices).map(move |k| (i, k)))
+            .map(|(i, k)| zeta[i] * window[k] * amplitudes[k] * pi[i].sqrt() * f[i])
+            .sum();
         for m in &row.measured {
             if m.estimator == Estimator::AllZero && k > 0 {
                 assert_eq!(m.overlap.value(), None);
@@ -172,22 +212,37 @@ fn bounds_and_costs_of_the_paper() {
     let p = probabilities(&f, &pi);
     let [density, momentum] = [0, 1].map(|k| rows(&case, [0, 0], |_| {})[k].measured.clone());
     let (c_f, p_all) = (number(&p.norm_of_field), number(&p.at_slice.all));
-    // C_f Δv √N_v (ε_obs + ε_F), Δv = 1/2, N_v = 6.
+    // C_f Δv √N_v (ε_obs + (|o| + ε_obs) η + ε_F), Δv = 1/2, N_v = 6; of amplitude estimation with
+    // what amplification loses by a P that is off.
+    let by_shots = |m: &row::Measured, prefactor: f64| {
+        let (e, eta) = (measurement::hadamard_bound(1000.0), (40f64.ln() / 1000.0).sqrt());
+        prefactor * (e + (number(&m.overlap).abs() + e) * eta + 1e-8)
+    };
     let prefactor = c_f * 0.5 * 6f64.sqrt();
-    let expected = prefactor * (measurement::hadamard_bound(1000.0) + 1e-8);
-    assert!((number(&density[0].bound) - expected).abs() < 1e-12);
-    let expected = prefactor * (measurement::amplitude_bound(0.0, 64.0) + 1e-8);
+    assert!((number(&density[0].bound) - by_shots(&density[0], prefactor)).abs() < 1e-12);
+    let (e, eta) =
+        (measurement::amplitude_bound(0.0, 64.0), std::f64::consts::PI / (64.0 * p_all.sqrt()));
+    let size = number(&density[1].overlap) + e;
+    let expected = prefactor * (e + size * (eta + 1.5 * eta * eta) + 1e-8);
     assert!((number(&density[1].bound) - expected).abs() < 1e-12);
     // Ξ₂ = N_vy Σ v_x² = 2 (0.25 + 0.25 + 2.25).
-    let expected = c_f * 0.5 * 5.5f64.sqrt() * (measurement::hadamard_bound(1000.0) + 1e-8);
+    let expected = by_shots(&momentum[0], c_f * 0.5 * 5.5f64.sqrt());
     assert!((number(&momentum[0].bound) - expected).abs() < 1e-12);
-    // The enlarged state: the same shots, 1/√P times the error but for the weights.
-    let ratio = number(&density[3].bound) / number(&density[0].bound);
-    let (six, undone) = (6f64.sqrt(), norm(pi[..6].iter().map(|pi| 1.0 / pi.sqrt())));
-    assert!((ratio - undone / six / p_all.sqrt()).abs() < 1e-4 * ratio, "{ratio}");
+    // The enlarged state: the same shots, 1/√P times the error but for the weights, and no C_f.
+    let undone = norm(pi[..6].iter().map(|pi| 1.0 / pi.sqrt()));
+    let of_enlarged = 0.5 * (c_f / p_all.sqrt()) * undone * measurement::hadamard_bound(1000.0);
+    assert!((number(&density[3].bound) - of_enlarged - prefactor * 1e-8).abs() < 1e-12);
     assert!((number(&density[0].evolutions_repeated) * p_all / 1000.0 - 1.0).abs() < 1e-14);
-    assert_eq!(number(&density[0].evolutions_coherent), 11_000.0);
-    assert_eq!(number(&density[1].evolutions_coherent), 7.0 * 127.0 * 11.0);
+    // C_f as well as from the shots that succeed.
+    let eta = (40f64.ln() / 1000.0).sqrt();
+    let of_norm = number(&density[0].evolutions_norm);
+    let register = (of_norm / 7.0 + 1.0) / 2.0;
+    let least = std::f64::consts::PI / (eta * p_all.sqrt());
+    assert!(register.log2().fract() == 0.0 && (least..2.0 * least).contains(&register));
+    assert_eq!(number(&density[0].evolutions_coherent), 11_000.0 + of_norm);
+    assert_eq!(number(&density[1].evolutions_norm), 7.0 * 127.0);
+    assert_eq!(number(&density[1].evolutions_coherent), 7.0 * 127.0 * 11.0 + 7.0 * 127.0);
+    assert_eq!(density[4].evolutions_norm.value(), None);
     assert_eq!(density[1].evolutions_repeated.value(), None);
     assert_eq!(number(&density[3].evolutions_repeated), 1000.0);
     assert_eq!(number(&density[4].evolutions_coherent), 7.0 * 127.0);
@@ -211,7 +266,8 @@ fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
             // 1/ε² shots, 1/ε evaluations rounded to a power of two.
             let grown = match a.estimator.coherent() {
                 true => (number(&b.evaluations) / number(&a.evaluations), 8.0..=16.0),
-                false => (number(&b.shots) / number(&a.shots), 99.0..=101.0),
+                // The product of both errors is a part of 1e-2 of the coarse one.
+                false => (number(&b.shots) / number(&a.shots), 97.0..=101.0),
             };
             assert!(grown.1.contains(&grown.0), "{grown:?}");
         }
@@ -221,9 +277,13 @@ fn an_accuracy_is_met_by_as_many_shots_as_it_takes() {
     let density = &fine[0].measured;
     let undone = norm(pi[..6].iter().map(|pi| 1.0 / pi.sqrt())) / 6f64.sqrt();
     let shots = number(&density[3].shots) / number(&density[0].shots);
-    assert!((shots * p / undone.powi(2) - 1.0).abs() < 1e-2, "{shots}");
+    // Of the postselected state C_f takes its part.
+    let with_norm = 1.0 + number(&density[0].overlap) / 2f64.sqrt();
+    let expected = (undone / with_norm).powi(2) / p;
+    assert!((shots / expected - 1.0).abs() < 1e-2, "{shots} {expected}");
     let evaluations = number(&density[4].evaluations) / number(&density[1].evaluations);
-    let ratio = evaluations * p.sqrt() / undone;
+    // Half of the accuracy is C_f's.
+    let ratio = 2.0 * evaluations * p.sqrt() / undone;
     assert!((0.5..=2.0).contains(&ratio), "{evaluations}");
     // What the state itself does not allow.
     let why = |rows: &[Row]| rows[0].measured[0].estimate.to_string();
@@ -255,11 +315,37 @@ fn bounds_hold_with_the_stated_probability() {
         }
     }
     for (k, row) in missed.iter().enumerate() {
-        // Twice the doubt of one bound for a quotient of two; three standard deviations more.
-        let doubt = if k > 2 { 0.1 } else { 0.05 };
-        let most = seeds as f64 * doubt + 3.0 * (seeds as f64 * doubt).sqrt();
-        assert!(row.iter().all(|&m| (m as f64) < most), "{missed:?}");
+        // Twice the doubt of one measurement where two are needed; three standard deviations more.
+        for (estimator, &m) in Estimator::ALL.iter().zip(row) {
+            let doubt = if k > 2 || !estimator.enlarged() { 0.1 } else { 0.05 };
+            let most = seeds as f64 * doubt + 3.0 * (seeds as f64 * doubt).sqrt();
+            assert!((m as f64) < most, "{missed:?}");
+        }
     }
+}
+
+/// Where `P` is small, `C_f` is what a density is not known by; a mean velocity does not need it.
+#[test]
+fn a_measured_norm_is_in_the_moments_and_not_in_their_quotients() {
+    let (f, pi) = data();
+    let p = probabilities_of(&f, &pi, 310.0, 1);
+    let seeds = 100;
+    let (mut beyond, mut missed) = (0, [0; 2]);
+    for seed in 0..seeds {
+        let case = case(&format!("cells = [[1, 0]]\nshots = 10\nevaluations = 256\nseed = {seed}"));
+        let rows = rows_of(&case, [1, 0], &p, |_| {});
+        let prefactor = number(&p.norm_of_field) * 0.5 * 6f64.sqrt();
+        let alone = prefactor * (measurement::amplitude_bound(0.0, 256.0) + 1e-8);
+        for (row, missed) in [&rows[0], &rows[3]].into_iter().zip(&mut missed) {
+            let m = &row.measured[1];
+            let off = (number(&m.estimate) - number(&row.value)).abs();
+            *missed += usize::from(off > number(&m.bound));
+            beyond += usize::from(row.observable == Observable::Density && off > alone);
+        }
+    }
+    // The overlap's own error explains one in twenty.
+    assert!(beyond > seeds / 5, "{beyond}");
+    assert!(missed.iter().all(|&m| m <= seeds / 10), "{missed:?}");
 }
 
 #[test]

@@ -9,11 +9,7 @@ impl Record {
     /// known stands beside them with the reason, since the estimator takes an absent count for
     /// zero.
     pub fn logical_counts(&self) -> Value {
-        // One qubit for the walk's sequence, a second register for columns, one for values, two for
-        // the block-encoding.
-        let fine = self.walk_tolerance.value().unwrap_or(self.tolerance);
-        let bits = (1.0 / fine).log2().ceil() as u64;
-        let qubits = 2 * self.qubits.total as u64 + bits + 3;
+        let qubits = self.qubits.walk.total.value().map(|n| n as u64);
         let rotations = self.walk_steps.value().map(|steps| steps as u64 + 1);
         let not_compiled = "the oracles' circuits are not compiled";
         json!({
@@ -21,6 +17,11 @@ impl Record {
                 "numQubits": qubits,
                 "rotationCount": rotations,
                 "rotationDepth": rotations,
+            },
+            "oracleCalls": {
+                "location": self.location_queries.value(),
+                "value": self.value_queries.value(),
+                "total": self.queries.value(),
             },
             "unavailable": {
                 "tCount": not_compiled,
@@ -47,11 +48,15 @@ impl Record {
                 "resources": Vec::from_iter(gates),
             })
         };
-        let resources: Vec<Value> =
-            [resource("walk_steps", &self.walk_steps), resource("queries_estimate", &self.queries)]
-                .into_iter()
-                .flatten()
-                .collect();
+        let resources: Vec<Value> = [
+            resource("walk_steps", &self.walk_steps),
+            resource("location_queries", &self.location_queries),
+            resource("value_queries", &self.value_queries),
+            resource("queries", &self.queries),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
         let ports = [ports("system", system), ports("p", self.qubits.p)].concat();
         json!({
             "version": "v1",

@@ -3,6 +3,9 @@
 //! Where the solution has discontinuities at interfaces only, `N = ε^{−1}` cells an axis, elsewhere
 //! `ε^{−2}` (paper, theorems of sections 4 to 6). `Δp = ε`, `‖H‖_max = Σ_a (N_xa + N_va)/Δp`,
 //! `d = Σ Q_a + n`. Forward Euler takes `n² T ε^{−(2n+1)}` or `n² T ε^{−(4n+2)}` operations.
+//! `Δp = ε` is for an initial function with a corner, `e^{−|p|}`; where it is in `H^r`, the paper
+//! remarks, `N_p = O(ε^{−1/r})`. Nothing is compared: what is left out of an asymptotic count is as
+//! large as a crossover.
 
 use crate::problem::case::Case;
 use crate::quantum::figure::Figure;
@@ -26,11 +29,6 @@ pub struct Regime {
     pub qubits_with_growth: Figure,
     /// Operations of forward Euler.
     pub classical_operations: Figure,
-    /// The largest tolerance below which there are fewer queries than operations, in this
-    /// dimension.
-    pub crossover_tolerance: Figure,
-    /// The least number of dimensions with fewer queries than operations, at this tolerance.
-    pub crossover_dimension: Figure,
 }
 
 /// `log(1/ε)/log log(1/ε)`; natural logarithms, at least 1.
@@ -39,9 +37,8 @@ pub(crate) fn logarithms(tolerance: f64) -> f64 {
     if log > std::f64::consts::E { log / log.ln() } else { 1.0 }
 }
 
-/// `n + m log₂(m)²`, `m = log₂(1/ε)` bits.
-pub(crate) fn gates_factor(qubits: f64, tolerance: f64) -> f64 {
-    let bits = (1.0 / tolerance).log2().max(1.0);
+/// `n + m log₂(m)²` for values of `m` bits; the theorems have `m = log₂(1/ε)`.
+pub(crate) fn gates_factor(qubits: f64, bits: f64) -> f64 {
     qubits + bits * bits.log2().max(1.0).powi(2)
 }
 
@@ -75,12 +72,6 @@ impl Scene {
         let operations = n * n * self.time * cells.powf(2.0 * n + 1.0);
         Counts { queries, operations }
     }
-
-    /// Whether there are fewer queries than operations.
-    fn wins(&self, n: usize, tolerance: f64) -> bool {
-        let Counts { queries, operations } = self.counts(n, tolerance);
-        queries < operations
-    }
 }
 
 impl Regime {
@@ -99,30 +90,15 @@ impl Regime {
         let axis = bits / order;
         let (each, with_growth) = (2.0 * n as f64 * axis, bits + axis);
         let estimate = |x: f64| Figure::estimate(x, WHY);
-        let or_unavailable =
-            |x: Option<f64>, why: &str| x.map_or_else(|| Figure::unavailable(why), estimate);
-        // From large tolerances down, a twentieth of a decade at a time.
-        let crossover = (0..=240)
-            .map(|k| 10f64.powf(-f64::from(k) / 20.0))
-            .find(|&t| t < 0.5 && scene.wins(n, t));
-        let dimension = (1..=12).find(|&n| scene.wins(n, tolerance));
         Self {
             discontinuities: if order == 1.0 { "at interfaces only" } else { "anywhere" }
                 .to_owned(),
             cells_per_axis: estimate(tolerance.powf(-1.0 / order)),
             queries: estimate(queries),
-            gates_factor: estimate(gates_factor(each + bits, tolerance)),
+            gates_factor: estimate(gates_factor(each + bits, bits.max(1.0))),
             qubits: estimate(each + bits),
             qubits_with_growth: estimate(each + with_growth),
             classical_operations: estimate(operations),
-            crossover_tolerance: or_unavailable(
-                crossover,
-                "more queries than operations at every tolerance down to 1e-12",
-            ),
-            crossover_dimension: or_unavailable(
-                dimension.map(|n| n as f64),
-                "more queries than operations in up to 12 dimensions",
-            ),
         }
     }
 }

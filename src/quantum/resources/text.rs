@@ -2,14 +2,24 @@
 
 use crate::quantum::figure::Figure;
 use crate::quantum::probability::Chain;
-use crate::quantum::resources::Record;
 use crate::quantum::resources::regime::Regime;
+use crate::quantum::resources::{Comparison, Record};
 use crate::quantum::sparsity::{Count, Sparsity};
 use std::fmt;
+
+impl fmt::Display for Comparison {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "THE CHEAPEST SET-UP ON A QUANTUM COMPUTER\n{}", self.cheapest)?;
+        write!(f, "\nTHE CASE'S OWN SET-UP, PLANNED TO BE EMULATED\n{}", self.own)
+    }
+}
 
 impl fmt::Display for Record {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.heading(f)?;
+        if let Some(why) = self.measure_valued {
+            writeln!(f, "{why}")?;
+        }
         nonzeros(f, &self.sparsity)?;
         self.costs(f)?;
         let found = &self.probabilities;
@@ -36,7 +46,14 @@ impl Record {
         )?;
         let weights = if self.weighted { ", with dissipative weights" } else { "" };
         let q = list(&self.sparsity.q, ", ");
-        writeln!(f, "interface {:?}{weights}; Q = {q}", self.interface)
+        writeln!(f, "interface {:?}{weights}; Q = {q}", self.interface)?;
+        let setup = &self.setup;
+        let delta = setup.delta.map_or(String::new(), |delta| format!("; delta {delta:?}"));
+        writeln!(
+            f,
+            "{}, {} modes up to mu = {:.4}{delta}",
+            setup.planned, setup.modes, setup.highest_wavenumber
+        )
     }
 
     /// Queries, gates and qubits.
@@ -49,7 +66,12 @@ impl Record {
             ("tau = d |H| T", &self.tau),
             ("degree K", &self.degree),
             ("walk steps 2K", &self.walk_steps),
+            ("location queries", &self.location_queries),
+            ("value queries", &self.value_queries),
             ("queries", &self.queries),
+            ("until measured", &self.queries_until_measured[0]),
+            ("or amplified", &self.queries_until_measured[1]),
+            ("bits of a value", &self.value_bits),
             ("gates a query", &self.gates_factor),
             ("QFT gates", &self.transform_gates),
             ("T gates", &self.t_gates),
@@ -65,7 +87,20 @@ impl Record {
             r.auxiliary,
             r.p
         )?;
-        writeln!(f, "p not growing     {}", r.total_without_growth)
+        writeln!(f, "p not growing     {}", r.total_without_growth)?;
+        writeln!(f, "with the walk     {}", r.walk.total)?;
+        let Some(table) = &self.weights_table else { return Ok(()) };
+        let rows = [
+            ("weights, Toffoli", &table.toffolis_a_value_query),
+            ("of all queries", &table.toffolis),
+            ("and classically", &table.classical_operations),
+        ];
+        writeln!(
+            f,
+            "weights           a table of {} numbers in every value query, from {} sweeps",
+            table.entries, table.sweeps
+        )?;
+        figures(f, 18, &rows)
     }
 }
 
@@ -105,12 +140,17 @@ fn nonzeros(f: &mut fmt::Formatter<'_>, sparsity: &Sparsity) -> fmt::Result {
             }
         }
     }
-    if !sparsity.bounded {
-        writeln!(
+    match sparsity.our_bound {
+        Some(bound) => writeln!(
+            f,
+            "our bound on H, by the paper's argument: {bound} = sum Q + 3n + 2; the paper states \
+             Q + 5 and Q_1 + Q_2 + 7, and the order in n dimensions"
+        )?,
+        None => writeln!(
             f,
             "the paper's bounds are for the hat interface and velocity cells symmetric about 0; \
              this case is another"
-        )?;
+        )?,
     }
     Ok(())
 }
@@ -140,8 +180,6 @@ fn regime_table(f: &mut fmt::Formatter<'_>, regime: &Regime, tolerance: f64) -> 
         ("  qubits", &regime.qubits),
         ("  with growing p", &regime.qubits_with_growth),
         ("  Euler operations", &regime.classical_operations),
-        ("  fewer queries below", &regime.crossover_tolerance),
-        ("  and from dimension", &regime.crossover_dimension),
     ];
     figures(f, 22, &rows)
 }

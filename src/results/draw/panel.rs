@@ -23,7 +23,7 @@ const HEADING: f64 = 11.5;
 const LABEL: f64 = 10.5;
 const SMALL: f64 = 9.5;
 /// Bold letters are wider by this factor.
-const BOLD: f64 = 1.12;
+pub const BOLD: f64 = 1.12;
 /// Between entries of a legend.
 const LINE: f64 = 15.0;
 /// A legend's sample.
@@ -187,7 +187,7 @@ impl<'a> Frame<'a> {
 }
 
 /// The colours of a map.
-fn colours(map: &Map) -> fn(f64) -> RGBColor {
+pub(crate) fn colours(map: &Map) -> fn(f64) -> RGBColor {
     match map.differences {
         true => diverging,
         false => sequential,

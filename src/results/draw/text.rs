@@ -88,9 +88,46 @@ pub fn wrapped(text: &str, size: f64, most: f64) -> Vec<String> {
     lines
 }
 
+/// `text` in lines of at most `most` points, at most `count` of them for each of its own; what does
+/// not fit is cut off, which `…` shows.
+pub fn fitted(text: &str, size: f64, most: f64, count: usize) -> Vec<String> {
+    let cut = |line: &str| {
+        // No letter is narrower than a tenth of its height.
+        let mut short: String = line.chars().take((10.0 * most / size) as usize).collect();
+        while width(&format!("{short}…"), size) > most && short.pop().is_some() {}
+        short + "…"
+    };
+    let of_line = |line: &str| {
+        let mut lines = wrapped(line, size, most);
+        let more = lines.len() > count;
+        lines.truncate(count);
+        let last = lines.len().saturating_sub(1);
+        for (k, line) in lines.iter_mut().enumerate() {
+            if (k == last && more) || width(line, size) > most {
+                *line = cut(line);
+            }
+        }
+        lines
+    };
+    text.lines().flat_map(of_line).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_title_has_few_lines_and_stays_in_its_width() {
+        let short = "one\nt = 2";
+        assert_eq!(fitted(short, 14.0, 200.0, 2), ["one", "t = 2"]);
+        let long = format!("{}\nt = 2", "word ".repeat(60));
+        for text in [long.as_str(), &"w".repeat(400), &"ä ".repeat(500)] {
+            let lines = fitted(text, 14.0, 200.0, 2);
+            assert!(lines.len() <= 3 && lines.iter().any(|l| l.ends_with('…')), "{lines:?}");
+            assert!(lines.iter().all(|line| width(line, 14.0) <= 200.0), "{lines:?}");
+        }
+        assert!(fitted("", 14.0, 200.0, 2).is_empty());
+    }
 
     #[test]
     fn lines_are_broken_where_they_must_be() {

@@ -149,12 +149,12 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
 }
 
 /// Every plane of two space axes.
-fn planes(n: usize) -> Vec<[usize; 2]> {
+pub(crate) fn planes(n: usize) -> Vec<[usize; 2]> {
     (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b])).collect()
 }
 
 /// The title of a panel in a plane through a cut.
-fn titled(run: &Stored, name: &str, plane: [usize; 2], cut: &Cut) -> String {
+pub(crate) fn titled(run: &Stored, name: &str, plane: [usize; 2], cut: &Cut) -> String {
     let place = cut.place(run, plane, 0..run.dimension());
     if place.is_empty() { name.to_owned() } else { format!("{name} at {place}") }
 }
@@ -176,14 +176,14 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
     let at = &cut.0[..run.dimension()];
     let read = |r: &Stored| -> Read<Plane> {
         if name != "velocity" {
-            return r.plane(name, component, plane, at);
+            return r.plane(name, component.as_slice(), plane, at);
         }
-        let density = r.plane("density", None, plane, at)?;
+        let density = r.plane("density", &[], plane, at)?;
         // Of elements the ratio of two polynomials is drawn, not one through the nodes' ratios.
         let mut found = match r.space.degree() == 0 || r.has_averaged_moments() {
-            true => r.plane(name, component, plane, at)?,
+            true => r.plane(name, component.as_slice(), plane, at)?,
             false => {
-                let mut plane = r.plane("momentum", component, plane, at)?;
+                let mut plane = r.plane("momentum", component.as_slice(), plane, at)?;
                 let axis = r.axis(r.dimension() + component.unwrap_or(0));
                 for (value, density) in plane.values.iter_mut().zip(&density.values) {
                     *value = possible(*value / density, axis);
@@ -198,7 +198,7 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
     let computed = computed?;
     let named = format!("{name}_exact");
     let exact = match run.has(&named) {
-        true => Some(run.plane(&named, component, plane, at)?),
+        true => Some(run.plane(&named, component.as_slice(), plane, at)?),
         false => None,
     };
     // What is there has the velocities of the box.

@@ -1,6 +1,5 @@
 //! Fields in phase space: all of it in one dimension, planes (x_a, v_a) in more.
 
-use crate::base::checksum::Slab;
 use crate::base::text::short;
 use crate::matrix::observables::level_sets::concentrate;
 use crate::matrix::observables::surface::for_each_zero;
@@ -10,7 +9,7 @@ use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{closing, jumps};
 use crate::results::pictures::maps::{apart, difference, largest, map, range};
 use crate::results::pictures::runs::Runs;
-use crate::results::pictures::stored::{Plane, Read, Stored};
+use crate::results::pictures::stored::{Plane, Read, Snapshot, Stored};
 
 /// A row of maps for every plane: the exact field, the computed ones, and how they differ; of
 /// measure-valued data `φ δ(ψ)`, `φ` and the level sets.
@@ -80,10 +79,10 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
     let run = runs.run;
     let at = &cut.0[..];
     let computed: Read<Vec<Plane>> =
-        runs.each().map(|(r, _)| r.plane("f", None, plane, at)).collect();
+        runs.each().map(|(r, _)| r.plane("f", &[], plane, at)).collect();
     let computed = computed?;
     let exact = match run.has("exact") {
-        true => Some(run.plane("exact", None, plane, at)?),
+        true => Some(run.plane("exact", &[], plane, at)?),
         false => None,
     };
     let scale = largest(computed.iter().chain(&exact));
@@ -127,11 +126,11 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>>
         }
         for (k, (r, name)) in runs.each().enumerate().filter(|(_, (r, _))| r.space.degree() > 0) {
             let panel = Panel::new(format!("zeros of ψ, {name}"), x.clone(), v.clone());
-            panels.push(panel.points("", Style::of(k), surface(r)?));
+            panels.push(panel.points("", Style::of(k), surface(r, r.end())?));
         }
         let found: Read<Vec<(Plane, &str)>> = (runs.each())
             .filter(|(r, _)| r.case.is_ok() && r.space.degree() == 0)
-            .map(|(r, name)| Ok((concentrated(r)?, name)))
+            .map(|(r, name)| Ok((concentrated(r, r.end())?, name)))
             .collect();
         let found = found?;
         let shared = range(found.iter().map(|(p, _)| p), 0.0);
@@ -148,9 +147,9 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>>
     fields.extend((0..n).map(|a| (psi(a), "psi", Some(a))));
     let mut differences = Vec::new();
     for (label, name, component) in fields {
-        let field = run.plane(name, component, plane, at)?;
+        let field = run.plane(name, component.as_slice(), plane, at)?;
         if let Some(beside) = runs.beside {
-            let other = difference(&field, &beside.plane(name, component, plane, at)?);
+            let other = difference(&field, &beside.plane(name, component.as_slice(), plane, at)?);
             let title = format!("{label}, {} − {}", runs.names[0], runs.names[1]);
             differences.push(apart(run, plane, title, other, largest([&field])));
         }
@@ -163,16 +162,15 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>>
 }
 
 /// `φ δ_ω(ψ)` over phase space of one dimension, line by line as moments are taken.
-fn concentrated(run: &Stored) -> Read<Plane> {
+pub(crate) fn concentrated(run: &Stored, time: Snapshot) -> Read<Plane> {
     let case = run.case.as_ref().map_err(String::clone)?;
     let [nx, nv] = [run.axis(0).cells, run.axis(1).cells];
     let width = case.delta_width;
     let mut values = Vec::with_capacity(nx * nv);
     let mut line = vec![0.0; nv];
     for i in 0..nx {
-        let at = |ranges: &[std::ops::Range<usize>]| Slab::of(ranges);
-        let phi = run.slab("phi", &at(&[i..i + 1, 0..nv]))?;
-        let psi = run.slab("psi", &at(&[0..1, i..i + 1, 0..nv]))?;
+        let phi = run.field_slab(time, "phi", &[i..i + 1, 0..nv])?;
+        let psi = run.field_slab(time, "psi", &[0..1, i..i + 1, 0..nv])?;
         concentrate(&mut line, &run.space, width, &phi, &[&psi]);
         values.extend_from_slice(&line);
     }
@@ -181,13 +179,13 @@ fn concentrated(run: &Stored) -> Read<Plane> {
 
 /// Where the level set of elements is zero in one dimension: the points that the moments are taken
 /// at.
-fn surface(run: &Stored) -> Read<Vec<[f64; 2]>> {
+pub(crate) fn surface(run: &Stored, time: Snapshot) -> Read<Vec<[f64; 2]>> {
     let (x, nv) = (run.axis(0), run.axis(1).cells);
     let mut points = Vec::new();
     for element in 0..x.elements() {
         let here = element * x.nodes.count()..(element + 1) * x.nodes.count();
-        let phi = run.slab("phi", &Slab::of(&[here.clone(), 0..nv]))?;
-        let psi = run.slab("psi", &Slab::of(&[0..1, here.clone(), 0..nv]))?;
+        let phi = run.field_slab(time, "phi", &[here.clone(), 0..nv])?;
+        let psi = run.field_slab(time, "psi", &[0..1, here.clone(), 0..nv])?;
         for_each_zero(&run.space, &[here], &phi, &[&psi], |zero| {
             points.push([zero.point[0], zero.point[3]]);
         });

@@ -33,7 +33,7 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
         ),
     };
     let caption = "What a quantum computer would measure, with bounds that hold with probability \
-                   0.95 (mean velocities: 0.90).";
+                   0.95 for each measurement.";
     Ok(Some(
         Figure::new("Readout", panels)
             .columns(3)

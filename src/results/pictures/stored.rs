@@ -1,14 +1,15 @@
 //! A finished run as its files tell it: datasets of `result.h5`, planes of them, attributes.
 
 use crate::base::checksum::Slab;
-use crate::base::disk::failure;
-use crate::base::error::{Error, Result};
+use crate::base::disk;
+use crate::base::text::short;
 use crate::parallel::files::read_slab;
 use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
 use crate::results::pictures::mesh::{self, FineMesh, drawn};
-use crate::results::readback::{check_alone, read_text, text_attribute};
+use crate::results::readback::{read_text, text_attribute};
+use crate::results::summary;
 use hdf5::{Dataset, File, Location};
 use serde::Deserialize;
 use serde_json::Value;
@@ -48,6 +49,25 @@ pub struct Stored {
     file: File,
 }
 
+/// One of the times at which a run has fields.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Snapshot {
+    /// The time.
+    pub time: f64,
+    /// Its index in `/axis/field_time`; none at the end.
+    early: Option<usize>,
+}
+
+impl Snapshot {
+    /// The dataset that has the field `name` then.
+    fn dataset(&self, name: &str) -> String {
+        match self.early {
+            Some(_) => format!("history/{name}"),
+            None => name.to_owned(),
+        }
+    }
+}
+
 /// A dataset over two axes, on equal parts of the elements, averaged where those are more than
 /// `FINEST`.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,38 +79,14 @@ pub struct Plane {
 }
 
 impl Stored {
-    /// Opens `directory/result.h5` and compares its datasets with their checksums; by one rank, as
-    /// any program would.
+    /// Opens `directory/result.h5`, which has been inspected
+    /// ([`untrusted::open`](crate::results::untrusted::open)).
     ///
     /// # Errors
-    /// [`Error::Input`] where there is none, or none that can be read; [`Error::Output`] where one
-    /// is damaged.
-    pub fn open(directory: &Path) -> Result<Self> {
-        let stored = Self::look(directory)?;
-        let path = directory.join("result.h5");
-        check_alone(&stored.file).map_err(|e| failure(&path, &e))?;
-        Ok(stored)
-    }
-
-    /// As [`open`](Self::open), without a look at the checksums.
-    ///
-    /// # Errors
-    /// [`Error::Input`] where there is none, or none that can be read.
-    pub fn look(directory: &Path) -> Result<Self> {
-        let path = directory.join("result.h5");
-        let wrong = |why: &dyn std::fmt::Display| {
-            Error::Input(format!(
-                "{}: {why}; a directory that `phasewarp run` wrote is expected",
-                path.display()
-            ))
-        };
-        match std::fs::metadata(&path) {
-            Ok(found) if found.is_file() => {}
-            Ok(_) => return Err(wrong(&"is no file")),
-            Err(e) => return Err(wrong(&e)),
-        }
-        let file = File::open(&path).map_err(|e| wrong(&e))?;
-        Self::of(directory, file).map_err(|e| wrong(&e))
+    /// What is wrong with the file.
+    pub(crate) fn read(directory: &Path) -> Read<Self> {
+        let file = File::open(directory.join("result.h5")).map_err(|e| e.to_string())?;
+        Self::of(directory, file)
     }
 
     fn of(directory: &Path, file: File) -> Read<Self> {
@@ -108,6 +104,7 @@ impl Stored {
         let overrides: Vec<String> = overrides.lines().map(str::to_owned).collect();
         let name = provenance.get("case_file").map_or("case", String::as_str);
         let found = grid(&file)?;
+        refuse_other_shapes(&file, &found)?;
         let case =
             (Case::parse(name, &text, &overrides).map_err(|e| e.to_string())).and_then(|case| {
                 let space = as_stored(&case.space, &found)
@@ -157,20 +154,16 @@ impl Stored {
         if a < n { &self.space.x[a] } else { &self.space.v[a - n] }
     }
 
-    /// Title of the case; its file where it has none.
+    /// Title of the case, in one line; its file where it has none.
     pub fn title(&self) -> String {
         let of = |key: &str| self.provenance.get(key).filter(|t| !t.is_empty());
-        of("title").or_else(|| of("case_file")).cloned().unwrap_or_default()
+        let title = of("title").or_else(|| of("case_file")).map_or("", String::as_str);
+        title.split_whitespace().collect::<Vec<_>>().join(" ")
     }
 
     /// Whether there is such a dataset.
     pub fn has(&self, name: &str) -> bool {
-        // A link whose group is missing is an error of its own.
-        let mut path = String::new();
-        name.split('/').all(|part| {
-            path = format!("{path}/{part}");
-            self.file.link_exists(&path)
-        })
+        exists(&self.file, name)
     }
 
     fn dataset(&self, name: &str) -> Read<Dataset> {
@@ -200,23 +193,95 @@ impl Stored {
         }
     }
 
+    /// The end of the run.
+    pub fn end(&self) -> Snapshot {
+        Snapshot { time: self.time, early: None }
+    }
+
+    /// All times at which there are fields, the end last.
+    ///
+    /// # Errors
+    /// What the file lacks.
+    pub fn snapshots(&self) -> Read<Vec<Snapshot>> {
+        let times = match self.has("axis/field_time") {
+            true => self.list("axis/field_time")?,
+            false => Vec::new(),
+        };
+        let early = times.into_iter().enumerate();
+        let early = early.map(|(k, time)| Snapshot { time, early: Some(k) });
+        Ok(early.chain([self.end()]).collect())
+    }
+
+    /// A box of a field at a time, row-major; `ranges` are those that it has at the end.
+    pub fn field_slab(
+        &self,
+        at: Snapshot,
+        name: &str,
+        ranges: &[std::ops::Range<usize>],
+    ) -> Read<Vec<f64>> {
+        let first = at.early.map(|k| k..k + 1);
+        let ranges: Vec<_> = first.into_iter().chain(ranges.iter().cloned()).collect();
+        self.slab(&at.dataset(name), &Slab::of(&ranges))
+    }
+
+    /// A plane of a field at a time, as [`plane`](Self::plane).
+    pub fn field_plane(
+        &self,
+        at: Snapshot,
+        name: &str,
+        plane: [usize; 2],
+        cells: &[usize],
+    ) -> Read<Plane> {
+        self.plane(&at.dataset(name), at.early.as_slice(), plane, cells)
+    }
+
+    /// The density at a time, of one dimension, by cell.
+    pub fn density_line(&self, at: Snapshot) -> Read<Vec<f64>> {
+        match self.moment_time(at)? {
+            None => self.list("density"),
+            Some(k) => {
+                let slab = Slab::of(&[k..k + 1, 0..self.axis(0).cells]);
+                self.slab("history/density", &slab)
+            }
+        }
+    }
+
+    /// The density at a time on a plane of space, through `cells`.
+    pub fn density_plane(&self, at: Snapshot, plane: [usize; 2], cells: &[usize]) -> Read<Plane> {
+        match self.moment_time(at)? {
+            None => self.plane("density", &[], plane, cells),
+            Some(k) => self.plane("history/density", &[k], plane, cells),
+        }
+    }
+
+    /// The index of a time in `/axis/time`; none of the end.
+    fn moment_time(&self, at: Snapshot) -> Read<Option<usize>> {
+        if at.early.is_none() {
+            return Ok(None);
+        }
+        let found = self.list("axis/time")?.iter().position(|time| *time == at.time);
+        let lacking = || format!("/axis/time of result.h5 has no t = {}", short(at.time));
+        found.ok_or_else(lacking).map(Some)
+    }
+
     /// A box of a dataset, row-major.
     pub fn slab(&self, name: &str, slab: &Slab) -> Read<Vec<f64>> {
         read_slab(&self.dataset(name)?, slab).map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
     /// A dataset over the axes from `first` on, on the plane of axes `plane` (the lower first)
-    /// through the cells `at` of the others; `component` is its first index, where it has one more.
+    /// through the cells `at` of the others; `first` are the indices before those of the axes.
     /// Only that plane is read, some rows at a time. What is no number has no part in averages.
     pub fn plane(
         &self,
         name: &str,
-        component: Option<usize>,
+        first: &[usize],
         plane: [usize; 2],
         at: &[usize],
     ) -> Read<Plane> {
         let lengths = plane.map(|a| self.axis(a).cells);
-        let averaged = self.has_averaged_moments() && !["phi", "psi"].contains(&name);
+        let field = name.rsplit('/').next().unwrap_or(name);
+        let averaged = self.has_averaged_moments() && !["phi", "psi"].contains(&field);
         let meshes = plane.map(|a| match averaged {
             true => FineMesh::of_averages(self.axis(a), FINEST),
             false => FineMesh::new(self.axis(a), FINEST),
@@ -224,7 +289,7 @@ impl Stored {
         let fine = [meshes[0].len(), meshes[1].len()];
         let shape = fine.map(|n| n.min(FINEST));
         let dataset = self.dataset(name)?;
-        if dataset.ndim() != at.len() + usize::from(component.is_some()) {
+        if dataset.ndim() != first.len() + at.len() {
             return Err(format!("/{name} of result.h5 has {} dimensions", dataset.ndim()));
         }
         let mut values = Vec::with_capacity(shape[0] * shape[1]);
@@ -233,17 +298,17 @@ impl Stored {
         let parts = fine[0] / meshes[0].elements();
         let together = (PIECE * shape[0] / (lengths[0] * lengths[1]).max(1)).max(1);
         for lines in ends.chunks(together) {
-            let (Some(first), Some(last)) = (lines.first(), lines.last()) else {
+            let (Some(lowest), Some(highest)) = (lines.first(), lines.last()) else {
                 continue;
             };
             // The elements that hold these lines.
-            let elements = [first[0] / parts, last[1].div_ceil(parts)];
+            let elements = [lowest[0] / parts, highest[1].div_ceil(parts)];
             let nodes = meshes[0].nodes();
             let mut slab = Slab {
-                start: component.iter().chain(at).copied().collect(),
-                count: vec![1; at.len() + usize::from(component.is_some())],
+                start: first.iter().chain(at).copied().collect(),
+                count: vec![1; first.len() + at.len()],
             };
-            let skip = usize::from(component.is_some());
+            let skip = first.len();
             slab.start[skip + plane[0]] = elements[0] * nodes;
             slab.count[skip + plane[0]] = (elements[1] - elements[0]) * nodes;
             slab.start[skip + plane[1]] = 0;
@@ -311,6 +376,9 @@ fn grid(file: &File) -> Read<PhaseSpace> {
             1 => 1.0,
             n => (last - first) / (n - 1) as f64,
         };
+        if !centres.is_sorted_by(|a, b| a < b) {
+            return Err(format!("/axis/{name}: is not ascending"));
+        }
         let ends = [first - 0.5 * width, last + 0.5 * width];
         Ok(Axis::new(ends[0], ends[1], centres.len()))
     };
@@ -324,6 +392,47 @@ fn grid(file: &File) -> Read<PhaseSpace> {
         return Err("/axis: no axes".to_owned());
     }
     Ok(PhaseSpace { x, v, periodic: [false; MAX_DIMENSION] })
+}
+
+/// Whether there is such a dataset: a link whose group is missing is an error of its own.
+fn exists(file: &File, name: &str) -> bool {
+    let mut path = String::new();
+    name.split('/').all(|part| {
+        path = format!("{path}/{part}");
+        file.link_exists(&path)
+    })
+}
+
+/// Refuses fields whose shape is not that of the axes.
+fn refuse_other_shapes(file: &File, space: &PhaseSpace) -> Read<()> {
+    let (cells, n) = (space.shape(), space.dimension());
+    let after = |first: usize, rest: &[usize]| -> Vec<usize> {
+        std::iter::once(first).chain(rest.iter().copied()).collect()
+    };
+    let of_components = |cells: &[usize]| after(n, cells);
+    let times = |name: &str| match exists(file, name) {
+        true => file.dataset(name).map(|axis| axis.size()).map_err(|e| e.to_string()),
+        false => Ok(0),
+    };
+    let (moments, fields) = (times("axis/time")?, times("axis/field_time")?);
+    let expected: [(&[&str], Vec<usize>); 7] = [
+        (&["history/f", "history/phi"], after(fields, &cells)),
+        (&["history/psi"], after(fields, &of_components(&cells))),
+        (&["history/density"], after(moments, &cells[..n])),
+        (&["f", "phi", "exact"], cells.clone()),
+        (&["psi"], of_components(&cells)),
+        (&["density", "potential", "density_exact"], cells[..n].to_vec()),
+        (&["momentum", "velocity"], of_components(&cells[..n])),
+    ];
+    for (names, expected) in expected {
+        for name in names.iter().filter(|name| exists(file, name)) {
+            let shape = file.dataset(name).map_err(|e| e.to_string())?.shape();
+            if shape != expected {
+                return Err(format!("/{name}: its shape is {shape:?}, the axes' {expected:?}"));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// The axis of elements that a dataset's attributes describe; none of degree 0.
@@ -341,10 +450,9 @@ fn by_elements(name: &str, dataset: &Dataset) -> Option<Axis> {
 
 /// `summary.json` of a directory.
 fn summary(directory: &Path) -> Read<Value> {
-    let path = directory.join("summary.json");
-    let wrong = |why: &dyn std::fmt::Display| format!("{}: {why}", path.display());
-    let text = std::fs::read_to_string(&path).map_err(|e| wrong(&e))?;
-    serde_json::from_str(&text).map_err(|e| wrong(&e))
+    let path = directory.join(summary::NAME);
+    let text = disk::read_text(&path).map_err(|e| e.to_string())?;
+    serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))
 }
 
 /// `/timings`, where the file has them.

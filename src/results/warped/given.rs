@@ -7,6 +7,7 @@ use crate::parallel::communicator::Group;
 use crate::parallel::files::{CHECKSUM, open, read_slab};
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
+use crate::results::untrusted::{self, Inspection};
 use crate::results::warped::spread::{POINTS, Spread, with_points};
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
@@ -22,6 +23,9 @@ use std::path::{Path, PathBuf};
 const SAME: f64 = 1e-6;
 /// The same as a part of a step.
 const OF_A_STEP: f64 = 0.05;
+
+/// Largest |p|: several times what the largest spectrum that is planned takes.
+const FURTHEST: f64 = 1e7;
 
 /// What was read of a file, over all ranks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -244,6 +248,7 @@ fn look(path: &Path, space: &PhaseSpace) -> Found<([f64; 2], usize)> {
         return Err("is no file".to_owned());
     }
     std::fs::File::open(path).map_err(|e| e.to_string())?;
+    untrusted::inspect(path, Inspection::Start)?;
     // HDF5 lists every function that the error passed.
     let file = File::open(path).map_err(|_| "cannot be read as HDF5; is it whole?")?;
     let w = file.dataset("w").map_err(|_| missing("w"))?;
@@ -311,6 +316,12 @@ fn period(p: &[f64], points: usize) -> Found<([f64; 2], usize)> {
     let uneven = "/axis/p is not ascending in equal steps";
     if !(step > 0.0 && step.is_finite()) {
         return Err(format!("{uneven}: from {} to {}", p[0], p[points - 1]));
+    }
+    if p[0].abs().max(p[points - 1].abs()) > FURTHEST {
+        let [first, last] = [p[0], p[points - 1]];
+        return Err(format!(
+            "/axis/p goes from {first:e} to {last:e}; at most {FURTHEST:e} is read"
+        ));
     }
     let even: Vec<f64> = (0..points).map(|j| p[0] + step * j as f64).collect();
     let ((off, j), most) = (furthest(p, &even), allowed(step, points));

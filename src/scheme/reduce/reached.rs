@@ -236,6 +236,8 @@ fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<Plane>> {
             reached: vec![0.0; space.x[axis].cells * space.v[axis].cells],
         })
         .collect();
+    // Whether the lowest and the highest velocity of each plane are reached somewhere.
+    let mut ends = vec![[false; 2]; n];
     let points = (case.space.degree() > 0).then(|| Points::new(&case.space));
     let scheme = case.enters().then(|| Scheme::whole(case)).transpose()?;
     let mut row = Row::default();
@@ -256,19 +258,20 @@ fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<Plane>> {
             })
     };
     for point in (first..space.space_cells()).step_by(of) {
-        let mut any = false;
         for index in point * velocities..(point + 1) * velocities {
             let element = space.cell(index);
             if holds(&element) {
-                any = true;
-                for plane in &mut planes {
-                    let at = plane.at(element[plane.axis], element[n + plane.axis]);
+                for (plane, [lowest, highest]) in planes.iter_mut().zip(&mut ends) {
+                    let (i, j) = (element[plane.axis], element[n + plane.axis]);
+                    let at = plane.at(i, j);
                     plane.reached[at] = 1.0;
+                    *lowest |= j == 0;
+                    *highest |= j + 1 == plane.cells;
                 }
             }
         }
         // What only decays is everywhere at once.
-        if any && planes.iter().all(Plane::is_full) {
+        if ends.iter().all(|ends| *ends == [true; 2]) {
             break;
         }
     }

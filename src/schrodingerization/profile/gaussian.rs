@@ -8,6 +8,7 @@
 //! decays like a Gaussian: spectrally accurate, since `ĝ` itself and no samples of `g` are used.
 
 use crate::base::bisect::bisect;
+use crate::problem::limits::SIGMAS;
 use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
 use crate::schrodingerization::profile::window::{Demand, Window};
 use num_complex::Complex64;
@@ -41,15 +42,18 @@ impl Gaussian {
     /// period `P = decay + growth + reach + q − p0`, and at least `growth + ln 2/ε`, so that the
     /// next period's `e^{−p−P}` does not reach in (this matters for short times); cut-off
     /// `μ_max² = 1 + 2(ln 1/ε − p0)/σ²`.
-    fn candidates(demand: &Demand) -> impl Iterator<Item = Self> + use<> {
+    fn candidates(sigma: Option<f64>, demand: &Demand) -> impl Iterator<Item = Self> + use<> {
         let &Demand { tolerance, growth, decay, reach, round_off, .. } = demand;
         const WIDTHS: i32 = 600;
         let z = normal_quantile(tolerance);
         let digits = -tolerance.ln();
         let room = (tolerance / (20.0 * round_off)).ln();
-        (0..=WIDTHS).filter_map(move |i| {
-            // 0.05 to 20, in equal ratios.
-            let sigma = 0.05 * 400f64.powf(f64::from(i) / f64::from(WIDTHS));
+        let [least, largest] = SIGMAS;
+        let last = if sigma.is_some() { 0 } else { WIDTHS };
+        (0..=last).filter_map(move |i| {
+            // Those that there are, in equal ratios.
+            let planned = least * (largest / least).powf(f64::from(i) / f64::from(WIDTHS));
+            let sigma = sigma.unwrap_or(planned);
             let offset = -z * sigma - growth;
             let square = sigma * sigma;
             if -offset + 0.5 * square > room {
@@ -68,7 +72,7 @@ impl Gaussian {
 
     /// The cheapest for `demand`: the width of least `P μ_max (μ_max + 1)`, what a run costs. Where
     /// `p◇` is given by hand, the switch is moved along: everything is as at `p◇ = 0`.
-    pub fn meeting(demand: &Demand) -> Option<(Self, Window)> {
+    pub fn meeting(sigma: Option<f64>, demand: &Demand) -> Option<(Self, Window)> {
         let point = demand.recovery.unwrap_or(0.0);
         let moved = |mut profile: Self| {
             profile.offset += point;
@@ -76,7 +80,7 @@ impl Gaussian {
                 Window { point, distance: 0.0, period: profile.period, cutoff: profile.cutoff };
             (profile, window)
         };
-        Self::candidates(demand)
+        Self::candidates(sigma, demand)
             .map(moved)
             .filter(|(profile, window)| demand.admits(profile, window))
             .min_by(|(_, a), (_, b)| {
@@ -144,7 +148,7 @@ mod tests {
 
     fn plan(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Option<Gaussian> {
         let demand = Demand::new(tolerance, growth, decay, reach);
-        Gaussian::meeting(&demand).map(|(g, _)| g)
+        Gaussian::meeting(None, &demand).map(|(g, _)| g)
     }
 
     #[test]
@@ -206,7 +210,7 @@ mod tests {
     fn round_off_sets_the_limit() {
         let limit = |growth, decay| {
             let demand = Demand::new(0.1, growth, decay, 0.0);
-            Profile::smallest_tolerance(ProfileChoice::Gaussian, &demand)
+            Profile::smallest_tolerance(ProfileChoice::Gaussian { sigma: None }, &demand)
         };
         let smallest = limit(0.375, 127.0).expect("possible");
         assert_eq!(limit(50.0, 127.0), None);

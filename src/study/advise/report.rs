@@ -1,11 +1,10 @@
 //! Advice as people read it.
 
-use crate::base::text::bytes_text;
+use crate::base::text::{bytes_text, quoted};
 use crate::problem::case::{Case, Method};
 use crate::study::advise::entry::{Advised, Entry, Parts};
 use crate::study::advise::order::Order;
 use crate::study::advise::reach::Known;
-use crate::study::advise::settings::quoted;
 use crate::study::advise::trials::cells;
 use crate::study::grids::shape_text;
 use crate::study::text::seconds_text;

@@ -1,6 +1,7 @@
 //! The settings and the command that lead from a case file to a set-up.
 
 use crate::base::error::Result;
+use crate::base::text::quoted;
 use crate::problem::case::{Case, Limiter, Method};
 use crate::study::knobs;
 use crate::study::trial::final_fields_only;
@@ -63,16 +64,6 @@ pub fn command(case: &Case, settings: &[String]) -> String {
         text += &format!(" --set {}", quoted(set));
     }
     text
-}
-
-/// A word as a shell takes it.
-pub fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        word.to_owned()
-    } else {
-        format!("'{}'", word.replace('\'', "'\\''"))
-    }
 }
 
 #[cfg(test)]

@@ -64,6 +64,7 @@ impl<'a> Trials<'a> {
     /// # Errors
     /// As [`reduced`].
     pub fn new(world: &'a World, plain: Case, exact: Option<Exact>, seconds: f64) -> Result<Self> {
+        let budget = Budget::new(world, seconds);
         let needed = reduced(&world.group(), &plain)?;
         let is_merged = |axis: &Axis| matches!(axis.part, Part::Merged { .. });
         let merged: Vec<bool> = needed.space.axes().map(is_merged).collect();
@@ -75,7 +76,7 @@ impl<'a> Trials<'a> {
             own_degree,
             exact,
             merged,
-            budget: Budget::new(world, seconds),
+            budget,
             cost: CostModel::default(),
             done: BTreeMap::new(),
             exact_densities: BTreeMap::new(),

@@ -130,7 +130,7 @@ impl Intervals {
 
 /// `case` with the series of a run to within [`LEVEL`], sampled on the interval.
 fn sampled(mut case: Case, ratio: f64) -> Case {
-    case.warp.profile = ProfileChoice::Gaussian;
+    case.warp.profile = ProfileChoice::Gaussian { sigma: None };
     case.warp.coefficients = Coefficients::Sampled;
     (case.warp.recovery, case.warp.points) = (None, None);
     case.tolerance = (LEVEL * ratio).min(LARGEST_TOLERANCE);

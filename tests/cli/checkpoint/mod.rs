@@ -140,6 +140,12 @@ pub enum Blow {
     Launcher,
     /// SIGUSR1 to mpirun.
     Signal,
+    /// SIGTERM to mpirun.
+    Terminate,
+    /// SIGINT to mpirun.
+    Interrupt,
+    /// SIGSTOP of this rank, half a second before it goes on.
+    Pause(usize),
 }
 
 /// Runs a job and deals it a blow at the first moment that `now` finds right; all its ranks have
@@ -155,10 +161,18 @@ pub fn struck(job: &Job, blow: Blow, mut now: impl FnMut(Duration) -> bool) -> R
             return;
         }
         struck = true;
+        let of = |rank: usize| ranks[rank.min(ranks.len() - 1)];
         match blow {
-            Blow::Rank(rank) => send("-KILL", ranks[rank.min(ranks.len() - 1)]),
+            Blow::Rank(rank) => send("-KILL", of(rank)),
             Blow::Launcher => send("-KILL", mpirun.id()),
             Blow::Signal => send("-USR1", mpirun.id()),
+            Blow::Terminate => send("-TERM", mpirun.id()),
+            Blow::Interrupt => send("-INT", mpirun.id()),
+            Blow::Pause(rank) => {
+                send("-STOP", of(rank));
+                std::thread::sleep(Duration::from_millis(500));
+                send("-CONT", of(rank));
+            }
         }
     })?;
     // Ranks that lost their mpirun end by themselves, a moment later.

@@ -1,14 +1,15 @@
 //! Runs killed at any moment, told to stop, or out of time end with the same bits.
 
 use super::{
-    Blow, OFTEN, Result, WHOLE, children, count, ends_well, generations, manifest, newest, random,
-    run, send, stopped, struck,
+    Blow, LONG, OFTEN, Result, WHOLE, children, count, ends_well, generations, manifest, newest,
+    random, run, same, send, stopped, struck,
 };
 use crate::support::{
-    Finished, Job, case, check_all, datasets, datasets_of, differences,
+    Finished, Job, Summary, case, check_all, datasets, datasets_of, differences,
     directory_on_disk as directory,
 };
 use std::fs;
+use std::path::PathBuf;
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
@@ -173,6 +174,45 @@ fn a_classical_run_ends_at_once() {
     assert!(sent && finished.code.is_none(), "{}", finished.report("ended by the signal"));
 }
 
+/// Told to stop in its second run, a sweep ends with a checkpoint of that and a table of the first;
+/// it goes on from there, on other ranks, to the same bits.
+#[test]
+fn a_sweep_that_is_stopped_goes_on() {
+    LazyLock::force(&WHOLE);
+    check_all(&[(Some(2), "-USR1"), (None, "-TERM")], |&(ranks, signal)| {
+        let place = directory();
+        let sweep = Job::new(["sweep", &case("example1.toml")]).set(&LONG).into(place.path());
+        let sweep = sweep.with(["--vary", "checkpoint.minutes=0.00001,0.00002"]);
+        let list = sweep.clone().with(["--list"]).succeed()?;
+        let runs = list.output.lines().filter_map(|line| line.rsplit('\t').next());
+        let runs: Vec<PathBuf> = runs.map(PathBuf::from).collect();
+        let mut sent = false;
+        let job = ranks.map_or(sweep.clone(), |ranks| sweep.clone().on(ranks)).closely();
+        let finished = job.run_while(|process, _| {
+            if !sent && generations(&runs[1]).len() == 2 {
+                sent = true;
+                send(signal, process.id());
+            }
+        })?;
+        finished.ended(75, &["stopped by a signal: 1 of 2 runs are finished", "same command"])?;
+        let rows = || fs::read_to_string(place.path().join("table.csv")).unwrap_or_default();
+        let rows_before = rows().lines().count();
+        let finished = sweep.on(3).succeed()?;
+        finished.says(&finished.errors, &["[1/2] checkpoint.minutes=1e-05: finished before"])?;
+        finished.says(&finished.errors, &["going on from"])?;
+        if [rows_before, rows().lines().count()] != [2, 3] {
+            return Err(finished.report(&format!("rows before: {rows_before}")));
+        }
+        for (path, resumed) in runs.iter().zip([false, true]) {
+            let summary = Summary::read(finished.clone(), path)?;
+            same(path, &summary)?;
+            let found = summary.boolean("resumed")?;
+            summary.require(found == resumed, || format!("{}: resumed", path.display()))?;
+        }
+        Ok(())
+    });
+}
+
 /// Stops a run in stage number `stage`, goes on with it on other ranks, and compares everything
 /// with a run that nothing happened to.
 fn goes_on_in_stage(
@@ -303,6 +343,10 @@ fn a_time_too_short_for_anything_is_an_error() {
         finished.ended(2, &["--walltime 0.01"]).unwrap();
     }
     assert!(!directory.path().join("checkpoint").exists());
+    // Of a sweep too, which would otherwise be submitted again for ever.
+    let sweep = Job::new(["sweep", &case("example1.toml"), "--vary", "time.end=1,2"]).set(&LONG);
+    let finished = sweep.into(directory.path()).with(["--walltime", "0.01"]).run().expect("a run");
+    finished.ended(2, &["--walltime 0.01"]).unwrap();
 }
 
 #[test]

@@ -144,8 +144,8 @@ fn any_field_may_be_the_start() {
     assert!(distance(&found, &values) > 0.1, "nothing moved");
 }
 
-/// Without weights S has positive eigenvalues: f at p = 0.01 depends on e^p w below 0, where that of
-/// e^(-|p|) is not flat.
+/// Without weights S has positive eigenvalues: f at p = 0.01 depends on e^p w below 0, where that
+/// of e^(-|p|) is not flat.
 #[test]
 fn a_start_that_is_not_flat_is_refused() {
     let place = directory();

@@ -82,7 +82,7 @@ fn a_browser_opens_the_report() {
     let place = directory();
     let marked =
         "title=\"</title><script>document.title='x'</script><img src=http://127.0.0.1:9/a.png>\"";
-    let settings = ["axis.0.x.cells=40", "axis.0.v.cells=38", "output.moments_every=0.25", marked];
+    let settings = ["axis.0.x.cells=40", "axis.0.v.cells=38", "output.fields_every=0.25", marked];
     let job = Job::new(["run", &case("example1.toml")]).set(&settings).on(2);
     job.solve(place.path()).unwrap();
     Job::new(["report", &place.path().display().to_string()]).succeed().unwrap();
@@ -108,16 +108,22 @@ fn a_browser_opens_the_report() {
     // which it does not allow itself.
     let text = std::fs::read_to_string(&page).unwrap();
     let policy = text.lines().find(|l| l.contains("Content-Security-Policy")).unwrap();
+    // Each button of the track shows its own picture alone.
     let script = "<script>const wide=e=>e.getBoundingClientRect().width>250;\
+        const shown=e=>getComputedStyle(e).visibility==='visible';\
+        const steps=[...document.querySelectorAll('.track input')].map(e=>{e.checked=true;\
+        const all=[...document.querySelectorAll('.track img')].filter(shown);\
+        return all.length===1&&all[0]===e.nextElementSibling&&wide(all[0])?'+':'-'}).join('');\
         document.body.innerHTML=\
         'pictures='+[...document.querySelectorAll('figure svg')].filter(wide).length+\
-        ' marked='+document.querySelectorAll('img:not(svg *)').length+\
-        ' over='+(document.documentElement.scrollWidth-document.documentElement.clientWidth)</script></body>";
+        ' marked='+document.querySelectorAll('img:not(.track *)').length+' times='+steps+\
+        ' over='+(document.documentElement.scrollWidth-\
+        document.documentElement.clientWidth)</script></body>";
     let measured = place.path().join("measured.html");
     std::fs::write(&measured, text.replace(policy, "").replace("</body>", script)).unwrap();
     for width in [1200, 600] {
         let said = open(&browser, &measured, width, &["--dump-dom".to_owned()]).unwrap();
-        let expected = format!("pictures={pictures} marked=0 over=0");
+        let expected = format!("pictures={pictures} marked=0 times=+++++ over=0");
         assert!(said.contains(&expected), "{width}: {expected} expected, {said}");
     }
 }

@@ -67,7 +67,7 @@ fn table_of_designs() {
                 let seconds = started.elapsed().as_secs_f64();
                 let modes = g.series.modes();
                 let sum: f64 = (0..modes).map(|l| g.series.factor(l).norm()).sum();
-                let gaussian = Profile::plan(ProfileChoice::Gaussian, &demand)
+                let gaussian = Profile::plan(ProfileChoice::Gaussian { sigma: None }, &demand)
                     .map_or(0, |(_, w)| {
                         applications(&demand, w.period, w.modes(w.period) as usize)
                     });
@@ -109,7 +109,8 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
                 let sum: f64 = (0..modes).map(|l| g.series.factor(l).norm()).sum();
                 assert!(sum <= demand.tolerance / (20.0 * f64::EPSILON), "{what}: {sum:e}");
                 let own = applications(&demand, window.period, modes);
-                let (_, w) = Profile::plan(ProfileChoice::Gaussian, &demand).expect(&what);
+                let (_, w) =
+                    Profile::plan(ProfileChoice::Gaussian { sigma: None }, &demand).expect(&what);
                 let gaussian = applications(&demand, w.period, w.modes(w.period) as usize);
                 let factor = if own > 300 { 3 } else { 2 };
                 assert!(factor * own <= gaussian, "{what}: {own}, {gaussian}");
@@ -149,7 +150,7 @@ fn refused_where_it_is_not_possible() {
     assert_eq!(smallest(ProfileChoice::Designed, f64::INFINITY), None);
     assert_eq!(smallest(ProfileChoice::Planned, f64::INFINITY), None);
     // The Gaussian's is smaller, and what is planned goes as far.
-    let gaussian = smallest(ProfileChoice::Gaussian, 1.0).expect("possible");
+    let gaussian = smallest(ProfileChoice::Gaussian { sigma: None }, 1.0).expect("possible");
     assert_eq!(smallest(ProfileChoice::Planned, 1.0), Some(gaussian.min(designed)));
     for by_hand in [
         Demand { sampled: true, ..demand(1e-6) },

@@ -1,0 +1,105 @@
+//! `phasewarp movie`: a finished run at all times of its fields.
+
+use crate::base::disk::failure;
+use crate::base::error::{Error, Result};
+use crate::base::text::short;
+use crate::command::cli::MovieArgs;
+use crate::command::plot::Written;
+use crate::parallel::communicator::World;
+use crate::results::movie::{self, MOST_FRAMES};
+use crate::results::pictures;
+use crate::results::pictures::cut::Cut;
+use crate::results::pictures::film::Film;
+use crate::results::pictures::stored::{Snapshot, Stored};
+use crate::results::untrusted;
+
+/// Writes the movies of a run; the first rank reads and writes. Collective.
+///
+/// # Errors
+/// As [`untrusted::open`], [`Cut::parse`] and [`movie::write`], the same on all ranks;
+/// [`Error::Input`] where there is one time only, or too many.
+pub fn execute(world: &World, args: &MovieArgs) -> Result<()> {
+    let written = world.group().on_first_rank(|| movies(args))?;
+    written.print(world);
+    Ok(())
+}
+
+/// A movie through each cut.
+fn movies(args: &MovieArgs) -> Result<Written> {
+    let run = untrusted::open(&args.directory)?;
+    let times = times(args, &run)?;
+    let cuts: Result<Vec<Cut>> = args.slices.iter().map(|text| Cut::parse(&run, text)).collect();
+    let mut cuts = cuts?;
+    if cuts.is_empty() {
+        cuts.push(Cut::middle(&run));
+    }
+    let directory = args.output.clone();
+    let directory = directory.unwrap_or_else(|| args.directory.join(pictures::FOLDER));
+    let mut written = Written::default();
+    for (k, cut) in cuts.iter().enumerate() {
+        let name = match k {
+            0 => pictures::MOVIE.to_owned(),
+            k => format!("{}_{}", pictures::MOVIE, k + 1),
+        };
+        let film = Film::new(&run, cut, times.clone());
+        let film = film.map_err(|why| failure(&args.directory, &why))?;
+        if let Some(why) = &film.without_exact {
+            written.left_out.push(("the exact density".to_owned(), why.clone()));
+        }
+        let movie = movie::write(&film, &directory, &name, args.fps)?;
+        written.files.extend(movie.files);
+        written.left_out.extend(movie.left_out);
+    }
+    Ok(written)
+}
+
+/// The times of the frames.
+fn times(args: &MovieArgs, run: &Stored) -> Result<Vec<Snapshot>> {
+    let place = args.directory.display();
+    let all = run.snapshots().map_err(|why| failure(&args.directory, &why))?;
+    if all.len() < 2 {
+        return Err(Error::Input(format!(
+            "{place}: it has fields at one time only, t = {}; a movie needs several: set \
+             output.fields_every = {}, or output.field_times, and run the case again",
+            short(run.time),
+            short(run.time / 20.0)
+        )));
+    }
+    let chosen = chosen(all.len(), args.every as usize);
+    let chosen = chosen.map_err(|why| Error::Input(format!("{place}: {why}")))?;
+    Ok(chosen.into_iter().map(|k| all[k]).collect())
+}
+
+/// Each `every`-th of `count` times, and the last; why those are too many.
+fn chosen(count: usize, every: usize) -> std::result::Result<Vec<usize>, String> {
+    let chosen: Vec<usize> = (0..count).filter(|k| k % every == 0 || k + 1 == count).collect();
+    match chosen.len() {
+        ..=MOST_FRAMES => Ok(chosen),
+        frames => Err(format!(
+            "with --every {every} there are {frames} frames, at most {MOST_FRAMES} are drawn; \
+             --every {} takes fewer",
+            count.div_ceil(MOST_FRAMES - 1)
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_few_and_have_the_end() {
+        assert_eq!(chosen(5, 1), Ok(vec![0, 1, 2, 3, 4]));
+        assert_eq!(chosen(6, 2), Ok(vec![0, 2, 4, 5]));
+        assert_eq!(chosen(3, 100), Ok(vec![0, 2]));
+        for count in [MOST_FRAMES + 1, 1501, 10_001] {
+            let why = chosen(count, 1).unwrap_err();
+            let words = format!("there are {count} frames, at most {MOST_FRAMES} are drawn");
+            assert!(why.contains(&words), "{why}");
+            // What is advised is taken.
+            let advised = why.rsplit("--every ").next().and_then(|n| n.split(' ').next());
+            let every = advised.and_then(|n| n.parse().ok()).unwrap_or(1);
+            assert!(chosen(count, every).is_ok(), "{why}");
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! A job script for Slurm that runs a case as it was planned.
+
+use crate::base::disk;
+use crate::base::error::{Error, Result};
+use crate::base::text::quoted;
+use crate::base::version::VERSION;
+use crate::command::cli::PlanArgs;
+use crate::command::loading::{default_directory, load};
+use crate::parallel::communicator::World;
+use crate::plan::advice::joined;
+use crate::problem::case::Case;
+use std::fmt;
+use std::path::Path;
+
+/// Memory that is asked for, over what is planned: plans are right within a fifth.
+const MEMORY_MARGIN: f64 = 1.25;
+/// Time that is asked for, over what is expected, ...
+const TIME_MARGIN: f64 = 1.5;
+/// ... and beside: the start of MPI, and what Slurm's signal leaves to write a checkpoint.
+const SECONDS_BESIDE: f64 = 240.0;
+
+/// What a job needs.
+#[derive(Clone, Copy, Debug)]
+pub struct Needs {
+    /// Number of ranks.
+    pub ranks: usize,
+    /// Ranks on a node, if that is given.
+    pub ranks_per_node: Option<usize>,
+    /// Planned bytes on the fullest rank.
+    pub memory: u64,
+    /// Expected seconds, if they were measured.
+    pub seconds: Option<f64>,
+}
+
+/// A job script.
+struct JobScript {
+    /// Of the job, made of letters, digits and `._-` alone.
+    name: String,
+    needs: Needs,
+    /// Words of `jobscripts/run.sbatch`: case, results, options.
+    words: Vec<String>,
+}
+
+/// Refuses what no job script can be written for, before anything is planned: the file is there, or
+/// the case chooses its grid anew in each run. Collective.
+///
+/// # Errors
+/// [`Error::Input`].
+pub fn refuse(world: &World, args: &PlanArgs) -> Result<()> {
+    let Some(file) = &args.sbatch else {
+        return Ok(());
+    };
+    if load(world, &args.case)?.accuracy.is_some() {
+        let what = "a run by solver.accuracy cannot be resumed; give --accuracy, whose choice is \
+                    written as --set, and a case without it";
+        return Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
+    }
+    world.group().on_first_rank(|| {
+        if !args.force && std::fs::symlink_metadata(file).is_ok() {
+            let what = "is there; --force replaces it";
+            return Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
+        }
+        Ok(())
+    })
+}
+
+/// Writes the job script that `args` ask for, on the first rank. Collective.
+///
+/// # Errors
+/// [`Error::Input`] for a name that is no text; [`Error::Output`].
+pub fn write(world: &World, args: &PlanArgs, case: &Case, needs: Needs) -> Result<()> {
+    let Some(file) = &args.sbatch else {
+        return Ok(());
+    };
+    world.group().on_first_rank(|| {
+        let script = JobScript::new(args, case, needs)?;
+        disk::write(file, script.to_string().as_bytes())
+    })
+}
+
+impl JobScript {
+    fn new(args: &PlanArgs, case: &Case, needs: Needs) -> Result<Self> {
+        let file = &args.case.case;
+        let results = args.output.clone().unwrap_or_else(|| default_directory(&case.name));
+        let mut words = vec![path_word(file)?, path_word(&results)?];
+        for set in &case.overrides {
+            words.extend(["--set".to_owned(), set.clone()]);
+        }
+        if let Some(blocks) = &args.ranks_x {
+            words.push(format!("--ranks-x={}", joined(blocks)));
+        }
+        let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let plain = |c: char| if c.is_ascii_alphanumeric() || "._-".contains(c) { c } else { '-' };
+        let name = format!("phasewarp-{}", stem.chars().map(plain).collect::<String>());
+        Ok(Self { name, needs, words })
+    }
+}
+
+/// A path as a word that is no option.
+fn path_word(path: &Path) -> Result<String> {
+    let word = path.to_str().ok_or_else(|| {
+        Error::Input(format!("--sbatch: {} is no UTF-8 text; rename it", path.display()))
+    })?;
+    Ok(if word.starts_with('-') { format!("./{word}") } else { word.to_owned() })
+}
+
+impl fmt::Display for JobScript {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Needs { ranks, ranks_per_node, memory, seconds } = self.needs;
+        writeln!(f, "#!/bin/bash")?;
+        writeln!(f, "# Written by phasewarp {VERSION}, plan --sbatch. Submit it with sbatch from")?;
+        writeln!(f, "# the directory in which it was planned, which has jobscripts/ in it.")?;
+        writeln!(f, "#SBATCH --job-name={}", self.name)?;
+        writeln!(f, "#SBATCH --ntasks={ranks}")?;
+        if let Some(each) = ranks_per_node {
+            writeln!(f, "#SBATCH --ntasks-per-node={}", each.min(ranks))?;
+        }
+        writeln!(f, "#SBATCH --cpus-per-task=1")?;
+        let mebibytes = (MEMORY_MARGIN * memory as f64 / f64::from(1 << 20)).ceil();
+        writeln!(f, "#SBATCH --mem-per-cpu={mebibytes}M")?;
+        match seconds {
+            Some(seconds) => {
+                let minutes = ((TIME_MARGIN * seconds + SECONDS_BESIDE) / 60.0).ceil();
+                let (hours, minutes) = ((minutes / 60.0).floor(), minutes % 60.0);
+                writeln!(f, "#SBATCH --time={hours:02}:{minutes:02}:00")?;
+            }
+            None => writeln!(f, "# No --time: plan --calibrate predicts it.")?,
+        }
+        writeln!(f, "#SBATCH --signal=B:USR1@120")?;
+        writeln!(f, "#SBATCH --output=%x-%j.log")?;
+        writeln!(f, "\nset -euo pipefail\ncd \"${{SLURM_SUBMIT_DIR:-.}}\"")?;
+        write!(f, "exec bash jobscripts/run.sbatch")?;
+        for word in &self.words {
+            write!(f, " \\\n    {}", quoted(word))?;
+        }
+        writeln!(f)
+    }
+}

@@ -1,0 +1,101 @@
+//! `phasewarp sweep`: a case with every combination of values.
+
+use crate::base::disk;
+use crate::base::error::{Error, Result};
+use crate::base::log::report;
+use crate::base::machine;
+use crate::command::cli::{Mode, SweepArgs};
+use crate::command::loading::{default_directory_of, load_text};
+use crate::command::printing::print;
+use crate::parallel::communicator::World;
+use crate::run::options::Options;
+use crate::study::sweep::table::Table;
+use crate::study::sweep::vary::Vary;
+use crate::study::sweep::{Asked, Outcome, Sweep};
+use std::path::Path;
+
+/// Written as soon as a signal comes that asks for the end.
+const TOLD_TO_STOP: &str = "told to stop: a checkpoint of this run follows, or its end where it \
+                            makes none; a second signal ends at once\n";
+
+/// Solves what is not finished, writes and prints the table. Collective.
+///
+/// # Errors
+/// As [`Sweep::new`] and [`Sweep::solve`]; [`Error::SweepFailed`] where a run failed.
+pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
+    let path = &args.case.case;
+    let directory = args.output.clone();
+    let directory =
+        directory.unwrap_or_else(|| default_directory_of(&path.display().to_string(), "sweep"));
+    let vary: Result<Vec<Vary>> = args.vary.iter().map(|text| Vary::parse(text)).collect();
+    let sweep = Sweep::new(Asked {
+        path: path.clone(),
+        text: load_text(world, path)?,
+        set: args.case.changes.set.clone(),
+        mode: args.case.changes.mode.map(|mode| match mode {
+            Mode::Streamed => "streamed",
+            Mode::Full => "full",
+        }),
+        vary: vary?,
+        directory: directory.clone(),
+    })?;
+    if args.list {
+        list(world, &sweep);
+        return Ok(());
+    }
+    if args.table {
+        return conclude(world, &directory, &sweep.collect(world)?);
+    }
+    // Before hours are spent.
+    world.group().on_first_rank(|| disk::make(&directory))?;
+    let options = Options {
+        ranks_x: args.ranks_x.clone(),
+        resume: true,
+        force: args.force,
+        walltime: args.walltime,
+        stop: machine::stop_flag(),
+    };
+    machine::stop_when_terminated(if world.group().rank() == 0 { TOLD_TO_STOP } else { "" });
+    if let Some(number) = args.index {
+        let solved = sweep.solve_one(world, number, &options);
+        machine::no_more_checkpoints();
+        return solved;
+    }
+    let solved = sweep.solve(world, &options);
+    machine::no_more_checkpoints();
+    let Outcome { table, stopped } = solved?;
+    match stopped {
+        None => conclude(world, &directory, &table),
+        Some(stopped) => {
+            world.group().on_first_rank(|| table.write(&directory))?;
+            Err(stopped)
+        }
+    }
+}
+
+/// A line a run.
+fn list(world: &World, sweep: &Sweep) {
+    for run in &sweep.runs {
+        let (number, label, directory) = (run.number, sweep.label(run), run.directory.display());
+        let label = label.replace(['\t', '\n'], " ");
+        print(world, &format!("{number}\t{label}\t{directory}"));
+        if let (Some(why), 0) = (&run.refused, world.group().rank()) {
+            report(&format!("warning: run {number} is refused: {why}"));
+        }
+    }
+}
+
+/// Writes and prints the table.
+fn conclude(world: &World, directory: &Path, table: &Table) -> Result<()> {
+    world.group().on_first_rank(|| table.write(directory))?;
+    let shown = directory.display();
+    print(world, &format!("{table}\ntable.csv and table.tex in {shown}"));
+    match table.failed() {
+        0 => Ok(()),
+        failed => Err(Error::SweepFailed {
+            path: directory.join("table.csv"),
+            failed,
+            runs: table.rows.len(),
+        }),
+    }
+}

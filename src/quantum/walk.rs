@@ -1,0 +1,265 @@
+//! The walk that block-encodes `H`, and `e^{−iHT}` by it: calls of the oracles, bits of values,
+//! registers.
+//!
+//! With `d` entries in a row, `X = ‖H‖_max` and the columns `k` of row `j`, the isometry
+//!
+//! ```text
+//! V|j⟩ = d^{−½} Σ_k |j⟩|0⟩ ⊗ |k⟩(√(H_jk*/X)|0⟩ + √(1 − |H_jk|/X)|1⟩)
+//! ```
+//!
+//! and the swap `W` of both halves give `V†WV = H/(dX)` (Berry and Childs 2012). A real entry below
+//! 0 has the roots `±i√|H_jk|` above and below the diagonal; on the diagonal `W` has the sign,
+//! which is that of `−μ_l`, as `S_ii ≤ 0`.
+//!
+//! | one `V` | calls |
+//! |---|---|
+//! | `(j, ℓ) → (j, k)`, in place | 1 of the location oracle |
+//! | `H_jk` into its register, and out of it after the rotation | 2 of the value oracle |
+//!
+//! A step of the walk has `V` and `V†`: [`LOCATION_CALLS`] and [`VALUE_CALLS`]. In place, a row
+//! with fewer entries than `d` needs different dummies: `ℓ` behind the last column. `e^{−iHT}`
+//! takes `2K` phased steps, `K` being the degree at which the Jacobi–Anger series of `e^{−iτx}`, `τ
+//! = dXT`, is cut: `2 Σ_{k>K} |J_k(τ)| ≤ ε` (Low and Chuang 2017).
+//!
+//! **Bits.** Both parts of a value are rounded to multiples of `X/(2^{m−1} − 1)`, so that an entry
+//! is off by `X/(√2 (2^{m−1} − 1))`, `H` by `d` times that, and `e^{−iHT}` by `τ/(√2 (2^{m−1} −
+//! 1))`: `m` is about `log₂ τ` more than the `log₂ 1/ε` of the paper's theorems. The cut series and
+//! the rounded values have half of the tolerance each.
+
+use crate::propagate::chebyshev::degree;
+use crate::quantum::figure::Figure;
+use serde::Serialize;
+use std::f64::consts::SQRT_2;
+
+/// Calls of the location oracle in a step of the walk, inverses included.
+pub const LOCATION_CALLS: f64 = 2.0;
+/// Calls of the value oracle in a step of the walk, inverses included.
+pub const VALUE_CALLS: f64 = 4.0;
+/// Part of the tolerance that the cut series may take; the rounded values have the rest.
+const OF_SERIES: f64 = 0.5;
+
+/// What `e^{−iHT}` takes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evolution {
+    /// `K`.
+    pub degree: Figure,
+    /// `2K` steps of the walk.
+    pub steps: Figure,
+    /// Bits of the real part of a value, its sign included, and of the imaginary part.
+    pub bits: u32,
+}
+
+impl Evolution {
+    /// For `τ`, within `tolerance` of the state's norm.
+    pub fn new(tau: f64, tolerance: f64) -> Self {
+        /// Up to here the series is summed, beyond it is bounded (see [`degree`]).
+        const SUMMED: f64 = 1e4;
+        let order = degree(&mut Vec::new(), tau, OF_SERIES * tolerance) as f64;
+        let label = if tau <= SUMMED { Figure::exact } else { Figure::bound };
+        let bits = value_bits(tau, (1.0 - OF_SERIES) * tolerance);
+        Self { degree: label(order), steps: label(2.0 * order), bits }
+    }
+
+    /// Calls of an oracle that a step calls `each` times.
+    pub fn calls(&self, each: f64) -> Figure {
+        self.steps.value().map_or(self.steps.clone(), |steps| self.steps.with(each * steps))
+    }
+}
+
+/// The least `m` with `τ/(√2 (2^{m−1} − 1)) ≤ tolerance`; 2 or more.
+pub fn value_bits(tau: f64, tolerance: f64) -> u32 {
+    let magnitudes = 1.0 + tau / (SQRT_2 * tolerance);
+    1 + magnitudes.log2().ceil().max(1.0) as u32
+}
+
+/// Qubits of the walk, the system's own included.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WalkRegisters {
+    /// Row and column: the system's qubits, one more for the dummies, and the flag; twice.
+    pub row_and_column: usize,
+    /// Real and imaginary part of a value.
+    pub value: usize,
+    /// Scratch of the rotation.
+    pub arithmetic: Figure,
+    /// The phased sequence's own.
+    pub phase: usize,
+    /// All of them.
+    pub total: Figure,
+}
+
+impl WalkRegisters {
+    /// On `system` qubits with values of `bits` bits.
+    pub fn new(system: usize, bits: u32) -> Self {
+        const WHY: &str = "4 m for a modulus, its root and a comparison; no circuit is compiled";
+        let (row_and_column, value, phase) = (2 * (system + 2), 2 * bits as usize, 1);
+        let arithmetic = 4.0 * f64::from(bits);
+        let total = (row_and_column + value + phase) as f64 + arithmetic;
+        Self {
+            row_and_column,
+            value,
+            arithmetic: Figure::estimate(arithmetic, WHY),
+            phase,
+            total: Figure::estimate(total, WHY),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use num_complex::Complex64;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn steps_of_the_walk() {
+        // J_k(τ) falls off beyond k = τ: at least τ terms, more for smaller tolerances.
+        let number = |figure: &Figure| figure.value().expect("a number");
+        let count = |tau: f64, tolerance: f64| number(&Evolution::new(tau, tolerance).degree);
+        let evolution = Evolution::new(50.0, 1e-6);
+        assert_eq!(number(&evolution.steps), 2.0 * count(50.0, 1e-6));
+        assert_eq!(number(&evolution.calls(VALUE_CALLS)), 8.0 * count(50.0, 1e-6));
+        assert!(count(50.0, 1e-3) > 50.0 && count(50.0, 1e-9) > count(50.0, 1e-3));
+        assert!(count(1e3, 1e-6) < 1.1e3);
+        assert!(matches!(Evolution::new(1e6, 1e-6).degree, Figure::UpperBound { .. }));
+    }
+
+    #[test]
+    fn bits_follow_from_the_error_that_rounding_makes() {
+        for (tau, tolerance) in [(3.0, 0.1), (1e3, 1e-3), (7e5, 1e-8)] {
+            let error = |m: u32| tau / (SQRT_2 * (f64::from(m - 1).exp2() - 1.0));
+            let m = value_bits(tau, tolerance);
+            assert!(error(m) <= tolerance && error(m - 1) > tolerance, "{tau} {tolerance}: {m}");
+        }
+    }
+
+    const ORDER: usize = 5;
+    /// Entries of the fullest row.
+    const FULLEST: usize = 4;
+
+    /// A Hermitian matrix with rows of different lengths and entries of every sign and phase.
+    fn matrix() -> Vec<Vec<Complex64>> {
+        let mut h = vec![vec![Complex64::ZERO; ORDER]; ORDER];
+        let upper = [(0, 1, -0.7, 0.0), (0, 2, 0.3, -0.4), (0, 4, 0.0, 0.9), (1, 2, 0.5, 0.1)];
+        for (j, k, re, im) in upper {
+            h[j][k] = Complex64::new(re, im);
+            h[k][j] = h[j][k].conj();
+        }
+        for (j, x) in [(0, -0.6), (2, 0.8), (3, -1.0)] {
+            h[j][j] = Complex64::from(x);
+        }
+        h
+    }
+
+    /// Both halves of the walk's registers, and the value register.
+    #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+    struct Registers {
+        row: (usize, bool),
+        column: (usize, bool),
+        value: [u64; 2],
+    }
+
+    /// Amplitudes of basis states, and the calls that made them.
+    struct State {
+        amplitudes: BTreeMap<Registers, Complex64>,
+        location_calls: f64,
+        value_calls: f64,
+    }
+
+    impl State {
+        /// Every basis state to some others.
+        fn map(&mut self, of: impl Fn(Registers) -> Vec<(Registers, Complex64)>) {
+            let mut next = BTreeMap::new();
+            for (registers, amplitude) in &self.amplitudes {
+                for (to, factor) in of(*registers) {
+                    *next.entry(to).or_insert(Complex64::ZERO) += factor * amplitude;
+                }
+            }
+            self.amplitudes = next;
+        }
+
+        /// The value oracle: bits of `H_jk` are added to the register, without carries.
+        fn value(&mut self, h: &[Vec<Complex64>]) {
+            self.value_calls += 1.0;
+            self.map(|mut at| {
+                let entry = h[at.row.0].get(at.column.0).copied().unwrap_or(Complex64::ZERO);
+                at.value[0] ^= entry.re.to_bits();
+                at.value[1] ^= entry.im.to_bits();
+                vec![(at, Complex64::ONE)]
+            });
+        }
+
+        /// The location oracle in place; `ℓ` beyond the row's entries is a dummy.
+        fn location(&mut self, h: &[Vec<Complex64>]) {
+            self.location_calls += 1.0;
+            self.map(|mut at| {
+                let columns: Vec<usize> =
+                    (0..ORDER).filter(|&k| h[at.row.0][k] != Complex64::ZERO).collect();
+                let entry = at.column.0;
+                at.column.0 = columns.get(entry).copied().unwrap_or(ORDER + entry);
+                vec![(at, Complex64::ONE)]
+            });
+        }
+    }
+
+    /// `V|j⟩`.
+    fn isometry(h: &[Vec<Complex64>], largest: f64, j: usize) -> State {
+        let start = Registers { row: (j, false), column: (0, false), value: [0; 2] };
+        let mut state = State {
+            amplitudes: BTreeMap::from([(start, Complex64::ONE)]),
+            location_calls: 0.0,
+            value_calls: 0.0,
+        };
+        let uniform = Complex64::from((FULLEST as f64).sqrt().recip());
+        let entries = |at: Registers| {
+            let to = |entry| (Registers { column: (entry, false), ..at }, uniform);
+            (0..FULLEST).map(to).collect()
+        };
+        state.map(entries);
+        state.location(h);
+        state.value(h);
+        state.map(|at| {
+            let [re, im] = at.value.map(f64::from_bits);
+            let (row, column) = (at.row.0, at.column.0);
+            let root = match im == 0.0 && re < 0.0 {
+                true if row < column => Complex64::new(0.0, -re.abs().sqrt()),
+                true if row > column => Complex64::new(0.0, re.abs().sqrt()),
+                true => Complex64::from(re.abs().sqrt()),
+                false => Complex64::new(re, -im).sqrt(),
+            };
+            let rest = (1.0 - re.hypot(im) / largest).max(0.0).sqrt();
+            let flagged = Registers { column: (column, true), ..at };
+            vec![(at, root / largest.sqrt()), (flagged, Complex64::from(rest))]
+        });
+        state.value(h);
+        state
+    }
+
+    /// A step of calls of the oracles, each a unitary of all registers, block-encodes `H/(dX)`.
+    #[test]
+    fn a_step_of_so_many_calls_encodes_the_matrix() {
+        let h = matrix();
+        let largest = h.iter().flatten().fold(0.0, |m: f64, x| m.max(x.norm()));
+        let states: Vec<State> = (0..ORDER).map(|j| isometry(&h, largest, j)).collect();
+        for (j, left) in states.iter().enumerate() {
+            // The value register is clear again, and the norm 1.
+            assert!(left.amplitudes.keys().all(|at| at.value == [0; 2]));
+            let norm: f64 = left.amplitudes.values().map(Complex64::norm_sqr).sum();
+            assert!((norm - 1.0).abs() < 1e-14);
+            assert_eq!(2.0 * left.location_calls, LOCATION_CALLS);
+            assert_eq!(2.0 * left.value_calls, VALUE_CALLS);
+            for (k, right) in states.iter().enumerate() {
+                let mut block = Complex64::ZERO;
+                for (at, amplitude) in &right.amplitudes {
+                    let swapped = Registers { row: at.column, column: at.row, value: at.value };
+                    let on_diagonal = at.row.0 == at.column.0 && h[at.row.0][at.row.0].re < 0.0;
+                    let sign = if on_diagonal { -1.0 } else { 1.0 };
+                    if let Some(other) = left.amplitudes.get(&swapped) {
+                        block += sign * other.conj() * amplitude;
+                    }
+                }
+                let expected = h[j][k] / (FULLEST as f64 * largest);
+                assert!((block - expected).norm() < 1e-14, "{j} {k}: {block} {expected}");
+            }
+        }
+    }
+}

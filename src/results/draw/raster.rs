@@ -1,0 +1,200 @@
+//! Figures in pixels of few colours, for movies and pages.
+
+use crate::base::disk::failure;
+use crate::base::error::Result;
+use crate::results::draw::Sheet;
+use crate::results::draw::panel::colours;
+use crate::results::draw::shape::PIXELS;
+use crate::results::figure::palette::{PAPER, Style};
+use crate::results::figure::{Figure, Layer};
+use plotters::prelude::*;
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Shades of grey, and of all maps together.
+const GREYS: usize = 32;
+const SHADES: usize = 168;
+/// Shades of a line on paper.
+const BLENDS: usize = 7;
+/// Colours of lines at most; a byte holds the number of every colour, and one besides.
+const LINES: usize = 7;
+
+/// Red, green and blue.
+pub type Colour = [u8; 3];
+
+/// A figure in pixels, one a point, row by row.
+pub struct Raster {
+    /// Pixels along both axes, even.
+    pub size: [usize; 2],
+    /// Their colours.
+    pub pixels: Vec<Colour>,
+}
+
+impl Figure {
+    /// In pixels.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Output`], where it cannot be drawn.
+    pub fn raster(&self) -> Result<Raster> {
+        raster(self).map_err(|e| failure(Path::new(&self.title), &e))
+    }
+}
+
+/// Drawn at twice the size, as all figures are, and averaged.
+fn raster(figure: &Figure) -> std::result::Result<Raster, String> {
+    const _: () = assert!(PIXELS == 2.0);
+    let sheet = Sheet::new(figure);
+    let size = sheet.size.map(|length| (length as usize).next_multiple_of(2));
+    let [width, height] = size;
+    let mut bytes = vec![0; 3 * 4 * width * height];
+    let fine = (2 * width as u32, 2 * height as u32);
+    sheet.draw(&BitMapBackend::with_buffer(&mut bytes, fine).into_drawing_area())?;
+    let pixel = |row: usize, column: usize| -> Colour {
+        std::array::from_fn(|c| {
+            let at = |i: usize, j: usize| u16::from(bytes[3 * (2 * width * i + j) + c]);
+            let (i, j) = (2 * row, 2 * column);
+            ((at(i, j) + at(i, j + 1) + at(i + 1, j) + at(i + 1, j + 1) + 2) / 4) as u8
+        })
+    };
+    let rows = (0..height).flat_map(|row| (0..width).map(move |column| (row, column)));
+    Ok(Raster { size, pixels: rows.map(|(row, column)| pixel(row, column)).collect() })
+}
+
+/// The colour of a value in [0, 1].
+type Shades = fn(f64) -> RGBColor;
+
+/// The colours of figures that look alike: at most 255.
+pub struct Palette {
+    colours: Vec<Colour>,
+    /// The number of the nearest colour, by colours that were looked for.
+    nearest: HashMap<Colour, u8>,
+}
+
+impl Palette {
+    /// Greys, the shades of the figure's maps, and the colours of its lines on paper.
+    pub fn of(figure: &Figure) -> Self {
+        let layers = || figure.panels.iter().flat_map(|panel| &panel.layers);
+        let mut lines: Vec<RGBColor> = Vec::new();
+        let mut maps: [Option<Shades>; 2] = [None; 2];
+        for layer in layers() {
+            match layer {
+                Layer::Map(map) => maps[usize::from(map.differences)] = Some(colours(map)),
+                Layer::Line { style: Style { colour, .. }, .. }
+                | Layer::Points { style: Style { colour, .. }, .. }
+                    if !lines.contains(colour) && lines.len() < LINES =>
+                {
+                    lines.push(*colour);
+                }
+                _ => {}
+            }
+        }
+        let maps: Vec<_> = maps.into_iter().flatten().collect();
+        let part = |k: usize, of: usize| k as f64 / (of - 1).max(1) as f64;
+        let mut all: Vec<Colour> =
+            (0..GREYS).map(|k| [(255.0 * part(k, GREYS)) as u8; 3]).collect();
+        for shade in &maps {
+            let count = SHADES / maps.len();
+            all.extend((0..count).map(|k| channels(shade(part(k, count)))));
+        }
+        for line in lines {
+            let [line, paper] = [line, PAPER].map(channels);
+            let blend = |t: f64| -> Colour {
+                let mixed = |c: usize| t * f64::from(line[c]) + (1.0 - t) * f64::from(paper[c]);
+                std::array::from_fn(|c| mixed(c).round() as u8)
+            };
+            all.extend((1..=BLENDS).map(|k| blend(k as f64 / BLENDS as f64)));
+        }
+        Self { colours: all, nearest: HashMap::new() }
+    }
+
+    /// Red, green and blue of every colour in turn.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.colours.concat()
+    }
+
+    /// Numbers of the colours nearest to those of a picture.
+    pub fn numbers(&mut self, raster: &Raster) -> Vec<u8> {
+        let Self { colours, nearest } = self;
+        let number = |pixel: &Colour| {
+            *nearest.entry(*pixel).or_insert_with(|| {
+                let found = (0..colours.len()).min_by_key(|&k| distance(&colours[k], pixel));
+                found.unwrap_or(0) as u8
+            })
+        };
+        raster.pixels.iter().map(number).collect()
+    }
+
+    /// A picture as PNG.
+    ///
+    /// # Errors
+    /// Why it cannot be written.
+    pub fn png(&mut self, raster: &Raster) -> std::result::Result<Vec<u8>, String> {
+        let mut bytes = Vec::new();
+        let [width, height] = raster.size.map(|length| length as u32);
+        let mut encoder = png::Encoder::new(&mut bytes, width, height);
+        encoder.set_color(png::ColorType::Indexed);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_palette(self.bytes());
+        encoder.set_compression(png::Compression::Best);
+        let mut writer = encoder.write_header().map_err(|e| e.to_string())?;
+        let numbers = self.numbers(raster);
+        writer.write_image_data(&numbers).map_err(|e| e.to_string())?;
+        writer.finish().map_err(|e| e.to_string())?;
+        Ok(bytes)
+    }
+}
+
+fn channels(RGBColor(r, g, b): RGBColor) -> Colour {
+    [r, g, b]
+}
+
+fn distance(a: &Colour, b: &Colour) -> u32 {
+    a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(*b)).pow(2)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::figure::{Axis, Map, Panel};
+
+    fn example(differences: bool) -> Figure {
+        let map = Map {
+            x: [0.0, 1.0],
+            y: [0.0, 1.0],
+            shape: [20, 1],
+            values: (0..20).map(f64::from).collect(),
+            range: None,
+            differences,
+            label: String::new(),
+        };
+        let other = Map { differences: true, ..map.clone() };
+        let panel = || Panel::new("", Axis::linear("x"), Axis::linear("y"));
+        let lines = (0..9).fold(panel(), |panel, k| {
+            panel.line("", Style::of(k), vec![[0.0, k as f64], [1.0, 2.0]])
+        });
+        Figure::new("a\nb", vec![panel().map(map), panel().map(other), lines])
+    }
+
+    #[test]
+    fn colours_are_few_and_near() {
+        for differences in [false, true] {
+            let figure = example(differences);
+            let raster = figure.raster().unwrap();
+            let mut palette = Palette::of(&figure);
+            assert!(palette.colours.len() <= 255, "{}", palette.colours.len());
+            let numbers = palette.numbers(&raster);
+            assert_eq!(numbers.len(), raster.size[0] * raster.size[1]);
+            assert!(raster.size.iter().all(|length| length % 2 == 0));
+            // Where text, lines and maps mix, colours are off; that is a small part.
+            let far = (numbers.iter().zip(&raster.pixels))
+                .filter(|(k, pixel)| distance(&palette.colours[usize::from(**k)], pixel) > 300)
+                .count();
+            assert!(far < numbers.len() / 50, "{far} of {}", numbers.len());
+            let png = palette.png(&raster).unwrap();
+            let mut reader = png::Decoder::new(&png[..]).read_info().unwrap();
+            let mut read = vec![0; reader.output_buffer_size()];
+            reader.next_frame(&mut read).unwrap();
+            assert_eq!(read, numbers);
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! Sizes and checksums of a run's files, kept in `summary.json`, which carries one of its own.
+//!
+//! The checksums inside of `result.h5` are those of its datasets, which do not depend on ranks.
+//! Those of files cover attributes and all else that HDF5 keeps, too.
+
+use crate::base::checksum::{self, FileChecksum, FileChecksums};
+use crate::base::disk::{failure, read_text};
+use crate::base::error::{Error, Result};
+use crate::parallel::communicator::Group;
+use crate::results::summary;
+use serde::Deserialize;
+use serde_json::Value;
+use std::path::Path;
+
+/// The checksums of those of the files `names` of `directory` that are there. Collective over
+/// `world`.
+///
+/// # Errors
+/// [`Error::Output`], the same on all ranks.
+pub fn of_files(world: &Group, directory: &Path, names: &[String]) -> Result<FileChecksums> {
+    let there = |name: &&String| directory.join(name).is_file();
+    let there: Vec<&str> = names.iter().filter(there).map(String::as_str).collect();
+    // What there is is for one rank to say.
+    let there = world.broadcast_text(&there.join("\n"));
+    let named = |name: &str| -> Result<(String, FileChecksum)> {
+        Ok((name.to_owned(), of_file(world, &directory.join(name))?))
+    };
+    there.lines().map(named).collect()
+}
+
+/// The checksum of a file, read by all ranks. Collective.
+fn of_file(world: &Group, path: &Path) -> Result<FileChecksum> {
+    let part = checksum::of_file(path, world.rank(), world.size());
+    let part = world.agree(part.map_err(|e| failure(path, &e)))?;
+    Ok(FileChecksum {
+        bytes: world.max_count(part.bytes as usize) as u64,
+        checksum: world.sum_modulo(part.checksum),
+    })
+}
+
+/// Compares the files of `directory` with their checksums. Collective over `world`.
+///
+/// # Errors
+/// [`Error::Output`], naming the first that is not as it was written, the same on all ranks.
+pub fn check(world: &Group, directory: &Path) -> Result<FileChecksums> {
+    let expected = world.on_first_rank(|| of_summary(directory))?;
+    let expected = world.broadcast_text(&serde_json::to_string(&expected).unwrap_or_default());
+    let expected: FileChecksums = serde_json::from_str(&expected).unwrap_or_default();
+    compare(directory, &expected, |path| of_file(world, path))?;
+    Ok(expected)
+}
+
+/// As [`check`], by one process alone.
+///
+/// # Errors
+/// As [`check`].
+pub fn check_alone(directory: &Path) -> Result<()> {
+    let of_file = |path: &Path| checksum::of_file(path, 0, 1).map_err(|e| failure(path, &e));
+    compare(directory, &of_summary(directory)?, of_file)
+}
+
+fn compare(
+    directory: &Path,
+    all: &FileChecksums,
+    of_file: impl Fn(&Path) -> Result<FileChecksum>,
+) -> Result<()> {
+    let differs = |(name, expected): (&String, &FileChecksum)| {
+        let path = directory.join(name);
+        match of_file(&path)? == *expected {
+            true => Ok(()),
+            false => Err(failure(&path, &"is not as it was written (its checksum differs)")),
+        }
+    };
+    all.iter().try_for_each(differs)
+}
+
+/// The checksums that `summary.json` holds; none where there is no such file, or one of an older
+/// version.
+fn of_summary(directory: &Path) -> Result<FileChecksums> {
+    let path = directory.join(summary::NAME);
+    if !path.exists() {
+        return Ok(FileChecksums::new());
+    }
+    let broken = || failure(&path, &"is not as it was written");
+    let found = summary::parse(&read_text(&path)?).ok_or_else(broken)?;
+    let expected = match &found["files"] {
+        Value::Null => FileChecksums::new(),
+        files => FileChecksums::deserialize(files).map_err(|_| broken())?,
+    };
+    let sound = |name: &String| {
+        let path = directory.join(name);
+        match name.contains('/') || !path.is_file() {
+            true => Err(failure(&path, &"is missing")),
+            false => Ok(()),
+        }
+    };
+    expected.keys().try_for_each(sound).map(|()| expected)
+}
+
+/// The error of a directory in which a file is not listed that should be.
+pub(crate) fn not_listed(directory: &Path, name: &str) -> Error {
+    failure(&directory.join(name), &format!("is not named in {}", summary::NAME))
+}

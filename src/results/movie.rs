@@ -1,0 +1,198 @@
+//! A run as a movie: GIF, whose frames share one palette, and WebM, by `ffmpeg` where that is.
+
+use crate::base::disk::{self, failure};
+use crate::base::error::{Error, Result};
+use crate::results::draw::raster::{Palette, Raster};
+use crate::results::pictures::film::Film;
+use gif::{DisposalMethod, Encoder, Frame, Repeat};
+use std::borrow::Cow;
+use std::fs::File;
+use std::io::{self, BufWriter, ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread::JoinHandle;
+
+/// Most frames of a movie: at a few tens of KiB each, some tens of MiB.
+pub const MOST_FRAMES: usize = 500;
+
+/// Hundredths of a second, in which a GIF counts.
+const HUNDREDTHS: u16 = 100;
+/// The number of no colour: a pixel stays as it was.
+const SAME: u8 = 255;
+/// Characters that are kept of what `ffmpeg` says.
+const MOST_SAID: u64 = 400;
+
+/// What became of a movie.
+#[derive(Default)]
+pub struct Written {
+    /// Its files.
+    pub files: Vec<PathBuf>,
+    /// The name of a file that is missing, and why.
+    pub left_out: Option<(String, String)>,
+}
+
+/// Writes `directory/name.gif` and, where `ffmpeg` is on the PATH, `directory/name.webm`, `fps`
+/// frames a second. On one rank.
+///
+/// # Errors
+/// [`Error::Output`].
+pub fn write(film: &Film<'_>, directory: &Path, name: &str, fps: u16) -> Result<Written> {
+    disk::make(directory)?;
+    let [gif, webm] = ["gif", "webm"].map(|ending| directory.join(format!("{name}.{ending}")));
+    // None of an older movie beside a newer one.
+    disk::clear(&webm).map_err(|e| failure(&webm, &e))?;
+    let frame = |k: usize| {
+        let figure = film.frame(k).map_err(|why| failure(&gif, &why))?;
+        Ok::<_, Error>((Palette::of(&figure), figure.raster()?))
+    };
+    let (mut palette, first) = frame(0)?;
+    let mut video = Video::start(&webm, first.size, fps);
+    let mut wrong = None;
+    disk::write_with(&gif, |file| {
+        let mut movie = Gif::start(file, &palette, first.size, fps)?;
+        for k in 0..film.len() {
+            let raster = match frame(k) {
+                Ok((_, raster)) => raster,
+                Err(error) => {
+                    let said = io::Error::other(error.to_string());
+                    wrong = Some(error);
+                    return Err(said);
+                }
+            };
+            movie.add(palette.numbers(&raster), k + 1 == film.len())?;
+            if let Ok(video) = &mut video {
+                video.add(&raster);
+            }
+        }
+        movie.finish()
+    })
+    .map_err(|error| wrong.take().unwrap_or(error))?;
+    let mut written = Written { files: vec![gif], left_out: None };
+    match video.and_then(Video::finish) {
+        Ok(()) => written.files.push(webm),
+        Err(why) => written.left_out = Some((format!("{name}.webm"), why)),
+    }
+    Ok(written)
+}
+
+/// A GIF that is written.
+struct Gif<'a> {
+    encoder: Encoder<BufWriter<&'a mut File>>,
+    size: [u16; 2],
+    delay: u16,
+    before: Vec<u8>,
+}
+
+impl<'a> Gif<'a> {
+    fn start(
+        file: &'a mut File,
+        palette: &Palette,
+        size: [usize; 2],
+        fps: u16,
+    ) -> io::Result<Self> {
+        let size = size.map(|length| length as u16);
+        let file = BufWriter::new(file);
+        let encoder = Encoder::new(file, size[0], size[1], &palette.bytes());
+        let mut encoder = encoder.map_err(io::Error::other)?;
+        encoder.set_repeat(Repeat::Infinite).map_err(io::Error::other)?;
+        let delay = (f64::from(HUNDREDTHS) / f64::from(fps)).round() as u16;
+        Ok(Self { encoder, size, delay, before: Vec::new() })
+    }
+
+    /// A frame; pixels that do not change take next to no room. The last one stays for a second.
+    fn add(&mut self, numbers: Vec<u8>, last: bool) -> io::Result<()> {
+        let changed = |(k, number): (usize, &u8)| match self.before.get(k) == Some(number) {
+            true => SAME,
+            false => *number,
+        };
+        let pixels: Vec<u8> = numbers.iter().enumerate().map(changed).collect();
+        let frame = Frame {
+            width: self.size[0],
+            height: self.size[1],
+            delay: if last { self.delay.max(HUNDREDTHS) } else { self.delay },
+            dispose: DisposalMethod::Keep,
+            transparent: Some(SAME),
+            buffer: Cow::Owned(pixels),
+            ..Frame::default()
+        };
+        self.before = numbers;
+        self.encoder.write_frame(&frame).map_err(io::Error::other)
+    }
+
+    fn finish(self) -> io::Result<()> {
+        self.encoder.into_inner().map_err(io::Error::other)?.flush()
+    }
+}
+
+/// A WebM that `ffmpeg` writes from the pixels it is given.
+struct Video {
+    child: Child,
+    /// What it says.
+    said: JoinHandle<String>,
+    path: PathBuf,
+    /// Whether it still takes frames.
+    takes: bool,
+}
+
+impl Video {
+    /// Starts it.
+    ///
+    /// # Errors
+    /// Why it cannot be.
+    fn start(path: &Path, size: [usize; 2], fps: u16) -> std::result::Result<Self, String> {
+        let partial = disk::partial(path);
+        disk::clear(&partial).map_err(|e| e.to_string())?;
+        let mut command = Command::new("ffmpeg");
+        command
+            .args(["-nostdin", "-y", "-loglevel", "error", "-f", "rawvideo"])
+            .args(["-pixel_format", "rgb24", "-video_size"])
+            .arg(format!("{}x{}", size[0], size[1]))
+            .args(["-framerate", &fps.to_string(), "-i", "pipe:0", "-c:v", "libvpx-vp9"])
+            // Of constant quality.
+            .args(["-crf", "24", "-b:v", "0", "-pix_fmt", "yuv420p", "-f", "webm"])
+            .arg(&partial);
+        let child = command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut child = child.spawn().map_err(|e| match e.kind() {
+            ErrorKind::NotFound => {
+                "there is no ffmpeg on the PATH, which would write it".to_owned()
+            }
+            _ => format!("ffmpeg: {e}"),
+        })?;
+        let errors = child.stderr.take();
+        // Read beside the writing, so that neither waits for the other.
+        let said = std::thread::spawn(move || {
+            let mut said = Vec::new();
+            if let Some(errors) = errors {
+                let _ = errors.take(MOST_SAID).read_to_end(&mut said);
+            }
+            String::from_utf8_lossy(&said).trim().to_owned()
+        });
+        Ok(Self { child, said, path: path.to_owned(), takes: true })
+    }
+
+    /// A frame; nothing where it has ended.
+    fn add(&mut self, raster: &Raster) {
+        if let Some(pixels) = self.child.stdin.as_mut().filter(|_| self.takes) {
+            self.takes = pixels.write_all(&raster.pixels.concat()).is_ok();
+        }
+    }
+
+    /// Waits for its end.
+    ///
+    /// # Errors
+    /// What it says.
+    fn finish(mut self) -> std::result::Result<(), String> {
+        drop(self.child.stdin.take());
+        let ended = self.child.wait().map_err(|e| format!("ffmpeg: {e}"))?;
+        let said = self.said.join().unwrap_or_default();
+        let partial = disk::partial(&self.path);
+        let renamed = match ended.success() && self.takes {
+            true => std::fs::rename(&partial, &self.path).map_err(|e| e.to_string()),
+            false => Err(if said.is_empty() { ended.to_string() } else { said }),
+        };
+        renamed.map_err(|why| {
+            let _ = disk::clear(&partial);
+            format!("ffmpeg: {why}")
+        })
+    }
+}

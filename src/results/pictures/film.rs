@@ -1,0 +1,259 @@
+//! Phase space and density at all times at which a run has fields: the frames of a movie.
+//!
+//! Ends of axes and colours are those of all frames together, which are therefore read twice. The
+//! frames differ in the time in their title only, and have one size.
+
+mod exact;
+
+use crate::base::text::short;
+use crate::problem::grid::MAX_DIMENSION;
+use crate::results::figure::palette::Style;
+use crate::results::figure::{Axis, Figure, Layer, Panel};
+use crate::results::pictures::cut::Cut;
+use crate::results::pictures::film::exact::ExactDensity;
+use crate::results::pictures::jumps::{borders, closing, jumps};
+use crate::results::pictures::maps::{map, range};
+use crate::results::pictures::moments::{planes, titled};
+use crate::results::pictures::phase_space::{concentrated, surface};
+use crate::results::pictures::stored::{Plane, Read, Snapshot, Stored};
+
+/// The frames of a run.
+pub struct Film<'a> {
+    run: &'a Stored,
+    cut: Cut,
+    times: Vec<Snapshot>,
+    /// Why there is no exact density, where the case names an exact solution.
+    pub without_exact: Option<String>,
+    /// The exact density of each frame; none of any where it is not known.
+    exact: Vec<Vec<f64>>,
+    scales: Scales,
+    scene: Scene,
+}
+
+/// Where `V` jumps, which is the same in all frames.
+struct Scene {
+    /// Faces along each axis of space.
+    faces: Vec<Vec<f64>>,
+    /// Borders in each plane of two space axes, as pieces of lines.
+    borders: Vec<Vec<[f64; 2]>>,
+}
+
+/// Smallest and largest values of all frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Scales {
+    /// By plane of phase space: where planes cut the others, fields may be far smaller.
+    fields: [Option<[f64; 2]>; MAX_DIMENSION],
+    density: Option<[f64; 2]>,
+}
+
+impl<'a> Film<'a> {
+    /// Of `run` at `times`, through `cut`.
+    ///
+    /// # Errors
+    /// What the files lack.
+    pub fn new(run: &'a Stored, cut: &Cut, times: Vec<Snapshot>) -> Read<Self> {
+        let (exact, without_exact) = match exact_densities(run, cut, &times) {
+            Ok(exact) => (exact, None),
+            Err(why) => (Vec::new(), Some(why)),
+        };
+        let n = run.dimension();
+        let scene = Scene {
+            faces: (0..n).map(|a| jumps(run, a, cut)).collect(),
+            borders: planes(n).into_iter().map(|plane| borders(run, plane, cut)).collect(),
+        };
+        let scales = Scales::default();
+        let mut film = Self { run, cut: cut.clone(), times, without_exact, exact, scales, scene };
+        let mut scales = Scales::default();
+        for k in 0..film.len() {
+            scales.hold(&film.frame(k)?, n);
+        }
+        film.scales = scales;
+        Ok(film)
+    }
+
+    /// The number of frames.
+    pub fn len(&self) -> usize {
+        self.times.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.times.is_empty()
+    }
+
+    /// The time of a frame.
+    pub fn time(&self, k: usize) -> f64 {
+        self.times[k].time
+    }
+
+    /// A frame: fields on the planes of phase space first, then the density.
+    ///
+    /// # Errors
+    /// What the files lack.
+    pub fn frame(&self, k: usize) -> Read<Figure> {
+        let (run, n, at) = (self.run, self.run.dimension(), self.times[k]);
+        let mut panels = Vec::new();
+        let mut caption = "Axes and colours are the same at all times.".to_owned();
+        if self.scene.faces.iter().any(|faces| !faces.is_empty()) {
+            caption += " Lines in grey: where V jumps.";
+        }
+        for (a, faces) in self.scene.faces.iter().enumerate() {
+            let panel = self.field(at, a)?;
+            panels.push(faces.iter().fold(panel, |panel, x| panel.vertical("", *x)));
+            caption += &closing(run, a, faces);
+        }
+        let exact = self.exact.get(k).map(Vec::as_slice);
+        match n {
+            1 => panels.push(self.density_line(at, exact)?),
+            _ => panels.extend(self.density_maps(at, exact)?),
+        }
+        let columns = if panels.len() == 4 { 2 } else { panels.len().min(3) };
+        let title = format!("{}\nt = {}", run.title(), short(at.time));
+        Ok(Figure::new(title, panels).columns(columns).frame(300.0, 260.0).caption(caption))
+    }
+
+    /// The field on the plane (x_a, v_a): `f`, or of measure-valued data `φ`, in one dimension as
+    /// `φ δ(ψ)` or where `ψ` is zero.
+    fn field(&self, at: Snapshot, a: usize) -> Read<Panel> {
+        let (run, n) = (self.run, self.run.dimension());
+        let plane = [a, n + a];
+        let place = self.cut.place(run, plane, 0..2 * n);
+        let title = |name: &str| match place.is_empty() {
+            true => name.to_owned(),
+            false => format!("{name} at {place}"),
+        };
+        if !run.has("phi") {
+            let field = run.field_plane(at, "f", plane, &self.cut.0)?;
+            return Ok(self.map(plane, title("f"), field, self.scales.fields[a]));
+        }
+        if n == 1 && run.space.degree() > 0 {
+            let [x, v] = plane.map(|a| {
+                let axis = run.axis(a);
+                Axis::linear(run.names()[a]).within(axis.lower, axis.upper)
+            });
+            return Ok(Panel::new("zeros of ψ", x, v).points("", Style::of(0), surface(run, at)?));
+        }
+        if n == 1 && run.case.is_ok() {
+            let field = concentrated(run, at)?;
+            return Ok(self.map(plane, title("φ δ(ψ)"), field, self.scales.fields[a]));
+        }
+        let field = run.field_plane(at, "phi", plane, &self.cut.0)?;
+        Ok(self.map(plane, title("φ"), field, self.scales.fields[a]))
+    }
+
+    fn map(&self, axes: [usize; 2], title: String, plane: Plane, ends: Option<[f64; 2]>) -> Panel {
+        // Two values, so that what is constant but for round-off looks so.
+        let ends = ends.map(|ends| Plane { shape: [1, 2], values: ends.to_vec() });
+        map(self.run, axes, title, plane, ends.and_then(|ends| range([&ends], 0.0)))
+    }
+
+    /// In one dimension the density over `x`, with the exact one.
+    fn density_line(&self, at: Snapshot, exact: Option<&[f64]>) -> Read<Panel> {
+        let mut axis = Axis::linear("density");
+        if let Some([lower, upper]) = self.scales.density {
+            let least = 1e-3 * lower.abs().max(upper.abs()).max(f64::MIN_POSITIVE);
+            let margin = (0.05 * (upper - lower)).max(least);
+            axis = axis.within(lower - margin, upper + margin);
+        }
+        let x = self.run.axis(0);
+        let mut panel = Panel::new("density", Axis::linear("x").within(x.lower, x.upper), axis);
+        if let Some(exact) = exact {
+            panel = panel.line("exact", Style::of(2).plain(), self.run.line(exact));
+        }
+        let points = self.run.line(&self.run.density_line(at)?);
+        let label = if exact.is_some() { "computed" } else { "" };
+        panel = panel.line(label, Style::of(0).plain(), points);
+        Ok(self.scene.faces[0].iter().fold(panel, |panel, x| panel.vertical("", *x)))
+    }
+
+    /// In more dimensions the density on every plane of two space axes, each beside the exact one.
+    fn density_maps(&self, at: Snapshot, mut exact: Option<&[f64]>) -> Read<Vec<Panel>> {
+        let run = self.run;
+        let mut panels = Vec::new();
+        for (plane, border) in planes(run.dimension()).into_iter().zip(&self.scene.borders) {
+            let mut show = |name: &str, field: Plane| {
+                let title = titled(run, name, plane, &self.cut);
+                let mut panel = self.map(plane, title, field, self.scales.density);
+                if !border.is_empty() {
+                    panel = panel.line("", Style::theory(), border.clone());
+                }
+                panels.push(panel);
+            };
+            let cells = &self.cut.0[..run.dimension()];
+            show("density", run.density_plane(at, plane, cells)?);
+            if let Some(values) = exact {
+                // Plane after plane.
+                let (here, others) = values.split_at(exact::cells_of(run, plane));
+                show("exact density", exact::drawn_on(run, plane, here));
+                exact = Some(others);
+            }
+        }
+        Ok(panels)
+    }
+}
+
+/// The exact densities at `times`; none where the case names no exact solution.
+fn exact_densities(run: &Stored, cut: &Cut, times: &[Snapshot]) -> Read<Vec<Vec<f64>>> {
+    let found = ExactDensity::new(run, cut, times.len())?;
+    let at_all = |exact: ExactDensity<'_>| times.iter().map(|at| exact.at(at.time)).collect();
+    found.map_or(Ok(Vec::new()), at_all)
+}
+
+impl Scales {
+    /// Makes room for a frame whose first `fields` panels show fields.
+    fn hold(&mut self, frame: &Figure, fields: usize) {
+        for (k, panel) in frame.panels.iter().enumerate() {
+            let scale = if k < fields { &mut self.fields[k] } else { &mut self.density };
+            let maps = panel.layers.iter().any(|layer| matches!(layer, Layer::Map(_)));
+            for layer in &panel.layers {
+                match layer {
+                    Layer::Map(map) => widen(scale, map.values.iter().copied()),
+                    // Lines over maps are borders.
+                    Layer::Line { points, .. } if !maps => {
+                        widen(scale, points.iter().map(|point| point[1]));
+                    }
+                    _ => {}
+                }
+            }
+        }
+    }
+}
+
+/// Makes room for values that are finite.
+fn widen(scale: &mut Option<[f64; 2]>, values: impl Iterator<Item = f64>) {
+    for value in values.filter(|value| value.is_finite()) {
+        let [lower, upper] = scale.unwrap_or([value; 2]);
+        *scale = Some([lower.min(value), upper.max(value)]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::figure::Map;
+
+    #[test]
+    fn scales_hold_all_frames_but_no_borders() {
+        let map = |values: Vec<f64>| Map {
+            x: [0.0, 1.0],
+            y: [0.0, 1.0],
+            shape: [1, values.len()],
+            values,
+            range: None,
+            differences: false,
+            label: String::new(),
+        };
+        let panel = || Panel::new("", Axis::linear("x"), Axis::linear("y"));
+        let borders = vec![[0.0, 50.0], [0.0, -50.0]];
+        let mut scales = Scales::default();
+        for (field, density) in [(3.0, 1.0), (-1.0, 7.0), (f64::NAN, 2.0)] {
+            let density =
+                panel().map(map(vec![density])).line("", Style::theory(), borders.clone());
+            let panels = vec![panel().map(map(vec![field, 0.0])), density];
+            scales.hold(&Figure::new("", panels), 1);
+        }
+        let fields = [Some([-1.0, 3.0]), None, None];
+        let expected = Scales { fields, density: Some([1.0, 7.0]) };
+        assert_eq!(scales, expected);
+    }
+}

@@ -1,0 +1,195 @@
+//! Whether a result can be trusted: the first thing on the page.
+
+use crate::base::text::{percent, short};
+use crate::results::ledger::Ledger;
+use crate::results::report::html::Text;
+use crate::results::summary::Accuracy;
+use maud::{Markup, html};
+use serde::Deserialize;
+use serde_json::Value;
+
+/// What is found of one thing that matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mark {
+    /// It is as it should be.
+    Good,
+    /// It is not.
+    Bad,
+    /// It is not known.
+    Unknown,
+}
+
+/// One thing that matters.
+struct Finding {
+    what: &'static str,
+    mark: Mark,
+    /// The number, or a word.
+    value: String,
+    /// What it means.
+    text: String,
+}
+
+/// The error of the algorithm, that of the grid, and mass and energy, with a verdict above.
+pub fn trust(summary: &Value, classical: bool) -> Markup {
+    let accuracy = Accuracy::deserialize(&summary["accuracy"]).ok();
+    let ledger = Ledger::deserialize(&summary["ledger"]).ok();
+    let findings = [
+        algorithm(summary, accuracy.as_ref(), classical),
+        grid(accuracy.as_ref()),
+        conservation(ledger.as_ref()),
+    ];
+    let marks = findings.each_ref().map(|finding| finding.mark);
+    let (class, verdict) = verdict(marks);
+    html! {
+        section id="trust" class={ "trust " (class) } {
+            h2 { (verdict) }
+            dl {
+                @for finding in &findings {
+                    div class=(finding.mark.class()) {
+                        dt { (finding.what) }
+                        dd {
+                            strong { (finding.mark.sign()) " " (Text(&finding.value)) }
+                            " " (Text(&finding.text))
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Mark {
+    /// Its class in the style sheet.
+    fn class(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Bad => "bad",
+            Self::Unknown => "unknown",
+        }
+    }
+
+    /// A sign that is seen without colours.
+    fn sign(self) -> &'static str {
+        match self {
+            Self::Good => "✓",
+            Self::Bad => "✗",
+            Self::Unknown => "?",
+        }
+    }
+}
+
+/// The class and the sentence for the marks of algorithm, grid, and mass and energy.
+fn verdict([algorithm, grid, conservation]: [Mark; 3]) -> (&'static str, &'static str) {
+    match (algorithm, grid, conservation) {
+        (Mark::Bad, ..) => ("bad", "Do not trust this result: the tolerance is not met"),
+        (_, Mark::Bad, _) => ("bad", "The grid is too coarse for this result"),
+        (_, _, Mark::Bad) => ("bad", "Mass or energy is off: read the warnings"),
+        (Mark::Good, Mark::Good, Mark::Good) => ("good", "This result can be trusted"),
+        _ => ("unknown", "Not all errors of this result are known"),
+    }
+}
+
+/// The distance to the exact solution of the scheme's equations.
+fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, classical: bool) -> Finding {
+    let what = "Error of the modes";
+    let number = |key: &str| summary[key].as_f64();
+    let asked = number("tolerance");
+    let known = accuracy.and_then(|a| a.algorithm).or(number("error_semidiscrete"));
+    let said = |asked: f64| format!("relative l2; {} was asked for", short(asked));
+    match (known, asked) {
+        (Some(error), Some(asked)) => {
+            let mark = if error <= asked { Mark::Good } else { Mark::Bad };
+            Finding { what, mark, value: short(error), text: said(asked) }
+        }
+        (Some(error), None) => {
+            let text = "relative l2; no tolerance was given".to_owned();
+            Finding { what, mark: Mark::Good, value: short(error), text }
+        }
+        (None, _) if classical => {
+            let text = "the classical scheme has no modes; its time steps are not measured";
+            Finding { what, mark: Mark::Unknown, value: "none".to_owned(), text: text.to_owned() }
+        }
+        (None, asked) => {
+            let asked = asked.map_or(String::new(), |asked| format!(": {}", said(asked)));
+            let text = format!("there is no reliable estimate{asked}; solver.verify measures it");
+            Finding { what, mark: Mark::Unknown, value: "not known".to_owned(), text }
+        }
+    }
+}
+
+/// The distance of the scheme's equations to the problem.
+fn grid(accuracy: Option<&Accuracy>) -> Finding {
+    let what = "Error of the grid";
+    let named = |name: &str, error: Option<f64>| Some(format!("{name} {}", percent(error?)));
+    let errors = accuracy.map(|a| [named("f", a.grid), named("density", a.grid_density)]);
+    let errors: Vec<String> = errors.into_iter().flatten().flatten().collect();
+    let Some(accuracy) = accuracy.filter(|_| !errors.is_empty()) else {
+        let text = "neither measured nor estimated; a run on twice the cells shows it";
+        let value = "not known".to_owned();
+        return Finding { what, mark: Mark::Unknown, value, text: text.to_owned() };
+    };
+    let how = if accuracy.grid_measured { "measured" } else { "estimated" };
+    let (mark, advice) = match accuracy.under_resolved {
+        true => (Mark::Bad, "; more cells or a higher scheme.degree would lower it"),
+        false => (Mark::Good, ""),
+    };
+    Finding { what, mark, value: errors.join(", "), text: format!("relative L2, {how}{advice}") }
+}
+
+/// Whether mass and energy are where they should be.
+fn conservation(ledger: Option<&Ledger>) -> Finding {
+    let what = "Mass and energy";
+    let Some(ledger) = ledger.filter(|ledger| ledger.mass.end.is_some()) else {
+        let (value, text) = ("not known".to_owned(), "the ledger was not kept".to_owned());
+        return Finding { what, mark: Mark::Unknown, value, text };
+    };
+    let (mark, value) = match ledger.warnings().len() {
+        0 => (Mark::Good, "nothing is off by more than 1 %".to_owned()),
+        1 => (Mark::Bad, "1 warning".to_owned()),
+        many => (Mark::Bad, format!("{many} warnings")),
+    };
+    let lost = ledger.mass.lost.filter(|_| mark == Mark::Good);
+    let share = lost.and_then(|lost| Some(percent((lost / ledger.mass.absolute?).abs())));
+    let text = share.map_or(String::new(), |share| format!("between start and end: {share}"));
+    Finding { what, mark, value, text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn page(algorithm: f64, under_resolved: bool, lost: f64) -> String {
+        let accuracy = Accuracy {
+            asked: Some(1e-6),
+            algorithm: Some(algorithm),
+            grid: Some(0.02),
+            grid_density: None,
+            grid_measured: true,
+            grid_estimate: None,
+            grid_density_estimate: None,
+            under_resolved,
+        };
+        let mut ledger = Ledger::default();
+        let all = Some(1.0);
+        (ledger.mass.absolute, ledger.mass.initial, ledger.mass.end) = (all, all, all);
+        ledger.mass.beyond = Some(lost);
+        let summary = json!({ "tolerance": 1e-6, "accuracy": accuracy, "ledger": ledger });
+        trust(&summary, false).into_string()
+    }
+
+    #[test]
+    fn the_verdict_is_that_of_the_worst() {
+        for (found, words) in [
+            (page(1e-7, false, 0.0), "can be trusted"),
+            (page(1e-5, false, 0.0), "the tolerance is not met"),
+            (page(1e-7, true, 0.0), "too coarse"),
+            (page(1e-7, false, 0.5), "is off"),
+            (trust(&json!({}), false).into_string(), "Not all errors"),
+            (trust(&json!({}), true).into_string(), "has no modes"),
+        ] {
+            assert!(found.contains(words), "{words}: {found}");
+        }
+        assert!(page(1e-7, false, 0.0).contains("f 2.00 %"));
+    }
+}

@@ -1,0 +1,316 @@
+//! HDF5 files of earlier runs and of other programs, inspected in a subprocess before they are
+//! read.
+//!
+//! The HDF5 library trusts a file: a damaged or hostile one makes it loop for ever, abort, overflow
+//! the stack or allocate without end. So the program starts itself once more, without MPI, and the
+//! subprocess reads the file as it will be read. Only if that went well does this process read it.
+//! The subprocess has a limit on its memory and one on the processor time between two reports of
+//! progress, which a slow disk does not use up.
+//!
+//! A program that uses the library instead of being it reads in its own process at once.
+
+use crate::base::disk::failure;
+use crate::base::error::{Error, Result};
+use crate::base::machine;
+use crate::parallel::communicator::Group;
+use crate::results::file_checksums;
+use crate::results::pictures::stored::Stored;
+use crate::results::readback::{Share, Sums, compare, datasets, differs, sound, sums_of};
+use crate::results::writer::Outcome;
+use hdf5::File;
+use serde::{Deserialize, Serialize};
+use std::ffi::OsString;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::OnceLock;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
+
+/// First argument of a subprocess; no command has this name.
+const CALL: &str = "inspect-file";
+/// Seconds of processor time from one report of progress to the next, rounded up by at most one.
+const SECONDS_A_STEP: u64 = 1;
+/// Bytes that are decompressed in a second at least.
+const BYTES_A_SECOND: u64 = 50 << 20;
+/// Time without a report after which a subprocess is given up, at work or not.
+const SILENCE: Duration = Duration::from_secs(60);
+/// Address space of a subprocess, but for chunks.
+const MEMORY: u64 = 2 << 30;
+/// Largest number in fields, moments and axes: its square can be computed.
+const LARGEST: f64 = 1e150;
+
+/// What this process does with files that are not trusted.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Role {
+    /// It has a subprocess inspect them first.
+    Parent,
+    /// It is that subprocess.
+    Child,
+}
+
+static ROLE: OnceLock<Role> = OnceLock::new();
+
+/// What is read of a file.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(crate) enum Inspection {
+    /// Which datasets there are, and their shapes.
+    Shapes,
+    /// As well the values of a share of them.
+    Values(Share),
+    /// `result.h5` of a directory: all values, and what pictures need besides.
+    Directory,
+    /// Datasets by their names, and values of lists: what a warped field to start from is read of.
+    Start,
+}
+
+/// What an inspection gives: sums of datasets; or what is wrong with the file.
+type Found = std::result::Result<Sums, String>;
+
+/// To be called by the program before anything else, and before MPI starts: where this process is
+/// the subprocess, does its work and gives its exit code. Otherwise it will have subprocesses.
+pub fn serve() -> Option<i32> {
+    let arguments: Vec<OsString> = std::env::args_os().skip(1).collect();
+    let [call, inspection, path] = &arguments[..] else {
+        let _ = ROLE.set(Role::Parent);
+        return None;
+    };
+    if call != CALL {
+        let _ = ROLE.set(Role::Parent);
+        return None;
+    }
+    let _ = ROLE.set(Role::Child);
+    machine::end_with_parent();
+    machine::limit_memory(MEMORY);
+    progress(0);
+    let inspection = inspection.to_str().and_then(|text| serde_json::from_str(text).ok());
+    let found = match inspection {
+        Some(inspection) => inspect_here(Path::new(path), inspection),
+        None => Err("no such inspection".to_owned()),
+    };
+    let answer = serde_json::to_string(&found).unwrap_or_default();
+    let _ = writeln!(std::io::stdout(), "{answer}");
+    // Without the library's clean-up, which goes through all it has read.
+    machine::leave(0)
+}
+
+/// Inspects the file `path`, or for [`Inspection::Directory`] that of a directory.
+///
+/// # Errors
+/// What is wrong with it.
+pub(crate) fn inspect(path: &Path, inspection: Inspection) -> Found {
+    if ROLE.get() != Some(&Role::Parent) {
+        return inspect_here(path, inspection);
+    }
+    let call = serde_json::to_string(&inspection).map_err(|e| e.to_string())?;
+    // Also where the file of the program was replaced since it started.
+    let child = Command::new("/proc/self/exe")
+        .args([CALL, &call])
+        .arg(path)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn();
+    let mut child = child.map_err(|e| format!("no process can be started to read it: {e}"))?;
+    let answer = answer(&mut child);
+    // One that has answered has nothing more to do.
+    let _ = child.kill();
+    let ended = child.wait();
+    answer.unwrap_or_else(|| {
+        let signal = ended.ok().and_then(|status| status.signal());
+        Err(match signal {
+            Some(libc::SIGXCPU) => "reading it makes no progress".to_owned(),
+            Some(libc::SIGKILL) | None => "reading it came to no end".to_owned(),
+            Some(signal) => format!("reading it ends the process ({signal})"),
+        } + ": it is damaged, or no file of this program's")
+    })
+}
+
+/// The answer of a subprocess, if it gives one. Empty lines report progress.
+fn answer(child: &mut Child) -> Option<Found> {
+    let lines = BufReader::new(child.stdout.take()?).lines();
+    let (sender, receiver) = channel();
+    // Ends with the child.
+    std::thread::spawn(move || {
+        for line in lines.map_while(std::result::Result::ok) {
+            if sender.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    loop {
+        match receiver.recv_timeout(SILENCE) {
+            Ok(line) if line.is_empty() => {}
+            Ok(line) => return serde_json::from_str(&line).ok(),
+            Err(RecvTimeoutError::Disconnected) => {
+                // It is about to end by itself, by the signal that tells why.
+                let _ = child.wait();
+                return None;
+            }
+            Err(RecvTimeoutError::Timeout) => return None,
+        }
+    }
+}
+
+/// Reports progress, and allows time until the next report: for `bytes`, and [`SECONDS_A_STEP`].
+fn progress(bytes: u64) {
+    if ROLE.get() == Some(&Role::Child) {
+        machine::limit_processor_time(SECONDS_A_STEP + bytes / BYTES_A_SECOND);
+        let _ = writeln!(std::io::stdout());
+    }
+}
+
+fn inspect_here(path: &Path, inspection: Inspection) -> Found {
+    let said = |e: hdf5::Error| e.to_string();
+    let file = match inspection {
+        Inspection::Directory => path.join("result.h5"),
+        _ => path.to_owned(),
+    };
+    let bytes = std::fs::metadata(&file).map_err(|e| e.to_string())?.len();
+    let opened = || {
+        let file = File::open(&file);
+        file.map_err(|e| format!("cannot be read as HDF5; is it whole? ({e})"))
+    };
+    match inspection {
+        Inspection::Shapes => shapes(&opened()?, bytes).map_err(said).map(|_| Sums::new()),
+        Inspection::Values(share) => values(&opened()?, bytes, share).map_err(said),
+        Inspection::Directory => {
+            let sums = values(&opened()?, bytes, Share { rank: 0, ranks: 1 }).map_err(said)?;
+            Stored::read(path)?;
+            Ok(sums)
+        }
+        Inspection::Start => {
+            start(&opened()?, bytes)?;
+            Ok(Sums::new())
+        }
+    }
+}
+
+/// Whether all datasets can be read; gives the bytes of the largest chunk.
+fn shapes(file: &File, bytes: u64) -> Outcome<u64> {
+    let mut largest = 0;
+    for (name, dataset) in datasets(file)? {
+        let chunk = sound(&dataset, bytes)
+            .map_err(|e| hdf5::Error::from(format!("dataset {name}: {e}")))?;
+        largest = largest.max(chunk);
+    }
+    Ok(largest)
+}
+
+fn values(file: &File, bytes: u64, share: Share) -> Outcome<Sums> {
+    let chunk = shapes(file, bytes)?;
+    allow(chunk);
+    sums_of(share, file, |name, values| {
+        progress(chunk);
+        match values.iter().find(|v| v.is_nan() || v.abs() > LARGEST) {
+            Some(value) if holds_numbers(name) => {
+                Err(hdf5::Error::from(format!("holds {value:e}, which no run writes")))
+            }
+            _ => Ok(()),
+        }
+    })
+}
+
+/// Room for chunks of so many bytes, as they are stored, while filters work on them and after.
+fn allow(chunk: u64) {
+    if ROLE.get() == Some(&Role::Child) {
+        machine::limit_memory(MEMORY.saturating_add(chunk.saturating_mul(4)));
+    }
+    progress(chunk);
+}
+
+/// Whether a run writes only moderate numbers there: fields, densities, momenta and axes. The
+/// density of a multivalued velocity is infinite at a caustic.
+fn holds_numbers(name: &str) -> bool {
+    if name.starts_with("/multivalued/") {
+        return false;
+    }
+    let last = name.rsplit('/').next().unwrap_or_default();
+    name.starts_with("/axis/") || ["f", "phi", "psi", "w", "density", "momentum"].contains(&last)
+}
+
+/// What a warped field to start from is read of: `/w` and axes of at most as many points as `/w`
+/// has along one.
+fn start(file: &File, bytes: u64) -> std::result::Result<(), String> {
+    let there = |name: &str| {
+        // What is missing is said by who needs it.
+        let dataset = file.dataset(name).ok()?;
+        Some(sound(&dataset, bytes).map_err(|e| format!("/{name}: {e}")))
+    };
+    let Some(chunk) = there("w").transpose()? else {
+        return Ok(());
+    };
+    allow(chunk);
+    let axes = ["x", "y", "z", "v", "vx", "vy", "vz", "p"].map(|name| format!("axis/{name}"));
+    axes.iter().try_for_each(|name| there(name).transpose().map(|_| ()))
+}
+
+/// Opens `directory/result.h5` and compares its datasets with their checksums; by one rank, as any
+/// program would.
+///
+/// # Errors
+/// [`Error::Input`] where there is none, or none that can be read; [`Error::Output`] where one is
+/// damaged.
+pub fn open(directory: &Path) -> Result<Stored> {
+    let path = directory.join("result.h5");
+    let wrong = |why: &dyn std::fmt::Display| {
+        Error::Input(format!(
+            "{}: {why}; a directory that `phasewarp run` wrote is expected",
+            path.display()
+        ))
+    };
+    match std::fs::metadata(&path) {
+        Ok(found) if found.is_file() => {}
+        Ok(_) => return Err(wrong(&"is no file")),
+        Err(e) => return Err(wrong(&e)),
+    }
+    let sums = inspect(directory, Inspection::Directory).map_err(|e| wrong(&e))?;
+    if let Some((name, _)) = sums.iter().find(|(_, [found, expected])| found != expected) {
+        return Err(failure(&path, &differs(name)));
+    }
+    file_checksums::check_alone(directory)?;
+    Stored::read(directory).map_err(|e| wrong(&e))
+}
+
+/// Compares the datasets of `directory/result.h5` and of the warped fields beside it with their
+/// checksums, and all files with theirs; gives the number of datasets of each file. Collective over
+/// `world`.
+///
+/// # Errors
+/// [`Error::Output`], naming the first dataset or file that is not as written; [`Error::Input`]
+/// where there is no `result.h5`.
+pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, usize)>> {
+    let path = directory.join("result.h5");
+    let fail = |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", path.display()));
+    world.agree(match std::fs::metadata(&path) {
+        Ok(found) if found.is_file() => Ok(()),
+        Ok(_) => Err(fail(&"is no file")),
+        Err(e) => Err(fail(&e)),
+    })?;
+    // What there is is for one rank to say.
+    let mut names = Vec::new();
+    if world.rank() == 0
+        && let Ok(entries) = std::fs::read_dir(directory)
+    {
+        let all = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+        names.extend(all.filter(|name| name.starts_with("warped_") && name.ends_with(".h5")));
+        names.sort_unstable();
+    }
+    let names = world.broadcast_text(&names.join("\n"));
+    let files = ["result.h5"].into_iter().chain(names.lines()).map(|name| directory.join(name));
+    let checked = files.map(|path| check(world, &path).map(|datasets| (path, datasets)));
+    let checked: Vec<_> = checked.collect::<Result<_>>()?;
+    file_checksums::check(world, directory)?;
+    Ok(checked)
+}
+
+/// Compares every dataset of a file with its checksum; gives their number. Collective over `world`.
+///
+/// # Errors
+/// [`Error::Output`], naming the first dataset that is not as written.
+pub(crate) fn check(world: &Group, path: &Path) -> Result<usize> {
+    let share = Share { rank: world.rank(), ranks: world.size() };
+    let sums = inspect(path, Inspection::Values(share)).map_err(|e| failure(path, &e));
+    compare(world, path, &world.agree(sums)?)
+}

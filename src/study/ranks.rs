@@ -1,0 +1,334 @@
+//! One case on many numbers of ranks: time, efficiency and memory of each, and the last number that
+//! is worth it.
+//!
+//! Times are modelled: the plan's cost of the mode group with most to do, on the block of a rank.
+//! Calibrated, they are the seconds measured on one number of ranks, scaled step by step: solving
+//! by that cost; what every mode group does for itself (assembling, weights, probe) by the rows of
+//! a block; what all ranks share by their number; the rest stays.
+
+use crate::base::error::{Error, Result};
+use crate::base::text::{bytes_text, shortened};
+use crate::plan::Plan;
+use crate::plan::advice::Node;
+use crate::problem::case::Case;
+use crate::study::calibrate::Calibration;
+use crate::study::text::time_text;
+use serde::Serialize;
+use std::fmt;
+
+/// A number of ranks is worth it if its efficiency is at least this, ...
+const LEAST_EFFICIENCY: f64 = 0.5;
+/// ... and it is at least so many times as fast as the last number that is.
+const LEAST_GAIN: f64 = 1.1;
+
+/// Steps of a run that every mode group takes for itself, on its blocks.
+const ON_BLOCKS: [&str; 4] = ["assemble", "weights", "probe", "verify"];
+/// Steps that all ranks share.
+const SHARED: [&str; 2] = ["exact", "observables"];
+
+/// A run whose seconds were measured, by which those of others are scaled.
+pub struct Reference<'a> {
+    /// The plan.
+    pub plan: &'a Plan,
+    /// Its seconds.
+    pub calibration: &'a Calibration,
+}
+
+impl Reference<'_> {
+    /// The seconds of a run on another `plan` of the same `case`.
+    fn seconds(&self, case: &Case, plan: &Plan) -> f64 {
+        let (from, to) = (Size::new(case, self.plan), Size::new(case, plan));
+        let scaled = |(name, seconds): (&String, &f64)| match name.as_str() {
+            "solve" => seconds * to.cost / from.cost,
+            name if ON_BLOCKS.contains(&name) => seconds * to.rows / from.rows,
+            name if SHARED.contains(&name) => seconds * from.ranks / to.ranks,
+            _ => *seconds,
+        };
+        self.calibration.seconds.iter().map(scaled).sum()
+    }
+}
+
+/// How much a rank has to do by a plan.
+struct Size {
+    ranks: f64,
+    /// Modelled time to solve.
+    cost: f64,
+    /// Rows of a block, and the exchange of ghosts in rows.
+    rows: f64,
+}
+
+impl Size {
+    fn new(case: &Case, plan: &Plan) -> Self {
+        let (layout, warp) = (&plan.layout, plan.warp.as_ref());
+        let (rows, split) = layout.rows(case, warp);
+        Self {
+            ranks: layout.mesh.ranks() as f64,
+            cost: layout.cost(case, warp).max(f64::MIN_POSITIVE),
+            rows: rows + split,
+        }
+    }
+}
+
+/// What a number of ranks costs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RankCost {
+    /// Number of ranks.
+    pub ranks: usize,
+    /// Space blocks along each x-axis.
+    pub space_blocks: Vec<usize>,
+    /// Mode groups.
+    pub mode_groups: usize,
+    /// Time over that of the first number of ranks that fits.
+    pub time: f64,
+    /// Seconds of the run, without the start of MPI, where they were measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
+    /// Ranks times hours, of one core each.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub core_hours: Option<f64>,
+    /// Ranks times time of the first number of ranks that fits, over those of this one.
+    pub efficiency: f64,
+    /// Planned bytes on the fullest rank.
+    pub memory: u64,
+    /// Nodes that the ranks take.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nodes: Option<usize>,
+    /// Planned bytes on a full node.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub memory_per_node: Option<u64>,
+    /// Whether the time saved is worth the ranks.
+    pub worth_it: bool,
+    /// Whether it is the last number of ranks that is.
+    pub recommended: bool,
+}
+
+/// A number of ranks in a table.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Line {
+    /// One on which the case can run.
+    Planned(RankCost),
+    /// One on which it cannot.
+    Refused {
+        /// Number of ranks.
+        ranks: usize,
+        /// Why.
+        refused: String,
+    },
+}
+
+/// One case on many numbers of ranks.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(transparent)]
+pub struct RankTable {
+    /// A line a number of ranks, rising.
+    pub lines: Vec<Line>,
+}
+
+/// A case on so many ranks.
+pub struct Choice {
+    /// Number of ranks.
+    pub ranks: usize,
+    /// The node.
+    pub node: Option<Node>,
+    /// The plan, or why there is none.
+    pub plan: Result<Plan>,
+}
+
+impl RankTable {
+    /// Of `choices`, rising in their ranks.
+    ///
+    /// # Errors
+    /// That of the last number of ranks, if the case can run on none.
+    pub fn new(
+        case: &Case,
+        choices: Vec<Choice>,
+        reference: Option<&Reference<'_>>,
+    ) -> Result<Self> {
+        let mut lines = Vec::new();
+        let mut last_error = None;
+        let mut worth: Option<Worth> = None;
+        for Choice { ranks, node, plan } in choices {
+            let plan = match plan {
+                Ok(plan) => plan,
+                Err(error) => {
+                    lines.push(Line::Refused { ranks, refused: refusal(&error) });
+                    last_error = Some(error);
+                    continue;
+                }
+            };
+            let seconds = reference.map(|reference| reference.seconds(case, &plan));
+            let time = seconds.unwrap_or_else(|| Size::new(case, &plan).cost);
+            let worth = worth.get_or_insert(Worth::first(ranks, time));
+            lines.push(Line::Planned(RankCost {
+                ranks,
+                time: time / worth.first_time,
+                core_hours: seconds.map(|seconds| ranks as f64 * seconds / 3600.0),
+                seconds,
+                efficiency: worth.efficiency(ranks, time),
+                memory: plan.memory(),
+                nodes: node.map(|node| node.count(ranks)),
+                memory_per_node: node.map(|node| node.filled(ranks, plan.memory())),
+                worth_it: worth.includes(ranks, time),
+                recommended: false,
+                mode_groups: plan.layout.mesh.groups,
+                space_blocks: plan.layout.mesh.space,
+            }));
+        }
+        if let (None, Some(error)) = (&worth, last_error) {
+            return Err(error);
+        }
+        let last = worth.map_or(0, |worth| worth.last);
+        let mut table = Self { lines };
+        table.costs_mut().for_each(|cost| cost.recommended = cost.ranks == last);
+        Ok(table)
+    }
+
+    fn costs_mut(&mut self) -> impl Iterator<Item = &mut RankCost> {
+        self.lines.iter_mut().filter_map(|line| match line {
+            Line::Planned(cost) => Some(cost),
+            Line::Refused { .. } => None,
+        })
+    }
+
+    fn costs(&self) -> impl DoubleEndedIterator<Item = &RankCost> {
+        self.lines.iter().filter_map(|line| match line {
+            Line::Planned(cost) => Some(cost),
+            Line::Refused { .. } => None,
+        })
+    }
+
+    /// The last number of ranks that is worth it.
+    pub fn recommended(&self) -> Option<&RankCost> {
+        self.costs().find(|cost| cost.recommended)
+    }
+
+    /// What follows from the table.
+    fn conclusion(&self) -> String {
+        let (Some(best), Some(most)) = (self.recommended(), self.costs().next_back()) else {
+            return String::new();
+        };
+        let percent = 100.0 * LEAST_EFFICIENCY;
+        let rule = format!(
+            "an efficiency of at least {percent:.0} %,\n{:<16}and at least {LEAST_GAIN} times as \
+             fast as the number before that is",
+            ""
+        );
+        match best.ranks == most.ranks {
+            true => {
+                format!("worth it        up to {} ranks, the last of these: {rule}", best.ranks)
+            }
+            false => {
+                format!("worth it        up to {} ranks; more are not worth it: {rule}", best.ranks)
+            }
+        }
+    }
+}
+
+/// Why the case cannot run on so many ranks, in a line.
+fn refusal(error: &Error) -> String {
+    match error {
+        Error::Memory { needed, available, .. } => format!("{needed} a rank, {available} there"),
+        error => error.to_string(),
+    }
+}
+
+/// Which numbers of ranks are worth it, as they rise.
+struct Worth {
+    first_ranks: usize,
+    first_time: f64,
+    /// The last that was, and its time.
+    last: usize,
+    last_time: f64,
+}
+
+impl Worth {
+    fn first(ranks: usize, time: f64) -> Self {
+        Self { first_ranks: ranks, first_time: time, last: ranks, last_time: time }
+    }
+
+    fn efficiency(&self, ranks: usize, time: f64) -> f64 {
+        self.first_ranks as f64 * self.first_time / (ranks as f64 * time)
+    }
+
+    /// Whether so many ranks are worth it, which then are the last that were.
+    fn includes(&mut self, ranks: usize, time: f64) -> bool {
+        let faster = ranks == self.first_ranks || LEAST_GAIN * time <= self.last_time;
+        let worth_it = faster && self.efficiency(ranks, time) >= LEAST_EFFICIENCY;
+        if worth_it {
+            (self.last, self.last_time) = (ranks, time);
+        }
+        worth_it
+    }
+}
+
+impl fmt::Display for RankTable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        /// So that lines have at most 100 columns.
+        const LONGEST: usize = 80;
+        write!(f, "{:>7} {:>8} {:>6} {:>7}", "ranks", "blocks", "groups", "time")?;
+        if self.costs().any(|cost| cost.seconds.is_some()) {
+            write!(f, " {:>8} {:>8}", "takes", "core-h")?;
+        }
+        write!(f, " {:>10} {:>10}", "efficiency", "a rank")?;
+        if self.costs().any(|cost| cost.nodes.is_some()) {
+            write!(f, " {:>10}", "a node")?;
+        }
+        writeln!(f)?;
+        for line in &self.lines {
+            match line {
+                Line::Planned(cost) => writeln!(f, "{cost}")?,
+                Line::Refused { ranks, refused } => {
+                    writeln!(f, "{ranks:>7} refused: {}", shortened(refused, LONGEST))?;
+                }
+            }
+        }
+        writeln!(f, "{}", self.conclusion())
+    }
+}
+
+impl fmt::Display for RankCost {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let blocks: Vec<String> = self.space_blocks.iter().map(usize::to_string).collect();
+        let (blocks, groups) = (blocks.join("x"), self.mode_groups);
+        write!(f, "{:>7} {blocks:>8} {groups:>6} {:>7.4}", self.ranks, self.time)?;
+        if let (Some(seconds), Some(hours)) = (self.seconds, self.core_hours) {
+            write!(f, " {:>8} {hours:>8.1e}", time_text(seconds))?;
+        }
+        let percent = 100.0 * self.efficiency;
+        write!(f, " {percent:>8.0} % {:>10}", bytes_text(self.memory))?;
+        if let Some(memory) = self.memory_per_node {
+            write!(f, " {:>10}", bytes_text(memory))?;
+        }
+        match (self.recommended, self.worth_it) {
+            (true, _) => write!(f, "  last worth it"),
+            (false, true) => Ok(()),
+            (false, false) => write!(f, "  not worth it"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Which of so many ranks are worth it, with these times.
+    fn worth(times: &[(usize, f64)]) -> Vec<usize> {
+        let mut worth = Worth::first(times[0].0, times[0].1);
+        let included = times.iter().filter(|(ranks, time)| worth.includes(*ranks, *time));
+        let included: Vec<usize> = included.map(|(ranks, _)| *ranks).collect();
+        assert_eq!(included.last(), Some(&worth.last));
+        included
+    }
+
+    #[test]
+    fn ranks_are_worth_what_they_save() {
+        // As fast as can be; an efficiency just below a half.
+        assert_eq!(worth(&[(1, 8.0), (2, 4.0), (4, 2.0), (8, 2.1)]), [1, 2, 4]);
+        assert_eq!(worth(&[(1, 8.0), (2, 4.1), (4, 4.1), (8, 1.9)]), [1, 2, 8]);
+        // Half of the efficiency, but no gain; the efficiency counts from the first number.
+        assert_eq!(worth(&[(4, 1.0), (6, 0.95), (8, 0.9)]), [4, 8]);
+        assert_eq!(worth(&[(1, 1.0), (2, 1.01)]), [1]);
+        assert_eq!(worth(&[(64, 1.0), (128, 1.0), (256, 0.25)]), [64, 256]);
+    }
+}

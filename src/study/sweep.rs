@@ -1,0 +1,328 @@
+//! A case with every combination of values: runs in directories of their own, and one table.
+//!
+//! A directory is named after its values and a checksum of its case ([`name`]), as the Python
+//! package names it. So a sweep that was interrupted, or has grown by a value, goes on where it
+//! was: what is finished is kept, and a run with a checkpoint goes on from there.
+
+pub mod name;
+pub mod table;
+pub mod vary;
+
+use crate::base::error::{Error, Result};
+use crate::base::log::report;
+use crate::base::{disk, memory};
+use crate::parallel::communicator::World;
+use crate::problem::case::{self, Case};
+use crate::results::summary;
+use crate::run;
+use crate::run::options::Options;
+use crate::study::sweep::name::{plain, run_name, with_absolute_paths};
+use crate::study::sweep::table::{Row, Table};
+use crate::study::sweep::vary::Vary;
+use serde_json::Value;
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+
+/// The exit code of what stopped early and can go on.
+const STOPPED: i32 = 75;
+/// Most runs of a sweep.
+const MOST_RUNS: usize = 10_000;
+
+/// What is swept.
+pub struct Asked {
+    /// The case file.
+    pub path: PathBuf,
+    /// Its text.
+    pub text: String,
+    /// `--set` options.
+    pub set: Vec<String>,
+    /// `streamed` or `full`, where `--mode` gives it.
+    pub mode: Option<&'static str>,
+    /// The keys and their values.
+    pub vary: Vec<Vary>,
+    /// Where the directories of the runs go.
+    pub directory: PathBuf,
+}
+
+/// A run of a sweep.
+pub struct Run {
+    /// From 1.
+    pub number: usize,
+    /// A value for each key.
+    pub values: Vec<Value>,
+    /// Where its results go.
+    pub directory: PathBuf,
+    /// Why its case is refused.
+    pub refused: Option<String>,
+    /// `--set` options of its case.
+    overrides: Vec<String>,
+}
+
+/// All runs, the last key varying fastest.
+pub struct Sweep {
+    /// The runs.
+    pub runs: Vec<Run>,
+    asked: Asked,
+    keys: Vec<String>,
+}
+
+/// How a run is done.
+enum Done {
+    /// By an earlier process.
+    Before,
+    /// By this one.
+    Now {
+        /// What it took.
+        seconds: f64,
+    },
+}
+
+impl fmt::Display for Done {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Before => f.write_str("finished before"),
+            Self::Now { seconds } => write!(f, "{seconds:.2} s"),
+        }
+    }
+}
+
+/// A sweep that came to its end, or was stopped.
+pub struct Outcome {
+    /// The runs that it came to.
+    pub table: Table,
+    /// Why it is not at its end.
+    pub stopped: Option<Error>,
+}
+
+impl Sweep {
+    /// All combinations, read but not run.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where a key is varied twice, there are too many runs, or no combination is
+    /// a case: also where a key is unknown.
+    pub fn new(asked: Asked) -> Result<Self> {
+        let keys: Vec<String> = asked.vary.iter().map(|vary| vary.key.clone()).collect();
+        if let Some(i) = (1..keys.len()).find(|&i| keys[..i].contains(&keys[i])) {
+            return Err(Error::Input(format!("--vary {}: given twice", keys[i])));
+        }
+        let factors = asked.vary.iter().map(|vary| vary.values.len());
+        let count = factors.fold(1usize, usize::saturating_mul);
+        if count > MOST_RUNS {
+            let message = format!("--vary: {count} combinations; at most {MOST_RUNS} expected");
+            return Err(Error::Input(message));
+        }
+        let mut sweep = Self { runs: Vec::new(), asked, keys };
+        let mut refusals = Vec::new();
+        for index in 0..count {
+            let mut run = sweep.combination(index)?;
+            if let Err(error) = sweep.case(&run) {
+                run.refused = Some(error.to_string());
+                refusals.push(error);
+            }
+            sweep.runs.push(run);
+        }
+        match refusals.len() == count {
+            true => Err(refusals.swap_remove(0)),
+            false => Ok(sweep),
+        }
+    }
+
+    /// The run of this index, from 0.
+    fn combination(&self, index: usize) -> Result<Run> {
+        let Asked { path, text, set, mode, vary, directory } = &self.asked;
+        let mut rest = index;
+        let mut chosen: Vec<String> = Vec::new();
+        for Vary { key, values } in vary.iter().rev() {
+            chosen.push(format!("{key}={}", values[rest % values.len()]));
+            rest /= values.len();
+        }
+        let mut overrides: Vec<String> =
+            set.iter().cloned().chain(chosen.into_iter().rev()).collect();
+        let mut tree = case::values(&path.display().to_string(), text, &overrides)?;
+        with_absolute_paths(&mut tree, path);
+        let values: Vec<Value> = self.keys.iter().map(|key| value_of(&tree, key)).collect();
+        let name = run_name(&tree, *mode, &self.keys, &values);
+        overrides.extend(mode.map(|mode| format!("output.warped_field={}", mode == "full")));
+        let directory = directory.join(name);
+        Ok(Run { number: index + 1, values, directory, refused: None, overrides })
+    }
+
+    /// The case of a run.
+    fn case(&self, run: &Run) -> Result<Case> {
+        let case =
+            Case::parse(&self.asked.path.display().to_string(), &self.asked.text, &run.overrides)?;
+        match case.accuracy {
+            None => Ok(case),
+            Some(accuracy) => Err(Error::Input(format!(
+                "{}: solver.accuracy = {accuracy:e} chooses a grid by trials, and a sweep runs the \
+                 grids that it is given; leave it out, and take the --set options that `phasewarp \
+                 advise` prints",
+                case.name
+            ))),
+        }
+    }
+
+    /// `key=value` of a run, for all keys.
+    pub fn label(&self, run: &Run) -> String {
+        let words = self.keys.iter().zip(&run.values);
+        let words: Vec<String> =
+            words.map(|(key, value)| format!("{key}={}", plain(value))).collect();
+        words.join(" ")
+    }
+
+    /// Solves one run, counted from 1, unless it is finished. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where there is no such run; [`Error::SweepStopped`]; as [`run::run`].
+    pub fn solve_one(&self, world: &World, number: usize, options: &Options) -> Result<()> {
+        let Some(run) = number.checked_sub(1).and_then(|index| self.runs.get(index)) else {
+            let last = self.runs.len();
+            let message = format!("--index {number}: runs are counted from 1 to {last}");
+            return Err(Error::Input(message));
+        };
+        match self.attempt(world, run, options) {
+            Ok(done) => {
+                self.report_end(world, run, &done);
+                Ok(())
+            }
+            Err(error) if error.exit_code() == STOPPED => Err(self.stopped(why(&error), 0, 1)),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Solves all runs that are not finished; one that fails becomes a row with its message.
+    /// Collective.
+    ///
+    /// # Errors
+    /// What leaves nothing to go on with: results that cannot be written, a wall time too short for
+    /// anything.
+    pub fn solve(&self, world: &World, options: &Options) -> Result<Outcome> {
+        let mut table = Table::new(&self.keys);
+        let (mut finished, mut computed) = (0, 0);
+        for run in &self.runs {
+            let stopped = |why: String| self.stopped(why, finished, self.runs.len());
+            let found = match told_to_stop(world, options, computed > 0) {
+                Some(why) => Err(stopped(why)),
+                None => self.attempt(world, run, options),
+            };
+            let error = match found {
+                Ok(done) => {
+                    self.report_end(world, run, &done);
+                    finished += 1;
+                    computed += usize::from(!matches!(done, Done::Before));
+                    table.rows.push(self.row(world, run)?);
+                    continue;
+                }
+                Err(error) => error,
+            };
+            let too_late = is_too_late(world, &error);
+            if error.leaves_files_open() || (too_late && computed == 0) {
+                return Err(error);
+            }
+            if too_late || error.exit_code() == STOPPED {
+                let stopped = Some(stopped(why(&error)));
+                return Ok(Outcome { table, stopped });
+            }
+            self.report_end(world, run, &error);
+            table.rows.push(Row::failed(run.values.clone(), &run.directory, &error));
+        }
+        Ok(Outcome { table, stopped: None })
+    }
+
+    /// The table of what is finished; nothing is solved. Collective.
+    ///
+    /// # Errors
+    /// A summary that cannot be read.
+    pub fn collect(&self, world: &World) -> Result<Table> {
+        let mut table = Table::new(&self.keys);
+        for run in &self.runs {
+            table.rows.push(match self.case(run) {
+                Ok(case) if run::is_done(world, &run.directory, &case) => self.row(world, run)?,
+                Ok(_) => Row::failed(run.values.clone(), &run.directory, &"not finished"),
+                Err(error) => Row::failed(run.values.clone(), &run.directory, &error),
+            });
+        }
+        Ok(table)
+    }
+
+    /// Solves a run, unless it is finished. Collective.
+    fn attempt(&self, world: &World, run: &Run, options: &Options) -> Result<Done> {
+        let case = self.case(run)?;
+        if run::is_done(world, &run.directory, &case) {
+            return Ok(Done::Before);
+        }
+        if world.group().rank() == 0 {
+            report(&format!("[{}/{}] {}", run.number, self.runs.len(), self.label(run)));
+        }
+        // A run that begins has nothing to resume.
+        let there = |name: &&str| run.directory.join(name).exists();
+        let begun = world.group().rank() == 0 && ["checkpoint", "result.h5"].iter().any(there);
+        let resume = options.resume && world.group().max_count(usize::from(begun)) > 0;
+        // The memory of this run alone.
+        memory::reset_peak();
+        let options = Options { resume, ..options.clone() };
+        let summary = run::run(world, &case, &run.directory, &options)?;
+        if world.group().rank() == 0 {
+            summary.report_late_warnings();
+        }
+        Ok(Done::Now { seconds: summary.wall_seconds })
+    }
+
+    /// Reports how a run ended.
+    fn report_end(&self, world: &World, run: &Run, end: &dyn fmt::Display) {
+        if world.group().rank() == 0 {
+            let label = self.label(run);
+            report(&format!("[{}/{}] {label}: {end}", run.number, self.runs.len()));
+        }
+    }
+
+    /// A finished run as a row; its numbers on the first rank. Collective.
+    fn row(&self, world: &World, run: &Run) -> Result<Row> {
+        let found = world.group().on_first_rank(|| Self::summary(run))?;
+        Ok(Row::finished(run.values.clone(), &run.directory, found))
+    }
+
+    /// The numbers of a finished run. By one rank.
+    fn summary(run: &Run) -> Result<Value> {
+        let path = run.directory.join(summary::NAME);
+        let found = summary::parse(&disk::read_text(&path)?);
+        found.ok_or_else(|| disk::failure(&path, &"is not as it was written"))
+    }
+
+    fn stopped(&self, why: String, finished: usize, runs: usize) -> Error {
+        Error::SweepStopped { why, path: self.asked.directory.clone(), finished, runs }
+    }
+}
+
+/// The value of a dotted key.
+fn value_of(tree: &Value, key: &str) -> Value {
+    let parts: Vec<&str> = key.split('.').map(str::trim).collect();
+    tree.pointer(&format!("/{}", parts.join("/"))).cloned().unwrap_or_default()
+}
+
+/// Why a run or the sweep stopped early.
+fn why(error: &Error) -> String {
+    match error {
+        Error::Stopped { why, .. } | Error::SweepStopped { why, .. } => why.clone(),
+        other => other.to_string(),
+    }
+}
+
+/// Whether the wall time was too short for a run. Collective.
+fn is_too_late(world: &World, error: &Error) -> bool {
+    world.group().max_count(usize::from(matches!(error, Error::WallTime { .. }))) > 0
+}
+
+/// Why nothing more is to be begun: a signal to any rank; or the wall time, where `computed`
+/// something was, as one too short for anything is an error of the run. Collective.
+fn told_to_stop(world: &World, options: &Options, computed: bool) -> Option<String> {
+    let signal = options.stop.load(Ordering::Relaxed);
+    let wall = options.walltime.filter(|_| computed);
+    let late = wall.is_some_and(|wall| world.started.elapsed() >= wall);
+    match world.group().max_count(2 * usize::from(signal) + usize::from(late)) {
+        0 => None,
+        1 => Some(format!("stopped by --walltime {}", wall.unwrap_or_default().as_secs_f64())),
+        _ => Some("stopped by a signal".to_owned()),
+    }
+}

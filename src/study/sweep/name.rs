@@ -1,0 +1,119 @@
+//! Names of the directories of a sweep: its values, and a checksum of the whole case.
+//!
+//! The checksum is that of the text of `[case, mode]` in JSON: keys in order, no blanks, floating
+//! point numbers as Python writes them. `python/src/phasewarp/sweep.py` has it once more.
+
+use crate::base::checksum;
+use serde::Serialize;
+use serde_json::ser::{Formatter, Serializer};
+use serde_json::{Value, json};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// Most characters of the values in a name.
+const MOST_SHOWN: usize = 80;
+
+/// The name of the directory of a run: of the case `case`, where `keys` have these `values`.
+pub fn run_name(case: &Value, mode: Option<&str>, keys: &[String], values: &[Value]) -> String {
+    let checksum = checksum::of_text(compact(&json!([case, mode])).as_bytes());
+    let last = |key: &String| key.rsplit('.').next().unwrap_or_default().trim().to_owned();
+    let words = keys.iter().zip(values);
+    let words: Vec<String> =
+        words.map(|(key, value)| format!("{}={}", last(key), plain(value))).collect();
+    let shown: String = without_special(&words.join("_")).chars().take(MOST_SHOWN).collect();
+    format!("{shown}_{checksum:016x}")
+}
+
+/// A value as people write it: text without quotes, all else as JSON.
+pub fn plain(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        other => compact(other),
+    }
+}
+
+/// Makes paths in the case of the file `file` hold from anywhere.
+pub fn with_absolute_paths(case: &mut Value, file: &Path) {
+    let folder = file.parent().filter(|path| !path.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+    for key in ["/initial/warped", "/initial/field"] {
+        if let Some(Value::String(path)) = case.pointer_mut(key) {
+            let absolute: PathBuf = folder.join(&*path).components().collect();
+            *path = absolute.display().to_string();
+        }
+    }
+}
+
+/// `-` for each run of characters that a shell or a file system may take for something else.
+fn without_special(text: &str) -> String {
+    let mut name = String::new();
+    let mut special = false;
+    for c in text.chars() {
+        let is_plain = c.is_ascii_alphanumeric() || ".,=+_-".contains(c);
+        if is_plain || !special {
+            name.push(if is_plain { c } else { '-' });
+        }
+        special = !is_plain;
+    }
+    name
+}
+
+/// JSON without blanks, numbers as Python writes them.
+fn compact(value: &Value) -> String {
+    let mut bytes = Vec::new();
+    // Writing into memory does not fail.
+    let _ = value.serialize(&mut Serializer::with_formatter(&mut bytes, Python));
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+struct Python;
+
+impl Formatter for Python {
+    /// `1e-05` and `1e+16`, where Rust writes `1e-5` and `1e16`; the digits are the same.
+    fn write_f64<W: ?Sized + Write>(&mut self, writer: &mut W, value: f64) -> io::Result<()> {
+        let text = format!("{value:?}");
+        match text.split_once('e') {
+            None => writer.write_all(text.as_bytes()),
+            Some((digits, exponent)) => match exponent.strip_prefix('-') {
+                Some(exponent) => write!(writer, "{digits}e-{exponent:0>2}"),
+                None => write!(writer, "{digits}e+{exponent:0>2}"),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_those_of_python() {
+        let numbers = json!([0.0, 1.0, 0.1, 1e-4, 1e-5, -2.5e-7, 1e15, 1e16, 1.5e300, 3, true]);
+        let text = "[0.0,1.0,0.1,0.0001,1e-05,-2.5e-07,1000000000000000.0,1e+16,1.5e+300,3,true]";
+        assert_eq!(compact(&numbers), text);
+    }
+
+    /// The same case and name as in `python/tests/test_sweep.py`.
+    #[test]
+    fn names_are_those_of_the_python_package() {
+        let case = json!({
+            "time": {"end": 1e-5}, "title": "é \"\u{7f}\n", "solver": {"verify": true},
+            "output": {"field_times": [0.1, 2]},
+        });
+        let keys = ["time.end", "output.field_times", "title"].map(str::to_owned);
+        let values = [json!(1e-5), json!([0.1, 2]), json!("é \"\u{7f}\n")];
+        let name = run_name(&case, Some("full"), &keys, &values);
+        assert_eq!(name, "end=1e-05_field_times=-0.1,2-_title=-_f18ba48d0e2ddcc6");
+        assert_ne!(run_name(&case, None, &keys, &values), name);
+    }
+
+    #[test]
+    fn names_have_no_special_characters() {
+        let value = json!("$(rm -r /); `a`\n../é");
+        let name = run_name(&json!({}), None, &["title".to_owned()], &[value]);
+        assert!(name.starts_with("title=-rm--r-a-..-_"), "{name}");
+        let long = run_name(&json!({}), None, &["title".to_owned()], &[json!("x".repeat(300))]);
+        assert_eq!(long.len(), MOST_SHOWN + 17);
+    }
+}

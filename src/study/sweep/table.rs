@@ -1,0 +1,342 @@
+//! The table of a sweep: printed, as `table.csv` and as `table.tex`.
+
+use crate::base::disk;
+use crate::base::error::Result;
+use crate::base::text::{short, shortened};
+use crate::study::sweep::name::plain;
+use serde_json::Value;
+use std::fmt;
+use std::path::Path;
+
+/// Entries of `summary.json` in the table, those of the Python package; what no run knows is left
+/// out.
+const ENTRIES: [&str; 12] = [
+    "cells",
+    "modes",
+    "matvecs",
+    "error_estimate",
+    "error_semidiscrete",
+    "error_l1_relative",
+    "error_density_l1_relative",
+    "accuracy.grid",
+    "mass",
+    "solve_seconds",
+    "wall_seconds",
+    "memory_peak_bytes_per_rank",
+];
+/// Columns of a terminal.
+const WIDTH: usize = 100;
+/// Most characters of a cell on the terminal.
+const MOST_SHOWN: usize = 40;
+/// Blanks between columns.
+const GAP: usize = 2;
+
+/// A run in the table.
+#[derive(Debug)]
+pub struct Row {
+    values: Vec<Value>,
+    /// `summary.json`; null where there is none.
+    summary: Value,
+    /// Why the run failed.
+    pub error: Option<String>,
+    directory: String,
+}
+
+impl Row {
+    /// A run with results.
+    pub fn finished(values: Vec<Value>, directory: &Path, summary: Value) -> Self {
+        Self { values, summary, error: None, directory: directory.display().to_string() }
+    }
+
+    /// A run without.
+    pub fn failed(values: Vec<Value>, directory: &Path, error: &dyn fmt::Display) -> Self {
+        let (error, directory) = (Some(error.to_string()), directory.display().to_string());
+        Self { values, summary: Value::Null, error, directory }
+    }
+
+    /// An entry of the summary by its dotted key.
+    fn entry(&self, key: &str) -> Value {
+        let found = self.summary.pointer(&format!("/{}", key.replace('.', "/")));
+        found.cloned().unwrap_or_default()
+    }
+
+    /// All warnings as one text; null where there are none.
+    fn warnings(&self) -> Value {
+        let list = self.summary["warnings"].as_array().map_or(&[][..], Vec::as_slice);
+        let list: Vec<&str> = list.iter().filter_map(Value::as_str).collect();
+        if list.is_empty() { Value::Null } else { list.join("; ").into() }
+    }
+}
+
+/// A row a run.
+#[derive(Debug)]
+pub struct Table {
+    keys: Vec<String>,
+    /// The runs.
+    pub rows: Vec<Row>,
+}
+
+/// A column of the table.
+struct Column {
+    name: String,
+    cells: Vec<Value>,
+}
+
+impl Column {
+    fn is_empty(&self) -> bool {
+        self.cells.iter().all(Value::is_null)
+    }
+}
+
+impl Table {
+    /// Without rows.
+    pub fn new(keys: &[String]) -> Self {
+        Self { keys: keys.to_vec(), rows: Vec::new() }
+    }
+
+    /// How many runs failed.
+    pub fn failed(&self) -> usize {
+        self.rows.iter().filter(|row| row.error.is_some()).count()
+    }
+
+    /// `values` of all rows, as a column of this name.
+    fn column(&self, name: &str, value: impl Fn(&Row) -> Value) -> Column {
+        Column { name: name.to_owned(), cells: self.rows.iter().map(value).collect() }
+    }
+
+    /// The varied keys, and the numbers that any run knows.
+    fn numbers(&self) -> Vec<Column> {
+        let keys = self.keys.iter().enumerate();
+        let keys = keys.map(|(i, key)| self.column(key, |row| row.values[i].clone()));
+        let entries = ENTRIES.iter().map(|key| self.column(key, |row| row.entry(key)));
+        keys.chain(entries.filter(|column| !column.is_empty())).collect()
+    }
+
+    /// All columns.
+    fn columns(&self) -> Vec<Column> {
+        let texts = [
+            self.column("warnings", Row::warnings),
+            self.column("error", |row| row.error.clone().into()),
+            self.column("directory", |row| row.directory.clone().into()),
+        ];
+        let texts = texts.into_iter().filter(|column| !column.is_empty());
+        self.numbers().into_iter().chain(texts).collect()
+    }
+
+    /// `table.csv`: a line of names, then one a run.
+    fn csv(&self) -> String {
+        let columns = self.columns();
+        let names: Vec<String> = columns.iter().map(|column| quoted(&column.name)).collect();
+        let mut text = names.join(",") + "\n";
+        for i in 0..self.rows.len() {
+            let cells: Vec<String> =
+                columns.iter().map(|column| quoted(&exact(&column.cells[i]))).collect();
+            text += &(cells.join(",") + "\n");
+        }
+        text
+    }
+
+    /// `table.tex`: a `tabular` of the numbers, for the package booktabs; why runs failed stands in
+    /// comments.
+    fn tex(&self) -> String {
+        let columns = self.numbers();
+        let side = |column: &Column| {
+            let is_text = column.cells.iter().any(|cell| cell.is_string() || cell.is_array());
+            if is_text { 'l' } else { 'r' }
+        };
+        let sides: String = columns.iter().map(side).collect();
+        let names: Vec<String> = columns.iter().map(|column| tex_text(&column.name)).collect();
+        let names = names.join(" & ");
+        let mut text =
+            format!("\\begin{{tabular}}{{{sides}}}\n\\toprule\n{names} \\\\\n\\midrule\n");
+        for (i, row) in self.rows.iter().enumerate() {
+            if let Some(error) = &row.error {
+                error.lines().for_each(|line| text += &format!("% {line}\n"));
+            }
+            let cells: Vec<String> =
+                columns.iter().map(|column| tex_cell(&column.cells[i])).collect();
+            text += &format!("{} \\\\\n", cells.join(" & "));
+        }
+        text + "\\bottomrule\n\\end{tabular}\n"
+    }
+
+    /// Writes `table.csv` and `table.tex` into `directory`, which is made. By one rank.
+    ///
+    /// # Errors
+    /// [`crate::base::error::Error::Directory`] and [`crate::base::error::Error::Output`].
+    pub fn write(&self, directory: &Path) -> Result<()> {
+        disk::make(directory)?;
+        disk::write_text(&directory.join("table.csv"), &self.csv())?;
+        disk::write_text(&directory.join("table.tex"), &self.tex())
+    }
+}
+
+/// For the terminal: the numbers in pieces that fit, each with the number of the run.
+impl fmt::Display for Table {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let runs = (1..=self.rows.len()).map(Value::from).collect();
+        let runs = Shown::new(&Column { name: "run".to_owned(), cells: runs });
+        let columns: Vec<Shown> = self.numbers().iter().map(Shown::new).collect();
+        let mut rest = columns.as_slice();
+        while !rest.is_empty() {
+            let mut width = runs.width;
+            let fits = |column: &&Shown| {
+                width += GAP + column.width;
+                width <= WIDTH
+            };
+            let (piece, others) = rest.split_at(rest.iter().take_while(fits).count().max(1));
+            if rest.len() < columns.len() {
+                writeln!(f)?;
+            }
+            for i in 0..=self.rows.len() {
+                write!(f, "{:>1$}", runs.lines[i], runs.width)?;
+                for column in piece {
+                    write!(f, "{:GAP$}{:>2$}", "", column.lines[i], column.width)?;
+                }
+                writeln!(f)?;
+            }
+            rest = others;
+        }
+        Ok(())
+    }
+}
+
+/// A column for the terminal.
+struct Shown {
+    /// The name, then the cells.
+    lines: Vec<String>,
+    /// Of the longest.
+    width: usize,
+}
+
+impl Shown {
+    fn new(column: &Column) -> Self {
+        let cells = column.cells.iter().map(|cell| match cell {
+            Value::Null => "-".to_owned(),
+            Value::Number(number) if number.is_f64() => short(number.as_f64().unwrap_or(f64::NAN)),
+            other => plain(other),
+        });
+        let lines = std::iter::once(column.name.clone()).chain(cells);
+        let lines: Vec<String> =
+            lines.map(|line| shortened(&line.replace(['\n', '\t'], " "), MOST_SHOWN - 1)).collect();
+        let width = lines.iter().map(|line| line.chars().count()).max().unwrap_or(0);
+        Self { lines, width }
+    }
+}
+
+/// A value with all its digits.
+fn exact(value: &Value) -> String {
+    match value {
+        Value::Null => String::new(),
+        other => plain(other),
+    }
+}
+
+/// A field of a CSV file.
+fn quoted(text: &str) -> String {
+    match text.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")),
+        false => text.to_owned(),
+    }
+}
+
+/// A value in LaTeX.
+fn tex_cell(value: &Value) -> String {
+    let Value::Number(number) = value else {
+        return if value.is_null() { "--".to_owned() } else { tex_text(&plain(value)) };
+    };
+    let text = match number.as_f64().filter(|_| number.is_f64()) {
+        Some(number) => short(number),
+        None => number.to_string(),
+    };
+    match text.split_once('e') {
+        None => format!("${text}$"),
+        Some(("1", exponent)) => format!("$10^{{{exponent}}}$"),
+        Some((digits, exponent)) => format!("${digits} \\times 10^{{{exponent}}}$"),
+    }
+}
+
+/// Text in LaTeX.
+fn tex_text(text: &str) -> String {
+    let mut shown = String::new();
+    for c in text.chars() {
+        match c {
+            '\\' => shown += "\\textbackslash{}",
+            '^' => shown += "\\textasciicircum{}",
+            '~' => shown += "\\textasciitilde{}",
+            '<' => shown += "\\textless{}",
+            '>' => shown += "\\textgreater{}",
+            '&' | '%' | '$' | '#' | '_' | '{' | '}' => shown.extend(['\\', c]),
+            '\n' => shown.push(' '),
+            other => shown.push(other),
+        }
+    }
+    shown
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn table() -> Table {
+        let keys = ["solver.tolerance", "initial.f"].map(str::to_owned);
+        let place = Path::new("a b");
+        let summary = json!({
+            "cells": 64, "mass": 0.25, "matvecs": null, "accuracy": {"grid": 1e-5},
+            "warnings": ["one, \"two\"", "three"], "wall_seconds": 1.0, "solve_seconds": 0.5,
+            "error_l1_relative": 1.5e-3, "error_density_l1_relative": 2.5e-4,
+            "memory_peak_bytes_per_rank": 123_456_789,
+        });
+        let values = |tolerance: f64| vec![json!(tolerance), json!("exp(-x^2), 50 %")];
+        let rows = vec![
+            Row::finished(values(1e-5), place, summary),
+            Row::failed(values(5.0), place, &"solver.tolerance = 5.0:\nbelow 1"),
+        ];
+        Table { rows, ..Table::new(&keys) }
+    }
+
+    #[test]
+    fn all_digits_are_in_the_csv() {
+        let text = "solver.tolerance,initial.f,cells,error_l1_relative,error_density_l1_relative,\
+                    accuracy.grid,mass,solve_seconds,wall_seconds,memory_peak_bytes_per_rank,\
+                    warnings,error,directory\n\
+                    1e-05,\"exp(-x^2), 50 %\",64,0.0015,0.00025,1e-05,0.25,0.5,1.0,123456789,\
+                    \"one, \"\"two\"\"; three\",,a b\n\
+                    5.0,\"exp(-x^2), 50 %\",,,,,,,,,,\"solver.tolerance = 5.0:\nbelow 1\",a b\n";
+        assert_eq!(table().csv(), text);
+        assert_eq!(table().failed(), 1);
+    }
+
+    #[test]
+    fn latex_takes_every_character() {
+        let text = table().tex();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0], "\\begin{tabular}{rlrrrrrrrr}");
+        assert!(
+            lines[2].starts_with("solver.tolerance & initial.f & cells & error\\_l1\\_relative &")
+        );
+        let row = "$10^{-5}$ & exp(-x\\textasciicircum{}2), 50 \\% & $64$ & $0.0015$ & \
+                   $2.5 \\times 10^{-4}$ & $10^{-5}$ &";
+        assert!(lines[4].starts_with(row), "{}", lines[4]);
+        assert_eq!(lines[5..7], ["% solver.tolerance = 5.0:", "% below 1"]);
+        assert!(lines[7].starts_with("$5$ & exp") && lines[7].ends_with("& -- \\\\"));
+        assert_eq!(
+            tex_text("a\\b{c}_~<"),
+            "a\\textbackslash{}b\\{c\\}\\_\\textasciitilde{}\\textless{}"
+        );
+    }
+
+    #[test]
+    fn a_terminal_shows_all_columns() {
+        let text = table().to_string();
+        assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
+        let pieces: Vec<&str> = text.split("\n\n").collect();
+        assert_eq!(pieces.len(), 2, "{text}");
+        assert!(pieces.iter().all(|piece| piece.starts_with("run  ")), "{text}");
+        for column in table().numbers() {
+            assert_eq!(text.matches(&column.name).count(), 1, "{}", column.name);
+        }
+        assert!(text.contains("1.5e-3") || text.contains("0.0015"), "{text}");
+    }
+}

@@ -1,0 +1,282 @@
+//! Files and texts that mean no good: damaged or hostile HDF5 files, control characters in a case,
+//! grids that are too fine to look at. Each ends soon, with one message.
+
+use crate::support::{Finished, Job, SECONDS_TO_REFUSE, case, check_all, directory, require};
+use hdf5::plist::dataset_create::Layout;
+use phasewarp::base::checksum::of_run;
+use std::fs;
+use std::path::Path;
+use std::sync::LazyLock;
+use tempfile::TempDir;
+
+const SMALL: [&str; 5] = [
+    "axis.0.x.cells=23",
+    "axis.0.v.cells=17",
+    "solver.tolerance=1e-3",
+    "time.end=0.3",
+    "exact={f='0'}",
+];
+
+fn small() -> Job {
+    Job::new(["run", &case("example1.toml")]).set(&SMALL)
+}
+
+/// Results with a warped field.
+static RESULTS: LazyLock<TempDir> = LazyLock::new(|| {
+    let place = directory();
+    let settings = ["output.warped_field=true", "readout={cells=[[3]]}"];
+    small().set(&settings).solve(place.path()).expect("a run");
+    place
+});
+
+/// A copy of them.
+fn copy() -> TempDir {
+    let place = directory();
+    for entry in fs::read_dir(RESULTS.path()).expect("a directory") {
+        let entry = entry.expect("an entry");
+        fs::copy(entry.path(), place.path().join(entry.file_name())).expect("a copy");
+    }
+    place
+}
+
+/// It ended in time, by itself, with one message of the program's.
+fn one_message(finished: &Finished, codes: &[i32], says: &str) -> Result<(), String> {
+    let seconds = finished.seconds;
+    require(finished.code.is_some_and(|code| codes.contains(&code)), finished, || {
+        format!("one of the exit codes {codes:?} expected")
+    })?;
+    require(seconds < SECONDS_TO_REFUSE, finished, || format!("ended after {seconds:.1} s"))?;
+    let errors = finished.errors.matches("error: ").count();
+    let crash = ["panicked", "signal", "Signal"].iter().any(|w| finished.errors.contains(w));
+    require(errors == 1 && !crash, finished, || "one message expected".to_owned())?;
+    finished.says(&finished.errors, &[says])
+}
+
+/// Changes a file, and a word of what is then said of it.
+type Harm = (&'static str, Change, &'static str);
+type Change = fn(&hdf5::File) -> hdf5::Result<()>;
+
+/// Changes the file `path`. HDF5 locks a file that is open, and processes that other tests start
+/// meanwhile inherit the lock; so the one that is left is a copy.
+fn change(path: &Path, change: Change) -> Result<(), String> {
+    let file = hdf5::File::open_rw(path).map_err(|e| e.to_string())?;
+    change(&file).and_then(|()| file.close()).map_err(|e| e.to_string())?;
+    let changed = path.with_extension("changed");
+    let renamed = fs::copy(path, &changed).and_then(|_| fs::rename(&changed, path));
+    renamed.map_err(|e| e.to_string())
+}
+
+fn huge(file: &hdf5::File, name: &str, length: usize) -> hdf5::Result<()> {
+    if file.link_exists(name) {
+        file.unlink(name)?;
+    }
+    let dataset = file.new_dataset::<f64>().shape([length]).chunk([1024]).create(name)?;
+    dataset.new_attr::<u64>().create("checksum")?.write_scalar(&1)
+}
+
+/// A value somewhere in a dataset, and the checksum that goes with it.
+fn plant(file: &hdf5::File, name: &str, value: f64) -> hdf5::Result<()> {
+    let dataset = file.dataset(name)?;
+    let mut values = dataset.read_dyn::<f64>()?;
+    if let Some(middle) = values.iter_mut().nth(dataset.size() / 2) {
+        *middle = value;
+    }
+    dataset.write(&values)?;
+    let sum = of_run(0, values.iter().map(|v| v.to_bits()));
+    dataset.attr("checksum")?.write_scalar(&sum)
+}
+
+fn nested(file: &hdf5::File) -> hdf5::Result<()> {
+    let mut group = file.create_group("g")?;
+    for _ in 1..20_000 {
+        group = group.create_group("g")?;
+    }
+    Ok(())
+}
+
+fn elsewhere(file: &hdf5::File, name: &str) -> hdf5::Result<()> {
+    let shape = file.dataset(name)?.shape();
+    file.unlink(name)?;
+    let builder = file.new_dataset::<f64>().shape(&shape[..]);
+    let whole = || hdf5::Selection::All;
+    let dataset = builder
+        .layout(Layout::Virtual)
+        .virtual_map("other.h5", name, &shape[..], whole(), &shape[..], whole())
+        .create(name)?;
+    dataset.new_attr::<u64>().create("checksum")?.write_scalar(&1)
+}
+
+const HARMS: [Harm; 12] = [
+    ("2^50 numbers", |file| huge(file, "huge", 1 << 50), "0 bytes of it are there"),
+    ("2^40 densities", |file| huge(file, "density", 1 << 40), "0 bytes of it are there"),
+    ("2^40 points", |file| huge(file, "axis/x", 1 << 40), "0 bytes of it are there"),
+    ("nested groups", nested, "groups in each other"),
+    ("a soft link to the root", |file| file.link_soft("/", "loop"), "/loop leads elsewhere"),
+    ("a hard link to the root", |file| file.link_hard("/", "loop"), "groups in each other"),
+    (
+        "a link to a file",
+        |file| file.link_external("/dev/zero", "/", "far"),
+        "/far leads elsewhere",
+    ),
+    (
+        "many groups",
+        |file| (0..2000).try_for_each(|k| file.create_group(&format!("g{k}")).map(drop)),
+        "objects",
+    ),
+    ("NaN", |file| plant(file, "f", f64::NAN), "holds NaN"),
+    ("infinity", |file| plant(file, "density", f64::INFINITY), "holds inf"),
+    ("1e308", |file| plant(file, "axis/vx", 1e308), "holds 1e308"),
+    ("a virtual dataset", |file| elsewhere(file, "f"), "in another file"),
+];
+
+/// `plot`, `report` and `check-result` on each; nothing in `summary.json` gives it away.
+#[test]
+fn hostile_results_are_refused() {
+    check_all(&HARMS, |(what, harm, says)| {
+        let place = copy();
+        let path = place.path();
+        fs::write(path.join("summary.json"), "{}").map_err(|e| e.to_string())?;
+        change(&path.join("result.h5"), *harm).map_err(|e| format!("{what}: {e}"))?;
+        for command in ["plot", "report", "check-result"] {
+            let finished = Job::new([command, &path.display().to_string()]).run()?;
+            one_message(&finished, &[1, 2], says).map_err(|e| format!("{what}: {e}"))?;
+        }
+        Ok(())
+    });
+}
+
+/// Zeros in the file's structure, at which the HDF5 library turns round and round.
+#[test]
+fn a_file_that_is_never_read_to_its_end_is_given_up() {
+    let place = copy();
+    let path = place.path();
+    let mut bytes = fs::read(path.join("result.h5")).expect("a file");
+    bytes[2284..2796].fill(0);
+    fs::write(path.join("result.h5"), bytes).expect("a file");
+    fs::write(path.join("summary.json"), "{}").expect("a file");
+    for command in ["plot", "report"] {
+        let finished = Job::new([command, &path.display().to_string()]).run().expect("an end");
+        one_message(&finished, &[1, 2], "result.h5").unwrap();
+    }
+}
+
+/// Any byte of any file, attributes and the structure of HDF5 too.
+#[test]
+fn every_changed_byte_is_seen() {
+    const EACH: usize = 6;
+    let mut rows = Vec::new();
+    for name in ["result.h5", "warped_f.h5", "summary.json", "fields.xdmf", "readout.csv"] {
+        rows.extend((0..EACH).map(|k| (name, k)));
+    }
+    check_all(&rows, |&(name, k)| {
+        let place = copy();
+        let path = place.path().join(name);
+        let mut bytes = fs::read(&path).map_err(|e| e.to_string())?;
+        // A third of them in the first parts of the file; blanks of the summary mean nothing.
+        let mut at = bytes.len() * (2 * k + 1) / if k < 2 { 40 } else { 2 * EACH };
+        while bytes[at].is_ascii_whitespace() {
+            at += 1;
+        }
+        bytes[at] ^= 1;
+        fs::write(&path, bytes).map_err(|e| e.to_string())?;
+        let finished = Job::new(["check-result", &place.path().display().to_string()]).run()?;
+        one_message(&finished, &[1], name).map_err(|e| format!("byte {at}: {e}"))
+    });
+    let whole = Job::new(["check-result", &RESULTS.path().display().to_string()]);
+    whole.on(2).succeed().expect("nothing is changed");
+}
+
+/// Warped fields to start from.
+#[test]
+fn hostile_warped_fields_are_refused() {
+    fn far(file: &hdf5::File) -> hdf5::Result<()> {
+        let axis = file.dataset("axis/p")?;
+        let count = axis.size();
+        let far: Vec<f64> = (0..count).map(|j| (j as f64 - 3.0) * 1e299).collect();
+        axis.write(&far)
+    }
+    const HARMS: [Harm; 6] = [
+        ("2^40 points", |file| huge(file, "axis/p", 1 << 40), "0 bytes of it are there"),
+        ("NaN", |file| plant(file, "w", f64::NAN), "/w is NaN"),
+        ("infinity", |file| plant(file, "w", f64::INFINITY), "/w is inf"),
+        ("1e308", |file| plant(file, "w", 1e308), "1e308"),
+        ("an axis to 1e300", far, "/axis/p goes from"),
+        ("a virtual dataset", |file| elsewhere(file, "w"), "in another file"),
+    ];
+    check_all(&HARMS, |(what, harm, says)| {
+        let place = copy();
+        let start = place.path().join("warped_f.h5");
+        change(&start, *harm).map_err(|e| format!("{what}: {e}"))?;
+        let from = format!("initial={{warped='{}'}}", start.display());
+        let finished = small().set(&[&from]).into(&place.path().join("out")).run()?;
+        one_message(&finished, &[2], says).map_err(|e| format!("{what}: {e}"))
+    });
+}
+
+/// What a terminal or a page would obey, in a title, a formula and a key.
+#[test]
+fn texts_of_a_case_are_shown() {
+    const OBEYED: [char; 5] = ['\u{1b}', '\u{7}', '\u{9b}', '\u{202e}', '\u{2066}'];
+    let none = |what: &str, text: &str| {
+        let found = text.chars().find(|c| OBEYED.contains(c));
+        assert!(found.is_none(), "{what}: {found:?} in {text}");
+    };
+    let place = directory();
+    let path = place.path();
+    let hostile = r#""a\u001b[31m\u0007b\u009b2J\u202ec\u2066""#;
+    let title = format!("title={hostile}");
+    let run = small().set(&[&title]).with(["-v"]).into(path).on(2).succeed().expect("a run");
+    none("run", &(run.output + &run.errors));
+    let at = path.display().to_string();
+    for command in ["plot", "report"] {
+        let done = Job::new([command, &at]).succeed().expect("an end");
+        none(command, &(done.output + &done.errors));
+    }
+    let mut texts = 0;
+    for folder in [path.to_owned(), path.join("plots")] {
+        for entry in fs::read_dir(folder).expect("a directory") {
+            let name = entry.expect("an entry").path();
+            let ending = name.extension().and_then(|e| e.to_str()).unwrap_or_default();
+            if ["html", "svg", "xdmf", "json", "csv"].contains(&ending) {
+                none(&name.display().to_string(), &fs::read_to_string(&name).expect("a text"));
+                texts += 1;
+            }
+        }
+    }
+    assert!(texts > 3, "{texts} texts");
+    for setting in ["potential.0.where", "solver.warp.profile", "initial.f"] {
+        let job = Job::new(["check", &case("example1.toml")]);
+        let refused = job.set(&[&format!("{setting}={hostile}")]).run().expect("an end");
+        assert_eq!(refused.code, Some(2), "{}", refused.report(setting));
+        none(setting, &refused.errors);
+    }
+}
+
+/// A budget holds for looking at the case, too.
+#[test]
+fn fine_grids_take_no_longer_than_a_budget() {
+    let place = directory();
+    let fine = ["axis.0.x.cells=9000", "axis.1.x.cells=9000"];
+    let coarse = ["axis.0.v.cells=2", "axis.1.v.cells=2"];
+    let at = |command: &str| Job::new([command, &case("barrier2d.toml"), "--budget", "1s"]);
+    let stability = at("stability").into(place.path()).set(&fine).set(&coarse).run();
+    let stability = stability.expect("an end");
+    one_message(&stability, &[2], "to evaluate V once on 8.100e7 cells").unwrap();
+    let square = ["axis.0.x.cells=4000", "axis.0.v.cells=4000"];
+    // Minutes, when every line of the grid was looked at again for each.
+    let check = Job::new(["plan", &case("example1.toml")]).set(&square).within(40);
+    check.succeed().expect("a plan");
+}
+
+/// The path of the results may be anything.
+#[test]
+fn pipes_are_not_waited_for() {
+    let place = copy();
+    let summary = place.path().join("summary.json");
+    fs::remove_file(&summary).expect("a file");
+    let made = std::process::Command::new("mkfifo").arg(&summary).status();
+    assert!(made.is_ok_and(|status| status.success()));
+    let at = place.path().display().to_string();
+    let finished = Job::new(["check-result", &at]).run().expect("an end");
+    one_message(&finished, &[1], "summary.json").unwrap();
+}
