@@ -25,8 +25,8 @@ PROGRAM = $(or $(CARGO_TARGET_DIR),target)/release/phasewarp
 PYTHON  = $(abspath $(or $(CARGO_TARGET_DIR),target))/python/bin/python
 
 .DEFAULT_GOAL := build
-.PHONY: run build test torture bench example3 calibration study stability chart examples quantum baseline \
-    slurm docs check check-fmt check-clippy check-doc check-python readers qiskit python mkdocs \
+.PHONY: run build test torture bench example3 calibration study stability chart examples quantum \
+    baseline slurm docs check check-fmt check-clippy check-doc check-python readers qiskit python mkdocs \
     browser setup clean help
 
 run: build ## solve example 1 of the paper on two ranks (or CASE=, RANKS=, RESULTS=)

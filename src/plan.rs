@@ -20,6 +20,7 @@ use crate::base::error::{Error, Result};
 use crate::base::text::bytes_text;
 use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
+use crate::parallel::partition::Mesh;
 use crate::plan::balance::Batch;
 use crate::plan::layout::{Layout, Resources};
 use crate::problem::case::{Case, Interface, Limiter, Method, Propagation};
@@ -38,6 +39,10 @@ use std::fmt;
 
 /// `‖ũ(0)‖/‖f(T)‖` before it is known.
 pub const ASSUMED_RATIO: f64 = 1.5;
+
+/// How many times as fast another process mesh must be, by the model, for a run that is assembled
+/// to be assembled again on it.
+pub const WORTH_REASSEMBLY: f64 = 1.15;
 
 /// Every derived number of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -182,8 +187,8 @@ impl Plan {
     }
 
     /// This plan, made by [`provisional`](Self::provisional), with the growth and the `ratio` that
-    /// were measured. The process mesh stays: a run is assembled on it before it can measure, and
-    /// whoever plans a run takes the mesh that it will have.
+    /// were measured. A run is assembled on the process mesh of this plan, which stays unless
+    /// another is so much faster that the run is worth assembling again.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -194,7 +199,21 @@ impl Plan {
         resources: &Resources,
         ratio: f64,
     ) -> Result<Self> {
-        Self::with_bounds(case, bounds, &resources.on_mesh(&self.layout.mesh), ratio)
+        let free = Self::with_bounds(case, bounds, resources, ratio)?;
+        Ok(free.near(case, resources, &self.layout.mesh))
+    }
+
+    /// This plan on `mesh`, unless it does not fit there or takes more than [`WORTH_REASSEMBLY`]
+    /// times as long.
+    pub fn near(self, case: &Case, resources: &Resources, mesh: &Mesh) -> Self {
+        if self.layout.mesh == *mesh {
+            return self;
+        }
+        let cost = |plan: &Self| plan.layout.cost(case, plan.warp.as_ref());
+        match self.on(case, &resources.on_mesh(mesh)) {
+            Ok(there) if cost(&there) <= WORTH_REASSEMBLY * cost(&self) => there,
+            _ => self,
+        }
     }
 
     /// This plan on other `resources`: the same modes, dealt anew.

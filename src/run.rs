@@ -1,7 +1,7 @@
 //! The driver of one run: ten steps, each one call.
 //!
 //! ```text
-//! start → reduce → prepare → exact → plan → open files → solve → compare → expand → write
+//! start → reduce → prepare → plan → exact → open files → solve → compare → expand → write
 //! ```
 //!
 //! [`run()`] does all of them; [`solve`] does so in memory and without console output, and gives a
@@ -44,7 +44,7 @@ use crate::results::finished;
 use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
 use crate::results::shown::Shown;
-use crate::results::summary::{Accuracy, Summary};
+use crate::results::summary::{self, Accuracy, Missed, Summary};
 use crate::results::{result_file, warped, xdmf};
 use crate::run::at_start::at_start;
 use crate::run::checkpointing::Checkpointing;
@@ -56,6 +56,7 @@ use crate::run::options::{Options, Output};
 use crate::run::planning::with_start;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
+use serde::Deserialize;
 use std::ops::Range;
 use std::path::Path;
 
@@ -83,6 +84,19 @@ pub fn is_done(world: &World, directory: &Path, case: &Case) -> bool {
         ));
     }
     matches!(found, Ok(true))
+}
+
+/// An error where the finished run of `case` in `directory` misses what it was asked for, and
+/// `solver.strict` asks for one. Collective.
+///
+/// # Errors
+/// [`crate::base::error::Error::Missed`]; [`crate::base::error::Error::Output`] where its summary
+/// cannot be read.
+pub fn refuse_missed(world: &World, directory: &Path, case: &Case) -> Result<()> {
+    world.group().on_first_rank(|| {
+        let missed = Missed::deserialize(&summary::read(directory)?["missed"]);
+        missed.unwrap_or_default().refuse(case.strict)
+    })
 }
 
 /// Solves a case in memory, without console output, files or checkpoints. Collective over all
@@ -140,7 +154,8 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let plan = Plan::provisional(&case, &bounds, &resources)?;
     let lock = output.map(|output| lock(world, output.directory, &shown.case, &mut log));
     let lock = lock.transpose()?.flatten();
-    let mut prepared = prepare(world, &case, &bounds, plan, &mut log)?;
+    let prepared = prepare(world, &case, &bounds, plan, &mut log)?;
+    let mut prepared = plan_modes(world, prepared, &resources, output, &mut log)?;
     let place = shown.place(&prepared.place, &prepared.plan, &prepared.communicator);
     let exact = (prepared.communicator.world).agree(exact_solution(
         &prepared.communicator.world,
@@ -150,7 +165,6 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     if exact.is_some() {
         log.watch.lap("exact");
     }
-    plan_modes(&mut prepared, &resources, output, &mut log)?;
     let mut checkpointing = match output {
         Some(output) => Checkpointing::open(&prepared, &output, world.started, &mut log)?,
         None => None,
@@ -207,6 +221,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let told = summary.error_semidiscrete.or(told);
     let told = summary.continued.as_ref().and_then(|c| c.error_total).or(told);
     summary.accuracy = Accuracy::new(asked, told, measured, estimated);
+    summary.missed = Missed::new(&shown.case, &summary);
     Ok(Solution {
         case: shown.case,
         summary,
@@ -265,18 +280,19 @@ fn prepare(
     Ok(prepared)
 }
 
-/// How far the norm will fall, the modes that takes, and whether there is room for them.
-/// Collective.
+/// `prepared` with its modes: how far the norm will fall, the modes that takes, and whether there
+/// is room for them. Collective.
 fn plan_modes(
-    prepared: &mut Prepared,
+    world: &World,
+    mut prepared: Prepared,
     resources: &Resources,
     output: Option<Output<'_>>,
     log: &mut RunLog,
-) -> Result<()> {
+) -> Result<Prepared> {
     if prepared.plan.warp.is_some() {
         let ratio = prepared.probe();
         log.watch.lap("probe");
-        prepared.plan_modes(resources, ratio)?;
+        prepared = prepared.plan_modes(world, resources, ratio)?;
         let points = prepared.plan.warp.as_ref().and_then(|warp| warp.points);
         if let (Some(points), Some(output)) = (points, output) {
             let room = match log.speaks {
@@ -292,7 +308,7 @@ fn plan_modes(
         log.warn(warning.clone());
     }
     log.line(&warnings::opening_line(&prepared.plan));
-    Ok(())
+    Ok(prepared)
 }
 
 impl Solution {

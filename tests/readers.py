@@ -114,7 +114,7 @@ def with_xarray(path, n, density):
 
 
 def history(path, n, density):
-    """Moments and fields over time by name, where there are some; the last moments are the end's."""
+    """Moments and fields over time by name, if any; the last moments are those of the end."""
     with h5py.File(path) as file:
         if "history" not in file:
             return False

@@ -330,9 +330,8 @@ impl Error {
         matches!(self, Error::Stopped { .. } | Error::SweepStopped { .. })
     }
 
-    /// The process's exit code: 2 when the user's input is wrong, 75 (sendmail's code of a
-    /// temporary failure) when the same command with `--resume` continues, 3 when runs of a sweep
-    /// failed, 1 otherwise.
+    /// The process's exit code: 2 when the user's input is wrong, [`CAN_GO_ON`] when the same
+    /// command with `--resume` continues, 3 when runs of a sweep failed, 1 otherwise.
     pub fn exit_code(&self) -> i32 {
         match self {
             Error::Input(_)
@@ -348,7 +347,7 @@ impl Error {
             | Error::TooLong { .. }
             | Error::WallTime { .. }
             | Error::Magnitude { .. } => 2,
-            Error::Stopped { .. } | Error::SweepStopped { .. } => 75,
+            Error::Stopped { .. } | Error::SweepStopped { .. } => CAN_GO_ON,
             Error::SweepFailed { .. } => 3,
             Error::Remote { code, .. } => *code,
             Error::Output { .. }
@@ -363,6 +362,10 @@ impl Error {
         }
     }
 }
+
+/// Exit code of what was stopped, and goes on with the same command and `--resume`: sendmail's code
+/// of a temporary failure.
+pub const CAN_GO_ON: i32 = 75;
 
 /// `Result` with this crate's [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;

@@ -63,6 +63,14 @@ pub fn quoted(word: &str) -> String {
     }
 }
 
+/// A field of a CSV file (RFC 4180).
+pub fn csv_field(text: &str) -> String {
+    match text.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")),
+        false => text.to_owned(),
+    }
+}
+
 /// Bytes for people: `1.5 GiB`.
 pub fn bytes_text(bytes: u64) -> String {
     bytesize::ByteSize(bytes).display().iec().to_string()

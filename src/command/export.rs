@@ -79,7 +79,7 @@ fn export_quantum(world: &World, case: &Case, directory: &Path) -> Result<Descri
     let all = world.group();
     let (mut prepared, here) = assembled(world, case)?;
     let ratio = prepared.probe();
-    prepared.plan_modes(&here, ratio)?;
+    let mut prepared = prepared.plan_modes(world, &here, ratio)?;
     let exported = all.agree(Export::new(&mut prepared))?;
     all.on_first_rank(|| exported.write(directory))?;
     Ok(exported.description().clone())

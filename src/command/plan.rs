@@ -38,12 +38,16 @@ pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
     sbatch::refuse(world, args)?;
     let case = reduced_case(world, &load_for_accuracy(world, &args.case, &args.accuracy)?)?;
     announce_look(world, &case);
-    let needs = match &args.ranks {
-        None if args.calibrate => on_one(world, args, &case, world.group().size())?,
-        None => on_one(world, args, &case, 1)?,
-        Some(RankNumbers::One(ranks)) => on_one(world, args, &case, *ranks)?,
-        Some(RankNumbers::Many(numbers)) => on_many(world, args, &case, numbers)?,
+    let ranks = match &args.ranks {
+        Some(RankNumbers::Many(numbers)) => {
+            let needs = on_many(world, args, &case, numbers)?;
+            return sbatch::write(world, args, &case, needs);
+        }
+        Some(RankNumbers::One(ranks)) => *ranks,
+        None if args.calibrate => world.group().size(),
+        None => 1,
     };
+    let needs = on_one(world, args, &case, ranks)?;
     sbatch::write(world, args, &case, needs)
 }
 

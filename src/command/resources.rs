@@ -51,7 +51,7 @@ fn compare(world: &World, case: &Case) -> Result<Comparison> {
     has_counts(case)?;
     let mut prepared = prepare(world, case)?;
     let ratio = prepared.probe();
-    prepared.plan_modes(&Resources::here(world), ratio)?;
+    let mut prepared = prepared.plan_modes(world, &Resources::here(world), ratio)?;
     let norms_of_own = norms(&mut prepared);
     let warp = planned_modes(case, &prepared.plan)?;
     let own = Record::new(&prepared, warp.into(), norms_of_own)?;

@@ -41,7 +41,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     if args.resume && run::is_done(world, &directory, &case) {
         let shown = directory.display();
         print(world, &format!("--resume: the run is finished; results in {shown}"));
-        return Ok(());
+        return run::refuse_missed(world, &directory, &case);
     }
     let options = Options {
         ranks_x: args.ranks_x.clone(),
@@ -68,14 +68,11 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     }
     let ledger = summary.ledger.iter().filter(|l| args.verbose || !l.warnings().is_empty());
     ledger.for_each(|ledger| print(world, &ledger.text()));
-    match missed(&case, &summary) {
-        Some(what) if case.strict => Err(Error::Missed(what)),
-        Some(what) => {
-            print(world, &what);
-            Ok(())
-        }
-        None => Ok(()),
+    summary.missed.refuse(case.strict)?;
+    if let Some(line) = summary.missed.line() {
+        print(world, &line);
     }
+    Ok(())
 }
 
 /// What a run is to solve, and where its results go.
@@ -116,8 +113,8 @@ fn refuse_accuracy(case: Case) -> Result<Case> {
     }
 }
 
-/// Whether the density is as near to the exact one as was asked for; where it is not, `missed` says
-/// so at the end.
+/// Whether the density is as near to the exact one as was asked for; where it is not,
+/// `Summary::missed` says so at the end.
 fn goal_line(case: &Case, summary: &Summary) -> Option<String> {
     let goal = case.accuracy?;
     let found = match summary.error_density_l1_relative {
@@ -126,24 +123,6 @@ fn goal_line(case: &Case, summary: &Summary) -> Option<String> {
         None => "not measured, as there is no [exact]".to_owned(),
     };
     Some(format!("accuracy {goal:e} of the density (relative L1): {found}"))
-}
-
-/// What the run misses of the tolerance and the accuracy that it was asked for.
-fn missed(case: &Case, summary: &Summary) -> Option<String> {
-    let estimate = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
-    let measured = summary.error_semidiscrete.map(|error| (error, "measured"));
-    let algorithm = measured.or(estimate.map(|error| (error, "estimated")));
-    let tolerance = (algorithm.filter(|_| case.method == Method::Schrodingerized))
-        .filter(|(error, _)| *error > case.tolerance)
-        .map(|(error, how)| {
-            format!("tolerance {:e} MISSED: {error:.2e} ({how}, relative l2)", case.tolerance)
-        });
-    let density = summary.error_density_l1_relative.zip(case.accuracy);
-    let accuracy = density.filter(|(error, goal)| error > goal).map(|(error, goal)| {
-        format!("accuracy {goal:e} of the density MISSED: {error:.2e} (relative L1)")
-    });
-    let all: Vec<String> = tolerance.into_iter().chain(accuracy).collect();
-    (!all.is_empty()).then(|| all.join("; "))
 }
 
 /// Seconds, errors and where the results are.

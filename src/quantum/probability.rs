@@ -86,7 +86,7 @@ pub fn square_sum(series: &Series) -> f64 {
 
 /// How far a series is from `e^{−p}`, sampled upwards from where what is read at a point comes
 /// from.
-struct Deviation {
+pub struct Deviation {
     /// Where the samples begin: `p◇ − Λ⁺`.
     lower: f64,
     /// Their distance.
@@ -97,7 +97,7 @@ struct Deviation {
 
 impl Deviation {
     /// Of `series` from `lower` on, over its period.
-    fn new(series: &Series, lower: f64) -> Self {
+    pub fn new(series: &Series, lower: f64) -> Self {
         /// Samples of the shortest wave, about.
         const SAMPLES: usize = 8;
         let samples = (SAMPLES * series.modes()).next_power_of_two();
@@ -111,22 +111,10 @@ impl Deviation {
             |(k, value): (usize, &Complex64)| (value.re - (-(lower + k as f64 * step)).exp()).abs();
         Self { lower, step, sizes: values.iter().enumerate().map(size).collect() }
     }
-}
 
-/// The end of the window that begins at `point`: the field is read within `tolerance` from every
-/// `p` in it. `None` where not even `point` is such a place.
-pub fn window_end(
-    series: &Series,
-    point: f64,
-    [growth, decay]: [f64; 2],
-    tolerance: f64,
-) -> Option<f64> {
-    Deviation::new(series, point - growth).window_end(point, decay, tolerance)
-}
-
-impl Deviation {
-    /// As [`window_end`].
-    fn window_end(&self, point: f64, decay: f64, tolerance: f64) -> Option<f64> {
+    /// The end of the window that begins at `point`: with `Λ⁻ = decay`, the field is read within
+    /// `tolerance` from every `p` in it. `None` where not even `point` is such a place.
+    pub fn window_end(&self, point: f64, decay: f64, tolerance: f64) -> Option<f64> {
         /// Beyond this length the window adds nothing visible to the probability.
         const LONGEST: f64 = 12.0;
         let Self { lower, step, sizes } = self;

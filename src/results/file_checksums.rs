@@ -4,7 +4,7 @@
 //! Those of files cover attributes and all else that HDF5 keeps, too.
 
 use crate::base::checksum::{self, FileChecksum, FileChecksums};
-use crate::base::disk::{failure, read_text};
+use crate::base::disk::failure;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
 use crate::results::summary;
@@ -81,11 +81,10 @@ fn of_summary(directory: &Path) -> Result<FileChecksums> {
     if !path.exists() {
         return Ok(FileChecksums::new());
     }
-    let broken = || failure(&path, &"is not as it was written");
-    let found = summary::parse(&read_text(&path)?).ok_or_else(broken)?;
-    let expected = match &found["files"] {
+    let expected = match &summary::read(directory)?["files"] {
         Value::Null => FileChecksums::new(),
-        files => FileChecksums::deserialize(files).map_err(|_| broken())?,
+        files => FileChecksums::deserialize(files)
+            .map_err(|_| failure(&path, &"is not as it was written"))?,
     };
     let sound = |name: &String| {
         let path = directory.join(name);

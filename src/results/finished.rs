@@ -145,9 +145,10 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
         };
     }
     let ours = |name: &str| {
-        let file = File::open(directory.join(name));
-        file.and_then(|file| text_attribute(&file, "program"))
-            .is_ok_and(|program| program.starts_with("phasewarp "))
+        let path = directory.join(name);
+        let sound = untrusted::inspect(&path, Inspection::Shapes).is_ok();
+        let program = || File::open(&path).and_then(|file| text_attribute(&file, "program"));
+        sound && program().is_ok_and(|program| program.starts_with("phasewarp "))
     };
     // A run that was stopped leaves the warped fields of times that it came to.
     let warped = warped::names(case);

@@ -1,7 +1,7 @@
 //! A run as a movie: GIF, whose frames share one palette, and WebM, by `ffmpeg` where that is.
 
 use crate::base::disk::{self, failure};
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::results::draw::raster::{Palette, Raster};
 use crate::results::pictures::film::Film;
 use gif::{DisposalMethod, Encoder, Frame, Repeat};
@@ -22,9 +22,9 @@ const SAME: u8 = 255;
 /// Characters that are kept of what `ffmpeg` says.
 const MOST_SAID: u64 = 400;
 
-/// What became of a movie.
+/// The files of a movie.
 #[derive(Default)]
-pub struct Written {
+pub struct Movie {
     /// Its files.
     pub files: Vec<PathBuf>,
     /// The name of a file that is missing, and why.
@@ -36,43 +36,41 @@ pub struct Written {
 ///
 /// # Errors
 /// [`Error::Output`].
-pub fn write(film: &Film<'_>, directory: &Path, name: &str, fps: u16) -> Result<Written> {
+pub fn write(film: &Film<'_>, directory: &Path, name: &str, fps: u16) -> Result<Movie> {
     disk::make(directory)?;
     let [gif, webm] = ["gif", "webm"].map(|ending| directory.join(format!("{name}.{ending}")));
     // None of an older movie beside a newer one.
     disk::clear(&webm).map_err(|e| failure(&webm, &e))?;
-    let frame = |k: usize| {
-        let figure = film.frame(k).map_err(|why| failure(&gif, &why))?;
-        Ok::<_, Error>((Palette::of(&figure), figure.raster()?))
-    };
-    let (mut palette, first) = frame(0)?;
-    let mut video = Video::start(&webm, first.size, fps);
+    let figure = |k: usize| film.frame(k).map_err(|why| failure(&gif, &why));
+    let first = figure(0)?;
+    let mut palette = Palette::of(&first);
+    let mut frame = first.raster()?;
+    let mut video = Video::start(&webm, frame.size, fps);
     let mut wrong = None;
     disk::write_with(&gif, |file| {
-        let mut movie = Gif::start(file, &palette, first.size, fps)?;
-        for k in 0..film.len() {
-            let raster = match frame(k) {
-                Ok((_, raster)) => raster,
-                Err(error) => {
+        let mut movie = Gif::start(file, &palette, frame.size, fps)?;
+        for k in 0..film.count() {
+            if k > 0 {
+                frame = figure(k).and_then(|figure| figure.raster()).map_err(|error| {
                     let said = io::Error::other(error.to_string());
                     wrong = Some(error);
-                    return Err(said);
-                }
-            };
-            movie.add(palette.numbers(&raster), k + 1 == film.len())?;
+                    said
+                })?;
+            }
+            movie.add(palette.numbers(&frame), k + 1 == film.count())?;
             if let Ok(video) = &mut video {
-                video.add(&raster);
+                video.add(&frame);
             }
         }
         movie.finish()
     })
     .map_err(|error| wrong.take().unwrap_or(error))?;
-    let mut written = Written { files: vec![gif], left_out: None };
+    let mut movie = Movie { files: vec![gif], left_out: None };
     match video.and_then(Video::finish) {
-        Ok(()) => written.files.push(webm),
-        Err(why) => written.left_out = Some((format!("{name}.webm"), why)),
+        Ok(()) => movie.files.push(webm),
+        Err(why) => movie.left_out = Some((format!("{name}.webm"), why)),
     }
-    Ok(written)
+    Ok(movie)
 }
 
 /// A GIF that is written.

@@ -162,7 +162,7 @@ pub(crate) fn sums_of(
         let expected = (dataset.attr(CHECKSUM).and_then(|a| a.read_scalar()))
             .map_err(|_| error(format!("dataset {name} carries no checksum")))?;
         let mine = sum_of(share, &dataset, |values| visit(&name, values))
-            .map_err(|e| error(format!("dataset {name} cannot be read: {e}")))?;
+            .map_err(|e| error(format!("dataset {name} {e}")))?;
         Ok((name, [mine, expected]))
     };
     datasets(file)?.into_iter().map(sum).collect()
@@ -174,11 +174,12 @@ fn sum_of(
     dataset: &Dataset,
     mut visit: impl FnMut(&[f64]) -> Outcome<()>,
 ) -> Outcome<u64> {
-    if let TypeDescriptor::FixedUnicode(length) = dataset.dtype()?.to_descriptor()? {
-        return if rank == 0 {
-            Ok(checksum::of_text(&read_bytes(dataset, length)?))
-        } else {
-            Ok(0)
+    let unread = |e: hdf5::Error| error(format!("cannot be read: {e}"));
+    let written = dataset.dtype().and_then(|written| written.to_descriptor());
+    if let TypeDescriptor::FixedUnicode(length) = written.map_err(unread)? {
+        return match rank {
+            0 => read_bytes(dataset, length).map(|text| checksum::of_text(&text)).map_err(unread),
+            _ => Ok(0),
         };
     }
     let shape = dataset.shape();
@@ -188,8 +189,8 @@ fn sum_of(
         if (k + 1) % ranks != rank {
             continue;
         }
-        let values = read_slab(dataset, &slab)?;
-        visit(&values)?;
+        let values = read_slab(dataset, &slab).map_err(unread)?;
+        visit(&values).map_err(|e| error(format!("is not as it was written: {e}")))?;
         sum = sum.wrapping_add(checksum::of_slab(&shape, &slab, &values));
     }
     Ok(sum)

@@ -2,10 +2,10 @@
 
 use crate::base::checksum::{self, FileChecksums};
 use crate::base::disk::{self, failure};
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::log::report;
 use crate::base::text::percent;
-use crate::problem::case::{Interface, Method};
+use crate::problem::case::{Case, Interface, Method};
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::Readout;
 use crate::results::ledger::Ledger;
@@ -145,6 +145,49 @@ impl Accuracy {
         Some(format!(
             "{head}: error of the grid ({how}, relative L2) {errors}{of_algorithm}{advice}"
         ))
+    }
+}
+
+/// What a run misses of what it was asked for: a sentence each, none where it is met or not known.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Missed {
+    /// `solver.tolerance`, by the run's own error: as measured, else as estimated, where that is
+    /// reliable.
+    pub tolerance: Option<String>,
+    /// `solver.accuracy`.
+    pub accuracy: Option<String>,
+}
+
+impl Missed {
+    /// What the run of `case` misses, with the errors of its summary.
+    pub fn new(case: &Case, summary: &Summary) -> Self {
+        let estimate = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
+        let measured = summary.error_semidiscrete.map(|error| (error, "measured"));
+        let own = measured.or(estimate.map(|error| (error, "estimated")));
+        let tolerance = (own.filter(|_| case.method == Method::Schrodingerized))
+            .filter(|(error, _)| *error > case.tolerance)
+            .map(|(error, how)| {
+                format!("tolerance {:e} MISSED: {error:.2e} ({how}, relative l2)", case.tolerance)
+            });
+        let density = summary.error_density_l1_relative.zip(case.accuracy);
+        let accuracy = density.filter(|(error, goal)| error > goal).map(|(error, goal)| {
+            format!("accuracy {goal:e} of the density MISSED: {error:.2e} (relative L1)")
+        });
+        Self { tolerance, accuracy }
+    }
+
+    /// Both sentences; none where nothing is missed.
+    pub fn line(&self) -> Option<String> {
+        let both: Vec<&str> = self.tolerance.iter().chain(&self.accuracy).map(|s| &**s).collect();
+        (!both.is_empty()).then(|| both.join("; "))
+    }
+
+    /// An error where something is missed and `strict` asks for one (`solver.strict`).
+    ///
+    /// # Errors
+    /// [`Error::Missed`].
+    pub fn refuse(&self, strict: bool) -> Result<()> {
+        self.line().filter(|_| strict).map_or(Ok(()), |line| Err(Error::Missed(line)))
     }
 }
 
@@ -346,6 +389,8 @@ pub struct Summary {
     pub error_momentum_l2_relative: Option<f64>,
     /// The algorithm's error and the grid's.
     pub accuracy: Accuracy,
+    /// What it misses of the tolerance and the accuracy that it was asked for.
+    pub missed: Missed,
     /// Σ_a ∫ |u_a − u_exact,a| dx where ρ_exact > 0, for measure-valued data.
     pub error_velocity_l1: Option<f64>,
     /// With what probability the first field would be measured.
@@ -424,9 +469,18 @@ fn checksum_of(summary: &Value) -> serde_json::Result<String> {
     Ok(format!("{:016x}", checksum::of_text(&serde_json::to_vec(summary)?)))
 }
 
+/// The summary in `directory`. By one rank.
+///
+/// # Errors
+/// [`Error::Output`] where it cannot be read, or is not as it was written.
+pub fn read(directory: &Path) -> Result<Value> {
+    let path = directory.join(NAME);
+    parse(&disk::read_text(&path)?).ok_or_else(|| failure(&path, &"is not as it was written"))
+}
+
 /// The summary that `text` is; none where it is none, or differs from its checksum. Those of older
 /// versions have none.
-pub(crate) fn parse(text: &str) -> Option<Value> {
+fn parse(text: &str) -> Option<Value> {
     let mut found: Value = serde_json::from_str(text).ok()?;
     match found.as_object_mut()?.remove("checksum") {
         Some(checksum) => {

@@ -242,7 +242,7 @@ fn start(file: &File, bytes: u64) -> std::result::Result<(), String> {
         return Ok(());
     };
     allow(chunk);
-    let axes = ["x", "y", "z", "v", "vx", "vy", "vz", "p"].map(|name| format!("axis/{name}"));
+    let axes = ["x", "y", "z", "vx", "vy", "vz", "p"].map(|name| format!("axis/{name}"));
     axes.iter().try_for_each(|name| there(name).transpose().map(|_| ()))
 }
 

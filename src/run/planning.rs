@@ -49,7 +49,7 @@ pub fn preview(world: &World, case: &Case, resources: &Resources) -> Result<Prev
 pub struct MeasuredCase {
     /// The case as it is solved.
     pub case: Case,
-    /// Bounds before the growth is measured: by them a run chooses its process mesh.
+    /// Bounds before the growth is measured: by them a run is assembled.
     expected: Bounds,
     /// Bounds with the growth that was found.
     bounds: Bounds,
@@ -85,7 +85,7 @@ impl MeasuredCase {
         Ok(Self { case, expected, bounds: prepared.bounds, ratio, at_start })
     }
 
-    /// The plan of a run on `resources`, and the one that its process mesh is chosen by.
+    /// The plan of a run on `resources`, and the one that it is assembled by.
     ///
     /// # Errors
     /// As [`Plan::new`].
@@ -100,7 +100,7 @@ impl MeasuredCase {
 
 /// A plan, and the one before anything was measured.
 pub struct Planned {
-    /// By which the process mesh is chosen.
+    /// By which the run is assembled.
     provisional: Plan,
     /// The plan of the run.
     pub plan: Plan,
@@ -114,7 +114,8 @@ impl Planned {
     pub fn on(&self, case: &Case, resources: &Resources) -> Result<Self> {
         refuse_hopeless(case, resources)?;
         let provisional = self.provisional.on(case, resources)?;
-        let plan = self.plan.on(case, &resources.on_mesh(&provisional.layout.mesh))?;
+        let free = self.plan.on(case, resources)?;
+        let plan = free.near(case, resources, &provisional.layout.mesh);
         Ok(Self { provisional, plan })
     }
 }

@@ -24,6 +24,10 @@ pub struct Prepared {
     pub plan: Plan,
     /// Bounds of the generator, with the growth that was found.
     pub bounds: Bounds,
+    /// Bounds that it was assembled with, before the growth was found.
+    expected: Bounds,
+    /// Sweeps that its weights may take.
+    max_weight_sweeps: usize,
 }
 
 impl Prepared {
@@ -71,6 +75,8 @@ impl Prepared {
             place,
             system,
             plan,
+            expected: bounds.clone(),
+            max_weight_sweeps,
         })
     }
 
@@ -86,22 +92,27 @@ impl Prepared {
         self.system.unweighted(&self.place.mine, state)
     }
 
-    /// The plan of the modes, for the `ratio` that the probe found, on the mesh that there is.
-    /// Collective.
+    /// The same with the plan of the modes, for the `ratio` that the probe found; assembled again
+    /// where that plan has another process mesh. Collective.
     ///
     /// # Errors
     /// As [`Plan::new`]; [`Error::Ranks`] where ranks plan different series.
-    pub fn plan_modes(&mut self, resources: &Resources, ratio: f64) -> Result<()> {
-        self.plan = self.plan.measured(&self.case, self.bounds.clone(), resources, ratio)?;
+    pub fn plan_modes(self, world: &World, resources: &Resources, ratio: f64) -> Result<Self> {
+        let plan = self.plan.measured(&self.case, self.bounds.clone(), resources, ratio)?;
         // Processors of different kinds might round differently, and ranks that count
         // differently wait for each other for ever.
-        let world = &self.communicator.world;
-        let warp = self.plan.warp.as_ref();
-        if warp.is_none_or(|warp| world.same(warp.fingerprint())) {
-            return Ok(());
+        let warp = plan.warp.as_ref();
+        if warp.is_some_and(|warp| !self.communicator.world.same(warp.fingerprint())) {
+            let why = "ranks planned different series, being on processors of different kinds; \
+                       start them on one kind";
+            return Err(Error::Ranks(why.to_owned()));
         }
-        let why = "ranks planned different series, being on processors of different kinds; \
-                   start them on one kind";
-        Err(Error::Ranks(why.to_owned()))
+        if plan.layout.mesh == self.plan.layout.mesh {
+            return Ok(Self { plan, ..self });
+        }
+        let Self { case, expected, max_weight_sweeps, system, .. } = self;
+        // Before another takes its memory.
+        drop(system);
+        Self::with_sweeps(world, &case, &expected, plan, max_weight_sweeps)
     }
 }

@@ -118,8 +118,12 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
     (provisional.layout.clone()).within(case, &provisional.bounds, warp, &limited)?;
     watch.lap("plan");
     let run = Run { world, case, resources, bounds, provisional };
-    let mut block = run.block(&mut watch)?;
+    let mut block = run.block(&run.provisional, &mut watch)?;
     let plan = run.plan(&mut block, &mut watch)?;
+    if plan.layout.mesh != run.provisional.layout.mesh {
+        drop(block);
+        block = run.block(&plan, &mut watch)?;
+    }
     block.plan.bounds = plan.bounds.clone();
     block.plan.warp.clone_from(&plan.warp);
     (block.plan.layout.groups).clone_from(&plan.layout.groups);
@@ -163,17 +167,18 @@ impl Run<'_> {
         self.provisional.layout.mesh.ranks() == self.world.group().size()
     }
 
-    /// The run's own blocks, assembled and timed, or as many of their size as there are ranks for.
+    /// The blocks of `plan`, assembled and timed, or as many of their size as there are ranks for.
     /// Collective.
-    fn block(&self, watch: &mut Stopwatch) -> Result<Prepared> {
-        let mesh = &self.provisional.layout.mesh;
+    fn block(&self, plan: &Plan, watch: &mut Stopwatch) -> Result<Prepared> {
+        let mesh = &plan.layout.mesh;
         let (part, here) = match self.whole() {
             true => (self.case.clone(), mesh.clone()),
             false => part_of(self.case, mesh, self.world.group().size()),
         };
-        let mut plan = self.provisional.clone();
+        let sweeps = self.provisional.max_weight_sweeps();
+        let mut plan = plan.clone();
         plan.layout.mesh = here;
-        let block = Prepared::with_plan(self.world, &part, &self.bounds, plan)?;
+        let block = Prepared::with_sweeps(self.world, &part, &self.bounds, plan, sweeps)?;
         watch.part("weights", block.system.weight_seconds);
         watch.lap("assemble");
         let exact = block.communicator.world.agree(exact_solution(

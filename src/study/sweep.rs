@@ -8,9 +8,9 @@ pub mod name;
 pub mod table;
 pub mod vary;
 
-use crate::base::error::{Error, Result};
+use crate::base::error::{CAN_GO_ON, Error, Result};
 use crate::base::log::report;
-use crate::base::{disk, memory};
+use crate::base::memory;
 use crate::parallel::communicator::World;
 use crate::problem::case::{self, Case};
 use crate::results::summary;
@@ -24,8 +24,6 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-/// The exit code of what stopped early and can go on.
-const STOPPED: i32 = 75;
 /// Most runs of a sweep.
 const MOST_RUNS: usize = 10_000;
 
@@ -184,9 +182,9 @@ impl Sweep {
         match self.attempt(world, run, options) {
             Ok(done) => {
                 self.report_end(world, run, &done);
-                Ok(())
+                run::refuse_missed(world, &run.directory, &self.case(run)?)
             }
-            Err(error) if error.exit_code() == STOPPED => Err(self.stopped(why(&error), 0, 1)),
+            Err(error) if error.exit_code() == CAN_GO_ON => Err(self.stopped(why(&error), 0, 1)),
             Err(error) => Err(error),
         }
     }
@@ -208,10 +206,14 @@ impl Sweep {
             };
             let error = match found {
                 Ok(done) => {
-                    self.report_end(world, run, &done);
                     finished += 1;
                     computed += usize::from(!matches!(done, Done::Before));
-                    table.rows.push(self.row(world, run)?);
+                    let row = self.row(world, run)?;
+                    match &row.error {
+                        Some(missed) => self.report_end(world, run, missed),
+                        None => self.report_end(world, run, &done),
+                    }
+                    table.rows.push(row);
                     continue;
                 }
                 Err(error) => error,
@@ -220,7 +222,7 @@ impl Sweep {
             if error.leaves_files_open() || (too_late && computed == 0) {
                 return Err(error);
             }
-            if too_late || error.exit_code() == STOPPED {
+            if too_late || error.exit_code() == CAN_GO_ON {
                 let stopped = Some(stopped(why(&error)));
                 return Ok(Outcome { table, stopped });
             }
@@ -277,17 +279,14 @@ impl Sweep {
         }
     }
 
-    /// A finished run as a row; its numbers on the first rank. Collective.
+    /// A finished run as a row, failed where it misses what it was asked for and `solver.strict`
+    /// makes that an error; its numbers on the first rank. Collective.
     fn row(&self, world: &World, run: &Run) -> Result<Row> {
-        let found = world.group().on_first_rank(|| Self::summary(run))?;
-        Ok(Row::finished(run.values.clone(), &run.directory, found))
-    }
-
-    /// The numbers of a finished run. By one rank.
-    fn summary(run: &Run) -> Result<Value> {
-        let path = run.directory.join(summary::NAME);
-        let found = summary::parse(&disk::read_text(&path)?);
-        found.ok_or_else(|| disk::failure(&path, &"is not as it was written"))
+        let found = world.group().on_first_rank(|| summary::read(&run.directory))?;
+        let missed = run::refuse_missed(world, &run.directory, &self.case(run)?);
+        let mut row = Row::finished(run.values.clone(), &run.directory, found);
+        row.error = missed.err().map(|error| error.to_string());
+        Ok(row)
     }
 
     fn stopped(&self, why: String, finished: usize, runs: usize) -> Error {

@@ -200,12 +200,11 @@ struct Mesh {
 }
 
 /// `plan` of one number of ranks and of many, `plan --calibrate` and `run` take the same process
-/// mesh. It is chosen before norms are measured; with them, by the plan's model, others are at most
-/// so many times as fast as docs/limits.md says.
+/// mesh. By the plan's model others are at most so many times as fast as docs/limits.md says.
 #[test]
 fn plans_and_runs_choose_the_same_mesh() {
     const NUMBERS: [usize; 7] = [1, 2, 3, 4, 6, 8, 16];
-    const FASTER: f64 = 1.3;
+    const FASTER: f64 = 1.15;
     let rows: [(&str, &[&str]); 6] = [
         ("example1.toml", &["axis.0.x.cells=64", "axis.0.v.cells=64"]),
         ("example1.toml", &["axis.0.x.cells=64", "axis.0.v.cells=64", "solver.tolerance=1e-9"]),

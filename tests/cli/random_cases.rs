@@ -2,7 +2,7 @@
 
 use crate::support::{
     INTERFACES, Job, check_all, datasets, differences, directory, estimate_is_right_or_silent,
-    refused, run, solved_or_refused, tolerance_is_met,
+    number_from_environment, refused, run, solved_or_refused, tolerance_is_met,
 };
 
 /// Seconds of a scene: some of three dimensions take a minute.
@@ -28,14 +28,12 @@ fn random_scenes_of_methods_are_solved_or_refused() {
     solved_or_refused_scenes(24, scene_of_methods);
 }
 
-/// `count` scenes of the hundred that `make test` tries; of as many as `make torture` asks for, that
-/// part.
+/// `count` scenes of the hundred that `make test` tries, and of as many as `make torture` asks for
+/// that part.
 fn solved_or_refused_scenes(count: u64, scene: impl Fn(&mut Choices) -> String + Sync) {
-    let number = |name: &str, default| {
-        std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
-    };
-    let first = number("PHASEWARP_FIRST_TRIAL", 0u64);
-    let seeds: Vec<u64> = (first..first + count * number("PHASEWARP_SCENES", 100) / 100).collect();
+    let first = number_from_environment("PHASEWARP_FIRST_TRIAL", 0);
+    let count = count * number_from_environment("PHASEWARP_SCENES", 100) / 100;
+    let seeds: Vec<u64> = (first..first + count).collect();
     let solved = std::sync::atomic::AtomicUsize::new(0);
     check_all(&seeds, |&seed| {
         let (place, more) = (directory(), directory());

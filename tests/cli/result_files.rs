@@ -155,7 +155,6 @@ fn damaged_results_are_found() {
         let told = finished.code == Some(1) && finished.errors.contains(says);
         assert!(told && finished.others.is_empty(), "{}", finished.report(says));
     };
-    // A change may make a number none, which is found before the checksum.
     for name in ["/psi", "/density", "/axis/x", "/multivalued/v", "/xdmf/plane_x/phi"] {
         let file = hdf5::File::open(&path).unwrap();
         let dataset = file.dataset(name).unwrap();
@@ -164,7 +163,7 @@ fn damaged_results_are_found() {
         let mut bytes = whole.clone();
         bytes[last] ^= 0x40;
         for ranks in [1, 3] {
-            found(&bytes, ranks, &format!("dataset {name} "));
+            found(&bytes, ranks, &format!("dataset {name} is not as it was written"));
         }
         std::fs::write(&path, &whole).unwrap();
     }

@@ -4,11 +4,12 @@
 use crate::checkpoint::{Blow, OFTEN, Result, random, struck};
 use crate::support::{
     Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory,
+    number_from_environment,
 };
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 use std::time::Duration;
 
 /// A kind of run.
@@ -98,6 +99,9 @@ struct Whole {
     seconds: f64,
 }
 
+/// Of each kind, run once.
+static WHOLES: [OnceLock<Result<Whole>>; KINDS.len()] = [const { OnceLock::new() }; KINDS.len()];
+
 impl Whole {
     fn new(kind: &Kind) -> Result<Self> {
         let place = directory();
@@ -108,11 +112,8 @@ impl Whole {
 
 /// How many trials, and of which number the first is: of the environment in `make torture`.
 fn trials() -> std::ops::Range<u64> {
-    let number = |name: &str, default| {
-        std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
-    };
-    let first = number("PHASEWARP_FIRST_TRIAL", 0);
-    first..first + number("PHASEWARP_TRIALS", KINDS.len() as u64)
+    let first = number_from_environment("PHASEWARP_FIRST_TRIAL", 0);
+    first..first + number_from_environment("PHASEWARP_TRIALS", KINDS.len() as u64)
 }
 
 const BLOWS: [(&str, Blow); 7] = [
@@ -131,8 +132,9 @@ type Tally = Mutex<BTreeMap<&'static str, [usize; 3]>>;
 /// Up to three blows at random moments, then an end that is left alone.
 fn trial(number: u64, tally: &Tally) -> Result<()> {
     let draw = |what: u64, of: usize| (random(101 * number + what) * of as f64) as usize;
-    let kind = &KINDS[number as usize % KINDS.len()];
-    let whole = Whole::new(kind)?;
+    let index = number as usize % KINDS.len();
+    let kind = &KINDS[index];
+    let whole = WHOLES[index].get_or_init(|| Whole::new(kind)).as_ref().map_err(String::clone)?;
     let place = directory();
     let path = place.path();
     let mut blows = Vec::new();
@@ -149,7 +151,7 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
         *counts = [counts[0] + 1, counts[1] + usize::from(met), counts[2]];
         blows.push((name, after, ranks, finished.report("struck")));
     }
-    let ended = ends(kind, path, 1 + draw(99, 4), &whole);
+    let ended = ends(kind, path, 1 + draw(99, 4), whole);
     ended.map_err(|why| {
         if let (Ok(mut tally), Some((name, ..))) = (tally.lock(), blows.last()) {
             tally.entry(name).or_default()[2] += 1;

@@ -11,7 +11,7 @@ use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::ProfileChoice;
 use phasewarp::quantum::access::{Scratch, SparseAccess};
-use phasewarp::quantum::probability::{square_sum, window_end};
+use phasewarp::quantum::probability::{Deviation, square_sum};
 use phasewarp::quantum::sparsity::{Sparsity, measure};
 use phasewarp::quantum::walk::value_bits;
 use phasewarp::schrodingerization::profile::series::Series;
@@ -279,7 +279,7 @@ fn norm_of_series(series: &Series, name: &str) {
 /// Up to the end of the window the series is `e^{−p}`, to what is allowed, wherever the spectrum of
 /// `S T`, in `lambda`, has moved it; beyond it, it is not.
 fn end_of_window(series: &Series, point: f64, lambda: [f64; 2], allowed: f64, name: &str) {
-    let end = window_end(series, point, lambda, allowed);
+    let end = Deviation::new(series, point - lambda[0]).window_end(point, lambda[1], allowed);
     let end = end.unwrap_or_else(|| panic!("{name}: no window"));
     assert!(end > point && end <= point + 12.0, "{name}: {point} {end}");
     let good = |p: f64| {

@@ -5,7 +5,7 @@ use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::quantum::figure::Figure;
 use crate::quantum::readout::Readout;
-use crate::quantum::readout::row::{Estimator, quoted};
+use crate::quantum::readout::row::{Estimator, reason};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -83,7 +83,7 @@ impl Readout {
             let point = joined(row.point.iter().map(f64::to_string).collect());
             let start = format!("{cell},{point},{},{}", row.observable.name(), number(&row.value));
             if row.measured.is_empty() {
-                let _ = writeln!(text, "{start},,,,,,,,,,,\"{}\"", quoted(&row.value));
+                let _ = writeln!(text, "{start},,,,,,,,,,,\"{}\"", reason(&row.value));
             }
             for m in &row.measured {
                 let figures = m.figures();
@@ -93,7 +93,7 @@ impl Readout {
                     "{start},{},{},\"{}\"",
                     m.estimator.name(),
                     numbers.join(","),
-                    quoted(&m.estimate)
+                    reason(&m.estimate)
                 );
             }
         }

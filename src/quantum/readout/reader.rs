@@ -11,7 +11,7 @@ use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::measurement;
 use crate::quantum::readout::measurement::Estimate;
 use crate::quantum::readout::random::{Purpose, Stream};
-use crate::quantum::readout::row::{Estimator, Measured, Observable, Row, quoted};
+use crate::quantum::readout::row::{Estimator, Measured, Observable, Row, reason};
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::ops::Range;
 
@@ -493,7 +493,7 @@ fn ratio(rho: &Moment, m: &Moment) -> Measured {
     };
     let (Some(below), Some(above)) = (rho.estimate, m.estimate) else {
         let part = if rho.estimate.is_none() { rho } else { m };
-        return without(&quoted(&part.measured.estimate));
+        return without(&reason(&part.measured.estimate));
     };
     if below.value == 0.0 {
         return without("the density was measured as 0");

@@ -134,8 +134,8 @@ pub struct Row {
     pub measured: Vec<Measured>,
 }
 
-/// Why a figure is unavailable, as it stands between quotes.
-pub(crate) fn quoted(figure: &Figure) -> String {
+/// Why a figure is unavailable, without double quotes: it stands between them in files.
+pub(crate) fn reason(figure: &Figure) -> String {
     match figure {
         Figure::Unavailable { because } => because.replace('"', "'"),
         _ => String::new(),

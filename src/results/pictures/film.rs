@@ -64,7 +64,7 @@ impl<'a> Film<'a> {
         let scales = Scales::default();
         let mut film = Self { run, cut: cut.clone(), times, without_exact, exact, scales, scene };
         let mut scales = Scales::default();
-        for k in 0..film.len() {
+        for k in 0..film.count() {
             scales.hold(&film.frame(k)?, n);
         }
         film.scales = scales;
@@ -72,13 +72,8 @@ impl<'a> Film<'a> {
     }
 
     /// The number of frames.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.times.len()
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.times.is_empty()
     }
 
     /// The time of a frame.

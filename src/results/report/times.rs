@@ -46,8 +46,8 @@ impl Times {
         let chosen = spread(all.len(), MOST_TIMES).into_iter().map(|k| all[k]).collect();
         let film = Film::new(run, cut, chosen)?;
         let mut palette = Palette::of(&film.frame(0)?);
-        let mut frames = Vec::with_capacity(film.len());
-        for k in 0..film.len() {
+        let mut frames = Vec::with_capacity(film.count());
+        for k in 0..film.count() {
             let raster = film.frame(k)?.raster().map_err(|e| e.to_string())?;
             let png = palette.png(&raster)?;
             frames.push(Frame { time: film.time(k), picture: STANDARD.encode(png) });

@@ -3,10 +3,13 @@
 use crate::base::text::{percent, short};
 use crate::results::ledger::Ledger;
 use crate::results::report::html::Text;
-use crate::results::summary::Accuracy;
+use crate::results::summary::{Accuracy, Missed};
 use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::Value;
+
+/// The name of the first finding.
+const MODES: &str = "Error of the modes";
 
 /// What is found of one thing that matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,9 +36,14 @@ struct Finding {
 pub fn trust(summary: &Value, classical: bool) -> Markup {
     let accuracy = Accuracy::deserialize(&summary["accuracy"]).ok();
     let ledger = Ledger::deserialize(&summary["ledger"]).ok();
+    // None in results of older versions.
+    let missed = Missed::deserialize(&summary["missed"]).ok();
     let findings = [
-        algorithm(summary, accuracy.as_ref(), classical),
-        grid(accuracy.as_ref()),
+        match classical {
+            true => steps(),
+            false => algorithm(summary, accuracy.as_ref(), missed.as_ref()),
+        },
+        grid(accuracy.as_ref(), missed.as_ref()),
         conservation(ledger.as_ref()),
     ];
     let marks = findings.each_ref().map(|finding| finding.mark);
@@ -89,36 +97,43 @@ fn verdict([algorithm, grid, conservation]: [Mark; 3]) -> (&'static str, &'stati
     }
 }
 
-/// The distance to the exact solution of the scheme's equations.
-fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, classical: bool) -> Finding {
-    let what = "Error of the modes";
-    let number = |key: &str| summary[key].as_f64();
-    let asked = number("tolerance");
-    let known = accuracy.and_then(|a| a.algorithm).or(number("error_semidiscrete"));
-    let said = |asked: f64| format!("relative l2; {} was asked for", short(asked));
-    match (known, asked) {
-        (Some(error), Some(asked)) => {
-            let mark = if error <= asked { Mark::Good } else { Mark::Bad };
-            Finding { what, mark, value: short(error), text: said(asked) }
-        }
-        (Some(error), None) => {
-            let text = "relative l2; no tolerance was given".to_owned();
-            Finding { what, mark: Mark::Good, value: short(error), text }
-        }
-        (None, _) if classical => {
-            let text = "the classical scheme has no modes; its time steps are not measured";
-            Finding { what, mark: Mark::Unknown, value: "none".to_owned(), text: text.to_owned() }
-        }
-        (None, asked) => {
-            let asked = asked.map_or(String::new(), |asked| format!(": {}", said(asked)));
-            let text = format!("there is no reliable estimate{asked}; solver.verify measures it");
-            Finding { what, mark: Mark::Unknown, value: "not known".to_owned(), text }
-        }
+/// What is known of the error of a classical run's time steps.
+fn steps() -> Finding {
+    Finding {
+        what: MODES,
+        mark: Mark::Unknown,
+        value: "none".to_owned(),
+        text: "the classical scheme has no modes; its time steps are not measured".to_owned(),
     }
 }
 
+/// The distance to the exact solution of the scheme's equations.
+fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
+    let asked = summary["tolerance"].as_f64();
+    let asked = asked.map_or(String::new(), |asked| format!("; {} was asked for", short(asked)));
+    let Some(error) = accuracy.and_then(|accuracy| accuracy.algorithm) else {
+        return Finding {
+            what: MODES,
+            mark: Mark::Unknown,
+            value: "not known".to_owned(),
+            text: format!("there is no reliable estimate{asked}; solver.verify measures it"),
+        };
+    };
+    let mark = match missed {
+        None => Mark::Unknown,
+        Some(Missed { tolerance: Some(_), .. }) => Mark::Bad,
+        Some(_) => Mark::Good,
+    };
+    let inherited = summary["continued"]["error_inherited"].as_f64();
+    let inherited = inherited.map_or(String::new(), |error| {
+        format!(", {} of it inherited from the run that it continues", short(error))
+    });
+    let text = format!("relative l2{inherited}{asked}");
+    Finding { what: MODES, mark, value: short(error), text }
+}
+
 /// The distance of the scheme's equations to the problem.
-fn grid(accuracy: Option<&Accuracy>) -> Finding {
+fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
     let what = "Error of the grid";
     let named = |name: &str, error: Option<f64>| Some(format!("{name} {}", percent(error?)));
     let errors = accuracy.map(|a| [named("f", a.grid), named("density", a.grid_density)]);
@@ -129,7 +144,8 @@ fn grid(accuracy: Option<&Accuracy>) -> Finding {
         return Finding { what, mark: Mark::Unknown, value, text: text.to_owned() };
     };
     let how = if accuracy.grid_measured { "measured" } else { "estimated" };
-    let (mark, advice) = match accuracy.under_resolved {
+    let goal_missed = missed.is_some_and(|missed| missed.accuracy.is_some());
+    let (mark, advice) = match accuracy.under_resolved || goal_missed {
         true => (Mark::Bad, "; more cells or a higher scheme.degree would lower it"),
         false => (Mark::Good, ""),
     };
@@ -174,7 +190,13 @@ mod tests {
         let all = Some(1.0);
         (ledger.mass.absolute, ledger.mass.initial, ledger.mass.end) = (all, all, all);
         ledger.mass.beyond = Some(lost);
-        let summary = json!({ "tolerance": 1e-6, "accuracy": accuracy, "ledger": ledger });
+        let missed = Missed {
+            tolerance: (algorithm > 1e-6).then(|| "tolerance".to_owned()),
+            accuracy: None,
+        };
+        let summary = json!({
+            "tolerance": 1e-6, "accuracy": accuracy, "missed": missed, "ledger": ledger
+        });
         trust(&summary, false).into_string()
     }
 
@@ -191,5 +213,18 @@ mod tests {
             assert!(found.contains(words), "{words}: {found}");
         }
         assert!(page(1e-7, false, 0.0).contains("f 2.00 %"));
+    }
+
+    /// A run that goes on meets its tolerance by its own error; what it inherits is said.
+    #[test]
+    fn inherited_errors_are_said_and_miss_nothing() {
+        let accuracy = Accuracy { algorithm: Some(3e-3), grid: Some(0.02), ..Accuracy::default() };
+        let summary = json!({
+            "tolerance": 1e-6, "accuracy": accuracy, "missed": Missed::default(),
+            "continued": { "error_inherited": 2e-3 },
+        });
+        let found = algorithm(&summary, Some(&accuracy), Some(&Missed::default()));
+        assert_eq!(found.mark, Mark::Good);
+        assert!(found.text.contains("0.002 of it inherited"), "{}", found.text);
     }
 }

@@ -239,7 +239,9 @@ impl<'a> Attempts<'a> {
             let reason = error.map_or(String::new(), |e| e.to_string());
             return Ok(Outcome::Refused(reason));
         }
-        if !self.budget.decide(self.fits(setup, expected.seconds)) {
+        // A lower bound promises nothing; one that cannot be planned is refused at once.
+        let known = !expected.at_least || error.is_some();
+        if !self.budget.decide(known && self.fits(setup, expected.seconds)) {
             return Ok(Outcome::LeftOut(expected));
         }
         let (trial, seconds) = self.timed(&scene)?;

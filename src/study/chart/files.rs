@@ -1,6 +1,7 @@
 //! `chart.csv`, `chart.json`, and the table on the terminal.
 
 use crate::base::error::Result;
+use crate::base::text::csv_field;
 use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::picture;
 use crate::study::chart::result::Chart;
@@ -23,7 +24,7 @@ pub const COLUMNS: [&str; 42] = [
     "front_applications", "front_until_measured", "warnings",
 ];
 
-/// A field of a CSV file (RFC 4180), on one line.
+/// A field of the table, on one line.
 fn field(value: &Value) -> String {
     let text = match value {
         Value::Null => String::new(),
@@ -31,8 +32,7 @@ fn field(value: &Value) -> String {
         Value::Array(list) => list.iter().map(field_text).collect::<Vec<_>>().join("; "),
         other => other.to_string(),
     };
-    let text = text.replace(['\n', '\r'], " ");
-    if text.contains(['"', ',']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
+    csv_field(&text.replace(['\n', '\r'], " "))
 }
 
 fn field_text(value: &Value) -> String {

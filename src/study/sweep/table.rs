@@ -2,7 +2,7 @@
 
 use crate::base::disk;
 use crate::base::error::Result;
-use crate::base::text::{short, shortened};
+use crate::base::text::{csv_field, short, shortened};
 use crate::study::sweep::name::plain;
 use serde_json::Value;
 use std::fmt;
@@ -126,11 +126,11 @@ impl Table {
     /// `table.csv`: a line of names, then one a run.
     fn csv(&self) -> String {
         let columns = self.columns();
-        let names: Vec<String> = columns.iter().map(|column| quoted(&column.name)).collect();
+        let names: Vec<String> = columns.iter().map(|column| csv_field(&column.name)).collect();
         let mut text = names.join(",") + "\n";
         for i in 0..self.rows.len() {
             let cells: Vec<String> =
-                columns.iter().map(|column| quoted(&exact(&column.cells[i]))).collect();
+                columns.iter().map(|column| csv_field(&exact(&column.cells[i]))).collect();
             text += &(cells.join(",") + "\n");
         }
         text
@@ -229,14 +229,6 @@ fn exact(value: &Value) -> String {
     match value {
         Value::Null => String::new(),
         other => plain(other),
-    }
-}
-
-/// A field of a CSV file.
-fn quoted(text: &str) -> String {
-    match text.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", text.replace('"', "\"\"")),
-        false => text.to_owned(),
     }
 }
 

@@ -139,7 +139,7 @@ fn frames_show_the_numbers_of_the_file_on_one_scale() {
     let (history, density) = (stored["/history/f"].numbers(), stored["/history/density"].numbers());
     let cells = 26 * 24;
     let mut scales = Vec::new();
-    for k in 0..film.len() {
+    for k in 0..film.count() {
         let frame = film.frame(k).unwrap();
         assert!(frame.title.ends_with(&format!("\nt = {}", 0.25 * k as f64)), "{}", frame.title);
         let f = match history.get(k * cells..(k + 1) * cells) {
@@ -159,7 +159,7 @@ fn frames_show_the_numbers_of_the_file_on_one_scale() {
     }
     assert!(scales.iter().all(|scale| *scale == scales[0] && scale.1.is_some()), "{scales:?}");
     // At the end the exact density is that of the stored exact field.
-    let frame = film.frame(film.len() - 1).unwrap();
+    let frame = film.frame(film.count() - 1).unwrap();
     let exact = stored["/exact"].numbers();
     for (cell, point) in curve(&frame, 1, "exact").iter().enumerate() {
         let sum: f64 = exact[24 * cell..24 * (cell + 1)].iter().map(|f| f * 3.0 / 24.0).sum();

@@ -7,6 +7,11 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
+/// A number of the environment, as `make torture` sets them; else `default`.
+pub fn number_from_environment(name: &str, default: u64) -> u64 {
+    std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
+}
+
 /// Checks every row of a table, several at a time, and fails with all that failed.
 pub fn check_all<T: Sync>(rows: &[T], check: impl Fn(&T) -> Result<(), String> + Sync) {
     assert!(!rows.is_empty(), "a table without rows tests nothing");

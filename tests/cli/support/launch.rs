@@ -2,6 +2,7 @@
 //! memory, and no more ranks at work at a time, over all tests, than the machine bears.
 
 use super::outcome::{Finished, Summary, untag};
+use phasewarp::base::text::quoted;
 use std::io::{Read, Seek};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -148,14 +149,7 @@ impl Job {
             None => Vec::new(),
         };
         words.push("target/release/phasewarp".to_owned());
-        let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:".contains(c);
-        words.extend(self.arguments.iter().map(|a| {
-            if !a.is_empty() && a.chars().all(plain) {
-                a.clone()
-            } else {
-                format!("'{}'", a.replace('\'', "'\\''"))
-            }
-        }));
+        words.extend(self.arguments.iter().map(|argument| quoted(argument)));
         words.join(" ")
     }
 
