@@ -44,7 +44,7 @@ use crate::results::finished;
 use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
 use crate::results::shown::Shown;
-use crate::results::summary::{self, Accuracy, Missed, Summary};
+use crate::results::summary::{self, Missed, Summary};
 use crate::results::{result_file, warped, xdmf};
 use crate::run::at_start::at_start;
 use crate::run::checkpointing::Checkpointing;
@@ -215,13 +215,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
         log.watch.lap("readout");
     }
     summary.fill(&prepared, &log);
-    let measured = [summary.error_l2_relative, summary.error_density_l2_relative];
-    let asked = prepared.plan.warp.as_ref().map(|_| prepared.case.tolerance);
-    let told = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
-    let told = summary.error_semidiscrete.or(told);
-    let told = summary.continued.as_ref().and_then(|c| c.error_total).or(told);
-    summary.accuracy = Accuracy::new(asked, told, measured, estimated);
-    summary.missed = Missed::new(&shown.case, &summary);
+    summary.judge(&prepared.case, estimated);
     Ok(Solution {
         case: shown.case,
         summary,

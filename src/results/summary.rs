@@ -409,6 +409,18 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// Says how far the result may be trusted and what it misses, once all other numbers are there;
+    /// `estimated` are the errors of the grid, of `f` and of the density.
+    pub fn judge(&mut self, case: &Case, estimated: [Option<f64>; 2]) {
+        let measured = [self.error_l2_relative, self.error_density_l2_relative];
+        let asked = (case.method == Method::Schrodingerized).then_some(case.tolerance);
+        let estimate = self.error_estimate.filter(|_| self.error_estimate_reliable);
+        let own = self.error_semidiscrete.or(estimate);
+        let since_start = self.continued.as_ref().and_then(|continued| continued.error_total);
+        self.accuracy = Accuracy::new(asked, since_start.or(own), measured, estimated);
+        self.missed = Missed::new(case, self);
+    }
+
     /// Puts the distances to the exact solution in their places.
     pub fn set_errors(&mut self, errors: &GridErrors) {
         if let Some(field) = &errors.field {

@@ -359,6 +359,11 @@ fn a_tolerance_that_is_missed_is_said_last() {
         let refused = job(&[long, verify, strict]);
         refused.ended(1, &[missed[0], "solver.strict"]).unwrap();
         assert!(place.path().join("summary.json").is_file(), "results are kept");
+        // A finished run ends as it ended before.
+        let again = run("example1.toml").set(&small).set(&[long, verify, strict]).on(ranks);
+        let again = again.into(place.path()).with(["--resume"]).run().unwrap();
+        again.ended(1, &[missed[0], "solver.strict"]).unwrap();
+        assert!(again.output.contains("the run is finished"), "{}", again.report("resumed"));
         let met = job(&[verify, strict]);
         assert!(met.code == Some(0) && !met.output.contains("MISSED"), "{}", met.report("met"));
     }

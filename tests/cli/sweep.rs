@@ -159,6 +159,25 @@ fn a_failure_is_a_row() {
 }
 
 /// What no sweep can be made of is refused before anything is run or written.
+/// A run that misses its tolerance has failed where `solver.strict` says so, whenever it was
+/// solved; its numbers are there.
+#[test]
+fn a_missed_tolerance_is_a_failure_if_it_is_to_be() {
+    let place = directory();
+    let job = sweep(place.path(), &["solver.strict=true,false", "solver.tolerance=1e-6"]);
+    let job = job.set(&["solver.propagator={method='crank-nicolson',step=0.05}"]);
+    for job in [job.clone().on(2), job.clone(), job.clone().with(["--table"])] {
+        let finished = job.run().unwrap();
+        assert_eq!(finished.code, Some(3), "{}", finished.report("a sweep"));
+        let table = Table::read(place.path()).unwrap();
+        assert!(table.get(0, "error").contains("MISSED"), "{:?}", table.rows);
+        assert_eq!(table.get(1, "error"), "");
+        for row in 0..2 {
+            assert!(!table.get(row, "error_semidiscrete").is_empty(), "{:?}", table.rows);
+        }
+    }
+}
+
 #[test]
 fn mistakes_are_refused_before_anything_runs() {
     let place = directory();

@@ -8,7 +8,7 @@ use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
-use crate::problem::case::{Case, Limiter, Reductions};
+use crate::problem::case::{Case, Limiter, Method, Reductions};
 use crate::problem::grid::PhaseSpace;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
@@ -310,7 +310,8 @@ impl<'a> Attempts<'a> {
         let least = self.cost.overhead(case, case.space.cells() as f64);
         let at_least = |seconds| Expected { seconds, at_least: true };
         let limit = self.budget.limit();
-        let spent = self.predicting > PREDICTING * limit;
+        // Modes have a profile to be planned; classical steps are counted at once.
+        let spent = case.method == Method::Schrodingerized && self.predicting > PREDICTING * limit;
         if self.has_results() && (spent || least > LARGEST_PART * limit) {
             return (at_least(least), None);
         }
