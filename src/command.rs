@@ -24,6 +24,7 @@ pub mod values;
 
 use crate::base::error::Result;
 use crate::command::cli::{Cli, Command};
+use crate::matrix::kernel::InstructionSet;
 use crate::parallel::communicator::World;
 
 /// Carries out a command. Collective.
@@ -31,6 +32,7 @@ use crate::parallel::communicator::World;
 /// # Errors
 /// The first error of any rank, the same on all.
 pub fn execute(world: &World, cli: &Cli) -> Result<()> {
+    world.group().agree(InstructionSet::chosen())?;
     match &cli.command {
         Command::Run(args) => run::execute(world, args),
         Command::Sweep(args) => sweep::execute(world, args),

@@ -12,6 +12,7 @@
 //! loop is compiled three times, for AVX-512, for AVX2 with FMA and for any processor; which one
 //! runs is decided once at start.
 
+use crate::base::error::{Error, Result};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants, multiply_add};
 use crate::matrix::rows::Rows;
 use std::ops::Range;
@@ -242,11 +243,43 @@ pub enum InstructionSet {
     Generic,
 }
 
+/// Variable of the environment that names an instruction set.
+pub const VARIABLE: &str = "PHASEWARP_INSTRUCTION_SET";
+
 impl InstructionSet {
-    /// The best that this processor has; asked once.
+    /// The one that [`VARIABLE`] names, else the best that this processor has; asked once.
     pub fn here() -> Self {
         static HERE: OnceLock<InstructionSet> = OnceLock::new();
-        *HERE.get_or_init(|| Self::all().next().unwrap_or(Self::Generic))
+        let best = || Self::all().next().unwrap_or(Self::Generic);
+        *HERE.get_or_init(|| Self::chosen().ok().flatten().unwrap_or_else(best))
+    }
+
+    /// The one that [`VARIABLE`] names; none where it is not set.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where this processor has none of that name.
+    pub fn chosen() -> Result<Option<Self>> {
+        let Some(name) = std::env::var_os(VARIABLE) else {
+            return Ok(None);
+        };
+        match Self::all().find(|set| name == set.name()) {
+            Some(set) => Ok(Some(set)),
+            None => Err(Error::Input(format!(
+                "{VARIABLE}={}: this processor has {}",
+                name.display(),
+                Self::all().map(Self::name).collect::<Vec<_>>().join(", ")
+            ))),
+        }
+    }
+
+    /// Whether it rounds `a b + c` once, as a fused multiply-add does: those that do so give the
+    /// same bits.
+    pub fn is_fused(self) -> bool {
+        match self {
+            Self::Avx512 | Self::Avx2 => true,
+            // Every aarch64 processor has fused multiply-add.
+            Self::Generic => cfg!(target_arch = "aarch64"),
+        }
     }
 
     /// All that this processor has, the best first.
@@ -303,7 +336,6 @@ pub fn stepper_for<R: StartRow>(set: InstructionSet) -> Stepper<R> {
         InstructionSet::Avx2 => |matrix, lines, constants, y, x, start| unsafe {
             step_avx2(matrix, lines, constants, y, x, start)
         },
-        // Every aarch64 processor has fused multiply-add.
         _ => step_lines::<{ cfg!(target_arch = "aarch64") }, R>,
     }
 }

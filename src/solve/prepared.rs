@@ -2,6 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
+use crate::matrix::kernel::InstructionSet;
 use crate::matrix::lanes::Lanes;
 use crate::parallel::communicator::{Communicator, World};
 use crate::plan::Plan;
@@ -101,9 +102,11 @@ impl Prepared {
         let plan = self.plan.measured(&self.case, self.bounds.clone(), resources, ratio)?;
         // Processors of different kinds might round differently, and ranks that count
         // differently wait for each other for ever.
+        let all = &self.communicator.world;
+        let rounds_alike = all.same(u64::from(InstructionSet::here().is_fused()));
         let warp = plan.warp.as_ref();
-        if warp.is_some_and(|warp| !self.communicator.world.same(warp.fingerprint())) {
-            let why = "ranks planned different series, being on processors of different kinds; \
+        if !rounds_alike || warp.is_some_and(|warp| !all.same(warp.fingerprint())) {
+            let why = "ranks round or plan differently, being on processors of different kinds; \
                        start them on one kind";
             return Err(Error::Ranks(why.to_owned()));
         }

@@ -2,6 +2,7 @@
 
 use crate::base::checksum;
 use crate::base::version::VERSION;
+use crate::matrix::kernel::InstructionSet;
 use crate::problem::case::Case;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::kept::ModeProgress;
@@ -37,6 +38,8 @@ pub struct Fingerprint {
     pub(crate) field: Option<u64>,
     /// Of the plan.
     pub(crate) plan: u64,
+    /// Whether the inner loop has fused multiply-adds.
+    pub(crate) fused: bool,
 }
 
 /// What tells a warped field to start from.
@@ -65,6 +68,7 @@ impl Fingerprint {
             }),
             field: case.start_field.as_ref().and_then(|start| Some(start.origin?.checksum)),
             plan: checksum::of_text(format!("{planned:?}").as_bytes()),
+            fused: InstructionSet::here().is_fused(),
         }
     }
 
@@ -93,6 +97,13 @@ impl Fingerprint {
         }
         if self.field != other.field {
             return Some("began from another field: that of initial.field has changed".to_owned());
+        }
+        if self.fused != other.fused {
+            let [own, other] = [self, other].map(|run| if run.fused { "with" } else { "without" });
+            return Some(format!(
+                "was computed {other} fused multiply-adds, this process computes {own}: the bits \
+                 differ"
+            ));
         }
         (self.plan != other.plan)
             .then(|| "is of another plan, made on a processor of another kind".to_owned())

@@ -1,6 +1,8 @@
 //! The same bits on every number of ranks and every process mesh.
 
-use crate::support::{check_all, datasets, differences, directory, parsed, run};
+use crate::support::{
+    at_most, check_all, datasets, differences, directory, parsed, refused, require, run,
+};
 
 /// Every way to split `ranks` into blocks along `axes` x-axes and mode groups: `--ranks-x`.
 fn meshes(axes: usize, ranks: usize) -> Vec<Vec<usize>> {
@@ -468,4 +470,69 @@ fn same_bits_of_elements() {
         axes: 2,
         datasets: PLANE,
     });
+}
+
+/// Instruction sets that the program may be told to use; not all of them are everywhere.
+const SETS: [&str; 4] = ["avx512", "avx2", "neon", "generic"];
+
+/// Sets with fused multiply-adds give the same bits, one without differs by round-off.
+#[test]
+fn same_bits_by_every_instruction_set_that_fuses() {
+    let rows: [(&str, &[&str]); 5] = [
+        ("example1.toml", &["axis.0.x.cells=23", "axis.0.v.cells=17", "output.field_times=[0.3]"]),
+        ("smooth-beams.toml", &["scheme.degree=3", "axis.0.x.cells=7", "axis.0.v.cells=6"]),
+        ("pulsed_inflow.toml", &["axis.0.x.cells=20", "axis.0.v.cells=14"]),
+        ("example2.toml", &["axis.0.x.cells=20", "axis.0.v.cells=16", "time.end=0.3"]),
+        (
+            "quadrant2d.toml",
+            &[
+                "scheme.degree=0",
+                "axis.0.x.cells=7",
+                "axis.0.v.cells=6",
+                "axis.1.x.cells=5",
+                "axis.1.v.cells=6",
+            ],
+        ),
+    ];
+    let tolerance = "solver.tolerance=1e-6";
+    check_all(&rows, |(name, settings)| {
+        let place = directory();
+        let job = || run(name).set(settings).set(&[tolerance]);
+        job().solve(place.path())?;
+        let best = datasets(place.path())?;
+        let mut solved = 0;
+        for set in SETS {
+            let other = directory();
+            let job = job().on(2).environment("PHASEWARP_INSTRUCTION_SET", set).into(other.path());
+            let finished = job.run()?;
+            if finished.code == Some(2) {
+                refused(&finished, &["PHASEWARP_INSTRUCTION_SET", set, "this processor has"])?;
+                continue;
+            }
+            finished.ended(0, &[])?;
+            solved += 1;
+            let found = datasets(other.path())?;
+            if set != "generic" {
+                let differ = differences(&found, &best);
+                require(differ.is_empty(), &finished, || format!("other bits in {differ:?}"))?;
+            }
+            for key in ["/f", "/phi", "/density"] {
+                if let (Some(found), Some(best)) = (found.get(key), best.get(key)) {
+                    let what = format!("{name}, {set}: relative distance of {key}");
+                    let distance = relative_distance(&found.numbers(), &best.numbers());
+                    at_most(&what, distance, 1e-8)?;
+                }
+            }
+        }
+        match solved {
+            0 => Err(format!("{name}: no instruction set is there")),
+            _ => Ok(()),
+        }
+    });
+}
+
+/// `‖a − b‖/‖b‖`.
+fn relative_distance(a: &[f64], b: &[f64]) -> f64 {
+    let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>().sqrt();
+    norm(&mut a.iter().zip(b).map(|(a, b)| a - b)) / norm(&mut b.iter().copied())
 }

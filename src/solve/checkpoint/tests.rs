@@ -62,6 +62,7 @@ fn fingerprint() -> Fingerprint {
         start: Some(Start { points: ([4, 5], 6), values: Some(7) }),
         field: Some(9),
         plan: 3,
+        fused: true,
     }
 }
 
@@ -324,6 +325,8 @@ fn runs_that_differ_are_told_apart() {
         (change(&|f| f.start = start(([4, 5], 6), Some(8))), "initial.warped"),
         (change(&|f| f.field = Some(8)), "initial.field"),
         (change(&|f| f.plan = 9), "another plan"),
+        // Other roundings may make another plan, too.
+        (change(&|f| (f.plan, f.fused) = (9, false)), "was computed without fused multiply-adds"),
     ] {
         let why = own.difference(&other);
         assert!(why.as_ref().is_some_and(|why| why.contains(word)), "{why:?}");

@@ -6,6 +6,7 @@ use super::{
 use crate::support::{
     Job, Summary, case, check_all, datasets, differences, directory_on_disk as directory,
 };
+use phasewarp::matrix::kernel::{InstructionSet, VARIABLE};
 use std::fs;
 use std::path::Path;
 use std::sync::LazyLock;
@@ -128,6 +129,14 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     let finished = go_on(run().on(2).set(&["time.end=0.9"]), sound.path());
     assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
     assert!(finished.errors.contains("time.end is 1 there, 0.9 here"), "{}", finished.errors);
+    // By a processor that rounds otherwise.
+    if InstructionSet::here() != InstructionSet::Generic {
+        let other = run().on(2).environment(VARIABLE, InstructionSet::Generic.name());
+        let finished = go_on(other, sound.path());
+        assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
+        let said = finished.errors.contains("was computed with fused multiply-adds");
+        assert!(said, "{}", finished.errors);
+    }
     // Of the same case, said in another way, and stored in another.
     let differently = [
         "axis.0.v.cells=30",

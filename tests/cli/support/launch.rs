@@ -53,6 +53,7 @@ pub struct Job {
     tells_codes: bool,
     capped: bool,
     blocks: Option<u64>,
+    environment: Vec<(String, String)>,
     pause: u64,
 }
 
@@ -68,6 +69,7 @@ impl Job {
             tells_codes: false,
             capped: false,
             blocks: None,
+            environment: Vec::new(),
             pause: 5,
         }
     }
@@ -133,6 +135,12 @@ impl Job {
     /// No file of a rank may grow beyond so many KiB.
     pub fn files_up_to(mut self, kibibytes: u64) -> Self {
         self.blocks = Some(kibibytes);
+        self
+    }
+
+    /// With a variable of the environment.
+    pub fn environment(mut self, name: &str, value: &str) -> Self {
+        self.environment.push((name.to_owned(), value.to_owned()));
         self
     }
 
@@ -214,7 +222,8 @@ impl Job {
             // then.
             .env("OMPI_MCA_odls_base_sigkill_timeout", "0")
             .env("RUST_BACKTRACE", "0")
-            .env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe");
+            .env("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe")
+            .envs(self.environment.iter().cloned());
         // A process alone needs no daemon of Open MPI's, which takes as long to start as the
         // program; without one, each needs a directory of its own for what Open MPI keeps in files.
         let session = tempfile::tempdir().map_err(|e| fail("temporary directory", &e))?;
