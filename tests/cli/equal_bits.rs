@@ -478,6 +478,8 @@ const SETS: [&str; 4] = ["avx512", "avx2", "neon", "generic"];
 /// Sets with fused multiply-adds give the same bits, one without differs by round-off.
 #[test]
 fn same_bits_by_every_instruction_set_that_fuses() {
+    /// Of the field: a few round-offs times the amplification of few modes at 1e-6.
+    const LARGEST: f64 = 5e-8;
     let rows: [(&str, &[&str]); 5] = [
         ("example1.toml", &["axis.0.x.cells=23", "axis.0.v.cells=17", "output.field_times=[0.3]"]),
         ("smooth-beams.toml", &["scheme.degree=3", "axis.0.x.cells=7", "axis.0.v.cells=6"]),
@@ -520,7 +522,7 @@ fn same_bits_by_every_instruction_set_that_fuses() {
                 if let (Some(found), Some(best)) = (found.get(key), best.get(key)) {
                     let what = format!("{name}, {set}: relative distance of {key}");
                     let distance = relative_distance(&found.numbers(), &best.numbers());
-                    at_most(&what, distance, 1e-8)?;
+                    at_most(&what, distance, LARGEST)?;
                 }
             }
         }
