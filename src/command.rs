@@ -1,5 +1,6 @@
 //! The subcommands: each has a file that reads its options, calls the rooms below and prints.
 
+pub mod accuracy;
 pub mod advise;
 pub mod chart;
 pub mod check;

@@ -1,9 +1,10 @@
 //! `phasewarp check` and `phasewarp check-result`: cases and results without solving anything.
 
 use crate::base::error::Result;
+use crate::command::accuracy::load_for_accuracy;
 use crate::command::cli::{CheckArgs, CheckResultArgs};
 use crate::command::describe::describe;
-use crate::command::loading::{load_for_accuracy, reduced_case};
+use crate::command::loading::reduced_case;
 use crate::command::printing::{print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;

@@ -179,7 +179,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
     pub ranks_x: Option<Vec<usize>>,
     /// Continue from the newest checkpoint in DIR/checkpoint, on any ranks
-    #[arg(long, conflicts_with = "accuracy")]
+    #[arg(long)]
     pub resume: bool,
     /// Replace the results of another run in DIR, or files there that no run wrote; with --resume,
     /// if there is nothing to go on from

@@ -1,8 +1,9 @@
 //! `phasewarp plan`: memory, work and process meshes of a run.
 
 use crate::base::error::Result;
+use crate::command::accuracy::load_for_accuracy;
 use crate::command::cli::PlanArgs;
-use crate::command::loading::{load_for_accuracy, reduced_case};
+use crate::command::loading::reduced_case;
 use crate::command::printing::{print, print_as, print_json};
 use crate::command::sbatch;
 use crate::command::sbatch::Needs;

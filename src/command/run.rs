@@ -3,10 +3,9 @@
 use crate::base::error::{Error, Result};
 use crate::base::machine;
 use crate::base::text::fixed;
+use crate::command::accuracy;
 use crate::command::cli::{CaseArgs, RunArgs};
-use crate::command::loading::{
-    default_directory, default_directory_until, load, load_continued, with_accuracy,
-};
+use crate::command::loading::{default_directory, default_directory_until, load, load_continued};
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Method};
@@ -23,20 +22,13 @@ const TOLD_TO_STOP: &str =
 /// Solves the case, unless it is to be resumed and is finished. Collective.
 ///
 /// # Errors
-/// As [`run::run`] and `with_accuracy`.
+/// As [`run::run`] and [`accuracy::choose`].
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     let Asked { case: given, directory } = asked(world, args)?;
-    let case = match (args.resume, &args.continued) {
+    let case = match args.continued {
         // Its grid is known.
-        (_, Some(_)) => given,
-        (true, None) => refuse_accuracy(given)?,
-        (false, None) => {
-            // Before the trials for an accuracy, which take a minute.
-            if !args.force {
-                refuse_to_replace(&world.group(), &directory, &given, false)?;
-            }
-            with_accuracy(world, given, &args.changes, &args.accuracy)?
-        }
+        Some(_) => given,
+        None => on_its_grid(world, given, args, &directory)?,
     };
     if args.resume && run::is_done(world, &directory, &case) {
         let shown = directory.display();
@@ -101,15 +93,18 @@ fn asked(world: &World, args: &RunArgs) -> Result<Asked> {
     Ok(Asked { case, directory })
 }
 
-/// The case of a run that goes on, whose grid is known.
-fn refuse_accuracy(case: Case) -> Result<Case> {
-    match case.accuracy {
-        None => Ok(case),
-        Some(accuracy) => Err(Error::Input(format!(
-            "{}: solver.accuracy = {accuracy:e} chooses the grid of a new run; --resume: continue \
-             with the --set options that it printed, on a case without it",
-            case.name
-        ))),
+/// `case`, where an accuracy is asked for on the grid that is chosen for it; a run that is resumed
+/// has it from before. Collective.
+fn on_its_grid(world: &World, case: Case, args: &RunArgs, directory: &Path) -> Result<Case> {
+    let chosen = accuracy::with_choice(world, &case, args, directory);
+    // Before the trials for an accuracy, which take a minute.
+    if !args.force && !args.resume {
+        let here = chosen.as_ref().unwrap_or(&case);
+        refuse_to_replace(&world.group(), directory, here, false)?;
+    }
+    match chosen.filter(|_| args.resume) {
+        Some(case) => Ok(case),
+        None => accuracy::choose(world, case, args, directory),
     }
 }
 

@@ -71,6 +71,8 @@ pub struct GridErrors {
 pub struct Accuracy {
     /// `solver.tolerance`; none of the classical method.
     pub asked: Option<f64>,
+    /// `solver.accuracy`, where it was asked for.
+    pub goal: Option<f64>,
     /// Relative l2 distance to the semi-discrete solution: as measured (`solver.verify`), else its
     /// estimate, where that is reliable.
     pub algorithm: Option<f64>,
@@ -84,7 +86,8 @@ pub struct Accuracy {
     pub grid_estimate: Option<f64>,
     /// The same of the density.
     pub grid_density_estimate: Option<f64>,
-    /// Whether the grid's error is above a tenth, or ten times the algorithm's.
+    /// Whether the grid's error is above a tenth, or ten times the larger of the algorithm's error
+    /// and the tolerance; where `solver.accuracy` is measured, whether that is missed.
     pub under_resolved: bool,
 }
 
@@ -94,32 +97,34 @@ const MUCH: f64 = 0.1;
 const MANY_TIMES: f64 = 10.0;
 
 impl Accuracy {
-    /// From what was asked and estimated of the algorithm, and the relative errors of the grid, of
-    /// `f` and of the density, as they were measured and estimated.
-    pub fn new(
-        asked: Option<f64>,
-        algorithm: Option<f64>,
-        measured: [Option<f64>; 2],
-        estimated: [Option<f64>; 2],
-    ) -> Self {
+    /// The same with the relative errors of the grid, of `f` and of the density, as they were
+    /// measured and estimated.
+    pub fn with_grid(self, measured: [Option<f64>; 2], estimated: [Option<f64>; 2]) -> Self {
         let grid_measured = measured.iter().any(Option::is_some);
-        let grid = if grid_measured { measured } else { estimated };
-        let worst = grid.into_iter().flatten().fold(0.0, f64::max);
-        let of_algorithm = algorithm.into_iter().chain(asked).fold(0.0, f64::max);
-        let dominates = of_algorithm > 0.0 && worst > MANY_TIMES * of_algorithm;
-        let [grid, grid_density] = grid;
-        let under_resolved = worst > MUCH || dominates;
+        let [grid, grid_density] = if grid_measured { measured } else { estimated };
         let [grid_estimate, grid_density_estimate] = estimated;
-        Self {
-            asked,
-            algorithm,
+        let found = Self {
             grid,
             grid_density,
             grid_measured,
             grid_estimate,
             grid_density_estimate,
-            under_resolved,
-        }
+            ..self
+        };
+        let of_algorithm = self.algorithm.into_iter().chain(self.asked).fold(0.0, f64::max);
+        let dominates = of_algorithm > 0.0 && found.worst() > MANY_TIMES * of_algorithm;
+        let under_resolved = found.is_coarse() || dominates;
+        Self { under_resolved, ..found }
+    }
+
+    /// The larger of the grid's errors of `f` and of the density; zero where none is known.
+    fn worst(&self) -> f64 {
+        self.grid.into_iter().chain(self.grid_density).fold(0.0, f64::max)
+    }
+
+    /// Whether the grid's error is large by itself: above a tenth.
+    pub fn is_coarse(&self) -> bool {
+        self.worst() > MUCH
     }
 
     /// What limits the run, with both numbers; nothing where the grid's error is not known.
@@ -138,7 +143,9 @@ impl Accuracy {
         let how = if self.grid_measured { "measured" } else { "estimated" };
         let of_algorithm = match (self.algorithm, self.asked) {
             (Some(error), _) => format!(", the algorithm's {error:.1e}"),
-            (None, Some(asked)) => format!(", the algorithm's within the tolerance {asked:e}"),
+            (None, Some(asked)) => {
+                format!(", the algorithm's not estimated (planned within {asked:e})")
+            }
             (None, None) => String::new(),
         };
         let errors = errors.join(", ");
@@ -417,8 +424,13 @@ impl Summary {
         let estimate = self.error_estimate.filter(|_| self.error_estimate_reliable);
         let own = self.error_semidiscrete.or(estimate);
         let since_start = self.continued.as_ref().and_then(|continued| continued.error_total);
-        self.accuracy = Accuracy::new(asked, since_start.or(own), measured, estimated);
+        let algorithm = since_start.or(own);
+        let accuracy = Accuracy { asked, goal: case.accuracy, algorithm, ..Accuracy::default() };
+        self.accuracy = accuracy.with_grid(measured, estimated);
         self.missed = Missed::new(case, self);
+        if case.accuracy.is_some() && self.error_density_l1_relative.is_some() {
+            self.accuracy.under_resolved = self.missed.accuracy.is_some();
+        }
     }
 
     /// Puts the distances to the exact solution in their places.

@@ -70,15 +70,24 @@ pub fn all_zero(stream: &mut Stream, overlap: f64, shots: u64) -> Estimate {
 /// Amplitude estimation of `overlap`: the median of [`RUNS`] runs with `evaluations` values of the
 /// register.
 pub fn amplitude_estimation(stream: &mut Stream, overlap: f64, evaluations: u64) -> Estimate {
-    let theta = (0.5 * (1.0 + overlap)).clamp(0.0, 1.0).sqrt().asin();
-    let mut values: [f64; RUNS] = std::array::from_fn(|_| {
-        let phase = if stream.bits() & 1 == 0 { theta / PI } else { 1.0 - theta / PI };
-        let y = phase_estimation(stream, phase, evaluations);
-        -(2.0 * PI * y as f64 / evaluations as f64).cos()
-    });
-    values.sort_by(f64::total_cmp);
-    let value = values[RUNS / 2];
+    // The amplitude is √((1 + o)/2).
+    let amplitude = (0.5 * (1.0 + overlap)).clamp(0.0, 1.0).sqrt();
+    let value = -(2.0 * estimated_angle(stream, amplitude, evaluations)).cos();
     Estimate { value, error: amplitude_bound(value, evaluations as f64) }
+}
+
+/// The angle `θ` in `[0, π/2]` of an `amplitude` `sin θ`, however small: the median of [`RUNS`]
+/// runs of amplitude estimation.
+fn estimated_angle(stream: &mut Stream, amplitude: f64, evaluations: u64) -> f64 {
+    let phase = amplitude.asin() / PI;
+    let mut outcomes: [u64; RUNS] = std::array::from_fn(|_| {
+        // The eigenphases are ±θ/π, and either is found.
+        let sign = if stream.bits() & 1 == 0 { 1.0 } else { -1.0 };
+        let y = phase_estimation(stream, sign * phase, evaluations);
+        y.min(evaluations - y)
+    });
+    outcomes.sort_unstable();
+    PI * outcomes[RUNS / 2] as f64 / evaluations as f64
 }
 
 /// An outcome of canonical phase estimation of `e^{2πi phase}` with a register of `size` values.
@@ -166,11 +175,10 @@ pub fn root_by_successes(stream: &mut Stream, probability: f64, trials: u64) -> 
     (successes as f64 / (trials as f64 * probability)).sqrt()
 }
 
-/// `√(P̂/P)` for a `P̂` by [`amplitude_estimation`].
+/// `√(P̂/P)` for a `P̂` by amplitude estimation.
 pub fn root_by_estimation(stream: &mut Stream, probability: f64, evaluations: u64) -> f64 {
-    // The probability is (1 + o)/2.
-    let found = amplitude_estimation(stream, 2.0 * probability - 1.0, evaluations).value;
-    (0.5 * (1.0 + found) / probability).max(0.0).sqrt()
+    let amplitude = probability.sqrt();
+    estimated_angle(stream, amplitude, evaluations).sin() / amplitude
 }
 
 /// Part by which an overlap may be too small after exact amplitude amplification with a `√P` that
@@ -293,6 +301,31 @@ mod tests {
                     (amplitude_estimation(s, o, m).value - o).abs() <= amplitude_bound(o, m as f64)
                 });
                 assert!(held >= least, "amplitude {o} {m}: {held}");
+            }
+        }
+    }
+
+    /// However small the probability is.
+    #[test]
+    fn roots_by_estimation_are_within_their_bound() {
+        let seeds = 400;
+        let least = CONFIDENCE - 3.0 * (CONFIDENCE * (1.0 - CONFIDENCE) / seeds as f64).sqrt();
+        for probability in [0.3, 1e-3, 1e-9, 1e-16, 3e-22] {
+            for error in [0.1, 1e-2] {
+                let evaluations = root_evaluations(probability, error);
+                let bound = root_bound(probability, evaluations);
+                let off = |seed| {
+                    let found =
+                        root_by_estimation(&mut stream(seed), probability, evaluations as u64);
+                    (found - 1.0).abs()
+                };
+                let all: Vec<f64> = (0..seeds).map(off).collect();
+                let held = |bound: f64| {
+                    all.iter().filter(|off| **off <= bound).count() as f64 / seeds as f64
+                };
+                assert!(held(bound) >= least, "{probability:e} {error}: {}", held(bound));
+                // Control.
+                assert!(held(bound / 30.0) < least, "{probability:e} {error}: a loose bound");
             }
         }
     }

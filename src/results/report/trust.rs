@@ -90,7 +90,7 @@ impl Mark {
 fn verdict([algorithm, grid, conservation]: [Mark; 3]) -> (&'static str, &'static str) {
     match (algorithm, grid, conservation) {
         (Mark::Bad, ..) => ("bad", "Do not trust this result: the tolerance is not met"),
-        (_, Mark::Bad, _) => ("bad", "The grid is too coarse for this result"),
+        (_, Mark::Bad, _) => ("bad", "The grid is too coarse"),
         (_, _, Mark::Bad) => ("bad", "Mass or energy is off: read the warnings"),
         (Mark::Good, Mark::Good, Mark::Good) => ("good", "This result can be trusted"),
         _ => ("unknown", "Not all errors of this result are known"),
@@ -110,13 +110,13 @@ fn steps() -> Finding {
 /// The distance to the exact solution of the scheme's equations.
 fn algorithm(summary: &Value, accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
     let asked = summary["tolerance"].as_f64();
-    let asked = asked.map_or(String::new(), |asked| format!("; {} was asked for", short(asked)));
+    let asked = asked.map_or(String::new(), |asked| format!("; the tolerance is {}", short(asked)));
     let Some(error) = accuracy.and_then(|accuracy| accuracy.algorithm) else {
         return Finding {
             what: MODES,
             mark: Mark::Unknown,
             value: "not known".to_owned(),
-            text: format!("there is no reliable estimate{asked}; solver.verify measures it"),
+            text: format!("planned, and not estimated{asked}; solver.verify measures it"),
         };
     };
     let mark = match missed {
@@ -144,12 +144,27 @@ fn grid(accuracy: Option<&Accuracy>, missed: Option<&Missed>) -> Finding {
         return Finding { what, mark: Mark::Unknown, value, text: text.to_owned() };
     };
     let how = if accuracy.grid_measured { "measured" } else { "estimated" };
-    let goal_missed = missed.is_some_and(|missed| missed.accuracy.is_some());
-    let (mark, advice) = match accuracy.under_resolved || goal_missed {
-        true => (Mark::Bad, "; more cells or a higher scheme.degree would lower it"),
-        false => (Mark::Good, ""),
+    let mut text = format!("relative L2, {how}");
+    let goal_missed = missed.and_then(|missed| missed.accuracy.as_ref());
+    let mark = match (goal_missed, accuracy.goal) {
+        (Some(sentence), _) => {
+            text += &format!("; {sentence}");
+            Mark::Bad
+        }
+        (None, Some(goal)) => {
+            text += &format!("; the accuracy {} of the density was asked for", short(goal));
+            Mark::Good
+        }
+        (None, None) if accuracy.is_coarse() => Mark::Bad,
+        (None, None) => Mark::Good,
     };
-    Finding { what, mark, value: errors.join(", "), text: format!("relative L2, {how}{advice}") }
+    if mark == Mark::Bad {
+        text += "; more cells or a higher scheme.degree would lower it";
+    } else if accuracy.under_resolved {
+        text += "; the error of the modes is far smaller, so only more cells or a higher \
+                 scheme.degree make the result better";
+    }
+    Finding { what, mark, value: errors.join(", "), text }
 }
 
 /// Whether mass and energy are where they should be.
@@ -159,14 +174,19 @@ fn conservation(ledger: Option<&Ledger>) -> Finding {
         let (value, text) = ("not known".to_owned(), "the ledger was not kept".to_owned());
         return Finding { what, mark: Mark::Unknown, value, text };
     };
-    let (mark, value) = match ledger.warnings().len() {
-        0 => (Mark::Good, "nothing is off by more than 1 %".to_owned()),
+    let warnings = ledger.warnings();
+    let (mark, value) = match warnings.len() {
+        0 => (Mark::Good, "no warning".to_owned()),
         1 => (Mark::Bad, "1 warning".to_owned()),
         many => (Mark::Bad, format!("{many} warnings")),
     };
-    let lost = ledger.mass.lost.filter(|_| mark == Mark::Good);
-    let share = lost.and_then(|lost| Some(percent((lost / ledger.mass.absolute?).abs())));
-    let text = share.map_or(String::new(), |share| format!("between start and end: {share}"));
+    let lost = || Some(percent((ledger.mass.lost? / ledger.mass.absolute?).abs()));
+    let text = match warnings.into_iter().next() {
+        Some(first) => first,
+        None => lost().map_or(String::new(), |share| {
+            format!("mass at the start and not at the end, what left the box included: {share}")
+        }),
+    };
     Finding { what, mark, value, text }
 }
 
@@ -175,17 +195,10 @@ mod tests {
     use super::*;
     use serde_json::json;
 
-    fn page(algorithm: f64, under_resolved: bool, lost: f64) -> String {
-        let accuracy = Accuracy {
-            asked: Some(1e-6),
-            algorithm: Some(algorithm),
-            grid: Some(0.02),
-            grid_density: None,
-            grid_measured: true,
-            grid_estimate: None,
-            grid_density_estimate: None,
-            under_resolved,
-        };
+    fn page(algorithm: f64, grid: f64, lost: f64) -> String {
+        let accuracy =
+            Accuracy { asked: Some(1e-6), algorithm: Some(algorithm), ..Accuracy::default() };
+        let accuracy = accuracy.with_grid([Some(grid), None], [None; 2]);
         let mut ledger = Ledger::default();
         let all = Some(1.0);
         (ledger.mass.absolute, ledger.mass.initial, ledger.mass.end) = (all, all, all);
@@ -203,16 +216,31 @@ mod tests {
     #[test]
     fn the_verdict_is_that_of_the_worst() {
         for (found, words) in [
-            (page(1e-7, false, 0.0), "can be trusted"),
-            (page(1e-5, false, 0.0), "the tolerance is not met"),
-            (page(1e-7, true, 0.0), "too coarse"),
-            (page(1e-7, false, 0.5), "is off"),
+            (page(1e-7, 0.02, 0.0), "can be trusted"),
+            (page(1e-5, 0.02, 0.0), "the tolerance is not met"),
+            (page(1e-7, 0.2, 0.0), "too coarse"),
+            (page(1e-7, 0.02, 0.5), "is off"),
             (trust(&json!({}), false).into_string(), "Not all errors"),
             (trust(&json!({}), true).into_string(), "has no modes"),
         ] {
             assert!(found.contains(words), "{words}: {found}");
         }
-        assert!(page(1e-7, false, 0.0).contains("f 2.00 %"));
+        let found = page(1e-7, 0.02, 0.0);
+        assert!(found.contains("f 2.00 %") && found.contains("far smaller"), "{found}");
+    }
+
+    /// An accuracy that was asked for decides, whatever the tolerance.
+    #[test]
+    fn a_goal_is_met_or_missed() {
+        for (sentence, mark) in [(None, Mark::Good), (Some("accuracy MISSED"), Mark::Bad)] {
+            let accuracy = Accuracy { goal: Some(0.3), ..Accuracy::default() };
+            let accuracy = accuracy.with_grid([Some(0.25), None], [None; 2]);
+            let missed = Missed { accuracy: sentence.map(str::to_owned), tolerance: None };
+            let found = grid(Some(&accuracy), Some(&missed));
+            assert_eq!(found.mark, mark);
+            let words = if mark == Mark::Good { "0.3 of the density" } else { "MISSED" };
+            assert!(found.text.contains(words), "{}", found.text);
+        }
     }
 
     /// A run that goes on meets its tolerance by its own error; what it inherits is said.

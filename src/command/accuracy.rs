@@ -1,0 +1,150 @@
+//! Cases with an accuracy in the place of a grid, a degree and a tolerance.
+
+use crate::base::checksum;
+use crate::base::disk;
+use crate::base::error::{Error, Result};
+use crate::base::log::report;
+use crate::command::cli::{AccuracyArgs, CaseArgs, Changes, RunArgs};
+use crate::command::loading::load;
+use crate::parallel::communicator::World;
+use crate::problem::case::Case;
+use crate::study::advise::report::warnings;
+use crate::study::advise::{Wanted, advise};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::time::Duration;
+
+/// Time for the trials of an accuracy, where none is given.
+const DEFAULT_BUDGET: Duration = Duration::from_secs(60);
+/// The file of a run's directory that says what was chosen for its accuracy.
+const CHOICE: &str = "accuracy.json";
+
+/// What was chosen for an accuracy.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Choice {
+    /// The accuracy.
+    accuracy: f64,
+    /// Checksum of the case for which it was chosen: its text and its `--set` options.
+    case: String,
+    /// `--set` options of what was chosen.
+    settings: Vec<String>,
+}
+
+impl Choice {
+    /// What was chosen for `given`, by what its case `found` has besides.
+    fn new(given: &Case, found: &Case, accuracy: f64) -> Self {
+        let settings = found.overrides[given.overrides.len()..].to_vec();
+        Self { accuracy, case: checksum_of(given), settings }
+    }
+}
+
+/// Checksum of what a case was read of.
+fn checksum_of(case: &Case) -> String {
+    let text = [&case.text, &case.overrides.join("\n")].map(String::as_str).join("\n");
+    format!("{:016x}", checksum::of_text(text.as_bytes()))
+}
+
+/// The case of a run, with what was chosen for its accuracy in `directory` before, if anything was.
+/// Collective.
+pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path) -> Option<Case> {
+    let accuracy = args.accuracy.accuracy.or(case.accuracy)?;
+    let of_file = || -> Option<String> {
+        let text = disk::read_text(&directory.join(CHOICE)).ok()?;
+        let found: Choice = serde_json::from_str(&text).ok()?;
+        let same = found.accuracy == accuracy && found.case == checksum_of(case);
+        same.then(|| found.settings.join("\n"))
+    };
+    let mine = if world.group().rank() == 0 { of_file() } else { None };
+    let settings = world.group().broadcast_text(&mine.unwrap_or_default());
+    if settings.is_empty() {
+        return None;
+    }
+    let set: Vec<String> =
+        case.overrides.iter().cloned().chain(settings.lines().map(str::to_owned)).collect();
+    let found = Case::parse(&case.name, &case.text, &set).ok()?;
+    Some(Case { accuracy: Some(accuracy), ..found })
+}
+
+/// The case of a run: where an accuracy is asked for, with what [`advise`] chooses for it, which is
+/// kept in `directory`. Collective.
+///
+/// # Errors
+/// As [`load_for_accuracy`]; where the directory cannot be written.
+pub fn choose(world: &World, case: Case, args: &RunArgs, directory: &Path) -> Result<Case> {
+    let found = with_accuracy(world, case.clone(), &args.changes, &args.accuracy)?;
+    if let Some(accuracy) = found.accuracy {
+        world.group().on_first_rank(|| {
+            disk::make(directory)?;
+            let path = directory.join(CHOICE);
+            let text = serde_json::to_string_pretty(&Choice::new(&case, &found, accuracy));
+            disk::write_text(&path, &(text.map_err(|e| disk::failure(&path, &e))? + "\n"))
+        })?;
+    }
+    Ok(found)
+}
+
+/// As [`load`], [`with_accuracy`]. Collective.
+///
+/// # Errors
+/// As both.
+pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) -> Result<Case> {
+    with_accuracy(world, load(world, args)?, &args.changes, wanted)
+}
+
+/// `case`, which was loaded with `changes`; where an accuracy is asked for, by `--accuracy` or by
+/// `solver.accuracy`, with the grid, degree, interface and tolerance that [`advise`] chooses for
+/// it, which are printed. Collective.
+///
+/// # Errors
+/// As [`advise`]; [`Error::Input`] where `--set` gives what is chosen, or where nothing is advised.
+fn with_accuracy(
+    world: &World,
+    case: Case,
+    changes: &Changes,
+    wanted: &AccuracyArgs,
+) -> Result<Case> {
+    let Some(accuracy) = wanted.accuracy.or(case.accuracy) else {
+        return match wanted.budget {
+            None => Ok(case),
+            Some(_) => Err(Error::Input(
+                "--budget is the time to choose for an accuracy: --accuracy or solver.accuracy is \
+                 missing"
+                    .to_owned(),
+            )),
+        };
+    };
+    refuse_what_is_chosen(&changes.set)?;
+    let budget = wanted.budget.unwrap_or(DEFAULT_BUDGET).as_secs_f64();
+    let advised = advise(world, &case, Wanted { accuracy, budget })?;
+    let Some(entry) = advised.best_of(case.method) else {
+        let why = advised.why_nothing(case.method);
+        return Err(Error::Input(format!("{}: accuracy {accuracy:e}: {why}", case.name)));
+    };
+    if world.group().rank() == 0 {
+        report(&format!("accuracy {accuracy:e}: {}", entry.summary()));
+        for warning in warnings(&case, std::slice::from_ref(entry)) {
+            report(&format!("warning: {warning}"));
+        }
+    }
+    let set: Vec<String> = case.overrides.iter().chain(&entry.settings).cloned().collect();
+    Ok(Case { accuracy: Some(accuracy), ..Case::parse(&case.name, &case.text, &set)? })
+}
+
+/// Refuses `--set` of keys that an accuracy chooses.
+fn refuse_what_is_chosen(set: &[String]) -> Result<()> {
+    let is_chosen = |key: &str| {
+        let of_axis =
+            key.starts_with("axis.") && [".cells", ".degree"].iter().any(|k| key.ends_with(k));
+        of_axis
+            || ["scheme.degree", "scheme.interface", "scheme.limiter", "solver.tolerance"]
+                .contains(&key)
+    };
+    let given = set.iter().map(|set| set.split('=').next().unwrap_or_default().trim());
+    match given.into_iter().find(|key| is_chosen(key)) {
+        Some(key) => Err(Error::Input(format!(
+            "--set {key} beside --accuracy or solver.accuracy, which choose cells, degree, \
+             interface and tolerance: leave one of them out"
+        ))),
+        None => Ok(()),
+    }
+}
