@@ -112,7 +112,7 @@ fn on_its_grid(world: &World, case: Case, args: &RunArgs, directory: &Path) -> R
 /// `Summary::missed` says so at the end.
 fn goal_line(case: &Case, summary: &Summary) -> Option<String> {
     let goal = case.accuracy?;
-    let found = match summary.error_density_l1_relative {
+    let found = match summary.accuracy.goal_error {
         Some(error) if error <= goal => format!("reached, {error:.1e}"),
         Some(_) => return None,
         None => "not measured, as there is no [exact]".to_owned(),

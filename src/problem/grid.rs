@@ -273,6 +273,14 @@ pub const MAX_DIMENSION: usize = 3;
 pub type Cell = [usize; 2 * MAX_DIMENSION];
 
 impl PhaseSpace {
+    /// The same box cut into `shape` elements.
+    pub fn with_elements(&self, shape: &[usize]) -> Self {
+        let mut space = self.clone();
+        let axes = space.x.iter_mut().chain(&mut space.v);
+        axes.zip(shape).for_each(|(axis, n)| axis.cells = n.saturating_mul(axis.nodes.count()));
+        space
+    }
+
     /// The grid that the case gives.
     pub fn whole(&self) -> Self {
         let mut space = self.clone();
@@ -493,6 +501,36 @@ pub fn for_each_cell(ranges: &[Range<usize>], mut visit: impl FnMut(&[usize; MAX
     }
 }
 
+/// Averages of cell values on a box of `from` cells an axis over the cells of the same box cut into
+/// `to`; what a cell of the one has in common with one of the other counts by its volume.
+pub fn averaged(values: &[f64], from: &[usize], to: &[usize]) -> Vec<f64> {
+    let mut shape = from.to_vec();
+    let mut values = values.to_vec();
+    for a in 0..from.len() {
+        let (old, new) = (shape[a], to[a]);
+        let inner: usize = shape[a + 1..].iter().product();
+        let outer: usize = shape[..a].iter().product();
+        let mut result = vec![0.0; outer * new * inner];
+        for j in 0..new {
+            // Cell j of the new axis is [j old, (j + 1) old) in units of 1/(old new); cell i of the
+            // old one [i new, (i + 1) new).
+            for i in j * old / new..((j + 1) * old).div_ceil(new).min(old) {
+                let common = ((i + 1) * new).min((j + 1) * old) - (i * new).max(j * old);
+                let share = common as f64 / old as f64;
+                for o in 0..outer {
+                    for k in 0..inner {
+                        result[(o * new + j) * inner + k] +=
+                            share * values[(o * old + i) * inner + k];
+                    }
+                }
+            }
+        }
+        values = result;
+        shape[a] = new;
+    }
+    values
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -563,5 +601,22 @@ mod tests {
         for part in [window, merged] {
             assert_eq!(part.whole(), axis);
         }
+    }
+
+    #[test]
+    fn averages_keep_the_sum_and_are_exact_where_grids_nest() {
+        let values: Vec<f64> = (0..24).map(|k| ((k * k) % 7) as f64).collect();
+        let coarse = averaged(&values, &[6, 4], &[3, 2]);
+        for (c, value) in coarse.iter().enumerate() {
+            let (i, j) = (c / 2 * 2, c % 2 * 2);
+            let four = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
+            let mean = four.iter().map(|(i, j)| values[i * 4 + j]).sum::<f64>() / 4.0;
+            assert!((value - mean).abs() < 1e-14);
+        }
+        let other = averaged(&values, &[6, 4], &[5, 7]);
+        let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+        assert!((mean(&other) - mean(&values)).abs() < 1e-13);
+        // By hand: three cells to two.
+        assert_eq!(averaged(&[3.0, 6.0, 9.0], &[3], &[2]), [4.0, 8.0]);
     }
 }

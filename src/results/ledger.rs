@@ -142,7 +142,12 @@ impl Ledger {
 
     /// What the user should know, each with what to do.
     pub fn warnings(&self) -> Vec<String> {
-        let found = [self.grid_warning(), self.start_warning(), self.interface_warning()];
+        let found = [
+            self.grid_warning(),
+            self.start_warning(),
+            self.interface_warning(),
+            self.balance_warning(),
+        ];
         let found = found.into_iter().flatten();
         found.chain(self.velocity_warnings()).chain(self.jump_warnings()).collect()
     }
@@ -189,6 +194,17 @@ impl Ledger {
                 percent(share)
             )
         })
+    }
+
+    /// Mass that is gone, where nothing tells through which end.
+    fn balance_warning(&self) -> Option<String> {
+        let lost = self.mass.lost.filter(|_| self.mass.left_estimate.is_none())?;
+        let share = self.share(lost).filter(|share| share.abs() > NOTICEABLE)?;
+        Some(format!(
+            "mass: {} of it is gone at the end, and through which end of the box is not known; \
+             where nothing should leave, a wider box",
+            percent(share)
+        ))
     }
 
     /// What leaves through the ends of the velocity box.
@@ -341,6 +357,8 @@ mod tests {
                 formula_error: Some(1e-4),
                 absolute: Some(2.0),
                 initial: Some(2.001),
+                lost: Some(1.5),
+                left_estimate: Some(1.511),
                 beyond: Some(0.001),
                 interface_estimate: Some(-0.01),
                 ..Mass::default()
@@ -361,7 +379,7 @@ mod tests {
     fn warnings_begin_at_one_percent() {
         assert_eq!(sound().warnings(), Vec::<String>::new());
         type Change = (fn(&mut Ledger), &'static str);
-        let changes: [Change; 6] = [
+        let changes: [Change; 7] = [
             (|l| l.mass.initial = Some(1.9), "5.00 % is missing"),
             (|l| l.mass.beyond = Some(0.1), "5.00 % of what is in it"),
             (|l| l.mass.outside = Some(1.0), "50.00 % of the data"),
@@ -371,6 +389,7 @@ mod tests {
                 "10.00 % leaves through the upper end of v, 9.95 %",
             ),
             (|l| l.jumps[0].mean_energy = Some(5e11), "4e-11 % of the mean"),
+            (|l| l.mass.left_estimate = None, "75.00 % of it is gone"),
         ];
         for (change, words) in changes {
             let mut ledger = sound();

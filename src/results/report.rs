@@ -283,7 +283,9 @@ impl Report<'_> {
 
     fn warnings(&self) -> Markup {
         let list = self.summary["warnings"].as_array();
-        let all: Vec<&str> = list.into_iter().flatten().filter_map(Value::as_str).collect();
+        let mut all: Vec<&str> = list.into_iter().flatten().filter_map(Value::as_str).collect();
+        // What is wrong with the result before what was made of the case.
+        all.sort_by_key(|warning| !warning.starts_with("mass:"));
         let (first, others) = all.split_at(all.len().min(WARNINGS_SHOWN));
         html! {
             @if !all.is_empty() {

@@ -82,6 +82,9 @@ pub struct Accuracy {
     pub grid_density: Option<f64>,
     /// Whether the grid's errors were measured against an exact solution; estimated otherwise.
     pub grid_measured: bool,
+    /// Relative L1 distance of the density to the averages of the exact one over the cells: what
+    /// `solver.accuracy` is about, where it was asked for and `[exact]` is.
+    pub goal_error: Option<f64>,
     /// The estimate of the grid's error of `f`, where there is one; also where it was measured.
     pub grid_estimate: Option<f64>,
     /// The same of the density.
@@ -176,7 +179,7 @@ impl Missed {
             .map(|(error, how)| {
                 format!("tolerance {:e} MISSED: {error:.2e} ({how}, relative l2)", case.tolerance)
             });
-        let density = summary.error_density_l1_relative.zip(case.accuracy);
+        let density = summary.accuracy.goal_error.zip(case.accuracy);
         let accuracy = density.filter(|(error, goal)| error > goal).map(|(error, goal)| {
             format!("accuracy {goal:e} of the density MISSED: {error:.2e} (relative L1)")
         });
@@ -425,10 +428,12 @@ impl Summary {
         let own = self.error_semidiscrete.or(estimate);
         let since_start = self.continued.as_ref().and_then(|continued| continued.error_total);
         let algorithm = since_start.or(own);
-        let accuracy = Accuracy { asked, goal: case.accuracy, algorithm, ..Accuracy::default() };
+        let goal_error = self.accuracy.goal_error;
+        let accuracy =
+            Accuracy { asked, goal: case.accuracy, goal_error, algorithm, ..Accuracy::default() };
         self.accuracy = accuracy.with_grid(measured, estimated);
         self.missed = Missed::new(case, self);
-        if case.accuracy.is_some() && self.error_density_l1_relative.is_some() {
+        if goal_error.is_some() {
             self.accuracy.under_resolved = self.missed.accuracy.is_some();
         }
     }

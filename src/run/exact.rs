@@ -3,11 +3,19 @@
 use crate::base::error::Result;
 use crate::matrix::sampling::{sample, sample_with};
 use crate::parallel::communicator::Group;
+use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
 use crate::problem::exact::Tracer;
 use crate::problem::exact::sheet::exact_moments;
+use crate::problem::grid::{PhaseSpace, averaged, describe_point};
 use crate::results::dataset::ExactSolution;
 use crate::solve::place::Place;
+
+/// The exact density is averaged over at most so many points of phase space, where the cells
+/// themselves are no more.
+pub const MOST_POINTS: usize = 200_000;
+/// And over so many along an axis of each cell.
+const MOST_PARTS: usize = 8;
 
 /// The exact solution at `T` on `place`: `f` at cell centres, or density and velocity as cell
 /// averages. Collective over `world`.
@@ -36,4 +44,63 @@ pub fn exact_solution(world: &Group, case: &Case, place: &Place) -> Result<Optio
             Some(ExactSolution::Field(exact))
         }
     })
+}
+
+/// Averages of the exact density at the end over the space cells of `case`, on all ranks. `f` is
+/// taken at the centres of parts of each cell: the error of `f(0)` at the centres of cells is the
+/// discretisation's. Collective.
+///
+/// # Errors
+/// Where the exact solution is not finite.
+pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec<f64>> {
+    if let Some(moments) = group.agree(exact_moments(case))? {
+        return Ok(moments.density);
+    }
+    let axes = 2 * case.space.dimension() as u32;
+    let fits = |&parts: &usize| case.space.cells().saturating_mul(parts.pow(axes)) <= MOST_POINTS;
+    let parts = (1..=MOST_PARTS).rev().find(fits).unwrap_or(1);
+    let shape: Vec<usize> = case.space.elements().iter().map(|n| n * parts).collect();
+    let fine = Case { space: case.space.with_elements(&shape), ..case.clone() };
+    let tracer = match exact {
+        Exact::Characteristics => Some(Tracer::new(&fine)),
+        Exact::Formula(_) => None,
+    };
+    let tracer = group.agree(tracer.transpose())?;
+    let value = |point: &[f64; 6]| match (&tracer, exact) {
+        (Some(tracer), _) => tracer.value(point, case.end),
+        (None, Exact::Formula(f)) => {
+            let [x, y, z, vx, vy, vz] = *point;
+            f.eval(&[x, y, z, vx, vy, vz, case.end])
+        }
+        (None, Exact::Characteristics) => f64::NAN,
+    };
+    let space = &fine.space;
+    let velocities = space.velocity_cells();
+    let mut failure = None;
+    let mut density = vec![0.0; space.space_cells()];
+    for point in split(&(0..density.len()), group.size(), group.rank()) {
+        for cell in point * velocities..(point + 1) * velocities {
+            let at = space.point(&space.cell(cell));
+            let f = value(&at);
+            if !f.is_finite() && failure.is_none() {
+                let formula = match exact {
+                    Exact::Formula(formula) => formula,
+                    Exact::Characteristics => &case.fields[0].initial,
+                };
+                failure = Some(formula.undefined(f, describe_point(space.dimension(), &at)));
+            }
+            density[point] += f * space.velocity_volume();
+        }
+    }
+    group.agree(failure.map_or(Ok(()), Err))?;
+    let cells = |space: &PhaseSpace| space.x.iter().map(|a| a.cells).collect::<Vec<_>>();
+    Ok(averaged(&gathered(group, &density), &cells(space), &cells(&case.space)))
+}
+
+/// Values that are zero on all ranks but one, on all ranks. Collective.
+pub(crate) fn gathered(group: &Group, mine: &[f64]) -> Vec<f64> {
+    // As integers: a sum over the ranks keeps every bit.
+    let mut bits: Vec<i64> = mine.iter().map(|value| value.to_bits() as i64).collect();
+    group.sum_integers(&mut bits);
+    bits.into_iter().map(|b| f64::from_bits(b as u64)).collect()
 }

@@ -2,7 +2,8 @@
 //! against a separate implementation; partial reflection.
 
 use crate::support::{
-    Job, Mistake, SLOPES, Summary, all_refused, at_most, case, check_all, directory, near, run,
+    Job, Mistake, SLOPES, Summary, all_refused, at_most, case, check_all, datasets, differences,
+    directory, near, run,
 };
 use serde_json::Value;
 
@@ -107,6 +108,31 @@ fn goals_are_judged_and_nothing_is_claimed_of_nothing() {
     let finished = goal.within(120).into(place.path()).succeed().unwrap();
     let said = ["accuracy 2e-1 of the density (relative L1): reached, "];
     finished.says(&finished.output, &said).unwrap();
+}
+
+/// What is chosen for discontinuous data by measured errors is reached by the run, which counts as
+/// the trials did; `--resume` takes what was chosen before.
+#[test]
+fn what_is_chosen_is_reached_and_kept() {
+    let place = directory();
+    let job = || {
+        let job = run("example1.toml").with(["--accuracy", "1.5e-1", "--budget", "60s"]);
+        job.into(place.path()).within(120)
+    };
+    let first = job().on(2).succeed().unwrap();
+    first.says(&first.errors, &["accuracy 1.5e-1: ", "(measured)"]).unwrap();
+    let said = ["accuracy 1.5e-1 of the density (relative L1): reached, "];
+    first.says(&first.output, &said).unwrap();
+    let before = datasets(place.path()).unwrap();
+    let finished = job().with(["--resume"]).succeed().unwrap();
+    finished.says(&finished.output, &["the run is finished"]).unwrap();
+    let refused = job().run().unwrap();
+    refused.ended(2, &["it holds the result of this case", "--resume"]).unwrap();
+    // Without its summary it is not finished.
+    std::fs::remove_file(place.path().join("summary.json")).unwrap();
+    let again = job().on(3).with(["--resume"]).succeed().unwrap();
+    assert!(!again.errors.contains("accuracy 1.5e-1: "), "{}", again.report("trials again"));
+    assert!(differences(&datasets(place.path()).unwrap(), &before).is_empty());
 }
 
 /// The last line of a run names both errors where that of the grid is the larger by far, as it is

@@ -4,13 +4,15 @@ use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Exact, Limiter};
+use crate::problem::grid::averaged;
 use crate::problem::grid::{Axis, Part};
+use crate::run::exact::MOST_POINTS;
 use crate::scheme::reduce::reduced;
-use crate::study::advise::density::{MOST_POINTS, density_of, distance, exact_density, spread};
+use crate::study::advise::density::{density_of, distance, exact_density, spread};
 use crate::study::advise::scheme::Scheme;
 use crate::study::budget::Budget;
 use crate::study::cost::{CostModel, Seconds, planned_updates, planned_work};
-use crate::study::grids::{Grids, averaged, of_degree};
+use crate::study::grids::{Grids, of_degree};
 use crate::study::trial::trial;
 use std::collections::BTreeMap;
 

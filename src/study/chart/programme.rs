@@ -4,7 +4,7 @@
 use crate::problem::case::{Case, Integrator, Limiter, PropagatorMethod};
 use crate::problem::grid::PhaseSpace;
 use crate::study::chart::setup::{Modes, Setup};
-use crate::study::grids::{Grids, with_elements};
+use crate::study::grids::Grids;
 use crate::study::knobs::{PROFILES, exact_propagators, implicit_propagators};
 use crate::study::treatment::Treatment;
 
@@ -84,7 +84,7 @@ impl Programme {
             let shape = near.scaled(&own, 1.0 / factor as f64);
             let fewer = |(n, own): (&usize, &usize)| *n <= *own && *n >= FEWEST.min(*own);
             let coarser = shape.iter().zip(&own).all(fewer) && shape != own;
-            let space = with_elements(space, &shape);
+            let space = space.with_elements(&shape);
             if coarser && !grids.contains(&space) && usable(&space) {
                 grids.push(space);
             }
@@ -93,7 +93,7 @@ impl Programme {
         grids.push(space.clone());
         for factor in FACTORS {
             let shape: Option<Vec<usize>> = own.iter().map(|n| n.checked_mul(factor)).collect();
-            grids.extend(shape.map(|shape| with_elements(space, &shape)));
+            grids.extend(shape.map(|shape| space.with_elements(&shape)));
         }
         // Elements need no treatment.
         let treatments = match jumps && space.degree() == 0 {
@@ -110,7 +110,7 @@ impl Programme {
         for scale in OF_UNKNOWNS {
             for case in cases {
                 let shape = Grids::new(case).scaled(&case.space.elements(), scale);
-                let space = with_elements(&case.space, &shape);
+                let space = case.space.with_elements(&shape);
                 if !self.others.contains(&space) {
                     self.others.push(space);
                 }
