@@ -275,8 +275,8 @@ struct Grid {
     further: Vec<Option<f64>>,
 }
 
-/// The cheapest of every profile for one system, and the profiles as they are by default; what
-/// cannot be planned says why. Collective.
+/// The cheapest of every profile for one system, the profiles as they are by default, and the
+/// case's own where that is one of a formula; what cannot be planned says why. Collective.
 pub fn choices(system: &System<'_>) -> Vec<Choice> {
     /// A family that is so many times as expensive on its grid is not looked at more closely.
     const HOPELESS: f64 = 2.0;
@@ -294,7 +294,9 @@ pub fn choices(system: &System<'_>) -> Vec<Choice> {
     let skew = system.bounds.decay == 0.0 && system.bounds.growth == 0.0;
     // Where S = 0 one mode does, whatever the profile.
     let planned = skew.then_some(ProfileChoice::Planned);
-    let defaults = DEFAULTS.into_iter().chain(planned);
+    let own = &system.case.warp.profile;
+    let formula = matches!(own, ProfileChoice::Exponential { alpha: Alpha::Formula(_) });
+    let defaults = DEFAULTS.into_iter().chain(planned).chain(formula.then(|| own.clone()));
     found.extend(defaults.map(|profile| choice(system, &Candidate::planned(profile))));
     found
 }
