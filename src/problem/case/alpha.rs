@@ -28,7 +28,7 @@ pub enum Alpha {
 }
 
 /// `e^{α(p) p}` for `p < 0`, of a formula for `α`.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, PartialEq)]
 pub struct Extension {
     text: String,
     values: Piecewise,
@@ -102,13 +102,19 @@ fn extension(alpha: &Expression) -> std::result::Result<Piecewise, String> {
     })
 }
 
+/// `α(p)` to some digits, as messages show it.
+fn shown(alpha: &Expression, p: f64) -> String {
+    // No -0.
+    format!("{:.4e}", alpha.eval(&[p]) + 0.0)
+}
+
 /// What is wrong at `p`.
 fn unbounded(alpha: &Expression, p: f64) -> String {
-    let [a, g] = [alpha.eval(&[p]), value(alpha, p)];
+    let (a, g) = (shown(alpha, p), value(alpha, p));
     match g.is_nan() {
-        true => format!("is {a} at p = {p}; a number expected for every p < 0"),
+        true => format!("is {a} at p = {p:.6}; a number expected for every p < 0"),
         false => format!(
-            "is {a:.4e} at p = {p}, where g = e^(alpha p) = {g:.1e}; at most \
+            "is {a} at p = {p:.6}, where g = e^(alpha p) = {g:.1e}; at most \
              {LARGEST_EXTENSION:e} for p < 0"
         ),
     }
@@ -135,14 +141,20 @@ fn lower_end(alpha: &Expression) -> std::result::Result<f64, String> {
             lower = None;
         } else {
             return Err(format!(
-                "is {:.4e} at p = {p:.6}, where g = e^(alpha p) = {g:.1e} is not small; below \
+                "is {} at p = {p:.6}, where g = e^(alpha p) = {g:.1e} is not small; below \
                  {NOTHING:e} from p = {EXTENSION_END} down expected, as of alpha = {}",
-                alpha.eval(&[p]),
+                shown(alpha, p),
                 ALPHAS[0]
             ));
         }
     }
     Ok(lower.unwrap_or(EXTENSION_END))
+}
+
+impl fmt::Debug for Extension {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(&self.text, f)
+    }
 }
 
 impl Serialize for Alpha {
