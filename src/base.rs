@@ -1,5 +1,5 @@
-//! The ground: errors, text, log lines, directories, the machine, checksums, quadrature,
-//! fixed-point sums.
+//! The ground: errors, text, log lines, directories, the machine, checksums, quadrature, piecewise
+//! polynomials, fixed-point sums.
 //!
 //! Uses no other room.
 
@@ -12,6 +12,7 @@ pub mod lock;
 pub mod log;
 pub mod machine;
 pub mod memory;
+pub mod piecewise;
 pub mod progress;
 pub mod quadrature;
 pub mod stopwatch;

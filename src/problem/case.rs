@@ -9,6 +9,7 @@
 //! `Default` and its check in the table's `check`: `constants`, `axes`, `data`, `solver`, `warp`,
 //! `output`, `readout`. Limits are in [`limits`](crate::problem::limits).
 
+pub(crate) mod alpha;
 pub(crate) mod axes;
 pub(crate) mod constants;
 pub(crate) mod data;
@@ -20,6 +21,7 @@ pub(crate) mod readout;
 pub(crate) mod solver;
 pub(crate) mod warp;
 
+pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA, Extension};
 pub use crate::problem::case::data::{
     Data, Exact, Field, Inflow, MOST_FIELDS, Origin, Region, StartField, TIME, WarpedStart,
 };
@@ -30,8 +32,8 @@ pub use crate::problem::case::solver::{
     Allowed, DEFAULT_CFL, Integrator, Interface, Limiter, Method, Propagation, PropagatorMethod,
 };
 pub use crate::problem::case::warp::{
-    Coefficients, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Delta, Embedding, ProfileChoice,
-    RecoveryMethod, Shift, Warp,
+    Coefficients, DEFAULT_BETA, DEFAULT_ORDER, Delta, Embedding, ProfileChoice, RecoveryMethod,
+    Shift, Warp,
 };
 pub use crate::problem::limits::LARGEST_TOLERANCE;
 

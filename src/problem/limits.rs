@@ -18,6 +18,12 @@ pub const BETAS: [f64; 2] = [0.3, 0.95];
 /// The least and the largest `α` of the exponential profile: beyond, it is practically a jump.
 pub const ALPHAS: [f64; 2] = [0.01, 100.0];
 
+/// Where the left part of that profile has ended, whatever `α(p)` is.
+pub const EXTENSION_END: f64 = -4000.0;
+
+/// Largest value of the left part of that profile.
+pub const LARGEST_EXTENSION: f64 = 1e6;
+
 /// The least and the largest `c` of the profile of Low and Somma: beyond, it is read where it is
 /// round-off.
 pub const CS: [f64; 2] = [0.05, 16.0];

@@ -14,7 +14,9 @@
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
-use crate::problem::case::{Case, Coefficients, Delta, Interface, ProfileChoice, RecoveryMethod};
+use crate::problem::case::{
+    Alpha, Case, Coefficients, Delta, Interface, ProfileChoice, RecoveryMethod,
+};
 use crate::problem::limits::{ALPHAS, BETAS, CS, MOST_ORDER, SIGMAS};
 use crate::quantum::figure::Figure;
 use crate::quantum::probability::{PlannedState, Probabilities};
@@ -36,8 +38,8 @@ const DEFAULTS: [ProfileChoice; 8] = [
     ProfileChoice::Acl { beta: 0.75 },
     ProfileChoice::Smooth { order: 8 },
     ProfileChoice::Smooth { order: 2 },
-    ProfileChoice::Exponential { alpha: 1.0 },
-    ProfileChoice::Exponential { alpha: 10.0 },
+    ProfileChoice::Exponential { alpha: Alpha::Constant(1.0) },
+    ProfileChoice::Exponential { alpha: Alpha::Constant(10.0) },
 ];
 /// More modes than this are not compared.
 const MOST_MODES: usize = 1 << 14;
@@ -88,11 +90,11 @@ pub struct Choice {
 
 impl Choice {
     /// One that cannot be planned.
-    fn unavailable(candidate: Candidate, delta: Option<Delta>, why: &str) -> Self {
+    fn unavailable(candidate: &Candidate, delta: Option<Delta>, why: &str) -> Self {
         let none = || Figure::unavailable(why);
         Self {
-            profile: candidate.profile,
-            candidate,
+            profile: candidate.profile.clone(),
+            candidate: candidate.clone(),
             delta,
             recovery: none(),
             points: none(),
@@ -109,7 +111,7 @@ impl Choice {
 
     /// `case` with this choice, to be planned with `bounds`.
     pub fn of(&self, case: &Case, bounds: &Bounds) -> Case {
-        let mut case = candidate_case(case, bounds, self.candidate);
+        let mut case = candidate_case(case, bounds, &self.candidate);
         if let Some(delta) = self.delta {
             case.warp.delta = delta;
         }
@@ -134,7 +136,7 @@ pub struct System<'a> {
 }
 
 /// A profile, and how far beyond where it is first `e^{−p}` it is read; planned where that is none.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 struct Candidate {
     profile: ProfileChoice,
     further: Option<f64>,
@@ -151,17 +153,22 @@ impl Candidate {
 
 /// `case` with a candidate, without what is given by hand. One reading: what a second one tells is
 /// for emulations.
-fn candidate_case(case: &Case, bounds: &Bounds, candidate: Candidate) -> Case {
+fn candidate_case(case: &Case, bounds: &Bounds, candidate: &Candidate) -> Case {
     let mut case = case.clone();
     let growth = bounds.growth * case.duration();
     let shift = case.warp.shift.of(bounds.growth) * case.duration();
     let warp = &mut case.warp;
-    warp.profile = candidate.profile;
+    warp.profile = candidate.profile.clone();
     (warp.interval, warp.points) = (None, None);
     warp.recovery = candidate.further.map(|further| (growth - shift).max(0.0) + further);
     (warp.coefficients, warp.recovery_method) = (Coefficients::Analytic, RecoveryMethod::Point);
     (case.recovery_points, case.plateau, case.warped_field) = (1, None, false);
     case
+}
+
+/// The profile of a constant `α`.
+fn exponential(alpha: f64) -> ProfileChoice {
+    ProfileChoice::Exponential { alpha: Alpha::Constant(alpha) }
 }
 
 /// A profile with a parameter, over all that is scanned of it.
@@ -193,7 +200,7 @@ impl Family {
             ),
             family(|c| ProfileChoice::LowSomma { c: Some(c) }, ratios(CS, 24), false),
             family(|beta| ProfileChoice::Acl { beta }, ratios(BETAS, 8), true),
-            family(|alpha| ProfileChoice::Exponential { alpha }, ratios(ALPHAS, 12), true),
+            family(exponential, ratios(ALPHAS, 12), true),
             Self {
                 of: |order| ProfileChoice::Smooth { order: order as usize },
                 values: (1..=MOST_ORDER).map(|order| order as f64).collect(),
@@ -211,13 +218,13 @@ impl Family {
         let (rank, ranks) = system.world.map_or((0, 1), |world| (world.rank(), world.size()));
         let mut costs = vec![f64::NEG_INFINITY; all.len()];
         for (k, cost) in costs.iter_mut().enumerate().skip(rank).step_by(ranks) {
-            *cost = choice(system, all[k]).least_cost();
+            *cost = choice(system, &all[k]).least_cost();
         }
         if let Some(world) = system.world {
             world.max_into(&mut costs);
         }
         let cheapest = costs.iter().zip(all).reduce(|a, b| if b.0 < a.0 { b } else { a });
-        let found = cheapest.map(|(_, candidate)| choice(system, candidate));
+        let found = cheapest.map(|(_, candidate)| choice(system, &candidate));
         let both = before.into_iter().chain(found);
         both.reduce(|best, next| if next.least_cost() < best.least_cost() { next } else { best })
     }
@@ -268,8 +275,8 @@ struct Grid {
     further: Vec<Option<f64>>,
 }
 
-/// The cheapest of every profile for one system, and the profiles as they are by default; what
-/// cannot be planned says why. Collective.
+/// The cheapest of every profile for one system, the profiles as they are by default, and the
+/// case's own where that is one of a formula; what cannot be planned says why. Collective.
 pub fn choices(system: &System<'_>) -> Vec<Choice> {
     /// A family that is so many times as expensive on its grid is not looked at more closely.
     const HOPELESS: f64 = 2.0;
@@ -287,8 +294,10 @@ pub fn choices(system: &System<'_>) -> Vec<Choice> {
     let skew = system.bounds.decay == 0.0 && system.bounds.growth == 0.0;
     // Where S = 0 one mode does, whatever the profile.
     let planned = skew.then_some(ProfileChoice::Planned);
-    let defaults = DEFAULTS.into_iter().chain(planned);
-    found.extend(defaults.map(|profile| choice(system, Candidate::planned(profile))));
+    let own = &system.case.warp.profile;
+    let formula = matches!(own, ProfileChoice::Exponential { alpha: Alpha::Formula(_) });
+    let defaults = DEFAULTS.into_iter().chain(planned).chain(formula.then(|| own.clone()));
+    found.extend(defaults.map(|profile| choice(system, &Candidate::planned(profile))));
     found
 }
 
@@ -320,7 +329,7 @@ pub fn preparation(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Preparati
 }
 
 /// The cost of `system` with `candidate`.
-fn choice(system: &System<'_>, candidate: Candidate) -> Choice {
+fn choice(system: &System<'_>, candidate: &Candidate) -> Choice {
     let delta = system.case.enters().then_some(system.case.warp.delta);
     let case = candidate_case(system.case, system.bounds, candidate);
     let too_many = |modes: f64| {
@@ -360,8 +369,8 @@ fn choice(system: &System<'_>, candidate: Candidate) -> Choice {
         _ => evolutions.clone(),
     };
     Choice {
-        profile: candidate.profile,
-        candidate,
+        profile: candidate.profile.clone(),
+        candidate: candidate.clone(),
         delta,
         recovery: Figure::exact(found.recovery),
         points: Figure::exact(found.points as f64),
@@ -413,7 +422,7 @@ impl fmt::Display for Ranking {
                 Some(Delta::Largest) => "max".to_owned(),
                 Some(Delta::Given(delta)) => format!("{delta:.2e}"),
             };
-            let profile = parameters(choice.profile);
+            let profile = parameters(&choice.profile);
             if let Figure::Unavailable { because } = &choice.recovery {
                 writeln!(f, "{profile:<30}{delta:>10}   unavailable: {because}")?;
                 continue;
@@ -439,7 +448,7 @@ impl fmt::Display for Ranking {
 }
 
 /// A profile's name and parameter.
-fn parameters(profile: ProfileChoice) -> String {
+fn parameters(profile: &ProfileChoice) -> String {
     match profile {
         ProfileChoice::Planned => "one mode, S = 0".to_owned(),
         ProfileChoice::Designed => "designed".to_owned(),
@@ -504,14 +513,17 @@ mod tests {
             let whole = sigmas.chain(cs).map(Candidate::planned);
             let betas = ratios(BETAS).step_by(5).map(|beta| ProfileChoice::Acl { beta });
             let alphas = ratios(ALPHAS).step_by(5);
-            let alphas = alphas.map(|alpha| ProfileChoice::Exponential { alpha });
+            let alphas = alphas.map(exponential);
             let orders = (1..=MOST_ORDER).map(|order| ProfileChoice::Smooth { order });
             let moved = betas.chain(alphas).chain(orders).flat_map(|profile| {
                 let further = (0..=20).map(|i| Some(0.1 * f64::from(i)));
-                further.map(move |further| Candidate { further, ..Candidate::planned(profile) })
+                further.map(move |further| Candidate {
+                    further,
+                    ..Candidate::planned(profile.clone())
+                })
             });
             for candidate in whole.chain(moved) {
-                let cost = choice(system, candidate).least_cost();
+                let cost = choice(system, &candidate).least_cost();
                 assert!(cost >= 0.98 * found, "{candidate:?}: {cost:e} {found:e}");
             }
             // What is cheapest to emulate is not; nor is the parameter that a run would take.
@@ -521,7 +533,7 @@ mod tests {
                 ProfileChoice::LowSomma { c: None },
             ];
             for profile in emulated {
-                let cost = choice(system, Candidate::planned(profile)).least_cost();
+                let cost = choice(system, &Candidate::planned(profile.clone())).least_cost();
                 assert!(cost > 10.0 * found, "{profile:?}: {cost:e} {found:e}");
             }
         });

@@ -241,7 +241,7 @@ impl Record {
             interface: case.interface,
             weighted: bounds.weighted,
             setup: Setup {
-                profile: case.warp.profile,
+                profile: case.warp.profile.clone(),
                 planned,
                 delta: case.enters().then_some(case.warp.delta),
                 modes,

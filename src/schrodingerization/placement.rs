@@ -53,7 +53,7 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     }
     let demand = demand(case, bounds, ratio);
     let mut warnings: Vec<String> = much_growth(case, bounds).into_iter().collect();
-    let (profile, window) = match Profile::plan(warp.choice(), &demand) {
+    let (profile, window) = match Profile::plan(&warp.choice(), &demand) {
         Some(planned) => planned,
         None => relaxed(case, bounds, ratio, &demand, &mut warnings)?,
     };
@@ -104,7 +104,7 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
 /// How many modes [`place`] would plan of a profile that is known on the line, before their
 /// coefficients are computed; none where it would plan none.
 pub(crate) fn forecast_modes(case: &Case, bounds: &Bounds, ratio: f64) -> Option<f64> {
-    let (_, window) = Profile::plan(case.warp.choice(), &demand(case, bounds, ratio))?;
+    let (_, window) = Profile::plan(&case.warp.choice(), &demand(case, bounds, ratio))?;
     Some(window.modes(window.period))
 }
 
@@ -313,7 +313,7 @@ fn relaxed(
     demand: &Demand,
     warnings: &mut Vec<String>,
 ) -> Result<(Profile, Window)> {
-    let choice = case.warp.choice();
+    let choice = &case.warp.choice();
     let growth = demand.growth;
     let open = Demand { interval: None, shortest: true, ..*demand };
     let Some((profile, window)) = Profile::plan(choice, &open) else {

@@ -76,7 +76,7 @@ profiles! {
     Designed,
     /// `e^{−p}` cut off by a normal distribution function.
     Gaussian,
-    /// `e^{−p}` and `e^{αp}`.
+    /// `e^{−p}` and `e^{α(p)p}`.
     Exponential,
     /// `e^{−|p|}` with a polynomial between.
     Smooth,
@@ -91,28 +91,28 @@ profiles! {
 impl Profile {
     /// The profile of `choice` that meets `demand` at least cost, and where it is read; `None` if
     /// there is none.
-    pub fn plan(choice: ProfileChoice, demand: &Demand) -> Option<(Self, Window)> {
+    pub fn plan(choice: &ProfileChoice, demand: &Demand) -> Option<(Self, Window)> {
         fn any<P: Into<Profile>>(found: Option<(P, Window)>) -> Option<(Profile, Window)> {
             found.map(|(profile, window)| (profile.into(), window))
         }
         match choice {
             ProfileChoice::Planned => {
                 let both = [ProfileChoice::Designed, ProfileChoice::Gaussian { sigma: None }];
-                let found = both.iter().filter_map(|c| Self::plan(*c, demand));
+                let found = both.iter().filter_map(|c| Self::plan(c, demand));
                 let work = |w: &Window| demand.work(w.period, w.modes(w.period) as usize);
                 found.min_by(|(_, a), (_, b)| work(a).total_cmp(&work(b)))
             }
             ProfileChoice::Designed => any(Designed::meeting(demand)),
-            ProfileChoice::Gaussian { sigma } => any(Gaussian::meeting(sigma, demand)),
+            ProfileChoice::Gaussian { sigma } => any(Gaussian::meeting(*sigma, demand)),
             ProfileChoice::Exponential { alpha } => any(Exponential::meeting(alpha, demand)),
-            ProfileChoice::Smooth { order } => any(Smooth::meeting(order, demand)),
-            ProfileChoice::LowSomma { c } => any(LowSomma::meeting(c, demand)),
-            ProfileChoice::Acl { beta } => any(Acl::meeting(beta, demand)),
+            ProfileChoice::Smooth { order } => any(Smooth::meeting(*order, demand)),
+            ProfileChoice::LowSomma { c } => any(LowSomma::meeting(*c, demand)),
+            ProfileChoice::Acl { beta } => any(Acl::meeting(*beta, demand)),
         }
     }
 
     /// Whether [`plan`](Self::plan) finds one; makes no design, which would take long.
-    fn possible(choice: ProfileChoice, demand: &Demand) -> bool {
+    fn possible(choice: &ProfileChoice, demand: &Demand) -> bool {
         match choice {
             ProfileChoice::Designed => Designed::possible(demand),
             ProfileChoice::Planned => {
@@ -123,7 +123,7 @@ impl Profile {
     }
 
     /// The smallest tolerance for which [`plan`](Self::plan) finds one, if there is one up to 0.1.
-    pub fn smallest_tolerance(choice: ProfileChoice, demand: &Demand) -> Option<f64> {
+    pub fn smallest_tolerance(choice: &ProfileChoice, demand: &Demand) -> Option<f64> {
         let met = |tolerance: f64| {
             let demand = Demand { tolerance, ..*demand };
             Self::possible(choice, &demand)

@@ -6,7 +6,8 @@
 
 use crate::base::text::word;
 use crate::problem::case::{
-    Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Method, ProfileChoice, PropagatorMethod,
+    Alpha, Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Method, ProfileChoice,
+    PropagatorMethod,
 };
 use crate::study::grids::degree_settings;
 
@@ -41,13 +42,13 @@ pub const KNOBS: [Knob; 5] = [
 
 /// Profiles that are compared, with their names; the first one is that of comparisons of other
 /// choices.
-pub const PROFILES: [(&str, ProfileChoice); 6] = [
+pub static PROFILES: [(&str, ProfileChoice); 6] = [
     ("designed", ProfileChoice::Designed),
     ("gaussian", ProfileChoice::Gaussian { sigma: None }),
     ("smooth", ProfileChoice::Smooth { order: DEFAULT_ORDER }),
     ("low-somma", ProfileChoice::LowSomma { c: None }),
     ("acl", ProfileChoice::Acl { beta: DEFAULT_BETA }),
-    ("exponential", ProfileChoice::Exponential { alpha: DEFAULT_ALPHA }),
+    ("exponential", ProfileChoice::Exponential { alpha: Alpha::Constant(DEFAULT_ALPHA) }),
 ];
 
 /// Propagators that are compared, with their names.

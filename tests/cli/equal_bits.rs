@@ -205,6 +205,24 @@ fn same_bits_with_samples_and_a_plateau() {
 }
 
 #[test]
+fn same_bits_with_a_formula_for_alpha() {
+    same_bits_everywhere(&Scene {
+        name: "inflow_barrier.toml",
+        settings: &[
+            "axis.0.x.cells=23",
+            "axis.0.v.cells=17",
+            "time.end=0.7",
+            "solver.tolerance=1e-4",
+            "solver.warp.profile=exponential",
+            "solver.warp.alpha=-1 + 0.05*p^2 if p > -8 else -p/8",
+            "output.field_times=[0.3]",
+        ],
+        axes: 1,
+        datasets: &["/f", "/plan", "/history/f"],
+    });
+}
+
+#[test]
 fn same_bits_at_output_times() {
     same_bits_everywhere(&Scene {
         name: "inflow_barrier.toml",

@@ -2,19 +2,33 @@
 //! set-ups.
 
 use crate::support::{
-    at_most, check_all, datasets, directory, meets_its_tolerance_within, near, plan, refused,
+    Job, at_most, check_all, datasets, directory, meets_its_tolerance_within, near, plan, refused,
     require, run,
 };
+
+/// `job` with a profile by its name, and after a slash `α` or the order.
+fn with_profile(job: Job, profile: &str) -> Job {
+    let (name, parameter) = profile.split_once('/').unwrap_or((profile, ""));
+    let job = job.set(&[&format!("solver.warp.profile={name}")]);
+    let key = if name == "smooth" { "order" } else { "alpha" };
+    match parameter {
+        "" => job,
+        _ => job.set(&[&format!("solver.warp.{key}={parameter}")]),
+    }
+}
 
 /// Every profile by every reading, on cases that differ: steps, trapped particles, inflow, two
 /// dimensions.
 #[test]
 fn every_profile_and_reading_meets_its_tolerance() {
-    const PROFILES: [(&str, &[&str]); 7] = [
+    const PROFILES: [(&str, &[&str]); 10] = [
         ("planned", &["1e-3", "1e-8"]),
         ("designed", &["1e-2", "1e-6"]),
         ("gaussian", &["1e-3", "1e-8"]),
         ("exponential", &["1e-2"]),
+        ("exponential/1 + 4*(1 - exp(p))", &["1e-2"]),
+        ("exponential/5 if p < -1 else 2", &["3e-2"]),
+        ("exponential/-1 + 0.02*p^2", &["1e-3", "1e-5"]),
         ("smooth", &["1e-3", "1e-5"]),
         ("low-somma", &["1e-3", "1e-8"]),
         ("acl", &["1e-2"]),
@@ -48,10 +62,10 @@ fn every_profile_and_reading_meets_its_tolerance() {
         let job = run(case).set(size).set(&[
             "solver.verify=true",
             &format!("solver.tolerance={tolerance}"),
-            &format!("solver.warp.profile={profile}"),
             &format!("solver.warp.recovery_method={method}"),
             &format!("solver.warp.coefficients={coefficients}"),
         ]);
+        let job = with_profile(job, profile);
         let summary = job.solve(place.path())?;
         let plain = *profile == "gaussian" && *method == "point";
         meets_its_tolerance_within(&summary, if plain { 3.0 } else { 6.0 })
@@ -67,11 +81,13 @@ fn every_profile_and_reading_meets_its_tolerance() {
 fn points_given_by_hand_converge_with_the_order_of_the_profile() {
     const SHORT: &str = "1e-4";
     const LONG: &str = "0.6";
-    let rows: [(&str, &str, &str, &str, usize, f64); 9] = [
+    let rows: [(&str, &str, &str, &str, usize, f64); 11] = [
         ("exponential", "0", SHORT, "sampled", 512, 1.0),
         ("exponential", "0", SHORT, "analytic", 512, 1.0),
         ("exponential", "1", LONG, "sampled", 512, 2.0),
         ("exponential", "1", LONG, "analytic", 512, 2.0),
+        ("exponential/2 - p", "0", SHORT, "sampled", 512, 1.0),
+        ("exponential/-1 - p", "0", SHORT, "analytic", 1024, 2.0),
         ("smooth/1", "0", SHORT, "sampled", 1024, 2.0),
         ("smooth/2", "0", SHORT, "analytic", 4096, 3.0),
         ("smooth/1", "1", LONG, "analytic", 2048, 3.0),
@@ -79,13 +95,12 @@ fn points_given_by_hand_converge_with_the_order_of_the_profile() {
         ("smooth/3", "0", SHORT, "sampled", 4096, 4.0),
     ];
     check_all(&rows, |&(profile, recovery, end, coefficients, points, expected)| {
-        let (name, order) = profile.split_once('/').unwrap_or((profile, ""));
         let period = 48.0;
         let shift = period / (3.0 * points as f64);
         let (lower, upper) = (-0.5 * period - shift, 0.5 * period - shift);
         let error = |points: usize| -> Result<f64, String> {
             let place = directory();
-            let mut job = run("example1.toml").set(&[
+            let job = run("example1.toml").set(&[
                 "axis.0.x.cells=16",
                 "axis.0.v.cells=16",
                 "solver.tolerance=1e-9",
@@ -93,14 +108,10 @@ fn points_given_by_hand_converge_with_the_order_of_the_profile() {
                 &format!("time.end={end}"),
                 &format!("solver.warp.interval=[{lower},{upper}]"),
                 &format!("solver.warp.points={points}"),
-                &format!("solver.warp.profile={name}"),
                 &format!("solver.warp.recovery={recovery}"),
                 &format!("solver.warp.coefficients={coefficients}"),
             ]);
-            if !order.is_empty() {
-                job = job.set(&[&format!("solver.warp.order={order}")]);
-            }
-            job.solve(place.path())?.number("error_semidiscrete")
+            with_profile(job, profile).solve(place.path())?.number("error_semidiscrete")
         };
         let (coarse, fine) = (error(points)?, error(4 * points)?);
         let order = (coarse / fine).log(4.0);
@@ -118,6 +129,8 @@ fn intervals_too_short_are_refused_with_what_is_needed() {
         ("gaussian", "analytic", "1e-6"),
         ("gaussian", "sampled", "1e-6"),
         ("exponential", "sampled", "1e-2"),
+        ("exponential/-1 + p^2", "analytic", "1e-4"),
+        ("exponential/5 if p < -1 else 2", "sampled", "2e-2"),
         ("smooth", "analytic", "1e-4"),
         ("low-somma", "sampled", "1e-6"),
         ("acl", "analytic", "1e-2"),
@@ -125,16 +138,16 @@ fn intervals_too_short_are_refused_with_what_is_needed() {
     check_all(&rows, |(profile, coefficients, tolerance)| {
         let place = directory();
         let job = |interval: &str| {
-            run("example1.toml").set(&[
+            let job = run("example1.toml").set(&[
                 "axis.0.x.cells=20",
                 "axis.0.v.cells=16",
                 "solver.verify=true",
                 "solver.reduce={axes=false, velocities=false}",
                 &format!("solver.tolerance={tolerance}"),
-                &format!("solver.warp.profile={profile}"),
                 &format!("solver.warp.coefficients={coefficients}"),
                 &format!("solver.warp.interval={interval}"),
-            ])
+            ]);
+            with_profile(job, profile)
         };
         let finished = job("[-9, 3.5]").into(place.path()).run()?;
         let says = ["solver.warp.interval = [-9, 3.5]", "too short", "length", tolerance];
@@ -245,6 +258,8 @@ fn profiles_with_propagators_and_shifts() {
         ("low-somma", "1e-5"),
         ("smooth", "1e-3"),
         ("exponential", "3e-2"),
+        ("exponential/1 - 2*p", "3e-2"),
+        ("exponential/-1 + 0.02*p^2", "1e-3"),
         ("acl", "3e-2"),
     ];
     let mut rows = Vec::new();
@@ -263,18 +278,15 @@ fn profiles_with_propagators_and_shifts() {
     check_all(&rows, |(profile, tolerance, more)| {
         let place = directory();
         let set: Vec<&str> = more.iter().copied().filter(|s| !s.is_empty()).collect();
-        let summary = run("slope_jump.toml")
-            .set(&[
-                "axis.0.x.cells=12",
-                "axis.0.v.cells=11",
-                "time.end=0.4",
-                "exact={}",
-                "solver.verify=true",
-                &format!("solver.warp.profile={profile}"),
-                &format!("solver.tolerance={tolerance}"),
-            ])
-            .set(&set)
-            .solve(place.path())?;
+        let job = run("slope_jump.toml").set(&[
+            "axis.0.x.cells=12",
+            "axis.0.v.cells=11",
+            "time.end=0.4",
+            "exact={}",
+            "solver.verify=true",
+            &format!("solver.tolerance={tolerance}"),
+        ]);
+        let summary = with_profile(job, profile).set(&set).solve(place.path())?;
         let (error, tolerance) =
             (summary.number("error_semidiscrete")?, summary.number("tolerance")?);
         let told = summary.boolean("error_estimate_reliable")?;
@@ -287,6 +299,39 @@ fn profiles_with_propagators_and_shifts() {
             format!("error_estimate {estimate:e}, error {error:e}")
         })
     });
+}
+
+/// A formula without p is the constant that it stands for: the same plan, bit for bit. One of p by
+/// name only is it to round-off, and one that continues `e^{−p}` smoothly to the left takes far
+/// fewer modes than any constant.
+#[test]
+fn alpha_may_be_a_formula() {
+    let planned = |alpha: &str| {
+        let job = plan("example1.toml", 2).set(&[
+            "axis.0.x.cells=64",
+            "axis.0.v.cells=64",
+            "constants.k=0.5",
+            "solver.tolerance=1e-3",
+            "solver.warp.profile=exponential",
+            &format!("solver.warp.alpha={alpha}"),
+        ]);
+        let warp = job.with(["--json"]).succeed().unwrap().json().unwrap()["warp"].take();
+        let number = |key: &str| warp[key].as_f64().expect(key);
+        (number("modes"), number("applications"), warp.clone())
+    };
+    let (modes, applications, constant) = planned("1.5");
+    for alpha in ["3*k", "1 + k", "\"1.5\"", "1.50"] {
+        assert_eq!(planned(alpha).2, constant, "{alpha}");
+    }
+    let (close, _, warp) = planned("3*k + 0*p");
+    assert!((close / modes - 1.0).abs() < 0.02, "{close} {modes}");
+    assert_eq!(warp["profile"]["alpha"], "3*k + 0*p");
+    for alpha in ["0.3", "0.5", "0.7", "1"] {
+        let (_, constant, _) = planned(alpha);
+        assert!(constant < applications, "{alpha}: {constant}");
+        let (_, smooth, _) = planned("-1 + 0.01*p^2");
+        assert!(100.0 * smooth < constant, "{alpha}: {constant}, {smooth}");
+    }
 }
 
 /// The paper's own set-ups, on smaller grids and with fewer points: interval, recovery point, step

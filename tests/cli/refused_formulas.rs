@@ -39,6 +39,41 @@ fn check_finds_formulas_that_are_not_finite() {
     });
 }
 
+/// Formulas for `α` that are none of a profile: what is wrong, where, and what is expected.
+#[test]
+fn formulas_for_alpha_that_make_no_profile_are_refused() {
+    let rows: [(&str, &[&str]); 14] = [
+        ("ln(p)", &["NaN", "p = -0.0625", "every p < 0"]),
+        ("1 - sqrt(p + 3)", &["NaN", "p = -3.0", "every p < 0"]),
+        ("1 + x", &["unknown name \"x\"", "character 5", "p, pi"]),
+        ("1 +", &["ends where"]),
+        ("1 if p > -50 else 0", &["g = e^(alpha p) = 1.0e0", "below 1e-17", "p = -4000"]),
+        ("0.001 - 0*p", &["1.0000e-3", "below 1e-17", "alpha = 0.01"]),
+        ("-1 + 0*p", &["-1.0000e0", "at most 1e6"]),
+        ("-1 - p^2/40", &["at most 1e6", "p = -"]),
+        ("1e5 + 0*p", &["1.0000e5", "beside p = 0", "-100 and 100"]),
+        ("1/sqrt(-p)", &["beside p = 0"]),
+        ("5 + sin(1e3*p)", &["changes too fast", "p = -"]),
+        ("2 - 2 - 1", &["between 0.01 and 100"]),
+        ("50 + 51", &["between 0.01 and 100"]),
+        ("true", &["a formula in quotes expected"]),
+    ];
+    check_all(&rows, |(formula, says)| {
+        let alpha = format!("solver.warp.alpha={formula}");
+        let settings = ["solver.warp.profile=exponential", &alpha];
+        let says: Vec<&str> =
+            ["solver.warp.alpha", *formula].into_iter().chain(says.iter().copied()).collect();
+        check("example1.toml").set(&settings).is_refused(&says)?;
+        let place = directory();
+        run("example1.toml").set(&settings).into(place.path()).on(2).within(20).is_refused(&says)
+    });
+    // Of another profile, and a constant with the name of the coordinate.
+    let job = check("example1.toml").set(&["solver.warp.alpha=1 - p"]);
+    job.is_refused(&["solver.warp.alpha", "1 - p", "\"exponential\" only"]).unwrap();
+    let job = check("example1.toml").set(&["constants.p=2"]);
+    job.is_refused(&["constants.p", "already means something"]).unwrap();
+}
+
 /// A condition that yields no number is a mistake too, not false.
 #[test]
 fn conditions_that_are_not_finite_are_refused() {

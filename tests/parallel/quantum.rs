@@ -9,7 +9,7 @@ use num_complex::Complex64;
 use phasewarp::parallel::communicator::World;
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
-use phasewarp::problem::case::ProfileChoice;
+use phasewarp::problem::case::{Alpha, ProfileChoice};
 use phasewarp::quantum::access::{Scratch, SparseAccess};
 use phasewarp::quantum::probability::{Deviation, square_sum};
 use phasewarp::quantum::sparsity::{Sparsity, measure};
@@ -249,10 +249,10 @@ pub fn norm_of_the_state(world: &World) {
         (ProfileChoice::Designed, 1e-6),
         (ProfileChoice::Gaussian { sigma: None }, 1e-9),
         (ProfileChoice::Smooth { order: 4 }, 1e-4),
-        (ProfileChoice::Exponential { alpha: 1.0 }, 1e-2),
+        (ProfileChoice::Exponential { alpha: Alpha::Constant(1.0) }, 1e-2),
     ];
     for (profile, tolerance) in profiles.into_iter().skip(group.rank()).step_by(group.size()) {
-        twin.case.warp.profile = profile;
+        twin.case.warp.profile = profile.clone();
         twin.case.tolerance = tolerance;
         let plan = Plan::new(&twin.case, &resources, 2.0).expect("a plan");
         let warp = plan.warp.as_ref().expect("a schrodingerized run");

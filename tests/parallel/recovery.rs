@@ -12,9 +12,10 @@ use phasewarp::matrix::observables::{MOMENTS, VelocityFactors};
 use phasewarp::parallel::communicator::World;
 use phasewarp::parallel::partition::Mesh;
 use phasewarp::problem::case::{
-    Case, Coefficients, Embedding, OutputTime, ProfileChoice, Propagation, PropagatorMethod,
+    Alpha, Case, Coefficients, Embedding, OutputTime, ProfileChoice, Propagation, PropagatorMethod,
     RecoveryMethod, Shift,
 };
+use phasewarp::problem::formula::{Constants, Expression};
 use phasewarp::problem::legs::Leg;
 use phasewarp::propagate::descriptor;
 use phasewarp::propagate::method::BatchCoupling;
@@ -32,15 +33,18 @@ struct Recovery {
 
 /// Every profile with readings and coefficients, at tolerances that each can afford here; and every
 /// propagator.
-const RECOVERIES: [Recovery; 15] = {
+fn recoveries() -> Vec<Recovery> {
     use Coefficients::{Analytic, Sampled};
     use ProfileChoice::{Acl, Designed, Exponential, Gaussian, LowSomma, Planned, Smooth};
     use PropagatorMethod::{BackwardEuler, CrankNicolson, Krylov};
     use RecoveryMethod::{Integral, LeastSquares, Point};
     const GAUSSIAN: ProfileChoice = Gaussian { sigma: None };
     const LOW_SOMMA: ProfileChoice = LowSomma { c: None };
-    const EXPONENTIAL: ProfileChoice = Exponential { alpha: 1.0 };
-    [
+    let exponential = |alpha: &str| {
+        let alpha = Expression::parse(alpha, &[&["p"]], &Constants::new()).expect(alpha);
+        Exponential { alpha: Alpha::of(&alpha).expect(alpha.text()) }
+    };
+    vec![
         by_series(Designed, Point, Analytic, 1e-9),
         by_series(Designed, Integral, Analytic, 1e-7),
         by_series(Planned, LeastSquares, Analytic, 1e-6),
@@ -51,16 +55,18 @@ const RECOVERIES: [Recovery; 15] = {
         by_series(LOW_SOMMA, Point, Analytic, 1e-8),
         by_series(LOW_SOMMA, Integral, Sampled, 1e-5),
         by_series(Smooth { order: 8 }, Point, Sampled, 1e-4),
-        by_series(EXPONENTIAL, Point, Sampled, 3e-2),
+        by_series(exponential("1"), Point, Sampled, 3e-2),
+        by_series(exponential("2 - p"), LeastSquares, Analytic, 3e-2),
+        by_series(exponential("-1 + (-p)^5"), Point, Sampled, 1e-4),
         by_series(Acl { beta: 0.75 }, LeastSquares, Analytic, 3e-2),
         by_method(GAUSSIAN, 1e-9, Krylov, None),
         by_method(GAUSSIAN, 1e-4, CrankNicolson, Some(20)),
         by_method(GAUSSIAN, 1e-3, BackwardEuler, Some(40)),
     ]
-};
+}
 
 /// With the Chebyshev series.
-const fn by_series(
+fn by_series(
     profile: ProfileChoice,
     reading: RecoveryMethod,
     coefficients: Coefficients,
@@ -77,7 +83,7 @@ const fn by_series(
 }
 
 /// Read at a point, with analytic coefficients.
-const fn by_method(
+fn by_method(
     profile: ProfileChoice,
     tolerance: f64,
     method: PropagatorMethod,
@@ -93,7 +99,7 @@ const fn by_method(
 impl Recovery {
     fn set(&self, case: &mut Case) {
         case.tolerance = self.tolerance;
-        case.warp.profile = self.profile;
+        case.warp.profile = self.profile.clone();
         case.warp.recovery_method = self.reading;
         case.warp.coefficients = self.coefficients;
         case.propagator =
@@ -147,10 +153,11 @@ fn check_norms(run: &Streamed, method: PropagatorMethod, name: &str) {
 /// field is checked before the end and in any batches.
 pub fn recovered_field(world: &World) {
     let several = |twin: &Twin| twin.case.space.x[0].elements() > 1;
+    let all = recoveries();
     for mut twin in Twin::all().into_iter().filter(several) {
         let expected = exponential(&twin.generator, &twin.state, twin.case.end);
         let expected = twin.in_norm(twin.field(&expected));
-        let recoveries = RECOVERIES.iter().filter(|r| applies(r.method, &twin.case));
+        let recoveries = all.iter().filter(|r| applies(r.method, &twin.case));
         let recoveries: Vec<&Recovery> = recoveries.collect();
         // By recovery, the field on the mesh that does not split space, which comes first.
         let mut unsplit: Vec<Vec<f64>> = Vec::new();

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 /// Most constants of a case.
 const MOST: usize = 256;
 /// Names of coordinates, of what reflection is a formula of, and of a word of `inflow.value`.
-const TAKEN: [&str; 11] = ["x", "y", "z", "v", "vx", "vy", "vz", "t", "E", "jump", "initial"];
+const TAKEN: [&str; 12] = ["x", "y", "z", "v", "vx", "vy", "vz", "t", "p", "E", "jump", "initial"];
 
 /// `[constants]` as it is written.
 pub type ConstantsTable = BTreeMap<String, Formula>;

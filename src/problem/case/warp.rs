@@ -1,23 +1,20 @@
 //! `[solver.warp]`: everything about the auxiliary variable `p`.
 
 use crate::base::error::Result;
+use crate::problem::case::alpha::Alpha;
 use crate::problem::case::data::Field;
 use crate::problem::case::file::CaseFile;
-use crate::problem::case::reader::{List, NumberOr, Words};
-use crate::problem::limits::{
-    ALPHAS, BETAS, CS, LARGEST_SHIFT, MOST, MOST_MODES, MOST_ORDER, SIGMAS,
-};
+use crate::problem::case::reader::{Formula, List, NumberOr, Words};
+use crate::problem::limits::{BETAS, CS, LARGEST_SHIFT, MOST, MOST_MODES, MOST_ORDER, SIGMAS};
 use serde::{Deserialize, Serialize};
 
-/// Default of `solver.warp.alpha`.
-pub const DEFAULT_ALPHA: f64 = 1.0;
 /// Default of `solver.warp.order`.
 pub const DEFAULT_ORDER: usize = 8;
 /// Default of `solver.warp.beta`.
 pub const DEFAULT_BETA: f64 = 0.75;
 
 /// Which profile `g(p)`, with its parameter (see [`crate::schrodingerization::profile`]).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum ProfileChoice {
     /// `Designed` or `Gaussian`, whichever takes less work.
@@ -32,8 +29,8 @@ pub enum ProfileChoice {
     },
     /// `e^{−p}` for `p ≥ 0`, `e^{αp}` for `p < 0` (the paper's).
     Exponential {
-        /// `α > 0`.
-        alpha: f64,
+        /// `α`, which may depend on `p`.
+        alpha: Alpha,
     },
     /// `e^{−|p|}` with the polynomial of degree `2r+1` between −1 and 0 that is smooth to `r`
     /// derivatives.
@@ -124,7 +121,7 @@ impl Shift {
 }
 
 /// `[solver.warp]`: everything about the auxiliary variable `p`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Warp {
     /// `profile` and its parameter.
     pub profile: ProfileChoice,
@@ -152,9 +149,9 @@ impl Warp {
     /// The profile to be planned: `Planned` is the Gaussian where samples, an interval or points
     /// are given by hand, as a designed one is no function on the line.
     pub fn choice(&self) -> ProfileChoice {
-        match (self.profile, self.by_hand()) {
+        match (&self.profile, self.by_hand()) {
             (ProfileChoice::Planned, Some(_)) => ProfileChoice::Gaussian { sigma: None },
-            (given, _) => given,
+            (given, _) => given.clone(),
         }
     }
 
@@ -198,7 +195,7 @@ impl Warp {
 #[serde(default)]
 pub struct WarpTable {
     profile: ProfileName,
-    alpha: Option<f64>,
+    alpha: Option<Formula>,
     order: Option<i64>,
     sigma: Option<f64>,
     c: Option<f64>,
@@ -312,9 +309,9 @@ impl WarpTable {
             ProfileName::Gaussian => ProfileChoice::Gaussian {
                 sigma: self.sigma.map(|s| within("sigma", s, SIGMAS[0], SIGMAS[1])).transpose()?,
             },
-            ProfileName::Exponential => ProfileChoice::Exponential {
-                alpha: within("alpha", self.alpha.unwrap_or(DEFAULT_ALPHA), ALPHAS[0], ALPHAS[1])?,
-            },
+            ProfileName::Exponential => {
+                ProfileChoice::Exponential { alpha: Alpha::read(file, self.alpha.as_ref())? }
+            }
             ProfileName::Smooth => {
                 let order = self
                     .order

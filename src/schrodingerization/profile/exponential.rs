@@ -1,24 +1,65 @@
-//! `g(p) = e^{−p}` for `p ≥ 0`, `e^{αp}` for `p < 0`: the paper's. It has a corner at 0,
-//! `ĝ(μ) = 1/(1+iμ) + 1/(α−iμ)` falls like `(1+α)/μ²`, and the modes beyond `μ` add `(1+α)/(πμ)` at
-//! the corner (first order in `N_p`), but only about `(1+α)/(πdμ²)` at a distance `d` from it.
+//! `g(p) = e^{−p}` for `p ≥ 0`, `e^{α(p)p}` for `p < 0`: the paper's.
+//!
+//! With a constant `α` it has a corner at 0, `ĝ(μ) = 1/(1+iμ) + 1/(α−iμ)` falls like `(1+α)/μ²`,
+//! and the modes beyond `μ` add `(1+α)/(πμ)` at the corner (first order in `N_p`), but only about
+//! `(1+α)/(πdμ²)` at a distance `d` from it.
+//!
+//! With a formula the left part is the [`Piecewise`] polynomial that is `e^{α(p)p}` to round-off,
+//! and its transform is exact. Any left part is as good for the recovery. What decides on the number
+//! of modes is how `g` and its derivatives jump, at 0 and elsewhere: with jumps `J_k` of `g^{(k)}`
+//! at points `c`, and for any `m`,
+//!
+//! ```text
+//! ĝ(μ) = Σ_{k<m} Σ_c J_k(c) e^{−iμc} (iμ)^{−k−1} + (iμ)^{−m} ∫ g^{(m)}(p) e^{−iμp} dp.
+//! ```
+//!
+//! `α(0) = −1` leaves no jump of `g'` at 0, and `α = −1 + c(−p)^k` none of the first `k`
+//! derivatives.
 
+use crate::base::piecewise::{ORDERS, Piecewise};
+use crate::problem::case::Alpha;
 use crate::schrodingerization::profile::shape::{Form, Planned, Shape};
 use crate::schrodingerization::profile::window::{Demand, Window, place};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
+/// How far the next period's jumps stay from what is read at least, but for those at 0.
+const GAP: f64 = 1.0;
+
 /// The profile.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Exponential {
-    /// `α > 0`.
-    pub alpha: f64,
+    /// `α > 0`, or a formula in `p`.
+    pub alpha: Alpha,
 }
 
 impl Exponential {
     /// The one of `α` for `demand`.
-    pub fn meeting(alpha: f64, demand: &Demand) -> Option<(Self, Window)> {
-        let profile = Self { alpha };
-        place(&profile, 0.0, demand).map(|window| (profile, window))
+    pub fn meeting(alpha: &Alpha, demand: &Demand) -> Option<(Self, Window)> {
+        let profile = Self { alpha: alpha.clone() };
+        let round_off = demand.round_off * profile.excess();
+        place(&profile, 0.0, &Demand { round_off, ..*demand }).map(|window| (profile, window))
+    }
+
+    /// How many times larger `Σ|c_l|` may be than the 2 that plans count on.
+    ///
+    /// From `|ĝ| ≤ min(‖g‖₁, ΣJ_0/μ + B/μ²)`, `B = ΣJ_1 + ∫|g''|`, for a period of at least
+    /// `SHORTEST` and wavenumbers up to e to the `LOGARITHM`.
+    pub(super) fn excess(&self) -> f64 {
+        const SHORTEST: f64 = 4.0;
+        const LOGARITHM: f64 = 28.0;
+        let Alpha::Formula(extension) = &self.alpha else {
+            return 1.0;
+        };
+        let left = extension.values();
+        let total = |order: usize| {
+            let jumps: f64 = left.jumps().iter().map(|jump| jump.sizes[order]).sum();
+            jumps + left.rounded(order) + at_zero(left, order)
+        };
+        let size = 1.0 + left.variation(0);
+        let slopes = total(1) + left.variation(2) + 1.0;
+        let integral = 2.0 * (size * slopes).sqrt() + LOGARITHM * total(0);
+        (0.5 * (size / SHORTEST + integral / PI)).max(1.0)
     }
 }
 
@@ -34,35 +75,84 @@ impl Planned for Exponential {
 
 impl Shape for Exponential {
     fn coefficient(&self, mu: f64) -> Complex64 {
-        1.0 / Complex64::new(1.0, mu) + 1.0 / Complex64::new(self.alpha, -mu)
+        let right = 1.0 / Complex64::new(1.0, mu);
+        let left = match &self.alpha {
+            Alpha::Constant(alpha) => 1.0 / Complex64::new(*alpha, -mu),
+            Alpha::Formula(extension) => extension.values().transform(mu),
+        };
+        right + left
     }
 
     fn value(&self, p: f64) -> f64 {
-        if p >= 0.0 { (-p).exp() } else { (self.alpha * p).exp() }
+        match &self.alpha {
+            _ if p >= 0.0 => (-p).exp(),
+            Alpha::Constant(alpha) => (alpha * p).exp(),
+            Alpha::Formula(extension) => extension.values().value(p),
+        }
     }
 
+    /// Of a formula also below its jumps, so that those of the next period keep their distance.
     fn left(&self, bound: f64) -> f64 {
-        bound.ln().min(0.0) / self.alpha
+        match &self.alpha {
+            Alpha::Constant(alpha) => bound.ln().min(0.0) / alpha,
+            Alpha::Formula(extension) => {
+                let left = extension.values();
+                let lowest = left.jumps().first().map_or(0.0, |jump| jump.at - GAP);
+                left.first_above(bound).min(lowest)
+            }
+        }
     }
 
-    /// From `ĝ = (1+α)/μ² + (1−α²)/(iμ)³ + …`, what follows being at most `(1+α³)/μ⁴`; or all
-    /// magnitudes.
     fn tail(&self, mu: f64, distance: f64) -> f64 {
-        let a = self.alpha;
-        let parts = (1.0 + a) * corner(1, mu, distance)
-            + (1.0 - a * a).abs() * corner(2, mu, distance)
-            + (1.0 + a.powi(3)) / (3.0 * PI * mu.powi(3));
-        parts.min((1.0 + a) / (PI * mu))
+        match &self.alpha {
+            Alpha::Constant(alpha) => tail_of_constant(*alpha, mu, distance),
+            Alpha::Formula(extension) => tail_of_left(extension.values(), mu, distance),
+        }
     }
 }
 
-/// Bound on what the modes beyond `μ` of a corner add, `(2/P) Σ cos(μ_l p)/μ_l^{order+1}` at
-/// `p ≥ distance`: the integral of the magnitudes, `1/(π order μ^order)`, or, since neighbours
+/// From `ĝ = (1+α)/μ² + (1−α²)/(iμ)³ + …`, what follows being at most `(1+α³)/μ⁴`; or all
+/// magnitudes.
+fn tail_of_constant(a: f64, mu: f64, distance: f64) -> f64 {
+    let parts = (1.0 + a) * corner(1, mu, distance)
+        + (1.0 - a * a).abs() * corner(2, mu, distance)
+        + (1.0 + a.powi(3)) / (3.0 * PI * mu.powi(3));
+    parts.min((1.0 + a) / (PI * mu))
+}
+
+/// The least of the bounds for `m = 2, 3, …`: what the jumps add, and `∫|g^{(m)}|/(π(m−1)μ^{m−1})`.
+/// What is a jump by round-off only may be next to what is read.
+fn tail_of_left(left: &Piecewise, mu: f64, distance: f64) -> f64 {
+    let mut least = f64::INFINITY;
+    let mut corners = 0.0;
+    for order in 0..ORDERS {
+        corners += at_zero(left, order) * corner(order, mu, distance)
+            + left.rounded(order) * corner(order, mu, 0.0);
+        for jump in left.jumps() {
+            corners += jump.sizes[order] * corner(order, mu, (distance - jump.at).min(GAP));
+        }
+        if order > 0 {
+            let rest = left.variation(order + 1) + 1.0;
+            least = least.min(corners + rest / (PI * order as f64 * mu.powi(order as i32)));
+        }
+    }
+    least
+}
+
+/// `|J_k(0)|`: `g^{(k)}` is `(−1)^k` above.
+fn at_zero(left: &Piecewise, order: usize) -> f64 {
+    let above = if order.is_multiple_of(2) { 1.0 } else { -1.0 };
+    (above - left.at_end(order)).abs()
+}
+
+/// Bound on what the modes beyond `μ` of a jump of the derivative `order` add, `(2/P) Σ
+/// cos(μ_l p)/μ_l^{order+1}` (or the sines) at `p ≥ distance`: the integral of the magnitudes,
+/// `1/(π order μ^order)`, of a jump of `g` itself `(1/π) Σ sin(lθ)/l ≤ 1/2`; or, since neighbours
 /// cancel, summation by parts (once or twice) with `sin(πp/P) ≥ πp/(1.12 P)` for `p ≤ P/4`.
 fn corner(order: usize, mu: f64, distance: f64) -> f64 {
     let k = order as f64;
-    let power = mu.powf(-k);
-    let magnitudes = power / (PI * k);
+    let power = mu.powi(-(order as i32));
+    let magnitudes = if order == 0 { 0.5 } else { power / (PI * k) };
     if distance <= 0.0 {
         return magnitudes;
     }

@@ -210,7 +210,7 @@ mod tests {
     fn round_off_sets_the_limit() {
         let limit = |growth, decay| {
             let demand = Demand::new(0.1, growth, decay, 0.0);
-            Profile::smallest_tolerance(ProfileChoice::Gaussian { sigma: None }, &demand)
+            Profile::smallest_tolerance(&ProfileChoice::Gaussian { sigma: None }, &demand)
         };
         let smallest = limit(0.375, 127.0).expect("possible");
         assert_eq!(limit(50.0, 127.0), None);

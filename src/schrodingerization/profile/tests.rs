@@ -1,5 +1,7 @@
 use super::*;
-use crate::problem::case::ProfileChoice as Choice;
+use crate::problem::case::alpha::NAMES;
+use crate::problem::case::{Alpha, ProfileChoice as Choice};
+use crate::problem::formula::{Constants, Expression};
 use crate::problem::limits::MOST_ORDER;
 use crate::schrodingerization::profile::series::Series;
 use num_complex::Complex64;
@@ -8,22 +10,45 @@ use std::f64::consts::PI;
 /// The Gaussian of planned width.
 const GAUSSIAN: Choice = Choice::Gaussian { sigma: None };
 
-/// Every profile, and tolerances that it can afford here.
-const PROFILES: [(Choice, &[f64]); 11] = [
-    (GAUSSIAN, &[1e-2, 1e-6, 1e-11]),
-    (Choice::Exponential { alpha: 1.0 }, &[1e-1, 1e-3]),
-    (Choice::Exponential { alpha: 0.2 }, &[1e-2]),
-    (Choice::Exponential { alpha: 10.0 }, &[1e-2]),
-    (Choice::Smooth { order: 1 }, &[1e-2, 1e-5]),
-    (Choice::Smooth { order: 8 }, &[1e-2, 1e-6, 1e-10]),
-    (Choice::Smooth { order: 16 }, &[1e-6, 1e-11]),
-    (Choice::LowSomma { c: None }, &[1e-2, 1e-6, 1e-11]),
-    (Choice::LowSomma { c: Some(1.0) }, &[1e-6]),
-    (Choice::Acl { beta: 0.75 }, &[1e-2, 1e-6, 1e-10]),
-    (Choice::Acl { beta: 0.5 }, &[1e-2]),
-];
+/// The exponential one of a constant or a formula.
+fn exponential(alpha: &str) -> Choice {
+    let alpha = Expression::parse(alpha, &NAMES, &Constants::new()).expect(alpha);
+    Choice::Exponential { alpha: Alpha::of(&alpha).expect(alpha.text()) }
+}
 
-fn planned(choice: Choice, demand: &Demand) -> (Profile, Window) {
+/// An `α(p)` that jumps, and with it `g`.
+const JUMP: &str = "5 if p < -1 else 2";
+
+/// Every profile whose values do not jump, and tolerances that it can afford here.
+fn profiles() -> Vec<(Choice, &'static [f64])> {
+    vec![
+        (GAUSSIAN, &[1e-2, 1e-6, 1e-11]),
+        (exponential("1"), &[1e-1, 1e-3]),
+        (exponential("0.2"), &[1e-2]),
+        (exponential("10"), &[1e-2]),
+        (exponential("1 + 4*(1 - exp(p))"), &[1e-1, 1e-3]),
+        (exponential("max(1, -p)"), &[1e-2]),
+        (exponential("(-p)^1.5"), &[1e-2]),
+        (exponential("-1 - p"), &[1e-2, 1e-5]),
+        (exponential("-1 + p^2"), &[1e-2, 1e-5]),
+        (exponential("-1 + (-p)^7"), &[1e-2, 1e-6, 1e-9]),
+        (Choice::Smooth { order: 1 }, &[1e-2, 1e-5]),
+        (Choice::Smooth { order: 8 }, &[1e-2, 1e-6, 1e-10]),
+        (Choice::Smooth { order: 16 }, &[1e-6, 1e-11]),
+        (Choice::LowSomma { c: None }, &[1e-2, 1e-6, 1e-11]),
+        (Choice::LowSomma { c: Some(1.0) }, &[1e-6]),
+        (Choice::Acl { beta: 0.75 }, &[1e-2, 1e-6, 1e-10]),
+        (Choice::Acl { beta: 0.5 }, &[1e-2]),
+    ]
+}
+
+/// The same and one whose values jump.
+fn all_profiles() -> Vec<(Choice, &'static [f64])> {
+    let jump: (Choice, &[f64]) = (exponential(JUMP), &[1e-1, 1e-2]);
+    profiles().into_iter().chain([jump]).collect()
+}
+
+fn planned(choice: &Choice, demand: &Demand) -> (Profile, Window) {
     Profile::plan(choice, demand).unwrap_or_else(|| panic!("{choice:?} {demand:?}"))
 }
 
@@ -57,8 +82,8 @@ fn samples(g: &dyn Shape) -> Vec<[f64; 2]> {
 
 #[test]
 fn coefficients_are_the_transform_of_the_values() {
-    for (choice, _) in PROFILES {
-        let (profile, _) = planned(choice, &Demand::new(1e-2, 0.1, 5.0, 0.0));
+    for (choice, _) in profiles() {
+        let (profile, _) = planned(&choice, &Demand::new(1e-2, 0.1, 5.0, 0.0));
         let g = shape(&profile);
         let samples = samples(g);
         for mu in [0.0, 0.4, 1.7, 6.3, 20.0] {
@@ -68,6 +93,34 @@ fn coefficients_are_the_transform_of_the_values() {
             let limit = 1e-8 * g.coefficient(0.0).norm().max(1.0);
             let error = (found - expected).norm();
             assert!(error < limit, "{profile} at {mu}: {found} {expected}");
+        }
+    }
+}
+
+/// A constant is the same as a formula, and one that depends on `p` in name only is it to round-off.
+#[test]
+fn a_formula_without_p_is_the_constant() {
+    assert_eq!(exponential("1 + 1"), Choice::Exponential { alpha: Alpha::Constant(2.0) });
+    for alpha in ["0.3", "1", "2.5", "40"] {
+        let [constant, formula] = [exponential(alpha), exponential(&format!("{alpha} + 0*p"))];
+        assert_ne!(constant, formula);
+        for (growth, decay) in [(0.0, 3.0), (0.375, 40.0)] {
+            let demand = Demand::new(1e-2, growth, decay, 0.0);
+            let [(a, of_constant), (b, of_formula)] =
+                [&constant, &formula].map(|choice| planned(choice, &demand));
+            let [g, h] = [shape(&a), shape(&b)];
+            for mu in [0.0, 0.4, 7.0, 33.0, 400.0, 1e4] {
+                let error = (g.coefficient(mu) - h.coefficient(mu)).norm();
+                assert!(error < 1e-14 * g.coefficient(0.0).norm(), "{alpha} {mu}: {error:e}");
+            }
+            for p in [-9.7, -1.3, -0.2, -1e-9, 0.0, 2.0] {
+                let error = (g.value(p) - h.value(p)).abs();
+                assert!(error < 1e-13, "{alpha} {p}: {error:e}");
+            }
+            let modes = [of_constant, of_formula].map(|w| w.modes(w.period));
+            assert_eq!(of_constant.point, of_formula.point);
+            // The bound of a formula may be the smaller one.
+            assert!(modes[1] < 1.02 * modes[0], "{alpha}: {modes:?}");
         }
     }
 }
@@ -101,8 +154,8 @@ fn periodic(g: &dyn Shape, period: f64, p: f64) -> f64 {
 
 #[test]
 fn tails_bound_what_is_left_out() {
-    for (choice, _) in PROFILES {
-        let (profile, window) = planned(choice, &Demand::new(1e-2, 0.1, 30.0, 0.0));
+    for (choice, _) in all_profiles() {
+        let (profile, window) = planned(&choice, &Demand::new(1e-2, 0.1, 30.0, 0.0));
         let (g, period) = (shape(&profile), window.period);
         for mu in [2.0, 5.0, 17.0] {
             let modes = (mu * period / (2.0 * PI)) as usize + 1;
@@ -119,8 +172,7 @@ fn tails_bound_what_is_left_out() {
                 );
                 // Not by orders of magnitude too large, but where an order of smoothness is not yet
                 // felt.
-                let sharp =
-                    matches!(choice, Choice::Exponential { alpha: 1.0 } | Choice::LowSomma { .. });
+                let sharp = choice == exponential("1") || matches!(choice, Choice::LowSomma { .. });
                 assert!(
                     !sharp || largest < 1e-9 || bound < 60.0 * largest,
                     "{profile}, mu {mu}, distance {distance}: {largest:e}, bound {bound:e}"
@@ -132,15 +184,19 @@ fn tails_bound_what_is_left_out() {
 
 #[test]
 fn rounding_is_amplified_as_planned() {
-    for (choice, _) in PROFILES {
+    for (choice, _) in all_profiles() {
         if choice == GAUSSIAN {
             continue;
         }
-        let (profile, window) = planned(choice, &Demand::new(1e-2, 0.1, 30.0, 0.0));
+        let (profile, window) = planned(&choice, &Demand::new(1e-2, 0.1, 30.0, 0.0));
         let modes = window.modes(window.period) as usize;
         let series = Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
         let sum: f64 = (0..modes).map(|l| series.factor(l).norm()).sum();
-        assert!(sum < 2.0, "{profile}: {sum}");
+        let excess = match &profile {
+            Profile::Exponential(exponential) => exponential.excess(),
+            _ => 1.0,
+        };
+        assert!(sum < 2.0 * excess, "{profile}: {sum}, {excess}");
     }
 }
 
@@ -156,17 +212,17 @@ fn worst(series: &Series, demand: &Demand, window: &Window) -> f64 {
 
 #[test]
 fn series_is_the_exponential_on_the_domain_of_dependence() {
-    for (choice, tolerances) in PROFILES {
+    for (choice, tolerances) in all_profiles() {
         for &tolerance in tolerances {
             for (growth, decay) in [(0.0, 3.0), (0.375, 40.0), (2.0, 127.0)] {
                 let mut demand = Demand::new(tolerance, growth, decay, 0.0);
-                if Profile::plan(choice, &demand).is_none() {
+                if Profile::plan(&choice, &demand).is_none() {
                     // Round-off forbids it, and not much less.
-                    let least = Profile::smallest_tolerance(choice, &demand).expect("possible");
+                    let least = Profile::smallest_tolerance(&choice, &demand).expect("possible");
                     assert!(least > tolerance && least < 1e-7, "{choice:?}: {least:e}");
                     continue;
                 }
-                let (profile, window) = planned(choice, &demand);
+                let (profile, window) = planned(&choice, &demand);
                 let modes = window.modes(window.period) as usize;
                 let series =
                     Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
@@ -176,7 +232,7 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
 
                 demand.sampled = true;
                 demand.truncation = 0.2;
-                let (profile, window) = planned(choice, &demand);
+                let (profile, window) = planned(&choice, &demand);
                 let interval = demand.ends(shape(&profile), &window);
                 let modes = window.modes(interval[1] - interval[0]) as usize;
                 if modes > 20_000 {
@@ -198,8 +254,8 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
 /// out.
 #[test]
 fn samples_alias() {
-    for (choice, _) in PROFILES {
-        let (profile, _) = planned(choice, &Demand::new(1e-2, 0.0, 5.0, 0.0));
+    for (choice, _) in profiles() {
+        let (profile, _) = planned(&choice, &Demand::new(1e-2, 0.0, 5.0, 0.0));
         let g = shape(&profile);
         let interval: [f64; 2] = [-45.0, 40.0];
         let (period, points) = (interval[1] - interval[0], 340);
@@ -216,7 +272,7 @@ fn samples_alias() {
             let error = (sampled.coefficients[l] - alias).norm();
             // What is left of alpha = 0.2 at the left end, and of the sum over m.
             let limit = match choice {
-                Choice::Exponential { alpha } if alpha < 1.0 => 1e-5,
+                Choice::Exponential { .. } if choice == exponential("0.2") => 1e-5,
                 Choice::Exponential { .. } => 1e-6,
                 _ => 1e-9,
             };
@@ -276,20 +332,24 @@ fn order(g: &dyn Shape, point: f64, phase: f64, points: [usize; 2], sampled: boo
     (error(points[0]) / error(points[1])).log2() / (points[1] as f64 / points[0] as f64).log2()
 }
 
-/// First order where the corner is felt, second away from it; `r + 1` and `r + 2` for smooth(r);
+/// First order where the corner is felt, second away from it; `r + 1` and `r + 2` for smooth(r), and
+/// where `α(p)` leaves the first `r` derivatives without a jump;
 /// the same for samples and for `ĝ`, and for corners on and off the grid. (On it, the leading term
 /// away from a corner of odd `r` vanishes: the order is higher.)
 #[test]
 fn orders_in_the_number_of_points() {
-    let rows: [(Choice, f64, [usize; 2]); 5] = [
-        (Choice::Exponential { alpha: 1.0 }, 1.0, [960, 3840]),
-        (Choice::Exponential { alpha: 4.0 }, 1.0, [1920, 7680]),
+    let rows: [(Choice, f64, [usize; 2]); 8] = [
+        (exponential("1"), 1.0, [960, 3840]),
+        (exponential("4"), 1.0, [1920, 7680]),
+        (exponential("1 - p"), 1.0, [1920, 7680]),
+        (exponential("-1 - p"), 2.0, [960, 3840]),
+        (exponential("-1 + p^2"), 3.0, [3840, 15360]),
         (Choice::Smooth { order: 1 }, 2.0, [960, 3840]),
         (Choice::Smooth { order: 2 }, 3.0, [3840, 15360]),
         (Choice::Smooth { order: 3 }, 4.0, [3840, 15360]),
     ];
     for (choice, expected, points) in rows {
-        let (profile, _) = planned(choice, &Demand::new(1e-2, 0.0, 5.0, 0.0));
+        let (profile, _) = planned(&choice, &Demand::new(1e-2, 0.0, 5.0, 0.0));
         for sampled in [true, false] {
             // Cells that divide 1. On the grid, and a third of a cell off the coarse and the fine
             // one.
@@ -312,7 +372,7 @@ fn orders_in_the_number_of_points() {
     for (choice, points) in
         [(GAUSSIAN, 20), (Choice::LowSomma { c: Some(2.0) }, 30), (Choice::Acl { beta: 0.75 }, 80)]
     {
-        let (profile, _) = planned(choice, &Demand::new(1e-9, 0.0, 5.0, 0.0));
+        let (profile, _) = planned(&choice, &Demand::new(1e-9, 0.0, 5.0, 0.0));
         let g = shape(&profile);
         let found = [1, 2].map(|k| order(g, 1.0, 0.0, [k * points, 2 * k * points], false));
         assert!(found[0] > 1.0 && found[1] > found[0] + 0.7, "{profile}: {found:?}");

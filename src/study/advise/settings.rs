@@ -96,7 +96,7 @@ mod tests {
             let found = read(&set).unwrap();
             assert_eq!(found.space, target.space);
             assert_eq!((found.interface, found.tolerance), (interface, 3e-4));
-            assert_eq!((found.warp, found.propagator), (plain.warp, plain.propagator));
+            assert_eq!((&found.warp, &found.propagator), (&plain.warp, &plain.propagator));
             let command = command(&case, &set);
             assert!(command.contains("--set 'solver.warp={}'"), "{command}");
             assert!(!command.contains("cells=24"), "{command}");

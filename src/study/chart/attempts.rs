@@ -231,7 +231,7 @@ impl<'a> Attempts<'a> {
             }
             let bounds = self.measured_bounds(&scene)?;
             *case = setup.apply(self.base(&setting.space), &setting.space, Some(&bounds));
-            scene.warp = case.warp;
+            scene.warp = case.warp.clone();
         }
         let (expected, error) = self.expect(&scene);
         // With measured bounds the error is the plan's own; without them the trial tells.

@@ -122,7 +122,7 @@ impl Programme {
     /// The first profile, treatment and propagator at the first tolerance.
     fn base(&self) -> Modes {
         Modes {
-            profile: PROFILES[0].1,
+            profile: &PROFILES[0].1,
             treatment: self.treatments[0],
             propagator: PropagatorMethod::Chebyshev,
             steps: None,
@@ -137,7 +137,7 @@ impl Programme {
         // A classical method and one by modes first, should there be time for no more.
         let mut setups = classical(degree);
         setups.insert(1, base.into());
-        setups.extend(of_profiles(base).into_iter().skip(1));
+        setups.extend(of_profiles(base).skip(1));
         setups.extend(self.other_treatments(base));
         setups.push(krylov(base));
         setups.extend(implicit(base, STEPS[0]));
@@ -194,7 +194,7 @@ impl Programme {
 
     /// Every profile at the first tolerance: what must be affordable where methods are compared.
     pub fn profiles(&self, grid: &PhaseSpace) -> Vec<Setting> {
-        on(grid, &of_profiles(self.base()))
+        on(grid, &of_profiles(self.base()).collect::<Vec<_>>())
     }
 
     /// The knobs of each method on `grid`, one after the other.
@@ -259,8 +259,8 @@ fn classical(degree: usize) -> Vec<Setup> {
 }
 
 /// `base` with every profile.
-fn of_profiles(base: Modes) -> [Setup; PROFILES.len()] {
-    PROFILES.map(|(_, profile)| Modes { profile, ..base }.into())
+fn of_profiles(base: Modes) -> impl Iterator<Item = Setup> {
+    PROFILES.iter().map(move |(_, profile)| Modes { profile, ..base }.into())
 }
 
 fn krylov(base: Modes) -> Setup {

@@ -2,8 +2,8 @@
 
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{
-    Case, Coefficients, DEFAULT_CFL, Delta, Embedding, Integrator, Interface, LARGEST_TOLERANCE,
-    Limiter, Method, ProfileChoice, PropagatorMethod, RecoveryMethod, Shift,
+    Alpha, Case, Coefficients, DEFAULT_CFL, Delta, Embedding, Integrator, Interface,
+    LARGEST_TOLERANCE, Limiter, Method, ProfileChoice, PropagatorMethod, RecoveryMethod, Shift,
 };
 use crate::problem::grid::PhaseSpace;
 use crate::study::treatment::Treatment;
@@ -13,7 +13,7 @@ use crate::study::trial::{final_fields_only, plan_series, propagation};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Modes {
     /// `g(p)`.
-    pub profile: ProfileChoice,
+    pub profile: &'static ProfileChoice,
     /// Against growth at jumps; none where `V` does not jump, so that none is needed.
     pub treatment: Option<Treatment>,
     /// Of a mode.
@@ -94,7 +94,7 @@ impl Setup {
 impl Modes {
     fn apply(&self, case: &mut Case) {
         plan_modes(case);
-        case.warp.profile = self.profile;
+        case.warp.profile = self.profile.clone();
         case.tolerance = self.tolerance;
         case.propagator = propagation(case, self.propagator, self.steps);
         case.warp.weights = false;
@@ -109,7 +109,7 @@ fn apply_paper(case: &mut Case, points: usize, steps: Option<usize>, bounds: Opt
     let time = case.duration();
     case.interface = Interface::Hat;
     case.tolerance = LARGEST_TOLERANCE;
-    case.warp.profile = ProfileChoice::Exponential { alpha: 1.0 };
+    case.warp.profile = ProfileChoice::Exponential { alpha: Alpha::Constant(1.0) };
     case.warp.coefficients = Coefficients::Sampled;
     case.warp.weights = false;
     (case.warp.inflow, case.warp.delta) = (Embedding::Full, Delta::Largest);

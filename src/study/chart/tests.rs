@@ -34,7 +34,7 @@ fn made_up(designed: bool, [seconds, error]: [f64; 2], applications: usize) -> E
     let case = case();
     let setup = if designed {
         Setup::from(Modes {
-            profile: ProfileChoice::Designed,
+            profile: &ProfileChoice::Designed,
             treatment: Some(Treatment::all()[1]),
             propagator: PropagatorMethod::Chebyshev,
             steps: None,

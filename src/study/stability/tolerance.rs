@@ -153,9 +153,9 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     case.warp.weights = true;
     case.propagator = propagation(&case, PropagatorMethod::Chebyshev, None);
     let mut all = Vec::new();
-    for (name, profile) in PROFILES {
+    for (name, profile) in &PROFILES {
         let mut case = case.clone();
-        case.warp.profile = profile;
+        case.warp.profile = profile.clone();
         all.push(Errors::tried(sweep, name, case)?);
     }
     let borders: Vec<Border> = all.iter().map(Errors::border).collect();

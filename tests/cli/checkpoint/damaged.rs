@@ -137,6 +137,11 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
         let said = finished.errors.contains("was computed with fused multiply-adds");
         assert!(said, "{}", finished.errors);
     }
+    let alpha = ["solver.warp.alpha=1 - p/1e6"];
+    let finished = go_on(run().on(2).set(&alpha), sound.path());
+    assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
+    let says = "solver.warp.alpha is not given there, \"1 - p/1e6\" here";
+    assert!(finished.errors.contains(says), "{}", finished.errors);
     // Of the same case, said in another way, and stored in another.
     let differently = [
         "axis.0.v.cells=30",

@@ -299,6 +299,7 @@ fn stages_that_are_finished_are_not_computed_again() {
         (fields, 1, [(2, "1"), (3, "1")]),
         (kept(&[]), 1, [(2, "2"), (3, "3")]),
         (kept(&[]), 4, [(3, "1"), (4, "2")]),
+        (kept(&["solver.warp.alpha='2 - p'"]), 1, [(3, "1"), (2, "2")]),
         (kept(&["solver.warp.inflow='full'"]), 0, [(1, "1"), (4, "4")]),
         (kept(&["solver.warp.inflow='full'"]), 5, [(4, "2"), (1, "1")]),
     ];

@@ -95,6 +95,7 @@ pub const WORDS: &[&str] = &[
     "\"low-somma\"",
     "\"acl\"",
     "alpha",
+    "\"-1 + p^2\"",
     "order",
     "beta",
     "coefficients",

@@ -67,7 +67,7 @@ fn table_of_designs() {
                 let seconds = started.elapsed().as_secs_f64();
                 let modes = g.series.modes();
                 let sum: f64 = (0..modes).map(|l| g.series.factor(l).norm()).sum();
-                let gaussian = Profile::plan(ProfileChoice::Gaussian { sigma: None }, &demand)
+                let gaussian = Profile::plan(&ProfileChoice::Gaussian { sigma: None }, &demand)
                     .map_or(0, |(_, w)| {
                         applications(&demand, w.period, w.modes(w.period) as usize)
                     });
@@ -110,12 +110,12 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
                 assert!(sum <= demand.tolerance / (20.0 * f64::EPSILON), "{what}: {sum:e}");
                 let own = applications(&demand, window.period, modes);
                 let (_, w) =
-                    Profile::plan(ProfileChoice::Gaussian { sigma: None }, &demand).expect(&what);
+                    Profile::plan(&ProfileChoice::Gaussian { sigma: None }, &demand).expect(&what);
                 let gaussian = applications(&demand, w.period, w.modes(w.period) as usize);
                 let factor = if own > 300 { 3 } else { 2 };
                 assert!(factor * own <= gaussian, "{what}: {own}, {gaussian}");
                 // And that is the one that is planned.
-                let planned = Profile::plan(ProfileChoice::Planned, &demand);
+                let planned = Profile::plan(&ProfileChoice::Planned, &demand);
                 assert_eq!(planned, Some((Profile::Designed(g), window)), "{what}");
             }
         }
@@ -142,24 +142,24 @@ fn cut_off_is_near_what_is_possible() {
 fn refused_where_it_is_not_possible() {
     let smallest =
         |choice, growth| Profile::smallest_tolerance(choice, &Demand::new(0.1, growth, 100.0, 1.0));
-    let designed = smallest(ProfileChoice::Designed, 1.0).expect("possible");
+    let designed = smallest(&ProfileChoice::Designed, 1.0).expect("possible");
     assert!((designed / (SMALLEST * 1f64.exp()) - 1.0).abs() < 1e-9, "{designed:e}");
     let demand = |tolerance| Demand::new(tolerance, 1.0, 100.0, 1.0);
     assert!(Designed::meeting(&demand(1.001 * designed)).is_some());
     assert!(Designed::meeting(&demand(0.999 * designed)).is_none());
-    assert_eq!(smallest(ProfileChoice::Designed, f64::INFINITY), None);
-    assert_eq!(smallest(ProfileChoice::Planned, f64::INFINITY), None);
+    assert_eq!(smallest(&ProfileChoice::Designed, f64::INFINITY), None);
+    assert_eq!(smallest(&ProfileChoice::Planned, f64::INFINITY), None);
     // The Gaussian's is smaller, and what is planned goes as far.
-    let gaussian = smallest(ProfileChoice::Gaussian { sigma: None }, 1.0).expect("possible");
-    assert_eq!(smallest(ProfileChoice::Planned, 1.0), Some(gaussian.min(designed)));
+    let gaussian = smallest(&ProfileChoice::Gaussian { sigma: None }, 1.0).expect("possible");
+    assert_eq!(smallest(&ProfileChoice::Planned, 1.0), Some(gaussian.min(designed)));
     for by_hand in [
         Demand { sampled: true, ..demand(1e-6) },
         Demand { interval: Some([-1e3, 1e3]), ..demand(1e-6) },
         Demand { decay: 1.001 * LONGEST, ..demand(1e-6) },
     ] {
-        assert_eq!(Profile::plan(ProfileChoice::Designed, &by_hand), None);
+        assert_eq!(Profile::plan(&ProfileChoice::Designed, &by_hand), None);
         assert!(matches!(
-            Profile::plan(ProfileChoice::Planned, &by_hand),
+            Profile::plan(&ProfileChoice::Planned, &by_hand),
             Some((Profile::Gaussian(_), _))
         ));
     }
