@@ -398,8 +398,10 @@ fn spherical_bessel(z: f64) -> [f64; NODES] {
 mod tests {
     use super::*;
 
-    /// A kink, a jump, a singular end, and what is smooth.
-    const FUNCTIONS: [(fn(f64) -> f64, &[f64]); 7] = [
+    type Function = fn(f64) -> f64;
+
+    /// What is smooth, kinks, a jump and a singular end, with where they are.
+    const FUNCTIONS: [(Function, &[f64]); 7] = [
         (|x| x.exp(), &[]),
         (|x| (-x * x).exp(), &[]),
         (|x| (30.0 * (x + 2.3)).tanh(), &[]),
@@ -410,7 +412,7 @@ mod tests {
     ];
     const INTERVAL: [f64; 2] = [-8.0, 0.0];
 
-    fn fits() -> impl Iterator<Item = (fn(f64) -> f64, Piecewise, &'static [f64])> {
+    fn fits() -> impl Iterator<Item = (Function, Piecewise, &'static [f64])> {
         FUNCTIONS
             .into_iter()
             .map(|(f, jumps)| (f, Piecewise::fit(&f, INTERVAL, 1e3).expect("smooth enough"), jumps))
@@ -509,7 +511,7 @@ mod tests {
 
     #[test]
     fn what_is_rough_or_unbounded_is_refused() {
-        let fit = |f: fn(f64) -> f64| Piecewise::fit(&f, [-1.0, 0.0], 10.0);
+        let fit = |f: Function| Piecewise::fit(&f, [-1.0, 0.0], 10.0);
         assert!(matches!(fit(|x| (1e6 * x).sin()), Err(Failure::Rough { .. })));
         assert!(matches!(fit(|x| -(-x).powf(0.2)), Err(Failure::Rough { .. })));
         assert!(matches!(fit(|x| 1.0 / (x + 0.5)), Err(Failure::Unbounded { .. })));

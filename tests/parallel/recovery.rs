@@ -41,8 +41,8 @@ fn recoveries() -> Vec<Recovery> {
     const GAUSSIAN: ProfileChoice = Gaussian { sigma: None };
     const LOW_SOMMA: ProfileChoice = LowSomma { c: None };
     let exponential = |alpha: &str| {
-        let alpha = Expression::parse(alpha, &[&["p"]], &Constants::new()).expect(alpha);
-        Exponential { alpha: Alpha::of(&alpha).expect(alpha.text()) }
+        let alpha = Expression::parse(alpha, &[&["p"]], &Constants::new()).expect("a formula");
+        Exponential { alpha: Alpha::of(&alpha).expect("a profile") }
     };
     vec![
         by_series(Designed, Point, Analytic, 1e-9),

@@ -56,7 +56,7 @@ impl Alpha {
         Self::of(&alpha).or_else(|message| file.refuse(key, message))
     }
 
-    /// The one of a formula with the coordinate [`NAMES`].
+    /// The one of a formula whose only coordinate is `p`.
     ///
     /// # Errors
     /// A sentence that says what is wrong with a constant out of bounds, or with a formula with

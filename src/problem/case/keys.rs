@@ -240,6 +240,7 @@ mod tests {
         assert_eq!(*is("potential.N.value"), Kind::Formula);
         assert_eq!(*is("solver.method"), Kind::Word(&["schrodingerized", "classical"]));
         assert_eq!(*is("solver.warp.delta"), Kind::NumberOr(&["max"]));
+        assert_eq!(*is("solver.warp.alpha"), Kind::Formula);
         assert_eq!(*is("output.field_times.N"), Kind::Number);
         assert_eq!(*is("solver.reduce.axes"), Kind::Switch);
     }

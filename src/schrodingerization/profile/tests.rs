@@ -12,8 +12,8 @@ const GAUSSIAN: Choice = Choice::Gaussian { sigma: None };
 
 /// The exponential one of a constant or a formula.
 fn exponential(alpha: &str) -> Choice {
-    let alpha = Expression::parse(alpha, &NAMES, &Constants::new()).expect(alpha);
-    Choice::Exponential { alpha: Alpha::of(&alpha).expect(alpha.text()) }
+    let alpha = Expression::parse(alpha, &NAMES, &Constants::new()).expect("a formula");
+    Choice::Exponential { alpha: Alpha::of(&alpha).expect("a profile") }
 }
 
 /// An `α(p)` that jumps, and with it `g`.
