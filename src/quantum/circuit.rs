@@ -1,9 +1,10 @@
-//! The block encoding of `H` as gates: one dimension, the conservative interface, jumps of `V`.
+//! The block encoding of `H` as gates: the conservative interface, jumps of `V`.
 //!
 //! | module | what it holds |
 //! |---|---|
 //! | [`scene`] | which cases have a circuit, and their whole numbers |
 //! | [`interface`] | the block encoding, with its mathematics |
+//! | `wires` | its registers, the weights of its sum |
 //! | [`arithmetic`] | adders, comparators, square root, uniform superpositions |
 //! | [`gates`] | gates, registers, counts |
 //! | [`simulate`] | circuits on basis states and their sums |
@@ -29,6 +30,7 @@ pub mod scene;
 pub mod simulate;
 #[cfg(test)]
 mod tests;
+mod wires;
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
@@ -110,7 +112,7 @@ pub struct Check {
 pub struct Description {
     /// Title of the case.
     pub title: String,
-    /// Cells along `x` and `v`.
+    /// Cells along each axis, `(x1..xn, v1..vn)`.
     pub shape: Vec<usize>,
     /// `T`.
     pub time: f64,
@@ -227,8 +229,8 @@ impl Compiled {
         let listed = if matches!(modes, Modes::One(_)) { 1 } else { points };
         let states = case.space.cells() * listed;
         let columns = columns.min(states);
-        let velocities = case.space.v[0].cells;
-        let place = |cell: usize| transport.state(cell / velocities, cell % velocities);
+        let axes = 2 * case.space.dimension();
+        let place = |index: usize| transport.state(&case.space.cell(index)[..axes]);
         let mut difference = 0.0f64;
         for column in 0..columns {
             let (cell, l) =
@@ -304,14 +306,14 @@ fn steps(tau: f64, tolerance: f64) -> usize {
 impl fmt::Display for Description {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { transport, counts, evolution, sparse, .. } = self;
-        let shape = &self.shape;
-        writeln!(f, "{}: {} x {} cells", self.title, shape[0], shape[1])?;
+        let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
+        writeln!(f, "{}: {} cells", self.title, shape.join(" x "))?;
         let bins = 1u64 << transport.bin_bits;
         writeln!(
             f,
             "jumps of V: {}; bins of a level of dv^2/2: {bins}; rounded by at most {:.1e} levels, \
              which changes A by at most {:.1e}",
-            transport.jumps.len(),
+            transport.axes.iter().map(|axis| axis.jumps.len()).sum::<usize>(),
             self.rounded,
             self.change
         )?;

@@ -101,6 +101,9 @@ impl Circuit {
 
     /// `number += bit` modulo `2^number.len()`: `2(number.len() − 1)` Toffoli gates.
     pub fn add_bit(&mut self, bit: Qubit, number: &[Qubit]) {
+        if number.is_empty() {
+            return;
+        }
         let carries = self.take(number.len() - 1);
         let before = |i: usize| if i == 0 { bit } else { carries[i - 1] };
         for (i, &carry) in carries.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The block encoding of `H` in one dimension, with the conservative interface.
+//! The block encoding of `H`, with the conservative interface at jumps of `V`.
 //!
 //! **Levels.** The velocities are `±(j + ½)Δv`. In units of `Δv²/2` cell `j` of either sign holds
 //! the kinetic energies `[j², (j+1)²)`: the levels `e = j² + m`, `0 ≤ m < 2j + 1`, or `2^b` times
@@ -28,37 +28,52 @@
 //! `−D_μ/μ_max = 2^{−n_p}(1 + Σ_b 2^b Z_b)` for `μ_l = 2π(l − N_p/2)/P` and `μ_max = πN_p/P`: a
 //! uniform register of `n_p` qubits has its first 1 at bit `b` with just that weight.
 //!
+//! **More dimensions.** `H` is the sum of such terms, one an axis, with the same `−D_μ` and phases. A
+//! register chooses the axis with the weight `v₁/Δx`; all take the same uniform levels, those of the
+//! axis with the most. A jump may hold on a part of a face only: on boxes of the other axes' bits.
+//!
 //! The circuit is its own inverse on the states that it starts from.
 
-use crate::quantum::circuit::arithmetic::{Literal, angle_of, equals};
-use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, Role};
+use crate::quantum::circuit::arithmetic::{Literal, equals};
+use crate::quantum::circuit::gates::{Circuit, Gate, Qubit};
+use crate::quantum::circuit::wires::{Along, Wires};
 use serde::Serialize;
 use std::f64::consts::PI;
 
 /// A jump of `V`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Jump {
     /// The cell below the face; the last one for the face that closes a periodic axis.
     pub below: usize,
-    /// By how many levels `V` rises from that cell to the next.
+    /// By how many bins `V` rises from that cell to the next.
     pub levels: i64,
+    /// Where on the face: bits, and their values, of the cells along the other space axes, the last
+    /// axis in the lowest bits. Everywhere if there are none.
+    pub part: Vec<(usize, bool)>,
 }
 
-/// The transport of a case, in whole numbers.
+/// The transport along an axis, in whole numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Transport {
+pub struct AxisTransport {
     /// Cells in space.
     pub cells: usize,
     /// Whether the last cell is before the first.
     pub periodic: bool,
     /// Velocity cells of either sign, `j_max + 1`.
     pub speeds: usize,
+    /// Jumps of `V`.
+    pub jumps: Vec<Jump>,
+    /// `v₁/Δx = Δv/(2Δx)`; 0 where nothing moves.
+    pub rate: f64,
+}
+
+/// The transport of a case.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Transport {
+    /// By axis.
+    pub axes: Vec<AxisTransport>,
     /// `b`: each level is divided into `2^b` bins.
     pub bin_bits: usize,
-    /// Jumps of `V`, in bins.
-    pub jumps: Vec<Jump>,
-    /// `v₁/Δx = Δv/(2Δx)`.
-    pub rate: f64,
 }
 
 /// Which modes the circuit acts on.
@@ -88,7 +103,7 @@ pub enum Levels {
 
 impl Modes {
     /// `Σ` of the weights of `−μD`, and of `T` and `T†`.
-    fn weights(self) -> [f64; 2] {
+    pub(super) fn weights(self) -> [f64; 2] {
         match self {
             Self::Register { qubits, period } => {
                 let largest = PI * (1u64 << qubits) as f64 / period;
@@ -105,25 +120,36 @@ pub fn bits_of(count: usize) -> usize {
 }
 
 impl Transport {
+    /// Velocity cells of either sign, of the axis with most.
+    fn speeds(&self) -> usize {
+        self.axes.iter().map(|axis| axis.speeds).max().unwrap_or(1)
+    }
+
     /// `M`.
     fn level_values(&self, levels: Levels) -> usize {
         match levels {
-            Levels::Hadamard => 2 << bits_of(self.speeds),
-            Levels::Uniform => 2 * self.speeds - 1,
+            Levels::Hadamard => 2 << bits_of(self.speeds()),
+            Levels::Uniform => 2 * self.speeds() - 1,
         }
     }
 
     /// `α`: the block of the circuit is `H/α`.
     pub fn alpha(&self, modes: Modes, levels: Levels) -> f64 {
         let [diagonal, moved] = modes.weights();
-        self.rate * self.level_values(levels) as f64 * (diagonal + moved)
+        let rate: f64 = self.axes.iter().map(|axis| axis.rate).sum();
+        rate * self.level_values(levels) as f64 * (diagonal + moved)
     }
 
-    /// The number of the state `(x, velocity cell)`, without the modes; velocities are centred in
-    /// their register.
-    pub fn state(&self, x: usize, v: usize) -> usize {
-        let half = 1 << bits_of(self.speeds);
-        x * 2 * half + v + half - self.speeds
+    /// The number of the state `(x1..xn, v1..vn)`, without the modes; velocities are centred in
+    /// their registers.
+    pub fn state(&self, cell: &[usize]) -> usize {
+        let (x, v) = cell.split_at(self.axes.len());
+        let space =
+            self.axes.iter().zip(x).fold(0, |state, (axis, x)| state << bits_of(axis.cells) | x);
+        self.axes.iter().zip(v).fold(space, |state, (axis, v)| {
+            let half = 1 << bits_of(axis.speeds);
+            state * 2 * half + v + half - axis.speeds
+        })
     }
 
     /// The circuit whose block is `H/α`. If `controlled`, a further qubit of the system, above the
@@ -132,25 +158,19 @@ impl Transport {
         let mut circuit = Circuit::default();
         let wires = Wires::new(&mut circuit, self, modes, controlled);
         let c = &mut circuit;
-        let values = self.level_values(levels);
         c.comment("prepare the weights of the sum, and uniform levels");
         let first = c.gates.len();
-        wires.prepare(c, modes, values);
+        wires.prepare(c, modes, self.level_values(levels));
+        let rates: Vec<f64> = self.axes.iter().map(|axis| axis.rate).collect();
+        wires.choose(c, &rates);
         let prepared = c.gates[first..].to_vec();
         wires.phases(c, modes);
-        wires.where_moved(c, |c, moved| {
-            c.comment("speed and level to energy");
-            let [sign, low] = [&wires.velocity[wires.low..], &wires.velocity[..wires.low]];
-            c.flip_if(sign[0], low);
-            c.inverse_of(|c| c.square_root(&wires.energy));
-            let no_level = wires.given((wires.energy[2 * wires.low], true));
-            c.where_all(&no_level, |c, no_level| c.push(Gate::Cx(no_level, wires.no_level)));
-            c.push(Gate::Cx(wires.reversed, sign[0]));
-            self.move_particles(c, &wires, moved);
-            c.push(Gate::Cx(wires.reversed, sign[0]));
-            c.comment("energy to speed and level");
-            c.square_root(&wires.energy);
-            c.flip_if(sign[0], low);
+        wires.where_moving(c, |c, moving| {
+            for (axis, along) in self.axes.iter().zip(&wires.along) {
+                if axis.rate != 0.0 {
+                    axis.apply(c, &wires, along, moving);
+                }
+            }
         });
         c.push(match wires.control {
             Some(control) => Gate::Cx(control, wires.reversed),
@@ -161,10 +181,36 @@ impl Transport {
         circuit.finish();
         circuit
     }
+}
+
+impl AxisTransport {
+    /// The term of this axis, where it is chosen: `T` or `T†` where `moving` holds, else `D`.
+    fn apply(&self, c: &mut Circuit, wires: &Wires, along: &Along, moving: Literal) {
+        c.comment("speed and level to energy");
+        let (sign, low) = (along.sign(), along.speed());
+        c.flip_if(sign, low);
+        c.inverse_of(|c| c.square_root(&along.energy));
+        // A level has the highest bit 0, and those of the register that this axis does not need.
+        let chosen = wires.given(&along.chosen);
+        let zeros = along.energy.last().into_iter().chain(&along.spare).map(|&q| (q, false));
+        let is_level: Vec<Literal> = chosen.iter().copied().chain(zeros).collect();
+        match chosen.len() {
+            0 => c.push(Gate::X(wires.no_level)),
+            _ => c.where_all(&chosen, |c, q| c.push(Gate::Cx(q, wires.no_level))),
+        }
+        c.where_all(&is_level, |c, q| c.push(Gate::Cx(q, wires.no_level)));
+        c.push(Gate::Cx(wires.reversed, sign));
+        let moved: Vec<Literal> = std::iter::once(moving).chain(chosen).collect();
+        c.where_all(&moved, |c, moved| self.move_particles(c, wires, along, moved));
+        c.push(Gate::Cx(wires.reversed, sign));
+        c.comment("energy to speed and level");
+        c.square_root(&along.energy);
+        c.flip_if(sign, low);
+    }
 
     /// `U`, where `moved` holds: to the face, across it or back, into the cell behind it.
-    fn move_particles(&self, c: &mut Circuit, wires: &Wires, moved: Qubit) {
-        let (x, sign) = (&wires.space, wires.velocity[wires.low]);
+    fn move_particles(&self, c: &mut Circuit, wires: &Wires, along: &Along, moved: Qubit) {
+        let (x, sign) = (&along.space, along.sign());
         let last = (1 << x.len()) - 1;
         let wraps = self.periodic && self.cells != last + 1;
         c.comment("to the face ahead, named by the cell below it");
@@ -174,7 +220,7 @@ impl Transport {
                 replace(c, down, x, [last, self.cells - 1]);
             }
         });
-        if let Some(end) = wires.end {
+        if let Some(end) = wires.end.filter(|_| !self.periodic) {
             c.comment("the ends of the box");
             let mut faces = vec![last];
             faces.extend((self.cells - 1 != last).then_some(self.cells - 1));
@@ -183,9 +229,9 @@ impl Transport {
             }
         }
         if !self.jumps.is_empty() {
-            self.outside(c, wires);
-            self.cross(c, wires, moved);
-            self.outside(c, wires);
+            self.outside(c, wires, along);
+            self.cross(c, along, moved);
+            self.outside(c, wires, along);
         }
         c.comment("into the cell behind the face");
         c.where_all(&[(sign, true), (moved, true)], |c, up| {
@@ -197,13 +243,15 @@ impl Transport {
     }
 
     /// At a jump: `e − ΔV` uphill where that is not below zero, else back; `e + ΔV` downhill.
-    fn cross(&self, c: &mut Circuit, wires: &Wires, moved: Qubit) {
-        let (e, downhill) = (&wires.kinetic, wires.velocity[wires.low]);
+    fn cross(&self, c: &mut Circuit, along: &Along, moved: Qubit) {
+        let (e, downhill) = (&along.kinetic, along.sign());
         let height = c.take(e.len());
         let reflected = c.take(1)[0];
         let load = |c: &mut Circuit| {
             for jump in &self.jumps {
-                c.where_all(&at(moved, &wires.space, jump.below), |c, at| {
+                let part = jump.part.iter().map(|&(bit, value)| (along.others[bit], value));
+                let face = at(moved, &along.space, jump.below).into_iter().chain(part);
+                c.where_all(&face.collect::<Vec<_>>(), |c, at| {
                     for (q, _) in
                         equals(&height, jump.levels.unsigned_abs() as usize).filter(|bit| bit.1)
                     {
@@ -235,12 +283,12 @@ impl Transport {
     }
 
     /// Flags energies above the velocity box, where the register has room for some.
-    fn outside(&self, c: &mut Circuit, wires: &Wires) {
-        let Some(flag) = wires.outside else {
+    fn outside(&self, c: &mut Circuit, wires: &Wires, along: &Along) {
+        let Some(flag) = wires.outside.filter(|_| !self.speeds.is_power_of_two()) else {
             return;
         };
         c.comment("energies above the velocity box");
-        let e = &wires.kinetic[self.bin_bits..];
+        let e = &along.kinetic[wires.bins.len()..];
         let limit = c.take(e.len());
         let load = |c: &mut Circuit| {
             equals(&limit, self.speeds * self.speeds)
@@ -269,177 +317,4 @@ fn replace(c: &mut Circuit, control: Qubit, number: &[Qubit], [from, to]: [usize
         }
     }
     c.give_back(&here);
-}
-
-/// The weights of the sum.
-enum Sum {
-    /// Of a register of modes.
-    Register {
-        /// 1 for the part of `T` and `T†` without `D_μ`.
-        unit: Qubit,
-        /// 1 for `T` and `T†`, 0 for `D`, in the part with `D_μ`.
-        half: Qubit,
-        /// Its first 1 chooses a bit of the mode.
-        first: Vec<Qubit>,
-    },
-    /// Of one mode: 1 for `T` and `T†`, 0 for `D`.
-    One(Qubit),
-}
-
-/// The registers of a circuit.
-struct Wires {
-    modes: Vec<Qubit>,
-    /// Bits of a speed.
-    low: usize,
-    /// The speed, and the sign above it.
-    velocity: Vec<Qubit>,
-    space: Vec<Qubit>,
-    /// Level and speed as one number, whose highest bit says that there is no such level.
-    energy: Vec<Qubit>,
-    /// Energies in bins, with a bit for what is above the register.
-    kinetic: Vec<Qubit>,
-    /// Bins and level.
-    spread: [Vec<Qubit>; 2],
-    no_level: Qubit,
-    end: Option<Qubit>,
-    outside: Option<Qubit>,
-    sum: Sum,
-    /// 1 for `T†`.
-    reversed: Qubit,
-    /// 1 where the circuit is applied; none if always.
-    control: Option<Qubit>,
-}
-
-impl Wires {
-    fn new(c: &mut Circuit, transport: &Transport, modes: Modes, controlled: bool) -> Self {
-        let low = bits_of(transport.speeds);
-        let mode_qubits = match modes {
-            Modes::Register { qubits, .. } => qubits,
-            Modes::One(_) => 0,
-        };
-        let warped = c.register("warped", mode_qubits, Role::System);
-        let velocity = c.register("velocity", low + 1, Role::System);
-        let space = c.register("space", bits_of(transport.cells).max(1), Role::System);
-        let control = c.register("control", usize::from(controlled), Role::System);
-        let bins = c.register("bins", transport.bin_bits, Role::Block);
-        let level = c.register("level", low + 1, Role::Block);
-        let mut flag = |name, wanted: bool| {
-            c.register(name, usize::from(wanted), Role::Block).first().copied()
-        };
-        let jumps = !transport.jumps.is_empty();
-        let above = flag("above", jumps);
-        let no_level = flag("no_level", true);
-        let end = flag("end", !transport.periodic);
-        let outside = flag("outside", jumps && !transport.speeds.is_power_of_two());
-        let sum = match modes {
-            Modes::One(_) => Sum::One(c.register("moved", 1, Role::Block)[0]),
-            Modes::Register { qubits, .. } => Sum::Register {
-                unit: c.register("unit", 1, Role::Block)[0],
-                half: c.register("half", 1, Role::Block)[0],
-                first: c.register("first", qubits, Role::Block),
-            },
-        };
-        let reversed = c.register("reversed", 1, Role::Block)[0];
-        let energy = [&level[..], &velocity[..low]].concat();
-        let kinetic = [&bins, &energy[..2 * low], above.as_slice()].concat();
-        Self {
-            modes: warped,
-            low,
-            velocity,
-            space,
-            energy,
-            kinetic,
-            spread: [bins, level],
-            no_level: no_level.unwrap_or_default(),
-            end,
-            outside,
-            sum,
-            reversed,
-            control: control.first().copied(),
-        }
-    }
-
-    /// Weights of the sum, and levels.
-    fn prepare(&self, c: &mut Circuit, modes: Modes, values: usize) {
-        let [diagonal, moved] = modes.weights();
-        match &self.sum {
-            Sum::One(q) => c.push(Gate::Ry(angle_of(diagonal / (diagonal + moved)), *q)),
-            Sum::Register { unit, half, first } => {
-                let with_mode = 2.0 * diagonal / (diagonal + moved);
-                c.push(Gate::Ry(angle_of(with_mode), *unit));
-                c.push(Gate::H(*half));
-                first.iter().for_each(|&q| c.push(Gate::H(q)));
-            }
-        }
-        c.push(Gate::H(self.reversed));
-        let [bins, level] = &self.spread;
-        bins.iter().for_each(|&q| c.push(Gate::H(q)));
-        c.uniform(level, values);
-    }
-
-    /// The factors of the sum that act on the modes, and its phases.
-    fn phases(&self, c: &mut Circuit, modes: Modes) {
-        match (&self.sum, modes) {
-            (Sum::One(moved), Modes::One(mu)) => {
-                c.comment("phases: -mu of D, mu + i of T, mu - i of its inverse");
-                if mu > 0.0 {
-                    c.where_all(&self.given((*moved, false)), |c, q| c.push(Gate::Z(q)));
-                }
-                c.where_all(&self.given((*moved, true)), |c, q| {
-                    c.controlled_rz(-2.0 * 1f64.atan2(mu), q, self.reversed);
-                });
-            }
-            (Sum::Register { unit, half, first }, _) => {
-                c.comment("phases: i of T, -i of its inverse");
-                c.where_all(&self.given((*unit, true)), |c, q| {
-                    c.push(Gate::S(q));
-                    c.push(Gate::Cz(q, self.reversed));
-                });
-                c.comment("-D_mu, and once more the sign of T and its inverse with it");
-                c.where_all(&self.given((*unit, false)), |c, q| {
-                    c.push(Gate::Cz(q, *half));
-                    self.signs(c, q, first);
-                });
-            }
-            // The wires are those of the modes.
-            (Sum::One(_), Modes::Register { .. }) => {}
-        }
-    }
-
-    /// `Z` on the bit of the mode at which `first` has its first 1, where `wanted` is 1.
-    fn signs(&self, c: &mut Circuit, wanted: Qubit, first: &[Qubit]) {
-        let none = c.take(first.len());
-        // None of the bits from this one up.
-        let above = |bit: usize| none.get(bit + 1).copied().unwrap_or(wanted);
-        let chain = |c: &mut Circuit| {
-            for bit in (0..first.len()).rev() {
-                let zero = |c: &mut Circuit| c.push(Gate::X(first[bit]));
-                c.within(zero, |c| c.push(Gate::Ccx(above(bit), first[bit], none[bit])));
-            }
-        };
-        c.within(chain, |c| {
-            for (bit, &mode) in self.modes.iter().enumerate() {
-                c.push(Gate::Cz(above(bit), mode));
-                c.push(Gate::Cz(none[bit], mode));
-            }
-        });
-        c.give_back(&none);
-    }
-
-    /// What says that `literal` holds and the circuit is applied.
-    fn given(&self, literal: Literal) -> Vec<Literal> {
-        std::iter::once(literal).chain(self.control.map(|q| (q, true))).collect()
-    }
-
-    /// `body` with the qubit that is 1 for `T` and `T†`, and not for `D`.
-    fn where_moved(&self, c: &mut Circuit, body: impl FnOnce(&mut Circuit, Qubit)) {
-        match self.sum {
-            Sum::One(q) => c.where_all(&self.given((q, true)), body),
-            Sum::Register { unit, half, .. } => {
-                c.where_all(&[(unit, false), (half, false)], |c, diagonal| {
-                    c.where_all(&self.given((diagonal, false)), body);
-                });
-            }
-        }
-    }
 }

@@ -4,7 +4,7 @@ use crate::problem::case::Interface;
 use crate::problem::grid::Axis;
 use crate::quantum::circuit::formats::qasm;
 use crate::quantum::circuit::gates::{Circuit, Role};
-use crate::quantum::circuit::interface::{Jump, Levels, Modes, Transport};
+use crate::quantum::circuit::interface::{AxisTransport, Jump, Levels, Modes, Transport};
 use crate::quantum::circuit::simulate::{State, block_column};
 use crate::scheme::interface::{Side, sources, velocity};
 use num_complex::Complex64;
@@ -135,15 +135,19 @@ impl Grid {
     fn transport(&self) -> Transport {
         let bins = (1 << self.bin_bits) as f64;
         let jumps = self.jumps.iter();
-        let jumps = jumps.map(|&(below, height)| Jump { below, levels: (height * bins) as i64 });
-        Transport {
+        let whole = |height: f64| (height * bins) as i64;
+        let jumps = jumps.map(|&(below, height)| {
+            let part = Vec::new();
+            Jump { below, levels: whole(height), part }
+        });
+        let axis = AxisTransport {
             cells: self.cells,
             periodic: self.periodic,
             speeds: self.speeds,
-            bin_bits: self.bin_bits,
             jumps: jumps.collect(),
             rate: 0.5 * WIDTH / DX,
-        }
+        };
+        Transport { axes: vec![axis], bin_bits: self.bin_bits }
     }
 
     /// `A` by the program's conservative law, at states of the circuit.
@@ -155,7 +159,7 @@ impl Grid {
         for x in 0..self.cells {
             for j in 0..axis.cells {
                 let v = velocity(&axis, j as i64);
-                let row = transport.state(x, j);
+                let row = transport.state(&[x, j]);
                 *a.entry((row, row)).or_insert(0.0) -= v.abs() / DX;
                 let step = if v > 0.0 { -1 } else { 1 };
                 let cells = self.cells as i64;
@@ -170,7 +174,7 @@ impl Grid {
                     let from = if source.side == Side::Same { x as i64 } else { behind };
                     let inside = (0..axis.cells as i64).contains(&source.velocity);
                     if inside && (0..cells).contains(&from) {
-                        let column = transport.state(from as usize, source.velocity as usize);
+                        let column = transport.state(&[from as usize, source.velocity as usize]);
                         *a.entry((row, column)).or_insert(0.0) += v.abs() / DX * source.weight;
                     }
                 }
@@ -194,7 +198,7 @@ impl Grid {
     fn states(&self) -> Vec<usize> {
         let transport = self.transport();
         let of = |x| (0..2 * self.speeds).map(move |v| (x, v));
-        (0..self.cells).flat_map(of).map(|(x, v)| transport.state(x, v)).collect()
+        (0..self.cells).flat_map(of).map(|(x, v)| transport.state(&[x, v])).collect()
     }
 }
 
@@ -324,7 +328,7 @@ fn particles_move_one_to_one() {
             let to = if up { x + 1 } else { x - 1 };
             let to = if grid.periodic { to.rem_euclid(cells) } else { to };
             let face = if up { x } else { to };
-            let jump = transport.jumps.iter().find(|jump| jump.below as i64 == face);
+            let jump = transport.axes[0].jumps.iter().find(|jump| jump.below as i64 == face);
             let rise = jump.map_or(0, |jump| if up { jump.levels } else { -jump.levels });
             let leaves = !grid.periodic && !(0..cells).contains(&to);
             let flag = |qubits: &[usize]| qubits.iter().any(|&q| after >> q & 1 == 1);
@@ -396,7 +400,7 @@ fn alpha_is_the_norm() {
     // Long waves of the fastest particles are the extreme ones, with the sign of T's phase.
     let phase = Complex64::new(mu, 1.0).arg();
     for cell in 0..64usize {
-        let place = grid.transport().state(cell, 3);
+        let place = grid.transport().state(&[cell, 3]);
         x.insert(place, Complex64::cis((std::f64::consts::PI + phase) * cell as f64));
     }
     for _ in 0..400 {
