@@ -49,8 +49,8 @@ pub enum Command {
     ExportQuantum(ExportArgs),
     /// The matrices A, S and K of a case (Matrix Market), with b, weights and start (NumPy)
     ExportMatrix(ExportArgs),
-    /// The block encoding of H as gates (OpenQASM 3), with its counts: one dimension, conservative
-    /// interface, jumps of V
+    /// The block encoding of H as gates (OpenQASM 3), with its counts: conservative interface,
+    /// jumps of V, no forces
     ExportCircuit(CircuitArgs),
     /// What the case takes on a quantum computer: sparsity, queries, qubits; nothing is solved
     Resources(ResourcesArgs),

@@ -66,7 +66,7 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
 /// Compiles the block encoding of a case and prints what it takes. Collective.
 ///
 /// # Errors
-/// As [`scene::refuse`], [`has_counts`], [`Prepared::new`], [`Prepared::plan_modes`],
+/// As `has_counts`, [`scene::refuse`], [`Prepared::new`], [`Prepared::plan_modes`],
 /// [`Record::new`], [`Compiled::new`] and [`Compiled::write`].
 pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let case = load(world, &args.case)?;

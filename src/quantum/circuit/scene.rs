@@ -137,7 +137,7 @@ impl Scene {
             return Err(Error::Input(format!(
                 "{}: V jumps by {} = {:.6} levels of dv²/2, which is no multiple of \
                  2^-{MOST_BIN_BITS}; --sub-bins B rounds it to a multiple of 2^-B of a level, and \
-                 another dv may make it whole",
+                 another number of velocity cells may make it whole",
                 case.name, odd.rise, odd.levels
             )));
         };
