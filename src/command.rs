@@ -51,6 +51,7 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
         Command::Chart(args) => chart::execute(world, args),
         Command::ExportQuantum(args) => export::quantum(world, args),
         Command::ExportMatrix(args) => export::matrix(world, args),
+        Command::ExportCircuit(args) => export::circuit(world, args),
         Command::Resources(args) => resources::execute(world, args),
         Command::Stability(args) => stability::execute(world, args),
         Command::Spectrum(args) => spectrum::execute(world, args),

@@ -6,6 +6,7 @@
 //! | [`sparsity`] | nonzeros of rows and columns, measured against the paper's bounds |
 //! | [`probability`] | with what probability a measurement gives the solution |
 //! | [`optimise`] | the cheapest profile, recovery point and `δ` |
+//! | [`circuit`] | the block encoding of `H` as gates, with their counts |
 //! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |
 //! | [`matrices`] | `A`, `b` and `(S, K)` as files, for any program of linear algebra |
 //! | [`walk`] | calls of the oracles, bits and registers of `e^{−iHT}` by the walk |
@@ -20,6 +21,7 @@ use crate::problem::case::Case;
 use crate::schrodingerization::warp_plan::WarpPlan;
 
 pub mod access;
+pub mod circuit;
 pub mod export;
 pub mod figure;
 pub mod matrices;

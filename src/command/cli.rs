@@ -3,7 +3,10 @@
 use crate::base::version::VERSION;
 use crate::command::values::{
     RankNumbers, parse_accuracy, parse_bytes, parse_duration, parse_ranks, parse_refinement,
+    parse_wavenumber,
 };
+use crate::quantum::circuit::interface::Levels;
+use crate::quantum::circuit::scene::MOST_BIN_BITS;
 use crate::study::stability::panel::Name;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -46,6 +49,9 @@ pub enum Command {
     ExportQuantum(ExportArgs),
     /// The matrices A, S and K of a case (Matrix Market), with b, weights and start (NumPy)
     ExportMatrix(ExportArgs),
+    /// The block encoding of H as gates (OpenQASM 3), with its counts: conservative interface,
+    /// jumps of V, no forces
+    ExportCircuit(CircuitArgs),
     /// What the case takes on a quantum computer: sparsity, queries, qubits; nothing is solved
     Resources(ResourcesArgs),
     /// Where methods fail on this case: measured limits beside theory; writes
@@ -378,6 +384,40 @@ pub struct ExportArgs {
     /// Directory of the files; by default results/NAME/quantum or results/NAME/matrix
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
+}
+
+/// Options of `export-circuit`.
+#[derive(Debug, Args)]
+pub struct CircuitArgs {
+    /// The case.
+    #[command(flatten)]
+    pub case: CaseArgs,
+    /// Directory of the files; by default results/NAME/circuit
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Divide each level of energy into 2^B bins, to which jumps of V are rounded; by default the
+    /// fewest that need no rounding
+    #[arg(
+        long,
+        value_name = "B",
+        value_parser = clap::value_parser!(u8).range(0..=MOST_BIN_BITS as i64)
+    )]
+    pub sub_bins: Option<u8>,
+    /// The uniform register of levels: of all values of its qubits, by Hadamard gates, or of as
+    /// many as needed, by rotations, with the least alpha
+    #[arg(long, value_enum, default_value = "hadamard")]
+    pub levels: Levels,
+    /// H of one mode with this wavenumber, instead of all modes in a register
+    #[arg(
+        long,
+        value_name = "MU",
+        value_parser = parse_wavenumber,
+        allow_negative_numbers = true
+    )]
+    pub wavenumber: Option<f64>,
+    /// Simulate so many columns of the block and compare them with H
+    #[arg(long, value_name = "COLUMNS", default_value_t = 0)]
+    pub check: usize,
 }
 
 /// Options of `resources`.

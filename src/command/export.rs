@@ -1,17 +1,20 @@
-//! `phasewarp export-quantum` and `export-matrix`: a case for other programs.
+//! `phasewarp export-quantum`, `export-matrix` and `export-circuit`: a case for other programs.
 
 use crate::base::error::Result;
 use crate::base::log::report;
-use crate::command::cli::ExportArgs;
+use crate::command::cli::{CircuitArgs, ExportArgs};
 use crate::command::loading::{default_directory, load};
 use crate::command::printing::print;
+use crate::command::resources::{has_counts, norms};
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
+use crate::quantum::circuit::{Choice, Compiled, scene};
 use crate::quantum::export::{Description, Export};
 use crate::quantum::matrices::MatrixCounts;
-use crate::quantum::{export, matrices};
+use crate::quantum::resources::Record;
+use crate::quantum::{export, matrices, planned_modes};
 use crate::solve::prepared::Prepared;
 use std::path::{Path, PathBuf};
 
@@ -22,7 +25,7 @@ use std::path::{Path, PathBuf};
 /// [`Export::write`].
 pub fn quantum(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
-    let directory = output(args, &case, "quantum");
+    let directory = output(args.output.as_deref(), &case, "quantum");
     let description = export_quantum(world, &case, &directory)?;
     if let Some(why) = &description.preparation
         && world.group().rank() == 0
@@ -47,7 +50,7 @@ pub fn quantum(world: &World, args: &ExportArgs) -> Result<()> {
 /// As [`matrices::refuse`], [`Prepared::new`] and [`matrices::export`].
 pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
-    let directory = output(args, &case, "matrix");
+    let directory = output(args.output.as_deref(), &case, "matrix");
     matrices::refuse(&case)?;
     let (prepared, _) = assembled(world, &case)?;
     let written = world.group().on_first_rank(|| matrices::export(&prepared, &directory))?;
@@ -60,9 +63,36 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
     Ok(())
 }
 
+/// Compiles the block encoding of a case and prints what it takes. Collective.
+///
+/// # Errors
+/// As `has_counts`, [`scene::refuse`], [`Prepared::new`], [`Prepared::plan_modes`],
+/// [`Record::new`], [`Compiled::new`] and [`Compiled::write`].
+pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
+    let case = load(world, &args.case)?;
+    let directory = output(args.output.as_deref(), &case, "circuit");
+    has_counts(&case)?;
+    scene::refuse(&case)?;
+    let (mut prepared, here) = assembled(world, &case)?;
+    let ratio = prepared.probe();
+    let mut prepared = prepared.plan_modes(world, &here, ratio)?;
+    let norms = norms(&mut prepared);
+    let record = Record::new(&prepared, planned_modes(&case, &prepared.plan)?.into(), norms)?;
+    let choice = Choice {
+        bin_bits: args.sub_bins.map(usize::from),
+        levels: args.levels,
+        wavenumber: args.wavenumber,
+        columns: args.check,
+    };
+    let compiled = world.group().agree(Compiled::new(&prepared, &record, choice))?;
+    world.group().on_first_rank(|| compiled.write(&directory))?;
+    print(world, &format!("{}\nfiles in {}", compiled.description, directory.display()));
+    Ok(())
+}
+
 /// Where the files go: where the user says, or `results/NAME/kind`.
-fn output(args: &ExportArgs, case: &Case, kind: &str) -> PathBuf {
-    args.output.clone().unwrap_or_else(|| default_directory(&case.name).join(kind))
+fn output(chosen: Option<&Path>, case: &Case, kind: &str) -> PathBuf {
+    chosen.map_or_else(|| default_directory(&case.name).join(kind), Path::to_path_buf)
 }
 
 /// `case` with the whole of it on every rank, and those ranks. Collective.

@@ -119,7 +119,7 @@ fn with_delta(case: &Case, delta: Delta) -> Case {
 }
 
 /// Refuses what the paper's counts are not for.
-fn has_counts(case: &Case) -> Result<()> {
+pub(super) fn has_counts(case: &Case) -> Result<()> {
     if case.method == Method::Classical {
         let what = "solver.method = \"classical\" has no quantum side; \"schrodingerized\" has";
         return Err(Error::Input(format!("{}: {what}", case.name)));
@@ -142,7 +142,7 @@ fn prepare(world: &World, case: &Case) -> Result<Prepared> {
 }
 
 /// Norms of the first field. Collective.
-fn norms(prepared: &mut Prepared) -> StateNorms {
+pub(super) fn norms(prepared: &mut Prepared) -> StateNorms {
     let Prepared { system, communicator, bounds, case, .. } = prepared;
     system.rough_norms(communicator, bounds, case.duration())
 }

@@ -10,6 +10,14 @@ pub fn parse_accuracy(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A finite number.
+pub fn parse_wavenumber(text: &str) -> Result<f64, String> {
+    match text.trim().parse() {
+        Ok(mu) if f64::is_finite(mu) => Ok(mu),
+        _ => Err("a finite number expected".into()),
+    }
+}
+
 /// Numbers of ranks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RankNumbers {

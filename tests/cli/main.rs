@@ -5,6 +5,7 @@ mod accuracy;
 mod advise;
 mod chart;
 mod checkpoint;
+mod circuit;
 mod command_line;
 mod continued;
 mod embedding;

@@ -1,0 +1,106 @@
+//! A circuit as a program of OpenQASM 3, and its counts in the formats of other programs.
+
+use crate::quantum::circuit::gates::{Circuit, Counts};
+use crate::quantum::circuit::{Description, Evolution};
+use serde_json::{Value, json};
+use std::fmt::Write;
+
+/// `circuit` in OpenQASM 3, with the gates of `stdgates.inc`.
+pub fn qasm(circuit: &Circuit, title: &str) -> String {
+    let title = title.replace(['\n', '\r'], " ");
+    let mut text = format!("OPENQASM 3.0;\ninclude \"stdgates.inc\";\n// {title}\n");
+    let mut names = Vec::with_capacity(circuit.qubits());
+    for register in &circuit.registers {
+        let _ = writeln!(text, "qubit[{}] {};", register.size, register.name);
+        names.extend((0..register.size).map(|bit| format!("{}[{bit}]", register.name)));
+    }
+    let mut comments = circuit.comments.iter().peekable();
+    for (place, gate) in circuit.gates.iter().enumerate() {
+        while let Some((_, comment)) = comments.next_if(|comment| comment.0 == place) {
+            let _ = writeln!(text, "// {comment}");
+        }
+        let (name, angle, qubits) = gate.parts();
+        text += name;
+        if let Some(angle) = angle {
+            let _ = write!(text, "({angle:?})");
+        }
+        for (place, &q) in qubits.iter().enumerate() {
+            text += if place == 0 { " " } else { ", " };
+            text += &names[q];
+        }
+        text += ";\n";
+    }
+    text
+}
+
+/// `LogicalCounts` of Azure's resource estimator, of the whole evolution.
+pub fn azure(description: &Description) -> Value {
+    let Evolution { toffoli, t, rotations, qubits, .. } = description.evolution;
+    json!({
+        "logicalCounts": {
+            "numQubits": qubits,
+            "tCount": t,
+            "rotationCount": rotations,
+            "rotationDepth": rotations,
+            "cczCount": toffoli,
+            "ccixCount": 0,
+            "measurementCount": 0,
+        },
+        "note": "the evolution alone: neither the preparation of the state, nor the two transforms \
+                 in p, nor what is read",
+    })
+}
+
+/// QREF v1: the evolution, and one call of the circuit in it.
+pub fn qref(description: &Description) -> Value {
+    let call = &description.controlled;
+    let system = description.counts.system_qubits;
+    let Evolution { steps, toffoli, t, rotations, qubits, .. } = description.evolution;
+    let ports = json!([
+        {"name": "in_system", "size": system, "direction": "input"},
+        {"name": "out_system", "size": system, "direction": "output"},
+    ]);
+    json!({
+        "version": "v1",
+        "program": {
+            "name": "hamiltonian_simulation",
+            "type": "qubitization",
+            "ports": ports,
+            "children": [{
+                "name": "block_encoding",
+                "type": "controlled_interface",
+                "ports": ports,
+                "resources": of_call(call),
+            }],
+            "connections": [
+                "in_system -> block_encoding.in_system",
+                "block_encoding.out_system -> out_system",
+            ],
+            "resources": [
+                resource("calls", steps as f64, "other"),
+                resource("toffoli", toffoli as f64, "other"),
+                resource("t", t as f64, "other"),
+                resource("rotations", rotations as f64, "other"),
+                resource("qubits", qubits as f64, "other"),
+            ],
+        },
+    })
+}
+
+/// The counts of one call.
+fn of_call(counts: &Counts) -> Vec<Value> {
+    let additive = [
+        ("toffoli", counts.toffoli),
+        ("t", counts.t),
+        ("rotations", counts.rotations),
+        ("cnot", counts.cnot),
+    ];
+    let mut all: Vec<Value> =
+        additive.map(|(name, count)| resource(name, count as f64, "additive")).to_vec();
+    all.push(resource("qubits", counts.qubits as f64, "other"));
+    all
+}
+
+fn resource(name: &str, value: f64, kind: &str) -> Value {
+    json!({"name": name, "type": kind, "value": value})
+}

@@ -1,0 +1,263 @@
+//! Gates, circuits, and their counts.
+
+use serde::{Serialize, Serializer};
+
+/// A qubit by its number.
+pub type Qubit = usize;
+
+/// A gate. Names are those of OpenQASM's `stdgates.inc`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Gate {
+    /// Not.
+    X(Qubit),
+    /// Hadamard.
+    H(Qubit),
+    /// `diag(1, −1)`.
+    Z(Qubit),
+    /// `diag(1, i)`.
+    S(Qubit),
+    /// `diag(1, −i)`.
+    Sdg(Qubit),
+    /// `diag(1, e^{iπ/4})`.
+    T(Qubit),
+    /// `diag(1, e^{−iπ/4})`.
+    Tdg(Qubit),
+    /// Rotation about y by an angle.
+    Ry(f64, Qubit),
+    /// Rotation about z by an angle: `diag(e^{−iθ/2}, e^{iθ/2})`.
+    Rz(f64, Qubit),
+    /// Not of the second where the first is 1.
+    Cx(Qubit, Qubit),
+    /// Sign where both are 1.
+    Cz(Qubit, Qubit),
+    /// Toffoli: not of the third where the first two are 1.
+    Ccx(Qubit, Qubit, Qubit),
+}
+
+impl Gate {
+    /// Name, angle and qubits, the target last.
+    pub fn parts(self) -> (&'static str, Option<f64>, Vec<Qubit>) {
+        match self {
+            Self::X(q) => ("x", None, vec![q]),
+            Self::H(q) => ("h", None, vec![q]),
+            Self::Z(q) => ("z", None, vec![q]),
+            Self::S(q) => ("s", None, vec![q]),
+            Self::Sdg(q) => ("sdg", None, vec![q]),
+            Self::T(q) => ("t", None, vec![q]),
+            Self::Tdg(q) => ("tdg", None, vec![q]),
+            Self::Ry(angle, q) => ("ry", Some(angle), vec![q]),
+            Self::Rz(angle, q) => ("rz", Some(angle), vec![q]),
+            Self::Cx(a, q) => ("cx", None, vec![a, q]),
+            Self::Cz(a, q) => ("cz", None, vec![a, q]),
+            Self::Ccx(a, b, q) => ("ccx", None, vec![a, b, q]),
+        }
+    }
+
+    /// The gate that undoes it.
+    pub fn inverse(self) -> Self {
+        match self {
+            Self::S(q) => Self::Sdg(q),
+            Self::Sdg(q) => Self::S(q),
+            Self::T(q) => Self::Tdg(q),
+            Self::Tdg(q) => Self::T(q),
+            Self::Ry(angle, q) => Self::Ry(-angle, q),
+            Self::Rz(angle, q) => Self::Rz(-angle, q),
+            own_inverse => own_inverse,
+        }
+    }
+}
+
+/// As `[name, qubits.., angle]`.
+impl Serialize for Gate {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let (name, angle, qubits) = self.parts();
+        match angle {
+            Some(angle) => (name, qubits, angle).serialize(serializer),
+            None => (name, qubits).serialize(serializer),
+        }
+    }
+}
+
+/// What a register is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// What the operator acts on.
+    System,
+    /// Zero before; the block is where it is zero after.
+    Block,
+    /// Zero before and after.
+    Scratch,
+}
+
+/// Neighbouring qubits, the lowest bit first.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Register {
+    /// As in the program.
+    pub name: &'static str,
+    /// Its first qubit.
+    pub first: Qubit,
+    /// Qubits.
+    pub size: usize,
+    /// What it is for.
+    pub role: Role,
+}
+
+/// Gates in their order, on registers. Scratch qubits are taken as needed and given back clean.
+#[derive(Clone, Debug, Default)]
+pub struct Circuit {
+    /// Without scratch until [`finish`](Self::finish).
+    pub registers: Vec<Register>,
+    /// In the order of time.
+    pub gates: Vec<Gate>,
+    /// Where a part begins, and what it does.
+    pub comments: Vec<(usize, &'static str)>,
+    /// Qubits of the registers.
+    named: usize,
+    /// Scratch qubits in use, and most of them.
+    scratch: [usize; 2],
+}
+
+impl Circuit {
+    /// A new register; none may follow once scratch was taken.
+    pub fn register(&mut self, name: &'static str, size: usize, role: Role) -> Vec<Qubit> {
+        debug_assert!(self.scratch[1] == 0, "registers come before scratch");
+        let first = self.named;
+        if size > 0 {
+            self.registers.push(Register { name, first, size, role });
+        }
+        self.named += size;
+        (first..self.named).collect()
+    }
+
+    /// `count` clean qubits, to be given back clean by [`give_back`](Self::give_back), the last
+    /// taken first.
+    pub fn take(&mut self, count: usize) -> Vec<Qubit> {
+        let first = self.named + self.scratch[0];
+        self.scratch[0] += count;
+        self.scratch[1] = self.scratch[1].max(self.scratch[0]);
+        (first..first + count).collect()
+    }
+
+    /// Gives back what [`take`](Self::take) gave.
+    pub fn give_back(&mut self, qubits: &[Qubit]) {
+        self.scratch[0] -= qubits.len();
+        debug_assert!(qubits.first().is_none_or(|&q| q == self.named + self.scratch[0]));
+    }
+
+    /// Scratch becomes a register.
+    pub fn finish(&mut self) {
+        let [_, size] = std::mem::take(&mut self.scratch);
+        self.register("scratch", size, Role::Scratch);
+    }
+
+    /// All qubits.
+    pub fn qubits(&self) -> usize {
+        self.named + self.scratch[1]
+    }
+
+    /// Adds a gate.
+    pub fn push(&mut self, gate: Gate) {
+        self.gates.push(gate);
+    }
+
+    /// Not of each of `qubits`.
+    pub fn flip(&mut self, qubits: &[Qubit]) {
+        self.gates.extend(qubits.iter().map(|&q| Gate::X(q)));
+    }
+
+    /// Not of each of `qubits` where `control` is 1.
+    pub fn flip_if(&mut self, control: Qubit, qubits: &[Qubit]) {
+        self.gates.extend(qubits.iter().map(|&q| Gate::Cx(control, q)));
+    }
+
+    /// Says what the next gates do.
+    pub fn comment(&mut self, what: &'static str) {
+        self.comments.push((self.gates.len(), what));
+    }
+
+    /// The inverse of what `part` adds.
+    pub fn inverse_of(&mut self, part: impl FnOnce(&mut Self)) {
+        let first = self.gates.len();
+        part(self);
+        self.gates[first..].reverse();
+        self.gates[first..].iter_mut().for_each(|gate| *gate = gate.inverse());
+    }
+
+    /// `body` between `around` and its inverse.
+    pub fn within(&mut self, around: impl Fn(&mut Self), body: impl FnOnce(&mut Self)) {
+        around(self);
+        body(self);
+        self.inverse_of(around);
+    }
+
+    /// Numbers of gates and qubits.
+    pub fn counts(&self) -> Counts {
+        let role = |role: Role| {
+            self.registers.iter().filter(|r| r.role == role).map(|r| r.size).sum::<usize>()
+        };
+        let mut counts = Counts {
+            system_qubits: role(Role::System),
+            block_qubits: role(Role::Block),
+            scratch_qubits: role(Role::Scratch),
+            qubits: self.qubits(),
+            gates: self.gates.len(),
+            ..Counts::default()
+        };
+        let (mut level, mut hard) = (vec![0; self.qubits()], vec![0; self.qubits()]);
+        for &gate in &self.gates {
+            let (_, _, qubits) = gate.parts();
+            let toffoli = matches!(gate, Gate::Ccx(..));
+            match gate {
+                Gate::Ccx(..) => counts.toffoli += 1,
+                Gate::Cx(..) | Gate::Cz(..) => counts.cnot += 1,
+                Gate::T(_) | Gate::Tdg(_) => counts.t += 1,
+                Gate::Ry(..) | Gate::Rz(..) => counts.rotations += 1,
+                Gate::H(_) => counts.hadamard += 1,
+                _ => {}
+            }
+            for (levels, step) in [(&mut level, 1), (&mut hard, usize::from(toffoli))] {
+                let next = step + qubits.iter().map(|&q| levels[q]).max().unwrap_or(0);
+                qubits.iter().for_each(|&q| levels[q] = next);
+            }
+        }
+        counts.t_with_toffoli = counts.t + T_OF_TOFFOLI * counts.toffoli;
+        counts.depth = level.into_iter().max().unwrap_or(0);
+        counts.toffoli_depth = hard.into_iter().max().unwrap_or(0);
+        counts
+    }
+}
+
+/// T gates of a Toffoli gate without measurement.
+pub const T_OF_TOFFOLI: usize = 7;
+
+/// Numbers of gates and qubits of a circuit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Counts {
+    /// Of what the operator acts on.
+    pub system_qubits: usize,
+    /// Zero before; the block is where they are zero after.
+    pub block_qubits: usize,
+    /// Zero before and after.
+    pub scratch_qubits: usize,
+    /// All of them.
+    pub qubits: usize,
+    /// All gates.
+    pub gates: usize,
+    /// `ccx`.
+    pub toffoli: usize,
+    /// `t` and `tdg`.
+    pub t: usize,
+    /// With [`T_OF_TOFFOLI`] for each `ccx`, without those of rotations.
+    pub t_with_toffoli: usize,
+    /// `ry` and `rz`.
+    pub rotations: usize,
+    /// `cx` and `cz`.
+    pub cnot: usize,
+    /// `h`.
+    pub hadamard: usize,
+    /// Layers, each gate as early as its qubits allow.
+    pub depth: usize,
+    /// Layers of `ccx`.
+    pub toffoli_depth: usize,
+}

@@ -1,0 +1,277 @@
+//! From a case to whole numbers of cells and levels, or the reason why there are none.
+
+use crate::base::error::{Error, Result};
+use crate::problem::case::{Case, Interface};
+use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, axis_names, for_each_cell};
+use crate::problem::potential::Potential;
+use crate::quantum::circuit::interface::{AxisTransport, Jump, Transport, bits_of};
+use crate::scheme::interface::{Side, sources, velocity};
+use std::collections::{BTreeMap, HashMap};
+
+/// Most bits of the bins.
+pub const MOST_BIN_BITS: usize = 20;
+/// Distance from a whole number that is round-off, relative.
+const WHOLE: f64 = 1e-12;
+
+/// A case as the circuit has it.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// In whole numbers.
+    pub transport: Transport,
+    /// How far a jump was rounded at most, in levels; 0 if all are whole.
+    pub rounded: f64,
+    /// Bound of the norm of what that changes of `A`.
+    pub change: f64,
+}
+
+/// A height of jumps of `V`.
+#[derive(Clone, Copy)]
+struct Height {
+    /// `ΔV`.
+    rise: f64,
+    /// `2ΔV/Δv²`.
+    levels: f64,
+}
+
+impl Height {
+    /// How far it is from a whole number of bins, in bins; 0 if by round-off only.
+    fn off(self, bin_bits: usize) -> f64 {
+        let levels = self.levels * (1u64 << bin_bits) as f64;
+        let off = (levels - levels.round()).abs();
+        if off <= WHOLE * levels.abs().max(1.0) { 0.0 } else { off }
+    }
+}
+
+/// Jumps of one height at faces of one number along an axis.
+struct Face {
+    below: usize,
+    height: Height,
+    /// The cells along the other axes where that is, as numbers of their bits.
+    places: Vec<usize>,
+}
+
+/// Refuses what the circuit does not have, before it is assembled.
+///
+/// # Errors
+/// [`Error::Input`] with the key, the value and what would do.
+pub fn refuse(case: &Case) -> Result<()> {
+    let wrong = |what: String| Err(Error::Input(format!("{}: {what}", case.name)));
+    let space = &case.space;
+    if space.degree() > 0 {
+        let degree = space.degree();
+        return wrong(format!("scheme.degree = {degree}; the circuit is of degree 0"));
+    }
+    if case.reflects() {
+        let what = "potential.reflection: the circuit transmits or reflects all of a level";
+        return wrong(what.to_owned());
+    }
+    if case.interface != Interface::Conservative {
+        let what = "scheme.interface = \"hat\"; the circuit moves whole levels of energy, as \
+                    scheme.interface = \"conservative\" does";
+        return wrong(what.to_owned());
+    }
+    if case.embeds() {
+        let what = "inflow.value: the auxiliary unknowns of what enters have no circuit; \
+                    inflow.value = 0 has none of them";
+        return wrong(what.to_owned());
+    }
+    let names = axis_names(space.dimension());
+    for (v, name) in space.v.iter().zip(&names[space.dimension()..]) {
+        if v.cells % 2 == 1 || (v.lower + v.upper).abs() > WHOLE * v.width() {
+            return wrong(format!(
+                "{name} has {} cells from {} to {}; the circuit has velocities ±(j + 1/2)Δv: an \
+                 even number of cells from -{} to {}",
+                v.cells, v.lower, v.upper, v.upper, v.upper
+            ));
+        }
+    }
+    if (0..space.dimension()).all(|a| space.is_single(a)) {
+        return wrong(
+            "axis.0.x.cells = 1 on a periodic axis, along which nothing moves; 2 or more have a \
+             circuit"
+                .to_owned(),
+        );
+    }
+    let potential = Potential::whole(case)?;
+    let mut steep = None;
+    for_each_cell(&ranges(case), |i| {
+        let slopes = &potential.slopes(i)[..space.dimension()];
+        if let Some(a) = slopes.iter().position(|&slope| slope != 0.0) {
+            steep.get_or_insert((*i, a, slopes[a]));
+        }
+    });
+    if let Some((i, a, slope)) = steep {
+        let mut point = [0.0; 2 * MAX_DIMENSION];
+        space.x.iter().zip(&mut point).zip(i).for_each(|((x, p), i)| *p = x.centre(i as i64));
+        let place: Vec<String> =
+            (0..space.dimension()).map(|a| format!("{} = {}", names[a], point[a])).collect();
+        return wrong(format!(
+            "dV/d{} = {slope:.6} at {}; the circuit has jumps of V and no forces: potential.value \
+             constant in each region",
+            names[a],
+            place.join(", ")
+        ));
+    }
+    Ok(())
+}
+
+/// All space cells.
+fn ranges(case: &Case) -> Vec<std::ops::Range<usize>> {
+    case.space.x.iter().map(|x| 0..x.cells).collect()
+}
+
+impl Scene {
+    /// The scene of a case that [`refuse`] lets pass; each level is divided into `2^bin_bits` bins,
+    /// to which jumps are rounded, or into the fewest that make them whole.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where none do.
+    pub fn new(case: &Case, bin_bits: Option<usize>) -> Result<Self> {
+        let potential = Potential::whole(case)?;
+        let n = case.space.dimension();
+        let faces: Vec<Vec<Face>> = (0..n).map(|a| faces(case, &potential, a)).collect();
+        let fits = |&bits: &usize| faces.iter().flatten().all(|f| f.height.off(bits) == 0.0);
+        let Some(bin_bits) = bin_bits.or_else(|| (0..=MOST_BIN_BITS).find(fits)) else {
+            let odd = faces.iter().flatten().find(|f| f.height.off(MOST_BIN_BITS) > 0.0);
+            let odd = odd.map_or(Height { rise: 0.0, levels: 0.0 }, |face| face.height);
+            return Err(Error::Input(format!(
+                "{}: V jumps by {} = {:.6} levels of dv²/2, which is no multiple of \
+                 2^-{MOST_BIN_BITS}; --sub-bins B rounds it to a multiple of 2^-B of a level, and \
+                 another number of velocity cells may make it whole",
+                case.name, odd.rise, odd.levels
+            )));
+        };
+        let mut scene =
+            Self { rounded: 0.0, change: 0.0, transport: Transport { axes: Vec::new(), bin_bits } };
+        for (a, faces) in faces.iter().enumerate() {
+            scene.add_axis(case, a, faces);
+        }
+        Ok(scene)
+    }
+
+    /// The transport along axis `a`.
+    fn add_axis(&mut self, case: &Case, a: usize, faces: &[Face]) {
+        let (space, bin_bits) = (&case.space, self.transport.bin_bits);
+        let (x, v) = (&space.x[a], &space.v[a]);
+        let scale = (1u64 << bin_bits) as f64;
+        let speeds = v.cells / 2;
+        // Beyond all energies of the box one wall is as high as another.
+        let highest = (speeds * speeds) as f64 * scale;
+        let others = bits_of_others(case, a);
+        let (mut jumps, mut change) = (Vec::new(), 0.0f64);
+        for face in faces {
+            let levels = (face.height.levels * scale).round().clamp(-highest, highest);
+            let off = face.height.off(bin_bits);
+            if off > 0.0 {
+                self.rounded = self.rounded.max(off / scale);
+                let level = 0.5 * v.width() * v.width();
+                let to = levels / scale * level;
+                change = change.max(change_of(v, face.height.rise, to) / x.width());
+            }
+            if levels != 0.0 {
+                let parts = boxes(&face.places, &others.padding, others.bits);
+                let jump = |part| Jump { below: face.below, levels: levels as i64, part };
+                jumps.extend(parts.into_iter().map(jump));
+            }
+        }
+        // The parts of A by axis add up.
+        self.change += change;
+        let rate =
+            if space.is_single(a) && jumps.is_empty() { 0.0 } else { 0.5 * v.width() / x.width() };
+        let periodic = space.is_periodic(a);
+        self.transport.axes.push(AxisTransport { cells: x.cells, periodic, speeds, jumps, rate });
+    }
+}
+
+/// The numbers of the bits of the space axes but one.
+struct Others {
+    bits: usize,
+    /// Those that are no cells.
+    padding: Vec<usize>,
+}
+
+/// The number of `cell` in the bits of the space axes but `a`, the last axis lowest.
+fn number_of_others(case: &Case, a: usize, cell: &[usize]) -> usize {
+    let others = case.space.x.iter().zip(cell).enumerate().filter(|(b, _)| *b != a);
+    others.fold(0, |number, (_, (x, i))| number << bits_of(x.cells) | i)
+}
+
+fn bits_of_others(case: &Case, a: usize) -> Others {
+    let axes = case.space.x.iter().enumerate().filter(|(b, _)| *b != a);
+    let bits: usize = axes.map(|(_, x)| bits_of(x.cells)).sum();
+    let mut cells = vec![false; 1 << bits];
+    for_each_cell(&ranges(case), |i| cells[number_of_others(case, a, i)] = true);
+    Others { bits, padding: (0..1 << bits).filter(|&number| !cells[number]).collect() }
+}
+
+/// The jumps of `V` along axis `a`, by face and height.
+fn faces(case: &Case, potential: &Potential, a: usize) -> Vec<Face> {
+    let width = case.space.v[a].width();
+    let mut found: BTreeMap<(usize, u64), Face> = BTreeMap::new();
+    for_each_cell(&ranges(case), |i| {
+        let mut cell: Cell = [0; 2 * MAX_DIMENSION];
+        cell[..MAX_DIMENSION].copy_from_slice(i);
+        let rise = potential.jump_above(&cell, a);
+        if rise != 0.0 {
+            let height = Height { rise, levels: 2.0 * rise / (width * width) };
+            let face = found.entry((i[a], rise.to_bits()));
+            let face = face.or_insert(Face { below: i[a], height, places: Vec::new() });
+            face.places.push(number_of_others(case, a, i));
+        }
+    });
+    found.into_values().collect()
+}
+
+/// Boxes of bits that hold all `places`, each once, and nothing else but `padding`: bits and their
+/// values. Boxes that differ in one bit only are merged, bit by bit.
+fn boxes(places: &[usize], padding: &[usize], bits: usize) -> Vec<Vec<(usize, bool)>> {
+    // By the bits that are free and the values of the others: whether a place is among them.
+    let start =
+        places.iter().map(|&p| ((0, p), true)).chain(padding.iter().map(|&p| ((0, p), false)));
+    let mut boxes: BTreeMap<(usize, usize), bool> = start.collect();
+    for bit in (0..bits).map(|bit| 1 << bit) {
+        let mut merged = BTreeMap::new();
+        while let Some(((free, value), real)) = boxes.pop_first() {
+            match boxes.remove(&(free, value ^ bit)) {
+                Some(other) => merged.insert((free | bit, value & !bit), real | other),
+                None => merged.insert((free, value), real),
+            };
+        }
+        boxes = merged;
+    }
+    let fixed = |free: usize, value: usize| {
+        (0..bits)
+            .filter(move |bit| free >> bit & 1 == 0)
+            .map(move |bit| (bit, value >> bit & 1 == 1))
+    };
+    let real = boxes.into_iter().filter(|found| found.1);
+    real.map(|((free, value), _)| fixed(free, value).collect()).collect()
+}
+
+/// Bound of the norm of what another height of a jump changes of `|v| weight`, the rates of the
+/// scheme: the root of the largest sums of a row and of a column.
+fn change_of(axis: &Axis, rise: f64, rounded: f64) -> f64 {
+    let mut rates: HashMap<(bool, i64, bool, i64), f64> = HashMap::new();
+    let mut found = Vec::new();
+    for j in 0..axis.cells as i64 {
+        let v = velocity(axis, j);
+        // Moving right it has left the face to the upper side.
+        let upper = v > 0.0;
+        for (height, sign) in [(rise, 1.0), (rounded, -1.0)] {
+            let height = if upper { height } else { -height };
+            sources(&mut found, axis, Interface::Conservative, j, height);
+            for source in found.iter().filter(|s| (0..axis.cells as i64).contains(&s.velocity)) {
+                let from = upper == (source.side == Side::Same);
+                let rate = rates.entry((upper, j, from, source.velocity)).or_insert(0.0);
+                *rate += sign * v.abs() * source.weight;
+            }
+        }
+    }
+    let (mut rows, mut columns) = (HashMap::new(), HashMap::new());
+    for ((upper, j, from, k), rate) in rates {
+        *rows.entry((upper, j)).or_insert(0.0) += rate.abs();
+        *columns.entry((from, k)).or_insert(0.0) += rate.abs();
+    }
+    let largest = |sums: HashMap<(bool, i64), f64>| sums.into_values().fold(0.0, f64::max);
+    (largest(rows) * largest(columns)).sqrt()
+}

@@ -1,0 +1,476 @@
+//! Reversible parts on all basis states, blocks against the scheme's own rows, counts.
+
+use crate::problem::case::Interface;
+use crate::problem::grid::Axis;
+use crate::quantum::circuit::formats::qasm;
+use crate::quantum::circuit::gates::{Circuit, Role};
+use crate::quantum::circuit::interface::{AxisTransport, Jump, Levels, Modes, Transport};
+use crate::quantum::circuit::simulate::{State, block_column};
+use crate::scheme::interface::{Side, sources, velocity};
+use num_complex::Complex64;
+use std::collections::HashMap;
+use std::f64::consts::TAU;
+
+/// A circuit on a register of `bits` qubits.
+fn on_register(bits: usize, part: impl FnOnce(&mut Circuit, &[usize])) -> Circuit {
+    let mut circuit = Circuit::default();
+    let qubits = circuit.register("all", bits, Role::System);
+    part(&mut circuit, &qubits);
+    circuit.finish();
+    circuit
+}
+
+/// Checks what a reversible circuit makes of every value of its register. Scratch must be clean.
+fn check_all(circuit: &Circuit, bits: usize, expected: impl Fn(u128) -> u128) {
+    for start in 0..1u128 << bits {
+        let end = State::basis(start).after(&circuit.gates);
+        assert_eq!(end, State::basis(expected(start)), "of {start:b}");
+    }
+}
+
+fn toffolis(circuit: &Circuit) -> usize {
+    circuit.counts().toffoli
+}
+
+#[test]
+fn sums_and_comparisons_of_all_numbers() {
+    for bits in 1..=6 {
+        let size = 1u128 << bits;
+        let split = |s: u128| (s % size, s / size % size, s / size / size);
+        let join = |a: u128, b: u128, c: u128| a + size * (b + size * c);
+        for controlled in [false, true] {
+            let control = |q: &[usize]| controlled.then_some(q[2 * bits]);
+            let counts = |c: u128| !controlled || c % 2 == 1;
+            let add = on_register(2 * bits + 1, |c, q| {
+                c.add(&q[..bits], &q[bits..2 * bits], control(q));
+            });
+            check_all(&add, 2 * bits + 1, |s| {
+                let (a, b, c) = split(s);
+                join(a, (b + if counts(c) { a } else { 0 }) % size, c)
+            });
+            assert_eq!(toffolis(&add), 2 * (bits - 1) + if controlled { bits + 1 } else { 0 });
+            let less = on_register(2 * bits + 2, |c, q| {
+                c.less(&q[bits..2 * bits], &q[..bits], control(q), q[2 * bits + 1]);
+            });
+            check_all(&less, 2 * bits + 2, |s| {
+                let (a, b, c) = split(s);
+                join(a, b, c ^ if counts(c) && b < a { 2 } else { 0 })
+            });
+            assert_eq!(toffolis(&less), 2 * bits + usize::from(controlled));
+            // One bit more in the sum.
+            let longer = on_register(2 * bits + 2, |c, q| {
+                c.add(&q[..bits], &q[bits..2 * bits + 1], controlled.then_some(q[2 * bits + 1]));
+            });
+            check_all(&longer, 2 * bits + 2, |s| {
+                let (a, b, c) = (s % size, s / size % (2 * size), s / size / size / 2);
+                a + size * ((b + if counts(c) { a } else { 0 }) % (2 * size) + 2 * size * c)
+            });
+        }
+        let add_bit = on_register(bits + 1, |c, q| c.add_bit(q[bits], &q[..bits]));
+        check_all(&add_bit, bits + 1, |s| (s % size + s / size) % size + s / size * size);
+        assert_eq!(toffolis(&add_bit), 2 * (bits - 1));
+    }
+}
+
+/// Up to 20 bits of `e`.
+#[test]
+fn square_roots_of_all_numbers() {
+    for n in 0..=10usize {
+        let circuit = on_register(2 * n + 1, |c, q| c.square_root(q));
+        assert_eq!(toffolis(&circuit), if n == 0 { 0 } else { n * n + 6 * n + 2 });
+        for e in 0..1u128 << (2 * n) {
+            let j = e.isqrt();
+            let expected = (e - j * j) | ((1 << n) - 1 - j) << (n + 1);
+            let end = State::basis(e).after(&circuit.gates);
+            assert_eq!(end, State::basis(expected), "of {e}");
+        }
+    }
+    // Its inverse sets the highest bit where there is no such level, and only there.
+    let n = 5;
+    let inverse = on_register(2 * n + 1, |c, q| c.inverse_of(|c| c.square_root(q)));
+    for j in 0..1u128 << n {
+        for m in 0..2u128 << n {
+            let start = m | ((1 << n) - 1 - j) << (n + 1);
+            let end = State::basis(start).after(&inverse.gates).terms[0].0;
+            assert_eq!(end >> (2 * n), u128::from(m > 2 * j), "{j} {m}");
+        }
+    }
+}
+
+#[test]
+fn uniform_sums_of_any_number() {
+    for bits in 1..=6 {
+        for count in 1..=1usize << bits {
+            let circuit = on_register(bits, |c, q| c.uniform(q, count));
+            let mut state = State::basis(0).after(&circuit.gates);
+            state.terms.retain(|term| term.1.norm() > 1e-15);
+            state.terms.sort_by_key(|term| term.0);
+            assert_eq!(state.terms.len(), count);
+            for (m, (number, amplitude)) in state.terms.iter().enumerate() {
+                assert_eq!(*number, m as u128);
+                assert!((amplitude - 1.0 / (count as f64).sqrt()).norm() < 1e-14);
+            }
+            let rotations = circuit.counts().rotations;
+            assert_eq!(rotations == 0, count.is_power_of_two());
+            // Toffoli gates and T gates are those of controlled Hadamard gates.
+            assert!(circuit.counts().t <= 2 * bits && rotations < 2 * bits);
+        }
+    }
+}
+
+/// A grid, its jumps of `V` by face, and how finely levels are divided.
+struct Grid {
+    cells: usize,
+    periodic: bool,
+    speeds: usize,
+    bin_bits: usize,
+    /// Cell below the face, jump in levels.
+    jumps: &'static [(usize, f64)],
+}
+
+const WIDTH: f64 = 0.25;
+const DX: f64 = 0.5;
+
+impl Grid {
+    fn transport(&self) -> Transport {
+        let bins = (1 << self.bin_bits) as f64;
+        let jumps = self.jumps.iter();
+        let whole = |height: f64| (height * bins) as i64;
+        let jumps = jumps.map(|&(below, height)| {
+            let part = Vec::new();
+            Jump { below, levels: whole(height), part }
+        });
+        let axis = AxisTransport {
+            cells: self.cells,
+            periodic: self.periodic,
+            speeds: self.speeds,
+            jumps: jumps.collect(),
+            rate: 0.5 * WIDTH / DX,
+        };
+        Transport { axes: vec![axis], bin_bits: self.bin_bits }
+    }
+
+    /// `A` by the program's conservative law, at states of the circuit.
+    fn matrix(&self) -> HashMap<(usize, usize), f64> {
+        let (transport, speeds) = (self.transport(), self.speeds as f64);
+        let axis = Axis::new(-speeds * WIDTH, speeds * WIDTH, 2 * self.speeds);
+        let mut a = HashMap::new();
+        let mut out = Vec::new();
+        for x in 0..self.cells {
+            for j in 0..axis.cells {
+                let v = velocity(&axis, j as i64);
+                let row = transport.state(&[x, j]);
+                *a.entry((row, row)).or_insert(0.0) -= v.abs() / DX;
+                let step = if v > 0.0 { -1 } else { 1 };
+                let cells = self.cells as i64;
+                let other = x as i64 + step;
+                let behind = if self.periodic { other.rem_euclid(cells) } else { other };
+                let face = if v > 0.0 { behind } else { x as i64 };
+                let jump = self.jumps.iter().find(|jump| jump.0 as i64 == face);
+                let rise = jump.map_or(0.0, |jump| 0.5 * WIDTH * WIDTH * jump.1);
+                let rise = if v > 0.0 { rise } else { -rise };
+                sources(&mut out, &axis, Interface::Conservative, j as i64, rise);
+                for source in &out {
+                    let from = if source.side == Side::Same { x as i64 } else { behind };
+                    let inside = (0..axis.cells as i64).contains(&source.velocity);
+                    if inside && (0..cells).contains(&from) {
+                        let column = transport.state(&[from as usize, source.velocity as usize]);
+                        *a.entry((row, column)).or_insert(0.0) += v.abs() / DX * source.weight;
+                    }
+                }
+            }
+        }
+        a
+    }
+
+    /// `H` of one wavenumber, from `A`.
+    fn hamiltonian(&self, mu: f64) -> HashMap<(usize, usize), Complex64> {
+        let mut h = HashMap::new();
+        for ((i, j), a) in self.matrix() {
+            // μS + iK with S, K = (A ± Aᵀ)/2.
+            *h.entry((i, j)).or_insert(Complex64::ZERO) += 0.5 * a * Complex64::new(mu, 1.0);
+            *h.entry((j, i)).or_insert(Complex64::ZERO) += 0.5 * a * Complex64::new(mu, -1.0);
+        }
+        h
+    }
+
+    /// The states of the circuit that are cells.
+    fn states(&self) -> Vec<usize> {
+        let transport = self.transport();
+        let of = |x| (0..2 * self.speeds).map(move |v| (x, v));
+        (0..self.cells).flat_map(of).map(|(x, v)| transport.state(&[x, v])).collect()
+    }
+}
+
+const GRIDS: &[Grid] = &[
+    Grid { cells: 4, periodic: false, speeds: 4, bin_bits: 0, jumps: &[] },
+    Grid { cells: 4, periodic: false, speeds: 4, bin_bits: 0, jumps: &[(1, 5.0)] },
+    Grid { cells: 5, periodic: false, speeds: 3, bin_bits: 0, jumps: &[(1, 3.0), (3, -2.0)] },
+    Grid { cells: 3, periodic: true, speeds: 3, bin_bits: 0, jumps: &[(0, -4.0), (2, 4.0)] },
+    Grid { cells: 4, periodic: true, speeds: 4, bin_bits: 0, jumps: &[(0, 1.0), (3, -1.0)] },
+    Grid { cells: 6, periodic: true, speeds: 2, bin_bits: 0, jumps: &[] },
+    // Walls higher than any energy, up and down; in halves and quarters of levels.
+    Grid { cells: 3, periodic: false, speeds: 4, bin_bits: 0, jumps: &[(0, 16.0), (1, -16.0)] },
+    Grid { cells: 3, periodic: false, speeds: 5, bin_bits: 0, jumps: &[(0, -25.0), (1, 25.0)] },
+    Grid { cells: 3, periodic: false, speeds: 3, bin_bits: 2, jumps: &[(0, 1.25), (1, -2.5)] },
+    Grid { cells: 2, periodic: false, speeds: 4, bin_bits: 1, jumps: &[(0, 0.5)] },
+    // The smallest.
+    Grid { cells: 1, periodic: false, speeds: 3, bin_bits: 0, jumps: &[] },
+    Grid { cells: 2, periodic: true, speeds: 1, bin_bits: 0, jumps: &[(0, 1.0), (1, -1.0)] },
+    Grid { cells: 2, periodic: false, speeds: 1, bin_bits: 3, jumps: &[(0, 0.125)] },
+];
+
+/// Compares all columns of the block with `H/α`; the number of columns.
+fn check_block(grid: &Grid, modes: Modes, levels: Levels) -> usize {
+    let transport = grid.transport();
+    let alpha = transport.alpha(modes, levels);
+    let circuit = transport.encode(modes, levels, false);
+    let wavenumbers = match modes {
+        Modes::One(mu) => vec![mu],
+        Modes::Register { qubits, period } => {
+            let points = 1i32 << qubits;
+            (0..points).map(|l| TAU * f64::from(l - points / 2) / period).collect()
+        }
+    };
+    let points = wavenumbers.len();
+    let states = grid.states();
+    for (l, mu) in wavenumbers.into_iter().enumerate() {
+        let h = grid.hamiltonian(mu);
+        for &column in &states {
+            let mut left = h.clone();
+            left.retain(|place, _| place.1 == column);
+            for (row, value) in block_column(&circuit, column * points + l) {
+                assert_eq!(row % points, l);
+                let entry = left.remove(&(row / points, column)).unwrap_or_default();
+                let apart = (alpha * value - entry).norm();
+                assert!(apart < 1e-12, "{modes:?} {row} {column}: {value} {entry}");
+            }
+            assert!(left.values().all(|entry| entry.norm() < 1e-12), "{left:?}");
+        }
+    }
+    states.len() * points
+}
+
+#[test]
+fn blocks_are_the_hamiltonian_of_the_scheme() {
+    let register = Modes::Register { qubits: 2, period: 7.3 };
+    for grid in GRIDS {
+        for modes in [register, Modes::One(3.7), Modes::One(-0.4), Modes::One(0.0)] {
+            for levels in [Levels::Hadamard, Levels::Uniform] {
+                check_block(grid, modes, levels);
+            }
+        }
+    }
+}
+
+/// The qubits of a register; none if the circuit has no such register.
+fn qubits_of(circuit: &Circuit, name: &str) -> Vec<usize> {
+    let found = circuit.registers.iter().find(|register| register.name == name);
+    found.map_or(Vec::new(), |r| (r.first..r.first + r.size).collect())
+}
+
+/// `value` in these qubits.
+fn set(qubits: &[usize], value: u128) -> u128 {
+    assert!(value >> qubits.len() == 0, "{value} in {} bits", qubits.len());
+    qubits.iter().enumerate().map(|(bit, &q)| (value >> bit & 1) << q).sum()
+}
+
+/// Between preparations, particles move as mechanics says: every state of up to 20 bits.
+#[test]
+fn particles_move_one_to_one() {
+    let large = [
+        Grid {
+            cells: 64,
+            periodic: true,
+            speeds: 64,
+            bin_bits: 1,
+            jumps: &[(7, 900.5), (63, -8.0), (8, -0.5)],
+        },
+        Grid {
+            cells: 25,
+            periodic: false,
+            speeds: 100,
+            bin_bits: 0,
+            jumps: &[(3, 77.0), (4, -9000.0), (20, 10000.0)],
+        },
+    ];
+    for grid in GRIDS.iter().chain(&large) {
+        let transport = grid.transport();
+        let circuit = transport.encode(Modes::One(1.0), Levels::Hadamard, false);
+        let place = |what: &str| {
+            let found = circuit.comments.iter().find(|comment| comment.1.starts_with(what));
+            found.unwrap_or_else(|| panic!("{what}")).0
+        };
+        // Without the gate that reverses time.
+        let moves = &circuit.gates[place("to the face")..place("energy to speed") - 1];
+        let [space, velocity, level, bins, above, end, outside, moved] =
+            ["space", "velocity", "level", "bins", "above", "end", "outside", "moved"]
+                .map(|name| qubits_of(&circuit, name));
+        let low = velocity.len() - 1;
+        let levels = [&bins[..], &[&level[..], &velocity[..low]].concat()[..2 * low]].concat();
+        let bin = 1i64 << grid.bin_bits;
+        let most = (grid.speeds * grid.speeds) as i64 * bin;
+        let cells = grid.cells as i64;
+        assert!(space.len() + 1 + levels.len() <= 20);
+        for (x, up, e) in (0..cells)
+            .flat_map(|x| [false, true].map(|up| (x, up)))
+            .flat_map(|(x, up)| (0..most).map(move |e| (x, up, e)))
+        {
+            let state = |x: i64, up: bool, e: i64| {
+                set(&space, x as u128)
+                    | set(&velocity[low..], u128::from(up))
+                    | set(&levels, e as u128)
+                    | set(&moved, 1)
+            };
+            let start = State::basis(state(x, up, e));
+            let after = start.clone().after(moves).terms[0].0;
+            // The face ahead, and where it leads.
+            let to = if up { x + 1 } else { x - 1 };
+            let to = if grid.periodic { to.rem_euclid(cells) } else { to };
+            let face = if up { x } else { to };
+            let jump = transport.axes[0].jumps.iter().find(|jump| jump.below as i64 == face);
+            let rise = jump.map_or(0, |jump| if up { jump.levels } else { -jump.levels });
+            let leaves = !grid.periodic && !(0..cells).contains(&to);
+            let flag = |qubits: &[usize]| qubits.iter().any(|&q| after >> q & 1 == 1);
+            if leaves {
+                assert!(flag(&end), "{x} {up} {e}: not at the end");
+            } else if e < rise {
+                assert_eq!(after, state(x, !up, e), "{x} {up} {e}: not reflected");
+            } else if e - rise >= most {
+                assert!(flag(&above) || flag(&outside), "{x} {up} {e}: not too fast");
+            } else {
+                assert_eq!(after, state(to, up, e - rise), "{x} {up} {e}");
+            }
+            // Where it is not applied, nothing is.
+            let resting = State::basis(start.terms[0].0 ^ set(&moved, 1));
+            assert_eq!(resting.clone().after(moves), resting);
+        }
+    }
+}
+
+/// Twice is nothing, on the states that it starts from; under control, nothing or once.
+#[test]
+fn circuits_are_their_own_inverses() {
+    for grid in GRIDS {
+        for modes in [Modes::One(0.8), Modes::Register { qubits: 1, period: 2.0 }] {
+            let encode = |controlled| grid.transport().encode(modes, Levels::Uniform, controlled);
+            let (circuit, controlled) = (encode(false), encode(true));
+            let points = if matches!(modes, Modes::One(_)) { 1 } else { 2 };
+            let on = qubits_of(&controlled, "control")[0];
+            for state in grid.states().iter().flat_map(|s| (0..points).map(move |l| s * points + l))
+            {
+                let near = |found: State, expected: u128| {
+                    let amplitude = found.terms.iter().find(|term| term.0 == expected);
+                    let apart = amplitude.map_or(1.0, |term| (term.1 - 1.0).norm());
+                    assert!(apart < 1e-12, "{state}: {apart}");
+                };
+                let start = state as u128;
+                let once = State::basis(start).after(&circuit.gates);
+                near(once.after(&circuit.gates), start);
+                near(State::basis(start).after(&controlled.gates), start);
+                let with = start | 1 << on;
+                let block = block_column(&controlled, with as usize);
+                let own = block_column(&circuit, state);
+                assert_eq!(block.len(), own.len());
+                for (number, value) in block {
+                    let own = own.iter().find(|term| term.0 | 1 << on == number);
+                    assert!((own.expect("the same rows").1 - value).norm() < 1e-13);
+                }
+            }
+        }
+    }
+}
+
+/// A system of 12 qubits: 16 modes, 16 velocities, 16 cells; all of its 4096 columns.
+#[test]
+fn a_block_on_twelve_qubits() {
+    let jumps: &[_] = &[(3, 9.0), (7, -25.0), (15, 16.0)];
+    let grid = Grid { cells: 16, periodic: true, speeds: 8, bin_bits: 0, jumps };
+    let modes = Modes::Register { qubits: 4, period: 5.5 };
+    assert_eq!(check_block(&grid, modes, Levels::Hadamard), 4096);
+}
+
+/// Without jumps on a long box, α of the fewest levels is the norm of `H`, nearly.
+#[test]
+fn alpha_is_the_norm() {
+    let grid = Grid { cells: 64, periodic: false, speeds: 2, bin_bits: 0, jumps: &[] };
+    let mu = 2.5;
+    let h = grid.hamiltonian(mu);
+    let (mut x, mut norm) = (HashMap::new(), 0.0);
+    // Long waves of the fastest particles are the extreme ones, with the sign of T's phase.
+    let phase = Complex64::new(mu, 1.0).arg();
+    for cell in 0..64usize {
+        let place = grid.transport().state(&[cell, 3]);
+        x.insert(place, Complex64::cis((std::f64::consts::PI + phase) * cell as f64));
+    }
+    for _ in 0..400 {
+        let mut y: HashMap<usize, Complex64> = HashMap::new();
+        for ((i, j), value) in &h {
+            *y.entry(*i).or_default() += value * x.get(j).copied().unwrap_or_default();
+        }
+        norm = y.values().map(Complex64::norm_sqr).sum::<f64>().sqrt();
+        x = y.into_iter().map(|(i, y)| (i, y / norm)).collect();
+    }
+    let least = grid.transport().alpha(Modes::One(mu), Levels::Uniform);
+    assert!(norm < least * (1.0 + 1e-12) && norm > 0.995 * least, "{norm} {least}");
+    // That of Hadamard gates is larger by one level of the fastest cell.
+    let hadamard = grid.transport().alpha(Modes::One(mu), Levels::Hadamard);
+    assert!((hadamard / least - 4.0 / 3.0).abs() < 1e-14);
+}
+
+/// The counts are those of the program's text, counted anew.
+#[test]
+fn counts_are_those_of_the_text() {
+    for grid in GRIDS {
+        for controlled in [false, true] {
+            let modes = Modes::Register { qubits: 3, period: 4.0 };
+            let circuit = grid.transport().encode(modes, Levels::Uniform, controlled);
+            let text = qasm(&circuit, "a\ntitle");
+            let tally = |names: &[&str]| {
+                let named = |line: &&str| {
+                    let name = line.split([' ', '(']).next().unwrap_or_default();
+                    names.contains(&name)
+                };
+                text.lines().filter(named).count()
+            };
+            let size = |line: &str| line["qubit[".len()..].split(']').next()?.parse::<usize>().ok();
+            let declared = text.lines().filter(|line| line.starts_with("qubit["));
+            let qubits: Option<usize> = declared.map(size).sum();
+            let counts = circuit.counts();
+            assert_eq!(Some(counts.qubits), qubits);
+            let parts = [counts.system_qubits, counts.block_qubits, counts.scratch_qubits];
+            assert_eq!(parts.iter().sum::<usize>(), counts.qubits);
+            assert_eq!(counts.toffoli, tally(&["ccx"]));
+            assert_eq!(counts.t, tally(&["t", "tdg"]));
+            assert_eq!(counts.t_with_toffoli, counts.t + 7 * counts.toffoli);
+            assert_eq!(counts.rotations, tally(&["ry", "rz"]));
+            assert_eq!(counts.cnot, tally(&["cx", "cz"]));
+            assert_eq!(counts.hadamard, tally(&["h"]));
+            let all = ["x", "h", "z", "s", "sdg", "t", "tdg", "ry", "rz", "cx", "cz", "ccx"];
+            assert_eq!(counts.gates, tally(&all));
+            assert_eq!(counts.gates, text.lines().filter(|line| line.ends_with("];")).count());
+            assert!(counts.toffoli_depth <= counts.toffoli && counts.depth <= counts.gates);
+        }
+    }
+}
+
+/// Toffoli gates by hand: with n bits of a speed, n_x of space, w = 2n + 1, one jump, open ends.
+#[test]
+fn counts_are_those_by_hand() {
+    let grid = Grid { cells: 32, periodic: false, speeds: 16, bin_bits: 0, jumps: &[(7, 5.0)] };
+    let (n, space, modes) = (4, 5, 3);
+    let w = 2 * n + 1;
+    let circuit = grid.transport().encode(
+        Modes::Register { qubits: modes, period: 4.0 },
+        Levels::Hadamard,
+        false,
+    );
+    let roots = 2 * (n * n + 6 * n + 2);
+    // Each with the conjunction of sign and `moved`.
+    let steps = 2 * (2 * (space - 1) + 2);
+    // At the end, and at the jump before and after; each there and back.
+    let faces = 2 * space + 2 * 2 * space;
+    let jump = 2 * (2 * w + 1) + 2 * (w - 1) + w + 1;
+    let weights = 2 * modes + 2;
+    assert_eq!(toffolis(&circuit), roots + steps + faces + jump + weights);
+}

@@ -1,0 +1,248 @@
+//! The registers of the block encoding, and what acts on the weights of its sum.
+
+use crate::quantum::circuit::arithmetic::{Literal, angle_of};
+use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, Role};
+use crate::quantum::circuit::interface::{AxisTransport, Modes, Transport, bits_of};
+
+/// The weights of the sum.
+enum Sum {
+    /// Of a register of modes.
+    Register {
+        /// 1 for the part of `T` and `T†` without `D_μ`.
+        unit: Qubit,
+        /// 1 for `T` and `T†`, 0 for `D`, in the part with `D_μ`.
+        half: Qubit,
+        /// Its first 1 chooses a bit of the mode.
+        first: Vec<Qubit>,
+    },
+    /// Of one mode: 1 for `T` and `T†`, 0 for `D`.
+    One(Qubit),
+}
+
+/// The registers of an axis.
+pub(super) struct Along {
+    /// The speed, and the sign above it.
+    velocity: Vec<Qubit>,
+    /// The cell.
+    pub space: Vec<Qubit>,
+    /// The cells along the other space axes, the last one lowest.
+    pub others: Vec<Qubit>,
+    /// Level and speed as one number, whose highest bit says that there is no such level.
+    pub energy: Vec<Qubit>,
+    /// Bits of the level that no level of this axis has.
+    pub spare: Vec<Qubit>,
+    /// Energies in bins, with a bit for what is above the register.
+    pub kinetic: Vec<Qubit>,
+    /// What says that this axis is chosen.
+    pub chosen: Vec<Literal>,
+}
+
+impl Along {
+    /// 1 for velocities above 0.
+    pub fn sign(&self) -> Qubit {
+        self.velocity[self.velocity.len() - 1]
+    }
+
+    /// The speed, as a number or its complement.
+    pub fn speed(&self) -> &[Qubit] {
+        &self.velocity[..self.velocity.len() - 1]
+    }
+}
+
+/// The registers of a circuit.
+pub(super) struct Wires {
+    modes: Vec<Qubit>,
+    /// By axis.
+    pub along: Vec<Along>,
+    /// Bins of a level.
+    pub bins: Vec<Qubit>,
+    /// Levels of a cell.
+    level: Vec<Qubit>,
+    /// 1 where there is no such level.
+    pub no_level: Qubit,
+    /// 1 where a particle leaves the box in space; none if that has no ends.
+    pub end: Option<Qubit>,
+    /// 1 where an energy is above the velocity box, if a register has room for one.
+    pub outside: Option<Qubit>,
+    sum: Sum,
+    /// Choose an axis, but the first.
+    axis: Vec<Qubit>,
+    /// 1 for `T†`.
+    pub reversed: Qubit,
+    /// 1 where the circuit is applied; none if always.
+    pub control: Option<Qubit>,
+}
+
+/// Names of registers by axis, of one dimension and of more.
+const VELOCITIES: [&[&str]; 2] = [&["velocity"], &["velocity_x", "velocity_y", "velocity_z"]];
+const SPACES: [&[&str]; 2] = [&["space"], &["space_x", "space_y", "space_z"]];
+
+impl Wires {
+    pub fn new(c: &mut Circuit, transport: &Transport, modes: Modes, controlled: bool) -> Self {
+        let axes = &transport.axes;
+        let mode_qubits = match modes {
+            Modes::Register { qubits, .. } => qubits,
+            Modes::One(_) => 0,
+        };
+        let warped = c.register("warped", mode_qubits, Role::System);
+        // The last axis is the lowest.
+        let mut by_axis = |names: [&[&'static str]; 2], bits: &dyn Fn(&AxisTransport) -> usize| {
+            let names = names[usize::from(axes.len() > 1)];
+            let each = names.iter().zip(axes).rev();
+            let mut all: Vec<Vec<Qubit>> =
+                each.map(|(name, axis)| c.register(name, bits(axis), Role::System)).collect();
+            all.reverse();
+            all
+        };
+        let velocities = by_axis(VELOCITIES, &|axis| bits_of(axis.speeds) + 1);
+        let spaces = by_axis(SPACES, &|axis| bits_of(axis.cells));
+        let control = c.register("control", usize::from(controlled), Role::System);
+        let bins = c.register("bins", transport.bin_bits, Role::Block);
+        let levels = velocities.iter().map(Vec::len).max().unwrap_or_default();
+        let level = c.register("level", levels, Role::Block);
+        let mut flag = |name, wanted: bool| {
+            c.register(name, usize::from(wanted), Role::Block).first().copied()
+        };
+        let jumps = |axis: &AxisTransport| !axis.jumps.is_empty();
+        let above = flag("above", axes.iter().any(jumps));
+        let no_level = flag("no_level", true);
+        let end = flag("end", axes.iter().any(|axis| !axis.periodic));
+        let rest = |axis: &AxisTransport| jumps(axis) && !axis.speeds.is_power_of_two();
+        let outside = flag("outside", axes.iter().any(rest));
+        let sum = match modes {
+            Modes::One(_) => Sum::One(c.register("moved", 1, Role::Block)[0]),
+            Modes::Register { qubits, .. } => Sum::Register {
+                unit: c.register("unit", 1, Role::Block)[0],
+                half: c.register("half", 1, Role::Block)[0],
+                first: c.register("first", qubits, Role::Block),
+            },
+        };
+        let axis = c.register("axis", axes.len() - 1, Role::Block);
+        let reversed = c.register("reversed", 1, Role::Block)[0];
+        let along = velocities.into_iter().enumerate().map(|(a, velocity)| {
+            let speed = &velocity[..velocity.len() - 1];
+            let energy = [&level[..velocity.len()], speed].concat();
+            let other = |b: &usize| *b != a;
+            let own = a.checked_sub(1).map(|a| (axis[a], true));
+            Along {
+                space: spaces[a].clone(),
+                others: (0..axes.len())
+                    .rev()
+                    .filter(other)
+                    .flat_map(|b| spaces[b].clone())
+                    .collect(),
+                kinetic: [&bins, &energy[..2 * speed.len()], above.as_slice()].concat(),
+                spare: level[velocity.len()..].to_vec(),
+                chosen: own.into_iter().chain(axis[a..].iter().map(|&q| (q, false))).collect(),
+                energy,
+                velocity,
+            }
+        });
+        Self {
+            modes: warped,
+            along: along.collect(),
+            bins: bins.clone(),
+            level: level.clone(),
+            no_level: no_level.unwrap_or_default(),
+            end,
+            outside,
+            sum,
+            axis: axis.clone(),
+            reversed,
+            control: control.first().copied(),
+        }
+    }
+
+    /// Weights of the axes.
+    pub fn choose(&self, c: &mut Circuit, rates: &[f64]) {
+        for (a, &q) in self.axis.iter().enumerate() {
+            let before: f64 = rates[..=a].iter().sum();
+            let all = before + rates[a + 1];
+            if all > 0.0 {
+                c.push(Gate::Ry(angle_of(before / all), q));
+            }
+        }
+    }
+
+    /// Weights of the sum, and levels.
+    pub fn prepare(&self, c: &mut Circuit, modes: Modes, values: usize) {
+        let [diagonal, moved] = modes.weights();
+        match &self.sum {
+            Sum::One(q) => c.push(Gate::Ry(angle_of(diagonal / (diagonal + moved)), *q)),
+            Sum::Register { unit, half, first } => {
+                let with_mode = 2.0 * diagonal / (diagonal + moved);
+                c.push(Gate::Ry(angle_of(with_mode), *unit));
+                c.push(Gate::H(*half));
+                first.iter().for_each(|&q| c.push(Gate::H(q)));
+            }
+        }
+        c.push(Gate::H(self.reversed));
+        self.bins.iter().for_each(|&q| c.push(Gate::H(q)));
+        c.uniform(&self.level, values);
+    }
+
+    /// The factors of the sum that act on the modes, and its phases.
+    pub fn phases(&self, c: &mut Circuit, modes: Modes) {
+        match (&self.sum, modes) {
+            (Sum::One(moved), Modes::One(mu)) => {
+                c.comment("phases: -mu of D, mu + i of T, mu - i of its inverse");
+                if mu > 0.0 {
+                    c.where_all(&self.given(&[(*moved, false)]), |c, q| c.push(Gate::Z(q)));
+                }
+                c.where_all(&self.given(&[(*moved, true)]), |c, q| {
+                    c.controlled_rz(-2.0 * 1f64.atan2(mu), q, self.reversed);
+                });
+            }
+            (Sum::Register { unit, half, first }, _) => {
+                c.comment("phases: i of T, -i of its inverse");
+                c.where_all(&self.given(&[(*unit, true)]), |c, q| {
+                    c.push(Gate::S(q));
+                    c.push(Gate::Cz(q, self.reversed));
+                });
+                c.comment("-D_mu, and once more the sign of T and its inverse with it");
+                c.where_all(&self.given(&[(*unit, false)]), |c, q| {
+                    c.push(Gate::Cz(q, *half));
+                    self.signs(c, q, first);
+                });
+            }
+            // The wires are those of the modes.
+            (Sum::One(_), Modes::Register { .. }) => {}
+        }
+    }
+
+    /// `Z` on the bit of the mode at which `first` has its first 1, where `wanted` is 1.
+    fn signs(&self, c: &mut Circuit, wanted: Qubit, first: &[Qubit]) {
+        let none = c.take(first.len());
+        // None of the bits from this one up.
+        let above = |bit: usize| none.get(bit + 1).copied().unwrap_or(wanted);
+        let chain = |c: &mut Circuit| {
+            for bit in (0..first.len()).rev() {
+                let zero = |c: &mut Circuit| c.push(Gate::X(first[bit]));
+                c.within(zero, |c| c.push(Gate::Ccx(above(bit), first[bit], none[bit])));
+            }
+        };
+        c.within(chain, |c| {
+            for (bit, &mode) in self.modes.iter().enumerate() {
+                c.push(Gate::Cz(above(bit), mode));
+                c.push(Gate::Cz(none[bit], mode));
+            }
+        });
+        c.give_back(&none);
+    }
+
+    /// What says that `literals` hold and the circuit is applied.
+    pub fn given(&self, literals: &[Literal]) -> Vec<Literal> {
+        literals.iter().copied().chain(self.control.map(|q| (q, true))).collect()
+    }
+
+    /// `body` with the literal that says `T` or `T†`, and not `D`.
+    pub fn where_moving(&self, c: &mut Circuit, body: impl FnOnce(&mut Circuit, Literal)) {
+        match self.sum {
+            Sum::One(q) => body(c, (q, true)),
+            Sum::Register { unit, half, .. } => {
+                let none = [(unit, false), (half, false)];
+                c.where_all(&none, |c, diagonal| body(c, (diagonal, false)));
+            }
+        }
+    }
+}

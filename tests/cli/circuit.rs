@@ -1,0 +1,330 @@
+//! `phasewarp export-circuit`: the program that it writes, read and simulated here by itself, has
+//! `H` of `export-quantum` as its block.
+
+use crate::support::{Job, case, check_all, directory};
+use num_complex::Complex64;
+use serde_json::Value;
+use std::collections::HashMap;
+use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_4};
+use std::path::Path;
+
+/// Cells of 0.4, so that the step of 0.2 is 2.5 levels on 8 velocities; few modes.
+const STEP: &[&str] = &[
+    "scheme.interface=conservative",
+    "axis.0.x.cells=4",
+    "axis.0.v.lower=-1.6",
+    "axis.0.v.upper=1.6",
+    "axis.0.v.cells=8",
+    "time.end=0.3",
+];
+const MODES: &[&str] = &["solver.warp.profile=gaussian", "solver.tolerance=0.1"];
+/// Two walls.
+const WELL: &[&str] = &["axis.0.x.lower=-1", "axis.0.x.upper=1"];
+/// Six walls of 20, 40 and 60 levels; no power of two.
+const BARRIERS: &[&str] = &[
+    "scheme.interface=conservative",
+    "axis.0.x.cells=30",
+    "axis.0.v.lower=-1",
+    "axis.0.v.upper=1",
+    "axis.0.v.cells=20",
+    "solver.tolerance=1e-3",
+];
+/// A barrier of 2 by 2 cells in a plane of 4 by 4.
+const PLANE: &[&str] = &[
+    "scheme.interface=conservative",
+    "axis.0.x.lower=-0.8",
+    "axis.0.x.upper=0.8",
+    "axis.0.x.cells=4",
+    "axis.1.x.lower=-0.8",
+    "axis.1.x.upper=0.8",
+    "axis.1.x.cells=4",
+    "axis.0.v.lower=-0.8",
+    "axis.0.v.upper=0.8",
+    "axis.0.v.cells=4",
+    "axis.1.v.lower=-0.4",
+    "axis.1.v.upper=0.4",
+    "axis.1.v.cells=2",
+    "time.end=0.2",
+];
+/// The barrier of 4 by 4 cells in a plane of 12 by 10, with different numbers of speeds.
+const CORNERS: &[&str] = &[
+    "scheme.interface=conservative",
+    "axis.0.v.lower=-1.2",
+    "axis.0.v.upper=1.2",
+    "axis.0.v.cells=6",
+    "axis.1.v.lower=-0.8",
+    "axis.1.v.upper=0.8",
+    "axis.1.v.cells=4",
+    "solver.tolerance=1e-2",
+];
+/// Other cells along one axis that is a ring.
+const RING: &[&str] =
+    &["scheme.interface=conservative", "axis.1.v.cells=6", "solver.tolerance=1e-2"];
+const SPACE: &[&str] = &[
+    "scheme.interface=conservative",
+    "axis.1.v.cells=4",
+    "axis.2.v.cells=2",
+    "solver.tolerance=1e-2",
+];
+
+fn export(command: &str, name: &str, settings: &[&str], place: &Path) -> Job {
+    let place = place.display().to_string();
+    Job::new([command, &case(name), "-o", &place]).set(settings)
+}
+
+fn read(place: &Path, name: &str) -> Result<String, String> {
+    std::fs::read_to_string(place.join(name)).map_err(|e| format!("{name}: {e}"))
+}
+
+/// A gate of a program: name, angle, qubits.
+struct Gate {
+    name: String,
+    angle: f64,
+    qubits: Vec<usize>,
+}
+
+/// The gates of a program of OpenQASM 3, and the first qubit that is not of the system.
+fn parse(text: &str) -> Result<(Vec<Gate>, usize), String> {
+    let (mut first, mut qubits, mut system) = (HashMap::new(), 0usize, 0);
+    let mut gates = Vec::new();
+    for line in text.lines().filter(|line| line.ends_with(';')) {
+        let wrong = || format!("not understood: {line}");
+        let (head, rest) = line.trim_end_matches(';').split_once(' ').ok_or_else(wrong)?;
+        if matches!(head, "OPENQASM" | "include") {
+            continue;
+        }
+        let (name, number) = head.split_once(['(', '[']).unwrap_or((head, "0)"));
+        let number = number.trim_end_matches([')', ']']);
+        if name == "qubit" {
+            first.insert(rest.to_owned(), qubits);
+            qubits += number.parse::<usize>().map_err(|e| e.to_string())?;
+            if ["warped", "velocity", "space"].iter().any(|name| rest.starts_with(name)) {
+                system = qubits;
+            }
+            continue;
+        }
+        let place = |qubit: &str| {
+            let (register, bit) = qubit.trim_end_matches(']').split_once('[')?;
+            Some(first.get(register)? + bit.parse::<usize>().ok()?)
+        };
+        gates.push(Gate {
+            name: name.to_owned(),
+            angle: number.parse().map_err(|_| wrong())?,
+            qubits: rest.split(", ").map(place).collect::<Option<_>>().ok_or_else(wrong)?,
+        });
+    }
+    Ok((gates, system))
+}
+
+/// The column `start` of the block of a program.
+fn column(gates: &[Gate], system: usize, start: usize) -> Result<Vec<(usize, Complex64)>, String> {
+    let mut terms = vec![(start as u128, Complex64::ONE)];
+    for Gate { name, angle, qubits } in gates {
+        let target = 1u128 << qubits[qubits.len() - 1];
+        let controls: u128 = qubits[..qubits.len() - 1].iter().map(|q| 1 << q).sum();
+        let on = |state: u128| state & controls == controls;
+        let one = |state: u128| on(state) && state & target != 0;
+        let turns = Complex64::cis(0.5 * angle);
+        let phases = match name.as_str() {
+            "z" | "cz" => [Complex64::ONE, -Complex64::ONE],
+            "s" => [Complex64::ONE, Complex64::I],
+            "sdg" => [Complex64::ONE, -Complex64::I],
+            "t" => [Complex64::ONE, Complex64::cis(FRAC_PI_4)],
+            "tdg" => [Complex64::ONE, Complex64::cis(-FRAC_PI_4)],
+            "rz" => [turns.conj(), turns],
+            _ => [Complex64::ONE; 2],
+        };
+        match name.as_str() {
+            "x" | "cx" | "ccx" => {
+                terms.iter_mut().filter(|t| on(t.0)).for_each(|t| t.0 ^= target);
+            }
+            "z" | "cz" | "s" | "sdg" | "t" | "tdg" | "rz" => {
+                terms.iter_mut().for_each(|t| t.1 *= phases[usize::from(one(t.0))]);
+            }
+            "h" | "ry" => {
+                let r = FRAC_1_SQRT_2;
+                let (sin, cos) = (0.5 * angle).sin_cos();
+                let matrix =
+                    if name == "h" { [[r, r], [r, -r]] } else { [[cos, -sin], [sin, cos]] };
+                let mut sums: HashMap<u128, Complex64> = HashMap::new();
+                for (state, amplitude) in terms {
+                    for (row, after) in [(0, state & !target), (1, state | target)] {
+                        let from = usize::from(state & target != 0);
+                        *sums.entry(after).or_default() += matrix[row][from] * amplitude;
+                    }
+                }
+                terms = sums.into_iter().filter(|t| t.1.norm() > 1e-17).collect();
+            }
+            _ => return Err(format!("gate {name}")),
+        }
+    }
+    let inside = terms.into_iter().filter(|t| t.0 >> system == 0);
+    Ok(inside.map(|(state, value)| (state as usize, value)).collect())
+}
+
+/// The columns of a Hermitian matrix in Matrix Market's format.
+fn hermitian(text: &str) -> Result<Vec<HashMap<usize, Complex64>>, String> {
+    let mut lines = text.lines().filter(|line| !line.starts_with('%'));
+    let order = lines.next().and_then(|line| line.split(' ').next()?.parse().ok());
+    let mut columns = vec![HashMap::new(); order.ok_or("no order")?];
+    for line in lines {
+        let numbers: Option<Vec<f64>> = line.split(' ').map(|n| n.parse().ok()).collect();
+        let [i, j, re, im] = numbers.ok_or(line)?[..] else {
+            return Err(line.to_owned());
+        };
+        let (i, j, value) = (i as usize - 1, j as usize - 1, Complex64::new(re, im));
+        columns[j].insert(i, value);
+        columns[i].insert(j, value.conj());
+    }
+    Ok(columns)
+}
+
+#[test]
+fn the_block_is_the_exported_hamiltonian() {
+    type Row = (&'static str, &'static [&'static [&'static str]], &'static [&'static str]);
+    let rows: &[Row] = &[
+        ("example1.toml", &[STEP, MODES], &[]),
+        ("example1.toml", &[STEP, MODES], &["--levels", "uniform"]),
+        ("well.toml", &[STEP, WELL, MODES], &[]),
+        ("example1.toml", &[STEP, MODES, &["axis.0.x.boundary=periodic"]], &["--sub-bins", "3"]),
+        ("barrier2d.toml", &[PLANE, MODES], &[]),
+        ("unitary_advection.toml", &[STEP, MODES, &["scheme.degree=0", "scheme.flux=1"]], &[]),
+    ];
+    check_all(rows, |(name, settings, options)| {
+        let settings = settings.concat();
+        let (matrix, circuit) = (directory(), directory());
+        export("export-quantum", name, &settings, matrix.path()).succeed()?;
+        let job = export("export-circuit", name, &settings, circuit.path());
+        job.with(options.iter().copied()).succeed()?;
+        let h = hermitian(&read(matrix.path(), "hamiltonian.mtx")?)?;
+        let (gates, system) = parse(&read(circuit.path(), "interface.qasm")?)?;
+        let about: Value = serde_json::from_str(&read(circuit.path(), "circuit.json")?)
+            .map_err(|e| e.to_string())?;
+        let about = &about["description"];
+        let alpha = about["alpha"].as_f64().ok_or("no alpha")?;
+        if h.len() != 1 << system {
+            return Err(format!("{} rows on {system} qubits", h.len()));
+        }
+        // Counted anew.
+        let count = |name: &str| gates.iter().filter(|gate| gate.name == name).count();
+        for (key, expected) in [
+            ("toffoli", count("ccx")),
+            ("rotations", count("ry") + count("rz")),
+            ("t", count("t") + count("tdg")),
+            ("gates", gates.len()),
+        ] {
+            if about["counts"][key].as_u64() != Some(expected as u64) {
+                return Err(format!("{key}: {} instead of {expected}", about["counts"][key]));
+            }
+        }
+        for start in (0..h.len()).step_by(h.len().div_ceil(40) | 1) {
+            let mut left = h[start].clone();
+            for (row, value) in column(&gates, system, start)? {
+                let expected = left.remove(&row).unwrap_or_default();
+                let apart = (alpha * value - expected).norm();
+                if apart > 1e-12 * alpha {
+                    return Err(format!("{row} {start}: {value} for {expected}/{alpha}"));
+                }
+            }
+            if let Some((row, value)) = left.iter().find(|entry| entry.1.norm() > 1e-12 * alpha) {
+                return Err(format!("{row} {start}: nothing for {value}"));
+            }
+        }
+        Ok(())
+    });
+}
+
+#[test]
+fn checked_columns_are_those_of_any_grid() {
+    type Row = (&'static str, &'static [&'static str], &'static [&'static str], usize);
+    let rows: &[Row] = &[
+        ("barriers.toml", BARRIERS, &[], 6),
+        ("barriers.toml", BARRIERS, &["--levels=uniform"], 6),
+        ("barriers.toml", BARRIERS, &["--wavenumber=-2.5"], 6),
+        ("barriers.toml", BARRIERS, &["--wavenumber=0", "--sub-bins=2"], 6),
+        // Two walls across each axis: of the cells 3 to 6 in three boxes, of 4 to 7 in one.
+        ("barrier2d.toml", CORNERS, &["--wavenumber=1.3"], 8),
+        ("barrier2d.toml", CORNERS, &["--wavenumber=1.3", "--levels=uniform"], 8),
+        ("periodic2d.toml", RING, &["--wavenumber=0.4"], 1),
+        ("step3d.toml", SPACE, &["--wavenumber=-0.7"], 1),
+    ];
+    check_all(rows, |(name, settings, options, jumps)| {
+        let place = directory();
+        let job = export("export-circuit", name, settings, place.path());
+        job.with(options.iter().copied().chain(["--check", "25"])).succeed()?;
+        let about: Value = serde_json::from_str(&read(place.path(), "circuit.json")?)
+            .map_err(|e| e.to_string())?;
+        let about = &about["description"];
+        let difference = about["check"]["difference"].as_f64().ok_or("no check")?;
+        let axes = about["transport"]["axes"].as_array().ok_or("no axes")?;
+        let found: usize =
+            axes.iter().map(|axis| axis["jumps"].as_array().map_or(0, Vec::len)).sum();
+        // Mode by mode, sparse access takes more.
+        let highest = about["alpha_of_highest"].as_f64().ok_or("no alpha")?;
+        let sparse = about["sparse"]["alpha"].as_f64().ok_or("no alpha")?;
+        match difference <= 1e-13 && found == *jumps && sparse > highest {
+            true => Ok(()),
+            false => Err(format!("{found} jumps, {about:#}")),
+        }
+    });
+}
+
+#[test]
+fn rounded_jumps_change_the_matrix_by_no_more_than_told() {
+    let settings = [BARRIERS, &["axis.0.v.cells=24"]].concat();
+    // 28.8, 57.6 and 86.4 levels.
+    let mut before = f64::INFINITY;
+    for bins in ["0", "2", "5"] {
+        let place = directory();
+        let job = export("export-circuit", "barriers.toml", &settings, place.path());
+        job.with(["--sub-bins", bins, "--wavenumber", "1", "--check", "600"]).succeed().unwrap();
+        let about: Value =
+            serde_json::from_str(&read(place.path(), "circuit.json").unwrap()).unwrap();
+        let number = |key: &str| about["description"][key].as_f64().unwrap();
+        let found = about["description"]["check"]["difference"].as_f64().unwrap();
+        // |H| of this mode is at most √2 (1 + 1)/2 times that of A.
+        let (found, told) = (found * number("alpha"), number("change") * 2f64.sqrt());
+        assert!(found > 1e-3 * told && found <= told && told < before, "{found} {told} {before}");
+        before = told;
+    }
+}
+
+#[test]
+fn exports_are_the_same_on_any_ranks() {
+    let files = |ranks: usize| {
+        let place = directory();
+        let settings = [STEP, MODES].concat();
+        let job = export("export-circuit", "example1.toml", &settings, place.path());
+        job.on(ranks).succeed().unwrap();
+        ["interface.qasm", "circuit.json", "azure.json", "qref.json"]
+            .map(|name| read(place.path(), name).unwrap())
+    };
+    assert_eq!(files(1), files(3));
+}
+
+#[test]
+fn what_has_no_circuit_is_refused() {
+    type Row = (&'static str, &'static [&'static str], &'static [&'static str]);
+    const FLAT: &str = "scheme.interface=conservative";
+    let rows: &[Row] = &[
+        ("example1.toml", &[], &["scheme.interface", "hat", "conservative"]),
+        ("example1.toml", &[FLAT], &["0.2", "728.17", "--sub-bins"]),
+        ("example1.toml", &[FLAT, "solver.method=classical"], &["solver.method"]),
+        ("example1.toml", &[FLAT, "inflow.value=0.3"], &["inflow.value"]),
+        ("example1.toml", &[FLAT, "axis.0.v.cells=33"], &["vx has 33 cells", "even"]),
+        ("example1.toml", &[FLAT, "axis.0.v.upper=2"], &["from -1.5 to 2"]),
+        ("harmonic_step.toml", &[FLAT], &["dV/dx", "forces"]),
+        ("partial_reflection.toml", &["scheme.degree=0"], &["potential.reflection"]),
+        ("unitary_advection.toml", &[], &["scheme.degree", "degree 0"]),
+        ("barrier2d.toml", &[FLAT], &["vx has 9 cells", "even"]),
+    ];
+    check_all(rows, |(name, settings, says)| {
+        let place = directory();
+        let new = place.path().join("new");
+        export("export-circuit", name, settings, &new).on(2).is_refused(says)?;
+        match new.exists() {
+            true => Err(format!("{} was made", new.display())),
+            false => Ok(()),
+        }
+    });
+}
