@@ -255,6 +255,7 @@ impl Plan {
             points: None,
             plateau: Vec::new(),
             estimator_efficiency: 1.0,
+            estimator_doubt: f64::INFINITY,
             legs: vec![Leg::new(case.end, false)],
             leg_work: vec![work.clone()],
             mode_tolerances: vec![tolerance; modes],

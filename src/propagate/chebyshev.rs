@@ -76,6 +76,8 @@ pub struct Chebyshev {
     previous: Vec<Lanes>,
     /// `a_k` by lane, `LANES` to a degree.
     coefficients: Vec<f64>,
+    /// `J_0 − 1` by lane.
+    first_less_one: [f64; LANES],
     series: Vec<f64>,
     blocking: Option<Blocking>,
     /// What the steps of one trip through memory need.
@@ -100,6 +102,7 @@ impl Chebyshev {
             current: vector(),
             previous: vector(),
             coefficients: vec![0.0; (largest_degree + 1) * LANES],
+            first_less_one: [0.0; LANES],
             series: Vec::with_capacity(2 * largest_degree + 200),
             levels: Vec::with_capacity(MOST_LEVELS),
             blocking,
@@ -136,6 +139,8 @@ impl Chebyshev {
             constants.shift[l] = interval.centre;
             report.phases[l] = Complex64::new(0.0, -interval.centre * time).exp();
             let rest = bessel_series(&mut self.series, interval.half_width * time, 0.0);
+            // From J_0 + 2 Σ J_{2k} = 1, with the digits that J_0 − 1 has lost.
+            self.first_less_one[l] = -2.0 * self.series.iter().skip(2).step_by(2).sum::<f64>();
             // A lane ends at its own degree: its bits do not depend on what else is in the batch.
             let cut = self.series.len().min(batch.work[l] + 1);
             report.tails[l] = rest + 2.0 * self.series[cut..].iter().map(|j| j.abs()).sum::<f64>();
@@ -146,6 +151,12 @@ impl Chebyshev {
             }
         }
         (constants, report)
+    }
+
+    /// After [`prepare`](Self::prepare): the coefficients of `exp(−i(H−c)t) − 1`, small where `t` is,
+    /// in place of those of the exponential.
+    pub(crate) fn leave_out_identity(&mut self) {
+        self.coefficients[..LANES].copy_from_slice(&self.first_less_one);
     }
 
     /// The series of degree `degree` from [`prepare`](Self::prepare) of `start`, into `current`;
@@ -297,8 +308,9 @@ impl Descriptor for Method {
     }
 
     fn arrays(&self, share: &MatrixShare<'_>) -> Vec<(String, u64)> {
-        // Where the inflow varies, what a stage starts from is kept beside the recurrence.
-        let vectors = 2 + u64::from(share.case.varies());
+        // Where the inflow varies, what a stage starts from is kept beside the recurrence, and what
+        // adding to it rounds away.
+        let vectors = 2 + 2 * u64::from(share.case.varies());
         let batch = vectors * size_of::<Lanes>() as u64 * share.length;
         let order = Blocking::bytes_per_row(share.case.space.velocity_cells());
         vec![

@@ -1,5 +1,13 @@
 //! Propagation where the inflow depends on time: a product of exponentials, each a Chebyshev series
 //! (see [`crate::propagate::time_dependent_inflow`]).
+//!
+//! **Round-off.** Thousands of stages, each rounded to the size of the state, would leave far more
+//! than one exponential does: the coefficients are the same in every stage and the auxiliary
+//! unknowns nearly so, so that their roundings add up. So a stage computes what it adds,
+//! `(exp(−i(H−c)t) − 1) w` with `J_0 − 1` in place of `J_0`, which is as small as a stage is short,
+//! and the sum is compensated (Kahan 1965): what adding to the state rounds away is kept, and added
+//! in the next stage. The whole run then rounds as one exponential of its length does, however many
+//! stages it has.
 
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
@@ -16,20 +24,23 @@ const ROUND_OFF: f64 = 1e-15;
 /// A Chebyshev series a stage; made once, used for every batch.
 pub struct CommutatorFree<'a> {
     chebyshev: Chebyshev,
-    /// What a stage starts from, but for the lanes' phases.
+    /// What a stage starts from, in the end `w(T)`, but for the lanes' phases.
     start: Vec<Lanes>,
+    /// What adding to it rounded away.
+    rounded: Vec<Lanes>,
     schedule: &'a Schedule,
     series: Vec<f64>,
 }
 
 /// Degree of the series of one of `stages` equal parts of a run, for a mode whose series of the
-/// whole run, of argument `tau = hT`, is cut at `whole_degree`: each part may leave its share of
-/// what that leaves.
+/// whole run, of argument `tau = hT`, is cut at `whole_degree`: each part may leave so much that
+/// their product leaves what that does.
 pub fn stage_degree(scratch: &mut Vec<f64>, tau: f64, whole_degree: usize, stages: usize) -> usize {
     let rest = bessel_series(scratch, tau, 0.0);
     let cut = scratch.len().min(whole_degree + 1);
     let tail = rest + 2.0 * scratch[cut..].iter().map(|j| j.abs()).sum::<f64>();
-    let share = tail.max(ROUND_OFF) / stages as f64;
+    // (1 + share)^stages = 1 + tail.
+    let share = tail.max(ROUND_OFF).ln_1p() / stages as f64;
     degree(scratch, tau / stages as f64, share).max(1)
 }
 
@@ -42,8 +53,25 @@ impl<'a> CommutatorFree<'a> {
         Self {
             chebyshev: Chebyshev::new(matrix, largest),
             start: vec![Lanes::ZERO; matrix.rows()],
+            rounded: vec![Lanes::ZERO; matrix.rows()],
             schedule,
             series: Vec::with_capacity(2 * largest + 200),
+        }
+    }
+
+    /// Adds what a stage changes to the state, with what earlier additions rounded away.
+    fn add_increment(&mut self) {
+        let rows = self.start.iter_mut().zip(&mut self.rounded).zip(self.chebyshev.state());
+        for ((state, rounded), increment) in rows {
+            let parts = state.0.iter_mut().zip(&mut rounded.0).zip(&increment.0);
+            for ((state, rounded), increment) in parts {
+                let term = increment + *rounded;
+                // Sum and rounding error of two numbers of any sizes (Knuth).
+                let sum = *state + term;
+                let added = sum - *state;
+                *rounded = (*state - (sum - added)) + (term - added);
+                *state = sum;
+            }
         }
     }
 }
@@ -68,28 +96,29 @@ impl Propagator for CommutatorFree<'_> {
         };
         let longest = stage.largest_work();
         let (constants, mut report) = self.chebyshev.prepare(system, &stage, time);
+        self.chebyshev.leave_out_identity();
+        self.rounded.fill(Lanes::ZERO);
         for (i, row) in self.start.iter_mut().enumerate() {
             *row = initial.state.row(i);
         }
         for k in 0..stages {
-            if k > 0 {
-                let rows = self.start.len();
-                self.start.copy_from_slice(&self.chebyshev.current[..rows]);
-            }
             let (couplings, start) = (Some(self.schedule.stage(k)), &self.start);
             let (matrix, exchange) = (system.matrix, &mut *system.exchange);
             self.chebyshev.series(matrix, exchange, &constants, longest, couplings, start);
+            self.add_increment();
         }
         report.applications *= stages;
         for l in 0..LANES {
-            report.tails[l] *= stages as f64;
-            report.phases[l] = report.phases[l].powu(stages as u32);
-            report.phases[l] /= Complex64::from(report.phases[l].norm());
+            // (1 + tail)^stages − 1.
+            report.tails[l] = (stages as f64 * report.tails[l].ln_1p()).exp_m1();
+            // Not a power of a stage's, whose rounding would grow with the stages.
+            let centre = system.bounds.interval(batch.wavenumbers[l]).centre;
+            report.phases[l] = Complex64::new(0.0, -centre * system.time).exp();
         }
         Ok(report)
     }
 
     fn state(&self) -> &[Lanes] {
-        self.chebyshev.state()
+        &self.start
     }
 }

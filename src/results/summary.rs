@@ -321,6 +321,12 @@ pub struct Summary {
     /// beside the field.
     #[serde(skip)]
     pub step_beyond: f64,
+    /// Whether an implicit step is short enough for the leading term to be its error.
+    #[serde(skip)]
+    pub step_told: bool,
+    /// Whether round-off may hide the distance of the two readings.
+    #[serde(skip)]
+    pub hidden_by_round_off: bool,
     /// Why the estimate is not reliable.
     #[serde(skip)]
     pub doubt: Option<String>,

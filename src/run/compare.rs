@@ -134,7 +134,8 @@ pub(crate) fn compare(
         return Vec::new();
     };
     let mut warnings = estimate(prepared, warp, &solution.fields, summary);
-    warnings.extend(include_step_error(plan, summary));
+    include_step_error(summary);
+    warnings.extend(above_tolerance(plan, summary));
     let norms = state_norms(prepared, &solution.fields[0][0]);
     summary.probabilities = Some(Probabilities::new(
         &PlannedState::of(warp, &plan.bounds, case.duration(), points(&warp.series)),
@@ -282,9 +283,7 @@ fn estimate(
             let estimate = norms.distance(second) / warp.estimator_efficiency;
             let amplification: f64 =
                 (warp.readings[..2].iter()).map(|r| warp.amplification(r)).sum();
-            // Every stage of an inflow that depends on time rounds anew.
-            let stages = plan.bounds.stages.max(1) as f64;
-            let noise = round_off(plan.steps) * stages.sqrt() * amplification * ratio;
+            let noise = round_off(plan.steps) * amplification * ratio;
             let round_off = ROUND_OFF_MARGIN * noise / warp.estimator_efficiency;
             summary.fields[k].error_estimate = Some(estimate).filter(|e| e.is_finite());
             if found.is_none_or(|(e, _)| estimate > e) {
@@ -306,14 +305,9 @@ fn estimate(
         let estimate = estimate + system.schedule.as_ref().map_or(0.0, |s| s.error);
         summary.error_estimate = Some(estimate).filter(|e| e.is_finite());
         summary.doubt = warp.estimate_doubt().map(str::to_owned);
-        let tells = estimate.is_finite() && estimate > round_off;
+        summary.hidden_by_round_off = estimate <= round_off;
+        let tells = estimate.is_finite() && !summary.hidden_by_round_off;
         summary.error_estimate_reliable = tells && summary.doubt.is_none();
-        if tells && estimate > 1.5 * plan.tolerance {
-            warnings.push(format!(
-                "the error estimate {estimate:.1e} is above the tolerance {:e}",
-                plan.tolerance
-            ));
-        }
     }
     warnings
 }
@@ -323,33 +317,50 @@ const LARGEST_STEP_ERROR: f64 = 0.1;
 /// So is one that leaves less than this of a mode's norm.
 const LEAST_NORM_KEPT: f64 = 0.5;
 
-/// Adds the error of the time step, which both readings share, to the error estimate; returns what
-/// the user should know.
-pub fn include_step_error(plan: &Plan, summary: &mut Summary) -> Option<String> {
-    let found = summary.step_error?;
-    let tells = found <= LARGEST_STEP_ERROR
+/// Adds the error of the time step, which both readings share, to the error estimate.
+fn include_step_error(summary: &mut Summary) {
+    let Some(found) = summary.step_error else { return };
+    summary.step_told = found <= LARGEST_STEP_ERROR
         && summary.norm_kept >= Some(LEAST_NORM_KEPT)
         && summary.step_beyond <= 0.5 * found;
-    if !tells {
+    if !summary.step_told {
         summary.doubt = Some("the step is too long for its error to be told".to_owned());
     }
     summary.error_estimate = summary.error_estimate.map(|e| e + found);
-    summary.error_estimate_reliable &= tells;
-    let step = plan.propagation.step?;
-    // The error goes with a power of the step.
+    summary.error_estimate_reliable &= summary.step_told;
+}
+
+/// A doubtful estimate is worth a warning where it is this many times the tolerance.
+const DOUBTFUL_MARGIN: f64 = 1.5;
+
+/// What the user should know where the whole of the error estimate, as the summary has it, is above
+/// the tolerance.
+fn above_tolerance(plan: &Plan, summary: &Summary) -> Option<String> {
+    let tolerance = plan.tolerance;
+    let (Some(found), Some(step)) = (summary.step_error, plan.propagation.step) else {
+        let whole = summary.error_estimate.filter(|_| !summary.hidden_by_round_off)?;
+        let margin = if summary.error_estimate_reliable { 1.0 } else { DOUBTFUL_MARGIN };
+        return (whole > margin * tolerance).then(|| {
+            format!("the error estimate {whole:.1e} is above the tolerance {tolerance:e}")
+        });
+    };
+    let whole = summary.error_estimate.unwrap_or(found);
+    let size = match summary.step_told {
+        true => format!("leaves {found:.1e} of it"),
+        false => format!("is too long for its error to be told (leading term {found:.1e})"),
+    };
+    // The error goes with a power of the step; the rest of it stays.
     let order = plan.propagation.method.order() as f64;
-    let enough = step * (plan.tolerance / found).powf(1.0 / order);
-    (found > plan.tolerance).then(|| {
-        let size = if tells {
-            format!("leaves an error of about {found:.1e}")
-        } else {
-            format!("is too long for its error to be told (leading term {found:.1e})")
-        };
+    let room = tolerance - (whole - found);
+    let enough = match room > 0.0 {
+        true => format!("about {:.1e} would meet it", step * (room / found).powf(1.0 / order)),
+        false => "the rest of it is above the tolerance at any step".to_owned(),
+    };
+    (whole > tolerance).then(|| {
         format!(
-            "solver.propagator.step: a step of {step:.3e} {size}, tolerance {:e}; about \
-            {enough:.1e} would meet it, \
-             chebyshev and krylov meet it by themselves",
-            plan.tolerance
+            "solver.propagator.step: the error estimate {whole:.1e} is above the tolerance \
+             {tolerance:e}; a step of {step:.3e} {size}, {enough}; chebyshev and krylov meet it \
+             by themselves"
         )
     })
 }

@@ -22,6 +22,8 @@ const WINDOW: f64 = 1.0;
 const PLATEAU: f64 = 2.0;
 /// Growth over the run beyond which a warning names its remedy: an amplification by e.
 const MUCH_GROWTH: f64 = 1.0;
+/// Series with more modes than this are not summed up to see what their readings tell.
+const MOST_TO_COMPARE: usize = 1 << 13;
 /// Part of the tolerance that modes left out may take where coefficients come from samples: what is
 /// left out comes back under the wavenumbers that are kept.
 const SAMPLED_TRUNCATION: f64 = 0.2;
@@ -34,6 +36,7 @@ pub(crate) struct Placement {
     pub readings: Vec<Reading>,
     pub plateau: Vec<Reading>,
     pub estimator_efficiency: f64,
+    pub estimator_doubt: f64,
     pub warnings: Vec<String>,
 }
 
@@ -77,21 +80,21 @@ pub(crate) fn place(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placemen
     // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p =
     // p◇ + σT.
     let shift = shift(case, bounds);
-    let (readings, estimator_efficiency) = match profile.form() {
-        _ if case.recovery_points < 2 => (readings(case, &window, interval, 0.0), 1.0),
-        Form::Transform(_) => {
-            let readings = readings(case, &window, interval, SECOND_POINT);
-            let apart = readings[1].point - window.point;
-            let estimator_efficiency = profile.visible_error(window.point, apart);
-            (readings, estimator_efficiency)
-        }
-        Form::Series(_) => {
-            let at = |apart| readings(case, &window, interval, apart);
-            most_alike(&series, [shift, demand.decay], at)
-        }
+    let at = |apart| readings(case, &window, interval, apart);
+    let Estimator { readings, efficiency, doubt } = match case.recovery_points {
+        0..2 => Estimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
+        // Errors of the same size that know nothing of each other: the second, e times as large at
+        // most, adds nothing, or all.
+        _ if series.modes() > MOST_TO_COMPARE => Estimator {
+            readings: at(SECOND_POINT),
+            efficiency: 1f64.hypot(SECOND_POINT.exp()).sqrt(),
+            doubt: f64::INFINITY,
+        },
+        _ => most_alike(&series, [shift, demand.decay], at),
     };
     Ok(Placement {
-        estimator_efficiency,
+        estimator_efficiency: efficiency,
+        estimator_doubt: doubt,
         plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
         profile: Some(profile),
         series,
@@ -133,6 +136,7 @@ fn one_mode() -> Placement {
         readings: vec![Reading { method: RecoveryMethod::Point, point: 0.0, width: 0.0 }],
         plateau: Vec::new(),
         estimator_efficiency: 1.0,
+        estimator_doubt: f64::INFINITY,
         warnings: Vec::new(),
     }
 }
@@ -169,6 +173,7 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
     let readings = readings(case, &window, interval, SECOND_POINT);
     Ok(Placement {
         estimator_efficiency: 1.0,
+        estimator_doubt: f64::INFINITY,
         plateau: plateau(case, &window, interval, readings[0].width),
         warnings: vec![format!(
             "initial.warped: f is e^p w read at p = {point:.4}, which is right where w(0) is \
@@ -427,13 +432,18 @@ fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec
         .collect()
 }
 
-/// The readings of a designed series, whose error oscillates: the second where their distance shows
-/// about the same part of the error whatever the state is made of; and that part.
-fn most_alike(
-    series: &Series,
-    spectrum: [f64; 2],
-    at: impl Fn(f64) -> Vec<Reading>,
-) -> (Vec<Reading>, f64) {
+/// The readings, and how their distance tells the error.
+struct Estimator {
+    readings: Vec<Reading>,
+    /// Which part of the error the distance shows.
+    efficiency: f64,
+    /// Factor by which that part may be more or less, whatever the state is made of.
+    doubt: f64,
+}
+
+/// The readings of a series, whose error oscillates: the second where their distance shows about the
+/// same part of the error whatever the state is made of.
+fn most_alike(series: &Series, spectrum: [f64; 2], at: impl Fn(f64) -> Vec<Reading>) -> Estimator {
     /// Points tried: the last is [`SECOND_POINT`] further on, the first half of that (closer ones
     /// share too much).
     const TRIED: u32 = 16;
@@ -444,10 +454,8 @@ fn most_alike(
     });
     let ratio = |(_, least, largest): &(Vec<Reading>, f64, f64)| largest / least;
     let best = candidates.min_by(|a, b| ratio(a).total_cmp(&ratio(b)));
-    best.map_or_else(
-        || (at(SECOND_POINT), 1.0),
-        |(readings, least, largest)| (readings, (least * largest).sqrt()),
-    )
+    let (readings, least, largest) = best.unwrap_or_else(|| (at(SECOND_POINT), 1.0, f64::INFINITY));
+    Estimator { readings, efficiency: (least * largest).sqrt(), doubt: (largest / least).sqrt() }
 }
 
 /// The readings moved by `distance`.

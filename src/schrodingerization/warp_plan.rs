@@ -42,6 +42,10 @@ pub struct WarpPlan {
     /// overstates it.
     #[serde(rename = "seen")]
     pub estimator_efficiency: f64,
+    /// Factor by which that part may be more or less, by what the state is made of; infinite where
+    /// it is not known.
+    #[serde(rename = "seen_within")]
+    pub estimator_doubt: f64,
     /// The readings of `output.plateau`, of the first field.
     pub plateau: Vec<Reading>,
     /// What each mode takes: applications (Chebyshev: the degrees of its series; Krylov: at most),
@@ -77,6 +81,11 @@ const READING: f64 = 1.3;
 const ADDING: f64 = 0.1;
 /// Fewer modes of a designed profile may err alike at both readings.
 const FEWEST_MODES_TO_TELL: usize = 10;
+/// Where the distance shows less of the error than this, what else differs between the readings
+/// (round-off, what cut series leave) may be most of it.
+const LEAST_SEEN: f64 = 0.35;
+/// Largest factor by which what is seen may depend on the state.
+const LARGEST_DOUBT: f64 = 3.0;
 
 impl WarpPlan {
     /// Why the distance of the two readings may not tell the error; `None` where it does.
@@ -85,7 +94,11 @@ impl WarpPlan {
             Some(Profile::Designed(_)) if self.modes < FEWEST_MODES_TO_TELL => {
                 Some("so few modes may err alike at both recovery points")
             }
-            None | Some(Profile::Designed(_) | Profile::Gaussian(_) | Profile::Constant(_)) => None,
+            None | Some(Profile::Constant(_)) => None,
+            Some(Profile::Designed(_) | Profile::Gaussian(_)) => {
+                (self.estimator_efficiency < LEAST_SEEN || self.estimator_doubt > LARGEST_DOUBT)
+                    .then_some("both recovery points share most of the error")
+            }
             Some(_) => Some("the modes that this profile omits may cancel at both recovery points"),
         }
     }
@@ -141,6 +154,7 @@ impl WarpPlan {
             legs,
             leg_work,
             estimator_efficiency: placement.estimator_efficiency,
+            estimator_doubt: placement.estimator_doubt,
             readings: placement.readings,
             plateau: placement.plateau,
             interval: placement.interval,

@@ -477,7 +477,7 @@ impl<'a> Study<'a> {
         else {
             return Ok(None);
         };
-        let mut parts = Parts::of_discretisation(error, reach.part_of_space);
+        let mut parts = Parts::of_discretisation(error, reach.part_of_space_on(&shape));
         let rough = self.trials.run(scheme, &start)?;
         let (density, spread) = (rough.density.clone(), rough.spread);
         if self.case.method == Method::Schrodingerized && matches!(self.case.data, Data::Density) {

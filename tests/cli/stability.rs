@@ -203,6 +203,18 @@ fn grazing_spikes_where_a_cell_rests_beyond_the_threshold() {
     }
     let [measured, theory] = border(&all, "grazing", "largest lambda+").unwrap();
     assert!(measured > 1.0 && theory > 0.7 * measured, "{measured} {theory}");
+    // The highest spike is between the heights that are equally spaced: located, and no higher next
+    // to it.
+    let [place, _] = border(&all, "grazing", "height at which it is largest").unwrap();
+    let (mut even, mut next) = (0.0f64, 0);
+    for p in points {
+        let [x, height] = ["measured", "x"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
+        next += i32::from((height - place).abs() < 0.02);
+        even = even.max(if (height - place).abs() < 1e-3 { 0.0 } else { x });
+    }
+    assert!(measured > even && next > 1, "{measured} at {place}, {even} elsewhere, {next} near");
+    let said = panel(&all, "grazing").unwrap()["verdict"].to_string();
+    assert!(said.contains("the highest spike by theory"), "{said}");
     let without = ["potential=[{value='0.3*x'}]", "exact={}"];
     let all = found(&stability("example1.toml", "grazing,growth").set(&without)).unwrap();
     assert_eq!(all["left_out"].as_array().map(Vec::len), Some(2), "{all}");

@@ -98,14 +98,6 @@ impl Planned for Gaussian {
     fn description(&self) -> String {
         format!("gaussian: sigma {:.4}, offset {:.4}", self.sigma, self.offset)
     }
-
-    /// Where the spectrum of `S` near zero dominates, the error is how `g` differs from `e^{−p}`.
-    /// The relative deficit of `g` is `Φ((p0 − p)/σ)`, which both readings have in part: what is
-    /// visible of the first one's is what it does not share with the second.
-    fn visible_error(&self, point: f64, apart: f64) -> f64 {
-        let deficit = |p: f64| libm::erfc((p - self.offset) / (self.sigma * SQRT_2));
-        1.0 - deficit(point + apart) / deficit(point)
-    }
 }
 
 impl Shape for Gaussian {

@@ -34,14 +34,4 @@ pub trait Planned {
 
     /// Its kind and parameters, in words.
     fn description(&self) -> String;
-
-    /// Which part of the error of a reading at `point` is visible in its distance to a reading
-    /// `apart` further on.
-    ///
-    /// By default the error is what was left out of the series. The second reading's error, which
-    /// is independent, lies between nothing and `e^{apart}` times the first's, so the distance lies
-    /// between 1 and `√(1 + e^{2 apart})` times the error: the geometric mean of the two.
-    fn visible_error(&self, _point: f64, apart: f64) -> f64 {
-        1f64.hypot(apart.exp()).sqrt()
-    }
 }

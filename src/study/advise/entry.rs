@@ -10,10 +10,12 @@ use serde::Serialize;
 /// Parts of the error of the density, each relative to it in L1.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Parts {
-    /// Discretisation in space.
-    pub space: f64,
-    /// Discretisation in velocity.
-    pub velocity: f64,
+    /// Discretisation in space and velocity together.
+    pub discretisation: f64,
+    /// That in space, where the two were told apart.
+    pub space: Option<f64>,
+    /// That in velocity.
+    pub velocity: Option<f64>,
     /// Schrödingerization, as measured on a coarse grid or guaranteed by the tolerance, whichever
     /// is known and larger.
     pub schrodingerization: Option<f64>,
@@ -24,11 +26,12 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// The error of the discretisation by its two parts.
-    pub fn of_discretisation(error: f64, part_of_space: f64) -> Self {
+    /// The error of the discretisation by its two parts, where they are known.
+    pub fn of_discretisation(error: f64, part_of_space: Option<f64>) -> Self {
         Self {
-            space: error * part_of_space,
-            velocity: error * (1.0 - part_of_space),
+            discretisation: error,
+            space: part_of_space.map(|part| error * part),
+            velocity: part_of_space.map(|part| error * (1.0 - part)),
             schrodingerization: None,
             step: None,
             readout: None,
@@ -220,7 +223,7 @@ mod tests {
             tolerance: None,
             error: 0.01,
             known: Known::Extrapolated,
-            parts: Parts::of_discretisation(0.01, 0.5),
+            parts: Parts::of_discretisation(0.01, Some(0.5)),
             order,
             levels: Vec::new(),
             moved_edges: Vec::new(),

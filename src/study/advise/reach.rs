@@ -21,6 +21,8 @@ const ENOUGH_LEVELS: usize = 5;
 const CHEAP: f64 = 0.02;
 /// Part of the budget for the grids that orders are found on; the rest is for grids that follow.
 const FOR_LEVELS: f64 = 0.6;
+/// Parts of the elements along the axes of space, or of velocity, that are tried instead of all.
+const FEWER: [f64; 2] = [0.5, 0.75];
 /// Part of the budget for balancing space against velocities on a coarse grid.
 const FOR_BALANCE: f64 = 0.3;
 
@@ -59,8 +61,9 @@ pub struct Reach {
     /// The grids that show it.
     pub levels: Vec<Level>,
     /// Part of the discretisation in space in the error, the rest being that in velocity: by the
-    /// changes that grids make which are twice as fine along these axes alone.
-    pub part_of_space: f64,
+    /// changes that grids make which are twice as fine along these axes alone. None where the
+    /// budget does not hold these grids, or nothing changes.
+    pub part_of_space: Option<f64>,
 }
 
 impl Reach {
@@ -68,15 +71,32 @@ impl Reach {
     /// a grid that was tried.
     pub fn extrapolated(&self, shape: &[usize]) -> Option<KnownError> {
         let level = self.levels.last()?;
-        let n = shape.len() / 2;
+        // Where the grid itself was tried its parts are known.
+        let (tried, error) = match self.known {
+            Known::Extrapolated => (&level.shape, level.error),
+            _ => (&self.shape, self.error),
+        };
+        let [space, velocity] = self.parts(tried, shape, self.part_of_space.unwrap_or(0.5));
+        let ratio = space + velocity;
+        Some(KnownError { error: error * ratio, known: Known::Extrapolated })
+    }
+
+    /// The part of space in the error on another grid, by the order.
+    pub fn part_of_space_on(&self, shape: &[usize]) -> Option<f64> {
+        let [space, velocity] = self.parts(&self.shape, shape, self.part_of_space?);
+        Some(space / (space + velocity))
+    }
+
+    /// What space and velocity add to the error on the grid `to`, beside that on the grid `from`,
+    /// where space has the given part of it: each falls with the cells of its own axes.
+    fn parts(&self, from: &[usize], to: &[usize], part_of_space: f64) -> [f64; 2] {
+        let n = to.len() / 2;
         let finer = |axes: std::ops::Range<usize>| {
-            let ratio = |k: usize| shape[k] as f64 / level.shape[k] as f64;
+            let ratio = |k: usize| to[k] as f64 / from[k] as f64;
             let product: f64 = axes.map(ratio).product();
             product.powf(-self.order.counted_on / n as f64)
         };
-        let part = self.part_of_space;
-        let ratio = part * finer(0..n) + (1.0 - part) * finer(n..2 * n);
-        Some(KnownError { error: level.error * ratio, known: Known::Extrapolated })
+        [part_of_space * finer(0..n), (1.0 - part_of_space) * finer(n..2 * n)]
     }
 }
 
@@ -205,7 +225,7 @@ impl Search<'_, '_> {
             known: Known::Extrapolated,
             order: ladder.order(),
             levels: ladder.levels(),
-            part_of_space: part.unwrap_or(0.5),
+            part_of_space: part,
         };
         let Some(finest) = result.levels.last().cloned() else {
             // One grid and nothing to compare it with.
@@ -230,8 +250,9 @@ impl Search<'_, '_> {
             (result.shape, result.error) = (coarsest.shape.clone(), coarsest.error);
         }
         result = self.or_own_grid(result)?;
+        self.trim(&mut result)?;
         if let Some(part) = self.part_of_space(&result.shape, share)? {
-            result.part_of_space = part;
+            result.part_of_space = Some(part);
         }
         Ok(result)
     }
@@ -264,7 +285,7 @@ impl Search<'_, '_> {
         }
         let space = self.distance(shape, &finer[0])?;
         let both = space + self.distance(shape, &finer[1])?;
-        Ok(Some(if both > 0.0 { space / both } else { 0.5 }))
+        Ok((both > 0.0).then(|| space / both))
     }
 
     /// Grids from `first` on: finer ones until one reaches the wanted error, coarser ones while
@@ -353,6 +374,31 @@ impl Search<'_, '_> {
                 break;
             }
             scale *= result.order.refinement(found.error, self.wanted).max(1.05);
+        }
+        Ok(())
+    }
+
+    /// Fewer elements along the velocities alone, and along space alone, as long as the wanted error
+    /// is reached: what balances both on a coarse grid need not on a fine one. Collective.
+    fn trim(&mut self, result: &mut Reach) -> Result<()> {
+        // What has the smaller part of the error first.
+        let space_first = result.part_of_space.is_some_and(|part| part < 0.5);
+        for part in FEWER {
+            for of_space in [space_first, !space_first] {
+                while result.known != Known::Extrapolated && result.error <= self.wanted {
+                    let shape = self.grids().fewer(&result.shape, of_space, part);
+                    if cells(&shape) >= cells(&result.shape) {
+                        break;
+                    }
+                    let Some(found) = self.look(&shape, &result.order)? else {
+                        break;
+                    };
+                    if found.error > self.wanted {
+                        break;
+                    }
+                    (result.shape, result.error, result.known) = (shape, found.error, found.known);
+                }
+            }
         }
         Ok(())
     }

@@ -75,7 +75,10 @@ fn known(known: Known) -> &'static str {
 }
 
 fn parts(parts: &Parts) -> String {
-    let mut text = format!("discretisation in x {:.1e}, in v {:.1e}", parts.space, parts.velocity);
+    let mut text = match parts.space.zip(parts.velocity) {
+        Some((space, velocity)) => format!("discretisation in x {space:.1e}, in v {velocity:.1e}"),
+        None => format!("discretisation {:.1e} (x and v not told apart)", parts.discretisation),
+    };
     let others = [
         ("Schrödingerization", parts.schrodingerization),
         ("implicit step", parts.step),
@@ -158,12 +161,16 @@ impl fmt::Display for Advised {
                 parts(&given.parts)
             )?;
         }
-        if let Some(best) = self.best.and_then(|k| self.entries.get(k)) {
-            write!(f, "\nAdvised: ")?;
-            entry(f, best)?;
-        } else {
-            let why = self.why_nothing(Method::Schrodingerized);
-            writeln!(f, "\nNothing is advised by modes: {why}.")?;
+        for (method, how) in
+            [(Method::Schrodingerized, "by modes"), (Method::Classical, "classically")]
+        {
+            if let Some(best) = self.best_of(method) {
+                write!(f, "\nAdvised {how}: ")?;
+                entry(f, best)?;
+            } else {
+                let why = self.why_nothing(method);
+                writeln!(f, "\nNothing is advised {how}: {why}.")?;
+            }
         }
         writeln!(f, "\nAll that was tried, quickest first:\n")?;
         for one in &self.entries {
@@ -176,5 +183,19 @@ impl fmt::Display for Advised {
             writeln!(f, "warning: {warning}")?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What is not known is not printed as two halves.
+    #[test]
+    fn parts_that_were_not_told_apart_are_said_to_be() {
+        let together = parts(&Parts::of_discretisation(0.026, None));
+        assert_eq!(together, "discretisation 2.6e-2 (x and v not told apart)");
+        let apart = parts(&Parts::of_discretisation(0.026, Some(1.0)));
+        assert_eq!(apart, "discretisation in x 2.6e-2, in v 0.0e0");
     }
 }

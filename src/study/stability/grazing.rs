@@ -19,6 +19,10 @@
 //!
 //! How close a velocity cell comes to the threshold `√(2ΔV)` decides: hence spikes. Other targets
 //! that share the sources, short chains and forces are left out.
+//!
+//! A spike is narrow: at its top all of a fast target comes from one slow source, at
+//! `ΔV = (ξ_j² − ξ_k²)/2`. So heights that are equally spaced miss it. The tops are located by
+//! theory, which takes no matrix, refined by golden section, and `λ⁺` is measured there.
 
 use crate::base::bisect::bisect;
 use crate::base::error::Result;
@@ -41,6 +45,11 @@ const CELLS: usize = 4096;
 const FROM: f64 = 0.05;
 const TO: f64 = 2.0;
 const HEIGHTS: usize = 64;
+/// Spikes that are measured, and those that theory refines.
+const SPIKES: usize = 3;
+const REFINED: usize = 12;
+/// Slow sources whose spikes are looked for.
+const SLOWEST: usize = 2;
 
 /// What a long chain answers at its end, `E(λ, d)`.
 fn chain(lambda: f64, d: f64) -> f64 {
@@ -75,19 +84,29 @@ fn jumps(case: &Case, potential: &Potential, a: usize) -> Vec<f64> {
     jumps
 }
 
+/// Heights of the jumps of `V` along each axis.
+fn all_jumps(case: &Case) -> Result<Vec<Vec<f64>>> {
+    let potential = Potential::whole(case)?;
+    Ok((0..case.space.dimension()).map(|a| jumps(case, &potential, a)).collect())
+}
+
 /// What theory says of `λ⁺` of rows without weights: the largest over all targets behind all jumps;
 /// none where `V` does not jump.
 ///
 /// # Errors
 /// As [`Potential::whole`].
 pub fn expected_growth(case: &Case) -> Result<Option<f64>> {
-    let potential = Potential::whole(case)?;
+    Ok(growth_at_faces(case, &all_jumps(case)?, 1.0))
+}
+
+/// The same for a potential `factor` times as high as that with these `jumps`.
+fn growth_at_faces(case: &Case, jumps: &[Vec<f64>], factor: f64) -> Option<f64> {
     let mut best: Option<f64> = None;
     let mut list = Vec::new();
-    for (a, (x, v)) in case.space.x.iter().zip(&case.space.v).enumerate() {
+    for ((x, v), jumps) in case.space.x.iter().zip(&case.space.v).zip(jumps) {
         let lattice = 0..v.cells as i64;
         let rate = |j: i64| velocity(v, j).abs() / x.width();
-        for rise in jumps(case, &potential, a).into_iter().flat_map(|jump| [jump, -jump]) {
+        for rise in jumps.iter().flat_map(|jump| [factor * jump, -factor * jump]) {
             for j in lattice.clone().filter(|&j| rate(j) > 0.0) {
                 sources(&mut list, v, case.interface, j, rise);
                 let inside = list.iter().filter(|s| lattice.contains(&s.velocity));
@@ -98,14 +117,55 @@ pub fn expected_growth(case: &Case) -> Result<Option<f64>> {
             }
         }
     }
-    Ok(best)
+    best
 }
 
-/// Largest jump of `V`.
-fn highest_jump(case: &Case) -> Result<f64> {
-    let potential = Potential::whole(case)?;
-    let all = (0..case.space.dimension()).flat_map(|a| jumps(case, &potential, a));
-    Ok(all.fold(0.0, f64::max))
+/// Factors of the potential with these `jumps` at which theory has the highest spikes, the highest
+/// first.
+fn spikes(case: &Case, jumps: &[Vec<f64>]) -> Vec<f64> {
+    let by_theory = |factor: f64| growth_at_faces(case, jumps, factor).unwrap_or(0.0);
+    let mut tops = Vec::new();
+    for (v, jumps) in case.space.v.iter().zip(jumps) {
+        let mut speeds: Vec<f64> = (0..v.cells as i64).map(|j| velocity(v, j).abs()).collect();
+        speeds.retain(|speed| *speed > 0.0);
+        speeds.sort_by(f64::total_cmp);
+        speeds.dedup_by(|a, b| (*a - *b).abs() < 1e-9 * *a);
+        for jump in jumps {
+            for slow in speeds.iter().take(SLOWEST) {
+                let height = |fast: &f64| 0.5 * (fast * fast - slow * slow) / jump;
+                tops.extend(speeds.iter().map(height).filter(|f| (FROM..=TO).contains(f)));
+            }
+        }
+    }
+    tops.sort_by(f64::total_cmp);
+    tops.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+    let width = |i: usize| {
+        let next = tops.get(i + 1).map_or(TO, |next| *next) - tops[i];
+        0.5 * next.min(tops[i] - i.checked_sub(1).map_or(FROM, |before| tops[before]))
+    };
+    let mut found: Vec<(f64, usize)> = (tops.iter().map(|f| by_theory(*f))).zip(0..).collect();
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.truncate(REFINED);
+    let refined = |(most, i): (f64, usize)| {
+        let top = highest_in(tops[i] - width(i), tops[i] + width(i), by_theory);
+        if by_theory(top) > most { top } else { tops[i] }
+    };
+    let mut found: Vec<f64> = found.into_iter().map(refined).collect();
+    found.sort_by(|a, b| by_theory(*b).total_cmp(&by_theory(*a)));
+    found.truncate(SPIKES);
+    found
+}
+
+/// Where `of` is highest in `[low, high]`, if it rises to it and falls from it: golden section.
+fn highest_in(low: f64, high: f64, of: impl Fn(f64) -> f64) -> f64 {
+    const STEPS: usize = 40;
+    let golden = 0.5 * (5f64.sqrt() - 1.0);
+    let (mut low, mut high) = (low, high);
+    for _ in 0..STEPS {
+        let [left, right] = [high - golden * (high - low), low + golden * (high - low)];
+        if of(left) < of(right) { low = left } else { high = right }
+    }
+    0.5 * (low + high)
 }
 
 /// The numbers below `count` in an order in which each prefix is spread evenly: bits reversed.
@@ -128,7 +188,8 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
         return Err("V does not jump: no particle grazes a threshold".into());
     }
     let case = Treatment { interface: Interface::Hat, weights: false }.of(&coarse);
-    let height = highest_jump(&case)?;
+    let jumps = all_jumps(&case)?;
+    let height = jumps.iter().flatten().copied().fold(0.0, f64::max);
     let mut notes = notes(whole, &coarse);
     let at = |factor: f64| -> Result<Point> {
         let scaled = with_potential_times(&case, factor);
@@ -141,9 +202,15 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     };
     let own = at(1.0)?;
     let mut points = vec![own];
+    let spikes = spikes(&case, &jumps);
+    for factor in spikes.iter().take_while(|_| !budget.is_over()) {
+        points.push(at(*factor)?);
+    }
+    let before = points.len();
+    let located: Vec<f64> = points[1..].iter().map(|p| p.x).collect();
     for k in spread(HEIGHTS) {
         if budget.is_over() {
-            notes.push(format!("{} of {HEIGHTS} heights tried", points.len() - 1));
+            notes.push(format!("{} of {HEIGHTS} heights tried", points.len() - before));
             break;
         }
         let part = k as f64 / (HEIGHTS - 1) as f64;
@@ -152,7 +219,7 @@ pub fn panel(sweep: &Sweep<'_>) -> Found {
     points.sort_by(|a, b| a.x.total_cmp(&b.x));
     points.dedup_by(|a, b| a.x == b.x);
     let shape = case.space.elements();
-    let (verdict, borders) = (verdict(&points, own), borders(&points, own));
+    let (verdict, borders) = (verdict(&points, own, &located), borders(&points, own));
     let curves = vec![Curve::new("hat, no weights", points)];
     Ok(Findings { shape, curves, borders, verdict, notes })
 }
@@ -181,16 +248,22 @@ fn borders(points: &[Point], own: Point) -> Vec<Border> {
     ]
 }
 
-fn verdict(points: &[Point], own: Point) -> String {
+/// `located` are the heights of the spikes that theory located.
+fn verdict(points: &[Point], own: Point, located: &[f64]) -> String {
     let [place, most] =
         highest(points, |p| p.measured).map_or([f64::NAN; 2], |p| [p.x, p.measured]);
+    let among = match located.contains(&place) {
+        true => "the highest spike by theory",
+        false => "of those tried",
+    };
     format!(
         "Without weights lambda+ T is {:.3} at this case's jump, an amplification of {:.3e}, and \
-         up to {most:.3} at a jump of {place:.4}: it spikes where a velocity cell almost rests \
-         beyond \
-         a threshold. Dissipative weights or a conservative interface take the spikes away.",
+         up to {most:.4} at a jump of {place:.6}, {among}, an amplification of {:.3e}: it spikes \
+         where a velocity cell almost rests beyond a threshold. Dissipative weights or a \
+         conservative interface take the spikes away.",
         own.measured,
-        own.measured.exp()
+        own.measured.exp(),
+        most.exp()
     )
 }
 
