@@ -165,6 +165,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     if exact.is_some() {
         log.watch.lap("exact");
     }
+    log.open(&prepared.plan);
     let mut checkpointing = match output {
         Some(output) => Checkpointing::open(&prepared, &output, world.started, &mut log)?,
         None => None,
@@ -297,11 +298,6 @@ fn plan_modes(
         }
         log.watch.lap("design");
     }
-    let planned = prepared.plan.warp.as_ref();
-    for warning in planned.map_or(&[][..], |warp| &warp.warnings) {
-        log.warn(warning.clone());
-    }
-    log.line(&warnings::opening_line(&prepared.plan));
     Ok(prepared)
 }
 

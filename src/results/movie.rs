@@ -35,7 +35,7 @@ pub struct Movie {
 /// frames a second. On one rank.
 ///
 /// # Errors
-/// [`Error::Output`].
+/// [`crate::base::error::Error::Output`].
 pub fn write(film: &Film<'_>, directory: &Path, name: &str, fps: u16) -> Result<Movie> {
     disk::make(directory)?;
     let [gif, webm] = ["gif", "webm"].map(|ending| directory.join(format!("{name}.{ending}")));

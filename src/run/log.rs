@@ -3,6 +3,8 @@
 use crate::base::log::report;
 use crate::base::stopwatch::Stopwatch;
 use crate::parallel::communicator::World;
+use crate::plan::Plan;
+use crate::run::warnings::opening_line;
 
 /// Warnings and seconds of a run; lines are printed by rank 0 of runs that write files.
 pub(crate) struct RunLog {
@@ -32,6 +34,15 @@ impl RunLog {
         if self.speaks {
             report(line);
         }
+    }
+
+    /// The warnings of a plan, and a line of what is to be done.
+    pub fn open(&mut self, plan: &Plan) {
+        let planned = plan.warp.as_ref();
+        for warning in planned.map_or(&[][..], |warp| &warp.warnings) {
+            self.warn(warning.clone());
+        }
+        self.line(&opening_line(plan));
     }
 
     /// Records `warning` and prints it; before the solve only.
