@@ -5,8 +5,8 @@ use crate::command::values::{
     RankNumbers, parse_accuracy, parse_bytes, parse_duration, parse_ranks, parse_refinement,
     parse_wavenumber,
 };
-use crate::quantum::circuit::interface::Levels;
 use crate::quantum::circuit::scene::MOST_BIN_BITS;
+use crate::quantum::circuit::transport::Levels;
 use crate::study::stability::panel::Name;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;

@@ -2,12 +2,14 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`scene`] | which cases have a circuit, and their whole numbers |
+//! | [`scene`] | which cases have a circuit; from a case to whole numbers |
+//! | [`transport`] | these whole numbers, modes and levels |
 //! | [`interface`] | the block encoding, with its mathematics |
 //! | `wires` | its registers, the weights of its sum |
 //! | [`arithmetic`] | adders, comparators, square root, uniform superpositions |
 //! | [`gates`] | gates, registers, counts |
 //! | [`simulate`] | circuits on basis states and their sums |
+//! | [`description`] | what was compiled, and the counts of the evolution |
 //! | [`formats`] | OpenQASM 3, Azure's `LogicalCounts`, QREF |
 //!
 //! **Evolution.** The circuit `G` is its own inverse on the states that it starts from, and
@@ -23,6 +25,7 @@
 //! | `azure.json`, `qref.json` | the counts of the evolution for other programs |
 
 pub mod arithmetic;
+pub mod description;
 pub mod formats;
 pub mod gates;
 pub mod interface;
@@ -30,24 +33,23 @@ pub mod scene;
 pub mod simulate;
 #[cfg(test)]
 mod tests;
+pub mod transport;
 mod wires;
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::quantum::access::{Scratch, SparseAccess, extremes};
-use crate::quantum::circuit::gates::{Circuit, Counts, Role};
-use crate::quantum::circuit::interface::{Levels, Modes, Transport};
+use crate::quantum::circuit::description::{Check, Description, Evolution, Sparse, steps_of};
+use crate::quantum::circuit::gates::{Circuit, Role};
 use crate::quantum::circuit::scene::Scene;
 use crate::quantum::circuit::simulate::block_column;
+use crate::quantum::circuit::transport::{Levels, Modes};
 use crate::quantum::resources::Record;
-use crate::quantum::walk;
 use crate::solve::prepared::Prepared;
 use num_complex::Complex64;
-use serde::Serialize;
 use serde_json::json;
 use std::collections::HashMap;
 use std::f64::consts::TAU;
-use std::fmt;
 use std::path::Path;
 
 /// Most terms of a state in a check: `2^22`.
@@ -64,82 +66,6 @@ pub struct Choice {
     pub wavenumber: Option<f64>,
     /// Columns of the block that are simulated.
     pub columns: usize,
-}
-
-/// Sparse access to the same `H`, with the same modes.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Sparse {
-    /// `d`.
-    pub nonzeros: usize,
-    /// `‖H‖_max`.
-    pub largest_entry: f64,
-    /// `d‖H‖_max`.
-    pub alpha: f64,
-    /// `d‖H‖_max T`.
-    pub tau: f64,
-    /// `2K`.
-    pub steps: usize,
-}
-
-/// `e^{−iHT}` by the circuit.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Evolution {
-    /// `αT`.
-    pub tau: f64,
-    /// `2K`: calls of the controlled circuit.
-    pub steps: usize,
-    /// Toffoli gates of all calls and reflections.
-    pub toffoli: usize,
-    /// `t` and `tdg` of all calls.
-    pub t: usize,
-    /// Rotations of all calls, and the phases of the sequence.
-    pub rotations: usize,
-    /// With that of the sequence.
-    pub qubits: usize,
-}
-
-/// Simulated columns of the block beside those of `H`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Check {
-    /// How many.
-    pub columns: usize,
-    /// Largest difference of an entry from `H/α`.
-    pub difference: f64,
-}
-
-/// What was compiled.
-#[derive(Clone, Debug, Serialize)]
-pub struct Description {
-    /// Title of the case.
-    pub title: String,
-    /// Cells along each axis, `(x1..xn, v1..vn)`.
-    pub shape: Vec<usize>,
-    /// `T`.
-    pub time: f64,
-    /// In whole numbers.
-    pub transport: Transport,
-    /// The modes.
-    pub modes: Modes,
-    /// The register of the levels.
-    pub levels: Levels,
-    /// The block is `H/α`.
-    pub alpha: f64,
-    /// `α` of the circuit of one mode, that of the highest wavenumber that carries something.
-    pub alpha_of_highest: f64,
-    /// How far a jump was rounded at most, in levels.
-    pub rounded: f64,
-    /// Bound of the norm of what that changes of `A`.
-    pub change: f64,
-    /// Today's sparse access.
-    pub sparse: Sparse,
-    /// Of the circuit.
-    pub counts: Counts,
-    /// Of the circuit with a qubit that says whether it is applied.
-    pub controlled: Counts,
-    /// By the controlled circuit.
-    pub evolution: Evolution,
-    /// What was simulated.
-    pub check: Option<Check>,
 }
 
 /// A circuit and what it is.
@@ -189,7 +115,7 @@ impl Compiled {
                     largest_entry,
                     alpha: sparse_alpha,
                     tau: sparse_alpha * time,
-                    steps: steps(sparse_alpha * time, tolerance),
+                    steps: steps_of(sparse_alpha * time, tolerance),
                 },
                 counts: circuit.counts(),
                 controlled,
@@ -276,84 +202,6 @@ impl Compiled {
             ("qref.json", &formats::qref(description)),
         ] {
             write(name, &format!("{value:#}\n"))?;
-        }
-        Ok(())
-    }
-}
-
-impl Evolution {
-    /// For `τ`, within `tolerance`, by calls of a circuit with these counts.
-    fn new(tau: f64, tolerance: f64, controlled: &Counts) -> Self {
-        let steps = steps(tau, tolerance);
-        // Zeros of all qubits of the block, and back.
-        let reflection = 2 * controlled.block_qubits.saturating_sub(1);
-        Self {
-            tau,
-            steps,
-            toffoli: steps * (controlled.toffoli + reflection),
-            t: steps * controlled.t,
-            rotations: steps * controlled.rotations + steps + 1,
-            qubits: controlled.qubits,
-        }
-    }
-}
-
-/// `2K` for `τ`.
-fn steps(tau: f64, tolerance: f64) -> usize {
-    walk::Evolution::new(tau, tolerance).steps.value().unwrap_or_default() as usize
-}
-
-impl fmt::Display for Description {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { transport, counts, evolution, sparse, .. } = self;
-        let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
-        writeln!(f, "{}: {} cells", self.title, shape.join(" x "))?;
-        let bins = 1u64 << transport.bin_bits;
-        writeln!(
-            f,
-            "jumps of V: {}; bins of a level of dv^2/2: {bins}; rounded by at most {:.1e} levels, \
-             which changes A by at most {:.1e}",
-            transport.axes.iter().map(|axis| axis.jumps.len()).sum::<usize>(),
-            self.rounded,
-            self.change
-        )?;
-        match self.modes {
-            Modes::One(mu) => writeln!(f, "one mode, mu = {mu}")?,
-            Modes::Register { qubits, period } => {
-                writeln!(f, "{} modes on a length of {period:.4}", 1u64 << qubits)?;
-            }
-        }
-        writeln!(f, "\n{:<22}{:>14}{:>16}", "", "circuit", "sparse access")?;
-        writeln!(f, "{:<22}{:>14.4e}{:>16.4e}", "alpha", self.alpha, sparse.alpha)?;
-        writeln!(f, "{:<22}{:>14.4e}", "alpha, highest mode", self.alpha_of_highest)?;
-        writeln!(f, "{:<22}{:>14.4e}{:>16.4e}", "tau = alpha T", evolution.tau, sparse.tau)?;
-        writeln!(f, "{:<22}{:>14}{:>16}", "walk steps 2K", evolution.steps, sparse.steps)?;
-        writeln!(f, "\n{:<22}{:>14}{:>16}{:>16}", "", "one call", "controlled", "evolution")?;
-        let call = &self.controlled;
-        for (name, own, controlled, all) in [
-            ("Toffoli", counts.toffoli, call.toffoli, evolution.toffoli),
-            ("T beside them", counts.t, call.t, evolution.t),
-            ("rotations", counts.rotations, call.rotations, evolution.rotations),
-            ("qubits", counts.qubits, call.qubits, evolution.qubits),
-        ] {
-            writeln!(f, "{name:<22}{own:>14}{controlled:>16}{all:>16}")?;
-        }
-        writeln!(f, "{:<22}{:>14}{:>16}", "CNOT and CZ", counts.cnot, call.cnot)?;
-        writeln!(
-            f,
-            "{:<22}{:>14}{:>16}",
-            "Toffoli depth", counts.toffoli_depth, call.toffoli_depth
-        )?;
-        write!(
-            f,
-            "qubits of one call: {} of the system, {} of the block, {} scratch",
-            counts.system_qubits, counts.block_qubits, counts.scratch_qubits
-        )?;
-        if let Some(Check { columns, difference }) = self.check {
-            write!(
-                f,
-                "\n{columns} columns of the block simulated: within {difference:.1e} of H/alpha"
-            )?;
         }
         Ok(())
     }

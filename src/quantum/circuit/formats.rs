@@ -1,7 +1,7 @@
 //! A circuit as a program of OpenQASM 3, and its counts in the formats of other programs.
 
+use crate::quantum::circuit::description::{Description, Evolution};
 use crate::quantum::circuit::gates::{Circuit, Counts};
-use crate::quantum::circuit::{Description, Evolution};
 use serde_json::{Value, json};
 use std::fmt::Write;
 

@@ -36,88 +36,8 @@
 
 use crate::quantum::circuit::arithmetic::{Literal, equals};
 use crate::quantum::circuit::gates::{Circuit, Gate, Qubit};
+use crate::quantum::circuit::transport::{AxisTransport, Levels, Modes, Transport, bits_of};
 use crate::quantum::circuit::wires::{Along, Wires};
-use serde::Serialize;
-use std::f64::consts::PI;
-
-/// A jump of `V`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Jump {
-    /// The cell below the face; the last one for the face that closes a periodic axis.
-    pub below: usize,
-    /// By how many bins `V` rises from that cell to the next.
-    pub levels: i64,
-    /// Where on the face: bits, and their values, of the cells along the other space axes, the last
-    /// axis in the lowest bits. Everywhere if there are none.
-    pub part: Vec<(usize, bool)>,
-}
-
-/// The transport along an axis, in whole numbers.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct AxisTransport {
-    /// Cells in space.
-    pub cells: usize,
-    /// Whether the last cell is before the first.
-    pub periodic: bool,
-    /// Velocity cells of either sign, `j_max + 1`.
-    pub speeds: usize,
-    /// Jumps of `V`.
-    pub jumps: Vec<Jump>,
-    /// `v₁/Δx = Δv/(2Δx)`; 0 where nothing moves.
-    pub rate: f64,
-}
-
-/// The transport of a case.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Transport {
-    /// By axis.
-    pub axes: Vec<AxisTransport>,
-    /// `b`: each level is divided into `2^b` bins.
-    pub bin_bits: usize,
-}
-
-/// Which modes the circuit acts on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub enum Modes {
-    /// All of a register of `p` of so many qubits on this period.
-    Register {
-        /// `n_p`.
-        qubits: usize,
-        /// `P`.
-        period: f64,
-    },
-    /// One, of this wavenumber.
-    One(f64),
-}
-
-/// The register that numbers the levels of a cell.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum Levels {
-    /// All values of its qubits: Hadamard gates.
-    #[default]
-    Hadamard,
-    /// As many as the fastest cell has levels: rotations; α is least.
-    Uniform,
-}
-
-impl Modes {
-    /// `Σ` of the weights of `−μD`, and of `T` and `T†`.
-    pub(super) fn weights(self) -> [f64; 2] {
-        match self {
-            Self::Register { qubits, period } => {
-                let largest = PI * (1u64 << qubits) as f64 / period;
-                [largest, largest + 1.0]
-            }
-            Self::One(mu) => [mu.abs(), mu.hypot(1.0)],
-        }
-    }
-}
-
-/// Bits that number `count` things.
-pub fn bits_of(count: usize) -> usize {
-    count.next_power_of_two().trailing_zeros() as usize
-}
 
 impl Transport {
     /// Velocity cells of either sign, of the axis with most.

@@ -4,7 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
-use crate::quantum::circuit::interface::{AxisTransport, Jump, Transport, bits_of};
+use crate::quantum::circuit::transport::{AxisTransport, Jump, Transport, bits_of};
 use crate::scheme::interface::{Side, sources, velocity};
 use std::collections::{BTreeMap, HashMap};
 

@@ -2,7 +2,7 @@
 
 use crate::quantum::circuit::arithmetic::{Literal, angle_of};
 use crate::quantum::circuit::gates::{Circuit, Gate, Qubit, Role};
-use crate::quantum::circuit::interface::{AxisTransport, Modes, Transport, bits_of};
+use crate::quantum::circuit::transport::{AxisTransport, Modes, Transport, bits_of};
 
 /// The weights of the sum.
 enum Sum {

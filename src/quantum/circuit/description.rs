@@ -1,0 +1,161 @@
+//! What was compiled, and what the evolution by it takes.
+
+use crate::quantum::circuit::gates::Counts;
+use crate::quantum::circuit::transport::{Levels, Modes, Transport};
+use crate::quantum::walk;
+use serde::Serialize;
+use std::fmt;
+
+/// Sparse access to the same `H`, with the same modes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Sparse {
+    /// `d`.
+    pub nonzeros: usize,
+    /// `‖H‖_max`.
+    pub largest_entry: f64,
+    /// `d‖H‖_max`.
+    pub alpha: f64,
+    /// `d‖H‖_max T`.
+    pub tau: f64,
+    /// `2K`.
+    pub steps: usize,
+}
+
+/// `e^{−iHT}` by the circuit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Evolution {
+    /// `αT`.
+    pub tau: f64,
+    /// `2K`: calls of the controlled circuit.
+    pub steps: usize,
+    /// Toffoli gates of all calls and reflections.
+    pub toffoli: usize,
+    /// `t` and `tdg` of all calls.
+    pub t: usize,
+    /// Rotations of all calls, and the phases of the sequence.
+    pub rotations: usize,
+    /// With that of the sequence.
+    pub qubits: usize,
+}
+
+/// Simulated columns of the block beside those of `H`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Check {
+    /// How many.
+    pub columns: usize,
+    /// Largest difference of an entry from `H/α`.
+    pub difference: f64,
+}
+
+/// What was compiled.
+#[derive(Clone, Debug, Serialize)]
+pub struct Description {
+    /// Title of the case.
+    pub title: String,
+    /// Cells along each axis, `(x1..xn, v1..vn)`.
+    pub shape: Vec<usize>,
+    /// `T`.
+    pub time: f64,
+    /// In whole numbers.
+    pub transport: Transport,
+    /// The modes.
+    pub modes: Modes,
+    /// The register of the levels.
+    pub levels: Levels,
+    /// The block is `H/α`.
+    pub alpha: f64,
+    /// `α` of the circuit of one mode, that of the highest wavenumber that carries something.
+    pub alpha_of_highest: f64,
+    /// How far a jump was rounded at most, in levels.
+    pub rounded: f64,
+    /// Bound of the norm of what that changes of `A`.
+    pub change: f64,
+    /// Today's sparse access.
+    pub sparse: Sparse,
+    /// Of the circuit.
+    pub counts: Counts,
+    /// Of the circuit with a qubit that says whether it is applied.
+    pub controlled: Counts,
+    /// By the controlled circuit.
+    pub evolution: Evolution,
+    /// What was simulated.
+    pub check: Option<Check>,
+}
+
+impl Evolution {
+    /// For `τ`, within `tolerance`, by calls of a circuit with these counts.
+    pub fn new(tau: f64, tolerance: f64, controlled: &Counts) -> Self {
+        let steps = steps_of(tau, tolerance);
+        // Zeros of all qubits of the block, and back.
+        let reflection = 2 * controlled.block_qubits.saturating_sub(1);
+        Self {
+            tau,
+            steps,
+            toffoli: steps * (controlled.toffoli + reflection),
+            t: steps * controlled.t,
+            rotations: steps * controlled.rotations + steps + 1,
+            qubits: controlled.qubits,
+        }
+    }
+}
+
+/// `2K` for `τ`.
+pub fn steps_of(tau: f64, tolerance: f64) -> usize {
+    walk::Evolution::new(tau, tolerance).steps.value().unwrap_or_default() as usize
+}
+
+impl fmt::Display for Description {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { transport, counts, evolution, sparse, .. } = self;
+        let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
+        writeln!(f, "{}: {} cells", self.title, shape.join(" x "))?;
+        let bins = 1u64 << transport.bin_bits;
+        writeln!(
+            f,
+            "jumps of V: {}; bins of a level of dv^2/2: {bins}; rounded by at most {:.1e} levels, \
+             which changes A by at most {:.1e}",
+            transport.axes.iter().map(|axis| axis.jumps.len()).sum::<usize>(),
+            self.rounded,
+            self.change
+        )?;
+        match self.modes {
+            Modes::One(mu) => writeln!(f, "one mode, mu = {mu}")?,
+            Modes::Register { qubits, period } => {
+                writeln!(f, "{} modes on a length of {period:.4}", 1u64 << qubits)?;
+            }
+        }
+        writeln!(f, "\n{:<22}{:>14}{:>16}", "", "circuit", "sparse access")?;
+        writeln!(f, "{:<22}{:>14.4e}{:>16.4e}", "alpha", self.alpha, sparse.alpha)?;
+        writeln!(f, "{:<22}{:>14.4e}", "alpha, highest mode", self.alpha_of_highest)?;
+        writeln!(f, "{:<22}{:>14.4e}{:>16.4e}", "tau = alpha T", evolution.tau, sparse.tau)?;
+        writeln!(f, "{:<22}{:>14}{:>16}", "walk steps 2K", evolution.steps, sparse.steps)?;
+        writeln!(f, "\n{:<22}{:>14}{:>16}{:>16}", "", "one call", "controlled", "evolution")?;
+        let call = &self.controlled;
+        for (name, own, controlled, all) in [
+            ("Toffoli", counts.toffoli, call.toffoli, evolution.toffoli),
+            ("T beside them", counts.t, call.t, evolution.t),
+            ("rotations", counts.rotations, call.rotations, evolution.rotations),
+            ("qubits", counts.qubits, call.qubits, evolution.qubits),
+        ] {
+            writeln!(f, "{name:<22}{own:>14}{controlled:>16}{all:>16}")?;
+        }
+        writeln!(f, "{:<22}{:>14}{:>16}", "CNOT and CZ", counts.cnot, call.cnot)?;
+        writeln!(
+            f,
+            "{:<22}{:>14}{:>16}",
+            "Toffoli depth", counts.toffoli_depth, call.toffoli_depth
+        )?;
+        write!(
+            f,
+            "qubits of one call: {} of the system, {} of the block, {} scratch",
+            counts.system_qubits, counts.block_qubits, counts.scratch_qubits
+        )?;
+        if let Some(Check { columns, difference }) = self.check {
+            write!(
+                f,
+                "\n{columns} columns of the block simulated: within {difference:.1e} of H/alpha"
+            )?;
+        }
+        Ok(())
+    }
+}
