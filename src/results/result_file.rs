@@ -8,7 +8,7 @@
 //! | `/phi`, `/psi` | as `/f`; (n, …) | measure-valued, instead of `/f`: `f = φ Π_a δ(ψ_a)` |
 //! | `/potential` | (N_x1, …, N_xn) | `V` at the nodes; not finite where its formula is not |
 //! | `/exact` | as `/f` | the exact solution, where one is named |
-//! | `/density_exact`, `/velocity_exact` | as `/density` … | measure-valued: cell averages |
+//! | `/density_exact`, `momentum_exact`, `velocity_exact` | as `/density` … | of the exact solution |
 //! | `/multivalued/x`, `v`, `density`, `branch` | points | branches of the exact velocity (1D) |
 //! | `/axis/x`, … `/axis/vz`, `component` | cell centres | dimension scales; also in the root |
 //! | `/axis/weights_x`, … | as `/axis/x` | of a degree above 0: quadrature weights of the nodes |
@@ -27,7 +27,7 @@ use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::plan::Plan;
-use crate::problem::case::{Case, Data, Exact};
+use crate::problem::case::{Case, Data};
 use crate::problem::exact::sheet::{Curve, curve_points};
 use crate::problem::grid::axis_names;
 use crate::problem::limits::CHUNK;
@@ -134,19 +134,17 @@ pub fn most_bytes(case: &Case) -> u64 {
     let n = space.dimension();
     // Datasets over phase space, over planes in it and over space, each with its points.
     let (mut fields, mut moments, mut points) = (case.fields.len(), 2 + 2 * n, 0);
-    match (&case.exact, &case.data) {
-        (None, _) => {}
-        (Some(Exact::Characteristics), Data::Measure { .. }) => {
-            moments += 1 + n;
-            points = 5 * curve_points(case);
-        }
-        (Some(_), _) => fields += 1,
+    let exact = usize::from(case.exact.is_some());
+    moments += exact * (1 + 2 * n);
+    match &case.data {
+        Data::Measure { .. } => points = exact * 5 * curve_points(case),
+        Data::Density => fields += exact,
     }
     let [early_fields, mut early_moments] = history::datasets(case);
     let planes = if storage.xdmf { fields + early_fields } else { 0 };
     if storage.xdmf && n > 1 {
-        moments += 12;
-        early_moments += 7 * case.shown_times().count();
+        moments += 8 + 7 * exact;
+        early_moments += 7 * (1 + exact) * (1 + case.shown_times().count());
     }
     let all = |sizes: &[usize]| {
         let planes = planes * (0..n).map(|a| sizes[a] * sizes[n + a]).sum::<usize>();
