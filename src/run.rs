@@ -46,7 +46,7 @@ use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
 use crate::results::shown::Shown;
 use crate::results::summary::{self, Missed, Summary};
-use crate::results::{result_file, warped, xdmf};
+use crate::results::{grids, result_file, warped, xdmf};
 use crate::run::at_start::at_start;
 use crate::run::checkpointing::Checkpointing;
 use crate::run::exact::{ExactRun, exact_run};
@@ -307,8 +307,8 @@ fn plan_modes(
 }
 
 impl Solution {
-    /// Writes `result.h5`, `fields.xdmf`, `readout.csv` and `summary.json` into `directory`, which
-    /// is made. Collective.
+    /// Writes `result.h5`, the views of its grids, `readout.csv` and `summary.json` into
+    /// `directory`, which is made. Collective.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Directory`] and [`crate::base::error::Error::Output`].
@@ -344,7 +344,10 @@ impl Solution {
                 provenance: &provenance(world, case),
             },
         )?;
-        all.on_first_rank(|| xdmf::write(directory, &steps))?;
+        all.on_first_rank(|| {
+            xdmf::write(directory, &steps)?;
+            grids::write(directory, &steps)
+        })?;
         log.watch.lap("write");
         all.on_first_rank(|| match &summary.readout {
             Some(readout) => Readout::write(readout, directory),

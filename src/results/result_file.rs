@@ -18,7 +18,7 @@
 //! | `/readout/…` | (R) | measurements by row and estimator, see [`crate::quantum::readout`] |
 //! | `/timings` | group | seconds by step, as attributes: datasets are the same on any ranks |
 //! | `/history/…` | a time first | moments and fields earlier, see [`crate::results::history`] |
-//! | `/xdmf/…` | axes reversed | what `fields.xdmf` shows, see [`crate::results::views`] |
+//! | `/xdmf/…` | axes reversed | what is shown of the grids, see [`crate::results::views`] |
 //!
 //! Every dataset has its [`crate::base::checksum`] as an attribute; the file is read back before it
 //! gets its name.
@@ -38,10 +38,10 @@ use crate::results::fields::{self, COMPONENT, DIRECTION, Layout, POINT};
 use crate::results::room::require_room;
 use crate::results::views::Step;
 use crate::results::writer::{Outcome, Writer, attribute, text};
-use crate::results::{averages, history, readback, views};
+use crate::results::{averages, grids, history, readback, views};
 use std::path::Path;
 
-/// Writes `directory/result.h5`; gives what `fields.xdmf` is to show of it. Collective over
+/// Writes `directory/result.h5`; gives what is to be shown of its grids. Collective over
 /// `world`.
 ///
 /// # Errors
@@ -121,10 +121,11 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<St
 /// # Errors
 /// [`crate::base::error::Error::Directory`].
 pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
-    require_room(directory, most_bytes(case), |bytes| format!("the results take {bytes}"))
+    let bytes = most_bytes(case).saturating_add(grids::most_bytes(case) as u64);
+    require_room(directory, bytes, |bytes| format!("the results take {bytes}"))
 }
 
-/// The most bytes that the results may take.
+/// The most bytes that `result.h5` may take.
 pub fn most_bytes(case: &Case) -> u64 {
     /// Metadata, texts and the summary.
     const MARGIN: usize = 256 << 10;

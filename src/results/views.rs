@@ -1,4 +1,4 @@
-//! What `fields.xdmf` shows: moments over space, and fields on the planes (x_a, v_a) through the
+//! What `fields.xdmf` and the file of each grid show: moments over space, and fields on the planes (x_a, v_a) through the
 //! middle of the other axes; at the output times too, planes where fields are written.
 //!
 //! XDMF takes the first index of a dataset for the last direction, and nothing turns that round: a
@@ -21,6 +21,8 @@ use std::ops::Range;
 pub struct Grid {
     /// Its name.
     pub name: String,
+    /// Axes that it is drawn on: two or three.
+    pub dimension: usize,
     /// Lower ends of the three axes.
     pub origin: [f64; 3],
     /// Widths of the cells.
@@ -72,6 +74,7 @@ impl Grid {
         let width = axes[0].width();
         let mut grid = Self {
             name: name.to_owned(),
+            dimension: axes.len().max(2),
             origin: [-0.5 * width; 3],
             spacing: [width; 3],
             cells: [1; 3],
