@@ -28,6 +28,8 @@ use std::path::Path;
 const HEAVY: &str = "grids.h5";
 /// Names of the grids of one to three dimensions: the planes, then space.
 const GRIDS: [&str; 4] = ["plane_x", "plane_y", "plane_z", "space"];
+/// Bytes of a time's virtual datasets.
+const ABOUT_VALUES: usize = 1 << 14;
 /// Rows of points and cells that are written at a time.
 const PIECE: usize = 1 << 14;
 
@@ -46,7 +48,7 @@ pub(crate) fn names_of(case: &Case) -> impl Iterator<Item = String> {
     names().filter(move |name| case.storage.xdmf && written(name))
 }
 
-/// The most bytes that points and cells may take, but for what HDF5 keeps about datasets.
+/// The most bytes that points, cells and what HDF5 keeps about values may take.
 pub(crate) fn most_bytes(case: &Case) -> usize {
     if !case.storage.xdmf {
         return 0;
@@ -59,7 +61,8 @@ pub(crate) fn most_bytes(case: &Case) -> usize {
     };
     let planes = space.x.iter().zip(&space.v).map(|(x, v)| list(&[x.cells, v.cells]));
     let cells: Vec<usize> = space.x.iter().map(|axis| axis.cells).collect();
-    planes.sum::<usize>() + list(&cells)
+    let times = 1 + case.shown_times().count();
+    planes.sum::<usize>() + list(&cells) + ABOUT_VALUES * times
 }
 
 /// Writes the files for the states at the times of `steps` into `directory`, which has their

@@ -33,7 +33,7 @@ fn names(directory: &Path) -> Vec<String> {
 fn damaged_results_are_not_called_finished() {
     /// What happens to the results, and what is said of it.
     type Damage = (&'static str, fn(&Path), &'static str);
-    const DAMAGES: [Damage; 6] = [
+    const DAMAGES: [Damage; 8] = [
         (
             "a value",
             |place| {

@@ -9,7 +9,7 @@ use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, closing, jumps};
-use crate::results::pictures::maps::{map, range};
+use crate::results::pictures::maps::{Spread, map, undershoots};
 use crate::results::pictures::moments::{planes, titled};
 use crate::results::pictures::phase_space::{concentrated, surface};
 use crate::results::pictures::stored::{Plane, Read, Snapshot, Stored};
@@ -33,12 +33,12 @@ struct Scene {
     borders: Vec<Vec<[f64; 2]>>,
 }
 
-/// Smallest and largest values of all frames.
+/// The values of all frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Scales {
     /// By plane of phase space: where planes cut the others, fields may be far smaller.
-    fields: [Option<[f64; 2]>; MAX_DIMENSION],
-    density: Option<[f64; 2]>,
+    fields: [Spread; MAX_DIMENSION],
+    density: Spread,
 }
 
 impl<'a> Film<'a> {
@@ -100,6 +100,8 @@ impl<'a> Film<'a> {
             panels.push(faces.iter().fold(panel, |panel, x| panel.vertical("", *x)));
             caption += &closing(run, a, faces);
         }
+        let maps = self.scales.fields[..n].iter().chain((n > 1).then_some(&self.scales.density));
+        caption += &undershoots(maps.filter_map(Spread::undershoot).reduce(f64::min));
         match n {
             1 => panels.push(self.density_line(at)?),
             _ => panels.extend(self.density_maps(at)?),
@@ -138,16 +140,14 @@ impl<'a> Film<'a> {
         Ok(self.map(plane, title("φ"), field, self.scales.fields[a]))
     }
 
-    fn map(&self, axes: [usize; 2], title: String, plane: Plane, ends: Option<[f64; 2]>) -> Panel {
-        // Two values, so that what is constant but for round-off looks so.
-        let ends = ends.map(|ends| Plane { shape: [1, 2], values: ends.to_vec() });
-        map(self.run, axes, title, plane, ends.and_then(|ends| range([&ends], 0.0)))
+    fn map(&self, axes: [usize; 2], title: String, plane: Plane, values: Spread) -> Panel {
+        map(self.run, axes, title, plane, values.range(0.0))
     }
 
     /// In one dimension the density over `x`, with the exact one.
     fn density_line(&self, at: Snapshot) -> Read<Panel> {
         let mut axis = Axis::linear("density");
-        if let Some([lower, upper]) = self.scales.density {
+        if let Some([lower, upper]) = self.scales.density.ends {
             let least = 1e-3 * lower.abs().max(upper.abs()).max(f64::MIN_POSITIVE);
             let margin = (0.05 * (upper - lower)).max(least);
             axis = axis.within(lower - margin, upper + margin);
@@ -165,14 +165,15 @@ impl<'a> Film<'a> {
         Ok(self.scene.faces[0].iter().fold(panel, |panel, x| panel.vertical("", *x)))
     }
 
-    /// In more dimensions the density on every plane of two space axes, each beside the exact one.
+    /// In more dimensions the density on every plane of two space axes, then the exact ones: in two
+    /// beside it, in three a row of each, so that the exact one is below.
     fn density_maps(&self, at: Snapshot) -> Read<Vec<Panel>> {
         let run = self.run;
         let mut panels = Vec::new();
-        for (plane, border) in planes(run.dimension()).into_iter().zip(&self.scene.borders) {
-            let cells = &self.cut.0[..run.dimension()];
-            let exact = self.has_exact().then_some(("exact density", "density_exact"));
-            for (title, name) in [("density", "density")].into_iter().chain(exact) {
+        let exact = self.has_exact().then_some(("exact density", "density_exact"));
+        for (title, name) in [("density", "density")].into_iter().chain(exact) {
+            for (plane, border) in planes(run.dimension()).into_iter().zip(&self.scene.borders) {
+                let cells = &self.cut.0[..run.dimension()];
                 let field = run.moment_plane(at, name, plane, cells)?;
                 let title = titled(run, title, plane, &self.cut);
                 let mut panel = self.map(plane, title, field, self.scales.density);
@@ -194,23 +195,15 @@ impl Scales {
             let maps = panel.layers.iter().any(|layer| matches!(layer, Layer::Map(_)));
             for layer in &panel.layers {
                 match layer {
-                    Layer::Map(map) => widen(scale, map.values.iter().copied()),
+                    Layer::Map(map) => scale.hold(map.values.iter().copied()),
                     // Lines over maps are borders.
                     Layer::Line { points, .. } if !maps => {
-                        widen(scale, points.iter().map(|point| point[1]));
+                        scale.hold(points.iter().map(|point| point[1]));
                     }
                     _ => {}
                 }
             }
         }
-    }
-}
-
-/// Makes room for values that are finite.
-fn widen(scale: &mut Option<[f64; 2]>, values: impl Iterator<Item = f64>) {
-    for value in values.filter(|value| value.is_finite()) {
-        let [lower, upper] = scale.unwrap_or([value; 2]);
-        *scale = Some([lower.min(value), upper.max(value)]);
     }
 }
 
@@ -239,8 +232,7 @@ mod tests {
             let panels = vec![panel().map(map(vec![field, 0.0])), density];
             scales.hold(&Figure::new("", panels), 1);
         }
-        let fields = [Some([-1.0, 3.0]), None, None];
-        let expected = Scales { fields, density: Some([1.0, 7.0]) };
-        assert_eq!(scales, expected);
+        assert_eq!(scales.fields.map(|field| field.ends), [Some([-1.0, 3.0]), None, None]);
+        assert_eq!(scales.density.ends, Some([1.0, 7.0]));
     }
 }

@@ -2,11 +2,12 @@
 
 use crate::base::text::short;
 use crate::problem::grid;
+use crate::results::draw::extent::map_range;
 use crate::results::figure::palette::Style;
-use crate::results::figure::{Axis, Figure, Layer, Panel};
+use crate::results::figure::{Axis, Figure, Layer, Map, Panel};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, closing, jumps};
-use crate::results::pictures::maps::{apart, difference, largest, map, range};
+use crate::results::pictures::maps::{Spread, apart, difference, largest, map, range, undershoots};
 use crate::results::pictures::phase_space::branches;
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Plane, Read, Stored};
@@ -174,8 +175,11 @@ fn moment(
     Ok(found)
 }
 
+/// A row of maps, and the lowest of the values that are drawn as zero.
+type Row = (Vec<Panel>, Option<f64>);
+
 /// A row of maps: exact, computed, and the difference.
-fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
+fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<Row> {
     let (run, Shown { name, component, label }) = (runs.run, shown);
     let at = &cut.0[..run.dimension()];
     let read = |r: &Stored, whose: &str| moment(r, shown, whose, plane, at);
@@ -193,7 +197,11 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
         }
         None => largest(computed.iter().chain(&exact)),
     };
-    let shared = range(computed.iter().chain(&exact), scale);
+    let spread = Spread::of(computed.iter().chain(&exact));
+    let (shared, lowest) = match component {
+        Some(_) => (range(computed.iter().chain(&exact), scale), None),
+        None => (spread.range(scale), spread.undershoot()),
+    };
     let border = borders(run, plane, cut);
     let bordered = |panel: Panel| {
         if border.is_empty() {
@@ -218,7 +226,7 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
         let title = titled(run, &format!("{label}, {} − exact", names[0]), plane, cut);
         panels.push(bordered(apart(run, plane, title, field, scale)));
     }
-    Ok(panels)
+    Ok((panels, lowest))
 }
 
 /// In more dimensions: the density on every plane of two space axes.
@@ -227,10 +235,13 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
 /// What the files lack.
 pub fn density(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
     let shown = Shown { name: "density", component: None, label: "density" };
-    let rows: Read<Vec<Vec<Panel>>> = (planes(runs.run.dimension()).into_iter())
+    let rows: Read<Vec<Row>> = (planes(runs.run.dimension()).into_iter())
         .map(|plane| row(runs, shown, plane, cut))
         .collect();
-    Ok(figure(runs.run, "Density", rows?, cut, "∫f dv."))
+    let (rows, lowest): (Vec<Vec<Panel>>, Vec<Option<f64>>) = rows?.into_iter().unzip();
+    let lowest = lowest.into_iter().flatten().reduce(f64::min);
+    let caption = format!("∫f dv.{}", undershoots(lowest));
+    Ok(figure(runs.run, "Density", rows, cut, &caption))
 }
 
 /// In more dimensions: each component of the mean velocity, on the same planes.
@@ -244,11 +255,34 @@ pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         .flat_map(|plane| (0..n).map(move |component| (plane, component)))
         .map(|(plane, component)| {
             let label = ["u_x", "u_y", "u_z"][component];
-            row(runs, Shown { name: "velocity", component: Some(component), label }, plane, cut)
+            let shown = Shown { name: "velocity", component: Some(component), label };
+            row(runs, shown, plane, cut).map(|(panels, _)| panels)
         })
         .collect();
-    let caption = "Momentum over density; white where there is nothing.";
-    Ok(figure(runs.run, "Mean velocity", rows?, cut, caption))
+    let mut rows = rows?;
+    alike(&mut rows);
+    let caption = "Momentum over density; grey where there is nothing.";
+    Ok(figure(runs.run, "Mean velocity", rows, cut, caption))
+}
+
+/// Gives all components the colours of values of both signs where one of them has these.
+fn alike(rows: &mut [Vec<Panel>]) {
+    fn maps(panels: &mut [Panel]) -> impl Iterator<Item = &mut Map> {
+        panels.iter_mut().flat_map(|panel| &mut panel.layers).filter_map(|layer| match layer {
+            Layer::Map(map) => Some(map),
+            _ => None,
+        })
+    }
+    // The first map of a row is no difference.
+    let signed = |row: &mut Vec<Panel>| maps(row).next().is_some_and(|map| map.differences);
+    if !rows.iter_mut().any(signed) {
+        return;
+    }
+    for map in rows.iter_mut().flat_map(|row| maps(row)).filter(|map| !map.differences) {
+        let [lower, upper] = map_range(map);
+        let most = upper.max(-lower);
+        (map.range, map.differences) = (Some([-most, most]), true);
+    }
 }
 
 /// Rows of maps; short ones side by side.
