@@ -92,7 +92,7 @@ examples: build ## figures 2 to 5 of the paper, into docs/examples/ (ARGS=--pape
 quantum: build readers ## the error budget of a measured density, into docs/quantum.md
 	$(or $(CARGO_TARGET_DIR),target)/readers/bin/python scripts/quantum.py --ranks $(RANKS) $(ARGS)
 
-readers: ## install a Python with h5py, xarray and VTK, for tests/cli/readers.rs
+readers: ## install a Python with h5py, xarray, meshio and VTK, for tests/cli/readers.rs
 	@scripts/setup.sh --readers
 
 qiskit: ## install a Python with Qiskit, for tests/cli/simulator.rs

@@ -4,8 +4,8 @@
 #   scripts/setup.sh                 check; on Debian and Ubuntu install what is missing (as root,
 #                                    or by sudo without password)
 #   scripts/setup.sh --check         check only
-#   scripts/setup.sh --readers       install a Python with h5py, xarray and VTK into target/readers,
-#                                    for tests/readers.py (half a minute)
+#   scripts/setup.sh --readers       install a Python with h5py, xarray, meshio and VTK into
+#                                    target/readers, for tests/readers.py (half a minute)
 #   scripts/setup.sh --qiskit        install a Python with Qiskit into target/qiskit, for
 #                                    tests/simulator.py (half a minute)
 #   scripts/setup.sh --python        install the package of python/, with what its tests take, into

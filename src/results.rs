@@ -1,4 +1,5 @@
-//! What a run leaves behind: `result.h5`, written by all ranks, `fields.xdmf` and `summary.json`.
+//! What a run leaves behind: `result.h5`, written by all ranks, `summary.json`, and views of the grids
+//! for other programs (`fields.xdmf`, a file for each grid).
 
 pub mod averages;
 pub mod dataset;
@@ -7,6 +8,7 @@ pub mod fields;
 pub mod figure;
 pub mod file_checksums;
 pub mod finished;
+pub mod grids;
 pub mod history;
 pub mod ledger;
 pub mod movie;
@@ -39,7 +41,7 @@ const LATE: Duration = Duration::from_secs(10);
 /// Names of the files that a run may write before `summary.json`.
 pub(crate) fn file_names(case: &Case) -> Vec<String> {
     let texts = ["result.h5", xdmf::NAME, "readout.csv"].map(str::to_owned);
-    texts.into_iter().chain(warped::names(case)).collect()
+    texts.into_iter().chain(grids::names()).chain(warped::names(case)).collect()
 }
 
 /// Makes the output directory and makes sure that this run alone writes there, that all ranks see

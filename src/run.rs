@@ -32,6 +32,7 @@ use crate::base::error::Result;
 use crate::base::lock::DirectoryLock;
 use crate::base::log::report;
 use crate::matrix::bounds::Bounds;
+use crate::matrix::observables::Moments;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::layout::{Resources, refuse_hopeless};
@@ -45,10 +46,10 @@ use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
 use crate::results::shown::Shown;
 use crate::results::summary::{self, Missed, Summary};
-use crate::results::{result_file, warped, xdmf};
+use crate::results::{grids, result_file, warped, xdmf};
 use crate::run::at_start::at_start;
 use crate::run::checkpointing::Checkpointing;
-use crate::run::exact::exact_solution;
+use crate::run::exact::{ExactRun, exact_run};
 use crate::run::expand::Expanded;
 use crate::run::files::Files;
 use crate::run::log::RunLog;
@@ -131,6 +132,8 @@ pub struct Solution {
     pub results: Expanded,
     /// The exact solution on the share, where the case names one.
     pub exact: Option<ExactSolution>,
+    /// Its moments at the output times before the end, then at the end.
+    pub exact_moments: Vec<Moments>,
     plateau: Vec<PlateauPoint>,
     checkpointing: Option<Checkpointing>,
     /// Keeps other runs out of the directory until the results are there. On the first rank.
@@ -157,11 +160,8 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     let prepared = prepare(world, &case, &bounds, plan, &mut log)?;
     let mut prepared = plan_modes(world, prepared, &resources, output, &mut log)?;
     let place = shown.place(&prepared.place, &prepared.plan, &prepared.communicator);
-    let exact = (prepared.communicator.world).agree(exact_solution(
-        &prepared.communicator.world,
-        &shown.case,
-        &place,
-    ))?;
+    let ExactRun { exact, moments: exact_moments } =
+        exact_run(&prepared.communicator.world, &shown.case, &place)?;
     if exact.is_some() {
         log.watch.lap("exact");
     }
@@ -224,6 +224,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
         share: place.share,
         results,
         exact,
+        exact_moments,
         plateau,
         checkpointing,
         lock,
@@ -302,8 +303,8 @@ fn plan_modes(
 }
 
 impl Solution {
-    /// Writes `result.h5`, `fields.xdmf`, `readout.csv` and `summary.json` into `directory`, which
-    /// is made. Collective.
+    /// Writes `result.h5`, the views of its grids, `readout.csv` and `summary.json` into
+    /// `directory`, which is made. Collective.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Directory`] and [`crate::base::error::Error::Output`].
@@ -328,6 +329,7 @@ impl Solution {
                 share: &self.share,
                 fields: &slices(&results.fields),
                 exact: self.exact.as_ref(),
+                exact_moments: &self.exact_moments,
                 moments: &results.moments,
                 potential: &results.potential,
                 totals: results.totals,
@@ -338,7 +340,10 @@ impl Solution {
                 provenance: &provenance(world, case),
             },
         )?;
-        all.on_first_rank(|| xdmf::write(directory, &steps))?;
+        all.on_first_rank(|| {
+            xdmf::write(directory, &steps)?;
+            grids::write(directory, &steps)
+        })?;
         log.watch.lap("write");
         all.on_first_rank(|| match &summary.readout {
             Some(readout) => Readout::write(readout, directory),

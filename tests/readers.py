@@ -15,6 +15,7 @@ import sys
 
 import h5netcdf  # noqa: F401  (the engine of xarray below)
 import h5py
+import meshio
 import numpy as np
 import xarray
 from vtkmodules.util.numpy_support import vtk_to_numpy
@@ -192,22 +193,117 @@ def with_vtk(directory, n, density):
             reader.UpdateTimeStep(time)
             at_end = k + 1 == len(times)
             with_fields = at_end or time in field_times
-
-            def stored(name):
-                base = name.split("_")[0] if name.startswith("psi_") else name
-                if at_end or base == "potential":
-                    return file[base]
-                index = field_times.index(time) if base in ("f", "phi", "psi") else k
-                return file[f"history/{base}"][index]
-
-            expected = {f"space/{m}" for m in ["density", "momentum", "velocity", "potential"]}
+            expected = {f"space/{m}" for m in moments(file)}
             shown = fields + (["exact"] if density and at_end else [])
             expected |= {f"plane_{a}/{f}" for a in SPACE[:n] for f in shown if with_fields}
-            if not density and at_end:
-                expected |= {"space/density_exact", "space/velocity_exact"}
-            found = at_a_time(reader, file, n, stored)
+            found = at_a_time(reader, file, n, lambda name, time=time: stored(file, name, time))
             assert found == expected, (time, found ^ expected)
     return len(times)
+
+
+def moments(file):
+    """What is shown over space at every time."""
+    names = ["density", "momentum", "velocity"]
+    exact = [f"{name}_exact" for name in names if f"{name}_exact" in file]
+    return {*names, *exact, "potential"}
+
+
+def stored(file, name, time):
+    """What result.h5 has by a name at a time."""
+    base = name.split("_")[0] if name.startswith("psi_") else name
+    if base == "potential" or time == file.attrs["time"]:
+        return file[base]
+    axis = "field_time" if base in ("f", "phi", "psi") else "time"
+    return file[f"history/{base}"][list(file[axis][()]).index(time)]
+
+
+def by_meshio(path):
+    """Time, corners of the cells and their values, time by time."""
+    with meshio.xdmf.TimeSeriesReader(path) as reader:
+        points, cells = reader.read_points_cells()
+        for k in range(reader.num_steps):
+            time, _, data = reader.read_data(k)
+            # Refuses values of other numbers than the cells.
+            mesh = meshio.Mesh(points, cells, cell_data=data)
+            assert [block.type for block in mesh.cells] in (["quad"], ["hexahedron"]), mesh.cells
+            values = {name: blocks[0] for name, blocks in mesh.cell_data.items()}
+            yield time, mesh.points[mesh.cells[0].data], values
+
+
+def by_vtk(path):
+    """The same."""
+    reader = vtkXdmfReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    steps = reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+    for time in steps or [0.0]:
+        reader.UpdateTimeStep(time)
+        (grid,) = blocks(reader.GetOutputDataObject(0))
+        points = vtk_to_numpy(grid.GetPoints().GetData())
+        count = grid.GetNumberOfCells()
+        corners = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(count, -1)
+        arrays = grid.GetCellData()
+        found = range(arrays.GetNumberOfArrays())
+        values = {arrays.GetArrayName(k): vtk_to_numpy(arrays.GetArray(k)) for k in found}
+        yield time, points[corners], values
+
+
+def as_lists(directory, n, density):
+    """Every file of a grid at every time and cell, by meshio and by VTK, against result.h5.
+
+    They place the cells; the cell of result.h5 is the one with that centre.
+    """
+    fields = ["f"] if density else ["phi", *[f"psi_{a}" for a in SPACE[:n]]]
+    with h5py.File(directory / "result.h5") as file:
+        end = file.attrs["time"]
+        times = list(file["time"][()]) if "history" in file else [end]
+        field_times = [*(file["field_time"][()] if "field_time" in file else []), end]
+        middle = {a: len(file[a]) // 2 for a in SPACE[:n] + VELOCITY[:n]}
+        for grid in [*[f"plane_{a}" for a in SPACE[:n]], "space"]:
+            axes = SPACE[:n] if grid == "space" else [grid[-1], f"v{grid[-1]}"]
+            path = (directory / f"{grid}.xdmf").absolute()
+            for read in (by_meshio, by_vtk):
+                steps = list(read(path))
+                expected = times if grid == "space" else field_times
+                same([step[0] for step in steps], expected, f"{grid}: times")
+                for time, corners, values in steps:
+                    what = f"{grid} by {read.__name__} at {time}"
+                    cells = places(file, axes, corners, what)
+                    names = moments(file)
+                    if grid != "space":
+                        names = {*fields, *(["exact"] if density and time == end else [])}
+                    assert set(values) == names, (what, set(values) ^ names)
+                    for name, found in values.items():
+                        data = stored(file, name, time)
+                        if name.startswith("psi_"):
+                            data = data[SPACE.index(name[-1])]
+                        if grid != "space":
+                            cut = [slice(None) if a in axes else m for a, m in middle.items()]
+                            data = data[tuple(cut)]
+                        data = np.asarray(data)
+                        vector = data.ndim > len(axes)
+                        data = np.moveaxis(data, 0, -1) if vector else data[..., None]
+                        if vector and n > 1:
+                            pad = np.zeros((*data.shape[:-1], 3 - n))
+                            data = np.concatenate([data, pad], axis=-1)
+                        same(found.reshape(len(corners), -1), data[cells], f"{what}: {name}")
+
+
+def places(file, axes, corners, what):
+    """The indices of the cells with these corners, of which each is there once."""
+    widths = np.prod([file[a][1] - file[a][0] for a in axes])
+    sizes = corners.max(axis=1) - corners.min(axis=1)
+    same(np.prod(sizes[:, : len(axes)], axis=1), np.full(len(corners), widths), what, 1e-12)
+    indices = []
+    for k, axis in enumerate(axes):
+        centres, found = file[axis][()], corners[:, :, k].mean(axis=1)
+        index = np.abs(centres[:, None] - found).argmin(axis=0)
+        same(found, centres[index], f"{what}: centres along {axis}", 1e-12)
+        indices.append(index)
+    shape = [len(file[a]) for a in axes]
+    numbers = np.ravel_multi_index(indices, shape)
+    assert sorted(numbers) == list(range(int(np.prod(shape)))), f"{what}: cells"
+    return tuple(indices)
 
 
 def at_a_time(reader, file, n, dataset):
@@ -268,7 +364,10 @@ for place in sys.argv[1:]:
         with_xarray(directory / "result.h5", dimension, is_density)
         early = ", history" if history(directory / "result.h5", dimension, is_density) else ""
         steps = with_vtk(directory, dimension, is_density)
+        as_lists(directory, dimension, is_density)
         files = warped(directory, dimension)
         whole = f", {files} warped" if files else ""
-        versions = f"h5py {h5py.__version__}, xarray {xarray.__version__}"
+        versions = (
+            f"h5py {h5py.__version__}, xarray {xarray.__version__}, meshio {meshio.__version__}"
+        )
         print(f"{place}: read by {versions}, VTK ({steps} times){early}{whole}")

@@ -134,6 +134,11 @@ def test_measure_valued_data(tmp_path: Path) -> None:
     assert data["multivalued_x"].dims == data["multivalued_v"].dims == ("point",)
     assert data["plateau_p"].dims == data["plateau_distance"].dims == ("plateau",)
     assert data["density_exact"].dims == ("x",)
+    assert data["momentum_exact"].dims == ("component", "x")
+    case["output.moment_times"] = [0.2, 0.4]
+    data = pw.run(case, tmp_path, force=True).open()
+    assert data["density_exact"].dims == ("time", "x")
+    assert data["density_exact"].attrs["long_name"] == "density of the exact solution"
 
 
 def test_two_dimensions_and_readout(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ pub struct Cli {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Solve a case; writes DIR/result.h5, DIR/fields.xdmf and DIR/summary.json
+    /// Solve a case; writes DIR/result.h5, DIR/summary.json and views of the grids
     Run(RunArgs),
     /// Solve a case with every combination of values; writes DIR/table.csv and DIR/table.tex
     Sweep(SweepArgs),

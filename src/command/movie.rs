@@ -31,7 +31,7 @@ fn movies(args: &MovieArgs) -> Result<Written> {
     let cuts: Result<Vec<Cut>> = args.slices.iter().map(|text| Cut::parse(&run, text)).collect();
     let mut cuts = cuts?;
     if cuts.is_empty() {
-        cuts.push(Cut::middle(&run));
+        cuts.push(Cut::usual(&run));
     }
     let directory = args.output.clone();
     let directory = directory.unwrap_or_else(|| args.directory.join(pictures::FOLDER));

@@ -151,6 +151,6 @@ fn album(args: &PlotArgs) -> Result<Drawn> {
     let cuts = args.slices.iter().map(|text| Cut::parse(&run, text));
     let cuts: Vec<Cut> = cuts.collect::<Result<_>>()?;
     let album = pictures::draw(&run, beside.as_ref(), &cuts)?;
-    let cut = cuts.into_iter().next().unwrap_or_else(|| Cut::middle(&run));
+    let cut = cuts.into_iter().next().unwrap_or_else(|| Cut::usual(&run));
     Ok(Drawn { run, album, cut })
 }

@@ -294,7 +294,11 @@ impl<'a> FullestRank<'a> {
                 // doubling.
                 Data::Measure { .. } => 32 * (1 + n) * points + 64 * curve_points(case) as u64,
             };
-            list.push(("exact solution".to_owned(), values + 80 * points));
+            // Its moments at every time, and a copy of them where they are written.
+            let here = there / shown.velocity_cells() as u64;
+            let times = 1 + case.shown_times().count() as u64;
+            let moments = 16 * MOMENTS as u64 * times * here;
+            list.push(("exact solution".to_owned(), values + 80 * points + moments));
         }
         list
     }

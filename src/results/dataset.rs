@@ -28,6 +28,8 @@ pub struct Results<'a> {
     pub fields: &'a [&'a [f64]],
     /// The exact solution there.
     pub exact: Option<&'a ExactSolution>,
+    /// Its moments there at every time of `early`, then at the end; none where there is no `exact`.
+    pub exact_moments: &'a [Moments],
     /// Moments there.
     pub moments: &'a Moments,
     /// `V` there.

@@ -213,6 +213,25 @@ mod tests {
         assert_eq!(svg, example().svg().unwrap());
     }
 
+    /// A label goes down its line until it covers no data.
+    #[test]
+    fn labels_cover_no_data() {
+        let height = |data: f64| -> f64 {
+            let points = (0..40).map(|k| [f64::from(k), data]).collect();
+            let axis = Axis::linear("y").within(0.0, 1.0);
+            let panel = Panel::new("", Axis::linear("x"), axis)
+                .line("", Style::of(0), points)
+                .vertical("here", 10.0);
+            let svg = Figure::new("", vec![panel]).svg().unwrap();
+            let text = svg.split("<text").find(|text| text.contains("here")).unwrap();
+            let y = text.split("y=\"").nth(1).and_then(|y| y.split('"').next());
+            y.and_then(|y| y.parse().ok()).unwrap()
+        };
+        let free = height(0.5);
+        let covered = height(0.97);
+        assert!(covered > free + 10.0, "{covered} {free}");
+    }
+
     #[test]
     fn a_png_has_the_size_of_the_sheet_and_is_not_blank() {
         let directory = tempfile::tempdir().unwrap();

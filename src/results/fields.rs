@@ -50,10 +50,11 @@ const PHI: Kind = scalar("phi", Over::PhaseSpace, "density phi of f = phi delta(
 const PSI: Kind =
     vector("psi", Over::PhaseSpace, "level sets psi of f = phi delta(psi), one a velocity axis");
 const EXACT: Kind = scalar("exact", Over::PhaseSpace, "exact solution at cell centres");
-const DENSITY_EXACT: Kind =
-    scalar("density_exact", Over::Space, "exact density, average over the cell");
+const DENSITY_EXACT: Kind = scalar("density_exact", Over::Space, "density of the exact solution");
+const MOMENTUM_EXACT: Kind =
+    vector("momentum_exact", Over::Space, "momentum of the exact solution");
 const VELOCITY_EXACT: Kind =
-    vector("velocity_exact", Over::Space, "exact mean velocity of the cell");
+    vector("velocity_exact", Over::Space, "mean velocity of the exact solution");
 const DENSITY: Kind = scalar("density", Over::Space, "integral of f over v");
 const POTENTIAL: Kind = scalar("potential", Over::Space, "V at the cell's centre, or at the node");
 const MOMENTUM: Kind = vector("momentum", Over::Space, "integral of v f over v");
@@ -83,25 +84,42 @@ pub fn fields<'a>(data: &Data, values: impl Iterator<Item = &'a [f64]>) -> Vec<F
 
 /// Density, momentum and mean velocity.
 pub fn moments(moments: &Moments) -> [Field<'_>; 3] {
+    of_kinds([DENSITY, MOMENTUM, VELOCITY], moments)
+}
+
+/// Those of the exact solution.
+pub fn exact_moments(moments: &Moments) -> [Field<'_>; 3] {
+    of_kinds([DENSITY_EXACT, MOMENTUM_EXACT, VELOCITY_EXACT], moments)
+}
+
+fn of_kinds([density, momentum, velocity]: [Kind; 3], moments: &Moments) -> [Field<'_>; 3] {
     [
-        (DENSITY, vec![&moments.density[..]]),
-        (MOMENTUM, slices(&moments.momentum)),
-        (VELOCITY, slices(&moments.velocity)),
+        (density, vec![&moments.density[..]]),
+        (momentum, slices(&moments.momentum)),
+        (velocity, slices(&moments.velocity)),
     ]
     .map(|(kind, components)| Field { kind, components })
 }
 
-/// The exact solution, where there is one.
-pub fn exact(solution: Option<&ExactSolution>) -> Vec<Field<'_>> {
-    let all = match solution {
-        None => Vec::new(),
-        Some(ExactSolution::Field(values)) => vec![(EXACT, vec![&values[..]])],
-        Some(ExactSolution::Moments(exact)) => vec![
-            (DENSITY_EXACT, vec![&exact.density[..]]),
-            (VELOCITY_EXACT, slices(&exact.velocity)),
-        ],
-    };
-    all.into_iter().map(|(kind, components)| Field { kind, components }).collect()
+/// The exact field, where there is one.
+pub fn exact(solution: Option<&ExactSolution>) -> Option<Field<'_>> {
+    match solution {
+        Some(ExactSolution::Field(values)) => {
+            Some(Field { kind: EXACT, components: vec![&values[..]] })
+        }
+        _ => None,
+    }
+}
+
+/// The moments at every output time, the end last: computed, then exact ones where there are some.
+pub fn moments_by_time<'a>(results: &'a Results<'_>) -> Vec<Vec<Field<'a>>> {
+    let early = results.early.iter().map(|early| &early.moments);
+    let mut times: Vec<Vec<Field<'a>>> =
+        early.chain([results.moments]).map(|found| moments(found).into()).collect();
+    for (time, exact) in times.iter_mut().zip(results.exact_moments) {
+        time.extend(exact_moments(exact));
+    }
+    times
 }
 
 /// `V`, which does not change.
@@ -114,6 +132,7 @@ pub fn at_the_end<'a>(results: &'a Results<'_>) -> Vec<Field<'a>> {
     let mut all = fields(&results.case.data, results.fields.iter().copied());
     all.extend(exact(results.exact));
     all.extend(moments(results.moments));
+    all.extend(results.exact_moments.last().into_iter().flat_map(exact_moments));
     all.push(potential(results.potential));
     all
 }

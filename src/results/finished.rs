@@ -8,6 +8,7 @@ use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::results::file_checksums;
+use crate::results::grids;
 use crate::results::pictures;
 use crate::results::readback::{read_text, text_attribute};
 use crate::results::report;
@@ -19,7 +20,7 @@ use hdf5::File;
 use std::path::Path;
 use std::time::SystemTime;
 
-/// The files of text of a run.
+/// The files of text of a run, but for those of its grids.
 const TEXTS: [&str; 3] = ["summary.json", xdmf::NAME, "readout.csv"];
 /// Characters of a value at most that are shown.
 const MOST_SHOWN: usize = 40;
@@ -45,17 +46,19 @@ pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool>
     // Files that the run would write, and no others that lie there.
     let listed = file_checksums::check(world, directory)?;
     let written = |name: &&str| case_writes(case, name);
-    let texts = [xdmf::NAME, "readout.csv"].into_iter().filter(written);
-    match ["result.h5"].into_iter().chain(texts).find(|name| !listed.contains_key(*name)) {
-        Some(name) => Err(file_checksums::not_listed(directory, name)),
+    let texts = ["result.h5", xdmf::NAME, "readout.csv"].into_iter().filter(written);
+    let mut names = texts.map(str::to_owned).chain(grids::names_of(case));
+    match names.find(|name| !listed.contains_key(name)) {
+        Some(name) => Err(file_checksums::not_listed(directory, &name)),
         None => Ok(true),
     }
 }
 
-/// Whether a run of `case` writes the text `name`.
+/// Whether a run of `case` writes the file `name`.
 fn case_writes(case: &Case, name: &str) -> bool {
     match name {
         xdmf::NAME => case.storage.xdmf,
+        "result.h5" => true,
         _ => case.readout.is_some(),
     }
 }
@@ -153,7 +156,8 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
     // A run that was stopped leaves the warped fields of times that it came to.
     let warped = warped::names(case);
     let warped = warped.iter().map(String::as_str).filter(|name| !ours(name));
-    let mut names = TEXTS.into_iter().chain(warped);
+    let grids: Vec<String> = grids::names().collect();
+    let mut names = TEXTS.into_iter().chain(grids.iter().map(String::as_str)).chain(warped);
     let name = names.find(there)?;
     Some(format!("it holds {name}, which belongs to no result.h5 there; {instead}"))
 }

@@ -5,6 +5,7 @@
 //! | `/axis/time` | (N_t) | the output times, the final one last |
 //! | `/history/density` | (N_t, N_x1, …) | as `/density`, at each |
 //! | `/history/momentum`, `/history/velocity` | (N_t, n, N_x1, …) | as `/momentum`, `/velocity` |
+//! | `/history/density_exact`, …, `velocity_exact` | the same | of the exact solution, if there is one |
 //! | `/history/mass`, `kinetic_energy`, `potential_energy` | (N_t) | sums over all of space |
 //! | `/axis/field_time` | (N_f) | `output.field_times` |
 //! | `/history/f`; `/history/phi`, `psi` | (N_f, as `/f`, `/phi`); (N_f, n, …) | fields there |
@@ -55,10 +56,9 @@ pub fn write(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Res
     fields(writer, results, layout)
 }
 
-/// Density, momentum and mean velocity, all times at once: moments are small.
+/// Density, momentum and mean velocity, computed and exact, all times at once: moments are small.
 fn moments(writer: &Writer<'_>, results: &Results<'_>, layout: &Layout) -> Result<()> {
-    let early = results.early.iter().map(|e| &e.moments);
-    let times: Vec<_> = (early.chain([results.moments])).map(fields::moments).collect();
+    let times = fields::moments_by_time(results);
     for (k, field) in times[0].iter().enumerate() {
         let kind = field.kind;
         let values: Vec<f64> =
@@ -127,6 +127,7 @@ pub fn datasets(case: &Case) -> [usize; 2] {
         return [0, 0];
     }
     let fields = case.shown_times().filter(|t| t.fields).count();
-    let moments = 1 + 2 * case.space.dimension();
+    let kinds = if case.exact.is_some() { 2 } else { 1 };
+    let moments = kinds * (1 + 2 * case.space.dimension());
     [fields * case.fields.len(), (times + 1) * moments]
 }

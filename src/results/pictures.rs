@@ -101,8 +101,8 @@ pub fn draw(run: &Stored, beside: Option<&Stored>, cuts: &[Cut]) -> Result<Album
         )));
     }
     let runs = Runs::new(run, beside);
-    let middle = Cut::middle(run);
-    let cuts = if cuts.is_empty() { std::slice::from_ref(&middle) } else { cuts };
+    let usual = Cut::usual(run);
+    let cuts = if cuts.is_empty() { std::slice::from_ref(&usual) } else { cuts };
     let mut album = Album { pictures: Vec::new(), left_out: Vec::new() };
     for (k, cut) in cuts.iter().enumerate() {
         let name = match k {

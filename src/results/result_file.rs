@@ -8,7 +8,7 @@
 //! | `/phi`, `/psi` | as `/f`; (n, …) | measure-valued, instead of `/f`: `f = φ Π_a δ(ψ_a)` |
 //! | `/potential` | (N_x1, …, N_xn) | `V` at the nodes; not finite where its formula is not |
 //! | `/exact` | as `/f` | the exact solution, where one is named |
-//! | `/density_exact`, `/velocity_exact` | as `/density` … | measure-valued: cell averages |
+//! | `/density_exact`, `momentum_exact`, `velocity_exact` | as `/density` … | of the exact solution |
 //! | `/multivalued/x`, `v`, `density`, `branch` | points | branches of the exact velocity (1D) |
 //! | `/axis/x`, … `/axis/vz`, `component` | cell centres | dimension scales; also in the root |
 //! | `/axis/weights_x`, … | as `/axis/x` | of a degree above 0: quadrature weights of the nodes |
@@ -18,7 +18,7 @@
 //! | `/readout/…` | (R) | measurements by row and estimator, see [`crate::quantum::readout`] |
 //! | `/timings` | group | seconds by step, as attributes: datasets are the same on any ranks |
 //! | `/history/…` | a time first | moments and fields earlier, see [`crate::results::history`] |
-//! | `/xdmf/…` | axes reversed | what `fields.xdmf` shows, see [`crate::results::views`] |
+//! | `/xdmf/…` | axes reversed | what is shown of the grids, see [`crate::results::views`] |
 //!
 //! Every dataset has its [`crate::base::checksum`] as an attribute; the file is read back before it
 //! gets its name.
@@ -27,7 +27,7 @@ use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::plan::Plan;
-use crate::problem::case::{Case, Data, Exact};
+use crate::problem::case::{Case, Data};
 use crate::problem::exact::sheet::{Curve, curve_points};
 use crate::problem::grid::axis_names;
 use crate::problem::limits::CHUNK;
@@ -38,10 +38,10 @@ use crate::results::fields::{self, COMPONENT, DIRECTION, Layout, POINT};
 use crate::results::room::require_room;
 use crate::results::views::Step;
 use crate::results::writer::{Outcome, Writer, attribute, text};
-use crate::results::{averages, history, readback, views};
+use crate::results::{averages, grids, history, readback, views};
 use std::path::Path;
 
-/// Writes `directory/result.h5`; gives what `fields.xdmf` is to show of it. Collective over
+/// Writes `directory/result.h5`; gives what is to be shown of its grids. Collective over
 /// `world`.
 ///
 /// # Errors
@@ -121,10 +121,11 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<St
 /// # Errors
 /// [`crate::base::error::Error::Directory`].
 pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
-    require_room(directory, most_bytes(case), |bytes| format!("the results take {bytes}"))
+    let bytes = most_bytes(case).saturating_add(grids::most_bytes(case) as u64);
+    require_room(directory, bytes, |bytes| format!("the results take {bytes}"))
 }
 
-/// The most bytes that the results may take.
+/// The most bytes that `result.h5` may take.
 pub fn most_bytes(case: &Case) -> u64 {
     /// Metadata, texts and the summary.
     const MARGIN: usize = 256 << 10;
@@ -134,19 +135,17 @@ pub fn most_bytes(case: &Case) -> u64 {
     let n = space.dimension();
     // Datasets over phase space, over planes in it and over space, each with its points.
     let (mut fields, mut moments, mut points) = (case.fields.len(), 2 + 2 * n, 0);
-    match (&case.exact, &case.data) {
-        (None, _) => {}
-        (Some(Exact::Characteristics), Data::Measure { .. }) => {
-            moments += 1 + n;
-            points = 5 * curve_points(case);
-        }
-        (Some(_), _) => fields += 1,
+    let exact = usize::from(case.exact.is_some());
+    moments += exact * (1 + 2 * n);
+    match &case.data {
+        Data::Measure { .. } => points = exact * 5 * curve_points(case),
+        Data::Density => fields += exact,
     }
     let [early_fields, mut early_moments] = history::datasets(case);
     let planes = if storage.xdmf { fields + early_fields } else { 0 };
     if storage.xdmf && n > 1 {
-        moments += 12;
-        early_moments += 7 * case.shown_times().count();
+        moments += 8 + 7 * exact;
+        early_moments += 7 * (1 + exact) * (1 + case.shown_times().count());
     }
     let all = |sizes: &[usize]| {
         let planes = planes * (0..n).map(|a| sizes[a] * sizes[n + a]).sum::<usize>();

@@ -1,4 +1,4 @@
-//! What `fields.xdmf` shows: moments over space, and fields on the planes (x_a, v_a) through the
+//! What `fields.xdmf` and the file of each grid show: moments over space, and fields on the planes (x_a, v_a) through the
 //! middle of the other axes; at the output times too, planes where fields are written.
 //!
 //! XDMF takes the first index of a dataset for the last direction, and nothing turns that round: a
@@ -11,7 +11,7 @@ use crate::base::checksum::Slab;
 use crate::base::error::Result;
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::dataset::{ExactSolution, Results};
-use crate::results::fields::{self, DIRECTION, Field, Over};
+use crate::results::fields::{self, DIRECTION, Field};
 use crate::results::history::{FIELD_TIME, TIME, with_fields};
 use crate::results::writer::Writer;
 use std::ops::Range;
@@ -21,6 +21,8 @@ use std::ops::Range;
 pub struct Grid {
     /// Its name.
     pub name: String,
+    /// Axes that it is drawn on: two or three.
+    pub dimension: usize,
     /// Lower ends of the three axes.
     pub origin: [f64; 3],
     /// Widths of the cells.
@@ -72,6 +74,7 @@ impl Grid {
         let width = axes[0].width();
         let mut grid = Self {
             name: name.to_owned(),
+            dimension: axes.len().max(2),
             origin: [-0.5 * width; 3],
             spacing: [width; 3],
             cells: [1; 3],
@@ -166,8 +169,7 @@ fn earlier_planes(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step]
 fn earlier_space(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step]) -> Result<()> {
     let space = &results.case.space;
     let n = space.dimension();
-    let early = results.early.iter().map(|e| &e.moments);
-    let times: Vec<_> = early.chain([results.moments]).map(fields::moments).collect();
+    let times = fields::moments_by_time(results);
     let mut grids = vec![space_grid(space); steps.len()];
     for (k, Field { kind, .. }) in times[0].iter().enumerate() {
         let (mut path, vector) = (format!("/history/{}", kind.name), kind.vector && n > 1);
@@ -238,8 +240,7 @@ fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
     // Scalars first.
     let mut fields = Vec::from(fields::moments(results.moments));
     fields.push(fields::potential(results.potential));
-    fields.extend(fields::exact(results.exact));
-    fields.retain(|field| field.kind.over == Over::Space);
+    fields.extend(results.exact_moments.last().into_iter().flat_map(fields::exact_moments));
     fields.sort_by_key(|field| field.kind.vector);
     if n == 1 {
         for Field { kind, .. } in fields {

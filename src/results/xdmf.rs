@@ -58,7 +58,8 @@ fn grids_text(time: f64, grids: &[Grid]) -> String {
             None => (
                 "3DCoRectMesh",
                 "ORIGIN_DXDYDZ",
-                item("3", "XML", &numbers(grid.origin)) + &item("3", "XML", &numbers(grid.spacing)),
+                item("3", "Float", "XML", &numbers(grid.origin))
+                    + &item("3", "Float", "XML", &numbers(grid.spacing)),
             ),
             Some(faces) => ("3DRectMesh", "VXVYVZ", faces.iter().map(|f| places(f)).collect()),
         };
@@ -90,7 +91,7 @@ fn grids_text(time: f64, grids: &[Grid]) -> String {
 fn values(view: &View, counts: &str) -> String {
     let place = format!("result.h5:{}", view.dataset);
     let Some(moment) = &view.moment else {
-        return item(counts, "HDF", &place);
+        return item(counts, "Float", "HDF", &place);
     };
     let list =
         |numbers: &[usize]| numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(" ");
@@ -105,20 +106,20 @@ fn values(view: &View, counts: &str) -> String {
         list(&start),
         list(&vec![1; rank]),
         list(&count),
-        item(&list(&moment.shape), "HDF", &place)
+        item(&list(&moment.shape), "Float", "HDF", &place)
     )
 }
 
 /// The faces along an axis, which XDMF lists from the first axis on.
 fn places(faces: &[f64]) -> String {
     let numbers: Vec<String> = faces.iter().map(f64::to_string).collect();
-    item(&faces.len().to_string(), "XML", &numbers.join(" "))
+    item(&faces.len().to_string(), "Float", "XML", &numbers.join(" "))
 }
 
-/// Numbers, or where they are.
-fn item(dimensions: &str, format: &str, content: &str) -> String {
+/// Numbers of the type `kind`, of 8 bytes, or where they are.
+pub(crate) fn item(dimensions: &str, kind: &str, format: &str, content: &str) -> String {
     format!(
-        "<DataItem Dimensions=\"{dimensions}\" NumberType=\"Float\" Precision=\"8\" \
+        "<DataItem Dimensions=\"{dimensions}\" NumberType=\"{kind}\" Precision=\"8\" \
          Format=\"{format}\">{content}</DataItem>\n"
     )
 }

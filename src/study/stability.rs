@@ -133,3 +133,19 @@ pub fn measure(world: &World, case: &Case, only: &[Name], limit: Duration) -> Re
         seconds: budget.elapsed(),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::draw::text::width;
+
+    /// Labels stay beside their frames of 360 by 260 points.
+    #[test]
+    fn labels_are_no_longer_than_their_axes() {
+        for panel in &PANELS {
+            for (scale, length) in [(&panel.x, 360.0), (&panel.y, 260.0)] {
+                assert!(width(scale.label, 10.5) < length, "{}", scale.label);
+            }
+        }
+    }
+}

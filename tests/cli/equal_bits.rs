@@ -236,7 +236,15 @@ fn same_bits_at_output_times() {
             "output.chunks=[5, 6]",
         ],
         axes: 1,
-        datasets: &["/f", "/history/f", "/history/density", "/history/mass", "/axis/time"],
+        datasets: &[
+            "/f",
+            "/history/f",
+            "/history/density",
+            "/history/density_exact",
+            "/history/velocity_exact",
+            "/history/mass",
+            "/axis/time",
+        ],
     });
 }
 

@@ -165,7 +165,15 @@ fn a_file_that_is_never_read_to_its_end_is_given_up() {
 fn every_changed_byte_is_seen() {
     const EACH: usize = 6;
     let mut rows = Vec::new();
-    for name in ["result.h5", "warped_f.h5", "summary.json", "fields.xdmf", "readout.csv"] {
+    for name in [
+        "result.h5",
+        "warped_f.h5",
+        "summary.json",
+        "fields.xdmf",
+        "grids.h5",
+        "space.xdmf",
+        "readout.csv",
+    ] {
         rows.extend((0..EACH).map(|k| (name, k)));
     }
     check_all(&rows, |&(name, k)| {

@@ -1,6 +1,6 @@
 //! Fields and moments before the end are those of shorter runs.
 
-use crate::support::{at_most, check_all, datasets, directory, distance, near, run};
+use crate::support::{at_most, check_all, datasets, directory, distance, near, parsed, run};
 
 /// What is written before the end is what runs that end there find, fields and moments, by modes
 /// and classically; with the same sums of moments whether the fields are kept or not.
@@ -48,10 +48,16 @@ fn results_before_the_end_are_those_of_shorter_runs() {
         };
         let density = if name == "example3.toml" { ["/phi", "/psi"].as_slice() } else { &["/f"] };
         density.iter().try_for_each(|dataset| close(dataset, 1))?;
-        ["/density", "/momentum"].iter().try_for_each(|dataset| close(dataset, 3))?;
+        let mut moments = vec!["/density", "/momentum"];
+        if short.contains_key("/density_exact") {
+            moments.extend(["/density_exact", "/momentum_exact", "/velocity_exact"]);
+        }
+        let exact = parsed(name, &[]).is_ok_and(|case| case.exact.is_some());
+        summary.require(exact == (moments.len() > 2), || format!("{exact}: {moments:?}"))?;
+        moments.iter().try_for_each(|dataset| close(dataset, 3))?;
         // The last of the history is the end.
         let last = times.len() - 1;
-        for dataset in ["/density", "/momentum"] {
+        for dataset in moments {
             let (all, end) = (&long[&format!("/history{dataset}")].bytes, &long[dataset].bytes);
             let same = all[last * end.len()..] == end[..];
             summary.require(same, || format!("the last of /history{dataset} is not {dataset}"))?;
@@ -59,6 +65,46 @@ fn results_before_the_end_are_those_of_shorter_runs() {
         let mass = long["/history/mass"].numbers();
         near("mass", mass[last], summary.number("mass")?, 1e-15)
     });
+}
+
+/// The exact moments are sums over the exact field, of elements too; those of the start are near
+/// what the run begins with. Those at the end do not change with the times before.
+#[test]
+fn exact_moments_are_those_of_the_exact_field() {
+    const ELEMENTS: &[&str] = &["scheme.degree=2", "axis.0.x.cells=10", "axis.0.v.cells=8"];
+    const CELLS: &[&str] = &["axis.0.x.cells=26", "axis.0.v.cells=24"];
+    for settings in [CELLS, ELEMENTS] {
+        let (with, without) = (directory(), directory());
+        let job = run("example1.toml").set(settings);
+        let times = "output.moment_times=[0, 0.5]";
+        job.clone().set(&[times]).on(3).solve(with.path()).unwrap();
+        job.solve(without.path()).unwrap();
+        let (with, without) = (datasets(with.path()).unwrap(), datasets(without.path()).unwrap());
+        for name in ["/density_exact", "/momentum_exact", "/velocity_exact"] {
+            assert_eq!(with[name].bytes, without[name].bytes, "{name}");
+        }
+        let (exact, v) = (with["/exact"].numbers(), with["/axis/vx"].numbers());
+        let weights = match with.get("/axis/weights_vx") {
+            Some(weights) => weights.numbers(),
+            None => vec![3.0 / v.len() as f64; v.len()],
+        };
+        let density = with["/density_exact"].numbers();
+        let momentum = with["/momentum_exact"].numbers();
+        for (cell, line) in exact.chunks(v.len()).enumerate() {
+            let held: Vec<f64> = line.iter().zip(&weights).map(|(f, w)| f * w).collect();
+            let sum: f64 = held.iter().sum();
+            assert!((density[cell] - sum).abs() < 1e-12, "{cell}: {} {sum}", density[cell]);
+            let sum: f64 = held.iter().zip(&v).map(|(held, v)| held * v).sum();
+            assert!((momentum[cell] - sum).abs() < 1e-12, "{cell}: {} {sum}", momentum[cell]);
+        }
+        let cells = density.len();
+        let [found, exact] =
+            ["/history/density", "/history/density_exact"].map(|name| with[name].numbers());
+        assert_eq!(exact.len(), 3 * cells);
+        let off = distance(&found[..cells], &exact[..cells]);
+        assert!(off < 0.2, "density at the start: {off}");
+        assert_ne!(exact[..cells], exact[cells..2 * cells]);
+    }
 }
 
 /// Moments alone, and those of fields that are written at the same times, are the same but for

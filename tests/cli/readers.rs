@@ -1,4 +1,5 @@
-//! Results as other programs see them: h5py, xarray and VTK's XDMF reader, by `tests/readers.py`.
+//! Results as other programs see them: h5py, xarray, meshio and VTK's XDMF reader, by
+//! `tests/readers.py`.
 //!
 //! Skipped, and said so, where there is no Python with these packages; `make readers` installs
 //! them. A failure where `PHASEWARP_READERS=required`, as `.ci/run` sets it once they are
@@ -18,7 +19,8 @@ fn read(python: &Path, arguments: &[&str]) -> Result<String, String> {
 #[test]
 fn results_open_in_other_programs() {
     let Some(python) = python::with_packages("readers", SCRIPT) else {
-        let why = "no Python with h5py, h5netcdf, xarray and vtk; `make readers` installs them";
+        let why = "no Python with h5py, h5netcdf, xarray, meshio and vtk; `make readers` installs \
+                   them";
         let required = std::env::var("PHASEWARP_READERS").is_ok_and(|v| v == "required");
         assert!(!required, "{why}");
         // Not through the test's own output, which is shown of failures only.
@@ -79,6 +81,21 @@ fn results_open_in_other_programs() {
             };
             std::fs::write(&xdmf, format!("{before}{after}")).map_err(|e| e.to_string())?;
             summary.require(read(&python, &[&path]).is_err(), || format!("not noticed: {old}"))?;
+        }
+        std::fs::write(&xdmf, text).map_err(|e| e.to_string())?;
+        read(&python, &[&path]).map_err(|why| format!("not sound again: {why}"))?;
+        for (file, old, new) in [
+            ("space.xdmf", "/density<", "/potential<"),
+            ("plane_y.xdmf", "/exact<", "/f<"),
+            ("plane_x.xdmf", "Time Value=\"", "Time Value=\"1"),
+        ] {
+            let file = place.path().join(file);
+            let text = std::fs::read_to_string(&file).map_err(|e| e.to_string())?;
+            summary.require(text.contains(old), || format!("no {old} in {text}"))?;
+            std::fs::write(&file, text.replacen(old, new, 1)).map_err(|e| e.to_string())?;
+            let noticed = read(&python, &[&path]).is_err();
+            summary.require(noticed, || format!("not noticed: {old} as {new}"))?;
+            std::fs::write(&file, text).map_err(|e| e.to_string())?;
         }
         Ok(())
     });

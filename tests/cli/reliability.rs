@@ -33,7 +33,7 @@ fn names(directory: &Path) -> Vec<String> {
 fn damaged_results_are_not_called_finished() {
     /// What happens to the results, and what is said of it.
     type Damage = (&'static str, fn(&Path), &'static str);
-    const DAMAGES: [Damage; 6] = [
+    const DAMAGES: [Damage; 8] = [
         (
             "a value",
             |place| {
@@ -68,6 +68,8 @@ fn damaged_results_are_not_called_finished() {
             },
             "fields.xdmf",
         ),
+        ("no points", |place| fs::remove_file(place.join("grids.h5")).unwrap(), "grids.h5"),
+        ("no plane", |place| fs::write(place.join("plane_x.xdmf"), b"").unwrap(), "plane_x.xdmf"),
         ("no table", |place| fs::write(place.join("readout.csv"), b"").unwrap(), "readout.csv"),
     ];
     check_all(&DAMAGES, |(what, damage, said)| {
@@ -170,13 +172,15 @@ fn one_run_at_a_time_in_a_directory() {
     assert_eq!(first.code, Some(0), "{}", first.report("the first run"));
     let refusal = refusal.expect("a second run").expect("its end");
     refusal.ended(2, &["another run writes into it (run.lock: process", "-o"]).unwrap();
-    assert_eq!(names(path), ["fields.xdmf", "result.h5", "summary.json"]);
+    let files =
+        ["fields.xdmf", "grids.h5", "plane_x.xdmf", "result.h5", "space.xdmf", "summary.json"];
+    assert_eq!(names(path), files);
     Job::new(["check-result", &path.display().to_string()]).on(2).succeed().unwrap();
     // What a killed run leaves keeps nobody away.
     fs::write(path.join("run.lock"), b"process 1").expect("a file");
     fs::write(path.join("result.h5.partial"), b"half").expect("a file");
     run().with(["--force"]).into(path).on(1).succeed().expect("a run");
-    assert_eq!(names(path), ["fields.xdmf", "result.h5", "summary.json"]);
+    assert_eq!(names(path), files);
 }
 
 /// A job that is killed and starts again at once: old ranks may still be there.
@@ -209,7 +213,15 @@ fn links_and_pipes_are_not_followed() {
     fs::write(&victim, b"text").expect("a file");
     let path = place.path().join("results");
     fs::create_dir(&path).expect("a directory");
-    let all = ["result.h5", "summary.json", "fields.xdmf", "readout.csv", "warped_f.h5"];
+    let all = [
+        "result.h5",
+        "summary.json",
+        "fields.xdmf",
+        "grids.h5",
+        "space.xdmf",
+        "readout.csv",
+        "warped_f.h5",
+    ];
     for name in all {
         std::os::unix::fs::symlink(&victim, path.join(name)).expect("a link");
         let partial = path.join(format!("{name}.partial"));

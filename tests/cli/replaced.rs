@@ -76,7 +76,9 @@ fn what_is_replaced_goes_with_its_pictures() {
     fs::remove_file(path.join("plots/mine.svg")).expect("a file");
     Job::new(["plot", &shown]).succeed().expect("pictures");
     run(&[]).with(["--force"]).into(path).succeed().unwrap();
-    assert_eq!(names(), ["fields.xdmf", "result.h5", "summary.json"]);
+    let files =
+        ["fields.xdmf", "grids.h5", "plane_x.xdmf", "result.h5", "space.xdmf", "summary.json"];
+    assert_eq!(names(), files);
     assert!(!path.join("plots").exists(), "an empty folder stays");
 }
 
@@ -86,6 +88,9 @@ fn files_that_no_run_wrote_are_not_replaced_unasked() {
         ("result.h5", "it holds a result.h5 that is not phasewarp's"),
         ("summary.json", "it holds summary.json, which belongs to no result.h5 there"),
         ("fields.xdmf", "it holds fields.xdmf"),
+        ("grids.h5", "it holds grids.h5"),
+        ("space.xdmf", "it holds space.xdmf"),
+        ("plane_z.xdmf", "it holds plane_z.xdmf"),
         ("readout.csv", "it holds readout.csv"),
         ("warped_f.h5", "it holds warped_f.h5"),
     ];

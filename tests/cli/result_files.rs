@@ -23,7 +23,9 @@ fn refused_runs_leave_older_results() {
     };
     solve(&[]).on(2).succeed().unwrap();
     let before = contents();
-    assert_eq!(before.keys().collect::<Vec<_>>(), ["fields.xdmf", "result.h5", "summary.json"]);
+    let files =
+        ["fields.xdmf", "grids.h5", "plane_x.xdmf", "result.h5", "space.xdmf", "summary.json"];
+    assert_eq!(before.keys().collect::<Vec<_>>(), files);
     for bad in ["solver.tolerance=1e-15", "initial.f=sqrt(-x)", "axis.0.x.cells=0"] {
         let finished = solve(&[bad]).on(2).run().unwrap();
         refused(&finished, &[]).unwrap();
@@ -122,10 +124,11 @@ fn results_say_what_made_them() {
     assert_eq!(stored["/case"].bytes, case_text);
 
     // Without what is shown by ParaView, and what an earlier run left of it.
-    assert!(place.path().join("fields.xdmf").is_file());
+    let shown = ["fields.xdmf", "grids.h5", "plane_x.xdmf", "space.xdmf"];
+    assert!(shown.iter().all(|name| place.path().join(name).is_file()));
     assert!(stored.contains_key("/xdmf/plane_x/f"));
     job.set(&["output.xdmf=false"]).with(["--force"]).solve(place.path()).unwrap();
-    assert!(!place.path().join("fields.xdmf").exists());
+    assert!(!shown.iter().any(|name| place.path().join(name).exists()));
     let names: Vec<String> = datasets(place.path()).unwrap().into_keys().collect();
     assert!(!names.iter().any(|name| name.contains("xdmf")), "{names:?}");
 }

@@ -61,7 +61,7 @@ pub struct Storage {
     /// `output.chunks`: cells of a chunk along each axis, in storage order; planned where there is
     /// compression.
     pub chunks: Option<Vec<usize>>,
-    /// `output.xdmf`: whether to write `fields.xdmf`, and what it shows.
+    /// `output.xdmf`: whether to write views of the grids, and what they show.
     pub xdmf: bool,
 }
 

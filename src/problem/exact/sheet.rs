@@ -65,6 +65,8 @@ pub struct Curve {
 pub struct ExactMoments {
     /// `ρ`, row-major.
     pub density: Vec<f64>,
+    /// `ρ u_a`, one vector an axis.
+    pub momentum: Vec<Vec<f64>>,
     /// `u_a`, one vector an axis; NaN where there is nothing.
     pub velocity: Vec<Vec<f64>>,
     /// The multivalued velocity, in one dimension.
@@ -217,6 +219,7 @@ impl ExactMoments {
         let pick = |whole: &Vec<f64>| cells.iter().map(|&c| whole[c]).collect();
         Self {
             density: pick(&self.density),
+            momentum: self.momentum.iter().map(pick).collect(),
             velocity: self.velocity.iter().map(pick).collect(),
             curve: self.curve,
         }
@@ -528,13 +531,13 @@ impl Sheets<'_> {
             return Err(failure);
         }
         let space = &self.case.space;
-        let mut density = self.mass.clone();
-        let mut cell = 0;
+        let mut volumes = Vec::with_capacity(self.mass.len());
         let cells: Vec<Range<usize>> = space.x.iter().map(|a| 0..a.cells).collect();
         for_each_cell(&cells, |i| {
-            density[cell] /= space.x.iter().zip(i).map(|(a, i)| a.weight(*i)).product::<f64>();
-            cell += 1;
+            volumes.push(space.x.iter().zip(i).map(|(a, i)| a.weight(*i)).product::<f64>());
         });
+        let average =
+            |sums: &Vec<f64>| sums.iter().zip(&volumes).map(|(sum, volume)| sum / volume).collect();
         let largest = self.mass.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
         let mean = |momentum: &Vec<f64>| {
             let ratio = |(p, m): (&f64, &f64)| {
@@ -543,8 +546,9 @@ impl Sheets<'_> {
             momentum.iter().zip(&self.mass).map(ratio).collect()
         };
         Ok(ExactMoments {
+            density: average(&self.mass),
+            momentum: self.momentum.iter().map(average).collect(),
             velocity: self.momentum.iter().map(mean).collect(),
-            density,
             curve: (space.dimension() == 1).then_some(self.curve),
         })
     }

@@ -94,7 +94,7 @@ impl<'a> Frame<'a> {
         let legend = entries
             .map(|entry| text::width(entry.label, SMALL))
             .reduce(f64::max)
-            .map_or(14.0, |widest| widest + SAMPLE + 20.0);
+            .map_or(14.0, |widest| widest + SAMPLE + 36.0);
         let bar = self.maps().next().map_or(0.0, |_| BAR_ROOM);
         legend + bar
     }
@@ -223,6 +223,11 @@ fn colour_bar<DB: DrawingBackend>(map: &Map, area: &Area<DB>) -> Drawn {
     text::draw(area, &map.label, at, &text::style(SMALL, FAINT))
 }
 
+/// Whether two rectangles share more than an edge.
+fn overlap(a: &[Place; 2], b: &[Place; 2]) -> bool {
+    (0..2).all(|c| a[0][c] < b[1][c] && b[0][c] < a[1][c])
+}
+
 /// The inside of a frame.
 struct Plot<'a, DB: DrawingBackend> {
     frame: &'a Frame<'a>,
@@ -339,39 +344,77 @@ impl<'a, DB: DrawingBackend> Plot<'a, DB> {
         [[from, high], [to.max(from + 1.0), low]]
     }
 
-    /// Labels of lines, bands and bars. Those of vertical lines stand one below the other.
+    /// Whether lines, points and intervals leave a rectangle free, but for the width of a marker.
+    fn is_free(&self, ground: [Place; 2]) -> bool {
+        const MARKER: f64 = 2.0 * PIXELS;
+        let ground = [ground[0].map(|c| c - MARKER), ground[1].map(|c| c + MARKER)];
+        let inside =
+            |place: &Place| (0..2).all(|c| (ground[0][c]..=ground[1][c]).contains(&place[c]));
+        self.frame.panel.layers.iter().all(|layer| match layer {
+            Layer::Line { points, .. } => {
+                let places: Vec<Place> = points.iter().map(|p| self.place(*p)).collect();
+                clipped(&places, ground).is_empty()
+            }
+            Layer::Points { points, .. } => !points.iter().any(|p| inside(&self.place(*p))),
+            Layer::Intervals { points, .. } => points.iter().all(|(point, ends)| {
+                let places = ends.map(|y| self.place([point[0], y]));
+                clipped(&places, ground).is_empty()
+            }),
+            _ => true,
+        })
+    }
+
+    /// Labels of lines, bands and bars, where they cover no data if there is such a place. Those of
+    /// vertical lines stand one below the other.
     fn notes(&self) -> Drawn {
         let [right, bottom] = self.end;
         let points = |length: f64| length * PIXELS;
-        let note = |label: &str, x: f64, y: f64| match self.holds([x, y]) {
-            true => text::note(&self.area, label, [x, y], right),
-            false => Ok(()),
+        let mut taken: Vec<[Place; 2]> = Vec::new();
+        // At the first of the places where it covers no data and no other note.
+        let mut note = |label: &str, places: &[Place]| {
+            let grounds = places.iter().filter(|place| self.holds(**place));
+            let grounds: Vec<(&Place, [Place; 2])> =
+                grounds.map(|place| (place, text::ground(label, *place, right))).collect();
+            let free = |(_, ground): &&(&Place, [Place; 2])| {
+                !taken.iter().any(|other| overlap(ground, other)) && self.is_free(*ground)
+            };
+            match grounds.iter().find(free).or(grounds.first()) {
+                Some((place, ground)) if !label.is_empty() => {
+                    taken.push(*ground);
+                    text::note(&self.area, label, **place, right)
+                }
+                _ => Ok(()),
+            }
         };
-        let mut row = 0;
+        let rows: Vec<f64> =
+            (0..).map(|k| points(9.0 + 13.0 * f64::from(k))).take_while(|y| *y < bottom).collect();
         for layer in &self.frame.panel.layers {
             match layer {
-                Layer::Vertical { label, at } if !label.is_empty() => {
+                Layer::Vertical { label, at } => {
                     let x = self.x(*at);
-                    note(label, x, points(9.0 + 13.0 * f64::from(row)))?;
-                    row += i32::from(self.holds([x, 0.0]));
+                    note(label, &rows.iter().map(|y| [x, *y]).collect::<Vec<_>>())?;
                 }
                 Layer::Horizontal { label, at } => {
                     let y = self.y(*at);
-                    let above = match y > points(14.0) {
-                        true => y - points(8.0),
-                        false => y + points(8.0),
-                    };
-                    note(label, 0.0, above)?;
+                    let mut sides = [y - points(8.0), y + points(8.0)];
+                    if y <= points(14.0) {
+                        sides.reverse();
+                    }
+                    let along = (0..8).map(|part| right * f64::from(part) / 8.0);
+                    let places = along.flat_map(|x| sides.map(|y| [x, y]));
+                    note(label, &places.collect::<Vec<_>>())?;
                 }
                 Layer::Band { label, from } => {
                     let [a, b] = self.band(*from);
                     let label = if b > a { label } else { "" };
-                    note(label, a, bottom - points(9.0))?;
+                    let lowest = std::iter::once(bottom - points(9.0));
+                    let places = lowest.chain(rows.iter().rev().copied()).map(|y| [a, y]);
+                    note(label, &places.collect::<Vec<_>>())?;
                 }
                 Layer::Bars { bars, .. } => {
                     for (k, (bar, label)) in bars.iter().enumerate() {
                         let [high, low] = self.bar(k, *bar);
-                        note(label, low[0], 0.5 * (high[1] + low[1]))?;
+                        note(label, &[[low[0], 0.5 * (high[1] + low[1])]])?;
                     }
                 }
                 _ => {}

@@ -49,19 +49,23 @@ pub fn draw<DB: DrawingBackend>(
     area.draw_text(text, style, rounded(place)).map_err(|e| e.to_string())
 }
 
+/// Size of notes in points.
+const NOTE: f64 = 8.5;
+
+/// The ground of a [`note`]: its upper left and its lower right corner.
+pub fn ground(text: &str, place: Place, right: f64) -> [Place; 2] {
+    let wide = PIXELS * width(text, NOTE);
+    let left = (place[0] + 3.0 * PIXELS).min(right - wide - 2.0 * PIXELS);
+    let (beside, half) = (PIXELS, 6.0 * PIXELS);
+    [[left - beside, place[1] - half], [left + wide + beside, place[1] + half]]
+}
+
 /// A small text beside `place` on a ground that keeps it legible; further left where it would leave
 /// `right`.
 pub fn note<DB: DrawingBackend>(area: &Area<DB>, text: &str, place: Place, right: f64) -> Drawn {
-    const SIZE: f64 = 8.5;
-    if text.is_empty() {
-        return Ok(());
-    }
-    let wide = PIXELS * width(text, SIZE);
-    let left = (place[0] + 3.0 * PIXELS).min(right - wide - 2.0 * PIXELS);
-    let (beside, half) = (PIXELS, 6.0 * PIXELS);
-    let ground = [[left - beside, place[1] - half], [left + wide + beside, place[1] + half]];
+    let ground = ground(text, place, right);
     rectangle(area, ground, PAPER)?;
-    draw(area, text, [left, place[1]], &style(SIZE, FAINT))
+    draw(area, text, [ground[0][0] + PIXELS, place[1]], &style(NOTE, FAINT))
 }
 
 /// Length of `text` in points.

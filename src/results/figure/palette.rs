@@ -33,6 +33,9 @@ const SEQUENTIAL: [RGBColor; 5] = [
     RGBColor(254, 232, 56),
 ];
 
+/// What is no number in a map: no shade of one, zero and paper included.
+pub const NOTHING: RGBColor = RGBColor(195, 195, 195);
+
 /// Ends of a map of differences, blue below and vermilion above; zero is white.
 const BELOW: RGBColor = RGBColor(0, 90, 160);
 const ABOVE: RGBColor = RGBColor(200, 80, 0);
@@ -123,17 +126,17 @@ impl Style {
     }
 }
 
-/// The colour of `fraction` in [0, 1] of the way along a map's bar; [`PAPER`] for what is no
+/// The colour of `fraction` in [0, 1] of the way along a map's bar; [`NOTHING`] for what is no
 /// number.
 fn along(colours: &[RGBColor], fraction: f64) -> RGBColor {
     match fraction.is_nan() {
-        true => PAPER,
+        true => NOTHING,
         false => DerivedColorMap::new(colours).get_color(fraction),
     }
 }
 
-/// The colour of `fraction` in [0, 1] of the way along a heat map's bar; [`PAPER`] for what is no
-/// number.
+/// The colour of `fraction` in [0, 1] of the way along a heat map's bar; [`NOTHING`] for what is
+/// no number.
 pub fn sequential(fraction: f64) -> RGBColor {
     along(&SEQUENTIAL, fraction)
 }
@@ -176,9 +179,16 @@ mod tests {
         let all: Vec<f64> = (0..=100).map(|k| lightness(sequential(k as f64 / 100.0))).collect();
         assert!(all.windows(2).all(|w| w[1] > w[0] - 1e-4));
         assert!(all[100] - all[0] > 0.7);
-        assert_eq!(sequential(f64::NAN), PAPER);
+        assert_eq!((sequential(f64::NAN), diverging(f64::NAN)), (NOTHING, NOTHING));
         // No value looks like nothing.
-        assert!((0..=100).all(|k| sequential(k as f64 / 100.0) != PAPER));
+        let apart = |a: RGBColor, b: RGBColor| {
+            let pairs = [(a.0, b.0), (a.1, b.1), (a.2, b.2)];
+            pairs.iter().map(|(a, b)| a.abs_diff(*b)).max()
+        };
+        for shade in [sequential, diverging] {
+            let nearest = (0..=100).map(|k| apart(shade(k as f64 / 100.0), NOTHING)).min();
+            assert!(nearest > Some(Some(20)), "{nearest:?}");
+        }
         assert_eq!(sequential(7.0), sequential(1.0));
     }
 

@@ -2,6 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::text::short;
+use crate::results::pictures::jumps::jumps;
 use crate::results::pictures::stored::Stored;
 
 /// Where planes cut the axes that they do not run along: cell by axis in storage order.
@@ -9,12 +10,32 @@ use crate::results::pictures::stored::Stored;
 pub struct Cut(pub Vec<usize>);
 
 impl Cut {
+    /// Where it lies if nobody says: in the middle; along axes of space at the nearest cell to it
+    /// that is not next to a jump of `V`, where `f` may be of either side.
+    pub fn usual(run: &Stored) -> Self {
+        let mut cut = Self::middle(run);
+        for a in 0..run.dimension() {
+            let (axis, faces) = (run.axis(a), jumps(run, a, &cut));
+            let at_jump = |cell: usize| {
+                let element = axis.split(cell as i64).0;
+                faces.contains(&axis.face(element)) || faces.contains(&axis.face(element + 1))
+            };
+            let away = |cell: &usize| cell.abs_diff(cut.0[a]);
+            let free = (0..axis.cells).filter(|cell| !at_jump(*cell));
+            // Of two the upper one, as of an even number of cells.
+            if let Some(cell) = free.rev().min_by_key(away) {
+                cut.0[a] = cell;
+            }
+        }
+        cut
+    }
+
     /// Through the middle cells (cell N/2, counted from 0), as `fields.xdmf` does.
     pub fn middle(run: &Stored) -> Self {
         Self((0..2 * run.dimension()).map(|a| run.axis(a).cells / 2).collect())
     }
 
-    /// As `text` says, `x=0.1,vy=0`; through the middle along axes that it does not name.
+    /// As `text` says, `x=0.1,vy=0`; as [usual](Self::usual) along axes that it does not name.
     ///
     /// # Errors
     /// [`Error::Input`] where it names no axis of the run, or a place outside of the box.
@@ -25,7 +46,7 @@ impl Cut {
             let why = "in one dimension all of phase space is shown".to_owned();
             return Err(wrong(why));
         }
-        let mut cut = Self::middle(run);
+        let mut cut = Self::usual(run);
         let mut named = Vec::new();
         for part in text.split(',') {
             let (name, place) = (part.split_once('='))

@@ -3,16 +3,13 @@
 //! Ends of axes and colours are those of all frames together, which are therefore read twice. The
 //! frames differ in the time in their title only, and have one size.
 
-mod exact;
-
 use crate::base::text::short;
 use crate::problem::grid::MAX_DIMENSION;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
 use crate::results::pictures::cut::Cut;
-use crate::results::pictures::film::exact::ExactDensity;
 use crate::results::pictures::jumps::{borders, closing, jumps};
-use crate::results::pictures::maps::{map, range};
+use crate::results::pictures::maps::{Spread, map, undershoots};
 use crate::results::pictures::moments::{planes, titled};
 use crate::results::pictures::phase_space::{concentrated, surface};
 use crate::results::pictures::stored::{Plane, Read, Snapshot, Stored};
@@ -24,8 +21,6 @@ pub struct Film<'a> {
     times: Vec<Snapshot>,
     /// Why there is no exact density, where the case names an exact solution.
     pub without_exact: Option<String>,
-    /// The exact density of each frame; none of any where it is not known.
-    exact: Vec<Vec<f64>>,
     scales: Scales,
     scene: Scene,
 }
@@ -38,12 +33,12 @@ struct Scene {
     borders: Vec<Vec<[f64; 2]>>,
 }
 
-/// Smallest and largest values of all frames.
+/// The values of all frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Scales {
     /// By plane of phase space: where planes cut the others, fields may be far smaller.
-    fields: [Option<[f64; 2]>; MAX_DIMENSION],
-    density: Option<[f64; 2]>,
+    fields: [Spread; MAX_DIMENSION],
+    density: Spread,
 }
 
 impl<'a> Film<'a> {
@@ -52,17 +47,20 @@ impl<'a> Film<'a> {
     /// # Errors
     /// What the files lack.
     pub fn new(run: &'a Stored, cut: &Cut, times: Vec<Snapshot>) -> Read<Self> {
-        let (exact, without_exact) = match exact_densities(run, cut, &times) {
-            Ok(exact) => (exact, None),
-            Err(why) => (Vec::new(), Some(why)),
-        };
+        // An older program wrote none, or none before the end.
+        let early = run.has("history").then_some("history/density_exact");
+        let lacking = ["density_exact"].into_iter().chain(early).find(|name| !run.has(name));
+        let known = run.case.as_ref().is_ok_and(|case| case.exact.is_some());
+        let without_exact = lacking
+            .filter(|_| known)
+            .map(|name| format!("there is no /{name} in result.h5; run the case again"));
         let n = run.dimension();
         let scene = Scene {
             faces: (0..n).map(|a| jumps(run, a, cut)).collect(),
             borders: planes(n).into_iter().map(|plane| borders(run, plane, cut)).collect(),
         };
         let scales = Scales::default();
-        let mut film = Self { run, cut: cut.clone(), times, without_exact, exact, scales, scene };
+        let mut film = Self { run, cut: cut.clone(), times, without_exact, scales, scene };
         let mut scales = Scales::default();
         for k in 0..film.count() {
             scales.hold(&film.frame(k)?, n);
@@ -81,6 +79,11 @@ impl<'a> Film<'a> {
         self.times[k].time
     }
 
+    /// Whether the exact density of all times is there.
+    fn has_exact(&self) -> bool {
+        self.run.has("density_exact") && self.without_exact.is_none()
+    }
+
     /// A frame: fields on the planes of phase space first, then the density.
     ///
     /// # Errors
@@ -97,10 +100,11 @@ impl<'a> Film<'a> {
             panels.push(faces.iter().fold(panel, |panel, x| panel.vertical("", *x)));
             caption += &closing(run, a, faces);
         }
-        let exact = self.exact.get(k).map(Vec::as_slice);
+        let maps = self.scales.fields[..n].iter().chain((n > 1).then_some(&self.scales.density));
+        caption += &undershoots(maps.filter_map(Spread::undershoot).reduce(f64::min));
         match n {
-            1 => panels.push(self.density_line(at, exact)?),
-            _ => panels.extend(self.density_maps(at, exact)?),
+            1 => panels.push(self.density_line(at)?),
+            _ => panels.extend(self.density_maps(at)?),
         }
         let columns = if panels.len() == 4 { 2 } else { panels.len().min(3) };
         let title = format!("{}\nt = {}", run.title(), short(at.time));
@@ -136,62 +140,51 @@ impl<'a> Film<'a> {
         Ok(self.map(plane, title("φ"), field, self.scales.fields[a]))
     }
 
-    fn map(&self, axes: [usize; 2], title: String, plane: Plane, ends: Option<[f64; 2]>) -> Panel {
-        // Two values, so that what is constant but for round-off looks so.
-        let ends = ends.map(|ends| Plane { shape: [1, 2], values: ends.to_vec() });
-        map(self.run, axes, title, plane, ends.and_then(|ends| range([&ends], 0.0)))
+    fn map(&self, axes: [usize; 2], title: String, plane: Plane, values: Spread) -> Panel {
+        map(self.run, axes, title, plane, values.range(0.0))
     }
 
     /// In one dimension the density over `x`, with the exact one.
-    fn density_line(&self, at: Snapshot, exact: Option<&[f64]>) -> Read<Panel> {
+    fn density_line(&self, at: Snapshot) -> Read<Panel> {
         let mut axis = Axis::linear("density");
-        if let Some([lower, upper]) = self.scales.density {
+        if let Some([lower, upper]) = self.scales.density.ends {
             let least = 1e-3 * lower.abs().max(upper.abs()).max(f64::MIN_POSITIVE);
             let margin = (0.05 * (upper - lower)).max(least);
             axis = axis.within(lower - margin, upper + margin);
         }
         let x = self.run.axis(0);
         let mut panel = Panel::new("density", Axis::linear("x").within(x.lower, x.upper), axis);
-        if let Some(exact) = exact {
-            panel = panel.line("exact", Style::of(2).plain(), self.run.line(exact));
+        let exact = self.has_exact();
+        if exact {
+            let points = self.run.line(&self.run.moment_line(at, "density_exact")?);
+            panel = panel.line("exact", Style::of(2).plain(), points);
         }
-        let points = self.run.line(&self.run.density_line(at)?);
-        let label = if exact.is_some() { "computed" } else { "" };
+        let points = self.run.line(&self.run.moment_line(at, "density")?);
+        let label = if exact { "computed" } else { "" };
         panel = panel.line(label, Style::of(0).plain(), points);
         Ok(self.scene.faces[0].iter().fold(panel, |panel, x| panel.vertical("", *x)))
     }
 
-    /// In more dimensions the density on every plane of two space axes, each beside the exact one.
-    fn density_maps(&self, at: Snapshot, mut exact: Option<&[f64]>) -> Read<Vec<Panel>> {
+    /// In more dimensions the density on every plane of two space axes, then the exact ones: in two
+    /// beside it, in three a row of each, so that the exact one is below.
+    fn density_maps(&self, at: Snapshot) -> Read<Vec<Panel>> {
         let run = self.run;
         let mut panels = Vec::new();
-        for (plane, border) in planes(run.dimension()).into_iter().zip(&self.scene.borders) {
-            let mut show = |name: &str, field: Plane| {
-                let title = titled(run, name, plane, &self.cut);
+        let exact = self.has_exact().then_some(("exact density", "density_exact"));
+        for (title, name) in [("density", "density")].into_iter().chain(exact) {
+            for (plane, border) in planes(run.dimension()).into_iter().zip(&self.scene.borders) {
+                let cells = &self.cut.0[..run.dimension()];
+                let field = run.moment_plane(at, name, plane, cells)?;
+                let title = titled(run, title, plane, &self.cut);
                 let mut panel = self.map(plane, title, field, self.scales.density);
                 if !border.is_empty() {
                     panel = panel.line("", Style::theory(), border.clone());
                 }
                 panels.push(panel);
-            };
-            let cells = &self.cut.0[..run.dimension()];
-            show("density", run.density_plane(at, plane, cells)?);
-            if let Some(values) = exact {
-                // Plane after plane.
-                let (here, others) = values.split_at(exact::cells_of(run, plane));
-                show("exact density", exact::drawn_on(run, plane, here));
-                exact = Some(others);
             }
         }
         Ok(panels)
     }
-}
-
-/// The exact densities at `times`; none where the case names no exact solution.
-fn exact_densities(run: &Stored, cut: &Cut, times: &[Snapshot]) -> Read<Vec<Vec<f64>>> {
-    let found = ExactDensity::new(run, cut, times.len())?;
-    let at_all = |exact: ExactDensity<'_>| times.iter().map(|at| exact.at(at.time)).collect();
-    found.map_or(Ok(Vec::new()), at_all)
 }
 
 impl Scales {
@@ -202,23 +195,15 @@ impl Scales {
             let maps = panel.layers.iter().any(|layer| matches!(layer, Layer::Map(_)));
             for layer in &panel.layers {
                 match layer {
-                    Layer::Map(map) => widen(scale, map.values.iter().copied()),
+                    Layer::Map(map) => scale.hold(map.values.iter().copied()),
                     // Lines over maps are borders.
                     Layer::Line { points, .. } if !maps => {
-                        widen(scale, points.iter().map(|point| point[1]));
+                        scale.hold(points.iter().map(|point| point[1]));
                     }
                     _ => {}
                 }
             }
         }
-    }
-}
-
-/// Makes room for values that are finite.
-fn widen(scale: &mut Option<[f64; 2]>, values: impl Iterator<Item = f64>) {
-    for value in values.filter(|value| value.is_finite()) {
-        let [lower, upper] = scale.unwrap_or([value; 2]);
-        *scale = Some([lower.min(value), upper.max(value)]);
     }
 }
 
@@ -247,8 +232,7 @@ mod tests {
             let panels = vec![panel().map(map(vec![field, 0.0])), density];
             scales.hold(&Figure::new("", panels), 1);
         }
-        let fields = [Some([-1.0, 3.0]), None, None];
-        let expected = Scales { fields, density: Some([1.0, 7.0]) };
-        assert_eq!(scales, expected);
+        assert_eq!(scales.fields.map(|field| field.ends), [Some([-1.0, 3.0]), None, None]);
+        assert_eq!(scales.density.ends, Some([1.0, 7.0]));
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::base::checksum::Slab;
 use crate::base::text::short;
+use crate::results::draw::extent;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
 use crate::results::pictures::runs::Runs;
@@ -10,8 +11,11 @@ use crate::results::pictures::stored::{Read, Stored};
 /// Most times whose densities are drawn.
 const TIMES: usize = 6;
 
-/// Mass and kinetic energy over time and, in one dimension, the density at some of the times;
-/// nothing where there were no output times.
+/// Part of a quantity that its axis covers at least: a smaller change looks small.
+const LEAST_CHANGE: f64 = 0.01;
+
+/// Mass and energies over time and, in one dimension, the density at some of the times; nothing
+/// where there were no output times.
 ///
 /// # Errors
 /// What the files lack.
@@ -20,27 +24,71 @@ pub fn draw(runs: &Runs<'_>) -> Read<Option<Figure>> {
     if !run.has("history") {
         return Ok(None);
     }
-    let mut panels = Vec::new();
-    for (name, label) in [("mass", "mass"), ("kinetic_energy", "kinetic energy")] {
-        let mut panel = Panel::new(label, Axis::linear("t"), Axis::linear(label));
-        for (k, (r, name_of_run)) in runs.each().filter(|(r, _)| r.has("history")).enumerate() {
-            let times = r.list("axis/time")?;
-            let values = r.list(&format!("history/{name}"))?;
-            let points = times.into_iter().zip(values).map(|(t, v)| [t, v]).collect();
-            let label = if runs.beside.is_some() { name_of_run } else { "" };
-            panel = panel.line(label, Style::of(k), points);
-        }
-        panels.push(panel);
-    }
+    let mut panels = vec![mass(runs)?, energies(runs)?];
     if run.dimension() == 1 {
         panels.push(densities(run)?);
     }
-    Ok(Some(
-        Figure::new("History", panels)
-            .columns(3)
-            .frame(320.0, 240.0)
-            .caption("Sums over all of space at the output times, the end last."),
-    ))
+    Ok(Some(Figure::new("History", panels).columns(3).frame(320.0, 240.0).caption(
+        "Sums over all of space at the output times, the end last. Axes of mass and energy \
+                 cover at least 1 % of their values.",
+    )))
+}
+
+/// A quantity of `/history` over time.
+fn over_time(run: &Stored, name: &str) -> Read<Vec<[f64; 2]>> {
+    let values = run.list(&format!("history/{name}"))?;
+    Ok(run.list("axis/time")?.into_iter().zip(values).map(|(t, v)| [t, v]).collect())
+}
+
+/// The mass of each run.
+fn mass(runs: &Runs<'_>) -> Read<Panel> {
+    let mut lines = Vec::new();
+    for (k, (run, name)) in runs.each().filter(|(run, _)| run.has("history")).enumerate() {
+        let label = if runs.beside.is_some() { name } else { "" };
+        lines.push((label.to_owned(), Style::of(k), over_time(run, "mass")?));
+    }
+    Ok(steady("mass", lines))
+}
+
+/// Kinetic, potential and total energy of each run, of the one beside it dashed and hollow; kinetic
+/// energy alone where `V` is not finite.
+fn energies(runs: &Runs<'_>) -> Read<Panel> {
+    let mut lines = Vec::new();
+    for (k, (run, name)) in runs.each().filter(|(run, _)| run.has("history")).enumerate() {
+        let kinetic = over_time(run, "kinetic_energy")?;
+        let potential = over_time(run, "potential_energy")?;
+        let sum = |(k, p): (&[f64; 2], &[f64; 2])| [k[0], k[1] + p[1]];
+        let total = kinetic.iter().zip(&potential).map(sum).collect();
+        for (quantity, (what, points)) in
+            [("kinetic", kinetic), ("potential", potential), ("total", total)]
+                .into_iter()
+                .enumerate()
+                .filter(|(_, (_, points))| points.iter().all(|point| point[1].is_finite()))
+        {
+            let label = match runs.beside {
+                Some(_) => format!("{what}, {name}"),
+                None => what.to_owned(),
+            };
+            let style = Style::of(quantity);
+            let style = if k == 0 { style } else { style.hollow().dashed(1) };
+            lines.push((label, style, points));
+        }
+    }
+    Ok(steady("energy", lines))
+}
+
+/// Lines over time on an axis that covers [`LEAST_CHANGE`] of the largest value at least.
+fn steady(what: &str, lines: Vec<(String, Style, Vec<[f64; 2]>)>) -> Panel {
+    let mut panel = Panel::new(what, Axis::linear("t"), Axis::linear(what));
+    for (label, style, points) in lines {
+        panel = panel.line(label, style, points);
+    }
+    let [lower, upper] = extent::ends(&panel)[1];
+    let lacking = LEAST_CHANGE * lower.abs().max(upper.abs()) - (upper - lower);
+    if lacking > 0.0 {
+        panel.y = panel.y.within(lower - 0.5 * lacking, upper + 0.5 * lacking);
+    }
+    panel
 }
 
 /// The density at some of the output times, evenly chosen, the last one among them.
@@ -113,4 +161,24 @@ pub fn time(run: &Stored) -> Read<Figure> {
     Ok(Figure::new("Time of the run", vec![panel])
         .frame(560.0, 26.0 * steps.len() as f64 + 20.0)
         .caption("Seconds by step of the run on its first rank, one after the other."))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_small_change_looks_small() {
+        let of = |values: [f64; 2]| {
+            let points = vec![[0.0, values[0]], [1.0, values[1]]];
+            let panel = steady("mass", vec![(String::new(), Style::of(0), points)]);
+            extent::ends(&panel)[1]
+        };
+        let [lower, upper] = of([2.0, 2.0 - 2.8e-4]);
+        assert!((upper - lower - 0.02).abs() < 1e-3 && lower < 1.995 && upper > 2.005);
+        // Changes that are larger fill the frame.
+        assert!(of([2.0, 1.9])[0] > 1.89);
+        // A total of zero has an axis too.
+        assert!(of([0.0, 0.0])[0] < of([0.0, 0.0])[1]);
+    }
 }

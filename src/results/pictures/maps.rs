@@ -1,11 +1,69 @@
 //! Planes of a run as maps.
 
+use crate::base::text::short;
 use crate::results::figure::{Axis, Layer, Map, Panel};
 use crate::results::pictures::stored::{Plane, Stored};
 
 /// The part of the larger end that the smaller one has where values are of both signs, and not
 /// only beside zero by the errors of a scheme.
 const SIGNED: f64 = 0.1;
+
+/// The part of all that is there that may lie below zero in what should not: undershoots of a
+/// scheme, drawn as zero.
+const UNDERSHOOT: f64 = 0.05;
+
+/// The values of a quantity that should not lie below zero, as `f` and the density.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Spread {
+    /// Smallest and largest of those that are finite.
+    pub ends: Option<[f64; 2]>,
+    /// The sum of those below zero, and of all, without signs.
+    sums: [f64; 2],
+}
+
+impl Spread {
+    /// Of the values of planes.
+    pub fn of<'a>(planes: impl IntoIterator<Item = &'a Plane>) -> Self {
+        let mut spread = Self::default();
+        planes.into_iter().for_each(|plane| spread.hold(plane.values.iter().copied()));
+        spread
+    }
+
+    /// With more values.
+    pub fn hold(&mut self, values: impl Iterator<Item = f64>) {
+        for value in values.filter(|value| value.is_finite()) {
+            let [lower, upper] = self.ends.unwrap_or([value; 2]);
+            self.ends = Some([lower.min(value), upper.max(value)]);
+            self.sums[0] += (-value).max(0.0);
+            self.sums[1] += value.abs();
+        }
+    }
+
+    /// The smallest value, where there are undershoots: seldom enough that they are not part of the
+    /// quantity, and larger than round-off.
+    pub fn undershoot(&self) -> Option<f64> {
+        let [lower, upper] = self.ends?;
+        let few = self.sums[0] <= UNDERSHOOT * self.sums[1];
+        (few && lower < -ROUND_OFF * upper).then_some(lower)
+    }
+
+    /// What colours stand for, where values are as large as `scale`: from zero on where there are
+    /// undershoots, else as [`range`] says.
+    pub fn range(&self, scale: f64) -> Option<[f64; 2]> {
+        let [lower, upper] = self.ends?;
+        match self.undershoot() {
+            Some(_) => Some([0.0, upper]),
+            None => range([&Plane { shape: [1, 2], values: vec![lower, upper] }], scale),
+        }
+    }
+}
+
+/// The sentence for values down to `lowest` that are drawn as zero.
+pub fn undershoots(lowest: Option<f64>) -> String {
+    lowest.map_or(String::new(), |lowest| {
+        format!(" Undershoots down to {} have the colour of 0.", short(lowest))
+    })
+}
 
 /// The range about zero of values of both signs.
 fn about_zero([lower, upper]: [f64; 2]) -> Option<[f64; 2]> {
@@ -95,6 +153,23 @@ mod tests {
         for range in [[0.0, 2.0], [-0.1, 2.0], [1.0, 2.0], [-2.0, -1.0]] {
             assert_eq!(about_zero(range), None);
         }
+    }
+
+    #[test]
+    fn undershoots_are_drawn_as_zero() {
+        let spread = |values: &[f64]| {
+            Spread::of([&Plane { shape: [1, values.len()], values: values.to_vec() }])
+        };
+        // Deep, but few.
+        let few = spread(&[-0.4, f64::NAN, 1.4, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
+        assert_eq!((few.undershoot(), few.range(1.4)), (Some(-0.4), Some([0.0, 1.4])));
+        assert!(undershoots(few.undershoot()).contains("down to -0.4"));
+        // A quantity of both signs, round-off, and none below zero.
+        let both = spread(&[-0.4, 1.4, 1.0]);
+        assert_eq!((both.undershoot(), both.range(1.4)), (None, Some([-0.4, 1.4])));
+        assert_eq!(spread(&[-1e-15, 1.0, 1.0]).undershoot(), None);
+        assert_eq!(spread(&[0.0, 1.0]).range(1.0), Some([0.0, 1.0]));
+        assert_eq!((spread(&[]).range(1.0), undershoots(None)), (None, String::new()));
     }
 
     #[test]

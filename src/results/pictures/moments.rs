@@ -1,13 +1,13 @@
 //! Density, momentum and mean velocity.
 
-use crate::base::checksum::Slab;
 use crate::base::text::short;
 use crate::problem::grid;
+use crate::results::draw::extent::map_range;
 use crate::results::figure::palette::Style;
-use crate::results::figure::{Axis, Figure, Layer, Panel};
+use crate::results::figure::{Axis, Figure, Layer, Map, Panel};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, closing, jumps};
-use crate::results::pictures::maps::{apart, difference, largest, map, range};
+use crate::results::pictures::maps::{Spread, apart, difference, largest, map, range, undershoots};
 use crate::results::pictures::phase_space::branches;
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Plane, Read, Stored};
@@ -39,15 +39,20 @@ fn possible(velocity: f64, axis: &grid::Axis) -> f64 {
     if (axis.lower..=axis.upper).contains(&velocity) { velocity } else { f64::NAN }
 }
 
+/// Whose moments: the ends of their datasets' names.
+const COMPUTED: &str = "";
+const EXACT: &str = "_exact";
+
 /// The moment `name` of a run in one dimension as points; velocities where there is something.
-fn listed(run: &Stored, name: &str) -> Read<Vec<[f64; 2]>> {
+fn listed(run: &Stored, name: &str, whose: &str) -> Read<Vec<[f64; 2]>> {
+    let read = |name: &str| Ok::<_, String>(run.line(&run.list(&format!("{name}{whose}"))?));
     if name != "velocity" {
-        return Ok(run.line(&run.list(name)?));
+        return read(name);
     }
-    let density = run.line(&run.list("density")?);
+    let density = read("density")?;
     // Of elements the ratio of two polynomials is drawn, not one through the nodes' ratios.
     let elements = run.space.degree() > 0 && !run.has_averaged_moments();
-    let mut points = run.line(&run.list(if elements { "momentum" } else { name })?);
+    let mut points = read(if elements { "momentum" } else { name })?;
     let most = density.iter().fold(0.0f64, |m, d| m.max(d[1].abs()));
     let nothing = nothing(run, most);
     for (point, [_, density]) in points.iter_mut().zip(density) {
@@ -61,37 +66,6 @@ fn listed(run: &Stored, name: &str) -> Read<Vec<[f64; 2]>> {
     Ok(points)
 }
 
-/// Exact density, momentum and mean velocity in one dimension, where the file has what they follow
-/// from.
-fn exact(run: &Stored) -> Read<Option<[Vec<f64>; 3]>> {
-    let (density, momentum) = if run.has("density_exact") {
-        let (density, velocity) = (run.list("density_exact")?, run.list("velocity_exact")?);
-        let momentum = density.iter().zip(&velocity).map(|(d, u)| d * u).collect();
-        (density, momentum)
-    } else if run.has("exact") {
-        // Its cells are summed as those of f are.
-        let v = run.axis(1);
-        let (centres, weights) = (v.centres(), v.weights());
-        let (mut density, mut momentum) = (Vec::new(), Vec::new());
-        for i in 0..run.axis(0).cells {
-            let line = run.slab("exact", &Slab::of(&[i..i + 1, 0..v.cells]))?;
-            let held = || line.iter().zip(&weights).map(|(f, w)| f * w);
-            density.push(held().sum::<f64>());
-            momentum.push(held().zip(&centres).map(|(held, v)| held * v).sum::<f64>());
-        }
-        (density, momentum)
-    } else {
-        return Ok(None);
-    };
-    let velocity: Vec<f64> = (momentum.iter().zip(&density))
-        .map(|(m, d)| if *d > 0.0 { m / d } else { f64::NAN })
-        .collect();
-    // Nothing has no velocity, and adds no momentum.
-    let momentum =
-        (momentum.into_iter().zip(&density)).map(|(m, d)| if *d > 0.0 { m } else { 0.0 }).collect();
-    Ok(Some([density, momentum, velocity]))
-}
-
 /// In one dimension: each as lines over `x`, with the exact ones and the branches of a velocity
 /// that has several.
 ///
@@ -99,13 +73,12 @@ fn exact(run: &Stored) -> Read<Option<[Vec<f64>; 3]>> {
 /// What the files lack.
 pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
     let run = runs.run;
-    let exact = exact(run)?;
+    // An older program wrote other ones.
+    let exact = run.has("momentum_exact");
     let faces = jumps(run, 0, &Cut::middle(run));
     let mut panels = Vec::new();
-    for (k, (name, label)) in
+    for (name, label) in
         [("density", "density"), ("momentum", "momentum"), ("velocity", "mean velocity")]
-            .into_iter()
-            .enumerate()
     {
         // One panel has the legend.
         let said = |text: &str| {
@@ -119,24 +92,24 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
         }
         // Points, and below the lines, so that all are seen where they agree.
         if let Some(beside) = runs.beside {
-            let points = listed(beside, name)?;
+            let points = listed(beside, name, COMPUTED)?;
             panel = panel.points(said(&runs.names[1]), Style::of(1).hollow(), points);
         }
-        if let Some(exact) = &exact {
-            let points = run.line(&exact[k]);
+        if exact {
+            let points = listed(run, name, EXACT)?;
             panel = panel.line(said("exact"), Style::of(2).plain(), points);
         }
-        let points = listed(run, name)?;
+        let points = listed(run, name, COMPUTED)?;
         panel = panel.line(said(&runs.names[0]), Style::of(0).plain(), points);
         for &at in &faces {
             panel = panel.vertical("", at);
         }
         panels.push(panel);
     }
-    let what = match (&exact, run.has("density_exact")) {
-        (None, _) => "",
-        (Some(_), true) => " Exact values are averages over the cells.",
-        (Some(_), false) => " Exact values are sums over the cells of the exact field.",
+    let what = match (exact, run.has("phi")) {
+        (false, _) => "",
+        (true, true) => " Exact values are averages over the cells.",
+        (true, false) => " Exact values are sums over the cells of the exact field.",
     };
     Ok(Figure::new(format!("Moments at t = {}", short(run.time)), panels)
         .columns(3)
@@ -170,35 +143,50 @@ struct Shown<'a> {
     label: &'a str,
 }
 
+/// A moment on a plane; velocities where there is something.
+fn moment(
+    run: &Stored,
+    shown: Shown<'_>,
+    whose: &str,
+    plane: [usize; 2],
+    at: &[usize],
+) -> Read<Plane> {
+    let component = shown.component;
+    let read = |name: &str, component: Option<usize>| {
+        run.plane(&format!("{name}{whose}"), component.as_slice(), plane, at)
+    };
+    if shown.name != "velocity" {
+        return read(shown.name, component);
+    }
+    let density = read("density", None)?;
+    // Of elements the ratio of two polynomials is drawn, not one through the nodes' ratios.
+    let mut found = match run.space.degree() == 0 || run.has_averaged_moments() {
+        true => read(shown.name, component)?,
+        false => {
+            let mut plane = read("momentum", component)?;
+            let axis = run.axis(run.dimension() + component.unwrap_or(0));
+            for (value, density) in plane.values.iter_mut().zip(&density.values) {
+                *value = possible(*value / density, axis);
+            }
+            plane
+        }
+    };
+    sensible(&mut found.values, &density.values, nothing(run, largest([&density])));
+    Ok(found)
+}
+
+/// A row of maps, and the lowest of the values that are drawn as zero.
+type Row = (Vec<Panel>, Option<f64>);
+
 /// A row of maps: exact, computed, and the difference.
-fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
+fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<Row> {
     let (run, Shown { name, component, label }) = (runs.run, shown);
     let at = &cut.0[..run.dimension()];
-    let read = |r: &Stored| -> Read<Plane> {
-        if name != "velocity" {
-            return r.plane(name, component.as_slice(), plane, at);
-        }
-        let density = r.plane("density", &[], plane, at)?;
-        // Of elements the ratio of two polynomials is drawn, not one through the nodes' ratios.
-        let mut found = match r.space.degree() == 0 || r.has_averaged_moments() {
-            true => r.plane(name, component.as_slice(), plane, at)?,
-            false => {
-                let mut plane = r.plane("momentum", component.as_slice(), plane, at)?;
-                let axis = r.axis(r.dimension() + component.unwrap_or(0));
-                for (value, density) in plane.values.iter_mut().zip(&density.values) {
-                    *value = possible(*value / density, axis);
-                }
-                plane
-            }
-        };
-        sensible(&mut found.values, &density.values, nothing(r, largest([&density])));
-        Ok(found)
-    };
-    let computed: Read<Vec<Plane>> = runs.each().map(|(r, _)| read(r)).collect();
+    let read = |r: &Stored, whose: &str| moment(r, shown, whose, plane, at);
+    let computed: Read<Vec<Plane>> = runs.each().map(|(r, _)| read(r, COMPUTED)).collect();
     let computed = computed?;
-    let named = format!("{name}_exact");
-    let exact = match run.has(&named) {
-        true => Some(run.plane(&named, component.as_slice(), plane, at)?),
+    let exact = match run.has(&format!("{name}{EXACT}")) {
+        true => Some(read(run, EXACT)?),
         false => None,
     };
     // What is there has the velocities of the box.
@@ -209,7 +197,11 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
         }
         None => largest(computed.iter().chain(&exact)),
     };
-    let shared = range(computed.iter().chain(&exact), scale);
+    let spread = Spread::of(computed.iter().chain(&exact));
+    let (shared, lowest) = match component {
+        Some(_) => (range(computed.iter().chain(&exact), scale), None),
+        None => (spread.range(scale), spread.undershoot()),
+    };
     let border = borders(run, plane, cut);
     let bordered = |panel: Panel| {
         if border.is_empty() {
@@ -234,7 +226,7 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
         let title = titled(run, &format!("{label}, {} − exact", names[0]), plane, cut);
         panels.push(bordered(apart(run, plane, title, field, scale)));
     }
-    Ok(panels)
+    Ok((panels, lowest))
 }
 
 /// In more dimensions: the density on every plane of two space axes.
@@ -243,10 +235,13 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
 /// What the files lack.
 pub fn density(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
     let shown = Shown { name: "density", component: None, label: "density" };
-    let rows: Read<Vec<Vec<Panel>>> = (planes(runs.run.dimension()).into_iter())
+    let rows: Read<Vec<Row>> = (planes(runs.run.dimension()).into_iter())
         .map(|plane| row(runs, shown, plane, cut))
         .collect();
-    Ok(figure(runs.run, "Density", rows?, cut, "∫f dv."))
+    let (rows, lowest): (Vec<Vec<Panel>>, Vec<Option<f64>>) = rows?.into_iter().unzip();
+    let lowest = lowest.into_iter().flatten().reduce(f64::min);
+    let caption = format!("∫f dv.{}", undershoots(lowest));
+    Ok(figure(runs.run, "Density", rows, cut, &caption))
 }
 
 /// In more dimensions: each component of the mean velocity, on the same planes.
@@ -260,11 +255,34 @@ pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         .flat_map(|plane| (0..n).map(move |component| (plane, component)))
         .map(|(plane, component)| {
             let label = ["u_x", "u_y", "u_z"][component];
-            row(runs, Shown { name: "velocity", component: Some(component), label }, plane, cut)
+            let shown = Shown { name: "velocity", component: Some(component), label };
+            row(runs, shown, plane, cut).map(|(panels, _)| panels)
         })
         .collect();
-    let caption = "Momentum over density; white where there is nothing.";
-    Ok(figure(runs.run, "Mean velocity", rows?, cut, caption))
+    let mut rows = rows?;
+    alike(&mut rows);
+    let caption = "Momentum over density; grey where there is nothing.";
+    Ok(figure(runs.run, "Mean velocity", rows, cut, caption))
+}
+
+/// Gives all components the colours of values of both signs where one of them has these.
+fn alike(rows: &mut [Vec<Panel>]) {
+    fn maps(panels: &mut [Panel]) -> impl Iterator<Item = &mut Map> {
+        panels.iter_mut().flat_map(|panel| &mut panel.layers).filter_map(|layer| match layer {
+            Layer::Map(map) => Some(map),
+            _ => None,
+        })
+    }
+    // The first map of a row is no difference.
+    let signed = |row: &mut Vec<Panel>| maps(row).next().is_some_and(|map| map.differences);
+    if !rows.iter_mut().any(signed) {
+        return;
+    }
+    for map in rows.iter_mut().flat_map(|row| maps(row)).filter(|map| !map.differences) {
+        let [lower, upper] = map_range(map);
+        let most = upper.max(-lower);
+        (map.range, map.differences) = (Some([-most, most]), true);
+    }
 }
 
 /// Rows of maps; short ones side by side.

@@ -7,7 +7,7 @@ use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Panel};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{closing, jumps};
-use crate::results::pictures::maps::{apart, difference, largest, map, range};
+use crate::results::pictures::maps::{Spread, apart, difference, largest, map, range, undershoots};
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{Plane, Read, Snapshot, Stored};
 
@@ -21,7 +21,7 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
     let n = run.dimension();
     let measure = run.has("phi");
     let mut panels = Vec::new();
-    let mut lines = String::new();
+    let (mut lines, mut lowest) = (String::new(), None);
     for a in 0..n {
         let faces = jumps(run, a, cut);
         if !faces.is_empty() && lines.is_empty() {
@@ -29,8 +29,14 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         }
         lines += &closing(run, a, &faces);
         let plane = [a, n + a];
-        let mut row =
-            if measure { level_sets(runs, plane, cut)? } else { fields(runs, plane, cut)? };
+        let mut row = match measure {
+            true => level_sets(runs, plane, cut)?,
+            false => {
+                let (row, below) = fields(runs, plane, cut)?;
+                lowest = lowest.into_iter().chain(below).reduce(f64::min);
+                row
+            }
+        };
         let place = cut.place(run, plane, 0..2 * n);
         for panel in &mut row {
             if !place.is_empty() {
@@ -56,9 +62,12 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
          dimension."
     } else if run.space.degree() > 0 {
         "The polynomials of f in each element."
+    } else if run.has("exact") {
+        "Cell averages of f; the exact solution at the cells' centres."
     } else {
         "Cell averages of f."
     };
+    lines += &undershoots(lowest);
     if run.case.is_err() {
         lines += " The case file is not understood by this program: jumps of V are not shown.";
     }
@@ -74,8 +83,8 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
         .caption(format!("{what}{lines}{averaged}")))
 }
 
-/// `f`, the exact one, and differences.
-fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
+/// `f`, the exact one, and differences; with the lowest of the values that are drawn as zero.
+fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<(Vec<Panel>, Option<f64>)> {
     let run = runs.run;
     let at = &cut.0[..];
     let computed: Read<Vec<Plane>> =
@@ -86,7 +95,8 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
         false => None,
     };
     let scale = largest(computed.iter().chain(&exact));
-    let shared = range(computed.iter().chain(&exact), scale);
+    let spread = Spread::of(computed.iter().chain(&exact));
+    let shared = spread.range(scale);
     let show = |title: String, field: &Plane| map(run, plane, title, field.clone(), shared);
     let apart = |title: String, field: Plane| apart(run, plane, title, field, scale);
     let names: Vec<&str> = runs.each().map(|(_, name)| name).collect();
@@ -105,7 +115,7 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> Read<Vec<Panel>> {
         let title = format!("{} − {}", names[0], names[1]);
         panels.push(apart(title, difference(field, other)));
     }
-    Ok(panels)
+    Ok((panels, spread.undershoot()))
 }
 
 /// In one dimension the exact velocity and `φ δ(ψ)`; then `φ` and every `ψ`, and how they differ

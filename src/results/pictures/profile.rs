@@ -18,6 +18,8 @@ const DISTINCT: usize = 200;
 const MOST: usize = 2000;
 /// Part of the domain of dependence that is shown beyond its ends.
 const BEYOND: f64 = 0.04;
+/// Points in p closer than this are one.
+const SAME: f64 = 1e-9;
 
 /// What the plan says of the modes; none where the run has none.
 struct Modes {
@@ -232,16 +234,24 @@ pub fn plateau(run: &Stored) -> Read<Option<Figure>> {
     }
     let column = |name: &str| run.list(&format!("plateau/{name}"));
     let (p, distance, norm) = (column("p")?, column("distance")?, column("norm")?);
-    let over = |values: &[f64]| p.iter().zip(values).map(|(p, v)| [*p, *v]).collect();
+    let over =
+        |values: &[f64]| -> Vec<[f64; 2]> { p.iter().zip(values).map(|(p, v)| [*p, *v]).collect() };
     let tolerance = run.plan["tolerance"].as_f64();
     let point = run.plan["warp"]["readings"][0]["point"].as_f64();
+    let mut distances = over(&distance);
+    // What is read at p◇ is its own distance away: round-off.
+    for place in &mut distances {
+        if point.is_some_and(|point| (place[0] - point).abs() <= SAME * point.abs().max(1.0)) {
+            place[1] = f64::NAN;
+        }
+    }
     let mut panels = [
         Panel::new(
             "distance to f read at p◇",
             Axis::linear("p"),
             Axis::log("relative l2 distance"),
         )
-        .line("", Style::of(0), over(&distance)),
+        .line("", Style::of(0), distances),
         Panel::new("norm of what is read", Axis::linear("p"), Axis::linear("l2 norm")).line(
             "",
             Style::of(0),
@@ -256,7 +266,8 @@ pub fn plateau(run: &Stored) -> Read<Option<Figure>> {
         Some(tolerance) => first.horizontal("tolerance", tolerance),
         None => first,
     };
-    let caption = "The field read at p instead of p◇: flat where e^p w(T, p) is the field.";
+    let caption = "The field read at p instead of p◇: flat where e^p w(T, p) is the field. At p◇ \
+                   itself there is no distance.";
     Ok(Some(Figure::new("Plateau", vec![first, second]).caption(caption)))
 }
 

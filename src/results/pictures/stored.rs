@@ -235,22 +235,28 @@ impl Stored {
         self.plane(&at.dataset(name), at.early.as_slice(), plane, cells)
     }
 
-    /// The density at a time, of one dimension, by cell.
-    pub fn density_line(&self, at: Snapshot) -> Read<Vec<f64>> {
+    /// A scalar moment, as `density`, at a time, of one dimension, by cell.
+    pub fn moment_line(&self, at: Snapshot, name: &str) -> Read<Vec<f64>> {
         match self.moment_time(at)? {
-            None => self.list("density"),
+            None => self.list(name),
             Some(k) => {
                 let slab = Slab::of(&[k..k + 1, 0..self.axis(0).cells]);
-                self.slab("history/density", &slab)
+                self.slab(&format!("history/{name}"), &slab)
             }
         }
     }
 
-    /// The density at a time on a plane of space, through `cells`.
-    pub fn density_plane(&self, at: Snapshot, plane: [usize; 2], cells: &[usize]) -> Read<Plane> {
+    /// A scalar moment at a time on a plane of space, through `cells`.
+    pub fn moment_plane(
+        &self,
+        at: Snapshot,
+        name: &str,
+        plane: [usize; 2],
+        cells: &[usize],
+    ) -> Read<Plane> {
         match self.moment_time(at)? {
-            None => self.plane("density", &[], plane, cells),
-            Some(k) => self.plane("history/density", &[k], plane, cells),
+            None => self.plane(name, &[], plane, cells),
+            Some(k) => self.plane(&format!("history/{name}"), &[k], plane, cells),
         }
     }
 
@@ -418,11 +424,11 @@ fn refuse_other_shapes(file: &File, space: &PhaseSpace) -> Read<()> {
     let expected: [(&[&str], Vec<usize>); 7] = [
         (&["history/f", "history/phi"], after(fields, &cells)),
         (&["history/psi"], after(fields, &of_components(&cells))),
-        (&["history/density"], after(moments, &cells[..n])),
+        (&["history/density", "history/density_exact"], after(moments, &cells[..n])),
         (&["f", "phi", "exact"], cells.clone()),
         (&["psi"], of_components(&cells)),
         (&["density", "potential", "density_exact"], cells[..n].to_vec()),
-        (&["momentum", "velocity"], of_components(&cells[..n])),
+        (&["momentum", "velocity", "momentum_exact", "velocity_exact"], of_components(&cells[..n])),
     ];
     for (names, expected) in expected {
         for name in names.iter().filter(|name| exists(file, name)) {

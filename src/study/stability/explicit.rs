@@ -33,7 +33,7 @@ const CELLS: usize = 2048;
 /// Steps after which something has exploded or has not.
 const STEPS: usize = 200;
 /// What is measured: in `STEPS` steps.
-pub const GROWTH: &str = "largest value (of elements the norm) in 200 steps / at the start";
+pub const GROWTH: &str = "growth in 200 steps";
 /// What a step may keep.
 const LARGEST_VALUE: &str = "largest value";
 const NORM: &str = "norm";

@@ -159,7 +159,11 @@ fn drawn(panel: &Panel) -> figure::Panel {
         curve.points.iter().map(|p| [p.x, of(p)]).collect()
     };
     let mut out = figure::Panel::new(panel.title, axis(&panel.x), axis(&panel.y));
-    for (k, curve) in panel.curves.iter().enumerate() {
+    let seen = |curve: &Curve| {
+        let drawn = |y: f64| y.is_finite() && (!panel.y.logarithmic || y > 0.0);
+        curve.points.iter().any(|point| drawn(point.measured))
+    };
+    for (k, curve) in panel.curves.iter().enumerate().filter(|(_, curve)| seen(curve)) {
         out = out.line(&*curve.name, Style::of(k), line(curve, |p| p.measured));
     }
     // Above, where it would be hidden.
@@ -179,4 +183,35 @@ fn drawn(panel: &Panel) -> figure::Panel {
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A method of which nothing could be measured has no place in the legend.
+    #[test]
+    fn curves_without_points_are_not_in_the_legend() {
+        let curve = |name: &str, measured: f64| {
+            Curve::new(name, vec![Point { x: 1.0, measured, theory: f64::NAN }])
+        };
+        let panel = Panel {
+            name: Name::Step,
+            title: "steps",
+            shape: vec![4, 4],
+            x: Scale::log("step"),
+            y: Scale::log("error"),
+            curves: vec![curve("seen", 0.5), curve("missing", f64::NAN), curve("zero", 0.0)],
+            borders: Vec::new(),
+            verdict: String::new(),
+            notes: Vec::new(),
+        };
+        let labels: Vec<String> = (drawn(&panel).layers.into_iter())
+            .filter_map(|layer| match layer {
+                figure::Layer::Line { label, .. } => Some(label),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(labels, ["seen"]);
+    }
 }

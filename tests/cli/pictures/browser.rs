@@ -104,7 +104,7 @@ fn a_browser_opens_the_report() {
     open(&browser, &asking, 600, &[log_to(&log), "--dump-dom".to_owned()]).unwrap();
     assert!(requests(&log).iter().any(|url| url.contains("127.0.0.1:9")));
 
-    // Every picture has its place, nothing sticks out sideways; asked of the page by a script,
+    // Every picture has its place and is not cut, nothing sticks out sideways; asked of the page by a script,
     // which it does not allow itself.
     let text = std::fs::read_to_string(&page).unwrap();
     let policy = text.lines().find(|l| l.contains("Content-Security-Policy")).unwrap();
@@ -116,14 +116,15 @@ fn a_browser_opens_the_report() {
         return all.length===1&&all[0]===e.nextElementSibling&&wide(all[0])?'+':'-'}).join('');\
         document.body.innerHTML=\
         'pictures='+[...document.querySelectorAll('figure svg')].filter(wide).length+\
-        ' marked='+document.querySelectorAll('img:not(.track *)').length+' times='+steps+\
+        ' cut='+[...document.querySelectorAll('figure')].filter(e=>e.scrollWidth>e.clientWidth+1)\
+        .length+' marked='+document.querySelectorAll('img:not(.track *)').length+' times='+steps+\
         ' over='+(document.documentElement.scrollWidth-\
         document.documentElement.clientWidth)</script></body>";
     let measured = place.path().join("measured.html");
     std::fs::write(&measured, text.replace(policy, "").replace("</body>", script)).unwrap();
-    for width in [1200, 600] {
+    for width in [1200, 600, 420] {
         let said = open(&browser, &measured, width, &["--dump-dom".to_owned()]).unwrap();
-        let expected = format!("pictures={pictures} marked=0 times=+++++ over=0");
+        let expected = format!("pictures={pictures} cut=0 marked=0 times=+++++ over=0");
         assert!(said.contains(&expected), "{width}: {expected} expected, {said}");
     }
 }

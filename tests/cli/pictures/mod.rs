@@ -212,7 +212,7 @@ fn numbers_drawn_are_those_of_the_file() {
         let x: Vec<f64> = points.iter().map(|p| p[0]).collect();
         assert_eq!(x, stored["/axis/x"].numbers());
     }
-    // The exact density is that of the exact field.
+    // The exact density is that of the exact field, as the file has it.
     let [exact_density, _] = lines(moments, 0);
     let total: f64 = exact_density.iter().map(|p| p[1] * 3.0 / 26.0).sum();
     let cells: f64 = exact.iter().map(|f| f * 9.0 / (26.0 * 23.0)).sum();
@@ -238,6 +238,38 @@ fn numbers_drawn_are_those_of_the_file() {
     let modes = figure(&album, "modes");
     let work: f64 = curve(modes, 1, "").iter().map(|p| p[1]).sum();
     assert_eq!(work, summary.number("matvecs").unwrap());
+}
+
+/// The distance of what is read at `p◇` to itself is no point of the plateau; the components of a
+/// velocity have one kind of colours.
+#[test]
+fn what_would_mislead_is_not_drawn() {
+    let place = directory();
+    let settings =
+        ["axis.0.x.cells=20", "axis.0.v.cells=16", "output.plateau={from=-1.0,to=1.0,points=5}"];
+    Job::new(["run", &case("example1.toml")]).set(&settings).solve(place.path()).unwrap();
+    let stored = datasets(place.path()).unwrap();
+    let drawn = album(place.path());
+    let found = curve(figure(&drawn, "plateau"), 0, "");
+    assert_eq!(found.len(), stored["/plateau/p"].numbers().len());
+    let plan = String::from_utf8(stored["/plan"].bytes.clone()).unwrap();
+    let plan: Value = serde_json::from_str(plan.trim_end_matches('\0')).unwrap();
+    let read_at = plan["warp"]["readings"][0]["point"].as_f64().unwrap();
+    for place in found {
+        assert_eq!(place[1].is_nan(), (place[0] - read_at).abs() < 1e-9, "{place:?}");
+    }
+
+    let place = directory();
+    let job = Job::new(["run", &case("barrier2d.toml")]);
+    job.set(&["solver.method=classical"]).solve(place.path()).unwrap();
+    let drawn = album(place.path());
+    let maps = maps(figure(&drawn, "velocity"));
+    assert_eq!(maps.len(), 6);
+    assert!(maps.iter().all(|map| map.1.differences), "one component alone has both signs");
+    for (_, map) in maps {
+        let [lower, upper] = map.range.unwrap();
+        assert_eq!(lower, -upper);
+    }
 }
 
 #[test]

@@ -198,6 +198,36 @@ fn planes_have_the_density_beside_the_exact_one() {
     }
 }
 
+/// In three dimensions each exact density stands below the computed one, and planes go through a
+/// cell that is not next to the step, which is at the middle face.
+#[test]
+fn space_has_a_row_of_densities_above_the_exact_ones() {
+    let place = directory();
+    let settings = ["solver.method=classical", "output.field_times=[0.2]"];
+    Job::new(["run", &case("step3d.toml")]).set(&settings).on(2).solve(place.path()).unwrap();
+    let open = untrusted::open(place.path()).unwrap();
+    let cut = Cut::usual(&open);
+    assert_eq!((Cut::middle(&open).0[0], cut.0[0]), (3, 4));
+    assert_eq!(cut.0[1..], Cut::middle(&open).0[1..]);
+    let film = Film::new(&open, &cut, open.snapshots().unwrap()).unwrap();
+    let frame = film.frame(0).unwrap();
+    let titles: Vec<&str> = frame.panels.iter().map(|panel| panel.title.as_str()).collect();
+    assert_eq!((titles.len(), frame.columns), (9, 3), "{titles:?}");
+    for column in 0..3 {
+        let [field, density, exact] = [0, 3, 6].map(|first| titles[first + column]);
+        assert!(field.starts_with("f at") && density.starts_with("density at"), "{titles:?}");
+        assert_eq!(exact, format!("exact {density}"));
+    }
+    let stored = datasets(place.path()).unwrap();
+    let expected = stored["/history/density_exact"].numbers();
+    let maps = maps(&frame);
+    // The plane (x, y) through the middle of z.
+    let z = cut.0[2];
+    for (k, value) in maps[6].1.values.iter().enumerate() {
+        assert_eq!(*value, expected[4 * k + z], "{k}");
+    }
+}
+
 #[test]
 fn a_report_steps_through_the_times() {
     let place = directory();

@@ -1,0 +1,336 @@
+//! `plane_x.xdmf`, …, `space.xdmf`: a file a grid, with all times at which it is shown, for programs
+//! that take lists of points and cells, as meshio and VTK.
+//!
+//! Points, cells and values stand in `grids.h5`:
+//!
+//! | object | shape | |
+//! |---|---|---|
+//! | `/GRID/points` | (points, 3) | corners of the cells, x fastest |
+//! | `/GRID/cells` | (cells, 4 or 8) | numbers of the corners of quadrilaterals or hexahedra |
+//! | `/GRID/K/NAME` | (cells) or (cells, 3) | values at time number `K` of the grid, from 0 |
+//!
+//! Values are no copies. They are virtual datasets of HDF5, which show a dataset of `result.h5`, or
+//! one time of it, as a list in its own order. So `grids.h5` needs `result.h5` beside it.
+
+use crate::base::disk::{self, failure};
+use crate::base::error::Result;
+use crate::problem::case::Case;
+use crate::results::views::{Grid, Step, View};
+use crate::results::writer::Outcome;
+use crate::results::xdmf::item;
+use hdf5::{File, Group, H5Type, Hyperslab, SliceOrIndex};
+use ndarray::ArrayView2;
+use std::fmt::Write;
+use std::ops::Range;
+use std::path::Path;
+
+/// The file with points, cells and values.
+const HEAVY: &str = "grids.h5";
+/// Names of the grids of one to three dimensions: the planes, then space.
+const GRIDS: [&str; 4] = ["plane_x", "plane_y", "plane_z", "space"];
+/// Bytes of a time's virtual datasets.
+const ABOUT_VALUES: usize = 1 << 14;
+/// Rows of points and cells that are written at a time.
+const PIECE: usize = 1 << 14;
+
+/// Names of all files that any run may write here.
+pub(crate) fn names() -> impl Iterator<Item = String> {
+    std::iter::once(HEAVY.to_owned()).chain(GRIDS.iter().map(|grid| format!("{grid}.xdmf")))
+}
+
+/// Names of those that a run of `case` writes.
+pub(crate) fn names_of(case: &Case) -> impl Iterator<Item = String> {
+    let space = case.space.dimension();
+    let written = move |name: &String| {
+        let plane = GRIDS.iter().position(|grid| name.strip_suffix(".xdmf") == Some(grid));
+        plane.is_none_or(|k| k < space || GRIDS[k] == "space")
+    };
+    names().filter(move |name| case.storage.xdmf && written(name))
+}
+
+/// The most bytes that points, cells and what HDF5 keeps about values may take.
+pub(crate) fn most_bytes(case: &Case) -> usize {
+    if !case.storage.xdmf {
+        return 0;
+    }
+    let space = &case.space;
+    let list = |lengths: &[usize]| {
+        let points: usize = lengths.iter().map(|n| n + 1).product();
+        let corners = 1usize << lengths.len();
+        8 * (3 * points + corners * lengths.iter().product::<usize>())
+    };
+    let planes = space.x.iter().zip(&space.v).map(|(x, v)| list(&[x.cells, v.cells]));
+    let cells: Vec<usize> = space.x.iter().map(|axis| axis.cells).collect();
+    let times = 1 + case.shown_times().count();
+    planes.sum::<usize>() + list(&cells) + ABOUT_VALUES * times
+}
+
+/// Writes the files for the states at the times of `steps` into `directory`, which has their
+/// `result.h5`; older ones that are not written go. By one rank.
+///
+/// # Errors
+/// [`crate::base::error::Error::Output`].
+pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
+    for name in names() {
+        let path = directory.join(name);
+        disk::clear(&path).map_err(|e| failure(&path, &e))?;
+    }
+    if steps.is_empty() {
+        return Ok(());
+    }
+    let path = directory.join(HEAVY);
+    let partial = disk::partial(&path);
+    disk::clear(&partial).map_err(|e| failure(&partial, &e))?;
+    let written = heavy(&partial, &directory.join("result.h5"), steps);
+    if written.is_err() {
+        let _ = std::fs::remove_file(&partial);
+    }
+    written.map_err(|e| failure(&path, &e))?;
+    std::fs::rename(&partial, &path).map_err(|e| failure(&path, &e))?;
+    for name in GRIDS {
+        let times = times(steps, name);
+        if !times.is_empty() {
+            disk::write_text(&directory.join(format!("{name}.xdmf")), &document(name, &times))?;
+        }
+    }
+    Ok(())
+}
+
+/// The times at which a grid is shown, and what is shown then.
+fn times<'a>(steps: &'a [Step], name: &str) -> Vec<(f64, &'a Grid)> {
+    let shown = |step: &'a Step| {
+        let grid = step.grids.iter().find(|grid| grid.name == name)?;
+        Some((step.time, grid))
+    };
+    steps.iter().filter_map(shown).collect()
+}
+
+/// Writes points, cells and values into the file `path`.
+fn heavy(path: &Path, result: &Path, steps: &[Step]) -> Outcome<()> {
+    let result = File::open(result)?;
+    let file = File::create(path)?;
+    for name in GRIDS {
+        let times = times(steps, name);
+        let Some((_, first)) = times.first() else {
+            continue;
+        };
+        let group = file.create_group(name)?;
+        let mesh = Mesh::new(first);
+        table(&group, "points", [mesh.points(), 3], |k, row| row.extend(mesh.point(k)))?;
+        table(&group, "cells", [mesh.cells(), mesh.corners()], |k, row| mesh.cell(k, row))?;
+        for (k, (_, grid)) in times.iter().enumerate() {
+            let group = group.create_group(&k.to_string())?;
+            grid.fields.iter().try_for_each(|view| values(&group, &result, view, mesh.cells()))?;
+        }
+    }
+    file.close()?;
+    result.close()
+}
+
+/// A grid as a list of points and a list of cells, both x fastest.
+struct Mesh<'a> {
+    grid: &'a Grid,
+}
+
+impl<'a> Mesh<'a> {
+    fn new(grid: &'a Grid) -> Self {
+        Self { grid }
+    }
+
+    /// Cells along each axis that the grid has.
+    fn lengths(&self) -> &[usize] {
+        &self.grid.cells[..self.grid.dimension]
+    }
+
+    fn cells(&self) -> usize {
+        self.lengths().iter().product()
+    }
+
+    fn points(&self) -> usize {
+        self.lengths().iter().map(|n| n + 1).product()
+    }
+
+    /// Corners of a cell.
+    fn corners(&self) -> usize {
+        1 << self.grid.dimension
+    }
+
+    /// Face number `k` along an axis.
+    fn face(&self, axis: usize, k: usize) -> f64 {
+        match &self.grid.faces {
+            Some(faces) => faces[axis][k],
+            None => self.grid.origin[axis] + k as f64 * self.grid.spacing[axis],
+        }
+    }
+
+    /// Point number `k`; a plane lies at z = 0.
+    fn point(&self, mut k: usize) -> [f64; 3] {
+        let mut point = [0.0; 3];
+        for (axis, n) in self.lengths().iter().enumerate() {
+            point[axis] = self.face(axis, k % (n + 1));
+            k /= n + 1;
+        }
+        point
+    }
+
+    /// Appends the numbers of the corners of cell number `k`: around the quadrilateral; of a
+    /// hexahedron around the lower one, then around the upper one.
+    fn cell(&self, mut k: usize, corners: &mut Vec<i64>) {
+        const AROUND: [[usize; 3]; 8] = [
+            [0, 0, 0],
+            [1, 0, 0],
+            [1, 1, 0],
+            [0, 1, 0],
+            [0, 0, 1],
+            [1, 0, 1],
+            [1, 1, 1],
+            [0, 1, 1],
+        ];
+        let mut lowest = [0; 3];
+        for (axis, n) in self.lengths().iter().enumerate() {
+            lowest[axis] = k % n;
+            k /= n;
+        }
+        for upper in &AROUND[..self.corners()] {
+            let axes = self.lengths().iter().enumerate().rev();
+            let number =
+                axes.fold(0, |number, (axis, n)| number * (n + 1) + lowest[axis] + upper[axis]);
+            corners.push(number as i64);
+        }
+    }
+}
+
+/// A dataset of `rows` by `width` numbers, packed, as such lists hardly vary.
+fn table<T: H5Type>(
+    group: &Group,
+    name: &str,
+    [rows, width]: [usize; 2],
+    fill: impl Fn(usize, &mut Vec<T>),
+) -> Outcome<()> {
+    let builder = group.new_dataset::<T>().chunk([rows.min(PIECE), width]).shuffle().deflate(1);
+    let dataset = builder.shape([rows, width]).create(name)?;
+    for first in (0..rows).step_by(PIECE) {
+        let here = first..(first + PIECE).min(rows);
+        let mut values = Vec::with_capacity(here.len() * width);
+        here.clone().for_each(|k| fill(k, &mut values));
+        let values = ArrayView2::from_shape((here.len(), width), &values)
+            .map_err(|e| hdf5::Error::from(e.to_string()))?;
+        dataset.write_slice(values, selection(&[here, 0..width]))?;
+    }
+    Ok(())
+}
+
+/// The box of these ranges.
+fn selection(ranges: &[Range<usize>]) -> Hyperslab {
+    let along = |range: &Range<usize>| SliceOrIndex::SliceTo {
+        start: range.start,
+        step: 1,
+        end: range.end,
+        block: 1,
+    };
+    Hyperslab::from(ranges.iter().map(along).collect::<Vec<_>>())
+}
+
+/// A view as a list of cells, without a copy.
+fn values(group: &Group, result: &File, view: &View, cells: usize) -> Outcome<()> {
+    let there = result.dataset(&view.dataset)?.shape();
+    let mut from: Vec<Range<usize>> = there.iter().map(|n| 0..*n).collect();
+    if let Some(moment) = &view.moment {
+        from[0] = moment.index..moment.index + 1;
+    }
+    let mut shape = vec![cells];
+    shape.extend(view.vector.then_some(3));
+    let to: Vec<Range<usize>> = shape.iter().map(|n| 0..*n).collect();
+    group
+        .new_dataset::<f64>()
+        .virtual_map("result.h5", &view.dataset, &there, selection(&from), &shape, selection(&to))
+        .shape(&shape)
+        .create(view.name.as_str())?;
+    Ok(())
+}
+
+/// The text of a grid's file: one collection in time.
+fn document(name: &str, times: &[(f64, &Grid)]) -> String {
+    let mut text = format!(
+        "<?xml version=\"1.0\"?>\n<Xdmf Version=\"3.0\">\n<Domain>\n\
+         <Grid Name=\"{name}\" GridType=\"Collection\" CollectionType=\"Temporal\">\n"
+    );
+    for (k, (time, grid)) in times.iter().enumerate() {
+        let mesh = Mesh::new(grid);
+        let (cells, corners) = (mesh.cells(), mesh.corners());
+        let kind = if corners == 8 { "Hexahedron" } else { "Quadrilateral" };
+        let place = |of: &str| format!("{HEAVY}:/{name}/{of}");
+        let _ = write!(
+            text,
+            "<Grid Name=\"{name}\" GridType=\"Uniform\">\n\
+             <Time Value=\"{time}\"/>\n\
+             <Topology TopologyType=\"{kind}\" NumberOfElements=\"{cells}\">\n{}</Topology>\n\
+             <Geometry GeometryType=\"XYZ\">\n{}</Geometry>\n",
+            item(&format!("{cells} {corners}"), "Int", "HDF", &place("cells")),
+            item(&format!("{} 3", mesh.points()), "Float", "HDF", &place("points")),
+        );
+        for view in &grid.fields {
+            let (kind, lengths) = match view.vector {
+                true => ("Vector", format!("{cells} 3")),
+                false => ("Scalar", cells.to_string()),
+            };
+            let _ = write!(
+                text,
+                "<Attribute Name=\"{0}\" AttributeType=\"{kind}\" Center=\"Cell\">\n{1}\
+                 </Attribute>\n",
+                view.name,
+                item(&lengths, "Float", "HDF", &place(&format!("{k}/{}", view.name))),
+            );
+        }
+        text += "</Grid>\n";
+    }
+    text + "</Grid>\n</Domain>\n</Xdmf>\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid(dimension: usize) -> Grid {
+        Grid {
+            name: "space".to_owned(),
+            dimension,
+            origin: [-1.0, 2.0, 0.0],
+            spacing: [0.5, 1.0, 2.0],
+            cells: [4, 3, if dimension == 3 { 2 } else { 1 }],
+            faces: None,
+            fields: Vec::new(),
+        }
+    }
+
+    /// The corners of each cell are those of its box, and no two cells are the same.
+    #[test]
+    fn corners_are_those_of_the_cells() {
+        for dimension in [2, 3] {
+            let grid = grid(dimension);
+            let mesh = Mesh::new(&grid);
+            let mut seen = std::collections::BTreeSet::new();
+            for k in 0..mesh.cells() {
+                let mut corners = Vec::new();
+                mesh.cell(k, &mut corners);
+                assert_eq!(corners.len(), mesh.corners());
+                let at = [k % 4, k / 4 % 3, k / 12];
+                let points: Vec<[f64; 3]> =
+                    corners.iter().map(|c| mesh.point(*c as usize)).collect();
+                for axis in 0..dimension {
+                    let lower = grid.origin[axis] + at[axis] as f64 * grid.spacing[axis];
+                    let ends = [lower, lower + grid.spacing[axis]];
+                    let on = |end: f64| points.iter().filter(|p| p[axis] == end).count();
+                    assert_eq!(ends.map(on), [mesh.corners() / 2; 2], "{k} {axis}");
+                }
+                // Neighbours in the list share an edge: they go around.
+                for ends in points[..4].windows(2) {
+                    let changed = (0..3).filter(|a| ends[0][*a] != ends[1][*a]).count();
+                    assert_eq!(changed, 1, "{k}: {points:?}");
+                }
+                assert!(seen.insert(corners));
+            }
+            assert_eq!(mesh.points(), if dimension == 2 { 20 } else { 60 });
+        }
+    }
+}
