@@ -39,7 +39,7 @@ pub enum Command {
     /// ffmpeg, as a WebM, into DIR/plots
     Movie(MovieArgs),
     /// Write a finished run as one self-contained page, DIR/report.html
-    Report(PlotArgs),
+    Report(ReportArgs),
     /// Accuracy against cost, method by method: chart.csv, chart.json, chart.svg, chart.png
     Chart(ChartArgs),
     /// States, Hamiltonian and circuits of a tiny case (at most 12 qubits), for a quantum simulator
@@ -215,7 +215,8 @@ pub struct SweepArgs {
     /// Blocks along each x-axis; the other ranks split the modes
     #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
     pub ranks_x: Option<Vec<usize>>,
-    /// Replace results of other runs, or of another version of the program, in the directories
+    /// Replace results of other runs, or of another version of the program, in the directories, and
+    /// a table of other runs
     #[arg(long)]
     pub force: bool,
     /// Stop (exit code 75) before so much time has passed: 3600, 90m, 1:30:00
@@ -324,6 +325,17 @@ pub struct PlotArgs {
     pub beside: Option<PathBuf>,
 }
 
+/// Options of `report`.
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// What is shown, and where it goes.
+    #[command(flatten)]
+    pub plot: PlotArgs,
+    /// Replace a report.html of another case, or one that no report wrote
+    #[arg(long)]
+    pub force: bool,
+}
+
 /// Options of `movie`.
 #[derive(Clone, Debug, Args)]
 pub struct MovieArgs {
@@ -378,6 +390,9 @@ pub struct ExportArgs {
     /// Directory of the files; by default results/NAME/quantum or results/NAME/matrix
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
+    /// Replace the export of another case in DIR, or files there that no export wrote
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Options of `resources`.

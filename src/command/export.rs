@@ -10,6 +10,7 @@ use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::quantum::export::{Description, Export};
+use crate::quantum::exported::{Kind, Owner};
 use crate::quantum::matrices::MatrixCounts;
 use crate::quantum::{export, matrices};
 use crate::solve::prepared::Prepared;
@@ -22,7 +23,8 @@ use std::path::{Path, PathBuf};
 /// [`Export::write`].
 pub fn quantum(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
-    let directory = output(args, &case, "quantum");
+    let names = export::NAMES.map(str::to_owned);
+    let directory = output(world, args, Owner::new(Kind::Quantum, &case), &names, &case)?;
     let description = export_quantum(world, &case, &directory)?;
     if let Some(why) = &description.preparation
         && world.group().rank() == 0
@@ -47,7 +49,8 @@ pub fn quantum(world: &World, args: &ExportArgs) -> Result<()> {
 /// As [`matrices::refuse`], [`Prepared::new`] and [`matrices::export`].
 pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
-    let directory = output(args, &case, "matrix");
+    let names = matrices::names(&case);
+    let directory = output(world, args, Owner::new(Kind::Matrix, &case), &names, &case)?;
     matrices::refuse(&case)?;
     let (prepared, _) = assembled(world, &case)?;
     let written = world.group().on_first_rank(|| matrices::export(&prepared, &directory))?;
@@ -60,9 +63,24 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
     Ok(())
 }
 
-/// Where the files go: where the user says, or `results/NAME/kind`.
-fn output(args: &ExportArgs, case: &Case, kind: &str) -> PathBuf {
-    args.output.clone().unwrap_or_else(|| default_directory(&case.name).join(kind))
+/// Where the files `names` of an export go: where the user says, or `results/NAME/kind`.
+/// Collective.
+///
+/// # Errors
+/// As [`Owner::refuse_to_replace`].
+fn output(
+    world: &World,
+    args: &ExportArgs,
+    owner: Owner,
+    names: &[String],
+    case: &Case,
+) -> Result<PathBuf> {
+    let by_default = || default_directory(&case.name).join(owner.export.word());
+    let directory = args.output.clone().unwrap_or_else(by_default);
+    if !args.force {
+        world.group().on_first_rank(|| owner.refuse_to_replace(&directory, names))?;
+    }
+    Ok(directory)
 }
 
 /// `case` with the whole of it on every rank, and those ranks. Collective.
