@@ -30,7 +30,9 @@ def test_table(small: pw.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str
     table.to_csv(tmp_path / "table.csv", index=False)
     again = pd.read_csv(tmp_path / "table.csv")
     pd.testing.assert_frame_equal(again, table, check_dtype=False)
-    assert r"\begin{tabular}" in table.to_latex(index=False)
+    pw.sweep(small, vary, tmp_path)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[1] == "[2/4] scheme.degree=0 solver.tolerance=0.0001: finished before"
 
 
 def dates(table: pd.DataFrame) -> list[str]:
@@ -83,6 +85,9 @@ def test_directories_are_those_of_the_command(small: pw.Case, tmp_path: Path) ->
     with small.arguments() as case:
         call(["sweep", *case, *words, "-o", str(tmp_path), "--table"])
     again = pd.read_csv(tmp_path / "table.csv")
+    # Beside the comment of the command, the same text.
+    head, _, tabular = (tmp_path / "table.tex").read_text().partition("\n")
+    assert head.startswith("% ") and pw.latex(table) == tabular
     table["output.field_times"] = table["output.field_times"].map(str)
     pd.testing.assert_frame_equal(again, table, check_dtype=False)
     # The same case as in src/study/sweep/name.rs.
@@ -97,6 +102,32 @@ def test_directories_are_those_of_the_command(small: pw.Case, tmp_path: Path) ->
     point = dict.fromkeys(["time.end", "output.field_times", "title"])
     name = run_name(case_of_name, point, "full")
     assert name == "end=1e-05_field_times=-0.1,2-_title=-_f18ba48d0e2ddcc6"
+
+
+def test_latex() -> None:
+    table = pd.DataFrame(
+        {
+            "a_b": [2.9e-7, 1e-5, -0.0012346],
+            "count": [64, 0, 123456789],
+            "seconds": [12345.6, float("nan"), 1.0],
+            "formula": ["exp(-x^2), 50 %", "a~<b>", "\\{}#&$"],
+            "times": [[0.1, 2], [], [1e-7]],
+            "verify": [True, False, True],
+            "warnings": ["a warning", None, None],
+            "directory": ["a", "b", "c"],
+        }
+    )
+    lines = pw.latex(table).splitlines()
+    assert lines[0] == r"\begin{tabular}{rrrllr}" and lines[-1] == r"\end{tabular}"
+    assert lines[2] == r"a\_b & count & seconds & formula & times & verify \\"
+    assert lines[4] == (
+        r"$2.9 \times 10^{-7}$ & $64$ & $12346$ & exp(-x\textasciicircum{}2), 50 \% & [0.1,2] "
+        r"& true \\"
+    )
+    assert lines[5].startswith(r"$10^{-5}$ & $0$ & -- & a\textasciitilde{}\textless{}b\textgreater{}")
+    assert lines[6].startswith(
+        r"$-0.001235$ & $123456789$ & $1$ & \textbackslash{}\{\}\#\&\$ & [1e-07] & true"
+    )
 
 
 def test_nothing_to_vary(small: pw.Case, tmp_path: Path) -> None:

@@ -71,6 +71,31 @@ pub fn csv_field(text: &str) -> String {
     }
 }
 
+/// The records of a CSV file (RFC 4180), as [`csv_field`] writes their fields.
+pub fn csv_records(text: &str) -> Vec<Vec<String>> {
+    let (mut records, mut record, mut field) = (Vec::new(), Vec::new(), String::new());
+    let mut is_quoted = false;
+    let mut rest = text.chars().peekable();
+    while let Some(c) = rest.next() {
+        match c {
+            '"' if is_quoted && rest.next_if_eq(&'"').is_some() => field.push('"'),
+            '"' => is_quoted = !is_quoted,
+            ',' if !is_quoted => record.push(std::mem::take(&mut field)),
+            '\r' if !is_quoted && rest.peek() == Some(&'\n') => {}
+            '\n' if !is_quoted => {
+                record.push(std::mem::take(&mut field));
+                records.push(std::mem::take(&mut record));
+            }
+            other => field.push(other),
+        }
+    }
+    if !field.is_empty() || !record.is_empty() {
+        record.push(field);
+        records.push(record);
+    }
+    records
+}
+
 /// Bytes for people: `1.5 GiB`.
 pub fn bytes_text(bytes: u64) -> String {
     bytesize::ByteSize(bytes).display().iec().to_string()
@@ -181,5 +206,17 @@ mod tests {
         ] {
             assert_eq!(short(value), text);
         }
+    }
+
+    #[test]
+    fn records_of_csv_are_those_that_were_written() {
+        let fields = ["a", "", "b, c", "say \"no\"", "two\nlines", "end\r\n", "\""];
+        let line = fields.map(csv_field).join(",");
+        for end in ["\n", "\r\n"] {
+            let text = format!("x,y{end}{line}{end}");
+            assert_eq!(csv_records(&text), [vec!["x", "y"], fields.to_vec()], "{text:?}");
+        }
+        assert_eq!(csv_records("x,y\n1,"), [["x", "y"], ["1", ""]]);
+        assert!(csv_records("").is_empty());
     }
 }

@@ -42,7 +42,7 @@ pub enum Command {
     /// ffmpeg, as a WebM, into DIR/plots
     Movie(MovieArgs),
     /// Write a finished run as one self-contained page, DIR/report.html
-    Report(PlotArgs),
+    Report(ReportArgs),
     /// Accuracy against cost, method by method: chart.csv, chart.json, chart.svg, chart.png
     Chart(ChartArgs),
     /// States, Hamiltonian and circuits of a tiny case (at most 12 qubits), for a quantum simulator
@@ -221,7 +221,8 @@ pub struct SweepArgs {
     /// Blocks along each x-axis; the other ranks split the modes
     #[arg(long, value_name = "N[,N...]", value_delimiter = ',')]
     pub ranks_x: Option<Vec<usize>>,
-    /// Replace results of other runs, or of another version of the program, in the directories
+    /// Replace results of other runs, or of another version of the program, in the directories, and
+    /// a table of other runs
     #[arg(long)]
     pub force: bool,
     /// Stop (exit code 75) before so much time has passed: 3600, 90m, 1:30:00
@@ -330,6 +331,17 @@ pub struct PlotArgs {
     pub beside: Option<PathBuf>,
 }
 
+/// Options of `report`.
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// What is shown, and where it goes.
+    #[command(flatten)]
+    pub plot: PlotArgs,
+    /// Replace a report.html of another case, or one that no report wrote
+    #[arg(long)]
+    pub force: bool,
+}
+
 /// Options of `movie`.
 #[derive(Clone, Debug, Args)]
 pub struct MovieArgs {
@@ -384,6 +396,9 @@ pub struct ExportArgs {
     /// Directory of the files; by default results/NAME/quantum or results/NAME/matrix
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
+    /// Replace the export of another case in DIR, or files there that no export wrote
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Options of `export-circuit`.
@@ -395,6 +410,9 @@ pub struct CircuitArgs {
     /// Directory of the files; by default results/NAME/circuit
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
+    /// Replace the export of another case in DIR, or files there that no export wrote
+    #[arg(long)]
+    pub force: bool,
     /// Divide each level of energy into 2^B bins, to which jumps of V are rounded; by default the
     /// fewest that need no rounding
     #[arg(

@@ -10,8 +10,9 @@ use crate::parallel::communicator::World;
 use crate::plan::here::refuse_hopeless_here;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
-use crate::quantum::circuit::{Choice, Compiled, scene};
+use crate::quantum::circuit::{Choice, Compiled, NAMES, scene};
 use crate::quantum::export::{Description, Export};
+use crate::quantum::exported::{self, Kind, Owner};
 use crate::quantum::matrices::MatrixCounts;
 use crate::quantum::resources::Record;
 use crate::quantum::{export, matrices, planned_modes};
@@ -25,7 +26,9 @@ use std::path::{Path, PathBuf};
 /// [`Export::write`].
 pub fn quantum(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
-    let directory = output(args.output.as_deref(), &case, "quantum");
+    let names = export::NAMES.map(str::to_owned);
+    let directory =
+        output(world, Place::of(args), Owner::new(Kind::Quantum, &case), &names, &case)?;
     let description = export_quantum(world, &case, &directory)?;
     if let Some(why) = &description.preparation
         && world.group().rank() == 0
@@ -50,7 +53,8 @@ pub fn quantum(world: &World, args: &ExportArgs) -> Result<()> {
 /// As [`matrices::refuse`], [`Prepared::new`] and [`matrices::export`].
 pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
-    let directory = output(args.output.as_deref(), &case, "matrix");
+    let names = matrices::names(&case);
+    let directory = output(world, Place::of(args), Owner::new(Kind::Matrix, &case), &names, &case)?;
     matrices::refuse(&case)?;
     let (prepared, _) = assembled(world, &case)?;
     let written = world.group().on_first_rank(|| matrices::export(&prepared, &directory))?;
@@ -70,7 +74,9 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
 /// [`Record::new`], [`Compiled::new`] and [`Compiled::write`].
 pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let case = load(world, &args.case)?;
-    let directory = output(args.output.as_deref(), &case, "circuit");
+    let place = Place { output: args.output.as_deref(), force: args.force };
+    let owner = Owner::new(Kind::Circuit, &case);
+    let directory = output(world, place, owner.clone(), &NAMES.map(str::to_owned), &case)?;
     has_counts(&case)?;
     scene::refuse(&case)?;
     let (mut prepared, here) = assembled(world, &case)?;
@@ -85,14 +91,45 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
         columns: args.check,
     };
     let compiled = world.group().agree(Compiled::new(&prepared, &record, choice))?;
-    world.group().on_first_rank(|| compiled.write(&directory))?;
+    world.group().on_first_rank(|| {
+        compiled.write(&directory)?;
+        exported::write(&directory, &owner)
+    })?;
     print(world, &format!("{}\nfiles in {}", compiled.description, directory.display()));
     Ok(())
 }
 
-/// Where the files go: where the user says, or `results/NAME/kind`.
-fn output(chosen: Option<&Path>, case: &Case, kind: &str) -> PathBuf {
-    chosen.map_or_else(|| default_directory(&case.name).join(kind), Path::to_path_buf)
+/// What an export's options say of its directory.
+#[derive(Clone, Copy)]
+struct Place<'a> {
+    output: Option<&'a Path>,
+    force: bool,
+}
+
+impl<'a> Place<'a> {
+    fn of(args: &'a ExportArgs) -> Self {
+        Self { output: args.output.as_deref(), force: args.force }
+    }
+}
+
+/// Where the files `names` of an export go: where the user says, or `results/NAME/kind`.
+/// Collective.
+///
+/// # Errors
+/// As [`Owner::refuse_to_replace`].
+fn output(
+    world: &World,
+    place: Place<'_>,
+    owner: Owner,
+    names: &[String],
+    case: &Case,
+) -> Result<PathBuf> {
+    let by_default = || default_directory(&case.name).join(owner.export.word());
+    let directory = place.output.map_or_else(by_default, Path::to_path_buf);
+    if !place.force {
+        world.group().on_first_rank(|| owner.refuse_to_replace(&directory, names))?;
+    }
+    Ok(directory)
 }
 
 /// `case` with the whole of it on every rank, and those ranks. Collective.

@@ -2,7 +2,7 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
-use crate::command::cli::PlotArgs;
+use crate::command::cli::{PlotArgs, ReportArgs};
 use crate::command::describe::describe;
 use crate::command::printing::print;
 use crate::matrix::bounds::Bounds;
@@ -62,10 +62,11 @@ pub fn execute(world: &World, args: &PlotArgs) -> Result<()> {
 /// Writes a report; the first rank reads and writes. Collective.
 ///
 /// # Errors
-/// As [`execute`]; [`Error::Input`] where there is no `summary.json`.
-pub fn execute_report(world: &World, args: &PlotArgs) -> Result<()> {
+/// As [`execute`]; [`Error::Input`] where there is no `summary.json`; as
+/// [`Report::refuse_to_replace`].
+pub fn execute_report(world: &World, args: &ReportArgs) -> Result<()> {
     let group = world.group();
-    let opened = group.on_first_rank(|| album(args).map(Some))?;
+    let opened = group.on_first_rank(|| album(&args.plot).map(Some))?;
     let description = description(world, opened.as_ref().map(|drawn| &drawn.run));
     let written = group.on_first_rank(|| match opened {
         Some(drawn) => write_report(args, drawn, description),
@@ -77,7 +78,7 @@ pub fn execute_report(world: &World, args: &PlotArgs) -> Result<()> {
 
 /// Writes the page. On the first rank.
 fn write_report(
-    args: &PlotArgs,
+    args: &ReportArgs,
     drawn: Drawn,
     description: std::result::Result<String, String>,
 ) -> Result<Written> {
@@ -98,8 +99,11 @@ fn write_report(
         times: times.as_ref(),
         description: description.as_deref().map_err(String::as_str),
     };
+    let directory = args.plot.output.as_ref().unwrap_or(&args.plot.directory);
+    if !args.force {
+        page.refuse_to_replace(directory)?;
+    }
     let page = page.html()?;
-    let directory = args.output.as_ref().unwrap_or(&args.directory);
     disk::make(directory)?;
     let path = directory.join(report::NAME);
     disk::write_text(&path, &page)?;

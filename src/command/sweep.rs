@@ -9,7 +9,7 @@ use crate::command::loading::{default_directory_of, load_text};
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::run::options::Options;
-use crate::study::sweep::table::Table;
+use crate::study::sweep::table::{Table, refuse_to_replace};
 use crate::study::sweep::vary::Vary;
 use crate::study::sweep::{Asked, Outcome, Sweep};
 use std::path::Path;
@@ -21,7 +21,8 @@ const TOLD_TO_STOP: &str = "told to stop: a checkpoint of this run follows, or i
 /// Solves what is not finished, writes and prints the table. Collective.
 ///
 /// # Errors
-/// As [`Sweep::new`] and [`Sweep::solve`]; [`Error::SweepFailed`] where a run failed.
+/// As [`Sweep::new`], [`refuse_to_replace`] and [`Sweep::solve`]; [`Error::SweepFailed`] where a run
+/// failed.
 pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
     let path = &args.case.case;
     let directory = args.output.clone();
@@ -42,6 +43,10 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
     if args.list {
         list(world, &sweep);
         return Ok(());
+    }
+    if args.index.is_none() && !args.force {
+        let runs = sweep.runs.iter().map(|run| run.directory.as_path());
+        world.group().on_first_rank(|| refuse_to_replace(&directory, runs))?;
     }
     if args.table {
         return conclude(world, &directory, &sweep.collect(world)?);

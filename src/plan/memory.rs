@@ -206,6 +206,9 @@ impl<'a> FullestRank<'a> {
             let buffers = buffer_bytes(warp.modes as u64, points as u64, self.cells, most, groups);
             list.push(("kept modes".to_owned(), kept_modes_bytes(self.rows(), most)));
             list.push(("buffers of the transpose".to_owned(), buffers));
+            if case.start.is_some() {
+                list.push(("start between its points".to_owned(), line_bytes(points as u64)));
+            }
         }
         // Sums of one field at a time, on the block; fields, on a rank's share of it.
         let (readings, plateau) = (warp.readings.len() as u64, warp.plateau.len() as u64);
@@ -384,6 +387,10 @@ pub(crate) fn cells_at_once(buffers: u64, cell_bytes: u64, cells: u64, groups: u
 /// on one of `groups` ranks.
 pub fn buffer_bytes(modes: u64, points: u64, cells: u64, most: u64, groups: u64) -> u64 {
     let cell = cell_bytes(modes, points, most, groups);
-    // A line in p and what the transform takes beside it.
-    cell * cells_at_once(BUFFERS, cell, cells, groups) + 4 * 16 * points
+    cell * cells_at_once(BUFFERS, cell, cells, groups) + line_bytes(points)
+}
+
+/// Bytes of a line in `p` and what its transform takes beside it.
+fn line_bytes(points: u64) -> u64 {
+    4 * 16 * points
 }

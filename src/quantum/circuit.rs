@@ -76,6 +76,9 @@ pub struct Compiled {
     pub description: Description,
 }
 
+/// Names of all files but the description.
+pub const NAMES: [&str; 4] = ["interface.qasm", "circuit.json", "azure.json", "qref.json"];
+
 impl Compiled {
     /// Of a case whose whole grid is on this rank; `record` is what sparse access takes.
     ///

@@ -15,7 +15,7 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | `description.json` | registers, `p_k`, `T`, norms, probabilities, overlaps ([`Description`]) |
+//! | `description.json` | the case, registers, `p_k`, `T`, norms, probabilities, overlaps ([`Description`]) |
 //! | `initial.npy`, `initial_modes.npy` | `w(0)` and `w̃(0)`, complex |
 //! | `final_modes.npy`, `final.npy` | `w̃(T)` and `w(T)` as this program finds them, complex |
 //! | `field.npy`, `weights.npy` | `f(T)` read at `p◇`, and `√π`, by cell |
@@ -37,6 +37,7 @@ use crate::propagate::chebyshev::{Chebyshev, degree};
 use crate::propagate::evolution::{BatchSpec, Evolution, Initial};
 use crate::propagate::method::Propagator;
 use crate::quantum::access::{Scratch, SparseAccess};
+use crate::quantum::exported::{self, Kind, Owner};
 use crate::quantum::planned_modes;
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::warp_plan::WarpPlan;
@@ -56,6 +57,9 @@ const TOLERANCE: f64 = 1e-14;
 /// What the files mean.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Description {
+    /// Whose it is.
+    #[serde(flatten)]
+    pub owner: Owner,
     /// Title of the case.
     pub title: String,
     /// Qubits of the p-register, `n_p`.
@@ -107,6 +111,19 @@ pub struct Export {
     transform: String,
     preparation: Option<String>,
 }
+
+/// Names of all files but the description.
+pub const NAMES: [&str; 9] = [
+    "initial_modes.npy",
+    "final_modes.npy",
+    "initial.npy",
+    "final.npy",
+    "field.npy",
+    "weights.npy",
+    "hamiltonian.mtx",
+    "transform.qasm",
+    "preparation.qasm",
+];
 
 /// Refuses what cannot be exported, before it is assembled.
 ///
@@ -383,10 +400,7 @@ impl Export {
         if let Some(preparation) = &self.preparation {
             write("preparation.qasm", preparation.as_bytes())?;
         }
-        let path = directory.join("description.json");
-        let text = serde_json::to_string_pretty(&self.description)
-            .map_err(|e| disk::failure(&path, &e))?;
-        write("description.json", (text + "\n").as_bytes())
+        exported::write(directory, &self.description)
     }
 
     /// What was exported.
@@ -408,6 +422,7 @@ impl Description {
         let n = case.space.dimension();
         let velocities = |k: usize| factors.each().iter().map(|q| q[k]).collect();
         Self {
+            owner: Owner::new(Kind::Quantum, case),
             title: case.title.clone(),
             qubits_p: registers.p,
             qubits_phase_space: registers.phase_space.clone(),

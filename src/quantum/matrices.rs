@@ -6,6 +6,7 @@
 //!
 //! | file | what |
 //! |---|---|
+//! | `description.json` | the case, and how many cells, unknowns and entries there are |
 //! | `A.mtx` | `A`, (cells, cells), real |
 //! | `S.mtx`, `K.mtx` | `S` and `K`, (unknowns, unknowns), lower triangles |
 //! | `weights.npy` | `√π`, (unknowns): `u = √π f` |
@@ -17,10 +18,12 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
-use crate::problem::case::Case;
+use crate::problem::case::{Case, Field};
 use crate::quantum::export::numpy;
+use crate::quantum::exported::{self, Kind, Owner};
 use crate::scheme::rows::{Row, Scheme};
 use crate::solve::prepared::Prepared;
+use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -53,7 +56,7 @@ impl Symmetry {
 }
 
 /// How many unknowns and entries were written.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct MatrixCounts {
     /// Cells, rows of `A`.
     pub cells: usize,
@@ -61,6 +64,23 @@ pub struct MatrixCounts {
     pub unknowns: usize,
     /// Entries of `A` that are not zero.
     pub entries: usize,
+}
+
+/// `description.json`.
+#[derive(Serialize)]
+struct Description<'a> {
+    #[serde(flatten)]
+    owner: Owner,
+    title: &'a str,
+    #[serde(flatten)]
+    counts: MatrixCounts,
+}
+
+/// Names of all files but the description.
+pub fn names(case: &Case) -> Vec<String> {
+    let vectors = |field: &Field| ["b", "initial"].map(|what| format!("{what}_{}.npy", field.name));
+    let fixed = ["A.mtx", "S.mtx", "K.mtx", "weights.npy"].map(str::to_owned);
+    fixed.into_iter().chain(case.fields.iter().flat_map(vectors)).collect()
 }
 
 /// Refuses a case whose matrices are not all of it.
@@ -122,7 +142,10 @@ pub fn export(prepared: &Prepared, directory: &Path) -> Result<MatrixCounts> {
         write(&format!("b_{}.npy", field.name), &numpy::real(b))?;
         write(&format!("initial_{}.npy", field.name), &numpy::real(&state[..unknowns]))?;
     }
-    Ok(MatrixCounts { cells, unknowns, entries })
+    let counts = MatrixCounts { cells, unknowns, entries };
+    let owner = Owner::new(Kind::Matrix, case);
+    exported::write(directory, &Description { owner, title: &case.title, counts })?;
+    Ok(counts)
 }
 
 /// A square real matrix in Matrix Market's coordinate format.

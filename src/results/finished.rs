@@ -17,8 +17,12 @@ use crate::results::warped;
 use crate::results::writer::Outcome;
 use crate::results::xdmf;
 use hdf5::File;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::SystemTime;
+
+/// Every value of a case, by its key.
+pub type Settings = BTreeMap<String, String>;
 
 /// The files of text of a run, but for those of its grids.
 const TEXTS: [&str; 3] = ["summary.json", xdmf::NAME, "readout.csv"];
@@ -102,18 +106,21 @@ fn difference(directory: &Path, case: &Case) -> Outcome<Option<String>> {
     let Ok(found) = Case::parse(&case.name, &read_text(&dataset)?, &overrides) else {
         return Ok(Some("its case is not one of this program".to_owned()));
     };
-    let of = |case: &Case, key: &str| {
-        let value = case.settings.get(key).filter(|_| !key.starts_with("checkpoint."));
-        value.map_or("not given".to_owned(), |value| {
+    Ok(differing_setting(&found.settings, &case.settings))
+}
+
+/// The first setting in which what is there differs from what is here, but for how often a run
+/// makes checkpoints; `None` where they are of the same case.
+pub fn differing_setting(there: &Settings, here: &Settings) -> Option<String> {
+    let of = |settings: &Settings, key: &str| {
+        settings.get(key).map_or("not given".to_owned(), |value| {
             shortened(value.trim_matches(['"', ' ', '\n']), MOST_SHOWN)
         })
     };
-    let differs = |key: &&String| {
-        let values = [&found, case].map(|case| case.settings.get(*key));
-        !key.starts_with("checkpoint.") && values[0] != values[1]
-    };
-    let key = found.settings.keys().chain(case.settings.keys()).find(differs);
-    Ok(key.map(|key| format!("{key} is {} there, {} here", of(&found, key), of(case, key))))
+    let differs =
+        |key: &&String| !key.starts_with("checkpoint.") && there.get(*key) != here.get(*key);
+    let key = there.keys().chain(here.keys()).find(differs)?;
+    Some(format!("{key} is {} there, {} here", of(there, key), of(here, key)))
 }
 
 /// Refuses to replace what is in `directory`: results of a finished run, and files with the names

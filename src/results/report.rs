@@ -11,7 +11,8 @@ pub mod plan;
 pub mod times;
 pub mod trust;
 
-use crate::base::error::Result;
+use crate::base::checksum;
+use crate::base::error::{Error, Result};
 use crate::base::text::{bytes_text, short};
 use crate::results::ledger::{End, Ledger};
 use crate::results::pictures::Album;
@@ -24,9 +25,15 @@ use crate::results::summary::{Accuracy, Continued};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Deserialize;
 use serde_json::Value;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
 
 /// Name of the page, in the directory of the run.
 pub const NAME: &str = "report.html";
+
+/// Name of the line in the head of a page that says whose it is.
+const OWNER: &str = "phasewarp-case";
 
 /// How the page looks.
 const STYLE: &str = include_str!("report/style.css");
@@ -163,6 +170,7 @@ impl Report<'_> {
             html lang="en" {
                 head { "\n"
                     meta charset="utf-8"; "\n"
+                    meta name=(OWNER) content=(self.owner()); "\n"
                     meta name="viewport" content="width=device-width, initial-scale=1"; "\n"
                     meta http-equiv="Content-Security-Policy" content=(POLICY); "\n"
                     title { (Text(&title)) } "\n"
@@ -187,6 +195,39 @@ impl Report<'_> {
             }
         };
         Ok(page.into_string() + "\n")
+    }
+
+    /// A checksum of the case.
+    fn owner(&self) -> String {
+        let case = match &self.run.case {
+            Ok(case) => serde_json::to_string(&case.settings).unwrap_or_default(),
+            // A case that this program does not understand is known by its text.
+            Err(_) => format!("{}\n{}", self.run.text, self.run.overrides.join("\n")),
+        };
+        format!("{:016x}", checksum::of_text(case.as_bytes()))
+    }
+
+    /// Refuses to replace a page in `directory` that is not of this case.
+    ///
+    /// # Errors
+    /// [`Error::Directory`].
+    pub fn refuse_to_replace(&self, directory: &Path) -> Result<()> {
+        /// Bytes in which the head of a page says whose it is.
+        const HEAD: u64 = 1000;
+        let path = directory.join(NAME);
+        if std::fs::symlink_metadata(&path).is_err() {
+            return Ok(());
+        }
+        let mut head = Vec::new();
+        let read = File::open(&path).and_then(|file| file.take(HEAD).read_to_end(&mut head));
+        let head = read.map(|_| String::from_utf8_lossy(&head).into_owned()).unwrap_or_default();
+        let what = match head.contains(&format!("name=\"{OWNER}\"")) {
+            true if head.contains(&format!("content=\"{}\"", self.owner())) => return Ok(()),
+            true => format!("{NAME} of another case"),
+            false => format!("a {NAME} that is not phasewarp's"),
+        };
+        let reason = format!("it holds {what}; --force replaces it, -o gives another directory");
+        Err(Error::Directory { path: directory.to_owned(), reason })
     }
 
     /// The parts that hold something.

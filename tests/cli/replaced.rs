@@ -82,6 +82,70 @@ fn what_is_replaced_goes_with_its_pictures() {
     assert!(!path.join("plots").exists(), "an empty folder stays");
 }
 
+/// A sweep, an export and a report replace what is theirs, and nothing of others unasked.
+#[test]
+fn tables_exports_and_reports_are_not_replaced_unasked() {
+    let place = directory();
+    let path = place.path();
+    let example = case("example1.toml");
+    run(&[]).into(path).succeed().expect("a run");
+    let result = path.display().to_string();
+    let other = directory();
+    run(&["time.end=0.2"]).into(other.path()).succeed().expect("a run");
+    let second = other.path().display().to_string();
+    let tiny: [&str; 5] = [
+        "axis.0.x.cells=4",
+        "axis.0.v.cells=4",
+        "solver.tolerance=1e-1",
+        "solver.warp.profile=exponential",
+        "solver.warp.points=16",
+    ];
+    let job = |words: &[&str]| Job::new(words.iter().copied());
+    let vary = ["--vary", "solver.tolerance=1e-2,1e-1"];
+    let sweep = job(&["sweep", &example]).with(vary).set(&tiny[..2]);
+    let exports = ["export-matrix", "export-quantum"].map(|name| job(&[name, &example]).set(&tiny));
+    // What writes, the same for another case, the first file of its own, and what is said of it.
+    let rows: [(Job, Job, &str, &str); 4] = [
+        (sweep.clone(), sweep.set(&["time.end=0.2"]), "table.csv", "a sweep with other runs"),
+        (exports[0].clone(), exports[0].clone().set(&["time.end=0.2"]), "A.mtx", "time.end is 0."),
+        (exports[1].clone(), exports[1].clone().set(&["time.end=0.2"]), "field.npy", "time.end"),
+        (job(&["report", &result]), job(&["report", &second]), "report.html", "of another case"),
+    ];
+    check_all(&rows, |(mine, others, name, said)| {
+        let place = directory();
+        let path = place.path();
+        mine.clone().into(path).succeed()?;
+        mine.clone().into(path).on(2).succeed()?;
+        let before = contents(path);
+        let others = others.clone().into(path);
+        for ranks in [1, 2] {
+            others.clone().on(ranks).is_refused(&["it holds", said, "--force", "-o"])?;
+        }
+        if contents(path) != before {
+            return Err(format!("{name}: a refused command changed the directory"));
+        }
+        others.clone().with(["--force"]).succeed()?;
+        if contents(path) == before {
+            return Err(format!("{name}: --force replaced nothing"));
+        }
+        // A letter of the same name.
+        let place = directory();
+        fs::write(place.path().join(name), "a letter").map_err(|e| e.to_string())?;
+        let job = mine.clone().into(place.path());
+        job.is_refused(&["it holds", name, "--force", "-o"])?;
+        let kept = fs::read(place.path().join(name)).is_ok_and(|bytes| bytes == b"a letter");
+        if !kept || contents(place.path()).len() != 1 {
+            return Err(format!("{name}: the directory was changed"));
+        }
+        job.with(["--force"]).on(2).succeed().map(|_| ())
+    });
+    // One export beside the other is refused as well.
+    let place = directory();
+    let [matrix, quantum] = exports.map(|job| job.into(place.path()));
+    matrix.succeed().expect("matrices");
+    quantum.is_refused(&["an export of another kind, \"matrix\""]).expect("a refusal");
+}
+
 #[test]
 fn files_that_no_run_wrote_are_not_replaced_unasked() {
     let rows = [

@@ -33,7 +33,7 @@ from phasewarp.program import (
     find_program,
 )
 from phasewarp.result import Result, open_result
-from phasewarp.sweep import sweep
+from phasewarp.sweep import latex, sweep
 
 __all__ = [
     "Case",
@@ -49,6 +49,7 @@ __all__ = [
     "check",
     "continue_run",
     "find_program",
+    "latex",
     "matrices",
     "open_result",
     "optimise",

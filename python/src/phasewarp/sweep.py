@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import re
 import sys
 import warnings
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from phasewarp.case import Case
+from phasewarp.case import Case, plain
 from phasewarp.commands import CaseLike, Mode, as_case, run
 from phasewarp.program import PhasewarpError, PhasewarpWarning, StrPath
 from phasewarp.result import Result, entry
@@ -79,8 +80,8 @@ def sweep(
     -------
     pandas.DataFrame
         Columns: the keys of `vary`, those of `columns` that any run knows, ``warnings`` and
-        ``error`` where there are any, ``directory``. ``to_csv`` and ``to_latex`` write it to a
-        file.
+        ``error`` where there are any, ``directory``. ``to_csv`` writes it to a file;
+        :func:`latex` makes a table for an article of it.
     """
     if not vary or any(len(values) == 0 for values in vary.values()):
         raise ValueError("vary: at least one key with at least one value expected")
@@ -91,6 +92,7 @@ def sweep(
         point = dict(zip(vary, values, strict=True))
         one = case.replace(point)
         place = Path(directory) / run_name(one, point, mode)
+        before = written(place)
         found = solve(one, place, ranks=ranks, mode=mode, timeout=timeout, program=program)
         row: dict[str, Any] = {**point, **dict.fromkeys((*columns, "warnings", "error"))}
         if isinstance(found, PhasewarpError):
@@ -98,7 +100,8 @@ def sweep(
         else:
             row.update({name: entry(found.summary, name) for name in columns})
             row["warnings"] = "; ".join(found.summary["warnings"]) or None
-            said = f"{found.summary['wall_seconds']:.2f} s"
+            kept = before is not None and written(place) == before
+            said = "finished before" if kept else f"{found.summary['wall_seconds']:.2f} s"
         rows.append({**row, "directory": str(place)})
         if progress:
             shown = " ".join(f"{key}={value}" for key, value in point.items())
@@ -116,6 +119,79 @@ def solve(case: Case, place: Path, **options: Any) -> Result | PhasewarpError:
             return run(case, place, resume=True, **options)
         except PhasewarpError as error:
             return error
+
+
+def written(place: Path) -> int | None:
+    """Return when the result in a directory was written; none where there is none."""
+    try:
+        return (place / "result.h5").stat().st_mtime_ns
+    except OSError:
+        return None
+
+
+def latex(table: pd.DataFrame) -> str:
+    r"""Return a table as a LaTeX ``tabular`` for the package booktabs.
+
+    It looks like the ``table.tex`` of ``phasewarp sweep``: numbers have four digits, small and
+    large ones as ``$2.9 \times 10^{-7}$``, names are escaped, what is missing is ``--``. The
+    columns ``warnings``, ``error`` and ``directory`` are left out.
+
+    Examples
+    --------
+    >>> Path("table.tex").write_text(pw.latex(table))
+    """
+    shown = table.drop(columns=["warnings", "error", "directory"], errors="ignore")
+    columns = [shown[name].tolist() for name in shown.columns]
+    sides = "".join("l" if any(map(is_text, cells)) else "r" for cells in columns)
+    head = " & ".join(latex_text(str(name)) for name in shown.columns)
+    rows = [" & ".join(map(latex_cell, row)) + r" \\" for row in zip(*columns, strict=True)]
+    begin = [rf"\begin{{tabular}}{{{sides}}}", r"\toprule", head + r" \\", r"\midrule"]
+    return "\n".join([*begin, *rows, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def is_text(value: Any) -> bool:
+    """Return whether a cell of a table is no number."""
+    return isinstance(value, str | list)
+
+
+def latex_cell(value: Any) -> str:
+    """Return a value of a table in LaTeX."""
+    if isinstance(value, bool | np.bool_ | str | list | dict):
+        return latex_text(value if isinstance(value, str) else as_json(plain(value)))
+    if value is None or pd.isna(value):
+        return "--"
+    text = str(value) if isinstance(value, int | np.integer) else short(float(value))
+    digits, _, exponent = text.partition("e")
+    if not exponent:
+        return f"${text}$"
+    power = f"10^{{{int(exponent)}}}"
+    return f"${power}$" if digits == "1" else rf"${digits} \times {power}$"
+
+
+def short(value: float) -> str:
+    """Return four digits, without trailing zeros."""
+    if value == 0 or not np.isfinite(value):
+        return f"{value:.0f}"
+    if 1e-3 <= abs(value) < 1e5:
+        decimals = max(0, 3 - math.floor(math.log10(abs(value))))
+        text = f"{value:.{decimals}f}"
+        return text.rstrip("0").rstrip(".") if "." in text else text
+    digits, _, exponent = f"{value:.3e}".partition("e")
+    return f"{digits.rstrip('0').rstrip('.')}e{exponent}"
+
+
+def latex_text(text: str) -> str:
+    """Return text in LaTeX."""
+    names = {
+        "\\": r"\textbackslash{}",
+        "^": r"\textasciicircum{}",
+        "~": r"\textasciitilde{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "\n": " ",
+    }
+    names |= {sign: "\\" + sign for sign in "&%$#_{}"}
+    return "".join(names.get(sign, sign) for sign in text)
 
 
 def run_name(case: Case, point: Mapping[str, Any], mode: Mode | None) -> str:

@@ -15,6 +15,7 @@ use crate::schrodingerization::transform::Transform;
 use crate::solve::kept::KeptModes;
 use hdf5::types::TypeDescriptor;
 use hdf5::{Dataset, File};
+use num_complex::Complex64;
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 
@@ -35,8 +36,9 @@ pub struct Read {
     /// The largest magnitude in it.
     pub largest: f64,
     /// How far `e^p w` is from flat, as a part of its largest value: the largest
-    /// `e^{p◇} |w(p) − e^{−p} u|` over cells and points `p` of the domain of dependence, with
-    /// `u = e^p w` at the point next to `p◇`. So far may `f` be off.
+    /// `e^{p◇} |w(p) − e^{−p} u|` over cells and places `p` of the domain of dependence, with
+    /// `u = e^p w` at the point next to `p◇`; places are the points of the file, and those half a
+    /// step between them, where the trigonometric interpolant is taken. So far may `f` be off.
     pub unevenness: f64,
 }
 
@@ -58,14 +60,16 @@ impl Domain {
     }
 }
 
-/// The part of a [`Domain`] that the points of a file see.
+/// A [`Domain`] as the points of a file see it, and the places half a step after them: the run
+/// evolves the trigonometric interpolant, which may ring between points that are flat.
 struct Flatness {
-    /// The points of the domain; the first of them is number `first`.
+    /// Places are `L + kh/2`, with the step `h`: even ones are points of the file, odd ones lie
+    /// between. The first place of the domain.
     first: usize,
-    /// `e^{p◇}` of the domain, and `e^{−p}` of its points.
+    /// `e^{p◇}` of the domain, and `e^{−p}` of its places.
     amplification: f64,
     decay: Vec<f64>,
-    /// The one next to `p◇`, from `first` on.
+    /// The point next to `p◇`, by its place.
     reference: usize,
     /// The largest distance and the largest `u` so far.
     distance: f64,
@@ -74,32 +78,54 @@ struct Flatness {
 
 impl Flatness {
     fn new(domain: Domain, interval: [f64; 2], points: usize) -> Self {
-        let step = (interval[1] - interval[0]) / points as f64;
-        let number = |p: f64| ((p - interval[0]) / step).clamp(0.0, (points - 1) as f64);
-        // Next to p◇ there is always one.
-        let middle = number(domain.point).round() as usize;
+        let half = 0.5 * (interval[1] - interval[0]) / points as f64;
+        let last = 2 * points - 1;
+        let place = |p: f64| ((p - interval[0]) / half).clamp(0.0, last as f64);
+        // The point next to p◇ and the place between two points next to p◇: always.
+        let reference = 2 * ((0.5 * place(domain.point)).round() as usize).min(points - 1);
+        let between = 2 * ((0.5 * place(domain.point)).floor() as usize) + 1;
         let slack = 1e-9;
-        let first = (number(domain.ends[0]) - slack).ceil().max(0.0) as usize;
-        let last = (number(domain.ends[1]) + slack).floor() as usize;
-        let (first, last) = (first.min(middle), last.max(middle));
+        let first = (place(domain.ends[0]) - slack).ceil().max(0.0) as usize;
+        let last = (place(domain.ends[1]) + slack).floor() as usize;
+        let (first, last) = (first.min(reference.min(between)), last.max(reference.max(between)));
         Self {
             first,
             amplification: domain.point.exp(),
-            decay: (first..=last).map(|j| (-(interval[0] + step * j as f64)).exp()).collect(),
-            reference: middle - first,
+            decay: (first..=last).map(|k| (-(interval[0] + half * k as f64)).exp()).collect(),
+            reference,
             distance: 0.0,
             largest: 0.0,
         }
     }
 
-    /// Looks at a cell: its values at all points.
-    fn look(&mut self, values: &[f64]) {
-        let values = &values[self.first..self.first + self.decay.len()];
-        let u = values[self.reference] / self.decay[self.reference];
+    /// Looks at a cell: its values at all points, and half a step after each.
+    fn look(&mut self, values: &[f64], between: &[f64]) {
+        let u = values[self.reference / 2] / self.decay[self.reference - self.first];
         self.largest = self.largest.max(u.abs());
-        for (w, decay) in values.iter().zip(&self.decay) {
+        for (k, decay) in (self.first..).zip(&self.decay) {
+            let w = if k.is_multiple_of(2) { values[k / 2] } else { between[k / 2] };
             self.distance = self.distance.max(self.amplification * (w - decay * u).abs());
         }
+    }
+}
+
+/// Values of the trigonometric interpolant between the points of a file.
+struct Between {
+    transform: Transform,
+    line: Vec<f64>,
+}
+
+impl Between {
+    fn new(series: &Series, interval: [f64; 2], points: usize) -> Self {
+        let half = 0.5 * (interval[1] - interval[0]) / points as f64;
+        let transform = Transform::new(series, interval[0] + half);
+        Self { transform, line: vec![0.0; points] }
+    }
+
+    /// Half a step after each point, from the modes of a cell.
+    fn values(&mut self, modes: &[Complex64], scale: f64) -> &[f64] {
+        self.transform.to_values(modes, scale, &mut self.line);
+        &self.line
     }
 }
 
@@ -176,6 +202,7 @@ impl Given {
         let mut transform = Transform::new(series, self.interval[0]);
         spread.fits(kept, &transform);
         assert_eq!(shape.last(), Some(&transform.points()), "the file's points");
+        let mut between = Between::new(series, self.interval, transform.points());
         let (mut transpose, mut all, _) = spread.buffers(&transform);
         let (modes, points, rows) = (transform.modes(), transform.points(), kept.rows());
         let (mut sum, mut largest) = (0u64, 0.0f64);
@@ -202,8 +229,9 @@ impl Given {
             largest = values.iter().fold(largest, |most, w| most.max(w.abs()));
             let lines = all.chunks_exact_mut(modes).zip(values.chunks_exact(points));
             for (cell, (modes, values)) in own.zip(lines) {
-                flatness.look(values);
-                transform.to_modes(values, spread.pi[cell].sqrt(), modes);
+                let weight = spread.pi[cell].sqrt();
+                transform.to_modes(values, weight, modes);
+                flatness.look(values, between.values(modes, 1.0 / weight));
             }
             transpose.to_modes(&all, cells, kept.values_mut(), rows);
             Ok(())

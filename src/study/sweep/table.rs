@@ -1,11 +1,14 @@
 //! The table of a sweep: printed, as `table.csv` and as `table.tex`.
 
 use crate::base::disk;
-use crate::base::error::Result;
-use crate::base::text::{csv_field, short, shortened};
+use crate::base::error::{Error, Result};
+use crate::base::text::{csv_field, csv_records, short, shortened};
 use crate::study::sweep::name::plain;
 use serde_json::Value;
+use std::ffi::{OsStr, OsString};
 use std::fmt;
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 /// Entries of `summary.json` in the table, those of the Python package; what no run knows is left
@@ -28,6 +31,12 @@ const ENTRIES: [&str; 12] = [
 const WIDTH: usize = 100;
 /// Most characters of a cell on the terminal.
 const MOST_SHOWN: usize = 40;
+/// First line of `table.tex`.
+const TEX_HEAD: &str = "% Written by phasewarp sweep, which replaces it; edit a copy.";
+/// Name of the last column.
+const DIRECTORY: &str = "directory";
+/// Most bytes of a file that may be a table of a sweep.
+const MOST_BYTES: u64 = 64 << 20;
 /// Blanks between columns.
 const GAP: usize = 2;
 
@@ -117,7 +126,7 @@ impl Table {
         let texts = [
             self.column("warnings", Row::warnings),
             self.column("error", |row| row.error.clone().into()),
-            self.column("directory", |row| row.directory.clone().into()),
+            self.column(DIRECTORY, |row| row.directory.clone().into()),
         ];
         let texts = texts.into_iter().filter(|column| !column.is_empty());
         self.numbers().into_iter().chain(texts).collect()
@@ -147,8 +156,9 @@ impl Table {
         let sides: String = columns.iter().map(side).collect();
         let names: Vec<String> = columns.iter().map(|column| tex_text(&column.name)).collect();
         let names = names.join(" & ");
-        let mut text =
-            format!("\\begin{{tabular}}{{{sides}}}\n\\toprule\n{names} \\\\\n\\midrule\n");
+        let mut text = format!(
+            "{TEX_HEAD}\n\\begin{{tabular}}{{{sides}}}\n\\toprule\n{names} \\\\\n\\midrule\n"
+        );
         for (i, row) in self.rows.iter().enumerate() {
             if let Some(error) = &row.error {
                 error.lines().for_each(|line| text += &format!("% {line}\n"));
@@ -169,6 +179,52 @@ impl Table {
         disk::write_text(&directory.join("table.csv"), &self.csv())?;
         disk::write_text(&directory.join("table.tex"), &self.tex())
     }
+}
+
+/// Refuses to replace a table in `directory` that has rows of other runs than those in the
+/// directories `runs`, and files of that name that no sweep wrote. By one rank.
+///
+/// # Errors
+/// [`Error::Directory`].
+pub fn refuse_to_replace<'a>(directory: &Path, runs: impl Iterator<Item = &'a Path>) -> Result<()> {
+    let runs: Vec<&OsStr> = runs.filter_map(Path::file_name).collect();
+    let what = match (rows(&directory.join("table.csv")), head(&directory.join("table.tex"))) {
+        (Some(Err(())), _) => "a table.csv that no sweep wrote".to_owned(),
+        (Some(Ok(rows)), _) if rows.iter().any(|row| !runs.contains(&row.as_os_str())) => {
+            "the table of a sweep with other runs".to_owned()
+        }
+        (_, Some(head)) if head != TEX_HEAD => "a table.tex that no sweep wrote".to_owned(),
+        _ => return Ok(()),
+    };
+    let reason = format!("it holds {what}; --force replaces it, -o gives another directory");
+    Err(Error::Directory { path: directory.to_owned(), reason })
+}
+
+/// The names of the directories in a table, if there is a file; an error if it is no table.
+fn rows(path: &Path) -> Option<std::result::Result<Vec<OsString>, ()>> {
+    let found = std::fs::symlink_metadata(path).ok()?;
+    if found.len() > MOST_BYTES {
+        return Some(Err(()));
+    }
+    let records = disk::read_text(path).map(|text| csv_records(&text)).unwrap_or_default();
+    let Some(last) = records.first().and_then(|names| names.iter().position(|n| n == DIRECTORY))
+    else {
+        return Some(Err(()));
+    };
+    let name = |record: &Vec<String>| {
+        record.get(last).and_then(|place| Path::new(place).file_name()).map(OsStr::to_owned)
+    };
+    Some(records[1..].iter().map(name).collect::<Option<Vec<_>>>().ok_or(()))
+}
+
+/// The first line of a file, if there is one; empty where that is no line of text.
+fn head(path: &Path) -> Option<String> {
+    std::fs::symlink_metadata(path).ok()?;
+    let mut bytes = Vec::new();
+    let most = TEX_HEAD.len() as u64 + 1;
+    let read = File::open(path).and_then(|file| file.take(most).read_to_end(&mut bytes));
+    let line = read.ok().and_then(|_| String::from_utf8(bytes).ok()).unwrap_or_default();
+    Some(line.lines().next().unwrap_or_default().to_owned())
 }
 
 /// For the terminal: the numbers in pieces that fit, each with the number of the run.
@@ -304,6 +360,8 @@ mod tests {
     fn latex_takes_every_character() {
         let text = table().tex();
         let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0], TEX_HEAD);
+        let lines = &lines[1..];
         assert_eq!(lines[0], "\\begin{tabular}{rlrrrrrrrr}");
         assert!(
             lines[2].starts_with("solver.tolerance & initial.f & cells & error\\_l1\\_relative &")
@@ -317,6 +375,30 @@ mod tests {
             tex_text("a\\b{c}_~<"),
             "a\\textbackslash{}b\\{c\\}\\_\\textasciitilde{}\\textless{}"
         );
+    }
+
+    #[test]
+    fn tables_of_other_runs_are_not_replaced() {
+        let place = tempfile::tempdir().unwrap();
+        let refused = |runs: &[&str]| {
+            let found = refuse_to_replace(place.path(), runs.iter().map(Path::new));
+            found.err().map(|error| error.to_string()).unwrap_or_default()
+        };
+        assert_eq!(refused(&["a b"]), "");
+        table().write(place.path()).unwrap();
+        // The runs of the table, and more; wherever they are.
+        assert_eq!(refused(&["x/a b", "x/c"]), "");
+        assert!(refused(&["x/c"]).contains("sweep with other runs; --force replaces it"));
+        for (name, mine, said) in [
+            ("table.tex", "\\begin{tabular}", "a table.tex that no sweep wrote"),
+            ("table.csv", "x,f\n1,2\n", "a table.csv that no sweep wrote"),
+            ("table.csv", "x,directory\n1\n", "a table.csv that no sweep wrote"),
+            ("table.csv", "", "a table.csv that no sweep wrote"),
+        ] {
+            table().write(place.path()).unwrap();
+            std::fs::write(place.path().join(name), mine).unwrap();
+            assert!(refused(&["a b"]).contains(said), "{name}, {mine}: {}", refused(&["a b"]));
+        }
     }
 
     #[test]

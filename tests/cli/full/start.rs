@@ -3,6 +3,7 @@
 use super::{POINTS, small, warped};
 use crate::dense::{self};
 use crate::support::{Job, Summary, case, check_all, directory, distance, field};
+use phasewarp::problem::case::Case;
 use std::path::Path;
 
 /// A run to T and one from its file to T are one to 2T: in the field, and in the whole of w; on
@@ -91,21 +92,9 @@ fn any_field_may_be_the_start() {
     let (cells, velocities, points) = (7, 6, 50);
     let value = |n: usize| dense::noise(n, 3);
     let values: Vec<f64> = (0..cells * velocities * points).map(value).collect();
-    {
-        let file = hdf5::File::create(&written).unwrap();
-        file.create_group("axis").unwrap();
-        let list = |name: &str, values: &[f64]| {
-            let dataset = file.new_dataset::<f64>().shape(values.len());
-            dataset.create(name).unwrap().write(values).unwrap();
-        };
-        let case = dense::case("example1.toml", &["axis.0.x.cells=7", "axis.0.v.cells=6"]);
-        list("axis/x", &case.space.x[0].centres());
-        list("axis/vx", &case.space.v[0].centres());
-        let p: Vec<f64> = (0..points).map(|j| -3.0 + 0.2 * j as f64).collect();
-        list("axis/p", &p);
-        let w = file.new_dataset::<f64>().shape([cells, velocities, points]);
-        w.create("w").unwrap().write_raw(&values).unwrap();
-    }
+    let p: Vec<f64> = (0..points).map(|j| -3.0 + 0.2 * j as f64).collect();
+    let case = dense::case("example1.toml", &["axis.0.x.cells=7", "axis.0.v.cells=6"]);
+    write_field(&written, &case, &p, &values);
     // HDF5's lock lasts as long as any program that another test starts meanwhile and that inherits
     // the open file.
     std::fs::copy(&written, &path).unwrap();
@@ -142,6 +131,53 @@ fn any_field_may_be_the_start() {
     let (before, after) = (norm(&values), norm(&found));
     assert!((after / before - 1.0).abs() < 1e-9, "{before} {after}");
     assert!(distance(&found, &values) > 0.1, "nothing moved");
+}
+
+/// Writes a file that holds `w` on the grid of `case` at the points `p`.
+fn write_field(path: &Path, case: &Case, p: &[f64], w: &[f64]) {
+    let file = hdf5::File::create(path).unwrap();
+    file.create_group("axis").unwrap();
+    let list = |name: &str, values: &[f64]| {
+        let dataset = file.new_dataset::<f64>().shape(values.len());
+        dataset.create(name).unwrap().write(values).unwrap();
+    };
+    let (x, v) = (case.space.x[0].centres(), case.space.v[0].centres());
+    list("axis/x", &x);
+    list("axis/vx", &v);
+    list("axis/p", p);
+    let dataset = file.new_dataset::<f64>().shape([x.len(), v.len(), p.len()]);
+    dataset.create("w").unwrap().write_raw(w).unwrap();
+}
+
+/// At its points `e^{−|p|}` is flat above 0; few points make the trigonometric interpolant ring
+/// between them, and `e^{p◇}` amplifies that.
+#[test]
+fn a_start_that_rings_between_its_points_is_refused() {
+    let grid = ["axis.0.x.cells=14", "axis.0.v.cells=11"];
+    let case = dense::case("example1.toml", &grid);
+    let place = directory();
+    let start = |points: usize| {
+        let (written, path) = (place.path().join("written.h5"), place.path().join("start.h5"));
+        let p: Vec<f64> = (0..points).map(|j| -12.0 + 24.0 * j as f64 / points as f64).collect();
+        let cells = 0..case.space.cells();
+        let f = cells.map(|i| {
+            let point = case.space.point(&case.space.cell(i));
+            case.fields[0].initial.at_point(&point, 0.0)
+        });
+        let w: Vec<f64> = f.flat_map(|f| p.iter().map(move |p| f * (-p.abs()).exp())).collect();
+        write_field(&written, &case, &p, &w);
+        std::fs::copy(&written, &path).unwrap();
+        let from = format!("initial={{warped='{}'}}", path.display());
+        small(&["time.end=0.5", "solver.tolerance=1e-4"]).set(&[&from])
+    };
+    for (points, recovery, varies) in [(128, 1, "e-2 of"), (128, 8, "e0 of"), (512, 8, "e-2 of")] {
+        let read = format!("solver.warp.recovery={recovery}");
+        let refused = start(points).set(&[&read]).into(directory().path()).on(2).run().unwrap();
+        refused.ended(2, &["initial.warped", "e^p w varies by", varies]).unwrap();
+    }
+    let good = directory();
+    let summary = start(4096).set(&["solver.warp.recovery=1"]).on(3).solve(good.path()).unwrap();
+    assert!(!summary.warnings().contains("e^p w varies by"), "{}", summary.warnings());
 }
 
 /// Without weights S has positive eigenvalues: f at p = 0.01 depends on e^p w below 0, where that

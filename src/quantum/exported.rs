@@ -1,0 +1,93 @@
+//! `description.json` of an export: whose files lie in a directory, which are not replaced unasked.
+
+use crate::base::disk;
+use crate::base::error::{Error, Result};
+use crate::problem::case::Case;
+use crate::results::finished::{Settings, differing_setting};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The name of the description.
+pub const DESCRIPTION: &str = "description.json";
+
+/// What was exported.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// Matrices and vectors.
+    Matrix,
+    /// States, `H` and circuits.
+    Quantum,
+    /// A block encoding of `H` as gates.
+    Circuit,
+}
+
+impl Kind {
+    /// The word for it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Matrix => "matrix",
+            Self::Quantum => "quantum",
+            Self::Circuit => "circuit",
+        }
+    }
+}
+
+/// Whose export it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Owner {
+    /// What it is.
+    pub export: Kind,
+    /// Every value of its case, by its key.
+    pub settings: Settings,
+}
+
+impl Owner {
+    /// An export of `case`.
+    pub fn new(export: Kind, case: &Case) -> Self {
+        Self { export, settings: case.settings.clone() }
+    }
+
+    /// Refuses to replace, in `directory`, the export of another case, one of another kind, and
+    /// those of `names` that belong to none. By one rank.
+    ///
+    /// # Errors
+    /// [`Error::Directory`].
+    pub fn refuse_to_replace(&self, directory: &Path, names: &[String]) -> Result<()> {
+        let there = |name: &str| std::fs::symlink_metadata(directory.join(name)).is_ok();
+        let what = if there(DESCRIPTION) {
+            match Self::read(directory) {
+                None => format!("a {DESCRIPTION} that is of no export"),
+                Some(owner) if owner.export != self.export => {
+                    format!("an export of another kind, \"{}\"", owner.export.word())
+                }
+                Some(owner) => match differing_setting(&owner.settings, &self.settings) {
+                    None => return Ok(()),
+                    Some(what) => format!("the export of another case: {what}"),
+                },
+            }
+        } else {
+            match names.iter().find(|name| there(name)) {
+                None => return Ok(()),
+                Some(name) => format!("{name}, which belongs to no {DESCRIPTION} there"),
+            }
+        };
+        let reason = format!("it holds {what}; --force replaces it, -o gives another directory");
+        Err(Error::Directory { path: directory.to_owned(), reason })
+    }
+
+    /// Whose export lies in `directory`.
+    fn read(directory: &Path) -> Option<Self> {
+        serde_json::from_str(&disk::read_text(&directory.join(DESCRIPTION)).ok()?).ok()
+    }
+}
+
+/// Writes the description of an export, the last of its files.
+///
+/// # Errors
+/// [`Error::Output`].
+pub fn write(directory: &Path, description: &impl Serialize) -> Result<()> {
+    let path = directory.join(DESCRIPTION);
+    let text = serde_json::to_string_pretty(description).map_err(|e| disk::failure(&path, &e))?;
+    disk::write(&path, (text + "\n").as_bytes())
+}
