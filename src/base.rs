@@ -1,4 +1,4 @@
-//! The ground: errors, text, log lines, directories, the machine, checksums, quadrature,
+//! The ground: errors, text, tables, log lines, directories, the machine, checksums, quadrature,
 //! fixed-point sums.
 //!
 //! Uses no other room.
@@ -15,5 +15,6 @@ pub mod memory;
 pub mod progress;
 pub mod quadrature;
 pub mod stopwatch;
+pub mod table;
 pub mod text;
 pub mod version;
