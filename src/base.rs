@@ -1,5 +1,5 @@
-//! The ground: errors, text, log lines, directories, the machine, checksums, quadrature, piecewise
-//! polynomials, fixed-point sums.
+//! The ground: errors, text, tables, log lines, directories, the machine, checksums, quadrature,
+//! piecewise polynomials, fixed-point sums.
 //!
 //! Uses no other room.
 
@@ -16,5 +16,6 @@ pub mod piecewise;
 pub mod progress;
 pub mod quadrature;
 pub mod stopwatch;
+pub mod table;
 pub mod text;
 pub mod version;

@@ -1,7 +1,7 @@
 //! Parses the command line, starts MPI, calls the library, turns an error into an exit code.
 
 use clap::Parser;
-use phasewarp::base::log::report;
+use phasewarp::base::log::{report, say};
 use phasewarp::base::machine;
 use phasewarp::command::cli::Cli;
 use phasewarp::command::execute;
@@ -40,8 +40,12 @@ fn main() {
         },
         Err(error) => {
             if rank == 0 {
-                // Help and version go to standard output, mistakes to standard error.
-                let _ = error.print();
+                // Mistakes go to standard error, help and version to standard output.
+                let text = error.render().to_string();
+                match error.use_stderr() {
+                    true => report(text.trim_end()),
+                    false => say(text.trim_end()),
+                }
             }
             error.exit_code()
         }

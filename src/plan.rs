@@ -17,13 +17,14 @@ pub mod layout;
 pub mod memory;
 
 use crate::base::error::{Error, Result};
-use crate::base::text::bytes_text;
+use crate::base::text::{bytes_text, counted, rounded, short};
 use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
 use crate::parallel::partition::Mesh;
 use crate::plan::balance::Batch;
 use crate::plan::layout::{Layout, Resources};
 use crate::problem::case::{Case, Interface, Limiter, Method, Propagation};
+use crate::problem::grid::Axis;
 use crate::problem::legs::Leg;
 use crate::propagate;
 use crate::propagate::classical::classical_steps;
@@ -53,6 +54,8 @@ pub struct Plan {
     pub shape: Vec<usize>,
     /// Unknowns.
     pub cells: usize,
+    /// Elements along each axis; of degree 0 its cells.
+    pub elements: Vec<usize>,
     /// What was left out of the case, a line each.
     pub reductions: Vec<String>,
     /// Final time.
@@ -133,6 +136,7 @@ impl Plan {
             title: case.title.clone(),
             shape: case.space.shape(),
             cells: case.space.cells(),
+            elements: case.space.axes().map(Axis::elements).collect(),
             reductions: case.reductions.dropped.clone(),
             time: case.duration(),
             method: case.method,
@@ -277,6 +281,17 @@ impl Plan {
         })
     }
 
+    /// `96 cells`, `864 unknowns on 8 x 12 elements`.
+    pub fn grid_size(&self) -> String {
+        match self.elements == self.shape {
+            true => counted(self.cells, "cell", "cells"),
+            false => {
+                let elements: Vec<String> = self.elements.iter().map(usize::to_string).collect();
+                format!("{} unknowns on {} elements", self.cells, elements.join(" x "))
+            }
+        }
+    }
+
     /// Planned bytes on the fullest rank.
     pub fn memory(&self) -> u64 {
         self.layout.memory()
@@ -306,7 +321,7 @@ impl Plan {
 impl fmt::Display for Plan {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
-        writeln!(f, "grid            {} = {} cells", shape.join(" x "), self.cells)?;
+        writeln!(f, "grid            {} = {}", shape.join(" x "), self.grid_size())?;
         for line in &self.reductions {
             writeln!(f, "reduced         {line}")?;
         }
@@ -323,26 +338,28 @@ impl fmt::Display for Plan {
         if let Some(w) = &self.warp {
             writeln!(
                 f,
-                "spectrum of S   [-{:.4}, {:.4}] guaranteed, time {:e}",
-                b.decay, b.growth, self.time
+                "spectrum of S   [-{}, {}] guaranteed, time {}",
+                short(b.decay),
+                short(rounded(b.growth, b.decay)),
+                short(self.time)
             )?;
             writeln!(f, "tolerance       {:e} (state {:.2e})", self.tolerance, w.state_tolerance)?;
             let file = || "that of initial.warped".to_owned();
             let profile = w.profile.as_ref().map_or_else(file, Profile::to_string);
             writeln!(
                 f,
-                "profile         {}: period {:.4}, cut-off {:.4}, read at {:.4}",
+                "profile         {}: period {}, cut-off {}, read at {}",
                 profile,
-                w.series.period,
-                w.series.wavenumber(w.series.modes() - 1),
-                w.readings[0].point
+                short(w.series.period),
+                short(w.series.wavenumber(w.series.modes() - 1)),
+                short(rounded(w.readings[0].point, 1.0))
             )?;
             writeln!(
                 f,
-                "modes           {} ({}) in {} batches of at most {LANES}",
+                "modes           {} ({}) in {} of at most {LANES}",
                 w.modes,
                 if w.modes > w.series.modes() { "l of both signs" } else { "l >= 0" },
-                self.layout.groups.iter().map(Vec::len).sum::<usize>()
+                counted(self.layout.groups.iter().map(Vec::len).sum(), "batch", "batches")
             )?;
             if let Some(points) = w.points {
                 writeln!(f, "kept            all of them: w(T, x, v, p) at {points} points in p")?;
@@ -375,11 +392,11 @@ impl fmt::Display for Plan {
         let blocks: Vec<String> = l.mesh.space.iter().map(usize::to_string).collect();
         writeln!(
             f,
-            "ranks           {} = {} space blocks ({}) x {} mode groups, imbalance {:.3}",
+            "ranks           {} = {} ({}) x {}, imbalance {:.3}",
             l.mesh.ranks(),
-            l.mesh.blocks(),
+            counted(l.mesh.blocks(), "space block", "space blocks"),
             blocks.join(" x "),
-            l.mesh.groups,
+            counted(l.mesh.groups, "mode group", "mode groups"),
             l.imbalance
         )?;
         if l.mesh.blocks() == 1 && l.mesh.groups > 1 && self.warp.is_some() {
@@ -387,7 +404,8 @@ impl fmt::Display for Plan {
         }
         let idle = l.groups.iter().filter(|g| g.is_empty()).count();
         if idle > 0 && (self.warp.is_some() || idle < l.groups.len()) {
-            writeln!(f, "                {idle} mode groups have nothing to do")?;
+            let groups = counted(idle, "mode group has", "mode groups have");
+            writeln!(f, "                {groups} nothing to do")?;
         }
         writeln!(f, "memory a rank   {}", bytes_text(self.memory()))?;
         for (name, bytes) in &l.arrays {

@@ -11,7 +11,7 @@ import pytest
 from conftest import CASES
 
 import phasewarp as pw
-from phasewarp.program import launcher
+from phasewarp.program import launcher, unwrapped
 
 
 def script(path: Path, text: str) -> Path:
@@ -185,3 +185,14 @@ def test_other_commands(small: pw.Case) -> None:
     choices = pw.optimise(small)
     assert choices[0]["walk_steps"]["value"] > 0 and len(choices[0]["cost"]) == 2
     assert pw.spectrum(small, refine=[1, 2])
+
+
+def test_lines_of_the_program_are_joined_again() -> None:
+    words = " ".join(["word"] * 19)
+    lines = [f"warning: {words}", "  goes on", "  short", f"phasewarp run {words} \\", "    --set a=b"]
+    assert unwrapped("\n".join([*lines, "end"])).splitlines() == [
+        f"warning: {words} goes on",
+        "  short",
+        f"phasewarp run {words} --set a=b",
+        "end",
+    ]

@@ -85,7 +85,17 @@ pub fn read_text(path: &Path) -> Result<String> {
 }
 
 pub(crate) fn refused(directory: &Path, why: &io::Error) -> Error {
-    Error::Directory { path: directory.to_owned(), reason: why.to_string() }
+    // The nearest that there is on the way to it.
+    let there = directory.ancestors().find(|path| std::fs::metadata(path).is_ok());
+    let reason = match (there, why.kind()) {
+        (Some(file), _) if file.is_file() && file == directory => "is not a directory".to_owned(),
+        (Some(file), _) if file.is_file() => format!("{} is not a directory", file.display()),
+        (Some(place), ErrorKind::NotFound) => {
+            format!("no directory can be made in {}", place.display())
+        }
+        _ => why.to_string(),
+    };
+    Error::Directory { path: directory.to_owned(), reason }
 }
 
 /// An [`Error::Output`] about `path`.

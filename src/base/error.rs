@@ -253,9 +253,10 @@ pub enum Error {
         /// All runs.
         runs: usize,
     },
-    /// Runs of a sweep failed; the others are done.
+    /// Runs of a sweep failed or are not finished; the others are done.
     #[error(
-        "{failed} of {runs} runs failed: {} says why, in its column error",
+        "{}: {} says why, in its column error",
+        unsuccessful(*failed, *unfinished, *runs),
         path.display()
     )]
     SweepFailed {
@@ -263,6 +264,8 @@ pub enum Error {
         path: PathBuf,
         /// Runs that failed.
         failed: usize,
+        /// Runs that are not finished, and did not fail.
+        unfinished: usize,
         /// All runs.
         runs: usize,
     },
@@ -313,6 +316,17 @@ pub enum Error {
         /// See [`Error::leaves_files_open`].
         files_open: bool,
     },
+}
+
+/// How many runs of a sweep have no results.
+fn unsuccessful(failed: usize, unfinished: usize, runs: usize) -> String {
+    let failures = format!("{failed} of {runs} runs failed");
+    let others = format!("{unfinished} of {runs} runs are not finished");
+    match (failed, unfinished) {
+        (_, 0) => failures,
+        (0, _) => others,
+        _ => format!("{failures} and {others}"),
+    }
 }
 
 impl Error {

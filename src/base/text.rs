@@ -1,6 +1,15 @@
 //! Words and numbers as they are printed.
 
 use std::borrow::Cow;
+use textwrap::core::{Word, display_width};
+use textwrap::{Options, WordSeparator, WordSplitter, WrapAlgorithm, wrap};
+
+/// Columns of what is printed for people.
+pub const COLUMNS: usize = 100;
+/// Columns at most behind which the value of a name goes on.
+const MOST_HANG: usize = 40;
+/// First words of commands for a shell.
+const COMMANDS: [&str; 4] = ["phasewarp", "mpirun", "srun", "sbatch"];
 
 /// A choice as the case file writes it, its parameters behind it.
 pub(crate) fn word(choice: &impl serde::Serialize) -> String {
@@ -53,6 +62,63 @@ pub fn visible(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
+/// A text in lines of at most [`COLUMNS`] columns. A longer line goes on under the value of its
+/// name, which two blanks or more precede, else two blanks further in than it begins. A command for
+/// a shell goes on behind a backslash, so that it can be pasted. A word that is longer than a line
+/// stays whole.
+pub fn wrapped(text: &str) -> String {
+    let lines: Vec<Cow<'_, str>> = text.split('\n').map(wrapped_line).collect();
+    lines.join("\n")
+}
+
+/// A line in lines of at most [`COLUMNS`] columns.
+fn wrapped_line(line: &str) -> Cow<'_, str> {
+    if display_width(line) <= COLUMNS {
+        return Cow::Borrowed(line);
+    }
+    let begin = line.len() - line.trim_start().len();
+    let first = line[begin..].split(' ').next().unwrap_or_default();
+    let (width, hang, separator, end) = match COMMANDS.contains(&first) {
+        true => (COLUMNS - 2, begin + 4, WordSeparator::Custom(shell_words), " \\\n"),
+        false => (COLUMNS, hang(line, begin), WordSeparator::AsciiSpace, "\n"),
+    };
+    let hang = " ".repeat(hang);
+    let options = Options::new(width)
+        .subsequent_indent(&hang)
+        .word_separator(separator)
+        .word_splitter(WordSplitter::NoHyphenation)
+        .wrap_algorithm(WrapAlgorithm::FirstFit)
+        .break_words(false);
+    Cow::Owned(wrap(line, options).join(end))
+}
+
+/// Blanks before what does not fit on `line`, which begins behind so many.
+fn hang(line: &str, begin: usize) -> usize {
+    let value = line[begin..].find("  ").map(|gap| {
+        let rest = &line[begin + gap..];
+        display_width(&line[..begin + gap]) + rest.len() - rest.trim_start().len()
+    });
+    value.filter(|&value| value <= MOST_HANG).unwrap_or(begin + 2)
+}
+
+/// The words of a command, between blanks that are not quoted. An option stays with its value.
+fn shell_words(line: &str) -> Box<dyn Iterator<Item = Word<'_>> + '_> {
+    let (mut quoted, mut blank, mut begin) = (false, false, 0);
+    let mut words = Vec::new();
+    for (at, c) in line.char_indices() {
+        let word = line[begin..at].trim_end();
+        let is_option = word.starts_with("--") && !word.contains(' ') && c != '-';
+        if blank && c != ' ' && !is_option {
+            words.push(Word::from(&line[begin..at]));
+            begin = at;
+        }
+        quoted ^= c == '\'';
+        blank = c == ' ' && !quoted;
+    }
+    words.push(Word::from(&line[begin..]));
+    Box::new(words.into_iter())
+}
+
 /// A word as a shell takes it.
 pub fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+".contains(c);
@@ -101,16 +167,6 @@ pub fn bytes_text(bytes: u64) -> String {
     bytesize::ByteSize(bytes).display().iec().to_string()
 }
 
-/// So many decimals; in scientific form where those would show one digit or none, or more than ten
-/// stand before them.
-pub fn fixed(value: f64, decimals: usize) -> String {
-    let least = 10f64.powi(1 - decimals as i32);
-    match value == 0.0 || (least..1e10).contains(&value.abs()) {
-        true => format!("{value:.decimals$}"),
-        false => format!("{value:.3e}"),
-    }
-}
-
 /// A part of a whole, as `-4.25 %`.
 pub fn percent(part: f64) -> String {
     let percent = 100.0 * part;
@@ -122,27 +178,56 @@ pub fn percent(part: f64) -> String {
 
 /// Four digits, without trailing zeros.
 pub fn short(value: f64) -> String {
+    digits(value, 4)
+}
+
+/// A place on an axis, with digits enough to tell it from places a hundredth of `apart` away.
+pub fn place(value: f64, apart: f64) -> String {
+    let value = rounded(value, apart);
+    let count = (value / apart).abs().log10().floor() + 4.0;
+    digits(value, if count.is_finite() { count.clamp(1.0, 16.0) as usize } else { 4 })
+}
+
+/// Zero instead of what round-off leaves of it, beside numbers as large as `scale`.
+pub fn rounded(value: f64, scale: f64) -> f64 {
+    const ROUND_OFF: f64 = 1e-12;
+    if value.abs() <= ROUND_OFF * scale.abs() { 0.0 } else { value }
+}
+
+/// So many digits, without trailing zeros; in scientific form where it is shorter.
+fn digits(value: f64, count: usize) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }
-    if (1e-3..1e5).contains(&value.abs()) {
-        let digits = 3 - value.abs().log10().floor().max(-4.0) as i32;
-        let text = format!("{value:.*}", digits.max(0) as usize);
-        if text.contains('.') {
-            text.trim_end_matches('0').trim_end_matches('.').to_owned()
-        } else {
-            text
-        }
-    } else {
-        let text = format!("{value:.3e}");
-        match text.split_once('e') {
-            Some((digits, exponent)) if digits.contains('.') => {
-                let digits = digits.trim_end_matches('0').trim_end_matches('.');
-                format!("{digits}e{exponent}")
-            }
-            _ => text,
-        }
+    let largest = 10f64.powi(count.clamp(5, 9) as i32);
+    if (1e-3..largest).contains(&value.abs()) {
+        let decimals = count as i32 - 1 - value.abs().log10().floor().max(-4.0) as i32;
+        let text = format!("{value:.*}", decimals.max(0) as usize);
+        return without_zeros(&text).to_owned();
     }
+    let text = format!("{value:.*e}", count - 1);
+    match text.split_once('e') {
+        Some((digits, exponent)) => format!("{}e{exponent}", without_zeros(digits)),
+        None => text,
+    }
+}
+
+/// A number without zeros at the end of its decimals.
+fn without_zeros(text: &str) -> &str {
+    match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.'),
+        false => text,
+    }
+}
+
+/// `1 batch`, `2 batches`.
+pub fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}
+
+/// A text on one line, as a formula of a case file may be on several.
+pub fn on_one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]
@@ -162,6 +247,37 @@ mod tests {
     }
 
     #[test]
+    fn lines_fit() {
+        let words = "seven columns ".repeat(12);
+        let sentence = format!("  note: {words}");
+        let lines: Vec<String> = wrapped(&sentence).lines().map(str::to_owned).collect();
+        assert!(lines.iter().all(|line| display_width(line) <= COLUMNS), "{lines:?}");
+        let blanks = |line: &str| line.len() - line.trim_start().len();
+        assert_eq!(blanks(&lines[1]), 4, "two blanks further in: {lines:?}");
+        let joined: Vec<&str> = lines.iter().map(|line| line.trim()).collect();
+        assert_eq!(joined.join(" "), sentence.trim());
+        let value = wrapped(&format!("largest N_p     {words}"));
+        assert!(value.lines().skip(1).all(|line| blanks(line) == 16), "{value}");
+        for short in ["", "a\n\n  b  c", &"\u{3bb}".repeat(COLUMNS), &"x".repeat(2 * COLUMNS)] {
+            assert_eq!(wrapped(short), short);
+        }
+    }
+
+    #[test]
+    fn a_command_that_is_wrapped_is_the_same_command() {
+        let set = "--set 'title=it'\\''s two  blanks' --set a=b ".repeat(6);
+        let command = format!("  phasewarp run 'a b.toml' {set}");
+        let shown = wrapped(&command);
+        let lines: Vec<&str> = shown.lines().collect();
+        assert!(lines.len() > 2 && lines.iter().all(|line| line.len() <= COLUMNS), "{shown}");
+        let (last, others) = lines.split_last().expect("lines");
+        assert!(others.iter().all(|line| line.ends_with(" \\")) && !last.ends_with('\\'));
+        assert!(lines.iter().all(|line| !line.ends_with("--set \\")), "{shown}");
+        let words = shown.replace(" \\\n    ", "").replace("  --set", " --set");
+        assert_eq!(words.trim(), command.trim());
+    }
+
+    #[test]
     fn sizes() {
         let gib = 1 << 30;
         for (bytes, text) in [
@@ -176,18 +292,20 @@ mod tests {
     }
 
     #[test]
-    fn fixed_numbers() {
-        for (value, decimals, text) in [
-            (0.0, 6, "0.000000"),
-            (0.0234375, 6, "0.023438"),
-            (-0.005, 6, "-0.005000"),
-            (2e-8, 6, "2.000e-8"),
-            (0.0023, 4, "0.0023"),
-            (0.0002, 4, "2.000e-4"),
-            (-2e12, 4, "-2.000e12"),
+    fn places_can_be_told_apart() {
+        for (value, apart, text) in [
+            (0.0, 0.1, "0"),
+            (1e-17, 0.1, "0"),
+            (-0.75, 0.3, "-0.75"),
+            (1.348148148, 0.2, "1.348"),
+            (-1e-6, 1.5625e-8, "-1e-6"),
+            (1e-6 + 1.5625e-8, 1.5625e-8, "1.01562e-6"),
+            (123_456.789, 0.01, "123456.789"),
+            (5e12, 1e10, "5e12"),
         ] {
-            assert_eq!(fixed(value, decimals), text);
+            assert_eq!(place(value, apart), text);
         }
+        assert_eq!((rounded(-1e-15, 1.0), rounded(-1e-15, 1e-6)), (0.0, -1e-15));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The case as the program read it: what `phasewarp check` prints.
 
-use crate::base::text::{fixed, word};
+use crate::base::text::{on_one_line, place, rounded, short, word};
 use crate::matrix::bounds::Bounds;
 use crate::problem::case;
 use crate::problem::case::{Case, Data, Method};
@@ -23,17 +23,31 @@ pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
         text += &format!("kept    {line}\n");
     }
     let growth = if bounds.growth.is_finite() {
-        format!("at most {}", fixed(bounds.growth, 4))
+        format!("at most {}", short(rounded(bounds.growth, bounds.rate)))
     } else {
         "known once it is assembled".to_owned()
     };
     text += &format!(
-        "{} cells; largest rate {}; growth of S {growth}{}\n",
-        case.space.cells(),
-        fixed(bounds.rate, 4),
+        "{}; largest rate {}; growth of S {growth}{}\n",
+        unknowns(case),
+        short(bounds.rate),
         if bounds.weighted { " with dissipative weights" } else { "" }
     );
     text
+}
+
+/// Cells, or nodes of elements.
+fn unknowns(case: &Case) -> String {
+    let what = if case.space.degree() == 0 { "cells" } else { "unknowns" };
+    format!("{} {what}", case.space.cells())
+}
+
+/// A number with all its digits, in scientific form where it is very small or large.
+fn plain(value: f64) -> String {
+    match value == 0.0 || (1e-3..1e7).contains(&value.abs()) {
+        true => value.to_string(),
+        false => format!("{value:e}"),
+    }
 }
 
 /// A line an axis.
@@ -51,10 +65,10 @@ fn axes(case: &Case) -> String {
         };
         text += &format!(
             "{name:<3} [{}, {}]  {} cells of {}{nodes}{}\n",
-            axis.lower,
-            axis.upper,
+            place(axis.lower, axis.width()),
+            place(axis.upper, axis.width()),
             axis.elements(),
-            fixed(axis.width(), 6),
+            short(axis.width()),
             if periodic { ", periodic" } else { "" }
         );
     }
@@ -65,15 +79,18 @@ fn axes(case: &Case) -> String {
 fn formulas(case: &Case) -> String {
     let mut text = String::new();
     for (name, value) in &case.constants {
-        text += &format!("{name} = {value}\n");
+        text += &format!("{name} = {}\n", plain(*value));
     }
     for region in &case.potential {
-        let condition = region.condition.as_ref().map_or("elsewhere", |c| c.text());
-        text += &format!("V = {}  where {condition}\n", region.value.text());
+        let condition = match &region.condition {
+            Some(condition) => format!("where {}", on_one_line(condition.text())),
+            None => "elsewhere".to_owned(),
+        };
+        text += &format!("V = {}  {condition}\n", on_one_line(region.value.text()));
     }
     if let Data::Measure { density, velocity } = &case.data {
-        let list: Vec<&str> = velocity.iter().map(|w| w.text()).collect();
-        let (density, list) = (density.text(), list.join("; "));
+        let list: Vec<String> = velocity.iter().map(|w| on_one_line(w.text())).collect();
+        let (density, list) = (on_one_line(density.text()), list.join("; "));
         text +=
             &format!("measure-valued: density {density}, velocity {list}; f = phi delta(psi)\n");
     }
@@ -87,12 +104,12 @@ fn formulas(case: &Case) -> String {
         );
     }
     if let Some(start) = &case.start_field {
-        text += &format!("f({}) = /f of {}\n", case.begin, start.path.display());
+        text += &format!("f({}) = /f of {}\n", plain(case.begin), start.path.display());
     }
     for field in case.fields.iter().filter(|_| case.start.is_none()) {
-        text += &format!("{}(0) = {}\n", field.name, field.initial.text());
+        text += &format!("{}(0) = {}\n", field.name, on_one_line(field.initial.text()));
         text += &match &field.inflow {
-            case::Inflow::Formula(f) => format!("inflow = {}\n", f.text()),
+            case::Inflow::Formula(f) => format!("inflow = {}\n", on_one_line(f.text())),
             case::Inflow::Initial => format!("inflow = {}(0) at the ghost centres\n", field.name),
         };
     }
@@ -107,11 +124,11 @@ fn method(case: &Case, bounds: &Bounds) -> String {
     };
     let from = match case.begin {
         0.0 => String::new(),
-        begin => format!("from t = {begin} to "),
+        begin => format!("from t = {} to ", plain(begin)),
     };
     let common = format!(
         "{from}T = {}, {interface}, method {}, tolerance {:e}\n",
-        case.end,
+        plain(case.end),
         word(&case.method),
         case.tolerance
     );
@@ -145,7 +162,7 @@ fn method(case: &Case, bounds: &Bounds) -> String {
 /// What makes `S` other than zero, so that `A` is not skew and needs Schrödingerization, each with
 /// the most that it adds to the norm of `S`.
 fn schrodingerized(bounds: &Bounds) -> String {
-    let most = format!("norm of S at most {}", fixed(bounds.dissipation, 4));
+    let most = format!("norm of S at most {}", short(bounds.dissipation));
     if bounds.lines.is_empty() {
         return format!("Schrödingerized: dissipation of the upwind scheme; {most}\n");
     }
@@ -158,7 +175,7 @@ fn schrodingerized(bounds: &Bounds) -> String {
         ("partial reflection", causes.reflection),
     ];
     let parts: Vec<String> = (parts.iter().filter(|part| part.1 > 0.0))
-        .map(|(cause, most)| format!("{cause} (at most {})", fixed(*most, 4)))
+        .map(|(cause, most)| format!("{cause} (at most {})", short(*most)))
         .collect();
     match parts.is_empty() {
         true => "S is zero: the flow is unitary by itself, and Schrödingerization does not change \

@@ -2,6 +2,7 @@
 
 use crate::base::error::Result;
 use crate::base::log::report;
+use crate::base::text::{rounded, short};
 use crate::command::cli::{CircuitArgs, ExportArgs};
 use crate::command::loading::{default_directory, load};
 use crate::command::printing::print;
@@ -37,10 +38,11 @@ pub fn quantum(world: &World, args: &ExportArgs) -> Result<()> {
     }
     let probability = description.probability_p * description.probability_field_given_p;
     let line = format!(
-        "{} qubits ({} of p); read at p = {:.4} with probability {probability:.4e}; files in {}",
+        "{} qubits ({} of p); read at p = {} with probability {}; files in {}",
         description.qubits,
         description.qubits_p,
-        description.recovery,
+        short(rounded(description.recovery, 1.0)),
+        short(probability),
         directory.display()
     );
     print(world, &line);

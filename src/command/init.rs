@@ -2,6 +2,7 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
+use crate::base::text::quoted;
 use crate::command::cli::InitArgs;
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
@@ -23,7 +24,9 @@ pub fn execute(world: &World, args: &InitArgs) -> Result<()> {
         disk::write(&args.file, text(usize::from(args.dimension)).as_bytes())
     })?;
     let file = args.file.display();
-    print(world, &format!("{file}: change it, then: phasewarp check {file}; phasewarp run {file}"));
+    let word = quoted(&file.to_string());
+    let next = format!("  phasewarp check {word}\n  phasewarp run {word}");
+    print(world, &format!("{file} is written. Change it, then:\n{next}"));
     Ok(())
 }
 

@@ -4,7 +4,7 @@ use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::command::cli::{PlotArgs, ReportArgs};
 use crate::command::describe::describe;
-use crate::command::printing::print;
+use crate::command::printing::{print, print_unwrapped};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
@@ -37,7 +37,7 @@ impl Written {
             print(world, &format!("{name}: left out: {why}"));
         }
         for file in &self.files {
-            print(world, &file.display().to_string());
+            print_unwrapped(world, &file.display().to_string());
         }
     }
 }

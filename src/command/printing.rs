@@ -1,14 +1,21 @@
 //! What a command prints, on the first rank.
 
-use crate::base::log::say;
+use crate::base::log::{say, say_unwrapped};
 use crate::parallel::communicator::World;
 use serde::Serialize;
 use std::fmt::Display;
 
-/// Prints on the first rank.
+/// Prints for people on the first rank, in lines that fit a terminal.
 pub fn print(world: &World, text: &str) {
     if world.group().rank() == 0 {
         say(text.trim_end());
+    }
+}
+
+/// Prints for programs on the first rank, each line as it is: JSON, names of files, scripts.
+pub fn print_unwrapped(world: &World, text: &str) {
+    if world.group().rank() == 0 {
+        say_unwrapped(text.trim_end());
     }
 }
 
@@ -22,5 +29,5 @@ pub fn print_as<T: Serialize + Display>(world: &World, found: &T, json: bool) {
 
 /// Prints JSON on the first rank.
 pub fn print_json(world: &World, found: &impl Serialize) {
-    print(world, &serde_json::to_string_pretty(found).unwrap_or_default());
+    print_unwrapped(world, &serde_json::to_string_pretty(found).unwrap_or_default());
 }

@@ -2,7 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::machine;
-use crate::base::text::fixed;
+use crate::base::text::short;
 use crate::command::accuracy;
 use crate::command::cli::{CaseArgs, RunArgs};
 use crate::command::loading::{default_directory, default_directory_until, load, load_continued};
@@ -134,12 +134,12 @@ fn closing_line(summary: &Summary, directory: &Path) -> String {
     if let (Some(density), Some(velocity)) = (summary.error_density_l1, summary.error_velocity_l1) {
         line += &format!(
             ", L1 distance to the exact density {}, mean velocity {}",
-            fixed(density, 4),
-            fixed(velocity, 4)
+            short(density),
+            short(velocity)
         );
     }
     if let Some(l1) = summary.error_l1 {
-        line += &format!(", L1 distance to the exact solution {}", fixed(l1, 4));
+        line += &format!(", L1 distance to the exact solution {}", short(l1));
     }
     if let Some(least) = summary.minimum_before_limiting {
         line += &format!(", least value {least:.1e} before output.positive");

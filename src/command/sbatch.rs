@@ -2,6 +2,7 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
+use crate::base::log::report;
 use crate::base::text::quoted;
 use crate::base::version::VERSION;
 use crate::command::cli::PlanArgs;
@@ -74,7 +75,11 @@ pub fn write(world: &World, args: &PlanArgs, case: &Case, needs: Needs) -> Resul
     };
     world.group().on_first_rank(|| {
         let script = JobScript::new(args, case, needs)?;
-        disk::write(file, script.to_string().as_bytes())
+        disk::write(file, script.to_string().as_bytes())?;
+        // Not on standard output, which may be JSON.
+        let word = quoted(&path_word(file)?);
+        report(&format!("{} is written. Submit it:\n  sbatch {word}", file.display()));
+        Ok(())
     })
 }
 

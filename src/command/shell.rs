@@ -4,7 +4,7 @@
 use crate::base::disk::{failure, make};
 use crate::base::error::Result;
 use crate::command::cli::{Cli, CompletionsArgs, ManArgs};
-use crate::command::printing::print;
+use crate::command::printing::{print, print_unwrapped};
 use crate::parallel::communicator::World;
 use clap::CommandFactory;
 
@@ -15,7 +15,7 @@ use clap::CommandFactory;
 pub fn completions(world: &World, args: &CompletionsArgs) -> Result<()> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut Cli::command(), "phasewarp", &mut script);
-    print(world, &String::from_utf8_lossy(&script));
+    print_unwrapped(world, &String::from_utf8_lossy(&script));
     Ok(())
 }
 

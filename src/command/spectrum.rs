@@ -3,7 +3,7 @@
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::log::report;
-use crate::base::text::bytes_text;
+use crate::base::text::{bytes_text, rounded};
 use crate::command::cli::SpectrumArgs;
 use crate::command::loading::load;
 use crate::command::printing::{print, print_json};
@@ -204,7 +204,11 @@ fn announce_steps(world: &World, case: &Case, prepared: &mut Prepared, steps: us
 
 /// A number with six digits behind the point, or four that count where these are few.
 fn number(x: f64) -> String {
-    if x == 0.0 || x.abs() >= 0.01 { format!("{x:.6}") } else { format!("{x:.3e}") }
+    match x.abs() {
+        0.0 => "0".to_owned(),
+        0.01.. => format!("{x:.6}"),
+        _ => format!("{x:.3e}"),
+    }
 }
 
 /// What was found, for people: a line a grid and a line a matrix.
@@ -229,6 +233,7 @@ fn table(list: &[GridSpectrum]) -> String {
 impl GridSpectrum {
     fn line(&self) -> String {
         let Extremes { highest, lowest, steps } = self.lanczos;
+        let number = |value: f64| number(rounded(value, self.decay));
         let within = |end: &End| {
             let residual = format!("+- {:.1e}", end.residual);
             if end.converged { residual } else { residual + " (not converged: more --steps)" }
@@ -241,22 +246,22 @@ impl GridSpectrum {
             System::Enlarged => ", with inflow",
         };
         format!(
-            "{label:<32} lambda+ {} {}  lambda- {} {}  ({} unknowns, {steps} Lanczos steps)\n\
-             {:<32} Gershgorin: lambda+ <= {}, lambda- <= {}; certificate: lambda+ <= {}; \
-             a run relies on {}, {}\n\
-             {:<32} sqrt(pi) {} to {}, max/min {:.4}, {} sweeps\n",
+            "{label} ({} unknowns, {steps} Lanczos steps)\n  \
+             measured         lambda+ {} {}, lambda- {} {}\n  \
+             Gershgorin       lambda+ <= {}, lambda- <= {}\n  \
+             certificate      lambda+ <= {}\n  \
+             a run relies on  lambda+ <= {}, lambda- <= {}\n  \
+             sqrt(pi)         {} to {}, max/min {:.4}, {} sweeps\n",
+            self.unknowns,
             number(highest.value),
             within(&highest),
             number(-lowest.value),
             within(&lowest),
-            self.unknowns,
-            "",
             number(self.gershgorin[1]),
             number(-self.gershgorin[0]),
             number(self.certificate),
             number(self.growth),
             number(self.decay),
-            "",
             number(self.sqrt_pi[1]),
             number(self.sqrt_pi[0]),
             self.sqrt_pi[0] / self.sqrt_pi[1],

@@ -6,7 +6,7 @@ use crate::base::log::report;
 use crate::base::machine;
 use crate::command::cli::{Mode, SweepArgs};
 use crate::command::loading::{default_directory_of, load_text};
-use crate::command::printing::print;
+use crate::command::printing::{print, print_unwrapped};
 use crate::parallel::communicator::World;
 use crate::run::options::Options;
 use crate::study::sweep::table::{Table, refuse_to_replace};
@@ -83,7 +83,7 @@ fn list(world: &World, sweep: &Sweep) {
     for run in &sweep.runs {
         let (number, label, directory) = (run.number, sweep.label(run), run.directory.display());
         let label = label.replace(['\t', '\n'], " ");
-        print(world, &format!("{number}\t{label}\t{directory}"));
+        print_unwrapped(world, &format!("{number}\t{label}\t{directory}"));
         if let (Some(why), 0) = (&run.refused, world.group().rank()) {
             report(&format!("warning: run {number} is refused: {why}"));
         }
@@ -95,11 +95,12 @@ fn conclude(world: &World, directory: &Path, table: &Table) -> Result<()> {
     world.group().on_first_rank(|| table.write(directory))?;
     let shown = directory.display();
     print(world, &format!("{table}\ntable.csv and table.tex in {shown}"));
-    match table.failed() {
-        0 => Ok(()),
-        failed => Err(Error::SweepFailed {
+    match (table.failed(), table.unfinished()) {
+        (0, 0) => Ok(()),
+        (failed, unfinished) => Err(Error::SweepFailed {
             path: directory.join("table.csv"),
             failed,
+            unfinished,
             runs: table.rows.len(),
         }),
     }

@@ -77,11 +77,14 @@ pub fn parse_duration(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(seconds).map_err(|e| e.to_string())
 }
 
+/// The forms of a duration.
+const DURATIONS: &str = "3600, 90s, 90m, 1.5h, 2d, 1h30m, 12:30, 1:30:00 and 2-01:00:00";
+
 /// A number that begins with a digit or a point, of `unit`.
 fn number(text: &str, unit: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if text.starts_with(|c: char| c.is_ascii_digit() || c == '.') => Ok(value),
-        _ => Err(format!("\"{text}\" is no number of {unit}")),
+        _ => Err(format!("\"{text}\" is no number of {unit}; {DURATIONS} are understood")),
     }
 }
 
@@ -94,7 +97,7 @@ fn clock_seconds(text: &str) -> Result<f64, String> {
             let clock = fields.iter().fold(0.0, |sum, &field| 60.0 * sum + f64::from(field));
             Ok(86400.0 * number(days, "days")? + clock)
         }
-        _ => Err("HH:MM:SS or D-HH:MM:SS expected".into()),
+        _ => Err(format!("\"{text}\" is no time; {DURATIONS} are understood")),
     }
 }
 

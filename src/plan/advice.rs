@@ -1,6 +1,6 @@
 //! What to ask a batch system for: the process mesh and why, memory of a node.
 
-use crate::base::text::bytes_text;
+use crate::base::text::{bytes_text, counted};
 use crate::matrix::bounds::Bounds;
 use crate::plan::Plan;
 use crate::plan::layout::{LARGEST_POINTS, Layout, Resources, takes_points};
@@ -151,8 +151,8 @@ impl fmt::Display for Advice {
             let of = node.memory.map_or(String::new(), |all| format!(" of {}", bytes_text(all)));
             writeln!(
                 f,
-                "nodes           {nodes} of {} ranks: {}{of} on a full one",
-                node.ranks,
+                "nodes           {nodes} of {}: {}{of} on a full one",
+                counted(node.ranks, "rank", "ranks"),
                 bytes_text(memory),
             )?;
         }
@@ -160,10 +160,10 @@ impl fmt::Display for Advice {
             let power = 1usize << points.ilog2();
             writeln!(
                 f,
-                "largest N_p     {points}{} with all modes kept (--mode full) on --ranks-x {}, in \
-                {} a rank{}; as many as wanted streamed{}",
+                "largest N_p     {points}{} with all modes kept, --mode full --ranks-x {}, in {} a \
+                rank{}. A run that drops its modes, --mode streamed, takes any N_p.{}",
                 match points {
-                    LARGEST_POINTS => ", the program's own limit,".to_owned(),
+                    LARGEST_POINTS => " (the program's own limit)".to_owned(),
                     _ if power < points => format!(" (2^{} = {power})", points.ilog2()),
                     _ => String::new(),
                 },
@@ -176,16 +176,15 @@ impl fmt::Display for Advice {
                 match self.takes_points {
                     true => "",
                     false =>
-                        "; N_p is not free here, solver.warp.points takes another \
-                        solver.warp.profile and no file to start from",
+                        " The profile of this case has an N_p of its own: for another one \
+                        give another solver.warp.profile and solver.warp.points.",
                 },
             )?;
         }
         for (k, mesh) in self.meshes.iter().take(SHOWN).enumerate() {
             writeln!(
                 f,
-                "{:<16}--ranks-x {:<7} time {:.2}: imbalance of the groups {:.3}, exchange {:.0} \
-                %, {} a rank{}",
+                "{:<16}--ranks-x {:<7} time {:.2}: imbalance {:.3}, exchange {:.0} %, {} a rank{}",
                 if k == 0 { "suggested mesh" } else { "" },
                 joined(&mesh.space),
                 mesh.cost,

@@ -1,7 +1,7 @@
 //! Who computes what, and in how much memory: the process mesh of least modelled cost that fits.
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
-use crate::base::text::bytes_text;
+use crate::base::text::{bytes_text, counted};
 use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::Lanes;
 use crate::parallel::partition::{Block, Mesh};
@@ -75,9 +75,13 @@ pub fn refuse_hopeless(case: &Case, resources: &Resources) -> Result<()> {
         + tracer * case.space.space_cells() as f64;
     if needed > limit as f64 {
         return Err(Error::Memory {
-            needed: bytes_text(needed as u64),
+            needed: format!("at least {}", bytes_text(needed as u64)),
             available: bytes_text(limit),
-            detail: format!("{:.3e} cells on {ranks} ranks", case.space.cells() as f64),
+            detail: format!(
+                "{:.3e} unknowns on {}",
+                case.space.cells() as f64,
+                counted(ranks, "rank", "ranks")
+            ),
             remedies: LESS_MEMORY.to_owned(),
         });
     }

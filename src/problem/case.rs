@@ -18,6 +18,7 @@ pub(crate) mod keys;
 pub(crate) mod output;
 pub(crate) mod reader;
 pub(crate) mod readout;
+pub(crate) mod settings;
 pub(crate) mod solver;
 pub(crate) mod warp;
 

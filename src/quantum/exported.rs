@@ -3,7 +3,7 @@
 use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
-use crate::results::finished::{Settings, differing_setting};
+use crate::problem::case::settings::{Settings, differing_setting};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

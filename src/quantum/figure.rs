@@ -1,5 +1,6 @@
 //! A number of the quantum side with its trust: exact, an upper bound, an estimate, or unavailable.
 
+use crate::base::text::short;
 use serde::Serialize;
 use std::fmt;
 
@@ -78,7 +79,7 @@ impl fmt::Display for Figure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let number = |x: f64| match x.fract() == 0.0 && x.abs() < 1e7 {
             true => format!("{x}"),
-            false => format!("{x:.4e}"),
+            false => short(x),
         };
         match self {
             Self::Exact { value } => write!(f, "{:>12}  exact", number(*value)),

@@ -402,16 +402,8 @@ impl fmt::Display for Ranking {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{:<30}{:>10}{:>8}{:>9}{:>12}{:>11}{:>11}{:>12}{:>12}",
-            "profile",
-            "delta",
-            "p",
-            "N_p",
-            "walk steps",
-            "P slice",
-            "P window",
-            "naive",
-            "amplified"
+            "{:<26}{:>9}{:>8}{:>8}{:>9}{:>10}{:>10}{:>10}{:>10}",
+            "profile", "delta", "p", "N_p", "steps", "P slice", "P window", "naive", "amplified"
         )?;
         let number =
             |figure: &Figure| figure.value().map_or("-".to_owned(), |x| format!("{x:.2e}"));
@@ -424,12 +416,12 @@ impl fmt::Display for Ranking {
             };
             let profile = parameters(&choice.profile);
             if let Figure::Unavailable { because } = &choice.recovery {
-                writeln!(f, "{profile:<30}{delta:>10}   unavailable: {because}")?;
+                writeln!(f, "{profile:<26}{delta:>9}   unavailable: {because}")?;
                 continue;
             }
             writeln!(
                 f,
-                "{profile:<30}{delta:>10}{:>8.3}{:>9}{:>12}{:>11}{:>11}{:>12}{:>12}",
+                "{profile:<26}{delta:>9}{:>8.3}{:>8}{:>9}{:>10}{:>10}{:>10}{:>10}",
                 choice.recovery.value().unwrap_or(f64::NAN),
                 choice.points.value().unwrap_or(f64::NAN),
                 number(&choice.walk_steps),
@@ -441,8 +433,9 @@ impl fmt::Display for Ranking {
         }
         writeln!(
             f,
-            "cost: walk steps until the field is in the window, repeated until it is (naive) or by \
-             amplitude amplification; estimates"
+            "steps: walk steps of one evolution. naive: walk steps until the field is found in the \
+             window, by repetition. amplified: the same by amplitude amplification. All are \
+             estimates."
         )
     }
 }

@@ -3,10 +3,10 @@
 
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
-use crate::base::text::shortened;
 use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
+use crate::problem::case::settings::differing_setting;
 use crate::results::file_checksums;
 use crate::results::grids;
 use crate::results::pictures;
@@ -17,18 +17,11 @@ use crate::results::warped;
 use crate::results::writer::Outcome;
 use crate::results::xdmf;
 use hdf5::File;
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::SystemTime;
 
-/// Every value of a case, by its key.
-pub type Settings = BTreeMap<String, String>;
-
 /// The files of text of a run, but for those of its grids.
 const TEXTS: [&str; 3] = ["summary.json", xdmf::NAME, "readout.csv"];
-/// Characters of a value at most that are shown.
-const MOST_SHOWN: usize = 40;
-
 /// Whether `directory` holds the results of `case` as this program makes them, written after the
 /// file that it starts from; how often it makes checkpoints does not matter. Every dataset is
 /// compared with its checksum, and every file with that in `summary.json`. Collective over `world`.
@@ -107,20 +100,6 @@ fn difference(directory: &Path, case: &Case) -> Outcome<Option<String>> {
         return Ok(Some("its case is not one of this program".to_owned()));
     };
     Ok(differing_setting(&found.settings, &case.settings))
-}
-
-/// The first setting in which what is there differs from what is here, but for how often a run
-/// makes checkpoints; `None` where they are of the same case.
-pub fn differing_setting(there: &Settings, here: &Settings) -> Option<String> {
-    let of = |settings: &Settings, key: &str| {
-        settings.get(key).map_or("not given".to_owned(), |value| {
-            shortened(value.trim_matches(['"', ' ', '\n']), MOST_SHOWN)
-        })
-    };
-    let differs =
-        |key: &&String| !key.starts_with("checkpoint.") && there.get(*key) != here.get(*key);
-    let key = there.keys().chain(here.keys()).find(differs)?;
-    Some(format!("{key} is {} there, {} here", of(there, key), of(here, key)))
 }
 
 /// Refuses to replace what is in `directory`: results of a finished run, and files with the names

@@ -4,7 +4,7 @@
 //! flow; all else is measured on the grid, or is an integral of the case's formulas. What is not
 //! known is `null` in `summary.json`.
 
-use crate::base::text::{percent, short};
+use crate::base::text::{percent, rounded, short};
 use serde::{Deserialize, Serialize};
 
 /// Parts above this are worth a warning.
@@ -120,14 +120,15 @@ impl Ledger {
     /// A mass as a part of all there is.
     fn share(&self, mass: f64) -> Option<f64> {
         let all = self.mass.absolute.or(self.mass.initial.map(f64::abs))?;
-        Some(mass / all).filter(|share| share.is_finite())
+        Some(rounded(mass / all, 1.0)).filter(|share| share.is_finite())
     }
 
     /// A mass, and the part of all that it is.
     fn with_share(&self, mass: f64) -> String {
         match self.share(mass) {
-            Some(share) if share != 0.0 => format!("{} ({})", short(mass), percent(share)),
-            _ => short(mass),
+            Some(0.0) => "0".to_owned(),
+            Some(share) => format!("{} ({})", short(mass), percent(share)),
+            None => short(mass),
         }
     }
 
@@ -137,7 +138,7 @@ impl Ledger {
         let (initial, formula) = (self.mass.initial?, self.mass.formula?);
         let uncertain = STANDARD_ERRORS * self.mass.formula_error?;
         let missed = initial - formula;
-        self.share(missed).filter(|_| missed.abs() > uncertain)
+        self.share(missed).filter(|share| missed.abs() > uncertain && *share != 0.0)
     }
 
     /// What the user should know, each with what to do.

@@ -13,7 +13,7 @@ pub mod trust;
 
 use crate::base::checksum;
 use crate::base::error::{Error, Result};
-use crate::base::text::{bytes_text, short};
+use crate::base::text::{bytes_text, percent, short};
 use crate::results::ledger::{End, Ledger};
 use crate::results::pictures::Album;
 use crate::results::pictures::history::steps;
@@ -264,7 +264,12 @@ impl Report<'_> {
 
     fn problem(&self) -> String {
         let run = self.run;
-        let shape: Vec<String> = run.space.axes().map(|a| a.cells.to_string()).collect();
+        let elements: Vec<String> = run.space.axes().map(|a| a.elements().to_string()).collect();
+        let elements = elements.join(" × ");
+        let grid = match run.space.degree() {
+            0 => format!("{elements} cells"),
+            _ => format!("{elements} elements with {} unknowns", run.space.cells()),
+        };
         let method = match run.plan["method"].as_str() {
             Some("schrodingerized") => {
                 "by Schrödingerization, as a quantum computer would: the equation is lifted by one \
@@ -273,11 +278,10 @@ impl Report<'_> {
             _ => "by the classical scheme itself",
         };
         format!(
-            "The Liouville equation f_t + v·∇_x f − ∇V·∇_v f = 0 in {} space dimension{}, on {} \
-             cells, solved from t = {} to {} {method}.",
+            "The Liouville equation f_t + v·∇_x f − ∇V·∇_v f = 0 in {} space dimension{}, on \
+             {grid}, solved from t = {} to {} {method}.",
             run.dimension(),
             if run.dimension() == 1 { "" } else { "s" },
-            shape.join(" × "),
             run.provenance.get("start_time").map_or("0", String::as_str),
             short(run.time)
         )
@@ -299,10 +303,10 @@ impl Report<'_> {
         });
         let exact = self.number("error_l1").zip(self.number("exact_l1"));
         let exact = exact.map(|(error, exact)| {
-            let part = short(error / exact);
+            let part = percent(error / exact);
             format!(
-                "The distance to the exact solution, which is that of the grid, is {part} of it \
-                 (L1)."
+                "The L1 distance to the exact solution is {part} of that solution's norm. It is \
+                 the error of the grid."
             )
         });
         let accuracy = Accuracy::deserialize(&self.summary["accuracy"]).ok();
@@ -359,7 +363,10 @@ impl Report<'_> {
             rows.text(
                 label,
                 self.number(error).map(|value| match relative {
-                    Some(exact) => format!("{} ({} of it)", short(value), short(value / exact)),
+                    Some(exact) => {
+                        let part = percent(value / exact);
+                        format!("{}, {part} of the exact solution's norm", short(value))
+                    }
                     None => short(value),
                 }),
             );

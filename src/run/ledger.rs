@@ -190,7 +190,9 @@ fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger)
     let initial = &sources.initial;
     (mass.formula, mass.formula_error) = (Some(initial.mean.mass), Some(initial.error.mass));
     mass.outside = measure.then_some(initial.mean.outside);
-    mass.entered_estimate = Some(sources.entering.iter().map(|(_, e)| e.mean.mass).sum());
+    // A sum of nothing is -0.
+    let entering = sources.entering.iter().map(|(_, found)| found.mean.mass);
+    mass.entered_estimate = Some(entering.sum::<f64>() + 0.0);
     let absolute = sources.sum(|tally| tally.absolute);
     mass.absolute = Some(absolute);
     let names = axis_names(case.space.dimension());

@@ -1,6 +1,6 @@
 //! What the user should know before a run.
 
-use crate::base::text::fixed;
+use crate::base::text::{counted, place};
 use crate::plan::Plan;
 use crate::problem::case::{Case, Delta, Method};
 use crate::problem::potential::{StrayEdge, overlooked};
@@ -31,15 +31,14 @@ pub fn warnings(case: &Case) -> Vec<String> {
 }
 
 fn stray_edge(edge: &StrayEdge) -> String {
-    // What a search leaves of zero is zero.
-    let at = if edge.at.abs() < 1e-12 * edge.face.abs() { 0.0 } else { edge.at };
+    let moved = (edge.at - edge.face).abs();
     format!(
         "potential: a region's edge at {} = {} misses the faces of the grid; \
          it is moved to {}, by {:.2e}",
         ["x", "y", "z"][edge.axis],
-        fixed(at + 0.0, 6),
-        fixed(edge.face + 0.0, 6),
-        (edge.at - edge.face).abs()
+        place(edge.at, moved),
+        place(edge.face, moved),
+        moved
     )
 }
 
@@ -54,20 +53,25 @@ fn empty_region(region: &usize) -> String {
 pub(crate) fn opening_line(plan: &Plan) -> String {
     let mesh = &plan.layout.mesh;
     let what = match &plan.warp {
-        Some(WarpPlan { modes, applications, solves: 0, .. }) => {
-            format!("{modes} modes, {applications} applications")
+        Some(WarpPlan { modes, applications, solves: 0, .. }) => format!(
+            "{}, {}",
+            counted(*modes, "mode", "modes"),
+            counted(*applications, "application", "applications")
+        ),
+        Some(WarpPlan { modes, solves, .. }) => {
+            let modes = counted(*modes, "mode", "modes");
+            format!("{modes}, {}", counted(*solves, "solve", "solves"))
         }
-        Some(WarpPlan { modes, solves, .. }) => format!("{modes} modes, {solves} solves"),
-        None => format!("{} classical steps", plan.classical_steps),
+        None => counted(plan.classical_steps, "classical step", "classical steps"),
     };
     let title = match plan.title.as_str() {
         "" => "phasewarp",
         title => title,
     };
     format!(
-        "{title}: {} cells, {what}, {} ranks ({} space x {} modes)",
-        plan.cells,
-        mesh.ranks(),
+        "{title}: {}, {what}, {} ({} in space x {} in modes)",
+        plan.grid_size(),
+        counted(mesh.ranks(), "rank", "ranks"),
         mesh.blocks(),
         mesh.groups
     )

@@ -22,6 +22,7 @@ pub mod timing;
 
 use crate::base::error::Result;
 use crate::base::stopwatch::Stopwatch;
+use crate::base::text::counted;
 use crate::matrix::bounds::Bounds;
 use crate::matrix::observables::moments;
 use crate::parallel::communicator::World;
@@ -79,8 +80,8 @@ impl fmt::Display for Calibration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "calibrated      on {} ranks in {:.1} s: {:.3e} s an application on a rank's block{}",
-            self.ranks,
+            "calibrated      on {} in {:.1} s: {:.3e} s an application on a rank's block{}",
+            counted(self.ranks, "rank", "ranks"),
             self.took,
             self.seconds_per_application,
             if self.whole { "" } else { "; not the ranks of the run" }

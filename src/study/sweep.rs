@@ -241,7 +241,7 @@ impl Sweep {
         for run in &self.runs {
             table.rows.push(match self.case(run) {
                 Ok(case) if run::is_done(world, &run.directory, &case) => self.row(world, run)?,
-                Ok(_) => Row::failed(run.values.clone(), &run.directory, &"not finished"),
+                Ok(_) => Row::unfinished(run.values.clone(), &run.directory),
                 Err(error) => Row::failed(run.values.clone(), &run.directory, &error),
             });
         }

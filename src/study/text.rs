@@ -1,5 +1,7 @@
 //! Seconds as studies print them.
 
+use crate::base::text::short;
+
 /// Seconds for people, with what `--time` of a batch system takes where they are many.
 pub fn seconds_text(seconds: f64) -> String {
     if !seconds.is_finite() {
@@ -9,7 +11,7 @@ pub fn seconds_text(seconds: f64) -> String {
         return format!("{seconds:.0e} s");
     }
     if seconds < 100.0 {
-        return format!("{seconds:.2e} s");
+        return format!("{} s", short(seconds));
     }
     let whole = seconds.ceil() as u64;
     let (hours, minutes) = (whole / 3600, whole / 60 % 60);

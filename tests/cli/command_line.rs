@@ -1,6 +1,7 @@
 //! Mistakes on the command line are refused by every rank with one message; help is said once.
 
-use crate::support::{Job, case, check_all, directory, plan, refused, require, run};
+use crate::support::{Finished, Job, case, check_all, directory, plan, refused, require, run};
+use phasewarp::base::text::COLUMNS;
 use std::path::{Path, PathBuf};
 
 /// What words of a command line stand for.
@@ -125,6 +126,76 @@ fn help_is_said_once() {
     for (option, says) in [("--help", "Usage:"), ("--version", env!("CARGO_PKG_VERSION"))] {
         let finished = Job::new([option]).on(2).succeed().unwrap();
         assert_eq!(finished.output.matches(says).count(), 1, "{}", finished.report(option));
+    }
+}
+
+/// What is printed for people fits 100 columns, whatever the dimension and however long the title.
+/// Only a word that is longer than a line may stand out, as a quoted title in a command does.
+#[test]
+fn no_line_is_wider_than_a_terminal() {
+    let title = "A title as long as somebody writes who never saw a terminal. ".repeat(4);
+    let title = format!("title={title}");
+    let coarse = ["axis.0.x.cells=8", "axis.0.v.cells=8"];
+    let cases: [(&str, &[&str]); 3] =
+        [("example1.toml", &coarse), ("barrier2d.toml", &[]), ("step3d.toml", &[])];
+    let commands = [
+        "check",
+        "run --verbose -o OUT",
+        "run --resume -o OUT",
+        "run -o REFUSED --ranks-x 9999",
+        "plan",
+        "plan --ranks 1..8",
+        "plan --ranks 4 --calibrate --memory-per-node 4GiB --ranks-per-node 2",
+        "plan --memory-per-rank 1MiB",
+        "sweep --vary solver.tolerance=1e-3,5 --vary time.end=0.1,0.2 -o SWEEP",
+        "spectrum",
+        "resources",
+        "resources --optimise",
+        "stability --budget 1s -o STABILITY",
+        "chart --budget 1s -o CHART",
+        "advise --budget 1s --accuracy 0.3",
+        "export-matrix -o MATRIX",
+    ];
+    check_all(&cases, |(name, settings)| {
+        let place = directory();
+        let path = case(name);
+        for command in commands {
+            let mut words = command.split(' ');
+            let first = words.next().map(str::to_owned);
+            let job = Job::new(first.into_iter().chain([path.clone()]))
+                .with(words)
+                .set(settings)
+                .set(&[&title])
+                .inside(place.path());
+            fits_a_terminal(&job.run()?)?;
+        }
+        for command in
+            ["report OUT", "movie OUT", "check-result OUT", "init a~file.toml", "man OUT"]
+        {
+            let words = command.split(' ').map(|word| word.replace('~', " "));
+            fits_a_terminal(&Job::new(words).inside(place.path()).run()?)?;
+        }
+        Ok(())
+    });
+    let help = Job::new(["--help"]).succeed().unwrap();
+    let commands = help.output.lines().skip_while(|line| *line != "Commands:").skip(1);
+    let commands: Vec<&str> = commands
+        .take_while(|line| !line.is_empty())
+        .filter_map(|line| line.strip_prefix("  ")?.split(' ').next())
+        .filter(|name| !name.is_empty())
+        .collect();
+    assert!(commands.len() > 15, "{commands:?}");
+    fits_a_terminal(&help).unwrap();
+    check_all(&commands, |name| fits_a_terminal(&Job::new([name, "--help"]).succeed()?));
+}
+
+/// Every line that was printed fits 100 columns, but for one word that is longer.
+fn fits_a_terminal(finished: &Finished) -> Result<(), String> {
+    let is_word = |line: &str| !line.contains(' ') || line.starts_with("--set '");
+    let wide = |line: &&str| line.chars().count() > COLUMNS && !is_word(line.trim());
+    match finished.printed.lines().find(wide) {
+        Some(line) => Err(finished.report(&format!("more than {COLUMNS} columns: {line}"))),
+        None => require(!finished.printed.is_empty(), finished, || "nothing is said".to_owned()),
     }
 }
 

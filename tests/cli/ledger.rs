@@ -145,7 +145,7 @@ fn what_is_off_is_said_before_and_after() {
     let hat: &[&str] = &["axis.0.x.cells=12", "axis.0.v.cells=10"];
     let rows: &[(&str, &[&str], &[&str])] = &[
         ("step_up.toml", units, &["the largest jump along x, 0.2, is", "units"]),
-        ("step_up.toml", units, &["80 cells of 25000.000000"]),
+        ("step_up.toml", units, &["80 cells of 25000"]),
         ("step_up.toml", narrow, &["mass: the grid holds", "more cells"]),
         ("step_up.toml", wide, &["mass: the data do not end at the velocity box"]),
         ("step_up.toml", hat, &["\"hat\" changes it by an estimated", "conservative"]),

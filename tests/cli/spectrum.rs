@@ -3,10 +3,11 @@
 
 use crate::support::{Finished, Job, at_most, case, cases, check_all, near, require, shrunk};
 
-/// Numbers of a line of `phasewarp spectrum`: the line that starts with `label`, the word after
-/// `key`.
+/// A number of `phasewarp spectrum`: what was measured of the matrix whose line starts with `label`,
+/// the word after `key`.
 fn spectrum_number(finished: &Finished, label: &str, key: &str) -> Result<f64, String> {
-    let line = finished.output.lines().find(|l| l.starts_with(label));
+    let mut lines = finished.output.lines().skip_while(|line| !line.starts_with(label));
+    let line = lines.find(|line| line.starts_with("  measured"));
     let mut words = line.unwrap_or_default().split_whitespace();
     words.find(|w| *w == key);
     let number = words.next().and_then(|w| w.parse().ok());

@@ -223,7 +223,7 @@ fn an_array_solves_run_by_run() {
     assert!(!place.path().join("table.csv").exists());
     let table = job.clone().with(["--table"]);
     let missing = table.run().unwrap();
-    missing.ended(3, &["1 of 2 runs failed", "table.csv"]).unwrap();
+    missing.ended(3, &["1 of 2 runs are not finished", "table.csv"]).unwrap();
     assert!(!runs[0].exists(), "--table solves nothing");
     let found = Table::read(place.path()).unwrap();
     assert_eq!([found.get(0, "error"), found.get(1, "error")], ["not finished", ""]);

@@ -15,6 +15,9 @@ StrPath = str | os.PathLike[str]
 #: Seconds that the program has for ending by itself before it is killed.
 GRACE = 10.0
 
+#: Columns of the lines that the program prints for people.
+COLUMNS = 100
+
 
 class PhasewarpError(RuntimeError):
     """The program failed: its message, and its exit code.
@@ -161,8 +164,8 @@ def call(
     if process.returncode != 0:
         kinds = {2: CaseError, 75: StoppedError}
         kind = kinds.get(process.returncode, PhasewarpError)
-        raise kind(message_of(errors), process.returncode, command)
-    for line in (*errors.splitlines(), *output.splitlines()):
+        raise kind(message_of(unwrapped(errors)), process.returncode, command)
+    for line in (*unwrapped(errors).splitlines(), *unwrapped(output).splitlines()):
         if line.startswith("warning: "):
             warnings.warn(line.removeprefix("warning: "), PhasewarpWarning, stacklevel=3)
     return output
@@ -176,6 +179,25 @@ def end(process: subprocess.Popen[str]) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.communicate()
+
+
+def unwrapped(text: str) -> str:
+    """Return `text` without the ends of lines that are there only so that lines fit.
+
+    Such a line has no room for the word that follows, which is indented.
+    """
+    joined: list[str] = []
+    last = ""
+    for line in text.splitlines():
+        word = next(iter(line.split()), "")
+        # What a command for a shell goes on behind is a backslash; rows of tables have wide gaps.
+        full = "  " not in line.strip() and len(last) + 1 + len(word) > COLUMNS
+        if joined and line.startswith(" ") and (full or last.endswith(" \\")):
+            joined[-1] = joined[-1].removesuffix(" \\") + " " + line.lstrip(" ")
+        else:
+            joined.append(line)
+        last = line
+    return "\n".join(joined)
 
 
 def message_of(errors: str) -> str:

@@ -1,5 +1,6 @@
 //! The record as a table.
 
+use crate::base::text::{counted, rounded, short};
 use crate::quantum::figure::Figure;
 use crate::quantum::probability::Chain;
 use crate::quantum::resources::regime::Regime;
@@ -23,10 +24,11 @@ impl fmt::Display for Record {
         nonzeros(f, &self.sparsity)?;
         self.costs(f)?;
         let found = &self.probabilities;
-        chain(f, &format!("the slice at p = {:.4}", found.recovery), &found.at_slice)?;
-        let window = found
-            .window
-            .map_or("the window".to_owned(), |[a, b]| format!("the window [{a:.4}, {b:.4})"));
+        let place = |p: f64| short(rounded(p, 1.0));
+        chain(f, &format!("the slice at p = {}", place(found.recovery)), &found.at_slice)?;
+        let window = found.window.map_or("the window".to_owned(), |[a, b]| {
+            format!("the window [{}, {})", place(a), place(b))
+        });
         chain(f, &window, &found.in_window)?;
         self.regimes.iter().try_for_each(|regime| regime_table(f, regime, self.tolerance))
     }
@@ -37,12 +39,12 @@ impl Record {
     fn heading(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{}: {} = {} unknowns, N_p = {} on a length of {:.4}",
+            "{}: {} = {} unknowns, N_p = {} on a length of {}",
             self.title,
             list(&self.shape, " x "),
             self.unknowns,
             self.points,
-            self.period
+            short(self.period)
         )?;
         let weights = if self.weighted { ", with dissipative weights" } else { "" };
         let q = list(&self.sparsity.q, ", ");
@@ -51,8 +53,10 @@ impl Record {
         let delta = setup.delta.map_or(String::new(), |delta| format!("; delta {delta:?}"));
         writeln!(
             f,
-            "{}, {} modes up to mu = {:.4}{delta}",
-            setup.planned, setup.modes, setup.highest_wavenumber
+            "{}, {} up to mu = {}{delta}",
+            setup.planned,
+            counted(setup.modes, "mode", "modes"),
+            short(setup.highest_wavenumber)
         )
     }
 

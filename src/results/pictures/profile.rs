@@ -1,6 +1,6 @@
 //! The auxiliary variable: its profile, its modes, and readings at other points.
 
-use crate::base::text::short;
+use crate::base::text::{rounded, short};
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Axis, Figure, Layer, Panel};
 use crate::results::pictures::stored::{Read, Stored};
@@ -184,7 +184,7 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
          {}; elsewhere g may be anything. Right: what is read of a part of the state that decays \
          by e^−s, less e^−s, at p = p◇ + s.",
         modes.series.modes(),
-        short(modes.point()),
+        short(rounded(modes.point(), 1.0)),
         short(lower),
         short(upper)
     );

@@ -1,7 +1,7 @@
 //! The numbers of a plan that matter to a reader, with words and units, out of `/plan` of
 //! `result.h5`.
 
-use crate::base::text::short;
+use crate::base::text::{rounded, short};
 use crate::results::report::html::Rows;
 use maud::Markup;
 use serde_json::Value;
@@ -38,15 +38,19 @@ fn word(value: &Value) -> Option<String> {
 
 /// Grid, fields, scheme and time.
 fn problem(rows: &mut Rows, plan: &Value) {
-    let shape = plan["shape"].as_array().map(|shape| {
-        let cells: Vec<String> = shape.iter().map(Value::to_string).collect();
-        cells.join(" × ")
+    let counts = |key: &str| {
+        let counts = plan[key].as_array()?;
+        let counts: Vec<String> = counts.iter().map(Value::to_string).collect();
+        Some(counts.join(" × "))
+    };
+    let (shape, unknowns) = (counts("shape"), number(&plan["cells"]));
+    // Of cells, elements are the same; results of before have none.
+    let elements = counts("elements").filter(|elements| shape.as_ref() != Some(elements));
+    let grid = shape.zip(unknowns).map(|(shape, unknowns)| match elements {
+        Some(elements) => format!("{elements} elements with {unknowns} unknowns"),
+        None => format!("{shape} = {unknowns} cells"),
     });
-    let grid = shape.zip(number(&plan["cells"]));
-    rows.text(
-        "grid that is computed on",
-        grid.map(|(shape, cells)| format!("{shape} = {cells} cells")),
-    );
+    rows.text("grid that is computed on", grid);
     rows.text("fields", number(&plan["fields"]));
     rows.text("method", word(&plan["method"]));
     rows.text("rows at jumps of V", word(&plan["interface"]));
@@ -79,7 +83,7 @@ fn auxiliary_variable(rows: &mut Rows, plan: &Value) {
         };
         let by = word(&reading["method"]).filter(|method| method != "point");
         let by = by.map_or(String::new(), |method| format!(", by {}", spaced(&method)));
-        rows.text(label, number(&reading["point"]).map(|p| p + &by));
+        rows.text(label, reading["point"].as_f64().map(|p| short(rounded(p, 1.0)) + &by));
     }
     rows.text("modes", number(&warp["modes"]));
     rows.text("points of w in p, all kept", number(&warp["points"]));

@@ -18,7 +18,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::quadrature::gauss_legendre;
-use crate::base::text::fixed;
+use crate::base::text::{place, short};
 use crate::problem::grid::Axis;
 use std::collections::BTreeMap;
 
@@ -157,18 +157,17 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
     }
     let below = at.round().clamp(1.0, (elements - 1.0).max(1.0));
     let hint = if elements < 2.0 {
-        "an even number of cells on a box that is symmetric about 0 does".to_owned()
+        String::new()
     } else {
-        let shift = (at - below) * whole.width();
-        format!(
-            "[{}, {}] does, or an even number of cells on a box that is symmetric about 0",
-            fixed(whole.lower + shift, 6),
-            fixed(whole.upper + shift, 6)
-        )
+        // A width of few digits, so that the ends have few, too.
+        let width = short(whole.width()).parse().unwrap_or(whole.width());
+        let end = |faces: f64| place(faces * width, 1e-6 * width);
+        format!("The box [{}, {}] has it on a face. ", end(-below), end(elements - below))
     };
     Err(Error::Input(format!(
-        "{name}: V jumps along its axis, and of degree 1 and more v = 0 must be a face of its \
-         cells; with {elements} cells on [{}, {}] it is inside of one; {hint}",
+        "{name}: v = 0 must be a face of the cells, as V jumps along this axis and the degree is 1 \
+         or more. With {elements} cells on [{}, {}] it is inside of a cell. {hint}An even number \
+         of cells on a box that is symmetric about 0 has it on a face, too",
         whole.lower, whole.upper
     )))
 }

@@ -12,7 +12,7 @@
 mod elements;
 
 use crate::base::error::Result;
-use crate::base::text::fixed;
+use crate::base::text::place;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Limiter, Reductions};
 use crate::problem::grid::{Cell, PhaseSpace, axis_names, for_each_cell};
@@ -49,7 +49,7 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
     } else if case.limiter != Limiter::None {
         Some("slopes (scheme.limiter) reach further than rows".to_owned())
     } else if cells > most {
-        Some(format!("{cells} cells; at most {most} are looked through"))
+        Some(format!("a search for empty ones takes at most {most} cells, and there are {cells}"))
     } else {
         None
     };
@@ -76,8 +76,8 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
         let name = names[case.space.dimension() + a];
         reductions.dropped.push(format!(
             "{name}: nothing is ever outside of [{}, {}]; {} cells -> {}",
-            fixed(window.lower, 6),
-            fixed(window.upper, 6),
+            place(window.lower, window.width()),
+            place(window.upper, window.width()),
             axis.cells,
             window.cells
         ));

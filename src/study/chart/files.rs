@@ -1,6 +1,7 @@
 //! `chart.csv`, `chart.json`, and the table on the terminal.
 
 use crate::base::error::Result;
+use crate::base::table::{Column, in_pieces};
 use crate::base::text::csv_field;
 use crate::study::chart::entry::{Entry, Status};
 use crate::study::chart::picture;
@@ -96,58 +97,52 @@ fn error(x: Option<f64>) -> String {
     x.map_or("-".to_owned(), |x| format!("{x:.2e}"))
 }
 
-/// A column of the table on the terminal.
-struct Column {
-    title: &'static str,
-    width: usize,
-    text: fn(&Entry) -> String,
-}
+/// A column of the table on the terminal: its name, and what it says of an entry.
+type Told = (&'static str, fn(&Entry) -> String);
 
-/// Columns between the method and the fronts.
+/// Columns of numbers.
 #[rustfmt::skip]
-const TABLE: [Column; 7] = [
-    Column { title: "exact", width: 9, text: |e| error(e.error_exact) },
-    Column { title: "semi-discrete", width: 13, text: |e| error(e.error_semidiscrete) },
-    Column { title: "seconds", width: 9,
-             text: |e| e.seconds.map_or("-".to_owned(), |s| format!("{s:.4}")) },
-    Column { title: "applications", width: 12,
-             text: |e| e.applications.map_or("-".to_owned(), |n| n.to_string()) },
-    Column { title: "MiB", width: 7,
-             text: |e| e.memory_bytes_per_rank.map_or("-".to_owned(), mib_text) },
-    Column { title: "P(window)", width: 9, text: |e| error(e.probability_window) },
-    Column { title: "P(slice)", width: 8, text: |e| error(e.probability_slice) },
+const TABLE: [Told; 7] = [
+    ("exact", |e| error(e.error_exact)),
+    ("semi-discrete", |e| error(e.error_semidiscrete)),
+    ("seconds", |e| e.seconds.map_or("-".to_owned(), |s| format!("{s:.4}"))),
+    ("applications", |e| e.applications.map_or("-".to_owned(), |n| n.to_string())),
+    ("MiB", |e| e.memory_bytes_per_rank.map_or("-".to_owned(), mib_text)),
+    ("P(window)", |e| error(e.probability_window)),
+    ("P(slice)", |e| error(e.probability_slice)),
 ];
 
 fn mib_text(bytes: u64) -> String {
     format!("{:.0}", bytes as f64 / 1048576.0)
 }
 
-/// A line of titles, then one an entry.
+/// A line of titles, then one an entry, and what the columns mean.
 fn table(
     f: &mut fmt::Formatter<'_>,
     rows: &[&Entry],
     fronts: &dyn Fn(&Entry) -> String,
 ) -> fmt::Result {
-    let names: Vec<String> = rows.iter().map(|e| e.name()).collect();
-    let width = names.iter().map(|n| n.chars().count()).max().unwrap_or(0).max(6);
-    let grid = rows.iter().map(|e| e.grid.len()).max().unwrap_or(0).max(4);
-    let columns = |text: &dyn Fn(&Column) -> String| -> String {
-        TABLE.iter().map(|c| format!("  {:>1$}", text(c), c.width)).collect()
-    };
-    let titles = columns(&|c| c.title.to_owned());
-    writeln!(f, "{:<grid$}  {:<width$}{titles}  front", "grid", "method")?;
-    for (e, name) in rows.iter().zip(&names) {
-        let numbers = columns(&|c| (c.text)(e));
-        writeln!(f, "{:<grid$}  {name:<width$}{numbers}  {}", e.grid, fronts(e))?;
-    }
+    let of =
+        |text: &dyn Fn(&Entry) -> String| -> Vec<String> { rows.iter().map(|e| text(e)).collect() };
+    let numbers = (1..=rows.len()).map(|number| number.to_string());
+    let words = [
+        Column::of_words("grid", of(&|e| e.grid.clone())),
+        Column::of_words("method", of(&Entry::name)),
+        Column::of_words("front", of(fronts)),
+    ];
+    let told = TABLE.iter().map(|(name, text)| Column::new(name, of(text)));
+    let columns: Vec<Column> = words.into_iter().chain(told).collect();
+    writeln!(f, "{}", in_pieces(&Column::new("trial", numbers), &columns))?;
     writeln!(
         f,
-        "\nfronts: e exact error against seconds; to the semi-discrete solution of the grid: \
-         s against seconds, a against applications, m against applications until it is measured; \
-         classical methods and modes apart. P: probability of finding the field in the window of \
-         p, or in the slice at p◇\n"
-    )?;
-    Ok(())
+        "exact: relative error against the exact solution; semi-discrete: against that of the grid.\n\
+         P: probability of finding the field in the window of p, or in the slice at p◇.\n\
+         fronts, of classical methods and of modes apart:\n  \
+         e  exact error against seconds\n  \
+         s  semi-discrete error against seconds\n  \
+         a  semi-discrete error against applications\n  \
+         m  semi-discrete error against applications until the field is measured\n"
+    )
 }
 
 impl Chart {

@@ -10,6 +10,9 @@ use crate::study::stability::panel::{Border, Curve, Name, Panel, Point, Scale, S
 use std::fmt::Write as _;
 use std::path::Path;
 
+/// Columns of the names in the table, so that its lines fit a terminal.
+const WIDEST_NAME: usize = 53;
+
 /// A name as `--only` takes it.
 fn word(name: Name) -> String {
     crate::base::text::word(&name)
@@ -29,25 +32,6 @@ fn kind(bound: bool) -> &'static str {
     if bound { "bound" } else { "theory" }
 }
 
-/// `text` in lines of at most so many characters, each indented.
-fn wrapped(text: &str, indent: &str) -> String {
-    const WIDTH: usize = 110;
-    let mut lines = String::new();
-    let mut line = String::new();
-    for word in text.split_whitespace() {
-        if !line.is_empty() && indent.len() + line.len() + word.len() >= WIDTH {
-            let _ = writeln!(lines, "{indent}{line}");
-            line.clear();
-        }
-        if !line.is_empty() {
-            line.push(' ');
-        }
-        line += word;
-    }
-    let _ = writeln!(lines, "{indent}{line}");
-    lines
-}
-
 impl Stability {
     /// `64 x 48 cells`, `26 x 26 elements of degree 4`.
     fn grid_text(&self, shape: &[usize]) -> String {
@@ -61,10 +45,8 @@ impl Stability {
     pub fn table(&self) -> String {
         let mut text =
             format!("{}: {}, T = {}\n", self.title, self.grid_text(&self.shape), self.time);
-        let width = (self.panels.iter().flat_map(|p| &p.borders))
-            .map(|b| b.name.chars().count())
-            .max()
-            .unwrap_or(0);
+        let names = self.panels.iter().flat_map(|p| &p.borders).map(|b| b.name.chars().count());
+        let width = names.max().unwrap_or(0).min(WIDEST_NAME);
         let _ = writeln!(
             text,
             "\n  {:<width$} {:>12} {:>12} {:>6} {:>9}",
@@ -82,18 +64,20 @@ impl Stability {
                 let ratio = ratio.map_or("-".to_owned(), |r| format!("{r:.3}"));
                 let kind = if theory.is_some() { kind(*bound) } else { "" };
                 let (measured, theory) = (number(*measured), number(*theory));
-                let _ = writeln!(
-                    text,
-                    "  {name:<width$} {measured:>12} {theory:>12} {kind:>6} {ratio:>9}"
-                );
+                // A longer name has a line of its own.
+                let name = match name.chars().count() > width {
+                    true => format!("{name}\n  {:width$}", ""),
+                    false => format!("{name:<width$}"),
+                };
+                let _ = writeln!(text, "  {name} {measured:>12} {theory:>12} {kind:>6} {ratio:>9}");
             }
-            text += &wrapped(&panel.verdict, "    ");
+            let _ = writeln!(text, "    {}", panel.verdict);
             for note in &panel.notes {
-                text += &wrapped(&format!("({note})"), "    ");
+                let _ = writeln!(text, "    ({note})");
             }
         }
         for left_out in &self.left_out {
-            text += &wrapped(&format!("{} left out: {}", word(left_out.name), left_out.reason), "");
+            let _ = writeln!(text, "{} left out: {}", word(left_out.name), left_out.reason);
         }
         let _ = writeln!(text, "{:.1} s", self.seconds);
         text

@@ -2,6 +2,7 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
+use crate::base::table::{self, in_pieces};
 use crate::base::text::{csv_field, csv_records, short, shortened};
 use crate::study::sweep::name::plain;
 use serde_json::Value;
@@ -27,8 +28,6 @@ const ENTRIES: [&str; 12] = [
     "wall_seconds",
     "memory_peak_bytes_per_rank",
 ];
-/// Columns of a terminal.
-const WIDTH: usize = 100;
 /// Most characters of a cell on the terminal.
 const MOST_SHOWN: usize = 40;
 /// First line of `table.tex`.
@@ -37,8 +36,8 @@ const TEX_HEAD: &str = "% Written by phasewarp sweep, which replaces it; edit a 
 const DIRECTORY: &str = "directory";
 /// Most bytes of a file that may be a table of a sweep.
 const MOST_BYTES: u64 = 64 << 20;
-/// Blanks between columns.
-const GAP: usize = 2;
+/// The error of a run without results.
+const UNFINISHED: &str = "not finished";
 
 /// A run in the table.
 #[derive(Debug)]
@@ -61,6 +60,15 @@ impl Row {
     pub fn failed(values: Vec<Value>, directory: &Path, error: &dyn fmt::Display) -> Self {
         let (error, directory) = (Some(error.to_string()), directory.display().to_string());
         Self { values, summary: Value::Null, error, directory }
+    }
+
+    /// A run that has no results yet.
+    pub fn unfinished(values: Vec<Value>, directory: &Path) -> Self {
+        Self::failed(values, directory, &UNFINISHED)
+    }
+
+    fn is_unfinished(&self) -> bool {
+        self.error.as_deref() == Some(UNFINISHED)
     }
 
     /// An entry of the summary by its dotted key.
@@ -105,7 +113,12 @@ impl Table {
 
     /// How many runs failed.
     pub fn failed(&self) -> usize {
-        self.rows.iter().filter(|row| row.error.is_some()).count()
+        self.rows.iter().filter(|row| row.error.is_some() && !row.is_unfinished()).count()
+    }
+
+    /// How many runs have no results yet.
+    pub fn unfinished(&self) -> usize {
+        self.rows.iter().filter(|row| row.is_unfinished()).count()
     }
 
     /// `values` of all rows, as a column of this name.
@@ -230,54 +243,21 @@ fn head(path: &Path) -> Option<String> {
 /// For the terminal: the numbers in pieces that fit, each with the number of the run.
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let runs = (1..=self.rows.len()).map(Value::from).collect();
-        let runs = Shown::new(&Column { name: "run".to_owned(), cells: runs });
-        let columns: Vec<Shown> = self.numbers().iter().map(Shown::new).collect();
-        let mut rest = columns.as_slice();
-        while !rest.is_empty() {
-            let mut width = runs.width;
-            let fits = |column: &&Shown| {
-                width += GAP + column.width;
-                width <= WIDTH
-            };
-            let (piece, others) = rest.split_at(rest.iter().take_while(fits).count().max(1));
-            if rest.len() < columns.len() {
-                writeln!(f)?;
-            }
-            for i in 0..=self.rows.len() {
-                write!(f, "{:>1$}", runs.lines[i], runs.width)?;
-                for column in piece {
-                    write!(f, "{:GAP$}{:>2$}", "", column.lines[i], column.width)?;
-                }
-                writeln!(f)?;
-            }
-            rest = others;
-        }
-        Ok(())
+        let runs = (1..=self.rows.len()).map(|number| number.to_string());
+        let columns: Vec<table::Column> = self.numbers().iter().map(shown).collect();
+        write!(f, "{}", in_pieces(&table::Column::new("run", runs), &columns))
     }
 }
 
 /// A column for the terminal.
-struct Shown {
-    /// The name, then the cells.
-    lines: Vec<String>,
-    /// Of the longest.
-    width: usize,
-}
-
-impl Shown {
-    fn new(column: &Column) -> Self {
-        let cells = column.cells.iter().map(|cell| match cell {
-            Value::Null => "-".to_owned(),
-            Value::Number(number) if number.is_f64() => short(number.as_f64().unwrap_or(f64::NAN)),
-            other => plain(other),
-        });
-        let lines = std::iter::once(column.name.clone()).chain(cells);
-        let lines: Vec<String> =
-            lines.map(|line| shortened(&line.replace(['\n', '\t'], " "), MOST_SHOWN - 1)).collect();
-        let width = lines.iter().map(|line| line.chars().count()).max().unwrap_or(0);
-        Self { lines, width }
-    }
+fn shown(column: &Column) -> table::Column {
+    let fit = |text: &str| shortened(&text.replace(['\n', '\t'], " "), MOST_SHOWN - 1);
+    let cell = |cell: &Value| match cell {
+        Value::Null => "-".to_owned(),
+        Value::Number(number) if number.is_f64() => short(number.as_f64().unwrap_or(f64::NAN)),
+        other => fit(&plain(other)),
+    };
+    table::Column::new(&fit(&column.name), column.cells.iter().map(cell))
 }
 
 /// A value with all its digits.
@@ -325,6 +305,7 @@ fn tex_text(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::text::COLUMNS;
     use serde_json::json;
 
     fn table() -> Table {
@@ -404,7 +385,7 @@ mod tests {
     #[test]
     fn a_terminal_shows_all_columns() {
         let text = table().to_string();
-        assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
+        assert!(text.lines().all(|line| line.chars().count() <= COLUMNS), "{text}");
         let pieces: Vec<&str> = text.split("\n\n").collect();
         assert_eq!(pieces.len(), 2, "{text}");
         assert!(pieces.iter().all(|piece| piece.starts_with("run  ")), "{text}");

@@ -1,7 +1,7 @@
 //! Starts the program, alone or under mpirun: with a time limit that ends the job, a cap on its
 //! memory, and no more ranks at work at a time, over all tests, than the machine bears.
 
-use super::outcome::{Finished, Summary, untag};
+use super::outcome::{Finished, Summary, untag, unwrapped};
 use phasewarp::base::text::quoted;
 use std::io::{Read, Seek};
 use std::path::Path;
@@ -270,8 +270,9 @@ impl Job {
         let finished = Finished {
             command: self.command(),
             code: status.and_then(|s| s.code()),
-            output,
-            errors,
+            printed: output.clone() + &errors,
+            output: unwrapped(&output),
+            errors: unwrapped(&errors),
             others: others + &more,
             launcher,
             seconds,

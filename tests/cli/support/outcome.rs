@@ -1,5 +1,6 @@
 //! What a job said and left: its streams by rank, its exit code, its summary.
 
+use phasewarp::base::text::COLUMNS;
 use serde_json::Value;
 use std::path::Path;
 
@@ -34,6 +35,32 @@ fn mark(text: &str) -> Option<(usize, &str)> {
     Some((job.rsplit(',').next()?.parse().ok()?, after))
 }
 
+/// `said` without the ends of lines that the program put between words so that lines fit: each
+/// behind a line that had no room for the word that follows, which is indented.
+pub fn unwrapped(said: &str) -> String {
+    let width = |text: &str| text.chars().count();
+    let mut joined = String::with_capacity(said.len());
+    let mut last = "";
+    for line in said.split_inclusive('\n') {
+        let word = line.split_whitespace().next().unwrap_or_default();
+        let room = last.trim_end_matches('\n');
+        // Not a row of a table.
+        let has_columns = line.trim().contains("  ");
+        let full = !has_columns && width(room) + 1 + width(word) > COLUMNS;
+        let is_rest = line.starts_with(' ') && (full || room.ends_with(" \\"));
+        if is_rest && joined.ends_with('\n') {
+            joined.pop();
+            // What a command for a shell goes on behind.
+            let end = joined.strip_suffix(" \\").unwrap_or(&joined).len();
+            joined.truncate(end);
+            joined.push(' ');
+        }
+        joined.push_str(if is_rest { line.trim_start_matches(' ') } else { line });
+        last = line;
+    }
+    joined
+}
+
 /// A job that came to its end.
 #[derive(Clone, Debug)]
 pub struct Finished {
@@ -41,9 +68,11 @@ pub struct Finished {
     pub command: String,
     /// Exit code of mpirun or of the program; none when a signal ended it.
     pub code: Option<i32>,
-    /// Standard output of rank 0.
+    /// Both streams of rank 0, as they were printed.
+    pub printed: String,
+    /// Standard output of rank 0, [`unwrapped`].
     pub output: String,
-    /// Standard error of rank 0.
+    /// Standard error of rank 0, [`unwrapped`].
     pub errors: String,
     /// What other ranks said, on either.
     pub others: String,
@@ -158,4 +187,13 @@ impl Summary {
     pub fn require(&self, holds: bool, what: impl FnOnce() -> String) -> Result<(), String> {
         if holds { Ok(()) } else { Err(format!("{}\n  command: {}", what(), self.command)) }
     }
+}
+
+#[test]
+fn wrapped_lines_are_joined() {
+    use phasewarp::base::text::wrapped;
+    let set = "--set 'a b'=c ".repeat(12);
+    let text = format!("short\n  indented\nwarning: {}\n  phasewarp run {set}-o x\nend", set);
+    assert!(wrapped(&text).lines().count() > 7, "{}", wrapped(&text));
+    assert_eq!(unwrapped(&wrapped(&text)), text.replace(" \n", "\n"));
 }
