@@ -3,10 +3,9 @@
 
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
-use crate::base::text::shortened;
 use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
-use crate::problem::case::Case;
+use crate::problem::case::{Case, differing_setting};
 use crate::results::file_checksums;
 use crate::results::pictures;
 use crate::results::readback::{read_text, text_attribute};
@@ -16,20 +15,14 @@ use crate::results::warped;
 use crate::results::writer::Outcome;
 use crate::results::xdmf;
 use hdf5::File;
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::SystemTime;
 
-/// Every value of a case, by its key.
-pub type Settings = BTreeMap<String, String>;
-
 /// The files of text of a run.
 const TEXTS: [&str; 3] = ["summary.json", xdmf::NAME, "readout.csv"];
-/// Characters of a value at most that are shown.
-const MOST_SHOWN: usize = 40;
 
 /// Whether `directory` holds the results of `case` as this program makes them, written after the
-/// file that it starts from; how often it makes checkpoints does not matter. Every dataset is
+/// files that it starts from; how often it makes checkpoints does not matter. Every dataset is
 /// compared with its checksum, and every file with that in `summary.json`. Collective over `world`.
 ///
 /// # Errors
@@ -73,6 +66,7 @@ fn is_whole(directory: &Path, case: &Case) -> bool {
     let given = [
         case.start.as_ref().map(|start| &start.path),
         case.start_field.as_ref().map(|start| &start.path),
+        case.initial_table.as_ref().map(|file| &file.path),
     ];
     let mut given = given.into_iter().flatten();
     let older = given.all(|path| modified(path).is_some_and(|start| start < result));
@@ -104,20 +98,6 @@ fn difference(directory: &Path, case: &Case) -> Outcome<Option<String>> {
         return Ok(Some("its case is not one of this program".to_owned()));
     };
     Ok(differing_setting(&found.settings, &case.settings))
-}
-
-/// The first setting in which what is there differs from what is here, but for how often a run
-/// makes checkpoints; `None` where they are of the same case.
-pub fn differing_setting(there: &Settings, here: &Settings) -> Option<String> {
-    let of = |settings: &Settings, key: &str| {
-        settings.get(key).map_or("not given".to_owned(), |value| {
-            shortened(value.trim_matches(['"', ' ', '\n']), MOST_SHOWN)
-        })
-    };
-    let differs =
-        |key: &&String| !key.starts_with("checkpoint.") && there.get(*key) != here.get(*key);
-    let key = there.keys().chain(here.keys()).find(differs)?;
-    Some(format!("{key} is {} there, {} here", of(there, key), of(here, key)))
 }
 
 /// Refuses to replace what is in `directory`: results of a finished run, and files with the names

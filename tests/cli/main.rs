@@ -38,6 +38,7 @@ mod spectrum;
 mod stability;
 mod support;
 mod sweep;
+mod tables;
 mod tolerances;
 mod torture;
 mod warnings;

@@ -1,0 +1,24 @@
+//! What a case gives, key by key, and how two cases differ.
+
+use crate::base::text::shortened;
+use std::collections::BTreeMap;
+
+/// Characters of a value at most that are shown.
+const MOST_SHOWN: usize = 40;
+
+/// Every value that a case file and the `--set` options give, by its key.
+pub type Settings = BTreeMap<String, String>;
+
+/// The first setting in which what is there differs from what is here, but for how often a run
+/// makes checkpoints; `None` where they are of the same case.
+pub fn differing_setting(there: &Settings, here: &Settings) -> Option<String> {
+    let of = |settings: &Settings, key: &str| {
+        settings.get(key).map_or("not given".to_owned(), |value| {
+            shortened(value.trim_matches(['"', ' ', '\n']), MOST_SHOWN)
+        })
+    };
+    let differs =
+        |key: &&String| !key.starts_with("checkpoint.") && there.get(*key) != here.get(*key);
+    let key = there.keys().chain(here.keys()).find(differs)?;
+    Some(format!("{key} is {} there, {} here", of(there, key), of(here, key)))
+}
