@@ -12,3 +12,4 @@ pub mod grid;
 pub mod legs;
 pub mod limits;
 pub mod potential;
+pub mod table;

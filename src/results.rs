@@ -21,6 +21,7 @@ pub mod room;
 pub mod shown;
 pub mod start_field;
 pub mod summary;
+pub mod table_file;
 pub mod untrusted;
 pub mod views;
 pub mod warped;
@@ -55,6 +56,7 @@ pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<Di
         let given = [
             case.start.as_ref().map(|start| ("initial.warped", &start.path)),
             case.start_field.as_ref().map(|start| ("initial.field", &start.path)),
+            case.initial_table.as_ref().map(|file| ("initial.table", &file.path)),
         ];
         let given = given
             .into_iter()

@@ -173,11 +173,29 @@ def test_start_from_arrays(made: pw.Case, tmp_path: Path) -> None:
         pw.write_warped(f, tmp_path / "no_p.h5")
 
 
+def test_a_table_from_an_array(made: pw.Case, tmp_path: Path) -> None:
+    """On the cell centres an array gives the bits of the formula; transposed as well."""
+    made["solver.tolerance"] = 1e-2
+    expected = pw.run(made, tmp_path / "formula").open()
+    grid = made.grid()
+    x, v = np.meshgrid(grid["x"], grid["vx"], indexing="ij")
+    f = xr.DataArray(np.exp(-20 * ((x + 0.6) ** 2 + (v - 0.6) ** 2)), coords=grid)
+    for number, array in enumerate((f, f.transpose())):
+        made["initial"] = {"table": pw.write_table(array, tmp_path / f"f{number}.h5")}
+        found = pw.run(made, tmp_path / f"table{number}").open()
+        np.testing.assert_allclose(found["f"], expected["f"], rtol=0, atol=1e-12)
+    with pytest.raises(ValueError, match="each with a coordinate"):
+        pw.write_table(xr.DataArray(f.values, dims=("x", "vx")), tmp_path / "none.h5")
+
+
 def test_a_relative_start_holds_from_anywhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "case.toml").write_text('[initial]\nwarped = "start.h5"\n')
     start = pw.Case(tmp_path / "case.toml").to_dict()["initial"]["warped"]
     assert start == str(tmp_path / "start.h5")
+    (tmp_path / "table.toml").write_text('[initial]\ntable = { file = "f0.csv" }\n')
+    table = pw.Case(tmp_path / "table.toml").to_dict()["initial"]["table"]
+    assert table["file"] == str(tmp_path / "f0.csv")
     monkeypatch.chdir(tmp_path)
     assert pw.Case(initial={"warped": "start.h5"}).to_dict()["initial"]["warped"] == start

@@ -62,7 +62,7 @@ pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path)
     let set: Vec<String> =
         case.overrides.iter().cloned().chain(settings.lines().map(str::to_owned)).collect();
     let found = Case::parse(&case.name, &case.text, &set).ok()?;
-    Some(Case { accuracy: Some(accuracy), ..found })
+    Some(Case { accuracy: Some(accuracy), ..found.with_table_of(case) })
 }
 
 /// The case of a run: where an accuracy is asked for, with what [`advise`] chooses for it, which is
@@ -127,7 +127,8 @@ fn with_accuracy(
         }
     }
     let set: Vec<String> = case.overrides.iter().chain(&entry.settings).cloned().collect();
-    Ok(Case { accuracy: Some(accuracy), ..Case::parse(&case.name, &case.text, &set)? })
+    let chosen = Case::parse(&case.name, &case.text, &set)?.with_table_of(&case);
+    Ok(Case { accuracy: Some(accuracy), ..chosen })
 }
 
 /// Refuses `--set` of keys that an accuracy chooses.

@@ -6,16 +6,18 @@ use crate::command::cli::{CaseArgs, Changes, Mode};
 use crate::parallel::communicator::World;
 use crate::problem::case;
 use crate::problem::case::Case;
+use crate::results::table_file::with_table;
 use crate::results::untrusted;
 use crate::run::planning;
 use crate::scheme::reduce::reduced;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Reads the case file on rank 0 and parses it on all. Collective.
+/// Reads the case file and the table that it names on rank 0, for all. Collective.
 pub fn load(world: &World, args: &CaseArgs) -> Result<Case> {
     let text = load_text(world, &args.case)?;
-    Case::parse(&args.case.display().to_string(), &text, &overrides(&args.changes))
+    let case = Case::parse(&args.case.display().to_string(), &text, &overrides(&args.changes))?;
+    Ok(with_table(&world.group(), &case)?.into_owned())
 }
 
 /// Reads the text of a case file on rank 0, for all. Collective.
@@ -70,7 +72,7 @@ pub fn load_continued(
         let keys = found.left_out.join(" and ");
         report(&format!("--continue: {keys} left out, whose times are before the start"));
     }
-    Ok(case)
+    Ok(with_table(&group, &case)?.into_owned())
 }
 
 /// What there is to go on from. By one rank.

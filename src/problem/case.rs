@@ -24,11 +24,13 @@ pub(crate) mod warp;
 
 pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA, Extension};
 pub use crate::problem::case::data::{
-    Data, Exact, Field, Inflow, MOST_FIELDS, Origin, Region, StartField, TIME, WarpedStart,
+    Data, Exact, Field, Inflow, MOST_FIELDS, Origin, Region, StartField, TIME, TableFile,
+    WarpedStart,
 };
 pub use crate::problem::case::keys::Kind;
 pub use crate::problem::case::output::{DeltaWidth, OutputTime, OutputTimes, Plateau, Storage};
 pub use crate::problem::case::readout::{Effort, Readout};
+pub use crate::problem::case::settings::{Settings, differing_setting};
 pub use crate::problem::case::solver::{
     Allowed, DEFAULT_CFL, Integrator, Interface, Limiter, Method, Propagation, PropagatorMethod,
 };
@@ -50,9 +52,9 @@ use crate::problem::case::solver::{CheckpointTable, SchemeTable, SolverTable, Ti
 use crate::problem::formula::Constants;
 use crate::problem::grid::PhaseSpace;
 use crate::problem::limits::LONGEST_FILE;
+use crate::problem::table::Table;
 use serde::Deserialize;
 use serde_json::Value;
-use std::collections::BTreeMap;
 use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
@@ -115,6 +117,8 @@ pub struct Case {
     pub start: Option<WarpedStart>,
     /// `initial.field`: `f` at [`begin`](Self::begin), where that is not `initial.f` at 0.
     pub start_field: Option<StartField>,
+    /// `initial.table`: the file of `f0`, where that is no formula.
+    pub initial_table: Option<TableFile>,
     /// `time.start`, 0 unless a file gives `f` there. Formulas and outputs count from 0.
     pub begin: f64,
     /// `time.end`: final time `T`.
@@ -182,7 +186,7 @@ pub struct Case {
     /// The `--set` options applied to it.
     pub overrides: Vec<String>,
     /// Every value that both give, by its key.
-    pub settings: BTreeMap<String, String>,
+    pub settings: Settings,
 }
 
 impl Case {
@@ -224,6 +228,7 @@ impl Case {
         let output = tables.output;
         let start = tables.initial.start(file)?;
         let start_field = tables.initial.field(file, &data)?;
+        let initial_table = tables.initial.table(file, n)?;
         let times = output.times(file, begin..end, start.is_none())?;
         let readout = tables.readout.map(|table| table.check(file, &space));
         Ok(Self {
@@ -237,6 +242,7 @@ impl Case {
             fields,
             start,
             start_field,
+            initial_table,
             begin,
             end,
             interface: tables.scheme.interface(degree > 0 || reflects),
@@ -505,6 +511,30 @@ impl Case {
         }
         self.reduce.modes = true;
         Ok(())
+    }
+
+    /// The same case with the values that were read of `initial.table`.
+    #[must_use]
+    pub fn with_initial_table(mut self, table: Table) -> Self {
+        if let (Some(file), Some(field)) = (&mut self.initial_table, self.fields.first_mut()) {
+            file.checksum = Some(table.checksum());
+            field.initial = field.initial.with_table(table);
+        }
+        self
+    }
+
+    /// The same case with the table that `other` has read of the same file, if it has.
+    #[must_use]
+    pub fn with_table_of(mut self, other: &Self) -> Self {
+        let is_same = (self.initial_table.as_ref().zip(other.initial_table.as_ref()))
+            .is_some_and(|(own, other)| own.is_same(other));
+        if let (true, Some(field), Some(read)) =
+            (is_same, self.fields.first_mut(), other.fields.first())
+        {
+            field.initial = read.initial.clone();
+            self.initial_table.clone_from(&other.initial_table);
+        }
+        self
     }
 
     /// Whether anything may enter, of any field.

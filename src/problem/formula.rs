@@ -13,8 +13,10 @@
 //! yields NaN.
 
 use crate::base::error::Error;
+use crate::problem::table::Table;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// Longest formula accepted, in bytes.
 const LONGEST: usize = 10_000;
@@ -126,6 +128,10 @@ enum Node {
     /// The coordinate at this position.
     Coordinate(usize),
     Function(Unary, Box<Node>),
+    /// The values of a file.
+    Table(Arc<Table>),
+    /// Those of a file that was not read: undefined everywhere.
+    Unread,
     /// Operators that bind equally, from left to right. A chain, so that the depth of the tree is
     /// that of the text.
     Chain(Box<Node>, Vec<(Binary, Node)>),
@@ -153,6 +159,8 @@ impl Node {
             Self::Number(value) => *value,
             Self::Coordinate(position) => coordinates[*position],
             Self::Function(function, argument) => function(argument.eval(coordinates)),
+            Self::Table(table) => table.eval(coordinates),
+            Self::Unread => f64::NAN,
             Self::Chain(first, rest) => (rest.iter())
                 .fold(first.eval(coordinates), |left, (operator, right)| {
                     operator(left, right.eval(coordinates))
@@ -165,6 +173,8 @@ impl Node {
             Self::Number(_) => false,
             Self::Coordinate(own) => *own == position,
             Self::Function(_, argument) => argument.depends_on(position),
+            Self::Table(table) => table.depends_on(position),
+            Self::Unread => true,
             Self::Chain(first, rest) => {
                 first.depends_on(position) || rest.iter().any(|(_, n)| n.depends_on(position))
             }
@@ -200,6 +210,27 @@ impl Expression {
             return Err(format!("unexpected \"{text}\" at character {at}"));
         }
         Ok(Self { text: text.to_owned(), tree, place: String::new() })
+    }
+
+    /// The values of a file, which stands at `place`; undefined until [`with_table`] has them.
+    ///
+    /// [`with_table`]: Self::with_table
+    pub fn of_file(text: String, place: String) -> Self {
+        Self { text, tree: Node::Unread, place }
+    }
+
+    /// The same with the values that were read of the file.
+    pub fn with_table(&self, table: Table) -> Self {
+        let text = format!("{} ({} points)", self.text, table.shape_text());
+        Self { text, tree: Node::Table(Arc::new(table)), place: self.place.clone() }
+    }
+
+    /// The table, if this is the values of a file.
+    pub fn table(&self) -> Option<&Table> {
+        match &self.tree {
+            Node::Table(table) => Some(table),
+            _ => None,
+        }
     }
 
     /// This formula with the constant value zero.

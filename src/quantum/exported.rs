@@ -2,8 +2,7 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
-use crate::problem::case::Case;
-use crate::problem::case::settings::{Settings, differing_setting};
+use crate::problem::case::{Case, Settings, differing_setting};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

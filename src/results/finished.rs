@@ -5,8 +5,7 @@ use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
 use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
-use crate::problem::case::Case;
-use crate::problem::case::settings::differing_setting;
+use crate::problem::case::{Case, differing_setting};
 use crate::results::file_checksums;
 use crate::results::grids;
 use crate::results::pictures;
@@ -22,8 +21,9 @@ use std::time::SystemTime;
 
 /// The files of text of a run, but for those of its grids.
 const TEXTS: [&str; 3] = ["summary.json", xdmf::NAME, "readout.csv"];
+
 /// Whether `directory` holds the results of `case` as this program makes them, written after the
-/// file that it starts from; how often it makes checkpoints does not matter. Every dataset is
+/// files that it starts from; how often it makes checkpoints does not matter. Every dataset is
 /// compared with its checksum, and every file with that in `summary.json`. Collective over `world`.
 ///
 /// # Errors
@@ -69,6 +69,7 @@ fn is_whole(directory: &Path, case: &Case) -> bool {
     let given = [
         case.start.as_ref().map(|start| &start.path),
         case.start_field.as_ref().map(|start| &start.path),
+        case.initial_table.as_ref().map(|file| &file.path),
     ];
     let mut given = given.into_iter().flatten();
     let older = given.all(|path| modified(path).is_some_and(|start| start < result));

@@ -23,6 +23,10 @@ pub fn provenance(world: &World, case: &Case) -> Vec<(&'static str, String)> {
         ("case_file", case.name.clone()),
         ("date", date),
     ];
+    if let Some(file) = &case.initial_table {
+        all.push(("table_file", file.path.display().to_string()));
+        all.extend(file.checksum.map(|sum| ("table_checksum", format!("{sum:016x}"))));
+    }
     if let Some(start) = &case.start_field {
         all.push(("start_file", start.path.display().to_string()));
         if let Some(Origin { checksum, time, .. }) = start.origin {

@@ -7,6 +7,7 @@ use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::parallel::files::{CHECKSUM, open, read_slab};
+use crate::problem::table::check_size;
 use crate::results::writer::Outcome;
 use hdf5::filters::Filter;
 use hdf5::plist::dataset_create::Layout;
@@ -149,6 +150,16 @@ pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Outcome<u64> {
         )));
     }
     Ok(dataset.chunk().map_or(0, |chunk| bytes(&chunk)))
+}
+
+/// All numbers of the dataset `name`, at most as many as a table may have; or what is wrong with it.
+pub(crate) fn numbers(name: &str, dataset: &Dataset) -> std::result::Result<Vec<f64>, String> {
+    check_size(&dataset.shape()).map_err(|what| format!("/{name}: {what}"))?;
+    let kind = dataset.dtype().and_then(|kind| kind.to_descriptor());
+    if !matches!(kind, Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_))) {
+        return Err(format!("/{name} holds other than real numbers, which are expected"));
+    }
+    dataset.read_raw().map_err(|e| format!("/{name}: {e}"))
 }
 
 /// By name, a share of the checksum of each dataset, and the one the dataset carries. What is read

@@ -15,7 +15,7 @@ use crate::base::machine;
 use crate::parallel::communicator::Group;
 use crate::results::file_checksums;
 use crate::results::pictures::stored::Stored;
-use crate::results::readback::{Share, Sums, compare, datasets, differs, sound, sums_of};
+use crate::results::readback::{Share, Sums, compare, datasets, differs, numbers, sound, sums_of};
 use crate::results::writer::Outcome;
 use hdf5::File;
 use serde::{Deserialize, Serialize};
@@ -53,7 +53,7 @@ enum Role {
 static ROLE: OnceLock<Role> = OnceLock::new();
 
 /// What is read of a file.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) enum Inspection {
     /// Which datasets there are, and their shapes.
     Shapes,
@@ -63,6 +63,8 @@ pub(crate) enum Inspection {
     Directory,
     /// Datasets by their names, and values of lists: what a warped field to start from is read of.
     Start,
+    /// Datasets by these names, and their values: what a table is read of.
+    Table(Vec<String>),
 }
 
 /// What an inspection gives: sums of datasets; or what is wrong with the file.
@@ -180,6 +182,18 @@ fn inspect_here(path: &Path, inspection: Inspection) -> Found {
             Stored::read(path)?;
             Ok(sums)
         }
+        Inspection::Table(names) => {
+            let opened = opened()?;
+            for name in &names {
+                if let Some(chunk) = named(&opened, bytes, name)? {
+                    allow(chunk);
+                }
+                if let Ok(dataset) = opened.dataset(name) {
+                    numbers(name, &dataset)?;
+                }
+            }
+            Ok(Sums::new())
+        }
         Inspection::Start => {
             start(&opened()?, bytes)?;
             Ok(Sums::new())
@@ -233,17 +247,19 @@ fn holds_numbers(name: &str) -> bool {
 /// What a warped field to start from is read of: `/w` and axes of at most as many points as `/w`
 /// has along one.
 fn start(file: &File, bytes: u64) -> std::result::Result<(), String> {
-    let there = |name: &str| {
-        // What is missing is said by who needs it.
-        let dataset = file.dataset(name).ok()?;
-        Some(sound(&dataset, bytes).map_err(|e| format!("/{name}: {e}")))
-    };
-    let Some(chunk) = there("w").transpose()? else {
+    let Some(chunk) = named(file, bytes, "w")? else {
         return Ok(());
     };
     allow(chunk);
     let axes = ["x", "y", "z", "vx", "vy", "vz", "p"].map(|name| format!("axis/{name}"));
-    axes.iter().try_for_each(|name| there(name).transpose().map(|_| ()))
+    axes.iter().try_for_each(|name| named(file, bytes, name).map(|_| ()))
+}
+
+/// Whether the dataset `name` can be read; gives the bytes of a chunk. What is missing is said by
+/// who needs it.
+fn named(file: &File, bytes: u64, name: &str) -> std::result::Result<Option<u64>, String> {
+    let dataset = file.dataset(name).ok();
+    dataset.map(|dataset| sound(&dataset, bytes).map_err(|e| format!("/{name}: {e}"))).transpose()
 }
 
 /// Opens `directory/result.h5` and compares its datasets with their checksums; by one rank, as any

@@ -9,6 +9,7 @@ use crate::plan::layout::{Resources, refuse_hopeless};
 use crate::plan::{ASSUMED_RATIO, Plan};
 use crate::problem::case::{Case, Method, StartField};
 use crate::results::start_field::origin;
+use crate::results::table_file::with_table;
 use crate::results::warped::given::Given;
 use crate::run::at_start::at_start;
 use crate::scheme::reduce::reduced;
@@ -120,22 +121,23 @@ impl Planned {
     }
 }
 
-/// The case with what the file that it starts from says, if it does: the points of a warped field,
-/// the origin of a field. Collective.
+/// The case with what the files that it starts from say, if it does: the points of a warped field,
+/// the origin of a field, the values of a table. Collective.
 ///
 /// # Errors
-/// As [`Given::new`] and [`origin`].
+/// As [`Given::new`], [`origin`] and [`with_table`].
 pub fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
+    let case = with_table(world, case)?;
     if let Some(start) = &case.start_field {
-        let origin = Some(origin(world, start, case)?);
+        let origin = Some(origin(world, start, &case)?);
         let start_field = Some(StartField { origin, ..start.clone() });
-        return Ok(Cow::Owned(Case { start_field, ..case.clone() }));
+        return Ok(Cow::Owned(Case { start_field, ..case.into_owned() }));
     }
     let Some(start) = &case.start else {
-        return Ok(Cow::Borrowed(case));
+        return Ok(case);
     };
-    let given = Given::new(world, &start.path, case, &start.place)?;
-    let mut case = case.clone();
+    let given = Given::new(world, &start.path, &case, &start.place)?;
+    let mut case = case.into_owned();
     (case.warp.interval, case.warp.points) = (Some(given.interval), Some(given.points));
     Ok(Cow::Owned(case))
 }

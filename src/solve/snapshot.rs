@@ -12,11 +12,12 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Beginnings of the keys that change no bit of a checkpoint.
-pub(crate) const WITHOUT_EFFECT: [&str; 10] = [
+pub(crate) const WITHOUT_EFFECT: [&str; 11] = [
     "title",
     "reference",
     "initial.warped",
     "initial.field",
+    "initial.table.",
     "output.compression",
     "output.chunks",
     "output.expand",
@@ -36,6 +37,8 @@ pub struct Fingerprint {
     pub(crate) start: Option<Start>,
     /// The checksum of the field that it starts from, if that is of a file.
     pub(crate) field: Option<u64>,
+    /// The checksum of the table of `f0`, if it is one.
+    pub(crate) table: Option<u64>,
     /// Of the plan.
     pub(crate) plan: u64,
     /// Whether the inner loop has fused multiply-adds.
@@ -67,6 +70,7 @@ impl Fingerprint {
                 values: None,
             }),
             field: case.start_field.as_ref().and_then(|start| Some(start.origin?.checksum)),
+            table: case.initial_table.as_ref().and_then(|file| file.checksum),
             plan: checksum::of_text(format!("{planned:?}").as_bytes()),
             fused: InstructionSet::here().is_fused(),
         }
@@ -97,6 +101,9 @@ impl Fingerprint {
         }
         if self.field != other.field {
             return Some("began from another field: that of initial.field has changed".to_owned());
+        }
+        if self.table != other.table {
+            return Some("began from another table: that of initial.table has changed".to_owned());
         }
         if self.fused != other.fused {
             let [own, other] = [self, other].map(|run| if run.fused { "with" } else { "without" });

@@ -39,6 +39,7 @@ mod spectrum;
 mod stability;
 mod support;
 mod sweep;
+mod tables;
 mod tolerances;
 mod torture;
 mod warnings;

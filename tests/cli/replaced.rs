@@ -107,7 +107,7 @@ fn tables_exports_and_reports_are_not_replaced_unasked() {
     // What writes, the same for another case, the first file of its own, and what is said of it.
     let rows: [(Job, Job, &str, &str); 4] = [
         (sweep.clone(), sweep.set(&["time.end=0.2"]), "table.csv", "a sweep with other runs"),
-        (exports[0].clone(), exports[0].clone().set(&["time.end=0.2"]), "A.mtx", "time.end is 0."),
+        (exports[0].clone(), exports[0].clone().set(&["time.end=0.2"]), "A.mtx", "time.end is 1"),
         (exports[1].clone(), exports[1].clone().set(&["time.end=0.2"]), "field.npy", "time.end"),
         (job(&["report", &result]), job(&["report", &second]), "report.html", "of another case"),
     ];

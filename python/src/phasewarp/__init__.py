@@ -11,7 +11,7 @@ arrays, tables and sparse matrices. The program computes; this package does not.
 >>> density = result.open()["density"]
 """
 
-from phasewarp.case import Case, potential_table, write_warped
+from phasewarp.case import Case, potential_table, write_table, write_warped
 from phasewarp.commands import (
     advise,
     check,
@@ -59,5 +59,6 @@ __all__ = [
     "run",
     "spectrum",
     "sweep",
+    "write_table",
     "write_warped",
 ]

@@ -133,6 +133,9 @@ class Case:
         for key in ("warped", "field"):
             if isinstance(start, dict) and isinstance(start.get(key), str):
                 start[key] = str(directory.absolute() / start[key])
+        table = start.get("table") if isinstance(start, dict) else None
+        if isinstance(table, dict) and isinstance(table.get("file"), str):
+            table["file"] = str(directory.absolute() / table["file"])
         return tree
 
     def to_toml(self) -> str:
@@ -319,6 +322,37 @@ def write_warped(w: xr.DataArray, path: StrPath) -> Path:
             scale.make_scale(name)
             data.dims[number].attach_scale(scale)
     return path
+
+
+def write_table(f: xr.DataArray, path: StrPath) -> dict[str, Any]:
+    """Write an array for `f(0, x, v)` that a run can take; returns what `initial.table` is.
+
+    The program takes the multilinear interpolant; docs/usage.md, "A table of f(0)", says what it is
+    beyond the ends of the axes.
+
+    Parameters
+    ----------
+    f
+        Dimensions among ``x, y, z, vx, vy, vz``, each with a coordinate that ascends: any points,
+        not only those of the grid of the case.
+    path
+        The HDF5 file.
+
+    Examples
+    --------
+    >>> f = xr.DataArray(array, coords={"x": x, "vx": v})
+    >>> case["initial"] = {"table": write_table(f, "f0.h5")}
+    """
+    known = {*SPACE, *(f"v{name}" for name in SPACE)}
+    names = [str(name) for name in f.dims]
+    if not names or not known.issuperset(names) or any(name not in f.coords for name in names):
+        raise ValueError(f"dimensions {f.dims}: some of {sorted(known)}, each with a coordinate")
+    path = Path(path).absolute()
+    with h5py.File(path, "w") as file:
+        file.create_dataset("f", data=f.values.astype("<f8"))
+        for name in names:
+            file.create_dataset(f"axis/{name}", data=f[name].values.astype("<f8"))
+    return {"file": str(path), "axes": names}
 
 
 def plain(value: Any) -> Any:

@@ -102,6 +102,59 @@ pub struct WarpedStart {
     pub place: String,
 }
 
+/// `initial.table`: a file that holds `f0` on a tensor grid of its own.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TableFile {
+    /// Where it is.
+    pub path: PathBuf,
+    /// The dataset of an HDF5 file, the column of a CSV file.
+    pub dataset: String,
+    /// File and line of the key, for errors.
+    pub place: String,
+    /// The checksum of the table, once it was read.
+    pub checksum: Option<u64>,
+    /// The coordinates along the axes of the dataset.
+    positions: Vec<usize>,
+    /// The names that coordinates have in a file.
+    names: Names,
+}
+
+impl TableFile {
+    /// The file `path` with a value `f` at points of all axes in `n` dimensions.
+    pub fn new(path: &Path, place: &str, n: usize) -> Self {
+        let names = names_of_phase_space(n);
+        Self {
+            path: path.to_owned(),
+            dataset: "f".to_owned(),
+            place: place.to_owned(),
+            checksum: None,
+            positions: (0..names.len()).filter(|&i| !names[i].is_empty()).collect(),
+            names,
+        }
+    }
+
+    /// The coordinate of this name, by its position in formulas.
+    pub fn position(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|names| names.contains(&name))
+    }
+
+    /// Position and names of each axis, in the order of an HDF5 dataset.
+    pub fn axes(&self) -> Vec<(usize, Vec<&'static str>)> {
+        self.positions.iter().map(|&i| (i, self.names[i].to_vec())).collect()
+    }
+
+    /// The names that a file may use: `x, v`.
+    pub fn names_text(&self) -> String {
+        self.names.iter().filter_map(|names| names.first().copied()).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Whether this is the same table of the same file.
+    pub fn is_same(&self, other: &Self) -> bool {
+        (&self.path, &self.dataset, &self.positions)
+            == (&other.path, &other.dataset, &other.positions)
+    }
+}
+
 /// `initial.field`: a result that holds `f` at `time.start`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StartField {
@@ -156,6 +209,47 @@ pub struct InitialTable {
     velocity: Option<List<Formula>>,
     warped: Option<String>,
     field: Option<String>,
+    table: Option<FileTable>,
+}
+
+/// `initial.table`.
+#[derive(Debug, Default, Deserialize)]
+struct FileTable {
+    file: Option<String>,
+    dataset: Option<String>,
+    axes: Option<List<String>>,
+}
+
+impl FileTable {
+    fn check(&self, file: &CaseFile<'_>, n: usize) -> Result<TableFile> {
+        let key = "initial.table.file";
+        let path = path_of(file, key, self.file.as_ref(), "f0.h5")?;
+        let path = file.required(key, path, "the path of an HDF5 or CSV file")?;
+        let mut found = TableFile::new(&path, &file.place(key), n);
+        if let Some(dataset) = &self.dataset {
+            dataset.trim_start_matches('/').clone_into(&mut found.dataset);
+        }
+        let Some(axes) = &self.axes else {
+            return Ok(found);
+        };
+        let key = "initial.table.axes";
+        let mut positions = Vec::new();
+        for name in &axes.0 {
+            match found.position(name) {
+                Some(position) if !positions.contains(&position) => positions.push(position),
+                Some(_) => return file.refuse(key, format!("{name} is there twice")),
+                None => {
+                    let message = format!("{name} is none of {}", found.names_text());
+                    return file.refuse(key, message);
+                }
+            }
+        }
+        if positions.is_empty() {
+            return file.refuse(key, format!("some of {} expected", found.names_text()));
+        }
+        found.positions = positions;
+        Ok(found)
+    }
 }
 
 /// `[inflow]`.
@@ -275,19 +369,29 @@ impl InitialTable {
     ) -> Result<(Data, Vec<Field>)> {
         let keys = ["initial.f", "initial.density", "initial.velocity"];
         let given = |keys: &[&'static str]| keys.iter().copied().find(|key| file.has(key));
-        if self.warped.is_some()
-            && let Some(other) = given(&keys)
+        for (key, is_given) in
+            [("initial.warped", self.warped.is_some()), ("initial.table", self.table.is_some())]
         {
-            return file.refuse(other, format!("give either initial.warped, or {other}"));
+            if is_given && let Some(other) = given(&keys) {
+                return file.refuse(other, format!("give either {key}, or {other}"));
+            }
         }
         if given(&keys[1..]).is_some() {
             return self.measure(file, n, inflow);
         }
         let names = names_of_phase_space(n);
-        let initial = match self.warped {
+        let initial = match (&self.warped, self.table(file, n)?) {
+            (Some(_), Some(_)) => {
+                let message = "give either initial.warped, or initial.table";
+                return file.refuse("initial.table", message);
+            }
             // f(0) is not known; with this formula nothing is left of it.
-            Some(_) => file.formula("initial.warped", "0", &names)?,
-            None => required_formula(file, "initial.f", &self.f, &names)?,
+            (Some(_), None) => file.formula("initial.warped", "0", &names)?,
+            (None, Some(table)) => {
+                let text = format!("the table {} of {}", table.dataset, table.path.display());
+                Expression::of_file(text, table.place)
+            }
+            (None, None) => required_formula(file, "initial.f", &self.f, &names)?,
         };
         let field = Field { name: "f", initial, inflow: inflow.check(file, n, "0")? };
         Ok((Data::Density, vec![field]))
@@ -329,6 +433,11 @@ impl InitialTable {
             });
         }
         Ok((Data::Measure { density, velocity }, fields))
+    }
+
+    /// `initial.table` in `n` dimensions.
+    pub fn table(&self, file: &CaseFile<'_>, n: usize) -> Result<Option<TableFile>> {
+        self.table.as_ref().map(|table| table.check(file, n)).transpose()
     }
 
     /// `initial.warped`.

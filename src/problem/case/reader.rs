@@ -331,6 +331,10 @@ impl Item for f64 {
     const PLURAL: &'static str = "numbers";
 }
 
+impl Item for String {
+    const PLURAL: &'static str = "texts in quotes";
+}
+
 impl Item for i64 {
     const PLURAL: &'static str = "whole numbers";
 }

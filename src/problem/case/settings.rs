@@ -1,13 +1,13 @@
-//! What a case gives, by its keys, and how two cases differ in it.
+//! What a case gives, key by key, and how two cases differ.
 
 use crate::base::text::shortened;
 use std::collections::BTreeMap;
 
-/// Every value of a case, by its key.
-pub type Settings = BTreeMap<String, String>;
-
 /// Characters of a value at most that are shown.
 const MOST_SHOWN: usize = 40;
+
+/// Every value that a case file and the `--set` options give, by its key.
+pub type Settings = BTreeMap<String, String>;
 
 /// The first setting in which what is there differs from what is here, but for how often a run
 /// makes checkpoints; `None` where they are of the same case.

@@ -37,7 +37,7 @@ pub fn with_absolute_paths(case: &mut Value, file: &Path) {
     let folder = file.parent().filter(|path| !path.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));
     let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-    for key in ["/initial/warped", "/initial/field"] {
+    for key in ["/initial/warped", "/initial/field", "/initial/table/file"] {
         if let Some(Value::String(path)) = case.pointer_mut(key) {
             let absolute: PathBuf = folder.join(&*path).components().collect();
             *path = absolute.display().to_string();

@@ -1,0 +1,243 @@
+//! A function that is given by its values on a tensor grid of its own, linear along each axis
+//! between its points.
+
+use crate::base::checksum;
+use std::fmt;
+
+/// Most values of a table, of which every rank holds all: 128 MiB.
+pub const MOST_VALUES: usize = 1 << 24;
+/// Coordinates of a formula.
+const MOST_AXES: usize = 7;
+
+/// An axis of a table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TableAxis {
+    /// Its name.
+    pub name: String,
+    /// Which of the coordinates `[x, y, z, vx, vy, vz, t]` it is.
+    pub position: usize,
+    /// Its points, ascending.
+    pub points: Vec<f64>,
+}
+
+/// Values on the points of some axes, the last of which varies fastest.
+#[derive(Clone, PartialEq)]
+pub struct Table {
+    axes: Vec<TableAxis>,
+    values: Vec<f64>,
+}
+
+impl Table {
+    /// `values` at the points of `axes`.
+    ///
+    /// # Errors
+    /// What is wrong: axes that do not ascend or have one point, a number that is not finite, or
+    /// another number of values than of points.
+    pub fn new(axes: Vec<TableAxis>, values: Vec<f64>) -> Result<Self, String> {
+        for (i, axis) in axes.iter().enumerate() {
+            let name = &axis.name;
+            if axes[..i].iter().any(|other| other.position == axis.position) {
+                return Err(format!("the axis {name} is there twice"));
+            }
+            if axis.points.len() < 2 {
+                return Err(format!("the axis {name} has {} points, 2 needed", axis.points.len()));
+            }
+            if let Some(k) = axis.points.iter().position(|p| !p.is_finite()) {
+                return Err(format!("point {k} of the axis {name} is {}", axis.points[k]));
+            }
+            if let Some(k) = axis.points.windows(2).position(|pair| pair[1] <= pair[0]) {
+                let (a, b) = (axis.points[k], axis.points[k + 1]);
+                return Err(format!("the axis {name} does not ascend: {a}, then {b}"));
+            }
+        }
+        let shape: Vec<usize> = axes.iter().map(|axis| axis.points.len()).collect();
+        check_size(&shape)?;
+        let expected: usize = shape.iter().product();
+        if axes.is_empty() || values.len() != expected {
+            return Err(format!("{} values for axes of {shape:?} points", values.len()));
+        }
+        if let Some(k) = values.iter().position(|value| !value.is_finite()) {
+            return Err(format!("value {k} is {}", values[k]));
+        }
+        Ok(Self { axes, values })
+    }
+
+    /// Its axes.
+    pub fn axes(&self) -> &[TableAxis] {
+        &self.axes
+    }
+
+    /// Its values.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// The checksum of points and values, and of which axes they belong to.
+    pub fn checksum(&self) -> u64 {
+        let axis = |axis: &TableAxis| {
+            let head = [axis.position as u64, axis.points.len() as u64];
+            head.into_iter().chain(axis.points.iter().map(|p| p.to_bits())).collect::<Vec<_>>()
+        };
+        let values = self.values.iter().map(|value| value.to_bits());
+        checksum::of_run(0, self.axes.iter().flat_map(axis).chain(values))
+    }
+
+    /// Whether coordinate `position` is one of its axes.
+    pub fn depends_on(&self, position: usize) -> bool {
+        self.axes.iter().any(|axis| axis.position == position)
+    }
+
+    /// The multilinear interpolant at `coordinates`; beyond the first and the last point of an axis
+    /// the value there. NaN where a coordinate is.
+    pub fn eval(&self, coordinates: &[f64]) -> f64 {
+        // The place of the lower corner, and for each axis its stride and the part of the step.
+        let (mut lower, mut stride) = (0, 1);
+        let mut steps = [(0, 0.0); MOST_AXES];
+        for (axis, step) in self.axes.iter().zip(&mut steps).rev() {
+            let x = coordinates[axis.position];
+            if x.is_nan() {
+                return f64::NAN;
+            }
+            let above = axis.points.partition_point(|p| *p <= x).clamp(1, axis.points.len() - 1);
+            let [a, b] = [axis.points[above - 1], axis.points[above]];
+            lower += (above - 1) * stride;
+            *step = (stride, ((x - a) / (b - a)).clamp(0.0, 1.0));
+            stride *= axis.points.len();
+        }
+        let steps = &steps[..self.axes.len()];
+        let corner = |corner: usize| {
+            let (mut place, mut weight) = (lower, 1.0);
+            for (a, (stride, part)) in steps.iter().enumerate() {
+                let is_upper = corner >> a & 1 == 1;
+                place += if is_upper { *stride } else { 0 };
+                weight *= if is_upper { *part } else { 1.0 - part };
+            }
+            // At a point of the table exactly its value.
+            if weight == 0.0 { 0.0 } else { weight * self.values[place] }
+        };
+        (0..1usize << steps.len()).map(corner).sum()
+    }
+
+    /// Where `[lower, upper]` of coordinate `position` goes beyond the table by more than a step of
+    /// it, if it does.
+    pub fn beyond(&self, position: usize, [lower, upper]: [f64; 2]) -> Option<String> {
+        let axis = self.axes.iter().find(|axis| axis.position == position)?;
+        let [first, second] = [axis.points[0], axis.points[1]];
+        let [before, last] =
+            [axis.points[axis.points.len() - 2], axis.points[axis.points.len() - 1]];
+        let too_far = lower < first - (second - first) || upper > last + (last - before);
+        too_far.then(|| {
+            format!(
+                "its axis {} goes from {first} to {last}, the case's from {lower} to {upper}: at \
+                 most one step of the table may lie beyond its ends",
+                axis.name
+            )
+        })
+    }
+
+    /// Its numbers of points: `64 x 32`.
+    pub fn shape_text(&self) -> String {
+        let counts = self.axes.iter().map(|axis| axis.points.len().to_string());
+        counts.collect::<Vec<_>>().join(" x ")
+    }
+}
+
+/// Refuses a table with more than [`MOST_VALUES`].
+///
+/// # Errors
+/// A sentence with the limit.
+pub fn check_size(shape: &[usize]) -> Result<(), String> {
+    let count = shape.iter().try_fold(1usize, |count, &n| count.checked_mul(n));
+    match count.filter(|count| *count <= MOST_VALUES) {
+        Some(_) => Ok(()),
+        None => Err(format!("a table of {shape:?} values; at most {MOST_VALUES} are read")),
+    }
+}
+
+/// Without its values.
+impl fmt::Debug for Table {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Table({})", self.shape_text())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axis(name: &str, position: usize, points: &[f64]) -> TableAxis {
+        TableAxis { name: name.to_owned(), position, points: points.to_vec() }
+    }
+
+    #[test]
+    fn what_is_linear_along_each_axis_is_exact() {
+        let [x, v, t] = [&[-1.0, 0.0, 0.5][..], &[0.0, 2.0], &[0.0, 1.0, 3.0, 4.0]];
+        let f = |x: f64, v: f64, t: f64| (1.0 + 2.0 * x) * (3.0 - v) * (0.5 + t);
+        let mut values = Vec::new();
+        for (x, v, t) in
+            x.iter().flat_map(|x| v.iter().flat_map(move |v| t.iter().map(move |t| (*x, *v, *t))))
+        {
+            values.push(f(x, v, t));
+        }
+        let axes = vec![axis("x", 0, x), axis("v", 3, v), axis("t", 6, t)];
+        let table = Table::new(axes, values).unwrap();
+        let at = |x: f64, v: f64, t: f64| table.eval(&[x, f64::NAN, f64::NAN, v, 0.0, 0.0, t]);
+        for (x, v, t) in [(-0.3, 0.7, 2.2), (0.4, 2.0, 0.1), (0.25, 1.5, 3.5)] {
+            assert!((at(x, v, t) - f(x, v, t)).abs() < 1e-14);
+        }
+        // Points are met, and ends go on as constants.
+        assert_eq!(at(0.0, 2.0, 3.0), f(0.0, 2.0, 3.0));
+        assert_eq!(at(9.0, -9.0, 4.5), f(0.5, 0.0, 4.0));
+        assert!(at(f64::NAN, 0.0, 0.0).is_nan());
+        assert!(table.depends_on(3) && !table.depends_on(1));
+    }
+
+    #[test]
+    fn one_more_point_quarters_the_error() {
+        let error = |count: usize| {
+            let points: Vec<f64> = (0..=count).map(|i| i as f64 / count as f64).collect();
+            let values = points.iter().map(|x| (3.0 * x).sin()).collect();
+            let table = Table::new(vec![axis("x", 0, &points)], values).unwrap();
+            let at = |i: usize| (i as f64 + 0.5) / 1000.0;
+            (0..1000)
+                .map(|i| (table.eval(&[at(i)]) - (3.0 * at(i)).sin()).abs())
+                .fold(0.0, f64::max)
+        };
+        let ratio = error(20) / error(40);
+        assert!((3.8..4.2).contains(&ratio), "{ratio}");
+    }
+
+    #[test]
+    fn a_changed_number_changes_the_checksum() {
+        let table = |points: &[f64], last: f64| {
+            Table::new(vec![axis("x", 0, points)], vec![1.0, last]).unwrap().checksum()
+        };
+        let own = table(&[0.0, 1.0], 2.0);
+        assert_eq!(own, table(&[0.0, 1.0], 2.0));
+        assert!(own != table(&[0.0, 1.5], 2.0) && own != table(&[0.0, 1.0], 2.5));
+    }
+
+    #[test]
+    fn what_is_no_table_is_refused() {
+        let one = |points: &[f64], values: &[f64]| {
+            Table::new(vec![axis("x", 0, points)], values.to_vec()).unwrap_err()
+        };
+        assert!(one(&[0.0, 0.0], &[1.0, 1.0]).contains("does not ascend: 0, then 0"));
+        assert!(one(&[0.0, f64::NAN], &[1.0, 1.0]).contains("point 1 of the axis x is NaN"));
+        assert!(one(&[0.0], &[1.0]).contains("1 points"));
+        assert!(one(&[0.0, 1.0], &[1.0]).contains("1 values for axes of [2]"));
+        assert!(one(&[0.0, 1.0], &[1.0, f64::INFINITY]).contains("value 1 is inf"));
+        assert!(check_size(&[1 << 13, 1 << 12]).unwrap_err().contains("at most 16777216"));
+        let twice = vec![axis("x", 0, &[0.0, 1.0]), axis("x", 0, &[0.0, 1.0])];
+        assert!(Table::new(twice, vec![0.0; 4]).unwrap_err().contains("twice"));
+    }
+
+    #[test]
+    fn one_step_beyond_the_ends_is_near_enough() {
+        let table = Table::new(vec![axis("v", 3, &[0.0, 0.5, 1.0, 3.0])], vec![0.0; 4]).unwrap();
+        assert_eq!(table.beyond(3, [-0.5, 5.0]), None);
+        assert_eq!(table.beyond(0, [-99.0, 99.0]), None);
+        assert!(table.beyond(3, [-0.6, 3.0]).unwrap().contains("axis v goes from 0 to 3"));
+        assert!(table.beyond(3, [0.0, 5.1]).is_some());
+    }
+}

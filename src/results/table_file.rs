@@ -1,0 +1,259 @@
+//! `initial.table`: a function on a tensor grid in a file, HDF5 or CSV, read by one rank for all.
+
+use crate::base::error::{Error, Result};
+use crate::parallel::communicator::Group;
+use crate::problem::case::{Case, TableFile};
+use crate::problem::table::{Table, TableAxis, check_size};
+use crate::results::readback::numbers;
+use crate::results::untrusted::{self, Inspection};
+use hdf5::File;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+
+/// Most bytes of a CSV file.
+const MOST_TEXT: u64 = 256 << 20;
+
+/// What a file holds, or what is wrong with it.
+type Found<T> = std::result::Result<T, String>;
+
+/// `case` with the table that it names, if it names one that is not read yet. Collective over
+/// `world`.
+///
+/// # Errors
+/// [`Error::Input`], the same on all ranks, saying what is wrong with the file.
+pub fn with_table<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
+    let Some(file) = case.initial_table.as_ref().filter(|file| file.checksum.is_none()) else {
+        return Ok(Cow::Borrowed(case));
+    };
+    let wrong =
+        |what: &str| Error::Input(format!("{} = \"{}\": {what}", file.place, file.path.display()));
+    let found = world.on_first_rank(|| read(file).map(Some).map_err(|what| wrong(&what)))?;
+    let table = shared(world, found).map_err(|what| wrong(&what))?;
+    let space = case.space.whole();
+    let ends = (space.x.iter().zip(0..)).chain(space.v.iter().zip(3..));
+    for (axis, position) in ends {
+        if let Some(what) = table.beyond(position, [axis.lower, axis.upper]) {
+            return Err(wrong(&what));
+        }
+    }
+    Ok(Cow::Owned(case.clone().with_initial_table(table)))
+}
+
+/// The axes of a table, for other ranks.
+#[derive(Default, Serialize, Deserialize)]
+struct Head {
+    axes: Vec<(String, usize, usize)>,
+}
+
+/// The table of the first rank, on all. Collective over `world`.
+fn shared(world: &Group, found: Option<Table>) -> Found<Table> {
+    let axes = found.as_ref().map_or(&[][..], Table::axes);
+    let axes = axes.iter().map(|axis| (axis.name.clone(), axis.position, axis.points.len()));
+    let text = serde_json::to_string(&Head { axes: axes.collect() }).unwrap_or_default();
+    let head: Head =
+        serde_json::from_str(&world.broadcast_text(&text)).map_err(|e| e.to_string())?;
+    let shape: Vec<usize> = head.axes.iter().map(|(_, _, points)| *points).collect();
+    // What is not on the first rank is below all.
+    let numbers = |own: Option<&[f64]>, count: usize| {
+        let mut numbers = own.map_or_else(|| vec![f64::NEG_INFINITY; count], <[f64]>::to_vec);
+        world.max_into(&mut numbers);
+        numbers
+    };
+    let axes = head.axes.into_iter().enumerate().map(|(a, (name, position, count))| {
+        let own = found.as_ref().map(|table| &table.axes()[a].points[..]);
+        TableAxis { name, position, points: numbers(own, count) }
+    });
+    let axes: Vec<TableAxis> = axes.collect();
+    let values = numbers(found.as_ref().map(Table::values), shape.iter().product());
+    Table::new(axes, values)
+}
+
+/// The table of a file. By one rank.
+fn read(file: &TableFile) -> Found<Table> {
+    let found = std::fs::metadata(&file.path).map_err(|e| e.to_string())?;
+    if !found.is_file() {
+        return Err("is no file".to_owned());
+    }
+    let ending = file.path.extension().unwrap_or_default();
+    match ending.eq_ignore_ascii_case("csv") {
+        true if found.len() > MOST_TEXT => {
+            Err(format!("{} bytes; at most {MOST_TEXT} of a CSV file are read", found.len()))
+        }
+        true => {
+            let text = std::fs::read_to_string(&file.path).map_err(|e| e.to_string())?;
+            of_text(file, &text)
+        }
+        false => of_hdf5(file),
+    }
+}
+
+/// The table of an HDF5 file: a dataset, and its points in `/axis/NAME` or `/NAME`.
+fn of_hdf5(file: &TableFile) -> Found<Table> {
+    let axes = file.axes();
+    let places = |name: &str| [format!("axis/{name}"), name.to_owned()];
+    let names = axes.iter().flat_map(|(_, names)| names.iter().flat_map(|name| places(name)));
+    let names: Vec<String> = [file.dataset.clone()].into_iter().chain(names).collect();
+    // What can be read at all is found out by another process.
+    std::fs::File::open(&file.path).map_err(|e| e.to_string())?;
+    untrusted::inspect(&file.path, Inspection::Table(names))?;
+    let opened = File::open(&file.path).map_err(|_| "cannot be read as HDF5; is it whole?")?;
+    let dataset = opened.dataset(&file.dataset);
+    let dataset = dataset.map_err(|_| format!("holds no dataset /{}", file.dataset))?;
+    let shape = dataset.shape();
+    if shape.len() != axes.len() {
+        let names: Vec<&str> = axes.iter().map(|(_, names)| names[0]).collect();
+        return Err(format!(
+            "/{} has the shape {shape:?}; an axis for each of {} expected, others by axes = [\"…\"]",
+            file.dataset,
+            names.join(", ")
+        ));
+    }
+    let axis = |(position, names): &(usize, Vec<&str>)| {
+        let there = |place: &String| opened.link_exists(place);
+        let place = names.iter().flat_map(|name| places(name)).find(there);
+        let place = place.ok_or_else(|| format!("holds no dataset /axis/{}", names[0]))?;
+        let dataset = opened.dataset(&place).map_err(|_| format!("/{place} is no dataset"))?;
+        let points = numbers(&place, &dataset)?;
+        Ok(TableAxis { name: names[0].to_owned(), position: *position, points })
+    };
+    let axes = axes.iter().map(axis).collect::<Found<Vec<TableAxis>>>()?;
+    for (axis, count) in axes.iter().zip(&shape) {
+        if axis.points.len() != *count {
+            let (name, points) = (&axis.name, axis.points.len());
+            return Err(format!(
+                "/{} has {count} values along {name}, which has {points} points",
+                file.dataset
+            ));
+        }
+    }
+    Table::new(axes, numbers(&file.dataset, &dataset)?)
+}
+
+/// The table of a CSV file: a line of names, then one a value, in any order.
+fn of_text(file: &TableFile, text: &str) -> Found<Table> {
+    let text = text.trim_start_matches('\u{feff}');
+    let is_data = |(_, line): &(usize, &str)| !line.is_empty() && !line.starts_with('#');
+    let mut lines = (1..).zip(text.lines().map(str::trim)).filter(is_data);
+    let (_, head) = lines.next().ok_or("is empty")?;
+    let mut axes: Vec<(String, usize)> = Vec::new();
+    let mut column_of_value = None;
+    for (column, name) in head.split(',').map(|name| name.trim().trim_matches('"')).enumerate() {
+        match file.position(name) {
+            Some(position) => axes.push((name.to_owned(), position)),
+            None if name == file.dataset && column_of_value.is_none() => {
+                column_of_value = Some(column);
+            }
+            None => {
+                let names = file.names_text();
+                let value = &file.dataset;
+                return Err(format!(
+                    "column \"{name}\" in the first line is neither one of the axes {names} nor \
+                     the value \"{value}\""
+                ));
+            }
+        }
+    }
+    let column_of_value = column_of_value
+        .ok_or_else(|| format!("has no column \"{}\" in the first line", file.dataset))?;
+    let mut places: Vec<Vec<f64>> = vec![Vec::new(); axes.len()];
+    let mut values = Vec::new();
+    for (number, line) in lines {
+        let mut count = 0;
+        let mut own = places.iter_mut();
+        for (column, word) in line.split(',').map(str::trim).enumerate() {
+            let value: f64 = word
+                .parse()
+                .ok()
+                .filter(|value: &f64| value.is_finite())
+                .ok_or_else(|| format!("line {number}: \"{word}\" is not a finite number"))?;
+            count += 1;
+            if column == column_of_value {
+                values.push(value);
+            } else if let Some(place) = own.next() {
+                place.push(value);
+            }
+        }
+        if count != axes.len() + 1 {
+            return Err(format!("line {number}: {count} numbers, {} expected", axes.len() + 1));
+        }
+    }
+    on_grid(axes, &places, &values)
+}
+
+/// The table whose `values` stand at `places`, a list of coordinates an axis: every point of the
+/// tensor grid once.
+fn on_grid(axes: Vec<(String, usize)>, places: &[Vec<f64>], values: &[f64]) -> Found<Table> {
+    let sorted = |places: &Vec<f64>| {
+        // 0 and −0 are one point.
+        let mut points: Vec<f64> = places.iter().map(|p| p + 0.0).collect();
+        points.sort_by(f64::total_cmp);
+        points.dedup();
+        points
+    };
+    let points: Vec<Vec<f64>> = places.iter().map(sorted).collect();
+    let shape: Vec<usize> = points.iter().map(Vec::len).collect();
+    check_size(&shape)?;
+    let count: usize = shape.iter().product();
+    if values.len() != count {
+        return Err(format!(
+            "{} lines for {shape:?} different coordinates of {}: each point of the grid once \
+             expected",
+            values.len(),
+            axes.iter().map(|(name, _)| &name[..]).collect::<Vec<_>>().join(", ")
+        ));
+    }
+    let mut table = vec![f64::NAN; count];
+    for (i, value) in values.iter().enumerate() {
+        let place = (places.iter().zip(&points)).fold(0, |place, (places, points)| {
+            place * points.len() + points.partition_point(|p| *p < places[i])
+        });
+        if !table[place].is_nan() {
+            let point: Vec<f64> = places.iter().map(|places| places[i]).collect();
+            return Err(format!("the point {point:?} is there twice"));
+        }
+        table[place] = *value;
+    }
+    let axes = axes.into_iter().zip(points);
+    let axes = axes.map(|((name, position), points)| TableAxis { name, position, points });
+    Table::new(axes.collect(), table)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn file() -> TableFile {
+        TableFile::new(Path::new("f0.csv"), "case: initial.table.file", 1)
+    }
+
+    #[test]
+    fn lines_of_a_csv_file_stand_in_any_order() {
+        let text = "# a comment\nv, f ,x\n1,10,0\n2,20,0\n\n1,30,0.5\n2,40,0.5\n";
+        let table = of_text(&file(), text).unwrap();
+        let at = |x: f64, v: f64| table.eval(&[x, 0.0, 0.0, v, 0.0, 0.0]);
+        assert_eq!(
+            [at(0.0, 1.0), at(0.0, 2.0), at(0.5, 1.0), at(0.25, 1.5)],
+            [10.0, 20.0, 30.0, 25.0]
+        );
+    }
+
+    #[test]
+    fn what_is_no_grid_is_refused() {
+        for (text, said) in [
+            ("", "is empty"),
+            ("x,v\n1,2\n", "no column \"f\""),
+            ("x,w,f\n", "column \"w\" in the first line is neither one of the axes x, v"),
+            ("x,v,f\n0,0,one\n", "line 2: \"one\" is not a finite number"),
+            ("x,v,f\n0,0,nan\n", "line 2: \"nan\" is not a finite number"),
+            ("x,v,f\n0,0\n", "line 2: 2 numbers, 3 expected"),
+            ("x,v,f\n0,0,1\n0,1,1\n1,0,1\n", "3 lines for [2, 2] different coordinates of x, v"),
+            ("x,v,f\n0,0,1\n0,0,1\n1,1,1\n0,1,2\n", "the point [0.0, 0.0] is there twice"),
+            ("x,f\n0,1\n", "the axis x has 1 points"),
+            ("x,x,f\n0,0,1\n0,1,1\n1,0,1\n1,1,1\n", "the axis x is there twice"),
+        ] {
+            let found = of_text(&file(), text).unwrap_err();
+            assert!(found.contains(said), "{text:?}: {found}");
+        }
+    }
+}
