@@ -218,6 +218,7 @@ fn links_and_pipes_are_not_followed() {
         "summary.json",
         "fields.xdmf",
         "grids.h5",
+        "plane_x.xdmf",
         "space.xdmf",
         "readout.csv",
         "warped_f.h5",

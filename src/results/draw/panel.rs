@@ -386,8 +386,10 @@ impl<'a, DB: DrawingBackend> Plot<'a, DB> {
                 _ => Ok(()),
             }
         };
-        let rows: Vec<f64> =
-            (0..).map(|k| points(9.0 + 13.0 * f64::from(k))).take_while(|y| *y < bottom).collect();
+        let rows: Vec<f64> = (0..)
+            .map(|k| points(9.0 + 13.0 * f64::from(k)))
+            .take_while(|y| *y <= bottom - points(9.0))
+            .collect();
         for layer in &self.frame.panel.layers {
             match layer {
                 Layer::Vertical { label, at } => {
