@@ -1,5 +1,5 @@
-//! What a run leaves behind: `result.h5`, written by all ranks, `summary.json`, and views of the grids
-//! for other programs (`fields.xdmf`, a file for each grid).
+//! What a run leaves behind: `result.h5`, written by all ranks, `summary.json`, and views of the
+//! grids for other programs (`fields.xdmf`, a file for each grid).
 
 pub mod averages;
 pub mod dataset;

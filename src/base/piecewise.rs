@@ -20,8 +20,8 @@ pub const ORDERS: usize = 10;
 const NODES: usize = 24;
 /// A piece is resolved where so many last coefficients ...
 const LAST: usize = 4;
-/// ... are at most this, relative to the larger of 1 and the largest value: round-off, or more where
-/// the function itself is rounded coarsely, ...
+/// ... are at most this, relative to the larger of 1 and the largest value: round-off, or more
+/// where the function itself is rounded coarsely, ...
 const RESOLVED: [f64; 3] = [4e-15, 1e-13, 2e-12];
 /// ... and values between the nodes are met within so many times that.
 const CLOSE: f64 = 25.0;

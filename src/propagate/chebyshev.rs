@@ -153,8 +153,8 @@ impl Chebyshev {
         (constants, report)
     }
 
-    /// After [`prepare`](Self::prepare): the coefficients of `exp(−i(H−c)t) − 1`, small where `t` is,
-    /// in place of those of the exponential.
+    /// After [`prepare`](Self::prepare): the coefficients of `exp(−i(H−c)t) − 1`, small where `t`
+    /// is, in place of those of the exponential.
     pub(crate) fn leave_out_identity(&mut self) {
         self.coefficients[..LANES].copy_from_slice(&self.first_less_one);
     }

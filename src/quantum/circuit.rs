@@ -21,7 +21,7 @@
 //! | file | what |
 //! |---|---|
 //! | `interface.qasm` | `G`, OpenQASM 3 |
-//! | `circuit.json` | `α`, counts, registers, gates as `[name, qubits]` or `[name, qubits, angle]` |
+//! | `circuit.json` | `α`, counts, registers, gates `[name, qubits]` or `[name, qubits, angle]` |
 //! | `azure.json`, `qref.json` | the counts of the evolution for other programs |
 
 pub mod arithmetic;

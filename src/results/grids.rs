@@ -1,5 +1,5 @@
-//! `plane_x.xdmf`, …, `space.xdmf`: a file a grid, with all times at which it is shown, for programs
-//! that take lists of points and cells, as meshio and VTK.
+//! `plane_x.xdmf`, …, `space.xdmf`: a file a grid, with all times at which it is shown, for
+//! programs that take lists of points and cells, as meshio and VTK.
 //!
 //! Points, cells and values stand in `grids.h5`:
 //!

@@ -5,7 +5,7 @@
 //! | `/axis/time` | (N_t) | the output times, the final one last |
 //! | `/history/density` | (N_t, N_x1, …) | as `/density`, at each |
 //! | `/history/momentum`, `/history/velocity` | (N_t, n, N_x1, …) | as `/momentum`, `/velocity` |
-//! | `/history/density_exact`, …, `velocity_exact` | the same | of the exact solution, if there is one |
+//! | `/history/density_exact`, …, `velocity_exact` | the same | of the exact solution |
 //! | `/history/mass`, `kinetic_energy`, `potential_energy` | (N_t) | sums over all of space |
 //! | `/axis/field_time` | (N_f) | `output.field_times` |
 //! | `/history/f`; `/history/phi`, `psi` | (N_f, as `/f`, `/phi`); (N_f, n, …) | fields there |

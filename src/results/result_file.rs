@@ -8,7 +8,7 @@
 //! | `/phi`, `/psi` | as `/f`; (n, …) | measure-valued, instead of `/f`: `f = φ Π_a δ(ψ_a)` |
 //! | `/potential` | (N_x1, …, N_xn) | `V` at the nodes; not finite where its formula is not |
 //! | `/exact` | as `/f` | the exact solution, where one is named |
-//! | `/density_exact`, `momentum_exact`, `velocity_exact` | as `/density` … | of the exact solution |
+//! | `/density_exact`, `momentum_exact`, `velocity_exact` | as these | of the exact solution |
 //! | `/multivalued/x`, `v`, `density`, `branch` | points | branches of the exact velocity (1D) |
 //! | `/axis/x`, … `/axis/vz`, `component` | cell centres | dimension scales; also in the root |
 //! | `/axis/weights_x`, … | as `/axis/x` | of a degree above 0: quadrature weights of the nodes |

@@ -1,5 +1,6 @@
-//! What `fields.xdmf` and the file of each grid show: moments over space, and fields on the planes (x_a, v_a) through the
-//! middle of the other axes; at the output times too, planes where fields are written.
+//! What `fields.xdmf` and the file of each grid show: moments over space, and fields on the planes
+//! (x_a, v_a) through the middle of the other axes; at the output times too, planes where fields
+//! are written.
 //!
 //! XDMF takes the first index of a dataset for the last direction, and nothing turns that round: a
 //! dataset over (x, y) is shown with y across. So what is shown is stored once more with its axes

@@ -441,8 +441,8 @@ struct Estimator {
     doubt: f64,
 }
 
-/// The readings of a series, whose error oscillates: the second where their distance shows about the
-/// same part of the error whatever the state is made of.
+/// The readings of a series, whose error oscillates: the second where their distance shows about
+/// the same part of the error whatever the state is made of.
 fn most_alike(series: &Series, spectrum: [f64; 2], at: impl Fn(f64) -> Vec<Reading>) -> Estimator {
     /// Points tried: the last is [`SECOND_POINT`] further on, the first half of that (closer ones
     /// share too much).

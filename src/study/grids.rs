@@ -192,8 +192,8 @@ impl Grids {
         self.with(shape, |k, n| if is_space(k) == of_space { 2 * n } else { n })
     }
 
-    /// `shape` with about `part` of the elements along its axes of space (`of_space`) or of velocity,
-    /// but for merged ones.
+    /// `shape` with about `part` of the elements along its axes of space (`of_space`) or of
+    /// velocity, but for merged ones.
     pub fn fewer(&self, shape: &[usize], of_space: bool, part: f64) -> Vec<usize> {
         let is_space = |k| k < self.dimension();
         self.with(shape, |k, n| match is_space(k) == of_space {

@@ -209,7 +209,6 @@ fn accuracies_take_the_place_of_grid_degree_and_tolerance() {
     }
     let finished = Job::new(["run", &path, "--budget", "3s"]).run().unwrap();
     finished.ended(2, &["--accuracy"]).unwrap();
-    job(&["run", "--resume"]).run().unwrap().ended(2, &["--accuracy"]).unwrap();
     // As a key of the case file it chooses the same, and is refused at the same places.
     let key = "solver.accuracy=1e-1";
     let by_key = |words: &[&str]| {

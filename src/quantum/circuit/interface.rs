@@ -28,9 +28,10 @@
 //! `−D_μ/μ_max = 2^{−n_p}(1 + Σ_b 2^b Z_b)` for `μ_l = 2π(l − N_p/2)/P` and `μ_max = πN_p/P`: a
 //! uniform register of `n_p` qubits has its first 1 at bit `b` with just that weight.
 //!
-//! **More dimensions.** `H` is the sum of such terms, one an axis, with the same `−D_μ` and phases. A
-//! register chooses the axis with the weight `v₁/Δx`; all take the same uniform levels, those of the
-//! axis with the most. A jump may hold on a part of a face only: on boxes of the other axes' bits.
+//! **More dimensions.** `H` is the sum of such terms, one an axis, with the same `−D_μ` and phases.
+//! A register chooses the axis with the weight `v₁/Δx`; all take the same uniform levels, those of
+//! the axis with the most. A jump may hold on a part of a face only: on boxes of the other axes'
+//! bits.
 //!
 //! The circuit is its own inverse on the states that it starts from.
 

@@ -15,7 +15,7 @@ impl Cut {
     pub fn usual(run: &Stored) -> Self {
         let mut cut = Self::middle(run);
         for a in 0..run.dimension() {
-            let (axis, faces) = (run.axis(a), jumps(run, a, &cut));
+            let (axis, faces) = (run.axis(a), jumps(run, a, &cut.0));
             let at_jump = |cell: usize| {
                 let element = axis.split(cell as i64).0;
                 faces.contains(&axis.face(element)) || faces.contains(&axis.face(element + 1))

@@ -56,8 +56,8 @@ impl<'a> Film<'a> {
             .map(|name| format!("there is no /{name} in result.h5; run the case again"));
         let n = run.dimension();
         let scene = Scene {
-            faces: (0..n).map(|a| jumps(run, a, cut)).collect(),
-            borders: planes(n).into_iter().map(|plane| borders(run, plane, cut)).collect(),
+            faces: (0..n).map(|a| jumps(run, a, &cut.0)).collect(),
+            borders: planes(n).into_iter().map(|plane| borders(run, plane, &cut.0)).collect(),
         };
         let scales = Scales::default();
         let mut film = Self { run, cut: cut.clone(), times, without_exact, scales, scene };

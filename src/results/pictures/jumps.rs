@@ -1,22 +1,22 @@
 //! Where `V` jumps, in a picture.
 
 use crate::problem::potential::Potential;
-use crate::results::pictures::cut::Cut;
 use crate::results::pictures::stored::Stored;
 
-/// Faces at which `V` jumps along space axis `a`, on the line through the cut; none where the case
-/// is not understood. The closing face of a periodic axis is there twice, at both ends.
-pub fn jumps(run: &Stored, a: usize, cut: &Cut) -> Vec<f64> {
+/// Faces at which `V` jumps along space axis `a`, on the line through `cut`, a cell of each axis
+/// (as of [`Cut`](crate::results::pictures::cut::Cut)); none where the case is not understood. The
+/// closing face of a periodic axis is there twice, at both ends.
+pub fn jumps(run: &Stored, a: usize, cut: &[usize]) -> Vec<f64> {
     let Ok(case) = &run.case else {
         return Vec::new();
     };
     let n = run.dimension();
-    let mut ranges: Vec<_> = (0..n).map(|b| cut.0[b]..cut.0[b] + 1).collect();
+    let mut ranges: Vec<_> = (0..n).map(|b| cut[b]..cut[b] + 1).collect();
     ranges[a] = 0..run.axis(a).cells;
     let Ok(potential) = Potential::new(case, &ranges) else {
         return Vec::new();
     };
-    let mut cell = cut.0[..n].to_vec();
+    let mut cell = cut[..n].to_vec();
     let jump = |i: usize| {
         cell[a] = i;
         potential.jump_below(&cell, a) != 0.0
@@ -46,7 +46,7 @@ pub fn closing(run: &Stored, a: usize, jumps: &[f64]) -> String {
 }
 
 /// Borders in a plane of two space axes along which `V` jumps, as pieces of lines with NaN between.
-pub fn borders(run: &Stored, plane: [usize; 2], cut: &Cut) -> Vec<[f64; 2]> {
+pub fn borders(run: &Stored, plane: [usize; 2], cut: &[usize]) -> Vec<[f64; 2]> {
     /// With more cells the search for borders takes seconds.
     const MOST: usize = 1 << 22;
     // V jumps between elements; it is kept at the first cell of each.
@@ -59,7 +59,7 @@ pub fn borders(run: &Stored, plane: [usize; 2], cut: &Cut) -> Vec<[f64; 2]> {
         return Vec::new();
     }
     let n = run.dimension();
-    let mut ranges: Vec<_> = (0..n).map(|b| cut.0[b]..cut.0[b] + 1).collect();
+    let mut ranges: Vec<_> = (0..n).map(|b| cut[b]..cut[b] + 1).collect();
     for a in plane {
         ranges[a] = 0..run.axis(a).cells;
     }
@@ -67,7 +67,7 @@ pub fn borders(run: &Stored, plane: [usize; 2], cut: &Cut) -> Vec<[f64; 2]> {
         return Vec::new();
     };
     let mut points = Vec::new();
-    let mut cell = cut.0[..n].to_vec();
+    let mut cell = cut[..n].to_vec();
     for i in 0..lengths[0] {
         for j in 0..lengths[1] {
             (cell[plane[0]], cell[plane[1]]) = (i * nodes[0], j * nodes[1]);

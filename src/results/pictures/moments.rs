@@ -75,7 +75,7 @@ pub fn lines(runs: &Runs<'_>) -> Read<Figure> {
     let run = runs.run;
     // An older program wrote other ones.
     let exact = run.has("momentum_exact");
-    let faces = jumps(run, 0, &Cut::middle(run));
+    let faces = jumps(run, 0, &Cut::middle(run).0);
     let mut panels = Vec::new();
     for (name, label) in
         [("density", "density"), ("momentum", "momentum"), ("velocity", "mean velocity")]
@@ -202,7 +202,7 @@ fn row(runs: &Runs<'_>, shown: Shown<'_>, plane: [usize; 2], cut: &Cut) -> Read<
         Some(_) => (range(computed.iter().chain(&exact), scale), None),
         None => (spread.range(scale), spread.undershoot()),
     };
-    let border = borders(run, plane, cut);
+    let border = borders(run, plane, &cut.0);
     let bordered = |panel: Panel| {
         if border.is_empty() {
             return panel;
@@ -299,7 +299,7 @@ fn figure(run: &Stored, what: &str, rows: Vec<Vec<Panel>>, cut: &Cut, caption: &
         caption += " Dashed: where V jumps.";
     }
     for a in 0..run.dimension() {
-        caption += &closing(run, a, &jumps(run, a, cut));
+        caption += &closing(run, a, &jumps(run, a, &cut.0));
     }
     Figure::new(format!("{what} at t = {}", short(run.time)), panels)
         .columns(columns)

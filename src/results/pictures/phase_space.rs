@@ -23,7 +23,7 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> Read<Figure> {
     let mut panels = Vec::new();
     let (mut lines, mut lowest) = (String::new(), None);
     for a in 0..n {
-        let faces = jumps(run, a, cut);
+        let faces = jumps(run, a, &cut.0);
         if !faces.is_empty() && lines.is_empty() {
             " Vertical lines: where V jumps.".clone_into(&mut lines);
         }

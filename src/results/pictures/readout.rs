@@ -32,9 +32,9 @@ pub fn draw(run: &Stored) -> Read<Option<Figure>> {
              largest value (where all are zero, that there could be)."
         ),
     };
-    let caption = "What a quantum computer would measure, with bounds. Those of density and momentum \
-                   from the enlarged state hold with probability 0.95. The others rest on two \
-                   measurements and hold with 0.90.";
+    let caption = "What a quantum computer would measure, with bounds. Those of density and \
+                   momentum from the enlarged state hold with probability 0.95. The others rest on \
+                   two measurements and hold with 0.90.";
     Ok(Some(
         Figure::new("Readout", panels)
             .columns(3)

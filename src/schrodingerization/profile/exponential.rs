@@ -5,9 +5,9 @@
 //! `(1+α)/(πdμ²)` at a distance `d` from it.
 //!
 //! With a formula the left part is the [`Piecewise`] polynomial that is `e^{α(p)p}` to round-off,
-//! and its transform is exact. Any left part is as good for the recovery. What decides on the number
-//! of modes is how `g` and its derivatives jump, at 0 and elsewhere: with jumps `J_k` of `g^{(k)}`
-//! at points `c`, and for any `m`,
+//! and its transform is exact. Any left part is as good for the recovery. What decides on the
+//! number of modes is how `g` and its derivatives jump, at 0 and elsewhere: with jumps `J_k` of
+//! `g^{(k)}` at points `c`, and for any `m`,
 //!
 //! ```text
 //! ĝ(μ) = Σ_{k<m} Σ_c J_k(c) e^{−iμc} (iμ)^{−k−1} + (iμ)^{−m} ∫ g^{(m)}(p) e^{−iμp} dp.

@@ -97,7 +97,8 @@ fn coefficients_are_the_transform_of_the_values() {
     }
 }
 
-/// A constant is the same as a formula, and one that depends on `p` in name only is it to round-off.
+/// A constant is the same as a formula, and one that depends on `p` in name only is it to
+/// round-off.
 #[test]
 fn a_formula_without_p_is_the_constant() {
     assert_eq!(exponential("1 + 1"), Choice::Exponential { alpha: Alpha::Constant(2.0) });
@@ -332,10 +333,10 @@ fn order(g: &dyn Shape, point: f64, phase: f64, points: [usize; 2], sampled: boo
     (error(points[0]) / error(points[1])).log2() / (points[1] as f64 / points[0] as f64).log2()
 }
 
-/// First order where the corner is felt, second away from it; `r + 1` and `r + 2` for smooth(r), and
-/// where `α(p)` leaves the first `r` derivatives without a jump;
-/// the same for samples and for `ĝ`, and for corners on and off the grid. (On it, the leading term
-/// away from a corner of odd `r` vanishes: the order is higher.)
+/// First order where the corner is felt, second away from it; `r + 1` and `r + 2` for smooth(r),
+/// and where `α(p)` leaves the first `r` derivatives without a jump; the same for samples and for
+/// `ĝ`, and for corners on and off the grid. (On it, the leading term away from a corner of odd `r`
+/// vanishes: the order is higher.)
 #[test]
 fn orders_in_the_number_of_points() {
     let rows: [(Choice, f64, [usize; 2]); 8] = [

@@ -378,8 +378,8 @@ impl Search<'_, '_> {
         Ok(())
     }
 
-    /// Fewer elements along the velocities alone, and along space alone, as long as the wanted error
-    /// is reached: what balances both on a coarse grid need not on a fine one. Collective.
+    /// Fewer elements along the velocities alone, and along space alone, as long as the wanted
+    /// error is reached: what balances both on a coarse grid need not on a fine one. Collective.
     fn trim(&mut self, result: &mut Reach) -> Result<()> {
         // What has the smaller part of the error first.
         let space_first = result.part_of_space.is_some_and(|part| part < 0.5);

@@ -135,7 +135,8 @@ fn table(
     writeln!(f, "{}", in_pieces(&Column::new("trial", numbers), &columns))?;
     writeln!(
         f,
-        "exact: relative error against the exact solution; semi-discrete: against that of the grid.\n\
+        "exact: relative error against the exact solution.\n\
+         semi-discrete: against that of the grid.\n\
          P: probability of finding the field in the window of p, or in the slice at p◇.\n\
          fronts, of classical methods and of modes apart:\n  \
          e  exact error against seconds\n  \
