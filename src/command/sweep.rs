@@ -21,8 +21,8 @@ const TOLD_TO_STOP: &str = "told to stop: a checkpoint of this run follows, or i
 /// Solves what is not finished, writes and prints the table. Collective.
 ///
 /// # Errors
-/// As [`Sweep::new`], [`refuse_to_replace`] and [`Sweep::solve`]; [`Error::SweepFailed`] where a run
-/// failed.
+/// As [`Sweep::new`], [`refuse_to_replace`] and [`Sweep::solve`]; [`Error::SweepFailed`] where a
+/// run failed.
 pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
     let path = &args.case.case;
     let directory = args.output.clone();
