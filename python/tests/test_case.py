@@ -174,8 +174,9 @@ def test_start_from_arrays(made: pw.Case, tmp_path: Path) -> None:
 
 
 def test_a_table_from_an_array(made: pw.Case, tmp_path: Path) -> None:
-    """On the cell centres an array gives the bits of the formula; transposed as well."""
-    made["solver.tolerance"] = 1e-2
+    """On the cell centres an array gives what the formula gives; transposed as well."""
+    # NumPy rounds its own way, and plans depend on the data: both are within the tolerance.
+    made["solver.tolerance"] = 1e-8
     expected = pw.run(made, tmp_path / "formula").open()
     grid = made.grid()
     x, v = np.meshgrid(grid["x"], grid["vx"], indexing="ij")
@@ -183,7 +184,8 @@ def test_a_table_from_an_array(made: pw.Case, tmp_path: Path) -> None:
     for number, array in enumerate((f, f.transpose())):
         made["initial"] = {"table": pw.write_table(array, tmp_path / f"f{number}.h5")}
         found = pw.run(made, tmp_path / f"table{number}").open()
-        np.testing.assert_allclose(found["f"], expected["f"], rtol=0, atol=1e-12)
+        difference = np.linalg.norm(found["f"] - expected["f"])
+        assert difference < 2e-8 * np.linalg.norm(expected["f"])
     with pytest.raises(ValueError, match="each with a coordinate"):
         pw.write_table(xr.DataArray(f.values, dims=("x", "vx")), tmp_path / "none.h5")
 

@@ -124,7 +124,9 @@ def test_latex() -> None:
         r"$2.9 \times 10^{-7}$ & $64$ & $12346$ & exp(-x\textasciicircum{}2), 50 \% & [0.1,2] "
         r"& true \\"
     )
-    assert lines[5].startswith(r"$10^{-5}$ & $0$ & -- & a\textasciitilde{}\textless{}b\textgreater{}")
+    assert lines[5].startswith(
+        r"$10^{-5}$ & $0$ & -- & a\textasciitilde{}\textless{}b\textgreater{}"
+    )
     assert lines[6].startswith(
         r"$-0.001235$ & $123456789$ & $1$ & \textbackslash{}\{\}\#\&\$ & [1e-07] & true"
     )

@@ -83,7 +83,7 @@ pub fn choose(world: &World, case: Case, args: &RunArgs, directory: &Path) -> Re
     Ok(found)
 }
 
-/// As [`load`], [`with_accuracy`]. Collective.
+/// As `load` and `with_accuracy`. Collective.
 ///
 /// # Errors
 /// As both.

@@ -152,8 +152,7 @@ pub(crate) fn sound(dataset: &Dataset, file_bytes: u64) -> Outcome<u64> {
     Ok(dataset.chunk().map_or(0, |chunk| bytes(&chunk)))
 }
 
-/// All numbers of the dataset `name`, at most as many as a table may have; or what is wrong with
-/// it.
+/// All numbers of the dataset `name`, at most as many as a table may have; or what is wrong.
 pub(crate) fn numbers(name: &str, dataset: &Dataset) -> std::result::Result<Vec<f64>, String> {
     check_size(&dataset.shape()).map_err(|what| format!("/{name}: {what}"))?;
     let kind = dataset.dtype().and_then(|kind| kind.to_descriptor());

@@ -103,7 +103,7 @@ fn of_hdf5(file: &TableFile) -> Found<Table> {
     if shape.len() != axes.len() {
         let names: Vec<&str> = axes.iter().map(|(_, names)| names[0]).collect();
         return Err(format!(
-            "/{} has the shape {shape:?}; an axis for each of {} expected, others by axes = […]",
+            "/{} has the shape {shape:?}; the axes {} are expected, others by axes = [\"…\"]",
             file.dataset,
             names.join(", ")
         ));
