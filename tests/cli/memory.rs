@@ -23,6 +23,8 @@ fn memory_is_what_was_planned() {
     ];
     let slopes = [SLOPES[0], SLOPES[1], "scheme.limiter=minmod"];
     let elements = ["axis.0.x.cells=170", "axis.0.v.cells=170", "time.end=0.02", "scheme.degree=2"];
+    let more_elements =
+        ["axis.0.x.cells=240", "axis.0.v.cells=240", "time.end=0.02", "scheme.degree=2"];
     let quick = ["solver.tolerance=0.01", "scheme.flux=1"];
     let element_plane = [
         "axis.0.x.cells=15",
@@ -43,7 +45,7 @@ fn memory_is_what_was_planned() {
         ("example1.toml", &grid, &["output.moments_every=0.0005"], 1),
         ("example1.toml", &large, &["solver.method=classical"], 1),
         ("example1.toml", &grid, &["solver.verify=true"], 1),
-        ("slope_jump.toml", &grid, &slopes, 1),
+        ("slope_jump.toml", &large, &slopes, 1),
         ("inflow_barrier.toml", &grid, &[], 1),
         ("slope_jump.toml", &grid, &[], 2),
         ("barrier2d.toml", &plane, &[], 1),
@@ -53,7 +55,7 @@ fn memory_is_what_was_planned() {
         ("example1.toml", &elements, &quick, 1),
         ("slope_jump.toml", &elements, &quick, 2),
         ("inflow_barrier.toml", &elements, &quick, 1),
-        ("example1.toml", &elements, &["solver.method=classical"], 1),
+        ("example1.toml", &more_elements, &["solver.method=classical"], 1),
         ("barrier2d.toml", &element_plane, &[], 1),
         ("barrier2d.toml", &element_plane, &["axis.1.v.degree=3", "axis.1.v.cells=4"], 2),
     ];

@@ -260,12 +260,20 @@ fn a_run_does_not_overwrite_the_file_that_it_starts_from() {
     let place = directory();
     let path = place.path();
     let full = ["output.warped_field=true", "exact={f='0'}"];
-    run().set(&full).on(2).solve(path).expect("a warped field");
+    // A run can start from such a field.
+    let flat = [
+        "scheme.interface=conservative",
+        "solver.warp.profile=smooth",
+        "solver.warp.interval=[-160,40]",
+        "solver.warp.points=4800",
+    ];
+    run().set(&flat).set(&full).on(2).solve(path).expect("a warped field");
     let start = path.join("warped_f.h5");
     let bytes = fs::read(&start).expect("a file");
     let from = format!("initial={{warped='{}'}}", start.display());
     let job = |settings: &[&str]| {
-        run().set(&[&from, "exact={f='0'}"]).set(settings).with(["--force"]).into(path)
+        let same = [flat[0], "solver.warp.recovery=1", "exact={f='0'}"];
+        run().set(&[&from]).set(&same).set(settings).with(["--force"]).into(path)
     };
     let refused = job(&full[..1]).on(2).run().expect("an end");
     refused.ended(2, &["would overwrite warped_f.h5", "-o"]).unwrap();
