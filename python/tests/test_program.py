@@ -189,7 +189,13 @@ def test_other_commands(small: pw.Case) -> None:
 
 def test_lines_of_the_program_are_joined_again() -> None:
     words = " ".join(["word"] * 19)
-    lines = [f"warning: {words}", "  goes on", "  short", f"phasewarp run {words} \\", "    --set a=b"]
+    lines = [
+        f"warning: {words}",
+        "  goes on",
+        "  short",
+        f"phasewarp run {words} \\",
+        "    --set a=b",
+    ]
     assert unwrapped("\n".join([*lines, "end"])).splitlines() == [
         f"warning: {words} goes on",
         "  short",
