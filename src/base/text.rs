@@ -78,7 +78,10 @@ fn wrapped_line(line: &str) -> Cow<'_, str> {
     }
     let begin = line.len() - line.trim_start().len();
     let first = line[begin..].split(' ').next().unwrap_or_default();
-    let (width, hang, separator, end) = match COMMANDS.contains(&first) {
+    // Settings alone are pasted behind a command; help names what --set takes in brackets.
+    let settings = first == "--set" && !line[begin..].starts_with("--set <");
+    let is_command = COMMANDS.contains(&first) || settings;
+    let (width, hang, separator, end) = match is_command {
         true => (COLUMNS - 2, begin + 4, WordSeparator::Custom(shell_words), " \\\n"),
         false => (COLUMNS, hang(line, begin), WordSeparator::AsciiSpace, "\n"),
     };
@@ -273,6 +276,8 @@ mod tests {
         let (last, others) = lines.split_last().expect("lines");
         assert!(others.iter().all(|line| line.ends_with(" \\")) && !last.ends_with('\\'));
         assert!(lines.iter().all(|line| !line.ends_with("--set \\")), "{shown}");
+        let settings = wrapped(&format!("  {}", "--set solver.tolerance=1e-3 ".repeat(5).trim()));
+        assert_eq!(settings.matches(" \\\n      --set ").count(), 1, "{settings}");
         let words = shown.replace(" \\\n    ", "").replace("  --set", " --set");
         assert_eq!(words.trim(), command.trim());
     }
