@@ -20,7 +20,7 @@ const DEFAULT_BUDGET: Duration = Duration::from_secs(60);
 const CHOICE: &str = "accuracy.json";
 
 /// What was chosen for an accuracy.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Choice {
     /// The accuracy.
     accuracy: f64,
@@ -48,19 +48,17 @@ fn checksum_of(case: &Case) -> String {
 /// Collective.
 pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path) -> Option<Case> {
     let accuracy = args.accuracy.accuracy.or(case.accuracy)?;
-    let of_file = || -> Option<String> {
+    let of_file = || -> Option<Vec<String>> {
         let text = disk::read_text(&directory.join(CHOICE)).ok()?;
         let found: Choice = serde_json::from_str(&text).ok()?;
         let same = found.accuracy == accuracy && found.case == checksum_of(case);
-        same.then(|| found.settings.join("\n"))
+        same.then_some(found.settings)
     };
     let mine = if world.group().rank() == 0 { of_file() } else { None };
-    let settings = world.group().broadcast_text(&mine.unwrap_or_default());
-    if settings.is_empty() {
-        return None;
-    }
-    let set: Vec<String> =
-        case.overrides.iter().cloned().chain(settings.lines().map(str::to_owned)).collect();
+    // As JSON: nothing chosen is not the choice of nothing.
+    let text = world.group().broadcast_text(&serde_json::json!(mine).to_string());
+    let settings = serde_json::from_str::<Option<Vec<String>>>(&text).ok()??;
+    let set: Vec<String> = case.overrides.iter().cloned().chain(settings).collect();
     let found = Case::parse(&case.name, &case.text, &set).ok()?;
     Some(Case { accuracy: Some(accuracy), ..found.with_table_of(case) })
 }

@@ -387,13 +387,13 @@ pub struct ChartArgs {
     pub budget: Duration,
 }
 
-/// Options of `export-quantum` and `export-matrix`.
+/// Options of `export-quantum`, `export-matrix` and `export-circuit`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
     /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
-    /// Directory of the files; by default results/NAME/quantum or results/NAME/matrix
+    /// Directory of the files; by default quantum, matrix or circuit in results/NAME
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
     /// Replace the export of another case in DIR, or files there that no export wrote
@@ -404,15 +404,9 @@ pub struct ExportArgs {
 /// Options of `export-circuit`.
 #[derive(Debug, Args)]
 pub struct CircuitArgs {
-    /// The case.
+    /// The case, and where the files go.
     #[command(flatten)]
-    pub case: CaseArgs,
-    /// Directory of the files; by default results/NAME/circuit
-    #[arg(short, long, value_name = "DIR")]
-    pub output: Option<PathBuf>,
-    /// Replace the export of another case in DIR, or files there that no export wrote
-    #[arg(long)]
-    pub force: bool,
+    pub export: ExportArgs,
     /// Divide each level of energy into 2^B bins, to which jumps of V are rounded; by default the
     /// fewest that need no rounding
     #[arg(

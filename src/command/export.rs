@@ -28,8 +28,8 @@ use std::path::{Path, PathBuf};
 pub fn quantum(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     let names = export::NAMES.map(str::to_owned);
-    let directory =
-        output(world, Place::of(args), Owner::new(Kind::Quantum, &case), &names, &case)?;
+    let owner = Owner::new(Kind::Quantum, &case);
+    let directory = output(world, args, &owner, &names, &case)?;
     let description = export_quantum(world, &case, &directory)?;
     if let Some(why) = &description.preparation
         && world.group().rank() == 0
@@ -56,7 +56,8 @@ pub fn quantum(world: &World, args: &ExportArgs) -> Result<()> {
 pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     let names = matrices::names(&case);
-    let directory = output(world, Place::of(args), Owner::new(Kind::Matrix, &case), &names, &case)?;
+    let owner = Owner::new(Kind::Matrix, &case);
+    let directory = output(world, args, &owner, &names, &case)?;
     matrices::refuse(&case)?;
     let (prepared, _) = assembled(world, &case)?;
     let written = world.group().on_first_rank(|| matrices::export(&prepared, &directory))?;
@@ -75,10 +76,10 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
 /// As `has_counts`, [`scene::refuse`], [`Prepared::new`], [`Prepared::plan_modes`],
 /// [`Record::new`], [`Compiled::new`] and [`Compiled::write`].
 pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
-    let case = load(world, &args.case)?;
-    let place = Place { output: args.output.as_deref(), force: args.force };
+    let case = load(world, &args.export.case)?;
     let owner = Owner::new(Kind::Circuit, &case);
-    let directory = output(world, place, owner.clone(), &NAMES.map(str::to_owned), &case)?;
+    let names = NAMES.map(str::to_owned);
+    let directory = output(world, &args.export, &owner, &names, &case)?;
     has_counts(&case)?;
     scene::refuse(&case)?;
     let (mut prepared, here) = assembled(world, &case)?;
@@ -101,19 +102,6 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     Ok(())
 }
 
-/// What an export's options say of its directory.
-#[derive(Clone, Copy)]
-struct Place<'a> {
-    output: Option<&'a Path>,
-    force: bool,
-}
-
-impl<'a> Place<'a> {
-    fn of(args: &'a ExportArgs) -> Self {
-        Self { output: args.output.as_deref(), force: args.force }
-    }
-}
-
 /// Where the files `names` of an export go: where the user says, or `results/NAME/kind`.
 /// Collective.
 ///
@@ -121,14 +109,14 @@ impl<'a> Place<'a> {
 /// As [`Owner::refuse_to_replace`].
 fn output(
     world: &World,
-    place: Place<'_>,
-    owner: Owner,
+    args: &ExportArgs,
+    owner: &Owner,
     names: &[String],
     case: &Case,
 ) -> Result<PathBuf> {
     let by_default = || default_directory(&case.name).join(owner.export.word());
-    let directory = place.output.map_or_else(by_default, Path::to_path_buf);
-    if !place.force {
+    let directory = args.output.clone().unwrap_or_else(by_default);
+    if !args.force {
         world.group().on_first_rank(|| owner.refuse_to_replace(&directory, names))?;
     }
     Ok(directory)

@@ -111,7 +111,7 @@ impl Advice {
                 }
             })
             .collect();
-        // A run chooses before the norms are measured by which these are compared.
+        // What a run takes comes first: it changes to a cheaper mesh only where that saves enough.
         let chosen =
             |mesh: &Candidate| resources.ranks_x.is_none() && mesh.space == plan.layout.mesh.space;
         meshes.sort_by(|a, b| {

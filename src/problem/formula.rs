@@ -212,9 +212,8 @@ impl Expression {
         Ok(Self { text: text.to_owned(), tree, place: String::new() })
     }
 
-    /// The values of a file, which stands at `place`; undefined until [`with_table`] has them.
-    ///
-    /// [`with_table`]: Self::with_table
+    /// The values of a file, which stands at `place`; undefined until
+    /// [`with_table`](Self::with_table) has them.
     pub fn of_file(text: String, place: String) -> Self {
         Self { text, tree: Node::Unread, place }
     }

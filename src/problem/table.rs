@@ -40,7 +40,8 @@ impl Table {
                 return Err(format!("the axis {name} is there twice"));
             }
             if axis.points.len() < 2 {
-                return Err(format!("the axis {name} has {} points, 2 needed", axis.points.len()));
+                let found = axis.points.len();
+                return Err(format!("points of the axis {name}: {found}, at least 2 expected"));
             }
             if let Some(k) = axis.points.iter().position(|p| !p.is_finite()) {
                 return Err(format!("point {k} of the axis {name} is {}", axis.points[k]));
@@ -224,7 +225,7 @@ mod tests {
         };
         assert!(one(&[0.0, 0.0], &[1.0, 1.0]).contains("does not ascend: 0, then 0"));
         assert!(one(&[0.0, f64::NAN], &[1.0, 1.0]).contains("point 1 of the axis x is NaN"));
-        assert!(one(&[0.0], &[1.0]).contains("1 points"));
+        assert!(one(&[0.0], &[1.0]).contains("points of the axis x: 1, at least 2"));
         assert!(one(&[0.0, 1.0], &[1.0]).contains("1 values for axes of [2]"));
         assert!(one(&[0.0, 1.0], &[1.0, f64::INFINITY]).contains("value 1 is inf"));
         assert!(check_size(&[1 << 13, 1 << 12]).unwrap_err().contains("at most 16777216"));

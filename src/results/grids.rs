@@ -14,7 +14,7 @@
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
-use crate::problem::case::Case;
+use crate::problem::case::{Case, deflate_available};
 use crate::results::views::{Grid, Step, View};
 use crate::results::writer::Outcome;
 use crate::results::xdmf::item;
@@ -200,14 +200,17 @@ impl<'a> Mesh<'a> {
     }
 }
 
-/// A dataset of `rows` by `width` numbers, packed, as such lists hardly vary.
+/// A dataset of `rows` by `width` numbers, packed where HDF5 can, as such lists hardly vary.
 fn table<T: H5Type>(
     group: &Group,
     name: &str,
     [rows, width]: [usize; 2],
     fill: impl Fn(usize, &mut Vec<T>),
 ) -> Outcome<()> {
-    let builder = group.new_dataset::<T>().chunk([rows.min(PIECE), width]).shuffle().deflate(1);
+    let mut builder = group.new_dataset::<T>().chunk([rows.min(PIECE), width]);
+    if deflate_available() {
+        builder = builder.shuffle().deflate(1);
+    }
     let dataset = builder.shape([rows, width]).create(name)?;
     for first in (0..rows).step_by(PIECE) {
         let here = first..(first + PIECE).min(rows);

@@ -249,7 +249,7 @@ mod tests {
             ("x,v,f\n0,0\n", "line 2: 2 numbers, 3 expected"),
             ("x,v,f\n0,0,1\n0,1,1\n1,0,1\n", "3 lines for [2, 2] different coordinates of x, v"),
             ("x,v,f\n0,0,1\n0,0,1\n1,1,1\n0,1,2\n", "the point [0.0, 0.0] is there twice"),
-            ("x,f\n0,1\n", "the axis x has 1 points"),
+            ("x,f\n0,1\n", "points of the axis x: 1, at least 2"),
             ("x,x,f\n0,0,1\n0,1,1\n1,0,1\n1,1,1\n", "the axis x is there twice"),
         ] {
             let found = of_text(&file(), text).unwrap_err();

@@ -32,15 +32,17 @@ pub struct ExactRun {
 /// over `world`.
 ///
 /// # Errors
-/// As [`exact_solution`], the same on all ranks.
+/// A formula or a start of a characteristic that is not finite, the same on all ranks.
 pub fn exact_run(world: &Group, case: &Case, place: &Place) -> Result<ExactRun> {
     // Of a start from modes the data at the start are not known.
     let at_start = case.at_start.iter().filter(|_| case.start.is_none());
     let times = at_start.chain(&case.times).map(|time| time.time);
     let mut run = ExactRun::default();
+    let mut tracer = None;
     // One field at a time.
     for time in times.chain([case.end]) {
-        let Some(exact) = world.agree(exact_at(world, case, place, time))? else {
+        let exact = exact_at(world, case, place, time, &mut tracer);
+        let Some(exact) = world.agree(exact)? else {
             return Ok(run);
         };
         run.moments.push(moments_of(world, case, &exact));
@@ -49,17 +51,15 @@ pub fn exact_run(world: &Group, case: &Case, place: &Place) -> Result<ExactRun> 
     Ok(run)
 }
 
-/// The exact solution at `T` on `place`: `f` at cell centres, or moments as cell averages.
-/// Collective over `world`.
-///
-/// # Errors
-/// A formula or a start of a characteristic that is not finite.
-pub fn exact_solution(world: &Group, case: &Case, place: &Place) -> Result<Option<ExactSolution>> {
-    exact_at(world, case, place, case.end)
-}
-
-/// The same at a time up to `T`.
-fn exact_at(world: &Group, case: &Case, place: &Place, time: f64) -> Result<Option<ExactSolution>> {
+/// The exact solution at a time on `place`: `f` at cell centres, or moments as cell averages.
+/// `tracer` is that of all times, made where it is missing. Collective over `world`.
+fn exact_at<'a>(
+    world: &Group,
+    case: &'a Case,
+    place: &Place,
+    time: f64,
+    tracer: &mut Option<Tracer<'a>>,
+) -> Result<Option<ExactSolution>> {
     let (space, block) = (&case.space, &place.block);
     Ok(match &case.exact {
         None => None,
@@ -72,7 +72,10 @@ fn exact_at(world: &Group, case: &Case, place: &Place, time: f64) -> Result<Opti
             if let Some(moments) = exact_moments(&ends_then)? {
                 return Ok(Some(ExactSolution::Moments(moments.on(space, &place.share))));
             }
-            let tracer = Tracer::new(case)?;
+            let tracer = match tracer {
+                Some(tracer) => &*tracer,
+                None => tracer.insert(Tracer::new(case)?),
+            };
             let value = |point: &[f64; 6]| tracer.value(point, time);
             let exact = sample_with(space, block, &place.mine, value);
             if exact.iter().any(|f| !f.is_finite()) {

@@ -35,7 +35,7 @@ use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::classical::{EXACT, ROUGH, poisson_window};
 use crate::results::result_file::most_bytes;
 use crate::results::warped::all_bytes;
-use crate::run::exact::exact_solution;
+use crate::run::exact::exact_run;
 use crate::run::planning;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
@@ -182,12 +182,7 @@ impl Run<'_> {
         let block = Prepared::with_sweeps(self.world, &part, &self.bounds, plan, sweeps)?;
         watch.part("weights", block.system.weight_seconds);
         watch.lap("assemble");
-        let exact = block.communicator.world.agree(exact_solution(
-            &block.communicator.world,
-            &part,
-            &block.place,
-        ))?;
-        if exact.is_some() {
+        if exact_run(&block.communicator.world, &part, &block.place)?.exact.is_some() {
             watch.lap("exact");
         }
         Ok(block)

@@ -209,8 +209,8 @@ impl Sweep {
                     finished += 1;
                     computed += usize::from(!matches!(done, Done::Before));
                     let row = self.row(world, run)?;
-                    match &row.error {
-                        Some(missed) => self.report_end(world, run, missed),
+                    match row.error() {
+                        Some(missed) => self.report_end(world, run, &missed),
                         None => self.report_end(world, run, &done),
                     }
                     table.rows.push(row);
@@ -284,9 +284,11 @@ impl Sweep {
     fn row(&self, world: &World, run: &Run) -> Result<Row> {
         let found = world.group().on_first_rank(|| summary::read(&run.directory))?;
         let missed = run::refuse_missed(world, &run.directory, &self.case(run)?);
-        let mut row = Row::finished(run.values.clone(), &run.directory, found);
-        row.error = missed.err().map(|error| error.to_string());
-        Ok(row)
+        let (values, directory) = (run.values.clone(), &run.directory);
+        Ok(match missed {
+            Ok(()) => Row::finished(values, directory, found),
+            Err(error) => Row::missed(values, directory, found, &error),
+        })
     }
 
     fn stopped(&self, why: String, finished: usize, runs: usize) -> Error {

@@ -3,8 +3,8 @@
 
 use crate::support::{Finished, Job, at_most, case, cases, check_all, near, require, shrunk};
 
-/// A number of `phasewarp spectrum`: what was measured of the matrix whose line starts with `label`,
-/// the word after `key`.
+/// A number of `phasewarp spectrum`: what was measured of the matrix whose line starts with
+/// `label`, the word after `key`.
 fn spectrum_number(finished: &Finished, label: &str, key: &str) -> Result<f64, String> {
     let mut lines = finished.output.lines().skip_while(|line| !line.starts_with(label));
     let line = lines.find(|line| line.starts_with("  measured"));

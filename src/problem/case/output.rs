@@ -304,7 +304,7 @@ fn compression_refused(version: (u8, u8, u8), deflate: bool) -> Option<String> {
 }
 
 /// Whether the HDF5 library knows deflate.
-fn deflate_available() -> bool {
+pub fn deflate_available() -> bool {
     use hdf5_sys::h5z::{H5Z_FILTER_DEFLATE, H5Zfilter_avail};
     // SAFETY: a plain question.
     hdf5::sync::sync(|| unsafe { H5Zfilter_avail(H5Z_FILTER_DEFLATE) > 0 })

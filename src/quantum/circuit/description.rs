@@ -70,7 +70,7 @@ pub struct Description {
     pub rounded: f64,
     /// Bound of the norm of what that changes of `A`.
     pub change: f64,
-    /// Today's sparse access.
+    /// The same by sparse access.
     pub sparse: Sparse,
     /// Of the circuit.
     pub counts: Counts,

@@ -36,50 +36,83 @@ const TEX_HEAD: &str = "% Written by phasewarp sweep, which replaces it; edit a 
 const DIRECTORY: &str = "directory";
 /// Most bytes of a file that may be a table of a sweep.
 const MOST_BYTES: u64 = 64 << 20;
-/// The error of a run without results.
-const UNFINISHED: &str = "not finished";
+/// How a run of a sweep ended.
+#[derive(Debug)]
+enum Outcome {
+    /// With this `summary.json`.
+    Finished(Value),
+    /// With this one, and outside of what it was asked for: which is an error of this text.
+    Missed(Value, String),
+    /// With this error, and no results.
+    Failed(String),
+    /// Not yet.
+    Unfinished,
+}
 
 /// A run in the table.
 #[derive(Debug)]
 pub struct Row {
     values: Vec<Value>,
-    /// `summary.json`; null where there is none.
-    summary: Value,
-    /// Why the run failed.
-    pub error: Option<String>,
+    outcome: Outcome,
     directory: String,
 }
 
 impl Row {
-    /// A run with results.
-    pub fn finished(values: Vec<Value>, directory: &Path, summary: Value) -> Self {
-        Self { values, summary, error: None, directory: directory.display().to_string() }
+    fn new(values: Vec<Value>, directory: &Path, outcome: Outcome) -> Self {
+        Self { values, outcome, directory: directory.display().to_string() }
     }
 
-    /// A run without.
+    /// A run with results.
+    pub fn finished(values: Vec<Value>, directory: &Path, summary: Value) -> Self {
+        Self::new(values, directory, Outcome::Finished(summary))
+    }
+
+    /// A run with results that miss what it was asked for, where that is an error.
+    pub fn missed(
+        values: Vec<Value>,
+        directory: &Path,
+        summary: Value,
+        error: &dyn fmt::Display,
+    ) -> Self {
+        Self::new(values, directory, Outcome::Missed(summary, error.to_string()))
+    }
+
+    /// A run without results.
     pub fn failed(values: Vec<Value>, directory: &Path, error: &dyn fmt::Display) -> Self {
-        let (error, directory) = (Some(error.to_string()), directory.display().to_string());
-        Self { values, summary: Value::Null, error, directory }
+        Self::new(values, directory, Outcome::Failed(error.to_string()))
     }
 
     /// A run that has no results yet.
     pub fn unfinished(values: Vec<Value>, directory: &Path) -> Self {
-        Self::failed(values, directory, &UNFINISHED)
+        Self::new(values, directory, Outcome::Unfinished)
     }
 
-    fn is_unfinished(&self) -> bool {
-        self.error.as_deref() == Some(UNFINISHED)
+    /// What went wrong.
+    pub fn error(&self) -> Option<&str> {
+        match &self.outcome {
+            Outcome::Finished(_) => None,
+            Outcome::Missed(_, error) | Outcome::Failed(error) => Some(error),
+            Outcome::Unfinished => Some("not finished"),
+        }
+    }
+
+    /// `summary.json`; null where there is none.
+    fn summary(&self) -> &Value {
+        match &self.outcome {
+            Outcome::Finished(summary) | Outcome::Missed(summary, _) => summary,
+            Outcome::Failed(_) | Outcome::Unfinished => &Value::Null,
+        }
     }
 
     /// An entry of the summary by its dotted key.
     fn entry(&self, key: &str) -> Value {
-        let found = self.summary.pointer(&format!("/{}", key.replace('.', "/")));
+        let found = self.summary().pointer(&format!("/{}", key.replace('.', "/")));
         found.cloned().unwrap_or_default()
     }
 
     /// All warnings as one text; null where there are none.
     fn warnings(&self) -> Value {
-        let list = self.summary["warnings"].as_array().map_or(&[][..], Vec::as_slice);
+        let list = self.summary()["warnings"].as_array().map_or(&[][..], Vec::as_slice);
         let list: Vec<&str> = list.iter().filter_map(Value::as_str).collect();
         if list.is_empty() { Value::Null } else { list.join("; ").into() }
     }
@@ -113,12 +146,13 @@ impl Table {
 
     /// How many runs failed.
     pub fn failed(&self) -> usize {
-        self.rows.iter().filter(|row| row.error.is_some() && !row.is_unfinished()).count()
+        let failed = |row: &&Row| matches!(row.outcome, Outcome::Missed(..) | Outcome::Failed(_));
+        self.rows.iter().filter(failed).count()
     }
 
     /// How many runs have no results yet.
     pub fn unfinished(&self) -> usize {
-        self.rows.iter().filter(|row| row.is_unfinished()).count()
+        self.rows.iter().filter(|row| matches!(row.outcome, Outcome::Unfinished)).count()
     }
 
     /// `values` of all rows, as a column of this name.
@@ -138,7 +172,7 @@ impl Table {
     fn columns(&self) -> Vec<Column> {
         let texts = [
             self.column("warnings", Row::warnings),
-            self.column("error", |row| row.error.clone().into()),
+            self.column("error", |row| row.error().into()),
             self.column(DIRECTORY, |row| row.directory.clone().into()),
         ];
         let texts = texts.into_iter().filter(|column| !column.is_empty());
@@ -173,7 +207,7 @@ impl Table {
             "{TEX_HEAD}\n\\begin{{tabular}}{{{sides}}}\n\\toprule\n{names} \\\\\n\\midrule\n"
         );
         for (i, row) in self.rows.iter().enumerate() {
-            if let Some(error) = &row.error {
+            if let Some(error) = row.error() {
                 error.lines().for_each(|line| text += &format!("% {line}\n"));
             }
             let cells: Vec<String> =

@@ -104,8 +104,8 @@ fn a_browser_opens_the_report() {
     open(&browser, &asking, 600, &[log_to(&log), "--dump-dom".to_owned()]).unwrap();
     assert!(requests(&log).iter().any(|url| url.contains("127.0.0.1:9")));
 
-    // Every picture has its place and is not cut, nothing sticks out sideways; asked of the page by a script,
-    // which it does not allow itself.
+    // Every picture has its place and is not cut, nothing sticks out sideways; asked of the page by
+    // a script, which it does not allow itself.
     let text = std::fs::read_to_string(&page).unwrap();
     let policy = text.lines().find(|l| l.contains("Content-Security-Policy")).unwrap();
     // Each button of the track shows its own picture alone.

@@ -318,9 +318,10 @@ fn end(child: &mut Child) {
     let _ = child.wait();
 }
 
-pub fn read(file: &mut std::fs::File) -> String {
+/// All bytes of a file.
+pub fn read(file: &mut std::fs::File) -> Vec<u8> {
     let mut bytes = Vec::new();
     let _ = file.rewind();
     let _ = file.read_to_end(&mut bytes);
-    String::from_utf8_lossy(&bytes).into_owned()
+    bytes
 }

@@ -5,34 +5,47 @@ use serde_json::Value;
 use std::path::Path;
 
 /// What rank 0, the other ranks and mpirun itself said. mpirun marks every piece it gets from a
-/// rank, also in the middle of a line, with `[job,rank]<stdout>:`.
-pub fn untag(text: &str) -> [String; 3] {
-    let mut said = [const { String::new() }; 3];
-    for line in text.split_inclusive('\n') {
-        let (mut speaker, mut rest) = (2, line);
-        while !rest.is_empty() {
-            if let Some((rank, after)) = mark(rest) {
-                (speaker, rest) = (rank.min(1), after);
-                continue;
-            }
-            let next = rest.char_indices().skip(1).find(|&(_, c)| c == '[');
-            let (piece, after) = rest.split_at(next.map_or(rest.len(), |(at, _)| at));
-            said[speaker].push_str(piece);
-            rest = after;
+/// rank, also in the middle of a line or of a letter, with `[job,rank]<stdout>:`.
+pub fn untag(bytes: &[u8]) -> [String; 3] {
+    let mut said = [const { Vec::new() }; 3];
+    let (mut speaker, mut rest) = (2, bytes);
+    while let Some((&byte, after)) = rest.split_first() {
+        if let Some((rank, after)) = mark(rest) {
+            (speaker, rest) = (rank.min(1), after);
+            continue;
         }
+        said[speaker].push(byte);
+        if byte == b'\n' {
+            speaker = 2;
+        }
+        rest = after;
     }
-    said
+    said.map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// The rank of a mark at the start of `text`, and what follows it.
-fn mark(text: &str) -> Option<(usize, &str)> {
-    let (job, after) = text.strip_prefix('[')?.split_once(']')?;
+/// The rank of a mark at the start of `bytes`, and what follows it.
+fn mark(bytes: &[u8]) -> Option<(usize, &[u8])> {
+    let after = bytes.strip_prefix(b"[")?;
+    let end = after.iter().position(|&byte| byte == b']')?;
+    let (job, after) = (std::str::from_utf8(&after[..end]).ok()?, &after[end + 1..]);
     // A bracket of the text may stand right before a mark.
     if job.contains('[') {
         return None;
     }
-    let after = (after.strip_prefix("<stdout>:")).or_else(|| after.strip_prefix("<stderr>:"))?;
+    let stdout = after.strip_prefix(b"<stdout>:");
+    let after = stdout.or_else(|| after.strip_prefix(b"<stderr>:"))?;
     Some((job.rsplit(',').next()?.parse().ok()?, after))
+}
+
+#[test]
+fn marks_are_taken_out_of_words_and_letters() {
+    let said = "[7,0]<stdout>:[1 [7,0]<stdout>:2] \u{c3}[7,1]<stderr>:no\nmpirun: [x]\n";
+    // The two bytes of ö with a mark between them.
+    let mut bytes: Vec<u8> = said.chars().map(|c| c as u8).collect();
+    bytes.splice(0..0, *b"[7,0]<stdout>:\xc3[7,0]<stdout>:\xb6\n");
+    let [first, others, launcher] = untag(&bytes);
+    assert_eq!(first, "ö\n[1 2] \u{fffd}");
+    assert_eq!((others.as_str(), launcher.as_str()), ("no\n", "mpirun: [x]\n"));
 }
 
 /// `said` without the ends of lines that the program put between words so that lines fit: each
