@@ -263,8 +263,7 @@ fn advice_is_the_same_on_any_ranks() {
     check_all(&rows, |(name, accuracy, settings)| {
         let told = |ranks: usize| {
             // So long that the clock ends nothing, on a busy machine too.
-            let job =
-                advise(&case(name), accuracy).set(settings).with(["--budget", "60s"]);
+            let job = advise(&case(name), accuracy).set(settings).with(["--budget", "60s"]);
             let mut advised = job.on(ranks).succeed()?.json()?;
             require(advised["best"].is_u64(), &advised, "nothing by modes")?;
             // Which is quickest is the clock's.
