@@ -1,12 +1,16 @@
 #!/usr/bin/env python3
 """How far error estimates are from measured errors: some hundred short runs on tiny grids.
 
-    scripts/estimates.py [--program PATH] [PROFILE…]
+    scripts/estimates.py [--program PATH] [PROFILE…]    the algorithm's error
+    scripts/estimates.py [--program PATH] grid          the grid's error
 
 Needs `make build`. By profile and for inflow that depends on time: how many runs called their
 estimate reliable, the least and the largest ratio of estimate and measured error among them, and
 the runs outside of the factor that docs/verification.md promises. Exit code 1 if there are any, or
 if a run misses its tolerance. A run that is refused (round-off, too many modes) is left out.
+
+Of the grid's error: the ratios by scheme, of `f` and of the density, and the runs outside of what
+docs/limits.md says. Grids that move edges of V, and errors above 80 %, are left out.
 """
 
 import argparse
@@ -39,6 +43,26 @@ CASES = [
 # Inflow in time: formulas, ends and tolerances of the default profile.
 PULSES = ["exp(-((t - 0.3)/0.2)^2)", "0.5 + 0.5*cos(3*t)", "exp(-vx^2)*(1 + 0.2*sin(9*t))"]
 PULSED_TOLERANCES = ["1e-3", "1e-5", "1e-7", "1e-8", "1e-9", "1e-10"]
+# The grid's error: cases of one dimension and of two, and grids by degree.
+LINES = ["smooth-beams", "partial_reflection", "example1", "step_up", "well", "inflow_barrier"]
+LINES += ["slope_jump", "harmonic_step", "barriers", "pulsed_inflow", "unitary_advection"]
+PLANES = ["quadrant2d", "quantum_dot2d", "barrier2d", "lens2d"]
+CELLS = {0: [24, 48, 96], 1: [12, 24, 48], 2: [8, 16, 32, 64], 3: [6, 12, 24], 4: [6, 12, 24]}
+CELLS |= {6: [4, 8, 16], 8: [4, 8, 12]}
+IN_PLANES = {0: [8, 12], 1: [6], 2: [4], 3: [2, 4]}
+# Degrees and cells along x and v.
+MIXED = [(0, 96, 2, 24), (2, 24, 0, 96), (0, 96, 4, 24), (1, 24, 0, 48), (3, 24, 0, 192)]
+FLUXES = ["1", "0.5", "0.2"]
+# A small error of the density, and what docs/verification.md says of estimate/error by scheme: of
+# f, of the density, and of the density where its error is small.
+SMALL = 0.01
+SAID = {
+    "degree 0": ((0.5, 4.5), (0.35, 6), (0.35, 6)),
+    "slopes": ((0.35, 12), (0.2, 5), (0.2, 5)),
+    "degree 1": ((0.5, 4), (0.5, 20), (0.5, 10)),
+    "degree 2 to 8": ((0.2, 9), (0.04, 30), (0.15, 600)),
+    "mixed with 0": ((0.35, 8), (0.15, 30), (0.15, 600)),
+}
 
 
 def scenes(wanted):
@@ -53,6 +77,72 @@ def scenes_in_time():
     for value, end, tolerance in itertools.product(PULSES, ENDS[1:], PULSED_TOLERANCES):
         own = [f"inflow.value='{value}'", f"time.end={end}"]
         yield "inflow in time", "pulsed_inflow.toml", [*grid, *own], tolerance
+
+
+def grid_of(axes, of_x, of_v):
+    """Settings of degrees and cells along x and v of so many space axes."""
+    for axis, (name, (degree, cells)) in itertools.product(
+        range(axes), [("x", of_x), ("v", of_v)]
+    ):
+        yield f"axis.{axis}.{name}.degree={degree}"
+        yield f"axis.{axis}.{name}.cells={cells}"
+
+
+def scenes_of_the_grid():
+    explicit, fluxes = "solver.classical.integrator=ssp-rk3", itertools.cycle(FLUXES)
+    for names, axes, grids in [(LINES, 1, CELLS), (PLANES, 2, IN_PLANES)]:
+        for name, (degree, counts) in itertools.product(names, grids.items()):
+            for cells in counts:
+                grid = list(grid_of(axes, (degree, cells), (degree, cells)))
+                if degree == 0:
+                    yield "degree 0", name, grid
+                    for limiter in ["minmod", "van-leer"]:
+                        yield "slopes", name, [*grid, f"scheme.limiter={limiter}", explicit]
+                    continue
+                kind = "degree 1" if degree == 1 else "degree 2 to 8"
+                yield kind, name, [*grid, f"scheme.flux={next(fluxes)}"]
+    for name, (p, m, q, n) in itertools.product(LINES, MIXED):
+        yield "mixed with 0", name, [*grid_of(1, (p, m), (q, n)), f"scheme.flux={next(fluxes)}"]
+
+
+def solve_classically(program, scene):
+    kind, case, sets = scene
+    sets = [*sets, "scheme.degree=0", "output.positive=false", "solver.method=classical"]
+    options = [word for key in sets for word in ("--set", key)]
+    with tempfile.TemporaryDirectory() as place:
+        command = [program, "run", str(ROOT / f"cases/{case}.toml"), "-o", place, *options]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode != 0 or "misses the faces" in done.stdout + done.stderr:
+            return None
+        found = json.loads((Path(place) / "summary.json").read_text())["accuracy"]
+    if not found["grid_measured"] or not 1e-9 < found["grid"] < 0.8:
+        return None
+    pairs = {name: (found[name], found[f"{name}_estimate"]) for name in ["grid", "grid_density"]}
+    return {"kind": kind, "words": " ".join([case, *sets]), **pairs}
+
+
+def of_the_grid(program, pool):
+    """Prints the table of the grid's estimates; the number of runs outside of what is said."""
+    scenes = list(scenes_of_the_grid())
+    runs = [run for run in pool.map(lambda s: solve_classically(program, s), scenes) if run]
+    wrong = 0
+    print("| | runs | f | density, error above 1 % | density, below |")
+    print("|---|---|---|---|---|")
+    for kind, (field, density, small) in SAID.items():
+        ratios = [[], [], []]
+        for run in (run for run in runs if run["kind"] == kind):
+            for name, bounds in [("grid", field), ("grid_density", density)]:
+                error, estimate = run[name]
+                column = 0 if name == "grid" else 1 + (error < SMALL)
+                least, most = small if column == 2 else bounds
+                ratio = estimate / error
+                ratios[column].append(ratio)
+                if not least <= ratio <= most:
+                    wrong += 1
+                    print(f"{ratio:.2f} {name}, error {error:.1e}: {run['words']}", file=sys.stderr)
+        spans = " | ".join(f"{min(r):.2f} to {max(r):.2f}" if r else "" for r in ratios)
+        print(f"| {kind} | {len(ratios[0])} | {spans} |")
+    return wrong
 
 
 def solve(program, scene):
@@ -82,6 +172,9 @@ def main():
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("profiles", nargs="*", default=[*PROFILES, "time"])
     given = parser.parse_args()
+    if given.profiles == ["grid"]:
+        with concurrent.futures.ThreadPoolExecutor(given.jobs) as pool:
+            sys.exit(of_the_grid(given.program, pool) > 0)
     todo = list(scenes(p for p in given.profiles if p != "time"))
     todo += scenes_in_time() if "time" in given.profiles else []
     with concurrent.futures.ThreadPoolExecutor(given.jobs) as pool:

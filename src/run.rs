@@ -14,6 +14,7 @@ mod checkpointing;
 pub mod classical;
 pub mod compare;
 pub mod errors;
+mod estimates;
 pub mod exact;
 pub mod expand;
 pub mod fields;
@@ -203,7 +204,7 @@ fn compute(world: &World, case: &Case, output: Option<Output<'_>>) -> Result<Sol
     }
     summary.continued = compare::continued(&prepared, &solution.fields[0][0], &summary);
     let plateau = compare::plateau(&prepared, &solution);
-    let estimated = errors::estimated(&mut prepared, &solution.fields[0][0])?;
+    let estimated = estimates::of_the_grid(&mut prepared, &solution.fields[0][0])?;
     let results = expand::expand(&prepared, solution, &shown, exact.as_ref(), &mut summary)?;
     ledger.close(initial, results.totals, entered);
     ledger.warnings().into_iter().for_each(|warning| log.warn_later(warning));

@@ -90,8 +90,8 @@ pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) 
 }
 
 /// `case`, which was loaded with `changes`; where an accuracy is asked for, by `--accuracy` or by
-/// `solver.accuracy`, with the grid, degree, interface and tolerance that [`advise`] chooses for
-/// it, which are printed. Collective.
+/// `solver.accuracy`, with the grid, degree, flux, interface and tolerance that [`advise`] chooses
+/// for it, which are printed. Collective.
 ///
 /// # Errors
 /// As [`advise`]; [`Error::Input`] where `--set` gives what is chosen, or where nothing is advised.
@@ -135,14 +135,20 @@ fn refuse_what_is_chosen(set: &[String]) -> Result<()> {
         let of_axis =
             key.starts_with("axis.") && [".cells", ".degree"].iter().any(|k| key.ends_with(k));
         of_axis
-            || ["scheme.degree", "scheme.interface", "scheme.limiter", "solver.tolerance"]
-                .contains(&key)
+            || [
+                "scheme.degree",
+                "scheme.flux",
+                "scheme.interface",
+                "scheme.limiter",
+                "solver.tolerance",
+            ]
+            .contains(&key)
     };
     let given = set.iter().map(|set| set.split('=').next().unwrap_or_default().trim());
     match given.into_iter().find(|key| is_chosen(key)) {
         Some(key) => Err(Error::Input(format!(
             "--set {key} beside --accuracy or solver.accuracy, which choose cells, degree, \
-             interface and tolerance: leave one of them out"
+             flux, interface and tolerance: leave one of them out"
         ))),
         None => Ok(()),
     }

@@ -93,7 +93,7 @@ pub struct Changes {
 /// An accuracy in the place of a grid, a degree and a tolerance.
 #[derive(Clone, Debug, Args)]
 pub struct AccuracyArgs {
-    /// Relative L1 error of the density at the end: grid, degree, interface and tolerance are
+    /// Relative L1 error of the density at the end: grid, degree, flux, interface and tolerance are
     /// chosen by `advise` and printed as --set; not beside a --set of one of them
     #[arg(
         long,

@@ -34,7 +34,8 @@ pub use crate::problem::case::output::{
 pub use crate::problem::case::readout::{Effort, Readout};
 pub use crate::problem::case::settings::{Settings, differing_setting};
 pub use crate::problem::case::solver::{
-    Allowed, DEFAULT_CFL, Integrator, Interface, Limiter, Method, Propagation, PropagatorMethod,
+    Allowed, DEFAULT_CFL, DEFAULT_FLUX, Integrator, Interface, Limiter, Method, Propagation,
+    PropagatorMethod,
 };
 pub use crate::problem::case::warp::{
     Coefficients, DEFAULT_BETA, DEFAULT_ORDER, Delta, Embedding, ProfileChoice, RecoveryMethod,
@@ -136,7 +137,7 @@ pub struct Case {
     /// `solver.tolerance`: relative l2 distance to the exact semi-discrete solution.
     pub tolerance: f64,
     /// `solver.accuracy`: relative L1 error of the density for which `run`, `plan` and `check`
-    /// choose grid, degree, interface and tolerance.
+    /// choose grid, degree, flux, interface and tolerance.
     pub accuracy: Option<f64>,
     /// File and line of the tolerance, for errors.
     pub tolerance_place: String,

@@ -43,7 +43,7 @@ pub fn longest_step(limiter: Limiter) -> f64 {
 
 /// `½ b ψ(a/b)` for the differences `a` to the lower and `b` to the upper neighbour.
 #[inline]
-fn half_difference(limiter: Limiter, a: f64, b: f64) -> f64 {
+pub fn half_difference(limiter: Limiter, a: f64, b: f64) -> f64 {
     let monotone = (a > 0.0 && b > 0.0) || (a < 0.0 && b < 0.0);
     match limiter {
         Limiter::Minmod if monotone => 0.5 * if a.abs() < b.abs() { a } else { b },

@@ -7,16 +7,12 @@
 use crate::base::error::Result;
 use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
 use crate::matrix::elements::{Element, apply_along_all, for_each_element};
-use crate::matrix::observables::{CellVolumes, Moments, VelocityFactors, moments};
-use crate::matrix::projection::legendre_transform;
+use crate::matrix::observables::{CellVolumes, Moments, moments};
 use crate::parallel::communicator::Group;
-use crate::parallel::partition::LocalIndex;
-use crate::problem::case::{Case, Data, Exact, Limiter};
+use crate::problem::case::{Case, Exact};
 use crate::problem::exact::Tracer;
-use crate::problem::grid::{Cell, MAX_DIMENSION, Part, PhaseSpace};
+use crate::problem::grid::MAX_DIMENSION;
 use crate::results::summary::{ErrorNorms, GridErrors};
-use crate::scheme::rows::Scheme;
-use crate::solve::prepared::Prepared;
 use std::ops::Range;
 
 /// Points beyond the nodes of an element, along each axis, where that is no more than so many.
@@ -87,149 +83,6 @@ pub fn by_elements(
         sums.add(element, &nodal, &value);
     });
     Ok(sums.finish(world))
-}
-
-/// Estimates of the relative L2 errors of the grid, of `f` and of the density, at the end of a run
-/// without a solution to compare with; none where the discretisation gives no clue. Collective.
-///
-/// Of degree 0 the leading error is the numerical dissipation: `‖e‖ ≈ T ‖D f(T)‖` (the modified
-/// equation of the upwind scheme), times a factor. Of a higher degree it is at most of the size of
-/// the highest Legendre coefficients of each element, times another: an order less than the error
-/// where data are smooth. How far both may be trusted is in docs/limits.md, and tested in
-/// tests/cli/accuracy.rs.
-///
-/// # Errors
-/// Where `V` is not finite.
-pub fn estimated(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2]> {
-    let case = &prepared.case;
-    let unknown = case.limiter != Limiter::None || !matches!(case.data, Data::Density);
-    let mixed = case.space.axes().any(|a| {
-        let merged = matches!(a.part, Part::Merged { .. });
-        (a.nodes.degree == 0) != (case.space.degree() == 0) && !merged
-    });
-    if unknown || mixed {
-        return Ok([None; 2]);
-    }
-    let found = match case.space.degree() {
-        0 => by_dissipation(prepared, f)?,
-        _ => by_tails(prepared, f),
-    };
-    // Where nothing is left of the field there is no relative error.
-    Ok(found.map(|e| Some(e).filter(|e| !e.is_nan()).map(|e| e.min(1.0))))
-}
-
-/// Error of degree 0 beside `T ‖D f(T)‖`.
-const OF_DISSIPATION: f64 = 2.0;
-/// Error of a higher degree beside the norm of the highest coefficients.
-const OF_TAILS: f64 = 2.0;
-
-/// `T ‖D f‖ / ‖f‖` with the numerical dissipation `D = Σ_a ½ |c_a| h_a ∂²/∂a²`, and the same of the
-/// integrals over the velocities. Along an axis on which a cell is at an end of the box or at a
-/// jump of `V`, nothing is added. Collective.
-///
-/// # Errors
-/// Where `V` is not finite.
-fn by_dissipation(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
-    let Prepared { case, communicator, place, system, .. } = prepared;
-    let (space, block) = (&case.space, &system.matrix.block);
-    let scheme = communicator.world.agree(Scheme::new(case, &block.wide_ranges()))?;
-    // The block's field, of which the mode groups have a share each: as integers, zero elsewhere.
-    let (cells, rows) = (block.cells(), system.matrix.rows());
-    let mut bits = vec![0i64; cells];
-    for (bits, f) in bits[place.mine.clone()].iter_mut().zip(f) {
-        *bits = f.to_bits() as i64;
-    }
-    communicator.modes.sum_integers(&mut bits);
-    let mut state = vec![0.0; system.matrix.length()];
-    for (x, bits) in state.iter_mut().zip(bits) {
-        *x = f64::from_bits(bits as u64);
-    }
-    let (own, ghosts) = state.split_at_mut(rows);
-    system.exchange.start(own);
-    system.exchange.finish(ghosts);
-    let value = |cell: &Cell| match block.local(space.index(cell)) {
-        Some(LocalIndex::Own(i)) => Some(state[i]),
-        Some(LocalIndex::Ghost(g)) => Some(state[rows + g]),
-        None => None,
-    };
-    let n = space.dimension();
-    let along = |cell: &Cell, axis: usize| -> f64 {
-        let next = |above: bool| -> Option<f64> {
-            if axis < n {
-                return scheme.plain_neighbour(cell, axis, above).and_then(|c| value(&c));
-            }
-            let mut cell = *cell;
-            cell[axis] = if above { cell[axis] + 1 } else { cell[axis].checked_sub(1)? };
-            (cell[axis] < space.v[axis - n].cells).then(|| value(&cell))?
-        };
-        let second = || Some(next(true)? - 2.0 * value(cell)? + next(false)?);
-        match scheme.speed(cell, axis) {
-            0.0 => 0.0,
-            speed => 0.5 * speed.abs() * second().unwrap_or(0.0),
-        }
-    };
-    let mut dissipated = Vec::with_capacity(cells);
-    block.for_each_own(|global, _| {
-        for v in 0..block.velocity_cells {
-            let cell = space.cell(global + v);
-            dissipated.push((0..2 * n).map(|axis| along(&cell, axis)).sum::<f64>());
-        }
-    });
-    let volumes = CellVolumes::new(space, &place.share);
-    let world = &communicator.world;
-    let nv = space.velocity_cells();
-    let norm = |f: &[f64]| volumes.power_sum(world, 2, |i| f[i]).sqrt();
-    let density = |f: &[f64]| -> f64 {
-        let squares = f.chunks(nv).map(|here| here.iter().sum::<f64>().powi(2));
-        volumes.integral(world, &squares.collect::<Vec<_>>()).sqrt()
-    };
-    let scale = OF_DISSIPATION * case.end;
-    let mine = &dissipated[place.mine.clone()];
-    Ok([scale * norm(mine) / norm(f), scale * density(mine) / density(f)])
-}
-
-/// The norm of the highest Legendre coefficients beside that of all, of `f` and of its integral
-/// over the velocities. Collective.
-fn by_tails(prepared: &Prepared, f: &[f64]) -> [f64; 2] {
-    let (space, share) = (&prepared.case.space, &prepared.place.share);
-    let n = space.dimension();
-    let world = &prepared.communicator.world;
-    let all: Vec<Vec<Vec<f64>>> = space.axes().map(|a| legendre_transform(a.nodes)).collect();
-    // `[all, highest]` of the squares of the coefficients, by element.
-    let squares = |nodal: &[f64], transforms: &[Vec<Vec<f64>>]| -> [f64; 2] {
-        let mut sums = [0.0; 2];
-        for (at, c) in apply_along_all(nodal, transforms).into_iter().enumerate() {
-            let (mut rest, mut norm, mut highest) = (at, 1.0, false);
-            for transform in transforms.iter().rev() {
-                let j = rest % transform.len();
-                rest /= transform.len();
-                norm /= (2 * j + 1) as f64;
-                highest |= j > 0 && j + 1 == transform.len();
-            }
-            sums[0] += norm * c * c;
-            sums[1] += if highest { norm * c * c } else { 0.0 };
-        }
-        sums
-    };
-    let mut field: [Vec<f64>; 2] = Default::default();
-    for_each_element(space, share, |element| {
-        let mut nodal = vec![0.0; element.shape().iter().product()];
-        element.for_each_cell(share, |cell, node| nodal[node] = f[cell]);
-        let found = squares(&nodal, &all);
-        field.iter_mut().zip(found).for_each(|(list, sum)| list.push(sum));
-    });
-    let factors = VelocityFactors::new(space);
-    let density: Vec<f64> = factors.at_points(f).map(|sums| sums[0]).collect();
-    let of_space = PhaseSpace { v: Vec::new(), ..space.clone() };
-    let mut moments: [Vec<f64>; 2] = Default::default();
-    for_each_element(&of_space, share, |element| {
-        let mut nodal = vec![0.0; element.shape().iter().product()];
-        element.for_each_cell(share, |cell, node| nodal[node] = density[cell]);
-        let found = squares(&nodal, &all[..n]);
-        moments.iter_mut().zip(found).for_each(|(list, sum)| list.push(sum));
-    });
-    [field, moments]
-        .map(|[all, highest]| OF_TAILS * (world.sum_terms(&highest) / world.sum_terms(&all)).sqrt())
 }
 
 /// Rules of an element, and sums over elements.

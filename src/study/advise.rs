@@ -33,7 +33,9 @@ use crate::problem::case::{Case, Data, Effort, LARGEST_TOLERANCE, Limiter, Metho
 use crate::run::planning;
 use crate::study::advise::density::distance;
 use crate::study::advise::entry::{Advised, Entry, Given, Parts, doubt_the_dearest};
-use crate::study::advise::reach::{DISCRETISATION, Goal, Known, KnownError, Reach, look, reach};
+use crate::study::advise::reach::{
+    DISCRETISATION, Goal, Known, KnownError, Reach, look, near, reach,
+};
 use crate::study::advise::report::{MOST_SHOWN, grid_text, warnings};
 use crate::study::advise::scheme::Scheme;
 use crate::study::advise::settings::{command, plain, settings};
@@ -50,6 +52,8 @@ const FOR_GRIDS: f64 = 0.7;
 const FOR_MODES: f64 = 0.05;
 /// Part of the budget up to which tolerances are tried there.
 const FOR_TOLERANCES: f64 = 0.8;
+/// Part of the budget up to which schemes run by modes; the rest is for other fluxes of the best.
+const FOR_SCHEMES: f64 = 0.85;
 /// Part of the budget, at most, for the case as it stands.
 const FOR_CASE: f64 = 0.1;
 /// What is expected to take more seconds than these, 30 days, is an estimate and no advice.
@@ -101,6 +105,7 @@ pub fn advise(world: &World, case: &Case, wanted: Wanted) -> Result<Advised> {
             study.add_schrodingerized(*scheme, reach)?;
         }
     }
+    study.try_fluxes(&found)?;
     let given = match found.iter().find(|(scheme, _)| *scheme == Scheme::of(case)) {
         Some((scheme, reach)) => study.given(*scheme, reach)?,
         None => None,
@@ -131,6 +136,8 @@ struct Study<'a> {
     /// Whether `V` jumps.
     jumps: bool,
     trials: Trials<'a>,
+    /// Part of the budget up to which runs by modes are tried.
+    share: f64,
     left_out: Vec<String>,
     candidates: Vec<Candidate>,
 }
@@ -151,6 +158,7 @@ impl<'a> Study<'a> {
             wanted,
             jumps: Bounds::new(case)?.jumps,
             trials,
+            share: FOR_SCHEMES,
             left_out,
             candidates: Vec::new(),
         })
@@ -250,6 +258,7 @@ impl<'a> Study<'a> {
             interface: scheme.interface,
             limiter: scheme.limiter,
             degree: scheme.degree,
+            flux: (scheme.degree > 0).then_some(target.flux),
             shape: reach.shape.clone(),
             cells: cells(&target.space.shape()),
             computed_cells: cells(&self.trials.merged(target).space.shape()),
@@ -269,6 +278,44 @@ impl<'a> Study<'a> {
             command: command(self.case, &settings),
             settings,
         }
+    }
+
+    /// Other fluxes between elements, for what has the least work by each method and is no
+    /// extrapolation: on grids near its own. Collective.
+    fn try_fluxes(&mut self, found: &[(Scheme, Reach)]) -> Result<()> {
+        self.share = 1.0;
+        for method in [Method::Schrodingerized, Method::Classical] {
+            let can = self.candidates.iter().map(|candidate| &candidate.entry);
+            let can = can.filter(|e| e.method == method && e.refused.is_none());
+            let best = can.min_by(|a, b| a.work().total_cmp(&b.work())).map(|e| e.name.clone());
+            let is_best = |scheme: &Scheme| best.as_ref() == Some(&self.name(method, *scheme));
+            let Some((scheme, reach)) = found
+                .iter()
+                .find(|(scheme, reach)| is_best(scheme) && reach.known != Known::Extrapolated)
+            else {
+                continue;
+            };
+            for scheme in scheme.other_fluxes(&self.trials.scene(*scheme).plain) {
+                self.try_flux(method, scheme, reach)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Tries `scheme`, whose flux differs from that of which `known` is found. Collective.
+    fn try_flux(&mut self, method: Method, scheme: Scheme, known: &Reach) -> Result<()> {
+        let (start, accuracy) = (&known.shape, self.wanted.accuracy);
+        let goal = Goal { scheme, start, own: start, accuracy, share: 1.0 };
+        let why = match near(&mut self.trials, goal, known) {
+            Ok(Some(reach)) if method == Method::Classical => {
+                return self.add_classical(scheme, &reach);
+            }
+            Ok(Some(reach)) => return self.add_schrodingerized(scheme, &reach),
+            Ok(None) => "no grid that reaches it was found within the budget".to_owned(),
+            Err(error) => error.to_string(),
+        };
+        self.left_out.push(format!("{}: {why}", self.name(method, scheme)));
+        Ok(())
     }
 
     /// Why the grid of `reach` does not reach the accuracy, if it does not.
@@ -441,8 +488,8 @@ impl<'a> Study<'a> {
         scheme: Scheme,
         plan: &Plan,
     ) -> Result<()> {
-        let (trials, updates) = (&mut self.trials, mode_updates(target, plan));
-        if trials.budget.allows(updates, 1.0) && trials.may(scheme, &entry.shape, 1.0)? {
+        let (trials, updates, share) = (&mut self.trials, mode_updates(target, plan), self.share);
+        if trials.budget.allows(updates, share) && trials.may(scheme, &entry.shape, share)? {
             match trials.measure(target, updates) {
                 Ok(found) => {
                     entry.seconds = Some(found.seconds);

@@ -70,7 +70,8 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     let programme = programme.with_degrees(&cases);
     let mut attempts = Attempts::new(world, case, jumps, budget).with_degrees(&cases);
     attempts.try_all(programme.every_method());
-    attempts.try_all(vec![Setting { space: case.space.clone(), setup: Setup::Given }]);
+    let given = Setting { space: case.space.clone(), setup: Setup::Given, flux: None };
+    attempts.try_all(vec![given]);
     attempts.try_all(programme.own_grid());
     // What fails on two grids, whatever the method, fails on all.
     if !attempts.has_results()
@@ -82,6 +83,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     attempts.try_all(programme.every_knob(&compared));
     attempts.try_all(programme.other_degrees());
     attempts.try_all(programme.other_grids());
+    attempts.try_all(programme.other_fluxes());
     attempts.try_all(programme.everything(&compared));
     let exact = match case.fields.len() {
         1 => "f",

@@ -28,11 +28,17 @@ fn interface(case: &Case) -> String {
     if case.is_galerkin() { String::new() } else { word(&case.interface) }
 }
 
+/// The flux between elements; of degree 0 there is none.
+fn flux(case: &Case) -> String {
+    if case.space.degree() > 0 { case.flux.to_string() } else { String::new() }
+}
+
 /// All choices but elements and degree.
 #[rustfmt::skip]
-pub const KNOBS: [Knob; 5] = [
+pub const KNOBS: [Knob; 6] = [
     Knob { key: "solver.method", value: |c| word(&c.method), method: None, rows: false },
     Knob { key: "scheme.interface", value: interface, method: None, rows: true },
+    Knob { key: "scheme.flux", value: flux, method: None, rows: true },
     Knob { key: "scheme.limiter", value: |c| word(&c.limiter), method: None, rows: false },
     Knob { key: "solver.classical.integrator", value: |c| word(&c.integrator),
            method: Some(Method::Classical), rows: false },

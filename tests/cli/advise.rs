@@ -161,6 +161,19 @@ fn elements_are_advised_for_small_errors_of_smooth_data() {
     for entry in high {
         assert!(number(&entry["order"]["order"]) > 2.0, "{entry:#}");
     }
+    // Other fluxes are tried of the best degree alone, and are in the settings.
+    let named = |e: &&Value| e["name"].as_str().is_some_and(|name| name.contains(", flux "));
+    let fluxes: Vec<&Value> = advised["entries"].as_array().unwrap().iter().filter(named).collect();
+    assert!(!fluxes.is_empty(), "{advised:#}");
+    for e in fluxes {
+        let set = format!("scheme.flux={}", e["flux"]);
+        let settings = e["settings"].as_array().into_iter().flatten();
+        assert!(settings.clone().any(|s| *s == set.replace(".0", "")), "{e:#}");
+        let refused = !e["refused"].is_null();
+        assert!(refused || number(&e["error"]) <= accuracy && e["known"] == "measured", "{e:#}");
+        let of_method = |b: &&Value| b["method"] == e["method"] && b["degree"] == e["degree"];
+        assert!(advised["entries"].as_array().unwrap().iter().filter(of_method).count() > 1);
+    }
     let command = best["command"].as_str().unwrap_or_default();
     let words: Vec<&str> = command.split_whitespace().skip(1).collect();
     let error = run_error(&words, &place.path().join("advised")).unwrap();
@@ -202,7 +215,8 @@ fn accuracies_take_the_place_of_grid_degree_and_tolerance() {
         let words = [&words[..1], &[path.as_str(), "--accuracy", "1e-1"], &words[1..]].concat();
         Job::new(words).within(120)
     };
-    for key in ["solver.tolerance=1e-3", "axis.0.x.cells=10", "scheme.degree=2"] {
+    let chosen = ["solver.tolerance=1e-3", "axis.0.x.cells=10", "scheme.degree=2", "scheme.flux=1"];
+    for key in chosen {
         let finished = job(&["run", "--set", key]).run().unwrap();
         let name = key.split('=').next().unwrap_or_default();
         finished.ended(2, &["--accuracy", name]).unwrap();

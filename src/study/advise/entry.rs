@@ -52,6 +52,8 @@ pub struct Entry {
     pub limiter: Limiter,
     /// Degree of the elements.
     pub degree: usize,
+    /// Flux between them; none of degree 0.
+    pub flux: Option<f64>,
     /// Elements along each axis; of degree 0 cells.
     pub shape: Vec<usize>,
     /// All unknowns.
@@ -217,6 +219,7 @@ mod tests {
             interface: Interface::Conservative,
             limiter: Limiter::None,
             degree: 0,
+            flux: None,
             shape: vec![10, 10],
             cells: 100.0,
             computed_cells: 100.0,

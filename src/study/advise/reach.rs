@@ -158,6 +158,17 @@ pub fn reach(trials: &mut Trials<'_>, goal: Goal<'_>) -> Result<Reach> {
     Search { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }.reach()
 }
 
+/// The grid of a scheme that differs by its flux from that of `known`, near the grid found there.
+/// Its order and its levels are those found there. None where the budget does not hold what tells
+/// that it reaches the accuracy. Collective.
+///
+/// # Errors
+/// As [`Trials::run`].
+pub fn near(trials: &mut Trials<'_>, goal: Goal<'_>, known: &Reach) -> Result<Option<Reach>> {
+    let used = trials.budget.used().min(goal.share);
+    Search { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }.near(known)
+}
+
 /// The error of `scheme` on `shape`, where this part of the budget allows to find out; without an
 /// exact solution from a grid twice as fine. Collective.
 ///
@@ -255,6 +266,19 @@ impl Search<'_, '_> {
             result.part_of_space = Some(part);
         }
         Ok(result)
+    }
+
+    fn near(mut self, known: &Reach) -> Result<Option<Reach>> {
+        let Some(found) = self.look(&known.shape, &known.order)? else {
+            return Ok(None);
+        };
+        let mut result = Reach { error: found.error, known: found.known, ..known.clone() };
+        if found.error > self.wanted {
+            self.beyond(&Level { shape: known.shape.clone(), error: found.error }, &mut result)?;
+        }
+        self.trim(&mut result)?;
+        let reaches = result.known != Known::Extrapolated && result.error <= self.wanted;
+        Ok(reaches.then_some(result))
     }
 
     /// The part of the budget at which this part of what the scheme has is used.

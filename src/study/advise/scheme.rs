@@ -15,6 +15,33 @@ pub struct Scheme {
     pub limiter: Limiter,
     /// Degree of the elements.
     pub degree: usize,
+    /// Another flux between elements than the case has of that degree.
+    pub flux: Option<Flux>,
+}
+
+/// A flux between elements that is tried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Flux {
+    /// Upwind: `α = 1`.
+    Upwind,
+    /// `α = ½`.
+    Half,
+    /// `α = ¼`.
+    Quarter,
+}
+
+impl Flux {
+    /// All that are tried.
+    pub const ALL: [Self; 3] = [Self::Upwind, Self::Half, Self::Quarter];
+
+    /// `scheme.flux`.
+    pub fn alpha(self) -> f64 {
+        match self {
+            Self::Upwind => 1.0,
+            Self::Half => 0.5,
+            Self::Quarter => 0.25,
+        }
+    }
 }
 
 /// Highest degree that is tried, where the case has no higher one.
@@ -27,7 +54,7 @@ impl Scheme {
             Method::Classical => case.limiter,
             Method::Schrodingerized => Limiter::None,
         };
-        Self { interface: case.interface, limiter, degree: case.space.degree() }
+        Self { interface: case.interface, limiter, degree: case.space.degree(), flux: None }
     }
 
     /// The schemes that are tried for `case`: its own first; other degrees; of degree 0 other
@@ -78,9 +105,17 @@ impl Scheme {
         }
     }
 
-    /// `case`, of this scheme's degree, on `shape` elements by this scheme's interface.
+    /// `case`, of this scheme's degree, on `shape` elements by this scheme's interface and flux.
     pub fn schrodingerized(self, case: &Case, shape: &[usize]) -> Case {
-        Case { interface: self.interface, ..on_grid(case, shape) }
+        let flux = self.flux.map_or(case.flux, Flux::alpha);
+        Case { interface: self.interface, flux, ..on_grid(case, shape) }
+    }
+
+    /// This scheme with each other flux than that of `case`, which has its degree; none of degree 0.
+    pub fn other_fluxes(self, case: &Case) -> impl Iterator<Item = Self> + use<> {
+        let (own, elements) = (case.flux, self.degree > 0);
+        let fluxes = Flux::ALL.into_iter().filter(move |flux| elements && flux.alpha() != own);
+        fluxes.map(move |flux| Self { flux: Some(flux), ..self })
     }
 
     /// The scheme by `method` in words; the interface where `V` jumps.
@@ -88,7 +123,8 @@ impl Scheme {
         if self.degree > 0 {
             let by =
                 if method == Method::Schrodingerized { "Schrödingerized" } else { "classical" };
-            return format!("{by}, elements of degree {}", self.degree);
+            let flux = self.flux.map_or(String::new(), |f| format!(", flux {}", f.alpha()));
+            return format!("{by}, elements of degree {}{flux}", self.degree);
         }
         let mut name = match (method, self.limiter) {
             (Method::Schrodingerized, _) => "Schrödingerized",

@@ -89,7 +89,7 @@ mod tests {
         let case = read(&["axis.0.v.cells=24".to_owned()]).unwrap();
         let plain = plain(&case).unwrap();
         for interface in Interface::ALL {
-            let scheme = Scheme { interface, limiter: Limiter::None, degree: 0 };
+            let scheme = Scheme { interface, limiter: Limiter::None, degree: 0, flux: None };
             let mut target = scheme.schrodingerized(&plain, &[40, 36]);
             target.tolerance = 3e-4;
             let set = settings(&case, &plain, &target);
@@ -102,7 +102,7 @@ mod tests {
             assert!(!command.contains("cells=24"), "{command}");
         }
         let limiter = Limiter::VanLeer;
-        let scheme = Scheme { interface: Interface::Hat, limiter, degree: 0 };
+        let scheme = Scheme { interface: Interface::Hat, limiter, degree: 0, flux: None };
         let found = read(&settings(&case, &plain, &scheme.classical(&plain, &[40, 36]))).unwrap();
         assert_eq!(
             (found.method, found.limiter, found.integrator),

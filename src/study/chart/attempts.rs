@@ -166,7 +166,8 @@ impl<'a> Attempts<'a> {
     /// Tries `settings` in order, each once. Collective.
     pub fn try_all(&mut self, settings: Vec<Setting>) {
         for setting in settings {
-            if !self.tried.contains(&setting) {
+            let usual = setting.flux == Some(self.base(&setting.space).flux);
+            if !usual && !self.tried.contains(&setting) {
                 let entry = self.attempt(&setting);
                 self.entries.push(entry);
                 self.tried.push(setting);
@@ -177,7 +178,7 @@ impl<'a> Attempts<'a> {
     /// Runs, refuses or leaves out one setting. Collective.
     fn attempt(&mut self, setting: &Setting) -> Entry {
         let base = self.base(&setting.space);
-        let mut case = setting.setup.apply(base, &setting.space, None);
+        let mut case = setting.apply(base, None);
         let outcome = self.outcome(&mut case, setting).unwrap_or_else(|error| {
             let reason = error.to_string();
             self.first_error.get_or_insert(error);
@@ -230,7 +231,7 @@ impl<'a> Attempts<'a> {
                 return Ok(Outcome::longer_than(least));
             }
             let bounds = self.measured_bounds(&scene)?;
-            *case = setup.apply(self.base(&setting.space), &setting.space, Some(&bounds));
+            *case = setting.apply(self.base(&setting.space), Some(&bounds));
             scene.warp = case.warp.clone();
         }
         let (expected, error) = self.expect(&scene);
@@ -277,7 +278,8 @@ impl<'a> Attempts<'a> {
     /// Seconds of the same setup, taken or expected, on grids of fewer cells: a lower bound.
     fn seconds_on_coarser(&self, setting: &Setting) -> f64 {
         let cells = setting.space.cells();
-        let coarser = |s: &Setting| s.setup == setting.setup && s.space.cells() < cells;
+        let same = |s: &Setting| s.setup == setting.setup && s.flux == setting.flux;
+        let coarser = |s: &Setting| same(s) && s.space.cells() < cells;
         (self.tried.iter().zip(&self.entries))
             .filter(|(tried, _)| coarser(tried))
             .filter_map(|(_, e)| e.expected_seconds.or(e.total_seconds))
@@ -419,8 +421,8 @@ impl<'a> Attempts<'a> {
         }
         let began = Instant::now();
         let (mut sum, mut bound) = (0.0, "");
-        for Setting { space, setup } in settings {
-            let case = setup.apply(self.base(space), space, None);
+        for setting in settings {
+            let case = setting.apply(self.base(&setting.space), None);
             let overhead = self.least_seconds(&case);
             if sum + overhead > allowed {
                 (sum, bound) = (sum + overhead, "at least ");

@@ -1,7 +1,7 @@
 //! An entry of the chart: a setting and its result.
 
 use crate::base::text::word;
-use crate::problem::case::{Case, Coefficients, Integrator, Limiter, Method};
+use crate::problem::case::{Case, Coefficients, DEFAULT_FLUX, Integrator, Limiter, Method};
 use crate::quantum::probability::Probabilities;
 use crate::study::chart::setup::is_reference;
 use crate::study::cost::Seconds;
@@ -44,6 +44,8 @@ pub struct Entry {
     pub grid: String,
     /// Degree of the elements.
     pub degree: usize,
+    /// Flux between them; none of degree 0.
+    pub flux: Option<f64>,
     /// Number of unknowns.
     pub cells: usize,
     /// Interface rows.
@@ -126,6 +128,7 @@ impl Entry {
             method: case.method,
             grid: grid_name(&case.space),
             degree: case.space.degree(),
+            flux: (case.space.degree() > 0).then_some(case.flux),
             cells: case.space.cells(),
             interface: word(&case.interface),
             integrator: (!modes).then(|| word(&case.integrator)),
@@ -226,6 +229,8 @@ impl Entry {
         parts.extend(self.step.map(|step| format!("in steps of {step:.2e}")));
         parts.extend(self.tolerance.map(|t| format!("to {t:.0e}")));
         parts.extend(self.points.map(|n| format!("with N_p = {n}")));
+        let flux = self.flux.filter(|flux| *flux != DEFAULT_FLUX);
+        parts.extend(flux.map(|flux| format!("with flux {flux}")));
         match self.weights {
             Some(_) if self.no_jump => {}
             Some(true) => parts.push("(weights)".to_owned()),

@@ -14,10 +14,10 @@ use std::path::Path;
 
 /// Columns of `chart.csv`: all of an [`Entry`], in its order.
 #[rustfmt::skip]
-pub const COLUMNS: [&str; 42] = [
+pub const COLUMNS: [&str; 43] = [
     "status", "reason", "expected_seconds", "expected_at_least", "as_given", "paper", "method",
-    "grid", "degree", "cells", "interface", "integrator", "limiter", "cfl", "profile",
-    "coefficients", "weights", "no_jump", "embedding", "propagator", "step", "tolerance",
+    "grid", "degree", "flux", "cells", "interface", "integrator", "limiter", "cfl",
+    "profile", "coefficients", "weights", "no_jump", "embedding", "propagator", "step", "tolerance",
     "points", "modes",
     "applications", "solves", "seconds", "total_seconds", "memory_bytes_per_rank", "error_exact",
     "error_exact_l2", "error_semidiscrete", "error_estimate", "probability_window",

@@ -275,11 +275,14 @@ fn methods(mut plot: Plot<'_>) -> Plot<'_> {
     let first = profiles(plot.entries).into_iter().next().unwrap_or_default();
     for degree in 1..=LARGEST_DEGREE {
         let style = Style::of(degree).hollow();
+        // Other fluxes come last.
+        let flux = plot.entries.iter().find(|e| e.degree == degree).and_then(|e| e.flux);
+        let usual = |e: &Entry| e.degree == degree && e.flux == flux;
         plot = plot.series(&format!("{first}, degree {degree}"), style, |e| {
-            e.degree == degree && of_profile(e, &first) && e.tolerance == Some(TOLERANCES[1])
+            usual(e) && of_profile(e, &first) && e.tolerance == Some(TOLERANCES[1])
         });
         plot = plot.series(&format!("exponential, degree {degree}"), style.dashed(2), |e| {
-            e.degree == degree && is(&e.integrator, "exponential") && !e.as_given
+            usual(e) && is(&e.integrator, "exponential") && !e.as_given
         });
     }
     let by_modes =

@@ -1,6 +1,7 @@
 //! The settings that are tried, in order: every method once on the coarsest grid, then grids and
-//! degrees, then the knobs of each method, then all combinations.
+//! degrees, then the knobs of each method, then fluxes between elements, then all combinations.
 
+use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Integrator, Limiter, PropagatorMethod};
 use crate::problem::grid::PhaseSpace;
 use crate::study::chart::setup::{Modes, Setup};
@@ -25,6 +26,8 @@ const CLASSICAL: [(Integrator, Limiter); 5] = [
 /// growing.
 const OF_ELEMENTS: [(Integrator, Limiter); 2] =
     [(Integrator::SspRk3, Limiter::None), (Integrator::Exponential, Limiter::None)];
+/// Fluxes between elements that are tried beside that of the case.
+const FLUXES: [f64; 2] = [1.0, 0.25];
 /// Grids of other degrees have about so many times the unknowns of the case along an axis.
 const OF_UNKNOWNS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 /// Tolerance of every method's first trial, and on all grids.
@@ -51,6 +54,17 @@ pub struct Setting {
     pub space: PhaseSpace,
     /// The method.
     pub setup: Setup,
+    /// Another flux between elements than that of the case.
+    pub flux: Option<f64>,
+}
+
+impl Setting {
+    /// `case`, of the degree of the grid, with these choices. `bounds` as [`Setup::apply`] has
+    /// them.
+    pub fn apply(&self, case: &Case, bounds: Option<&Bounds>) -> Case {
+        let case = self.setup.apply(case, &self.space, bounds);
+        Case { flux: self.flux.unwrap_or(case.flux), ..case }
+    }
 }
 
 /// The settings that can be tried for one case.
@@ -168,6 +182,20 @@ impl Programme {
         self.others.iter().flat_map(with).collect()
     }
 
+    /// Elements of all degrees with other fluxes between them: the exponential, and the first
+    /// profile at two tolerances.
+    pub fn other_fluxes(&self) -> Vec<Setting> {
+        let grids = self.grids.iter().chain(&self.others).filter(|space| space.degree() > 0);
+        let exponential = Setup::classical(Integrator::Exponential, Limiter::None);
+        let base = Modes { treatment: None, ..self.base() };
+        let setups = [exponential, base.into(), Modes { tolerance: SECOND, ..base }.into()];
+        let with = |flux: f64| {
+            let all = grids.clone().flat_map(|grid| on(grid, &setups));
+            all.map(move |setting| Setting { flux: Some(flux), ..setting })
+        };
+        FLUXES.into_iter().flat_map(with).collect()
+    }
+
     /// Classical methods and the first profile on the case's own grid, and the case as given.
     pub fn own_grid(&self) -> Vec<Setting> {
         let mut setups = self.on_each_grid();
@@ -249,7 +277,7 @@ impl Programme {
 }
 
 fn on(grid: &PhaseSpace, setups: &[Setup]) -> Vec<Setting> {
-    let with = |&setup: &Setup| Setting { space: grid.clone(), setup };
+    let with = |&setup: &Setup| Setting { space: grid.clone(), setup, flux: None };
     setups.iter().map(with).collect()
 }
 
@@ -331,6 +359,9 @@ mod tests {
         // 13 velocities are 5 elements of degree 2: v = 0 is a face of 6.
         assert_eq!(shapes[4], (2, vec![22, 6]));
         assert_eq!(shapes[5], (4, vec![14, 4]));
+        let fluxes = found.other_fluxes();
+        assert_eq!(fluxes.len(), 2 * 3 * found.others.len());
+        assert!(fluxes.iter().all(|s| s.flux == Some(s.apply(&degrees[0], None).flux)));
         let settings = found.other_degrees();
         assert!(settings.iter().all(|s| match s.setup {
             Setup::Classical { integrator, limiter, .. } =>

@@ -365,8 +365,15 @@ fn the_bound_on_the_dissipation_is_sharp_in_two_dimensions() {
 fn sharp(name: &str, text: &str) {
     let case = Case::parse(name, text, &[]).unwrap_or_else(|e| panic!("{e}\n{text}"));
     let scene = Dissected::new(name, &case);
+    let bounds = Bounds::new(&case).expect("V is finite");
+    for mu in [0.0, 0.7, -2.0, 11.0] {
+        let [low, high] = ends_of_spectrum(&scene.weighted, mu);
+        let ratio = 2.0 * bounds.interval(mu).half_width / (high - low);
+        println!("{name}, mu = {mu}: [{low:.3}, {high:.3}], length of the interval {ratio:.4}");
+        assert!((1.0 - 1e-12..1.15).contains(&ratio), "{name}, mu = {mu}: {ratio}");
+    }
     let [low, _] = ends_of_symmetric(&scene.weighted.symmetric());
-    let allowed = Bounds::new(&case).expect("V is finite").dissipation;
+    let allowed = bounds.dissipation;
     if allowed < 1e-12 {
         assert!(low.abs() < 1e-10, "{name}: {low}");
         println!("{name}: A is skew");

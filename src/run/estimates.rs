@@ -1,0 +1,253 @@
+//! Estimates of the grid's error from the solution alone, where there is nothing to compare with.
+//!
+//! **Axes of degree 0**: the leading error is what the scheme adds to transport, `‖e‖ ≈ T ‖D f(T)‖`
+//! (its modified equation). `D` is the difference to the flux of third order: of the upwind scheme
+//! mostly its dissipation, of slopes what the limiter leaves. Where other axes have a higher degree,
+//! errors are integrals, and what `f` varies over a cell is an error too.
+//!
+//! **Axes of a higher degree**: the error is of the size of the Legendre coefficients beyond the
+//! highest one of each element. At fronts that is the highest one itself; where coefficients fall
+//! fast, as those of smooth data, it is smaller by how fast they fall. Beside `f` the error of the
+//! density is of the order of the square of that of `f`: what is smeared at a front of width `w` is
+//! `√w` in L2 and `w` in the density, and smooth errors nearly cancel.
+//!
+//! How far all of it may be trusted is in docs/limits.md, and tested in tests/cli/accuracy.rs.
+
+use crate::base::error::Result;
+use crate::matrix::elements::{apply_along_all, for_each_element};
+use crate::matrix::observables::{CellVolumes, VelocityFactors};
+use crate::matrix::projection::legendre_transform;
+use crate::parallel::communicator::{GhostExchange, Group};
+use crate::parallel::partition::{Block, LocalIndex};
+use crate::problem::case::{Case, Data};
+use crate::problem::grid::{Cell, PhaseSpace};
+use crate::propagate::limiter::half_difference;
+use crate::scheme::rows::Scheme;
+use crate::solve::prepared::Prepared;
+
+/// Error beside `T ‖D f(T)‖`.
+const OF_TRANSPORT: f64 = 2.0;
+/// Error of elements beside what is estimated of the coefficients beyond the highest.
+const OF_COEFFICIENTS: f64 = 3.0;
+/// Coefficients at a front fall to no less than this part from one to the next.
+const OF_FRONTS: f64 = 0.5;
+/// Of degree 1 nothing is known of how fast coefficients fall: the part of the highest one.
+const OF_DEGREE_1: f64 = 0.5;
+
+/// Estimates of the relative L2 errors of the grid, of `f` and of the density, at the end of a run;
+/// none for measure-valued data. Collective.
+///
+/// # Errors
+/// Where `V` is not finite.
+pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2]> {
+    let space = &prepared.case.space;
+    if !matches!(prepared.case.data, Data::Density) {
+        return Ok([None; 2]);
+    }
+    let with_elements = space.degree() > 0;
+    let mut found = [0.0; 2];
+    if !with_elements || space.axes().any(|axis| axis.nodes.degree == 0 && axis.cells > 1) {
+        found = by_transport(prepared, f)?;
+    }
+    if with_elements {
+        let more = by_coefficients(prepared, f);
+        let [field, density] = [0, 1].map(|k| f64::hypot(found[k], more[k]));
+        found = [field, f64::hypot(density, field * field)];
+    }
+    // Where nothing is left of the field there is no relative error.
+    Ok(found.map(|e| Some(e).filter(|e| !e.is_nan()).map(|e| e.min(1.0))))
+}
+
+/// `T ‖D f‖ / ‖f‖` along the axes of degree 0, and the same of the integrals over the velocities.
+/// Next to an end of the box or a jump of `V` nothing is added. Collective.
+///
+/// # Errors
+/// Where `V` is not finite.
+fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
+    let Prepared { case, communicator, place, system, .. } = prepared;
+    let (space, world, matrix) = (&case.space, &communicator.world, &system.matrix);
+    let (block, rows, exchange) = (&matrix.block, matrix.rows(), &mut system.exchange);
+    let scheme = world.agree(Scheme::new(case, &block.wide_ranges()))?;
+    // The block's field, of which the mode groups have a share each: as integers, zero elsewhere.
+    let mut bits = vec![0i64; block.cells()];
+    for (bits, f) in bits[place.mine.clone()].iter_mut().zip(f) {
+        *bits = f.to_bits() as i64;
+    }
+    communicator.modes.sum_integers(&mut bits);
+    let mut state = vec![0.0; matrix.length()];
+    for (x, bits) in state.iter_mut().zip(bits) {
+        *x = f64::from_bits(bits as u64);
+    }
+    fill_ghosts(exchange, &mut state, rows);
+    let volumes = CellVolumes::new(space, &place.share);
+    let factors = VelocityFactors::new(space);
+    let norms = |f: &[f64]| -> [f64; 2] {
+        let squares: Vec<f64> = factors.at_points(f).map(|sums| sums[0] * sums[0]).collect();
+        let square = [volumes.power_sum(world, 2, |i| f[i]), volumes.integral(world, &squares)];
+        square.map(f64::sqrt)
+    };
+    let (mut added, mut error) = (vec![0.0; block.cells()], [0.0; 2]);
+    let of_cells = space.axes().enumerate().filter(|(_, axis)| axis.nodes.degree == 0);
+    for (axis, _) in of_cells {
+        let line = Line { case, scheme: &scheme, block, rows, axis };
+        let mut corrections = vec![0.0; matrix.length()];
+        line.each(|i, cell| corrections[i] = line.correction(i, cell, &state).unwrap_or(f64::NAN));
+        fill_ghosts(exchange, &mut corrections, rows);
+        line.each(|i, cell| added[i] += line.difference(i, cell, &corrections).unwrap_or(0.0));
+        if space.degree() > 0 {
+            let mut within = vec![0.0; block.cells()];
+            line.each(|i, cell| within[i] = line.within(cell, &state).unwrap_or(0.0));
+            let more = norms(&within[place.mine.clone()]);
+            error = [0, 1].map(|k| f64::hypot(error[k], more[k]));
+        }
+    }
+    let (of, transport) = (norms(f), norms(&added[place.mine.clone()]));
+    let scale = OF_TRANSPORT * case.end;
+    Ok([0, 1].map(|k| f64::hypot(error[k], scale * transport[k]) / of[k]))
+}
+
+/// Fills the ghosts of `vector`, which has so many `rows`. Collective over the space group.
+fn fill_ghosts(exchange: &mut GhostExchange, vector: &mut [f64], rows: usize) {
+    let (own, ghosts) = vector.split_at_mut(rows);
+    exchange.start(own);
+    exchange.finish(ghosts);
+}
+
+/// Lines along an axis of degree 0, through a rank's block.
+struct Line<'a> {
+    case: &'a Case,
+    scheme: &'a Scheme<'a>,
+    block: &'a Block,
+    rows: usize,
+    axis: usize,
+}
+
+impl Line<'_> {
+    /// Calls `visit(local number, cell)` for each cell of the block.
+    fn each(&self, mut visit: impl FnMut(usize, &Cell)) {
+        self.block.for_each_own(|global, local| {
+            for v in 0..self.block.velocity_cells {
+                visit(local + v, &self.case.space.cell(global + v));
+            }
+        });
+    }
+
+    /// The local number of the cell beside `cell`; none behind a jump of `V` or an end of the box.
+    fn beside(&self, cell: &Cell, above: bool) -> Option<usize> {
+        let space = &self.case.space;
+        let n = space.dimension();
+        let next = if self.axis < n {
+            self.scheme.plain_neighbour(cell, self.axis, above)?
+        } else {
+            let mut next = *cell;
+            let j = &mut next[self.axis];
+            *j = if above { *j + 1 } else { j.checked_sub(1)? };
+            (*j < space.v[self.axis - n].cells).then_some(next)?
+        };
+        match self.block.local(space.index(&next))? {
+            LocalIndex::Own(i) => Some(i),
+            LocalIndex::Ghost(g) => Some(self.rows + g),
+        }
+    }
+
+    /// What a flux of third order takes beyond that of the scheme at the face through which cell
+    /// `i` is left: `(2 b + a)/6 − ½ b ψ(a/b) − ½(1 − α) b` with the differences `a` behind and `b`
+    /// ahead. (`α` is 1 where slopes may be, and `ψ` zero where it is not.)
+    fn correction(&self, i: usize, cell: &Cell, f: &[f64]) -> Option<f64> {
+        let up = self.scheme.speed(cell, self.axis) > 0.0;
+        let behind = f[i] - f[self.beside(cell, !up)?];
+        let ahead = f[self.beside(cell, up)?] - f[i];
+        let third = (2.0 * ahead + behind) / 6.0;
+        let central = 0.5 * (1.0 - self.case.flux) * ahead;
+        Some(third - half_difference(self.case.limiter, behind, ahead) - central)
+    }
+
+    /// The root of the mean square by which `f` varies within `cell`, with the sign of its slope.
+    fn within(&self, cell: &Cell, f: &[f64]) -> Option<f64> {
+        let rise = 0.5 * (f[self.beside(cell, true)?] - f[self.beside(cell, false)?]);
+        Some(rise / 12f64.sqrt())
+    }
+
+    /// `D f` at cell `i`; none where a correction is not known.
+    fn difference(&self, i: usize, cell: &Cell, corrections: &[f64]) -> Option<f64> {
+        let speed = self.scheme.speed(cell, self.axis);
+        if speed == 0.0 {
+            return None;
+        }
+        let behind = corrections[self.beside(cell, speed < 0.0)?];
+        Some(speed.abs() * (corrections[i] - behind)).filter(|d| !d.is_nan())
+    }
+}
+
+/// Squares of norms, by element.
+#[derive(Default)]
+struct Squares {
+    all: Vec<f64>,
+    beyond: Vec<f64>,
+}
+
+impl Squares {
+    /// Adds an element with the values `nodal` at its nodes; by axis the transform to Legendre
+    /// coefficients.
+    fn add(&mut self, nodal: &[f64], transforms: &[Vec<Vec<f64>>]) {
+        let mut all = 0.0;
+        // By axis, of the coefficients of each degree along it.
+        let mut along: Vec<Vec<f64>> = transforms.iter().map(|t| vec![0.0; t.len()]).collect();
+        let mut place = vec![0; transforms.len()];
+        for (at, c) in apply_along_all(nodal, transforms).into_iter().enumerate() {
+            let (mut rest, mut norm) = (at, 1.0);
+            for (j, transform) in place.iter_mut().zip(transforms).rev() {
+                *j = rest % transform.len();
+                rest /= transform.len();
+                norm /= (2 * *j + 1) as f64;
+            }
+            let square = norm * c * c;
+            all += square;
+            along.iter_mut().zip(&place).for_each(|(sums, j)| sums[*j] += square);
+        }
+        self.all.push(all);
+        self.beyond.push(along.iter().map(|sums| beyond(sums)).sum());
+    }
+
+    /// The relative error. Collective.
+    fn error(&self, world: &Group) -> f64 {
+        OF_COEFFICIENTS * (world.sum_terms(&self.beyond) / world.sum_terms(&self.all)).sqrt()
+    }
+}
+
+/// What the squares of coefficients of rising degree let expect of the square beyond the highest:
+/// `c_k² min(1, (r/r_front)²)²` with the factor `r` by which they fall, of two pairs where there
+/// are.
+fn beyond(squares: &[f64]) -> f64 {
+    let of_front = OF_FRONTS * OF_FRONTS;
+    let [highest, ratio] = match *squares {
+        [] | [_] => return 0.0,
+        [_, b] => return OF_DEGREE_1 * OF_DEGREE_1 * b,
+        [_, b, c] => [c, c / b],
+        [.., a, b, c] => [c, (b + c) / (a + b)],
+    };
+    // 0/0 is no factor, and nothing is beyond.
+    highest * (ratio / of_front).min(1.0).powi(2)
+}
+
+/// Estimates for the axes of higher degrees, of `f` and of its integral over the velocities.
+/// Collective.
+fn by_coefficients(prepared: &Prepared, f: &[f64]) -> [f64; 2] {
+    let (space, share) = (&prepared.case.space, &prepared.place.share);
+    let world = &prepared.communicator.world;
+    let all: Vec<Vec<Vec<f64>>> = space.axes().map(|a| legendre_transform(a.nodes)).collect();
+    let of = |space: &PhaseSpace, values: &[f64]| -> f64 {
+        let mut squares = Squares::default();
+        for_each_element(space, share, |element| {
+            let mut nodal = vec![0.0; element.shape().iter().product()];
+            element.for_each_cell(share, |cell, node| nodal[node] = values[cell]);
+            squares.add(&nodal, &all[..space.axes().count()]);
+        });
+        squares.error(world)
+    };
+    let field = of(space, f);
+    let factors = VelocityFactors::new(space);
+    let density: Vec<f64> = factors.at_points(f).map(|sums| sums[0]).collect();
+    let of_density = of(&PhaseSpace { v: Vec::new(), ..space.clone() }, &density);
+    [field, of_density]
+}
