@@ -43,7 +43,7 @@ struct Said {
     density: [f64; 2],
 }
 
-const OF_CELLS: Said = Said { field: [0.5, 4.5], density: [0.35, 6.0] };
+const OF_CELLS: Said = Said { field: [0.5, 2.5], density: [0.35, 2.5] };
 const OF_SLOPES: Said = Said { field: [0.35, 12.0], density: [0.2, 5.0] };
 const OF_ELEMENTS: Said = Said { field: [0.4, 9.0], density: [0.15, 30.0] };
 const OF_MIXED: Said = Said { field: [0.35, 8.0], density: [0.15, 30.0] };
