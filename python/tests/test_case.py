@@ -186,6 +186,11 @@ def test_a_table_from_an_array(made: pw.Case, tmp_path: Path) -> None:
         found = pw.run(made, tmp_path / f"table{number}").open()
         difference = np.linalg.norm(found["f"] - expected["f"])
         assert difference < 2e-8 * np.linalg.norm(expected["f"])
+    v = xr.DataArray(0.1 * grid["x"] ** 2, coords={"x": grid["x"]})
+    table = pw.write_table(v, tmp_path / "V.h5")
+    made["potential"] = [{"table": table, "interpolation": "linear"}]
+    points = pw.run(made, tmp_path / "potential").open()["potential"]
+    assert np.allclose(points, v, atol=1e-12)
     with pytest.raises(ValueError, match="each with a coordinate"):
         pw.write_table(xr.DataArray(f.values, dims=("x", "vx")), tmp_path / "none.h5")
 

@@ -141,7 +141,7 @@ pub fn refuse(case: &Case) -> Result<()> {
         );
     }
     if case.varies() {
-        return wrong("inflow.value depends on t; H does not");
+        return wrong(&format!("{} depends on t; H does not", case.inflow_key()));
     }
     if case.start.is_some() {
         return wrong("initial.warped: a start u(0) g(p) is exported, and a file holds any");

@@ -198,7 +198,7 @@ struct WarpedFiles<'a> {
     warp: &'a WarpPlan,
     directory: &'a Path,
     seconds: &'a BTreeMap<String, f64>,
-    provenance: &'a [(&'static str, String)],
+    provenance: &'a [(String, String)],
     /// Seconds that writing took.
     took: f64,
 }
