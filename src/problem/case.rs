@@ -2,7 +2,8 @@
 //!
 //! [`Case::parse`] reads a case in three steps, without MPI: `file` reads TOML and `--set` into a
 //! tree that remembers where each value stands; serde makes a `Tables` of it, by `reader`, which
-//! refuses unknown keys and wrong types; `Case::new` turns that into a [`Case`], a section after
+//! refuses unknown keys and wrong types, and takes formulas of constants for numbers; `Case::new`
+//! turns that into a [`Case`], a section after
 //! the other, and `Case::validate` refuses what does not go together.
 //!
 //! A key of the case file is a field of its section's table, with its default in the table's
@@ -66,7 +67,9 @@ use std::time::Duration;
 struct Tables {
     title: String,
     reference: String,
-    constants: ConstantsTable,
+    /// Read before all else, as numbers may be formulas of them.
+    #[serde(rename = "constants")]
+    _constants: ConstantsTable,
     axis: List<AxisPair>,
     potential: List<RegionTable>,
     initial: InitialTable,
@@ -196,8 +199,8 @@ impl Case {
     /// [`Error::Input`] with file, line, key, value and limit.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Self> {
         let mut file = CaseFile::parse(name, text, overrides)?;
+        file.constants = constants::resolved(&file)?;
         let tables: Tables = file.read()?;
-        file.constants = constants::resolved(&file, &tables.constants)?;
         let mut case = Self::new(&file, tables)?;
         case.validate(&file)?;
         name.clone_into(&mut case.name);

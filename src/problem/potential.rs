@@ -539,7 +539,8 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     found
 }
 
-/// Looks for edges of regions and of tables along lines through cell centres, and for regions between the centres.
+/// Looks for edges of regions and of tables along lines through cell centres, and for regions
+/// between the centres.
 pub fn overlooked(case: &Case) -> Overlooked {
     const MOST: usize = 8;
     let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();

@@ -1,7 +1,8 @@
-//! `initial.table`, `potential.N.table`, `inflow.table`: functions on tensor grids in files, HDF5 or
-//! CSV, read by one rank for all.
+//! `initial.table`, `potential.N.table`, `inflow.table`: functions on tensor grids in files, HDF5
+//! or CSV, read by one rank for all.
 
 use crate::base::error::{Error, Result};
+use crate::base::refusal::Refusal;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, TIME, TableFile, TableOf};
 use crate::problem::table::{Table, TableAxis, check_size};
@@ -35,8 +36,10 @@ pub fn with_tables<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
 
 /// The table of `file` on all ranks, which reaches as far as `case` does. Collective over `world`.
 fn read_for_all(world: &Group, case: &Case, file: &TableFile) -> Result<Table> {
-    let wrong =
-        |what: &str| Error::Input(format!("{} = \"{}\": {what}", file.place, file.path.display()));
+    let wrong = |what: &str| {
+        let path = format!("\"{}\"", file.path.display());
+        Error::Case(Box::new(Refusal::at_place(&file.place, &path, what)))
+    };
     let found = world.on_first_rank(|| read(file).map(Some).map_err(|what| wrong(&what)))?;
     let table = shared(world, found).map_err(|what| wrong(&what))?;
     let space = case.space.whole();
@@ -52,7 +55,7 @@ fn read_for_all(world: &Group, case: &Case, file: &TableFile) -> Result<Table> {
 
 /// `case` with the tables that it names, as far as their files are those that a result was computed
 /// of, which has `checksums` of them by their keys. By one rank.
-pub(crate) fn with_tables_known(mut case: Case, checksums: &BTreeMap<String, String>) -> Case {
+pub fn with_tables_known(mut case: Case, checksums: &BTreeMap<String, String>) -> Case {
     for k in 0..case.tables.len() {
         let file = &case.tables[k];
         let known = checksums.get(&checksum_name(file.of));

@@ -19,7 +19,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from phasewarp.program import StrPath
+from phasewarp.program import StrPath, call
 
 SPACE = ("x", "y", "z")
 #: Longest value that is handed over on the command line; longer ones go into a file.
@@ -179,7 +179,14 @@ class Case:
         """
         number, kind = axis_place(axis)
         table = self[f"axis.{number}.{kind}"]
-        return np.linspace(table["lower"], table["upper"], table["cells"] + 1)
+        lower, upper = table["lower"], table["upper"]
+        if isinstance(lower, str) or isinstance(upper, str):
+            # Formulas of constants, of which the program knows the values.
+            with self.arguments() as words:
+                axes = json.loads(call(["check", *words, "--json"]))["axes"]
+            found = axes[number + (len(axes) // 2 if kind == "v" else 0)]
+            lower, upper = found["lower"], found["upper"]
+        return np.linspace(lower, upper, table["cells"] + 1)
 
     def grid(self) -> dict[str, np.ndarray]:
         """Return the cell centres of all axes by name, ``x, …, vx, …``: coordinates for xarray.

@@ -10,7 +10,6 @@ use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
 use crate::results::pictures::mesh::{self, FineMesh, drawn};
 use crate::results::readback::{read_text, text_attribute};
 use crate::results::summary;
-use crate::results::table_file::with_tables_known;
 use hdf5::{Dataset, File, Location};
 use serde::Deserialize;
 use serde_json::Value;
@@ -110,7 +109,7 @@ impl Stored {
             (Case::parse(name, &text, &overrides).map_err(|e| e.to_string())).and_then(|case| {
                 let space = as_stored(&case.space, &found)
                     .ok_or_else(|| "its grid is not that of the result".to_owned())?;
-                Ok(with_tables_known(Case { space, ..case }, &provenance))
+                Ok(Case { space, ..case })
             });
         let plan = read_text(&file.dataset("plan").map_err(said)?).map_err(said)?;
         let plan = serde_json::from_str(&plan).map_err(|e| format!("/plan: {e}"))?;
